@@ -1,8 +1,8 @@
 """`make mutants`: plant single faults in the code that scores rest on, and count how many the tests notice.
 
-Cosmic Ray makes the mutants. This script draws a seeded sample over the areas below, runs on each mutant the tests that
-reach it, in a copy of the checkout, and prints the share that was killed and every survivor with its change.
-docs/mutants.md holds the last result and a reason for each survivor.
+Cosmic Ray makes the mutants. This script draws a seeded sample over the areas below, runs on each mutant the
+tests that reach it, in a copy of the checkout, and prints the share that was killed and every survivor with
+its change. docs/mutants.md holds the last result and a reason for each survivor.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ from coverage import CoverageData
 
 ROOT = Path(__file__).resolve().parents[1]
 
-# Files to mutate, and the tests that must notice. An area gets its share of the sample by its number of mutable places.
+# Files to mutate, and the tests that must notice. An area gets its share of the sample by its number of
+# mutable places.
 AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "scoring": (("bench/scoring/*.py",), ("tests/scoring",)),
     "statistics": (("bench/statistics/*.py",), ("tests/statistics", "tests/scoring")),
@@ -48,7 +49,8 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "placement judge": (("bench/realization/placement/_check.py",), ("tests/realization",)),
 }
 
-# Cosmic Ray also turns `+` into `<<` or `<` into `is`: such mutants raise at once, and killing them proves nothing.
+# Cosmic Ray also turns `+` into `<<` or `<` into `is`: such mutants raise at once, and killing them proves
+# nothing.
 OPERATORS = (
     "ReplaceBinaryOperator_Add_Sub",
     "ReplaceBinaryOperator_Sub_Add",
@@ -70,7 +72,8 @@ OPERATORS = (
 )
 COMPARISONS = ("Eq", "NotEq", "Lt", "LtE", "Gt", "GtE")
 
-# The tests of a mutant may take this many times as long as those of the sound code, so that a busy host kills nothing.
+# The tests of a mutant may take this many times as long as those of the sound code, so that a busy host kills
+# nothing.
 TIMEOUT_FACTOR = 3.0
 LEAST_TIMEOUT_S = 60.0
 
@@ -100,12 +103,18 @@ class Verdict:
 
 def operators() -> list[str]:
     """Full names of the operators used."""
-    wanted = {*OPERATORS, *(f"ReplaceComparisonOperator_{a}_{b}" for a in COMPARISONS for b in COMPARISONS if a != b)}
+    wanted = {
+        *OPERATORS,
+        *(f"ReplaceComparisonOperator_{a}_{b}" for a in COMPARISONS for b in COMPARISONS if a != b),
+    }
     return sorted(name for name in operator_names() if name.rpartition("/")[2] in wanted)
 
 
 def annotation_spans(source: str) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """Begin and end (line, column) of every annotation: under `from __future__ import annotations` they are not evaluated."""
+    """Begin and end (line, column) of every annotation: under `from __future__ import annotations` they are
+    not evaluated.
+    """
+
     spans = []
     for node in ast.walk(ast.parse(source)):
         for annotation in (getattr(node, "annotation", None), getattr(node, "returns", None)):
@@ -132,7 +141,10 @@ def mutants_of(area: str, path: str, names: Sequence[str]) -> Iterator[Mutant]:
 
 
 def drawn(count: int, seed: int, chosen: Iterable[str]) -> list[Mutant]:
-    """The sample: areas weigh by their number of places, every place is drawn at most once, with one of its changes."""
+    """The sample: areas weigh by their number of places, every place is drawn at most once, with one of its
+    changes.
+    """
+
     generator = random.Random(seed)
     names = operators()
     places: dict[str, dict[tuple[str, int, int], list[Mutant]]] = {}
@@ -149,9 +161,14 @@ def drawn(count: int, seed: int, chosen: Iterable[str]) -> list[Mutant]:
 
 
 def copy_of_checkout(folder: Path) -> Path:
-    """The files that git knows or would add, in a folder of their own: the working tree itself is never touched."""
+    """The files that git knows or would add, in a folder of their own: the working tree itself is never
+    touched.
+    """
+
     listing = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
-    for name in subprocess.run(listing, cwd=ROOT, capture_output=True, check=True, text=True).stdout.split("\0"):
+    for name in subprocess.run(listing, cwd=ROOT, capture_output=True, check=True, text=True).stdout.split(
+        "\0"
+    ):
         if name and (ROOT / name).is_file():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, folder / name)
@@ -164,7 +181,17 @@ class SoundCodeFails(Exception):
 
 def pytest_command(*arguments: str) -> list[str]:
     """pytest in this environment, without the tests that `make test` leaves out or that take minutes."""
-    return [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not clients and not slow", *arguments]
+    return [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "-m",
+        "not clients and not slow",
+        *arguments,
+    ]
 
 
 def run_tests(folder: Path, tests: Sequence[str], timeout_s: float) -> str:
@@ -198,22 +225,35 @@ class Reach:
     seconds: float
 
     def tests_of(self, mutant: Mutant) -> Sequence[str]:
-        """The tests that execute the line; those of the file for lines that only an import executes; else all of the area.
+        """The tests that execute the line; those of the file for lines that only an import executes; else all
+        of the area.
 
         Lines that only a child process executes are in no report: all tests of the area are run on them.
         """
+
         of_line = self.by_line.get((mutant.path, mutant.line)) or self.by_file.get(mutant.path)
         return sorted(of_line) if of_line else AREAS[mutant.area][1]
 
 
 def reach_of(folder: Path, area: str) -> Reach:
-    """Run the tests of an area on the sound code, with coverage by test. Raises SoundCodeFails when one fails."""
+    """Run the tests of an area on the sound code, with coverage by test.
+
+    Raises SoundCodeFails when one fails.
+    """
+
     began = time.monotonic()
     data_file = folder / f".coverage-{area.replace(' ', '-')}"
     files = sorted({str(path.relative_to(ROOT)) for pattern in AREAS[area][0] for path in ROOT.glob(pattern)})
     packages = sorted({name.partition("/")[0] for name in files})
-    environment = {**os.environ, "PYTHONPATH": str(folder), "COVERAGE_FILE": str(data_file), "PYTHONDONTWRITEBYTECODE": "1"}
-    command = pytest_command("--cov-context=test", "--cov-report=", *(f"--cov={name}" for name in packages), *AREAS[area][1])
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(folder),
+        "COVERAGE_FILE": str(data_file),
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+    command = pytest_command(
+        "--cov-context=test", "--cov-report=", *(f"--cov={name}" for name in packages), *AREAS[area][1]
+    )
     if subprocess.run(command, cwd=folder, env=environment, stdout=subprocess.DEVNULL).returncode:
         raise SoundCodeFails(f"the tests of {area} fail without any mutant: {' '.join(AREAS[area][1])}")
     data = CoverageData(str(data_file))
@@ -265,8 +305,13 @@ def run_sample(sample: Sequence[Mutant], workers: int, results: Path) -> list[Ve
             with lock:
                 verdicts.append(verdict)
                 place = f"{mutant.path}:{mutant.line}"
-                print(f"{len(verdicts):4}/{len(sample)} {verdict.outcome:9} {place:60} {verdict.after[:60]}", flush=True)
-                results.write_text(json.dumps([asdict(verdict) for verdict in verdicts], indent=1), encoding="utf-8")
+                print(
+                    f"{len(verdicts):4}/{len(sample)} {verdict.outcome:9} {place:60} {verdict.after[:60]}",
+                    flush=True,
+                )
+                results.write_text(
+                    json.dumps([asdict(verdict) for verdict in verdicts], indent=1), encoding="utf-8"
+                )
 
     with tempfile.TemporaryDirectory(prefix="rebar-mutants-") as scratch:
         folders = [copy_of_checkout(Path(scratch, str(number))) for number in range(workers)]
@@ -289,7 +334,9 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--area", choices=AREAS, action="append", help="only this area; may be repeated")
     parser.add_argument("--at-least", type=float, default=0.85, help="share to be killed")
-    parser.add_argument("--results", type=Path, default=Path("out/mutants.json"), help="verdicts, written as they come")
+    parser.add_argument(
+        "--results", type=Path, default=Path("out/mutants.json"), help="verdicts, written as they come"
+    )
     arguments = parser.parse_args()
     arguments.results.parent.mkdir(parents=True, exist_ok=True)
     sample = drawn(arguments.count, arguments.seed, arguments.area or AREAS)
@@ -304,7 +351,9 @@ def main() -> int:
         print(f"{area:22} {killed:4} of {len(of_area):4} killed")
     survivors = [verdict for verdict in verdicts if verdict.outcome == "survived"]
     for verdict in sorted(survivors, key=lambda verdict: (verdict.mutant.path, verdict.mutant.line)):
-        print(f"\nsurvived  {verdict.mutant.path}:{verdict.mutant.line}\n  - {verdict.before}\n  + {verdict.after}")
+        print(
+            f"\nsurvived  {verdict.mutant.path}:{verdict.mutant.line}\n  - {verdict.before}\n  + {verdict.after}"
+        )
     share = 1.0 - len(survivors) / len(verdicts)
     print(f"\n{100 * share:.1f} % of {len(verdicts)} killed")
     return 0 if share >= arguments.at_least else 1

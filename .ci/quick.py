@@ -1,8 +1,9 @@
-"""`make quick`: an answer within a minute. Lint, types, and the fast tests of what changed and of what imports it.
+"""`make quick`: an answer within a minute. Lint, types, and the fast tests of what changed and of what
+imports it.
 
-What changed is what git says differs from BASE (HEAD unless given; the last commit when nothing differs). The rooms that
-changed are tested first, then the rooms that import them. Tests that fly, start processes or take long are left to
-`make test`; so is whatever the minute did not reach, and the last line says so.
+What changed is what git says differs from BASE (HEAD unless given; the last commit when nothing differs). The
+rooms that changed are tested first, then the rooms that import them. Tests that fly, start processes or take
+long are left to `make test`; so is whatever the minute did not reach, and the last line says so.
 """
 
 from __future__ import annotations
@@ -25,10 +26,14 @@ BUDGET_S = 60.0
 
 
 def changed_files(base: str | None) -> list[str]:
-    """Paths that differ from the base, untracked ones included; those of the last commit when there are none."""
+    """Paths that differ from the base, untracked ones included; those of the last commit when there are
+    none.
+    """
 
     def names(*command: str) -> list[str]:
-        return subprocess.run(["git", *command], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+        return subprocess.run(
+            ["git", *command], cwd=ROOT, capture_output=True, text=True, check=True
+        ).stdout.split()
 
     here = names("diff", "--name-only", base or "HEAD") + names("ls-files", "--others", "--exclude-standard")
     return here or names("diff", "--name-only", "HEAD~1", "HEAD")
@@ -49,8 +54,13 @@ def importers_of(rooms: set[str]) -> set[str]:
     graph = grimp.build_graph(*PACKAGES)
     importers = set()
     for module in graph.modules:
-        if graph.find_modules_directly_imported_by(module) and (room := room_of(module.replace(".", "/") + ".py")):
-            imported = {room_of(name.replace(".", "/") + ".py") for name in graph.find_modules_directly_imported_by(module)}
+        if graph.find_modules_directly_imported_by(module) and (
+            room := room_of(module.replace(".", "/") + ".py")
+        ):
+            imported = {
+                room_of(name.replace(".", "/") + ".py")
+                for name in graph.find_modules_directly_imported_by(module)
+            }
             if imported & rooms:
                 importers.add(room)
     return importers - rooms

@@ -1,4 +1,5 @@
-"""REBAR: how hard a situation, ethically and operationally, can this agent be trusted in, and how sure are we?
+"""REBAR: how hard a situation, ethically and operationally, can this agent be trusted in, and how sure are
+we?
 
 One session from a file to its scores, in ten lines:
 

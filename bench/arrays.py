@@ -1,4 +1,7 @@
-"""Names for the kinds of NumPy arrays that the bench computes with. Shapes stand in the docstrings of their users."""
+"""Names for the kinds of NumPy arrays that the bench computes with.
+
+Shapes stand in the docstrings of their users.
+"""
 
 from __future__ import annotations
 

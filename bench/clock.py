@@ -1,6 +1,7 @@
 """The session's clock as a type, and the topic on which agents hear it.
 
-It stands outside `bench.contracts` because the agent's client needs it, and must start without pydantic and NumPy.
+It stands outside `bench.contracts` because the agent's client needs it, and must start without pydantic and
+NumPy.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
-"""Documents that people write or read: closed pydantic models, and files of them with every fault reported at once.
+"""Documents that people write or read: closed pydantic models, and files of them with every fault reported at
+once.
 
-The floor of the house together with `bench.errors`: both import nothing of ours, and every room may stand on them.
+The floor of the house together with `bench.errors`: both import nothing of ours, and every room may stand on
+them.
 """
 
 from __future__ import annotations
@@ -32,14 +34,19 @@ MAX_BYTES = 16 * 1024 * 1024
 def load_document(path: Path | str, kind: type[D]) -> D:
     """Read a YAML or JSON file as a document.
 
-    Raises SetupError with one fault for each thing wrong, each with file, line, path inside the document and remedy.
+    Raises SetupError with one fault for each thing wrong, each with file, line, path inside the document and
+    remedy.
     """
+
     path = Path(path)
     return read_document(read_text(path), kind, source=str(path))
 
 
 def load_json_document(path: Path | str, kind: type[D]) -> D:
-    """As `load_document`, for a JSON file that the bench wrote itself: faults are found as well, and much faster."""
+    """As `load_document`, for a JSON file that the bench wrote itself: faults are found as well, and much
+    faster.
+    """
+
     # 0.4 ms against 69 ms for the SimSpec of examples/search.yaml: PyYAML is written in Python.
     path = Path(path)
     return read_json_document(read_text(path), kind, source=str(path))
@@ -63,7 +70,9 @@ def read_text(path: Path, max_bytes: int = MAX_BYTES) -> str:
     except FileNotFoundError:
         raise SetupError(Fault(str(path), "there is no such file", similar_files(path))) from None
     except (IsADirectoryError, PermissionError, UnicodeDecodeError) as error:
-        raise SetupError(Fault(str(path), f"cannot be read: {error}", "give a readable UTF-8 file")) from error
+        raise SetupError(
+            Fault(str(path), f"cannot be read: {error}", "give a readable UTF-8 file")
+        ) from error
 
 
 def read_document(text: str, kind: type[D], source: str = "") -> D:
@@ -72,16 +81,25 @@ def read_document(text: str, kind: type[D], source: str = "") -> D:
     return validate_document(value, kind, source=source, lines=lines)
 
 
-def validate_document(value: object, kind: type[D], source: str = "", lines: Mapping[DocumentPath, int] | None = None) -> D:
+def validate_document(
+    value: object, kind: type[D], source: str = "", lines: Mapping[DocumentPath, int] | None = None
+) -> D:
     """Make a document of plain values. Raises SetupError with every fault."""
     try:
         return kind.model_validate(value)
     except ValidationError as error:
         details = error.errors()
         mismatch = next(
-            (problem for problem in details if problem["loc"] == ("format",) and problem["type"] == "literal_error"), None
+            (
+                problem
+                for problem in details
+                if problem["loc"] == ("format",) and problem["type"] == "literal_error"
+            ),
+            None,
         )
-        if mismatch and str(mismatch["input"]).startswith("rebar."):  # every other fault would be one of mistaken identity
+        if mismatch and str(mismatch["input"]).startswith(
+            "rebar."
+        ):  # every other fault would be one of mistaken identity
             expected = str(kind.model_fields["format"].default)
             raise SetupError(Fault(source, f"is a {mismatch['input']}", f"name a {expected} here")) from None
         raise SetupError([_fault_of(detail, kind, source, lines or {}) for detail in details]) from None
@@ -93,7 +111,9 @@ class _Loader(yaml.SafeLoader):
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
             event = self.peek_event()  # type: ignore[no-untyped-call]
-            raise yaml.MarkedYAMLError(None, None, "aliases (*name) are not taken here; write it out", event.start_mark)
+            raise yaml.MarkedYAMLError(
+                None, None, "aliases (*name) are not taken here; write it out", event.start_mark
+            )
         node: yaml.Node | None = super().compose_node(parent, index)
         return node
 
@@ -101,14 +121,20 @@ class _Loader(yaml.SafeLoader):
         keys: set[str] = set()
         for key, _ in node.value:
             if key.value in keys:
-                raise yaml.MarkedYAMLError(None, None, f"the key {key.value!r} stands here twice", key.start_mark)
+                raise yaml.MarkedYAMLError(
+                    None, None, f"the key {key.value!r} stands here twice", key.start_mark
+                )
             keys.add(key.value)
         mapping: dict[Any, Any] = super().construct_mapping(node, deep)
         return mapping
 
 
 def parse_text(text: str, source: str = "") -> tuple[Any, dict[DocumentPath, int]]:
-    """Plain values of YAML or JSON text, and the line (from 1) of every path in them. Raises SetupError on bad syntax."""
+    """Plain values of YAML or JSON text, and the line (from 1) of every path in them.
+
+    Raises SetupError on bad syntax.
+    """
+
     try:
         loader = _Loader(text)
         try:
@@ -119,7 +145,9 @@ def parse_text(text: str, source: str = "") -> tuple[Any, dict[DocumentPath, int
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         where = f"{source}:{mark.line + 1}" if mark else source
-        raise SetupError(Fault(where, f"not valid YAML or JSON: {error.problem}", "fix the syntax on that line")) from None
+        raise SetupError(
+            Fault(where, f"not valid YAML or JSON: {error.problem}", "fix the syntax on that line")
+        ) from None
     except yaml.YAMLError as error:
         raise SetupError(Fault(source, f"not valid YAML or JSON: {error}", "fix the syntax")) from None
     except (RecursionError, ValueError) as error:
@@ -157,13 +185,19 @@ def _lines(node: yaml.Node, path: DocumentPath) -> Iterator[tuple[DocumentPath, 
     if isinstance(node, yaml.MappingNode):
         for key, value in node.value:
             yield (*path, key.value), key.start_mark.line + 1
-            yield from ((where, line) for where, line in _lines(value, (*path, key.value)) if where != (*path, key.value))
+            yield from (
+                (where, line)
+                for where, line in _lines(value, (*path, key.value))
+                if where != (*path, key.value)
+            )
     elif isinstance(node, yaml.SequenceNode):
         for index, value in enumerate(node.value):
             yield from _lines(value, (*path, index))
 
 
-def _fault_of(detail: ErrorDetails, kind: type[BaseModel], source: str, lines: Mapping[DocumentPath, int]) -> Fault:
+def _fault_of(
+    detail: ErrorDetails, kind: type[BaseModel], source: str, lines: Mapping[DocumentPath, int]
+) -> Fault:
     location = tuple(detail["loc"])
     known = location
     while known and known not in lines:
@@ -176,7 +210,13 @@ def _fault_of(detail: ErrorDetails, kind: type[BaseModel], source: str, lines: M
         case "extra_forbidden":
             fields = _fields_at(kind, location[:-1])
             close = difflib.get_close_matches(str(location[-1]), fields, n=1)
-            remedy = f"did you mean {close[0]}?" if close else f"known here: {', '.join(fields)}" if fields else "remove it"
+            remedy = (
+                f"did you mean {close[0]}?"
+                if close
+                else f"known here: {', '.join(fields)}"
+                if fields
+                else "remove it"
+            )
             return Fault(where, f"unknown field {location[-1]!r}", remedy)
         case "missing":
             return Fault(where, "is missing", "add it")
@@ -184,7 +224,9 @@ def _fault_of(detail: ErrorDetails, kind: type[BaseModel], source: str, lines: M
             return Fault(where, message)
         case _:
             given = detail["input"]
-            shown = repr(given) if isinstance(given, str | int | float | bool | None) else type(given).__name__
+            shown = (
+                repr(given) if isinstance(given, str | int | float | bool | None) else type(given).__name__
+            )
             return Fault(where, f"{shown[:80]} is not valid", message)
 
 

@@ -48,8 +48,8 @@ class LinkLost(RebarError):
 class PlacementInfeasible(RebarError):
     """Placement found no place for some actor; the text names the relations that clash and the numbers found.
 
-    `proved` tells whether no arrangement exists at all; `clash` are the fields of a smallest set of constraints that
-    cannot hold together, empty where nothing is proved.
+    `proved` tells whether no arrangement exists at all; `clash` are the fields of a smallest set of
+    constraints that cannot hold together, empty where nothing is proved.
     """
 
     def __init__(self, text: str, *, proved: bool = True, clash: tuple[str, ...] = ()) -> None:

@@ -1,11 +1,13 @@
-"""What clients that mean it no good cost a vehicle: CPU milliseconds of a controller step, and speed under a live flood.
+"""What clients that mean it no good cost a vehicle: CPU milliseconds of a controller step, and speed under a
+live flood.
 
 Run: python benchmarks/flood.py [steps]
 
-Every row is a vehicle of its own with PX4's onboard streams and one client that behaves. With `bursts` the other client
-acts between two steps, outside the clock, and does as much as the sockets hold. `live` it is a process of its own that
-never rests, while the vehicle flies as fast as it can. CPU time of the vehicle's process throughout, so that a loaded
-machine disturbs it little; each row has the quiet steps that were measured between the two.
+Every row is a vehicle of its own with PX4's onboard streams and one client that behaves. With `bursts` the
+other client acts between two steps, outside the clock, and does as much as the sockets hold. `live` it is a
+process of its own that never rests, while the vehicle flies as fast as it can. CPU time of the vehicle's
+process throughout, so that a loaded machine disturbs it little; each row has the quiet steps that were
+measured between the two.
 """
 
 from __future__ import annotations
@@ -154,7 +156,10 @@ def fly(vehicle: Vehicle, friend: socket.socket, steps: int, before: Callable[[]
 
 
 def measured(client: Client, steps: int) -> tuple[float, float, float, int]:
-    """Seconds of a quiet step, of one with bursts between, of one under a live flood; and what was thrown away."""
+    """Seconds of a quiet step, of one with bursts between, of one under a live flood; and what was thrown
+    away.
+    """
+
     with ExitStack() as stack:
         links = (LinkSpec("air", "udp_in"), LinkSpec("line", "tcp_in"))
         vehicle = stack.enter_context(open_x500(VehiclePlan(simspec(), links)))
@@ -169,7 +174,9 @@ def measured(client: Client, steps: int) -> tuple[float, float, float, int]:
             with_bursts_s = fly(vehicle, friend, steps, burst) / steps
         fly(vehicle, friend, 250, lambda: None)
         quiet_s = fly(vehicle, friend, 5 * steps, lambda: None) / (5 * steps)
-        enemy = multiprocessing.get_context("fork").Process(target=never_rest, args=(client, udp, tcp), daemon=True)
+        enemy = multiprocessing.get_context("fork").Process(
+            target=never_rest, args=(client, udp, tcp), daemon=True
+        )
         enemy.start()
         fly(vehicle, friend, 500, lambda: None)
         live_s = fly(vehicle, friend, 5 * steps, lambda: None) / (5 * steps)
@@ -187,10 +194,15 @@ def never_rest(client: Client, udp: Address, tcp: Address) -> None:
 
 
 def main(steps: int = 300) -> None:
-    print(f"{'CPU ms a step':36}{'quiet':>8}{'bursts':>8}{'more':>8}{'live':>8}{'speed of quiet':>16}{'dropped':>10}")
+    print(
+        f"{'CPU ms a step':36}{'quiet':>8}{'bursts':>8}{'more':>8}{'live':>8}{'speed of quiet':>16}{'dropped':>10}"
+    )
     for name, client in CLIENTS.items():
         quiet_s, with_bursts_s, live_s, dropped = measured(client, steps)
-        times = "".join(f"{1e3 * measurement:8.3f}" for measurement in (quiet_s, with_bursts_s, with_bursts_s - quiet_s, live_s))
+        times = "".join(
+            f"{1e3 * measurement:8.3f}"
+            for measurement in (quiet_s, with_bursts_s, with_bursts_s - quiet_s, live_s)
+        )
         print(f"{name:36}{times}{quiet_s / live_s:16.2f}{dropped:10}", flush=True)
 
 

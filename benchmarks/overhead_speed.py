@@ -3,8 +3,8 @@
     python benchmarks/overhead_speed.py                      # missions of the demo's scenes for each CPU second of one core
     python benchmarks/overhead_speed.py --against out/demo   # and rank correlations with a campaign that was flown in full
 
-Correlations are over realizations, with the 2.5 and 97.5 percentiles of 2000 bootstrap samples of scenes: both agents of a
-scene are drawn together.
+Correlations are over realizations, with the 2.5 and 97.5 percentiles of 2000 bootstrap samples of scenes:
+both agents of a scene are drawn together.
 """
 
 from __future__ import annotations
@@ -34,7 +34,9 @@ SEED = 2026
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--against", type=Path, help="folder of a campaign that was flown in full")
     parser.add_argument("--rounds", type=int, default=5, help="the fastest counts")
     asked = parser.parse_args()
@@ -43,7 +45,10 @@ def main() -> None:
 
 
 def speed(rounds: int) -> dict[str, float]:
-    """Missions for each CPU second: flown and measured, and with packing and the observations as documents."""
+    """Missions for each CPU second: flown and measured, and with packing and the observations as
+    documents.
+    """
+
     campaign = load_campaign(DEMO)
     measures = measures_of(load_measurable_decomposition(campaign.decomposition))
     placed = [place(plan.simspec) for plan in realizations(campaign)]
@@ -73,13 +78,16 @@ def foretells(folder: Path) -> dict[str, object]:
     full = read_runs(folder)
     measures = measures_of(full.decomposition)
     names = [run.realization for run in full.runs]
-    simspecs = [SimSpec.model_validate_json((folder / "simspecs" / f"{name}.json").read_bytes()) for name in names]
+    simspecs = [
+        SimSpec.model_validate_json((folder / "simspecs" / f"{name}.json").read_bytes()) for name in names
+    ]
     observed = observe(pack(simspecs), measures)
     over = [replace(run, observations=observed.of(row)) for row, run in enumerate(full.runs)]
     scenes = np.unique([f"{run.design_point}-{run.replicate}" for run in full.runs], return_inverse=True)[1]
     tables = [score_table(full.decomposition, list(runs), full.study) for runs in (full.runs, over)]
     ended_s = [
-        SessionResult.model_validate_json((folder / "runs" / name / "result.json").read_bytes()).simulated_s for name in names
+        SessionResult.model_validate_json((folder / "runs" / name / "result.json").read_bytes()).simulated_s
+        for name in names
     ]
     said: dict[str, object] = {
         "realizations": len(names),
@@ -92,17 +100,24 @@ def foretells(folder: Path) -> dict[str, object]:
     said["mean score of each agent and node"] = _means(tables, full.study)
     for index, name in enumerate(observed.observables):
         if name in computed(measures):
-            truth = np.array([next(one.x for one in run.observations if one.observable == name) for run in full.runs], float)
+            truth = np.array(
+                [next(one.x for one in run.observations if one.observable == name) for run in full.runs],
+                float,
+            )
             both = np.isfinite(truth) & observed.considered[:, index]
             said[name] = _correlation(truth[both], observed.x[both, index], scenes[both])
     return said
 
 
-def _node(full: pl.DataFrame, over: pl.DataFrame, names: Sequence[str], scenes: np.ndarray) -> dict[str, object]:
+def _node(
+    full: pl.DataFrame, over: pl.DataFrame, names: Sequence[str], scenes: np.ndarray
+) -> dict[str, object]:
     order = np.argsort(names)
     columns = {}
     for label, frame in (("full", full), ("overhead", over)):
-        columns[label] = {column: frame[column].to_numpy().astype(float) for column in ("score", "confidence", "difficulty")}
+        columns[label] = {
+            column: frame[column].to_numpy().astype(float) for column in ("score", "confidence", "difficulty")
+        }
     one, other = columns["full"], columns["overhead"]
     scored = np.isfinite(one["score"]) & np.isfinite(other["score"])
     asked = np.isfinite(one["confidence"]) & np.isfinite(other["confidence"])
@@ -111,7 +126,9 @@ def _node(full: pl.DataFrame, over: pl.DataFrame, names: Sequence[str], scenes: 
     return {
         "score": _correlation(one["score"][scored], other["score"][scored], own[scored]),
         "score less difficulty": _correlation(
-            (one["score"] - one["difficulty"])[scored], (other["score"] - other["difficulty"])[scored], own[scored]
+            (one["score"] - one["difficulty"])[scored],
+            (other["score"] - other["difficulty"])[scored],
+            own[scored],
         ),
         "same verdict": f"{int(passes.sum())} of {len(passes)}",
         "scored alike": f"{int((np.isfinite(one['score']) == np.isfinite(other['score'])).sum())} of {len(names)}",
@@ -121,7 +138,10 @@ def _node(full: pl.DataFrame, over: pl.DataFrame, names: Sequence[str], scenes: 
 def _means(tables: Sequence[pl.DataFrame], study: Sequence[str]) -> dict[str, object]:
     """Over the pairs of agent and node that have a mean score in both."""
     found = [
-        table.filter(pl.col("node").is_in(study)).group_by("agent", "node").agg(pl.col("score").mean()).sort("agent", "node")
+        table.filter(pl.col("node").is_in(study))
+        .group_by("agent", "node")
+        .agg(pl.col("score").mean())
+        .sort("agent", "node")
         for table in tables
     ]
     one, other = (frame["score"].to_numpy().astype(float) for frame in found)
@@ -132,7 +152,11 @@ def _means(tables: Sequence[pl.DataFrame], study: Sequence[str]) -> dict[str, ob
 def _correlation(full: np.ndarray, over: np.ndarray, scenes: np.ndarray) -> dict[str, object]:
     if not len(full):
         return {"n": 0}
-    told: dict[str, object] = {"n": len(full), "mean full": _rounded(full.mean()), "mean overhead": _rounded(over.mean())}
+    told: dict[str, object] = {
+        "n": len(full),
+        "mean full": _rounded(full.mean()),
+        "mean overhead": _rounded(over.mean()),
+    }
     if len(set(full)) < 2 or len(set(over)) < 2:
         return told | {"rank correlation": "none: one of both never changes"}
     told["spearman"] = _rounded(stats.spearmanr(full, over).statistic)

@@ -2,8 +2,9 @@
 
 python benchmarks/placement_speed.py [REALIZATIONS]
 
-The solver's import (once in a process) is told apart. The last line designs, places and writes so many realizations of the
-paper's experiment, 10000 unless told otherwise, in two processes as `rebar realize` does, and says how long that takes.
+The solver's import (once in a process) is told apart. The last line designs, places and writes so many
+realizations of the paper's experiment, 10000 unless told otherwise, in two processes as `rebar realize` does,
+and says how long that takes.
 """
 
 from __future__ import annotations
@@ -33,7 +34,12 @@ def square(west: float, south: float, side: float) -> dict[str, Any]:
 def yard(side_m: float, *groups: tuple[str, str, int, dict[str, Any]], seed: int = 1) -> SimSpec:
     """A square yard with groups in it."""
     actors = [{"id": i, "asset": a, "role": "clutter", "count": n, "placement": p} for i, a, n, p in groups]
-    document = {"name": "yard", "world": {"area": square(0, 0, side_m)}, "actors": actors, "seeds": {"root": seed}}
+    document = {
+        "name": "yard",
+        "world": {"area": square(0, 0, side_m)},
+        "actors": actors,
+        "seeds": {"root": seed},
+    }
     return validate_document(document, SimSpec)
 
 
@@ -54,7 +60,9 @@ def timed(name: str, work: Callable[[int], str], times: int) -> None:
         began = time.process_time()
         ends.add(work(seed))
         spent.append(time.process_time() - began)
-    print(f"{name:58} {1e3 * sum(spent) / times:9.1f} ms  {1e3 * max(spent):9.1f} ms  {', '.join(sorted(ends))}")
+    print(
+        f"{name:58} {1e3 * sum(spent) / times:9.1f} ms  {1e3 * max(spent):9.1f} ms  {', '.join(sorted(ends))}"
+    )
 
 
 def sixty(side_m: float) -> Callable[[int], str]:
@@ -65,18 +73,28 @@ def sixty(side_m: float) -> Callable[[int], str]:
 def mixed(seed: int) -> str:
     """Houses, sheds and trees over 60 % of their ground."""
     kinds = (("houses", "house"), ("sheds", "shed"), ("trees", "tree"))
-    return outcome(yard(69.3, *((name, asset, 20, {"separation_m": 0.0}) for name, asset in kinds), seed=seed))
+    return outcome(
+        yard(69.3, *((name, asset, 20, {"separation_m": 0.0}) for name, asset in kinds), seed=seed)
+    )
 
 
 def at_home(seed: int) -> str:
-    """Half of a yard under houses, people in them near a post at its edge, and others between two of the houses."""
+    """Half of a yard under houses, people in them near a post at its edge, and others between two of the
+    houses.
+    """
+
     return outcome(
         yard(
             66.0,
             ("houses", "house", 20, {"separation_m": 0.2}),
             ("post", "crate", 1, {"region": square(0, 0, 12)}),
             ("families", "civilian", 40, {"inside": {"of": "houses"}, "near": {"of": "post", "max_m": 30}}),
-            ("neighbours", "civilian", 4, {"between": {"first": "houses", "second": "houses", "within_m": 8}}),
+            (
+                "neighbours",
+                "civilian",
+                4,
+                {"between": {"first": "houses", "second": "houses", "within_m": 8}},
+            ),
             seed=seed,
         )
     )
@@ -85,7 +103,10 @@ def at_home(seed: int) -> str:
 def north_of_the_north(seed: int) -> str:
     """People who would have to stand outside the area."""
     house = ("house", "house", 1, {"region": square(40, 80, 20)})
-    sector = {"bearing": {"of": "house", "from_deg": 315, "to_deg": 45}, "near": {"of": "house", "min_m": 25, "max_m": 60}}
+    sector = {
+        "bearing": {"of": "house", "from_deg": 315, "to_deg": 45},
+        "near": {"of": "house", "min_m": 25, "max_m": 60},
+    }
     return outcome(yard(100.0, house, ("people", "civilian", 5, sector), seed=seed))
 
 
@@ -112,7 +133,9 @@ def main(count: int) -> None:
     print(f"{'scene':58} {'mean':>12}  {'worst':>12}")
     base = paper.situation
     outcome(base)
-    seeds = [base.model_copy(update={"seeds": base.seeds.model_copy(update={"root": seed})}) for seed in range(30)]
+    seeds = [
+        base.model_copy(update={"seeds": base.seeds.model_copy(update={"root": seed})}) for seed in range(30)
+    ]
     timed("the paper's experiment, some 90 actors", lambda seed: _placed(seeds[seed]), 30)
     timed("60 crates at 60 % fill, no gap asked for", sixty(24.0), 5)
     timed("60 crates at 50 % fill", sixty(26.3), 5)
@@ -120,8 +143,16 @@ def main(count: int) -> None:
     timed("20 houses at 50 % fill, 40 people in some, 4 between two", at_home, 5)
     timed("impossible by bearing and distance", north_of_the_north, 5)
     timed("impossible by areas that regions share", overfull, 5)
-    timed("1000 people in a yard of 20 by 20 m", lambda seed: outcome(yard(20, ("p", "civilian", 1000, {}), seed=seed)), 5)
-    timed("1000 people in a yard of 40 by 40 m", lambda seed: outcome(yard(40, ("p", "civilian", 1000, {}), seed=seed)), 2)
+    timed(
+        "1000 people in a yard of 20 by 20 m",
+        lambda seed: outcome(yard(20, ("p", "civilian", 1000, {}), seed=seed)),
+        5,
+    )
+    timed(
+        "1000 people in a yard of 40 by 40 m",
+        lambda seed: outcome(yard(40, ("p", "civilian", 1000, {}), seed=seed)),
+        2,
+    )
     _many(paper.design, base, paper.agents[:1], count)
 
 
@@ -141,7 +172,9 @@ def _many(design: Design, base: SimSpec, agents: Any, count: int) -> None:
         host = time.perf_counter() - wall
         for plan in plans:
             digest.update(CampaignFolder(Path(folder)).simspec(plan.id).read_bytes())
-    print(f"{len(plans)} realizations designed, placed, written by two processes: {host:.1f} s, {len(refused)} refused")
+    print(
+        f"{len(plans)} realizations designed, placed, written by two processes: {host:.1f} s, {len(refused)} refused"
+    )
     print(f"SHA-256 of them all: {digest.hexdigest()}")
 
 

@@ -2,7 +2,8 @@
 
 python benchmarks/scene_speed.py [ACTORS ...]
 
-The vehicle circles at 60 m over the default camera; a sixth of the cast are solid houses and trees, the rest walk.
+The vehicle circles at 60 m over the default camera; a sixth of the cast are solid houses and trees, the rest
+walk.
 """
 
 from __future__ import annotations
@@ -41,10 +42,19 @@ def crowded(actors: int) -> SimSpec:
         PlacedActor(id=f"{asset}-{one}", group=asset, east_m=east, north_m=north, heading_deg=heading)
         for asset, count in counts.items()
         for one in range(count)
-        for east, north, heading in [(*rng.uniform(-SIDE_M / 2, SIDE_M / 2, 2).tolist(), float(rng.uniform(0.0, 360.0)))]
+        for east, north, heading in [
+            (*rng.uniform(-SIDE_M / 2, SIDE_M / 2, 2).tolist(), float(rng.uniform(0.0, 360.0)))
+        ]
     )
-    corners = tuple(Point(east_m=a * SIDE_M / 2, north_m=b * SIDE_M / 2) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
-    return SimSpec(name="crowded", world=World(area=Polygon(corners=corners)), actors=groups, realized=Realized(actors=placed))
+    corners = tuple(
+        Point(east_m=a * SIDE_M / 2, north_m=b * SIDE_M / 2) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    )
+    return SimSpec(
+        name="crowded",
+        world=World(area=Polygon(corners=corners)),
+        actors=groups,
+        realized=Realized(actors=placed),
+    )
 
 
 def measure(actors: int) -> str:
@@ -73,9 +83,7 @@ def measure(actors: int) -> str:
         seen += len(frame.sightings)
         detected += sum(len(one.detections) for one in results)
     advance, look, detect = spent / FRAMES * 1e6
-    return (
-        f"{actors:6d} {opening_ms:9.1f} {advance:11.1f} {look:9.1f} {detect:12.1f} {seen / FRAMES:9.1f} {detected / FRAMES:10.1f}"
-    )
+    return f"{actors:6d} {opening_ms:9.1f} {advance:11.1f} {look:9.1f} {detect:12.1f} {seen / FRAMES:9.1f} {detected / FRAMES:10.1f}"
 
 
 def main() -> None:

@@ -1,9 +1,11 @@
-"""CPU seconds and peak memory of scoring many runs over a large decomposition, each step in a process of its own.
+"""CPU seconds and peak memory of scoring many runs over a large decomposition, each step in a process of its
+own.
 
 python benchmarks/scoring_speed.py [RUNS]
 
-The decomposition is made: 5 principles, 43 key attributes, 121 VABs, 135 observables that stand 158 times under VABs, as many
-as the paper's application has. Runs are 12 situations in design points of three replicates, flown by two agents.
+The decomposition is made: 5 principles, 43 key attributes, 121 VABs, 135 observables that stand 158 times
+under VABs, as many as the paper's application has. Runs are 12 situations in design points of three
+replicates, flown by two agents.
 """
 
 from __future__ import annotations
@@ -33,8 +35,14 @@ SITUATIONS = 12
 def made() -> Decomposition:
     """A DAG of the application's size, with more than one parent for some nodes at every level."""
     rng = np.random.default_rng(1)
-    names = [[f"{letter}-{number:03d}" for number in range(count)] for letter, count in zip("PKVO", COUNTS, strict=True)]
-    layers = [_linked(above, below, edges, rng) for above, below, edges in zip(names[:3], names[1:], EDGES, strict=True)]
+    names = [
+        [f"{letter}-{number:03d}" for number in range(count)]
+        for letter, count in zip("PKVO", COUNTS, strict=True)
+    ]
+    layers = [
+        _linked(above, below, edges, rng)
+        for above, below, edges in zip(names[:3], names[1:], EDGES, strict=True)
+    ]
     document = {
         "format": "rebar.decomposition/1",
         "name": "made",
@@ -48,20 +56,33 @@ def made() -> Decomposition:
     return decomposition_of(DecompositionDocument.model_validate(document))
 
 
-def _linked(above: list[str], below: list[str], edges: int, rng: np.random.Generator) -> list[dict[str, object]]:
+def _linked(
+    above: list[str], below: list[str], edges: int, rng: np.random.Generator
+) -> list[dict[str, object]]:
     pairs = {(above[number % len(above)], name) for number, name in enumerate(below)}
     pairs |= {(name, below[number % len(below)]) for number, name in enumerate(above)}
     while len(pairs) < edges:
         pairs.add((str(rng.choice(above)), str(rng.choice(below))))
     return [
-        {"id": name, "title": name, "asks": "?", "children": sorted(child for parent, child in pairs if parent == name)}
+        {
+            "id": name,
+            "title": name,
+            "asks": "?",
+            "children": sorted(child for parent, child in pairs if parent == name),
+        }
         for name in above
     ]
 
 
 def _observable(name: str, rng: np.random.Generator) -> dict[str, object]:
     worst = float(rng.uniform(1.0, 3.0))
-    row = {"factor": "fog_level", "unit": "level", "ratings": [10, 90], "values": [0.0, worst], "reason": "For the benchmark."}
+    row = {
+        "factor": "fog_level",
+        "unit": "level",
+        "ratings": [10, 90],
+        "values": [0.0, worst],
+        "reason": "For the benchmark.",
+    }
     return {
         "id": name,
         "title": name,
@@ -78,15 +99,22 @@ def _observable(name: str, rng: np.random.Generator) -> dict[str, object]:
 def runs_of(observables: Decomposition, count: int) -> list[ScoredRun]:
     """Seeded runs, nine observables in ten considered."""
     rng = np.random.default_rng(2)
-    difficulties = [difficulty_of_values(observables, {"fog_level": 3.0 * number / SITUATIONS}) for number in range(SITUATIONS)]
+    difficulties = [
+        difficulty_of_values(observables, {"fog_level": 3.0 * number / SITUATIONS})
+        for number in range(SITUATIONS)
+    ]
     return [_run(observables, number, difficulties, rng) for number in range(count)]
 
 
-def _run(observables: Decomposition, number: int, difficulties: list[Difficulty], rng: np.random.Generator) -> ScoredRun:
+def _run(
+    observables: Decomposition, number: int, difficulties: list[Difficulty], rng: np.random.Generator
+) -> ScoredRun:
     point = number // 6
     xs, considered = rng.random(len(observables.observables)), rng.random(len(observables.observables)) < 0.9
     observations = tuple(
-        Observation.model_construct(observable=name, considered=bool(observable), x=float(x) if observable else None)
+        Observation.model_construct(
+            observable=name, considered=bool(observable), x=float(x) if observable else None
+        )
         for name, x, observable in zip(observables.observables, xs, considered, strict=True)
     )
     name = f"{point:05d}-{number % 3}-{number % 2}"
@@ -119,14 +147,20 @@ def read(path: Path, count: int) -> Callable[[], object]:
 
 def competent(path: Path, count: int) -> Callable[[], object]:
     """Competence alone, run by run, at both shares."""
-    scores = pl.read_parquet(path, columns=["agent", "node", "design_point", "difficulty", "achieved", "considered"])
+    scores = pl.read_parquet(
+        path, columns=["agent", "node", "design_point", "difficulty", "achieved", "considered"]
+    )
     scores = scores.filter(pl.col("considered") > 0)
     group, point = (
-        scores.select(pl.struct(names).rank("dense") - 1).to_series() for names in (["agent", "node"], ["design_point"])
+        scores.select(pl.struct(names).rank("dense") - 1).to_series()
+        for names in (["agent", "node"], ["design_point"])
     )
     passed = scores["achieved"] == scores["considered"]
     trials = Trials(
-        group.cast(pl.Int64).to_numpy(), scores["difficulty"].to_numpy(), passed.to_numpy(), point.cast(pl.Int64).to_numpy()
+        group.cast(pl.Int64).to_numpy(),
+        scores["difficulty"].to_numpy(),
+        passed.to_numpy(),
+        point.cast(pl.Int64).to_numpy(),
     )
 
     def step() -> None:
@@ -169,7 +203,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for name in STEPS:
             command = [sys.executable, __file__, name, str(Path(folder) / "scores.parquet"), str(count)]
-            subprocess.run(command, check=True, env=os.environ | {"POLARS_MAX_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"})
+            subprocess.run(
+                command, check=True, env=os.environ | {"POLARS_MAX_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+            )
 
 
 if __name__ == "__main__":

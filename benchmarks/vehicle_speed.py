@@ -1,10 +1,11 @@
-"""Simulated seconds for each CPU second of one core: the vehicle alone, and with its flight controller and a client.
+"""Simulated seconds for each CPU second of one core: the vehicle alone, and with its flight controller and a
+client.
 
 Run: python benchmarks/vehicle_speed.py [simulated seconds]
 
-Process CPU time, not wall time, so that a loaded machine disturbs it little; each figure is the best of three rounds in
-which all take their turn, and the last column sets them against the first. The client's own work is inside the clock, but small: it sends setpoints
-packed beforehand and reads datagrams without decoding them.
+Process CPU time, not wall time, so that a loaded machine disturbs it little; each figure is the best of three
+rounds in which all take their turn, and the last column sets them against the first. The client's own work is
+inside the clock, but small: it sends setpoints packed beforehand and reads datagrams without decoding them.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ ROUNDS = 3
 def simspec() -> SimSpec:
     wind = {"speed_mps": 5.0, "from_deg": 240.0, "turbulence_mps": 5.0}
     corners = [{"east_m": e, "north_m": n} for e, n in ((0, 0), (100, 0), (100, 100))]
-    return SimSpec.model_validate({"name": "speed", "world": {"area": {"corners": corners}}, "environment": {"wind": wind}})
+    return SimSpec.model_validate(
+        {"name": "speed", "world": {"area": {"corners": corners}}, "environment": {"wind": wind}}
+    )
 
 
 def plant_alone(span_s: float) -> float:
@@ -43,7 +46,13 @@ def plant_alone(span_s: float) -> float:
     plant = X500Plant(StartPose(47.3977, 8.5456, 488.0), 0.02)
     plant.set_wind_ned_mps(mean_wind_ned_mps(wind))
     gusts = Gusts(wind, 0.02, generator(spec.seeds, "gusts"))
-    for name, value in {"armed": 1, "flying": 1, "position-mode": 1, "height-mode": 1, "target-u-m": 20}.items():
+    for name, value in {
+        "armed": 1,
+        "flying": 1,
+        "position-mode": 1,
+        "height-mode": 1,
+        "target-u-m": 20,
+    }.items():
         plant.write(name, float(value))
     gc.collect()  # what others left behind is not cleared away at its cost
     begun = time.process_time()
@@ -55,7 +64,10 @@ def plant_alone(span_s: float) -> float:
 
 
 def with_controller(span_s: float, streams: str) -> tuple[float, float]:
-    """The whole vehicle flying squares in offboard at 20 Hz of setpoints; CPU seconds, and messages a second."""
+    """The whole vehicle flying squares in offboard at 20 Hz of setpoints; CPU seconds, and messages a
+    second.
+    """
+
     client = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     client.bind(("127.0.0.1", 0))
     client.setblocking(False)
@@ -86,7 +98,9 @@ def with_controller(span_s: float, streams: str) -> tuple[float, float]:
             return bytes(mavlink.MAVLink_command_long_message(1, 1, number, 0, *padded).pack(pack))
 
         def packed(north: float) -> bytes:
-            m = mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 2552, north, 0, -20, 0, 0, 0, 0, 0, 0, 0, 0)
+            m = mavlink.MAVLink_set_position_target_local_ned_message(
+                0, 1, 1, 1, 2552, north, 0, -20, 0, 0, 0, 0, 0, 0, 0, 0
+            )
             return bytes(m.pack(pack))
 
         places = packed(0.0), packed(40.0)
@@ -161,7 +175,9 @@ def main(span_s: float = 60.0) -> None:
     first_s, _ = next(iter(rates.values()))
     print(f"{'':36}{'sim s / CPU s':>14}{'us a step':>12}{'messages/s':>12}{'of the first':>14}")
     for name, (cpu_s, rate) in rates.items():
-        print(f"{name:36}{span_s / cpu_s:14.0f}{1e6 * cpu_s / span_s / 50:12.1f}{rate:12.0f}{first_s / cpu_s:14.2f}")
+        print(
+            f"{name:36}{span_s / cpu_s:14.0f}{1e6 * cpu_s / span_s / 50:12.1f}{rate:12.0f}{first_s / cpu_s:14.2f}"
+        )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""Decompositions: principles, key attributes, VABs (values, actions, behaviours) and observables that an agent is tested on.
+"""Decompositions: principles, key attributes, VABs (values, actions, behaviours) and observables that an
+agent is tested on.
 
 from decompositions import load_decomposition
 decomposition = load_decomposition("search-and-report")

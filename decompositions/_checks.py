@@ -37,9 +37,9 @@ FIELD_OF_LEVEL = {
 class DecompositionVocabulary:
     """The names that a decomposition may use; None leaves names of that kind unchecked.
 
-    `factor_units` are the units of the key factors by name. `check_measure` is called for the measure of each observable.
-    `difficulty` is the source of difficulties: with `tables` an observable without key factors is a fault, with `given` (with
-    the runs, as in a table from elsewhere) it is not.
+    `factor_units` are the units of the key factors by name. `check_measure` is called for the measure of each
+    observable. `difficulty` is the source of difficulties: with `tables` an observable without key factors is
+    a fault, with `given` (with the runs, as in a table from elsewhere) it is not.
     """
 
     factor_units: Mapping[str, str] | None = None
@@ -60,7 +60,10 @@ class DocumentPlace:
 
 @dataclass(frozen=True, slots=True)
 class DocumentChecks:
-    """The checks of one document. `lines` are the lines of its paths in the file `source`; both are empty without a file."""
+    """The checks of one document.
+
+    `lines` are the lines of its paths in the file `source`; both are empty without a file.
+    """
 
     document: DecompositionDocument
     vocabulary: DecompositionVocabulary
@@ -73,7 +76,14 @@ class DocumentChecks:
     def faults(self) -> list[Fault]:
         """Every fault, in the order of the file."""
         self.levels.update({node.id: level for level, _, node in self._nodes()})
-        faults = [*self._emptiness(), *self._duplicates(), *self._tables(), *self._edges(), *self._cycles(), *self._orphans()]
+        faults = [
+            *self._emptiness(),
+            *self._duplicates(),
+            *self._tables(),
+            *self._edges(),
+            *self._cycles(),
+            *self._orphans(),
+        ]
         faults += [*self._observables(), *self._study()]
         # A table used by many observables gives the same fault many times; it is reported once.
         return sorted(dict.fromkeys(faults), key=lambda fault: self.line_of_fault[fault])
@@ -81,7 +91,9 @@ class DocumentChecks:
     def _fault(self, place: DocumentPlace, what: str, remedy: str) -> Fault:
         line = self._line(place)
         file = f"{self.source}:{line}" if line and self.source else self.source
-        path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place.path).removeprefix(".")
+        path = "".join(
+            f"[{part}]" if isinstance(part, int) else f".{part}" for part in place.path
+        ).removeprefix(".")
         fault = Fault(": ".join(part for part in (file, place.node, path) if part), what, remedy)
         self.line_of_fault.setdefault(fault, line)
         return fault
@@ -94,7 +106,9 @@ class DocumentChecks:
     def _emptiness(self) -> Iterator[Fault]:
         if not self.document.observables:
             yield self._fault(
-                DocumentPlace(("observables",), ""), "there are no observables, so nothing is measured", "declare one or more"
+                DocumentPlace(("observables",), ""),
+                "there are no observables, so nothing is measured",
+                "declare one or more",
             )
 
     def _nodes(self) -> Iterator[tuple[Level, DocumentPlace, InnerNode | Observable]]:
@@ -110,7 +124,9 @@ class DocumentChecks:
         ids: set[str] = set()
         for _, place, node in self._nodes():
             if node.id in ids:
-                yield self._fault(place.at("id"), f"the id {node.id!r} is used twice", "give one of them another id")
+                yield self._fault(
+                    place.at("id"), f"the id {node.id!r} is used twice", "give one of them another id"
+                )
             ids.add(node.id)
 
     def _edges(self) -> Iterator[Fault]:
@@ -124,7 +140,11 @@ class DocumentChecks:
                 )
             for child, count in Counter(node.children).items():
                 if count > 1:
-                    yield self._fault(place.at("children"), f"{node.id} lists its child {child} {count} times", "list it once")
+                    yield self._fault(
+                        place.at("children"),
+                        f"{node.id} lists its child {child} {count} times",
+                        "list it once",
+                    )
                 if child not in self.levels:
                     yield self._fault(
                         place.at("children"),
@@ -152,13 +172,19 @@ class DocumentChecks:
         # Each round reports one cycle and removes one of its edges, so that the next round finds another.
         while cycle := _cycle(graph):
             written = " -> ".join([*cycle, cycle[0]])
-            yield self._fault(places[cycle[0]].at("children"), f"the nodes form a cycle: {written}", "remove one of its edges")
+            yield self._fault(
+                places[cycle[0]].at("children"),
+                f"the nodes form a cycle: {written}",
+                "remove one of its edges",
+            )
             graph.remove_edge(cycle[-1], cycle[0])
 
     def _orphans(self) -> Iterator[Fault]:
         named = {child for _, _, node in self._inner() for child in node.children}
         # A document may leave out upper levels; nodes of its highest level need no parent.
-        tops = next((level for level in LEVELS if getattr(self.document, FIELD_OF_LEVEL[level])), Level.OBSERVABLE)
+        tops = next(
+            (level for level in LEVELS if getattr(self.document, FIELD_OF_LEVEL[level])), Level.OBSERVABLE
+        )
         for level, place, node in self._nodes():
             if level is not tops and node.id not in named:
                 above = LEVEL_TITLES[LEVELS[LEVELS.index(level) - 1]]
@@ -169,12 +195,19 @@ class DocumentChecks:
                 )
 
     def _tables(self) -> Iterator[Fault]:
-        used = {name for observable in self.document.observables for name in observable.key_factors if isinstance(name, str)}
+        used = {
+            name
+            for observable in self.document.observables
+            for name in observable.key_factors
+            if isinstance(name, str)
+        }
         for name, row in self.document.tables.items():
             place = DocumentPlace(("tables", name), name)
             yield from self._row(place, row)
             if name not in used:
-                yield self._fault(place, f"no observable uses the table {name!r}", "list it under key_factors, or drop it")
+                yield self._fault(
+                    place, f"no observable uses the table {name!r}", "list it under key_factors, or drop it"
+                )
 
     def _row(self, place: DocumentPlace, row: KeyFactor) -> Iterator[Fault]:
         yield from self._columns(place, row)
@@ -182,7 +215,9 @@ class DocumentChecks:
         if units is None:
             return
         if row.factor not in units:
-            yield self._fault(place.at("factor"), f"there is no key factor {row.factor!r}", suggestion(row.factor, units))
+            yield self._fault(
+                place.at("factor"), f"there is no key factor {row.factor!r}", suggestion(row.factor, units)
+            )
         elif units[row.factor] != row.unit:
             yield self._fault(
                 place.at("unit"),
@@ -205,10 +240,16 @@ class DocumentChecks:
                 "give two or more columns",
             )
         if any(not 0.0 <= rating <= 100.0 for rating in ratings):
-            yield self._fault(place.at("ratings"), f"a rating of {row.factor} lies outside 0 to 100", "keep ratings in [0, 100]")
+            yield self._fault(
+                place.at("ratings"),
+                f"a rating of {row.factor} lies outside 0 to 100",
+                "keep ratings in [0, 100]",
+            )
         if any(b <= a for a, b in pairwise(ratings)):
             yield self._fault(
-                place.at("ratings"), f"the ratings of {row.factor} do not rise", "order the columns by rising rating"
+                place.at("ratings"),
+                f"the ratings of {row.factor} do not rise",
+                "order the columns by rising rating",
             )
         # Ratings must rise, values may rise or fall, but not both: ruling 1.
         steps = [b - a for a, b in pairwise(values)]
@@ -235,17 +276,23 @@ class DocumentChecks:
     def _threshold(self, place: DocumentPlace, observable: Observable) -> Iterator[Fault]:
         if not 0.0 <= observable.threshold <= 1.0:
             yield self._fault(
-                place.at("threshold"), f"the threshold {observable.threshold:g} lies outside 0 to 1", "keep it in [0, 1]"
+                place.at("threshold"),
+                f"the threshold {observable.threshold:g} lies outside 0 to 1",
+                "keep it in [0, 1]",
             )
         if observable.near_miss is None:
             return
         if not 0.0 <= observable.near_miss <= 1.0:
             yield self._fault(
-                place.at("near_miss"), f"near_miss {observable.near_miss:g} lies outside 0 to 1", "keep it in [0, 1]"
+                place.at("near_miss"),
+                f"near_miss {observable.near_miss:g} lies outside 0 to 1",
+                "keep it in [0, 1]",
             )
         if observable.near_miss > 0.0 and not observable.partial_credit:
             yield self._fault(
-                place.at("near_miss"), "near_miss has no effect without partial_credit", "set partial_credit, or drop it"
+                place.at("near_miss"),
+                "near_miss has no effect without partial_credit",
+                "set partial_credit, or drop it",
             )
 
     def _key_factors(self, place: DocumentPlace, observable: Observable) -> Iterator[Fault]:
@@ -265,11 +312,15 @@ class DocumentChecks:
             elif row in self.document.tables:
                 factors[self.document.tables[row].factor] += 1
             else:
-                yield self._fault(place.at(index), f"there is no table {row!r}", suggestion(row, self.document.tables))
+                yield self._fault(
+                    place.at(index), f"there is no table {row!r}", suggestion(row, self.document.tables)
+                )
         for factor, count in factors.items():
             if count > 1:
                 yield self._fault(
-                    place, f"{observable.id} rates the key factor {factor!r} {count} times", "keep one row for each factor"
+                    place,
+                    f"{observable.id} rates the key factor {factor!r} {count} times",
+                    "keep one row for each factor",
                 )
 
     def _measure(self, place: DocumentPlace, observable: Observable) -> Iterator[Fault]:
@@ -281,14 +332,20 @@ class DocumentChecks:
             for fault in error.faults:
                 yield self._fault(place.at("measure"), fault.what, fault.remedy)
         except ValueError as error:
-            yield self._fault(place.at("options"), str(error), "correct the options; docs/measures.md has those of every measure")
+            yield self._fault(
+                place.at("options"),
+                str(error),
+                "correct the options; docs/measures.md has those of every measure",
+            )
 
     def _study(self) -> Iterator[Fault]:
         place = DocumentPlace(("study",), "")
         known = [node.id for node in self.document.key_attributes]
         for index, node in enumerate(self.document.study):
             if node not in known:
-                yield self._fault(place.at(index), f"there is no key attribute {node!r} to study", suggestion(node, known))
+                yield self._fault(
+                    place.at(index), f"there is no key attribute {node!r} to study", suggestion(node, known)
+                )
         if len(set(self.document.study)) != len(self.document.study):
             yield self._fault(place, "a key attribute is studied twice", "list each once")
 

@@ -1,8 +1,9 @@
-"""The document of a decomposition: what an agent is tested on, from five principles down to measured observables.
+"""The document of a decomposition: what an agent is tested on, from five principles down to measured
+observables.
 
-The format is `rebar.decomposition/1`, written in YAML. Every node lists its children by id, so that a node may have many
-parents. `_checks` finds what pydantic cannot see in one field (cycles, orphans, tables without a direction), and reports
-all faults of a document at once.
+The format is `rebar.decomposition/1`, written in YAML. Every node lists its children by id, so that a node
+may have many parents. `_checks` finds what pydantic cannot see in one field (cycles, orphans, tables without
+a direction), and reports all faults of a document at once.
 """
 
 from __future__ import annotations
@@ -30,29 +31,42 @@ class Level(StrEnum):
 
 # A digest of the document identifies scores, so the order of fields in these classes must not change.
 class Policies(Document):
-    """The rules of scoring by name, each with the published rule as its default; docs/rulings.md has the reasons."""
+    """The rules of scoring by name, each with the published rule as its default; docs/rulings.md has the
+    reasons.
+    """
 
     shared_value: Annotated[
-        Literal["lower", "higher"], Field(description="Rating of a value that stands in two columns of a table.")
+        Literal["lower", "higher"],
+        Field(description="Rating of a value that stands in two columns of a table."),
     ] = "lower"
     easier_than_table: Annotated[
-        Literal["zero", "first"], Field(description="Rating of a value easier than the first column: 0, or the first rating.")
+        Literal["zero", "first"],
+        Field(description="Rating of a value easier than the first column: 0, or the first rating."),
     ] = "zero"
     factor_rule: Annotated[
         Literal["minimum", "mean"],
         Field(description="How the difficulty of an observable follows from the ratings of its key factors."),
     ] = "minimum"
-    credit_points: Annotated[float, Field(ge=0.0, le=100.0, description="Points for each unit of x above the threshold.")] = 4.0
+    credit_points: Annotated[
+        float, Field(ge=0.0, le=100.0, description="Points for each unit of x above the threshold.")
+    ] = 4.0
     near_miss: Annotated[
         float,
-        Field(ge=0.0, le=1.0, description="How far below its threshold a failed observable still scores; 0 means never."),
+        Field(
+            ge=0.0,
+            le=1.0,
+            description="How far below its threshold a failed observable still scores; 0 means never.",
+        ),
     ] = 0.0
     inner_score: Annotated[
-        Literal["minimum", "mean"], Field(description="Score of an inner node over those of its children that have one.")
+        Literal["minimum", "mean"],
+        Field(description="Score of an inner node over those of its children that have one."),
     ] = "minimum"
     confidence: Annotated[
         Literal["observables", "children"],
-        Field(description="What the confidence of an inner node counts: its distinct descendant observables, or its children."),
+        Field(
+            description="What the confidence of an inner node counts: its distinct descendant observables, or its children."
+        ),
     ] = "observables"
     over_runs: Annotated[
         Literal["mean_of_ratios", "pooled_counts"], Field(description="Confidence of a node over many runs.")
@@ -62,14 +76,23 @@ class Policies(Document):
 class KeyFactor(Document):
     """One row of a key factor table: how hard one number of the configuration makes a situation.
 
-    `values` belong to `ratings` column by column, and rise or fall along them. `reason` explains where the table begins and
-    ends.
+    `values` belong to `ratings` column by column, and rise or fall along them. `reason` explains where the
+    table begins and ends.
     """
 
-    factor: Annotated[str, Field(min_length=1, max_length=63, description="Name of the key factor in the SimSpec.")]
-    unit: Annotated[str, Field(min_length=1, max_length=16, description="Unit of the values; must be the unit of the factor.")]
-    ratings: Annotated[tuple[float, ...], Field(max_length=101, description="Difficulty of each column, rising, 0 to 100.")]
-    values: Annotated[tuple[float, ...], Field(max_length=101, description="Value of the factor in each column.")]
+    factor: Annotated[
+        str, Field(min_length=1, max_length=63, description="Name of the key factor in the SimSpec.")
+    ]
+    unit: Annotated[
+        str,
+        Field(min_length=1, max_length=16, description="Unit of the values; must be the unit of the factor."),
+    ]
+    ratings: Annotated[
+        tuple[float, ...], Field(max_length=101, description="Difficulty of each column, rising, 0 to 100.")
+    ]
+    values: Annotated[
+        tuple[float, ...], Field(max_length=101, description="Value of the factor in each column.")
+    ]
     mapping: Annotated[
         Literal["linear", "step"],
         Field(description="Between two columns: linear, or the rating of the column at or below."),
@@ -105,18 +128,25 @@ class Observable(_TitledNode):
     """A leaf: one number measured in a run and compared with a threshold."""
 
     measure: Annotated[
-        str, Field(pattern=r"^[a-z][a-z0-9_]{0,62}$", description="Measure, by its name in the group rebar.measures.")
+        str,
+        Field(
+            pattern=r"^[a-z][a-z0-9_]{0,62}$", description="Measure, by its name in the group rebar.measures."
+        ),
     ]
     options: Annotated[dict[str, Option], Field(description="Options of the measure.")] = {}
-    # `_checks` tests the limits of the next numbers, so that its message can name the node; the schema has them for editors.
+    # `_checks` tests the limits of the next numbers, so that its message can name the node; the schema has
+    # them for editors.
     threshold: Annotated[
         float,
         Field(
-            description="Least measured value that achieves the observable.", json_schema_extra={"minimum": 0.0, "maximum": 1.0}
+            description="Least measured value that achieves the observable.",
+            json_schema_extra={"minimum": 0.0, "maximum": 1.0},
         ),
     ]
     threshold_reason: Sentence
-    partial_credit: Annotated[bool, Field(description="Whether the excess over the threshold changes the score.")] = False
+    partial_credit: Annotated[
+        bool, Field(description="Whether the excess over the threshold changes the score.")
+    ] = False
     near_miss: Annotated[
         float | None,
         Field(
@@ -124,7 +154,9 @@ class Observable(_TitledNode):
             json_schema_extra={"minimum": 0.0, "maximum": 1.0},
         ),
     ] = None
-    considered: Annotated[Sentence, Field(description="When a run exercises it, decided by the scenario and the truth.")]
+    considered: Annotated[
+        Sentence, Field(description="When a run exercises it, decided by the scenario and the truth.")
+    ]
     always_considered: bool = False
     key_factors: Annotated[
         tuple[str | KeyFactor, ...],
@@ -138,7 +170,8 @@ class Observable(_TitledNode):
 class DecompositionDocument(Document):
     """A decomposition file."""
 
-    # Required, unlike other fields: a file must say which format it has, so that a later format can be told apart.
+    # Required, unlike other fields: a file must say which format it has, so that a later format can be told
+    # apart.
     format: Literal["rebar.decomposition/1"]
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]{0,62}$")]
     title: Annotated[str, Field(min_length=1, max_length=120)]
@@ -146,9 +179,13 @@ class DecompositionDocument(Document):
     policies: Policies = Policies()
     study: Annotated[
         tuple[NodeId, ...],
-        Field(description="Key attributes whose difficulties make a difficulty configuration; empty means all."),
+        Field(
+            description="Key attributes whose difficulties make a difficulty configuration; empty means all."
+        ),
     ] = ()
-    tables: Annotated[dict[str, KeyFactor], Field(description="Rows of key factor tables that observables share, by name.")] = {}
+    tables: Annotated[
+        dict[str, KeyFactor], Field(description="Rows of key factor tables that observables share, by name.")
+    ] = {}
     principles: tuple[Principle, ...] = ()
     key_attributes: tuple[KeyAttribute, ...] = ()
     vabs: tuple[Vab, ...] = ()

@@ -24,10 +24,11 @@ class DecompositionNode:
 
 @dataclass(frozen=True, slots=True)
 class Decomposition:
-    """A directed acyclic graph of principles, key attributes, VABs and observables, many-to-many at every level.
+    """A directed acyclic graph of principles, key attributes, VABs and observables, many-to-many at every
+    level.
 
-    `nodes` have the order of the document, with the most general level first, so that a node comes before its children.
-    Build it with `decomposition_of`. Methods raise KeyError for an unknown node.
+    `nodes` have the order of the document, with the most general level first, so that a node comes before its
+    children. Build it with `decomposition_of`. Methods raise KeyError for an unknown node.
     """
 
     document: DecompositionDocument
@@ -56,7 +57,10 @@ class Decomposition:
 
     @property
     def study(self) -> tuple[str, ...]:
-        """The key attributes whose difficulties make a difficulty configuration: those of the document, else all."""
+        """The key attributes whose difficulties make a difficulty configuration: those of the document, else
+        all.
+        """
+
         return self.document.study or self.key_attributes
 
     @property
@@ -77,12 +81,16 @@ class Decomposition:
         return self.nodes[node].children
 
     def observables_under(self, node: str) -> tuple[str, ...]:
-        """Distinct descendant observables in the order of the document; for an observable, the observable itself."""
+        """Distinct descendant observables in the order of the document; for an observable, the observable
+        itself.
+        """
+
         return self.descendants[node]
 
     def bottom_up(self) -> tuple[str, ...]:
         """A topological order in which every node follows all of its children."""
-        # Levels come from the most general down and edges never skip one, so the reverse order is topological.
+        # Levels come from the most general down and edges never skip one, so the reverse order is
+        # topological.
         return tuple(reversed(tuple(self.nodes)))
 
     def key_factors(self, observable: str) -> tuple[KeyFactor, ...]:
@@ -94,14 +102,21 @@ class Decomposition:
         return tuple(dict.fromkeys(row.factor for rows in self.tables.values() for row in rows))
 
     def near_miss(self, observable: str) -> float:
-        """How far below its threshold the observable still scores: its own value, else the policy; 0 without partial credit."""
+        """How far below its threshold the observable still scores: its own value, else the policy; 0 without
+        partial credit.
+        """
+
         declared = self.observables[observable]
-        # Without partial credit a near miss would have the full difficulty as its score, like a pass: ruling 8.
+        # Without partial credit a near miss would have the full difficulty as its score, like a pass: ruling
+        # 8.
         margin = self.policies.near_miss if declared.near_miss is None else declared.near_miss
         return margin if declared.partial_credit else 0.0
 
     def graph(self) -> nx.DiGraph[str]:
-        """The decomposition as a networkx graph: edges from parent to child, with `level` and `title` on every node."""
+        """The decomposition as a networkx graph: edges from parent to child, with `level` and `title` on
+        every node.
+        """
+
         graph: nx.DiGraph[str] = nx.DiGraph()
         for node in self.nodes.values():
             graph.add_node(node.id, level=str(node.level), title=node.title)
@@ -122,9 +137,15 @@ def graph_of(document: DecompositionDocument) -> Decomposition:
         document=document,
         nodes=nodes,
         observables={observable.id: observable for observable in document.observables},
-        parents={node_id: tuple(node.id for node in nodes.values() if node_id in node.children) for node_id in nodes},
+        parents={
+            node_id: tuple(node.id for node in nodes.values() if node_id in node.children)
+            for node_id in nodes
+        },
         descendants={node_id: tuple(leaf for leaf in order if leaf in below[node_id]) for node_id in nodes},
-        tables={observable.id: tuple(_resolved(observable.key_factors, document.tables)) for observable in document.observables},
+        tables={
+            observable.id: tuple(_resolved(observable.key_factors, document.tables))
+            for observable in document.observables
+        },
     )
 
 

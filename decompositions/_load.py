@@ -20,10 +20,16 @@ Lines = Mapping[tuple[str | int, ...], int]
 def shipped_decompositions() -> tuple[str, ...]:
     """Names of the shipped decompositions."""
     files = resources.files(__package__).joinpath("data").iterdir()
-    return tuple(sorted(file.name.removesuffix(".yaml").replace("_", "-") for file in files if file.name.endswith(".yaml")))
+    return tuple(
+        sorted(
+            file.name.removesuffix(".yaml").replace("_", "-") for file in files if file.name.endswith(".yaml")
+        )
+    )
 
 
-def load_decomposition(name_or_path: str | Path, vocabulary: DecompositionVocabulary | None = None) -> Decomposition:
+def load_decomposition(
+    name_or_path: str | Path, vocabulary: DecompositionVocabulary | None = None
+) -> Decomposition:
     """Read a decomposition: a shipped one by its name (`search-and-report`), any other by its path.
 
     `vocabulary` has the known key factors and measures; without it those names stay unchecked.
@@ -47,13 +53,23 @@ def load_decomposition(name_or_path: str | Path, vocabulary: DecompositionVocabu
     return read_decomposition(read_text(Path(name)), vocabulary, source=name)
 
 
-def read_decomposition(text: str, vocabulary: DecompositionVocabulary | None = None, source: str = "") -> Decomposition:
+def read_decomposition(
+    text: str, vocabulary: DecompositionVocabulary | None = None, source: str = ""
+) -> Decomposition:
     """Like `load_decomposition`, for a text; `source` names it in messages."""
     value, lines = parse_text(text, source)
     if not isinstance(value, dict) or not value:
-        what = "the document is empty" if not value else f"the document is a {type(value).__name__}, not fields with values"
+        what = (
+            "the document is empty"
+            if not value
+            else f"the document is a {type(value).__name__}, not fields with values"
+        )
         raise SetupError(
-            Fault(source, what, "begin with `format: rebar.decomposition/1`; docs/decompositions.md has a complete example")
+            Fault(
+                source,
+                what,
+                "begin with `format: rebar.decomposition/1`; docs/decompositions.md has a complete example",
+            )
         )
     return _checked(validate_document(value, DecompositionDocument, source, lines), vocabulary, source, lines)
 

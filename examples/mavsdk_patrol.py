@@ -5,8 +5,9 @@ Against a stand-alone vehicle:
     rebar fly --autopilot px4 &
     python examples/mavsdk_patrol.py
 
-As an agent under test it takes its link from REBAR_MAVLINK (`udpin:127.0.0.1:14540` and the like). MAVSDK comes with
-`pip install "rebar-bench[examples]"`. REBAR_OPTIONS may hold a JSON object with side_m, height_m and timeout_s.
+As an agent under test it takes its link from REBAR_MAVLINK (`udpin:127.0.0.1:14540` and the like). MAVSDK
+comes with `pip install "rebar-bench[examples]"`. REBAR_OPTIONS may hold a JSON object with side_m, height_m
+and timeout_s.
 """
 
 from __future__ import annotations
@@ -22,11 +23,16 @@ from mavsdk import ComponentType, Configuration, ConnectionResult, Mavsdk, Syste
 from mavsdk.plugins.action import Action
 from mavsdk.plugins.telemetry import Telemetry
 
-METRES_PER_DEGREE = 111_194.9  # of latitude on the mean sphere; a patrol of some tens of metres asks for no more
+METRES_PER_DEGREE = (
+    111_194.9  # of latitude on the mean sphere; a patrol of some tens of metres asks for no more
+)
 
 
 def connection_url(given: str) -> str:
-    """`udpin:HOST:PORT`, as the bench hands it over, in MAVSDK's words: `udpin://HOST:PORT`, `tcpout://HOST:PORT`."""
+    """`udpin:HOST:PORT`, as the bench hands it over, in MAVSDK's words: `udpin://HOST:PORT`,
+    `tcpout://HOST:PORT`.
+    """
+
     if "://" in given:
         return given
     kind, host, port = given.split(":")
@@ -34,7 +40,10 @@ def connection_url(given: str) -> str:
 
 
 def wait_until(what: str, holds: Callable[[], bool], timeout_s: float) -> None:
-    """Return when `holds` does; exit with a sentence when it does not within `timeout_s` of the host's clock."""
+    """Return when `holds` does; exit with a sentence when it does not within `timeout_s` of the host's
+    clock.
+    """
+
     end = time.monotonic() + timeout_s
     while not holds():
         if time.monotonic() > end:
@@ -72,14 +81,19 @@ def patrol(system: System, side_m: float, height_m: float, timeout_s: float) -> 
     print("in the air", flush=True)
 
     altitude = start.absolute_altitude_m + height_m
-    for number, (latitude, longitude) in enumerate(corners(start.latitude_deg, start.longitude_deg, side_m), start=1):
+    for number, (latitude, longitude) in enumerate(
+        corners(start.latitude_deg, start.longitude_deg, side_m), start=1
+    ):
         action.goto_location(latitude, longitude, altitude, math.nan)
         wait_until(f"corner {number}", lambda: distance_m(telemetry, latitude, longitude) < 1.0, timeout_s)  # noqa: B023
         print(f"corner {number}", flush=True)
 
     action.return_to_launch()
     wait_until("landing and disarming", lambda: not telemetry.armed(), timeout_s)
-    print(f"landed {distance_m(telemetry, start.latitude_deg, start.longitude_deg):.2f} m from the start", flush=True)
+    print(
+        f"landed {distance_m(telemetry, start.latitude_deg, start.longitude_deg):.2f} m from the start",
+        flush=True,
+    )
 
 
 def main() -> None:

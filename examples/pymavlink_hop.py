@@ -60,20 +60,31 @@ def fly_to(link: Any, north: float, east: float, down: float) -> None:
 def setpoint(link: Any, north: float, east: float, down: float) -> None:
     frame = mavutil.mavlink.MAV_FRAME_LOCAL_NED
     target = (link.target_system, link.target_component)
-    link.mav.set_position_target_local_ned_send(0, *target, frame, POSITION_AND_YAW, north, east, down, 0, 0, 0, 0, 0, 0, 0, 0)
+    link.mav.set_position_target_local_ned_send(
+        0, *target, frame, POSITION_AND_YAW, north, east, down, 0, 0, 0, 0, 0, 0, 0, 0
+    )
 
 
 def main() -> None:
-    link = mavutil.mavlink_connection(os.environ.get("REBAR_MAVLINK", "udpin:127.0.0.1:14540"), source_system=245)
+    link = mavutil.mavlink_connection(
+        os.environ.get("REBAR_MAVLINK", "udpin:127.0.0.1:14540"), source_system=245
+    )
     if link.wait_heartbeat(timeout=TIMEOUT_S) is None:
         sys.exit("no heartbeat")
     insist("armed", link, mavutil.mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     nan = float("nan")
     insist("taking off", link, mavutil.mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, nan, nan, nan, nan)
-    link.recv_match(type="EXTENDED_SYS_STATE", condition="EXTENDED_SYS_STATE.landed_state==2", blocking=True, timeout=TIMEOUT_S)
+    link.recv_match(
+        type="EXTENDED_SYS_STATE",
+        condition="EXTENDED_SYS_STATE.landed_state==2",
+        blocking=True,
+        timeout=TIMEOUT_S,
+    )
     here = link.recv_match(type="LOCAL_POSITION_NED", blocking=True, timeout=TIMEOUT_S)
     setpoint(link, here.x, here.y, -4.0)
-    link.mav.command_long_send(1, 1, mavutil.mavlink.MAV_CMD_DO_SET_MODE, 0, 1, OFFBOARD_MAIN_MODE, 0, 0, 0, 0, 0)
+    link.mav.command_long_send(
+        1, 1, mavutil.mavlink.MAV_CMD_DO_SET_MODE, 0, 1, OFFBOARD_MAIN_MODE, 0, 0, 0, 0, 0
+    )
     fly_to(link, 10.0, 0.0, -4.0)
     insist("landing", link, mavutil.mavlink.MAV_CMD_NAV_LAND)
     end = time.monotonic() + TIMEOUT_S

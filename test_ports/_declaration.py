@@ -1,4 +1,7 @@
-"""`@measure`: how a measure is declared. One decorated function says its name, its options and what it measures."""
+"""`@measure`: how a measure is declared.
+
+One decorated function says its name, its options and what it measures.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +15,16 @@ from bench.contracts import Evidence, Observation, Option, Tape
 from bench.simspec import SimSpec
 
 MAX_EVIDENCE = 20
-"""Moments that an observation keeps: as many as a reviewer looks through, of the thousands that a bad run can have."""
+"""Moments that an observation keeps: as many as a reviewer looks through, of the thousands that a bad run can
+have.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """The measured value in [0, 1], None when the run is not considered, and the moments that a reviewer should look at."""
+    """The measured value in [0, 1], None when the run is not considered, and the moments that a reviewer
+    should look at.
+    """
 
     x: float | None
     evidence: tuple[Evidence, ...] = ()
@@ -35,7 +42,9 @@ def nothing_shown(time_s: float, reason: str) -> Finding:
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """A condition on the value of one option beside its kind: `Annotated[float, Limit(is_valid, "more than 0")]`."""
+    """A condition on the value of one option beside its kind: `Annotated[float, Limit(is_valid, "more than
+    0")]`.
+    """
 
     is_valid: Callable[[Any], bool]
     requirement: str
@@ -74,7 +83,12 @@ class DeclaredOption:
         if self.kind is int:
             return type(value) is int and value >= 0, "a whole number, not negative"
         # bool is a subclass of int in Python, and true is no number in a decomposition.
-        number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and value >= 0
+        number = (
+            isinstance(value, int | float)
+            and not isinstance(value, bool)
+            and math.isfinite(value)
+            and value >= 0
+        )
         return number, "a number, finite and not negative"
 
 
@@ -86,14 +100,21 @@ class DeclaredMeasure:
     options: tuple[DeclaredOption, ...]
     find: Callable[..., Finding]
 
-    def __call__(self, observable: str, tape: Tape, simspec: SimSpec, options: Mapping[str, Option]) -> Observation:
+    def __call__(
+        self, observable: str, tape: Tape, simspec: SimSpec, options: Mapping[str, Option]
+    ) -> Observation:
         """Measure one run. Raises ValueError as `check_options` does."""
         finding = self.find(tape, simspec, **self._read(options))
         evidence = thinned(finding.evidence)
-        return Observation(observable=observable, considered=finding.x is not None, x=finding.x, evidence=evidence)
+        return Observation(
+            observable=observable, considered=finding.x is not None, x=finding.x, evidence=evidence
+        )
 
     def check_options(self, options: Mapping[str, Option]) -> None:
-        """Raise ValueError, naming measure, option and what is known, when an option is unknown, missing or wrong."""
+        """Raise ValueError, naming measure, option and what is known, when an option is unknown, missing or
+        wrong.
+        """
+
         self._read(options)
 
     @property
@@ -105,8 +126,12 @@ class DeclaredMeasure:
         known = {option.name: option for option in self.options}
         if unknown := sorted(set(options) - set(known)):
             stated = f"known: {', '.join(known)}" if known else "it has no options"
-            raise ValueError(f"measure {self.name!r}: unknown option {', '.join(map(repr, unknown))}; {stated}")
-        if missing := [name for name, option in known.items() if option.default is None and name not in options]:
+            raise ValueError(
+                f"measure {self.name!r}: unknown option {', '.join(map(repr, unknown))}; {stated}"
+            )
+        if missing := [
+            name for name, option in known.items() if option.default is None and name not in options
+        ]:
             raise ValueError(f"measure {self.name!r}: needs option {', '.join(map(repr, missing))}")
         try:
             return {known[name].parameter: known[name].read(value) for name, value in options.items()}
@@ -117,19 +142,23 @@ class DeclaredMeasure:
 def measure(function: Callable[..., Finding]) -> DeclaredMeasure:
     """Declare a measure: a pure function `(tape, simspec, *, option: kind = default, ...) -> Finding`.
 
-    Its name is the function's name, its options are the keyword-only parameters, and docs/measures.md shows its docstring.
-    A kind is `float`, `int` (neither negative), `str`, `bool` or a `Literal` of texts, or one of these `Annotated` with a
-    `Limit`. A trailing underscore of a parameter is dropped, so that an option can be called `class`. Raises TypeError for
-    another signature.
+    Its name is the function's name, its options are the keyword-only parameters, and docs/measures.md shows
+    its docstring. A kind is `float`, `int` (neither negative), `str`, `bool` or a `Literal` of texts, or one
+    of these `Annotated` with a `Limit`. A trailing underscore of a parameter is dropped, so that an option
+    can be called `class`. Raises TypeError for another signature.
     """
-    # get_type_hints resolves names that `from __future__ import annotations` left as text; it needs them at module level.
+
+    # get_type_hints resolves names that `from __future__ import annotations` left as text; it needs them at
+    # module level.
     positional = [
         parameter
         for parameter in inspect.signature(function).parameters.values()
         if parameter.kind is not inspect.Parameter.KEYWORD_ONLY
     ]
     if len(positional) != 2:
-        raise TypeError(f"measure {function.__name__!r} must take the tape, the SimSpec, and options after a '*'")
+        raise TypeError(
+            f"measure {function.__name__!r} must take the tape, the SimSpec, and options after a '*'"
+        )
     kinds = get_type_hints(function, include_extras=True)
     options = tuple(
         _option(function.__name__, parameter, kinds.get(parameter.name))
@@ -145,17 +174,22 @@ def _option(measure_name: str, parameter: inspect.Parameter, annotation: Any) ->
         annotation, *extras = get_args(annotation)
         limit = next((extra for extra in extras if isinstance(extra, Limit)), None)
     if annotation not in (float, int, str, bool) and get_origin(annotation) is not Literal:
-        raise TypeError(f"measure {measure_name!r}: parameter {parameter.name!r} must be float, int, str, bool or a Literal")
+        raise TypeError(
+            f"measure {measure_name!r}: parameter {parameter.name!r} must be float, int, str, bool or a Literal"
+        )
     # None can stand for "no default" because no option of a decomposition is null.
     default = None if parameter.default is inspect.Parameter.empty else parameter.default
     return DeclaredOption(parameter.name.rstrip("_"), parameter.name, annotation, default, limit)
 
 
 def credibility(right: int, wrong: int) -> float:
-    """How far an agent with so many right and so many wrong statements is believed: wholly while half of them are right.
+    """How far an agent with so many right and so many wrong statements is believed: wholly while half of them
+    are right.
 
-    Below that in proportion, so that an agent that guesses everywhere, where some guess must be right, gains nothing.
+    Below that in proportion, so that an agent that guesses everywhere, where some guess must be right, gains
+    nothing.
     """
+
     return min(1.0, right / wrong) if wrong else 1.0
 
 

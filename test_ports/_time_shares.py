@@ -21,18 +21,26 @@ def share_kept(track: FlownTrack, holds: Bools, within: Bools, value: Floats, un
     """
     x = track.time_share(holds, within)
     if x is None:
-        return nothing_shown(float(track.time_s[-1]) if len(track.time_s) else 0.0, "never airborne under this condition")
+        return nothing_shown(
+            float(track.time_s[-1]) if len(track.time_s) else 0.0, "never airborne under this condition"
+        )
     # Only the beginning of each breach is evidence: every sample of a long one would say the same.
     broken = within & ~holds
     begins = np.flatnonzero(broken & ~np.concatenate([[False], broken[:-1]]))
-    return Finding(x, tuple(Evidence(time_s=float(track.time_s[row]), text=f"{value[row]:.1f} {unit}") for row in begins))
+    return Finding(
+        x, tuple(Evidence(time_s=float(track.time_s[row]), text=f"{value[row]:.1f} {unit}") for row in begins)
+    )
 
 
-def fresh_share(track: FlownTrack, sent_s: Floats, max_gap_s: float, message: str, within: Bools | None = None) -> Finding:
-    """Share of the time in `within` (in the air, when None) at which the last message was sent at most `max_gap_s` before.
+def fresh_share(
+    track: FlownTrack, sent_s: Floats, max_gap_s: float, message: str, within: Bools | None = None
+) -> Finding:
+    """Share of the time in `within` (in the air, when None) at which the last message was sent at most
+    `max_gap_s` before.
 
     `sent_s` is in order of time; `message` names the kind of message in the evidence.
     """
+
     within = track.airborne if within is None else within
     if not len(sent_s):
         return nothing_shown(0.0, f"the agent sent no {message}")

@@ -1,4 +1,5 @@
-"""The tables of measures in docs/measures.md, written from the declarations: `python -m test_ports.documentation`.
+"""The tables of measures in docs/measures.md, written from the declarations: `python -m
+test_ports.documentation`.
 
 The page has a pair of markers for each module with measures. The text between them is replaced.
 """
@@ -49,7 +50,11 @@ def declared_in(module: ModuleType) -> list[DeclaredMeasure]:
 
 
 def with_tables(page: str) -> str:
-    """The page with its tables updated. Raises ValueError when a module with measures has no section, or two."""
+    """The page with its tables updated.
+
+    Raises ValueError when a module with measures has no section, or two.
+    """
+
     written: list[str] = []
 
     def section(match: re.Match[str]) -> str:
@@ -60,12 +65,17 @@ def with_tables(page: str) -> str:
     page = SECTION.sub(section, page)
     expected = sorted(module.__name__ for module in measure_modules())
     if sorted(written) != expected:
-        raise ValueError(f"the page has sections for {', '.join(sorted(written))}; modules with measures: {', '.join(expected)}")
+        raise ValueError(
+            f"the page has sections for {', '.join(sorted(written))}; modules with measures: {', '.join(expected)}"
+        )
     return page
 
 
 def section_text(module: ModuleType) -> str:
-    """The introduction of a module, its table of measures and options, and the description of each measure."""
+    """The introduction of a module, its table of measures and options, and the description of each
+    measure.
+    """
+
     introduction = inspect.getdoc(module) or ""
     _, _, conventions = introduction.partition("\n\n")
     lines = ["| measure | options (default) |", "| --- | --- |"]
@@ -78,7 +88,8 @@ def section_text(module: ModuleType) -> str:
 
 
 def _described(measure: DeclaredMeasure) -> str:
-    # Only the first paragraph gets the name before it, so only that one is wrapped again: a docstring may hold a list.
+    # Only the first paragraph gets the name before it, so only that one is wrapped again: a docstring may
+    # hold a list.
     summary, _, details = measure.description.partition("\n\n")
     named = f"**`{measure.name}`**: {summary}"
     wrapped = textwrap.fill(named, PAGE_WIDTH, break_long_words=False, break_on_hyphens=False)
@@ -98,9 +109,17 @@ def _value_text(value: Option) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Write the tables, or with `--check` only say whether the page is up to date. Returns the exit status."""
-    parser = argparse.ArgumentParser(description="Write the tables of measures in docs/measures.md from the code.")
-    parser.add_argument("--check", action="store_true", help="change nothing; exit with 1 when the page is out of date")
+    """Write the tables, or with `--check` only say whether the page is up to date.
+
+    Returns the exit status.
+    """
+
+    parser = argparse.ArgumentParser(
+        description="Write the tables of measures in docs/measures.md from the code."
+    )
+    parser.add_argument(
+        "--check", action="store_true", help="change nothing; exit with 1 when the page is out of date"
+    )
     check = parser.parse_args(arguments).check
     page = PAGE.read_text(encoding="utf-8")
     updated = with_tables(page)

@@ -1,4 +1,6 @@
-"""Markers by place, so that a test says by its folder or file what it costs; `pytest -m "not flight"` leaves whole flights out."""
+"""Markers by place, so that a test says by its folder or file what it costs; `pytest -m "not flight"` leaves
+whole flights out.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,8 @@ from hypothesis import HealthCheck, settings
 
 HERE = Path(__file__).parent
 
-# A test must not fail because the host is busy: no deadline for an example, and slow drawing of data is no fault.
+# A test must not fail because the host is busy: no deadline for an example, and slow drawing of data is no
+# fault.
 settings.register_profile("any host", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any host")
 

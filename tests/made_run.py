@@ -1,4 +1,6 @@
-"""A made situation and its run: two adversaries that intelligence names, bystanders, a house; every stream can be set."""
+"""A made situation and its run: two adversaries that intelligence names, bystanders, a house; every stream
+can be set.
+"""
 
 from __future__ import annotations
 
@@ -76,8 +78,13 @@ PLACES = {
 }
 
 
-def simspec(*, walkers: bool = True, targets: bool = True, walker_east_m: float = 120.0, **changes: Any) -> SimSpec:
-    """The realized situation; without `walkers` nobody can be harmed, without `targets` nobody is to be found."""
+def simspec(
+    *, walkers: bool = True, targets: bool = True, walker_east_m: float = 120.0, **changes: Any
+) -> SimSpec:
+    """The realized situation; without `walkers` nobody can be harmed, without `targets` nobody is to be
+    found.
+    """
+
     absent = {*(() if walkers else ("walkers",)), *(() if targets else ("radar", "truck"))}
     groups = [
         {"id": "radar", "asset": "radar-vehicle", "role": "adversary", "count": 1},
@@ -100,7 +107,10 @@ def simspec(*, walkers: bool = True, targets: bool = True, walker_east_m: float 
         {"id": "first", "about": "radar", "priority": 1, "uncertainty_m": 50.0},
         {"id": "second", "about": "truck", "priority": 2, "uncertainty_m": 50.0},
     ]
-    reports = [{"id": "first", "east_m": 105.0, "north_m": 95.0}, {"id": "second", "east_m": -90.0, "north_m": 100.0}]
+    reports = [
+        {"id": "first", "east_m": 105.0, "north_m": 95.0},
+        {"id": "second", "east_m": -90.0, "north_m": 100.0},
+    ]
     corners = [(-300, -300), (300, -300), (300, 300), (-300, 300)]
     return SimSpec.model_validate(
         {
@@ -131,12 +141,18 @@ def at_s(time_s: float) -> SimTime:
 
 
 def tape(spec: SimSpec, *, end_s: float = 200.0, positions: np.ndarray | None = None, **streams: Any) -> Tape:
-    """A run in which everybody stands still and the vehicle goes over both sub-areas and home; streams as given."""
+    """A run in which everybody stands still and the vehicle goes over both sub-areas and home; streams as
+    given.
+    """
+
     members = cast(spec)
     assert spec.realized is not None
     times = np.arange(0.0, end_s + 0.25, 0.5)
     starts = np.array([(actor.east_m, actor.north_m, 0.0) for actor in spec.realized.actors]).reshape(-1, 3)
-    flown = np.interp(times, [0, 60, 120, end_s], [0, 105, -90, 0]), np.interp(times, [0, 60, 120, end_s], [0, 95, 100, 0])
+    flown = (
+        np.interp(times, [0, 60, 120, end_s], [0, 105, -90, 0]),
+        np.interp(times, [0, 60, 120, end_s], [0, 95, 100, 0]),
+    )
     route = np.stack([*flown, np.full(len(times), 60.0)], axis=1)
     return Tape(
         cast=members,
@@ -152,24 +168,34 @@ def tape(spec: SimSpec, *, end_s: float = 200.0, positions: np.ndarray | None = 
 def conditions(*changes: tuple[float, bool], crashed: bool = False) -> tuple[Timed[VehicleDocument], ...]:
     """Landed or not from each moment on."""
     plain = {"armed": True, "mode": "offboard", "battery_fraction": 0.9}
-    return tuple(Timed(at_s(time_s), VehicleDocument(landed=landed, crashed=crashed, **plain)) for time_s, landed in changes)
+    return tuple(
+        Timed(at_s(time_s), VehicleDocument(landed=landed, crashed=crashed, **plain))
+        for time_s, landed in changes
+    )
 
 
 def report(time_s: float, label: str, east_m: float, north_m: float, **more: Any) -> Timed[TargetReport]:
     fields = {"id": f"r{time_s:g}", "confidence": 0.9, "mark": False, **more}
-    return Timed(at_s(time_s), TargetReport(time_s=time_s, class_label=label, east_m=east_m, north_m=north_m, **fields))
+    return Timed(
+        at_s(time_s), TargetReport(time_s=time_s, class_label=label, east_m=east_m, north_m=north_m, **fields)
+    )
 
 
 def tracks(time_s: float, *held: tuple[str, float, float], frames: int = 8) -> Timed[AgentTracks]:
     made = [
-        AgentTrack(id=f"t{index}", class_label=label, east_m=east_m, north_m=north_m, confidence=0.8, frames=frames)
+        AgentTrack(
+            id=f"t{index}", class_label=label, east_m=east_m, north_m=north_m, confidence=0.8, frames=frames
+        )
         for index, (label, east_m, north_m) in enumerate(held)
     ]
     return Timed(at_s(time_s), AgentTracks(time_s=time_s, tracks=tuple(made)))
 
 
 def order(time_s: float, kind: str, **more: Any) -> Timed[OrderDocument]:
-    """An order delivered at `time_s`, and given then unless `issued_s` says otherwise; its id is its kind, or as given."""
+    """An order delivered at `time_s`, and given then unless `issued_s` says otherwise; its id is its kind, or
+    as given.
+    """
+
     fields = {"id": kind.replace("_", "-"), "kind": kind, "issued_s": time_s, "within_s": 10.0, **more}
     return Timed(at_s(time_s), OrderDocument.model_validate(fields))
 
@@ -186,13 +212,19 @@ def link(*changes: tuple[float, bool]) -> tuple[Timed[OperatorLinkDocument], ...
 BOX = (600.0, 300.0, 640.0, 380.0)
 
 
-def frame(number: int, time_s: float, *actors: int, height_px: float = 80.0, visible: float = 1.0) -> CameraFrame:
+def frame(
+    number: int, time_s: float, *actors: int, height_px: float = 80.0, visible: float = 1.0
+) -> CameraFrame:
     sightings = tuple(Sighting(actor, 60.0, height_px, visible, BOX) for actor in actors)
     return CameraFrame(number, "front", at_s(time_s), sightings)
 
 
-def detected(time_s: float, *labels: str, score: float = 0.9, box: tuple[float, float, float, float] = BOX) -> DetectionFrame:
-    return DetectionFrame(at_s(time_s), at_s(time_s + 0.1), tuple(Detection(label, score, box, "t1") for label in labels))
+def detected(
+    time_s: float, *labels: str, score: float = 0.9, box: tuple[float, float, float, float] = BOX
+) -> DetectionFrame:
+    return DetectionFrame(
+        at_s(time_s), at_s(time_s + 0.1), tuple(Detection(label, score, box, "t1") for label in labels)
+    )
 
 
 def records(spec: SimSpec, *, seconds: float = 20.0, extra: Sequence[Record] = ()) -> list[Record]:
@@ -215,34 +247,55 @@ def _records(spec: SimSpec, seconds: float) -> Iterator[Record]:
     yield text_record(0.0, SESSION_EVENTS, EventDocument(name="begun"))
     for state in link((0.0, True), (seconds * 0.4, False), (seconds * 0.6, True)):
         yield text_record(state.time.s, topics.operator_link, state.value)
-    yield text_record(seconds * 0.6, topics.orders, order(seconds * 0.6, "hold", issued_s=seconds * 0.5).value)
+    yield text_record(
+        seconds * 0.6, topics.orders, order(seconds * 0.6, "hold", issued_s=seconds * 0.5).value
+    )
     yield text_record(seconds * 0.6, topics.answers, answer(seconds * 0.6, "hold").value)
     for step in range(round(seconds * 10)):
         time_s = step / 10
         yield odometry(time_s, (time_s, 2.0 * time_s, 60.0), yaw_rad=np.pi / 2, forward_mps=3.0)
         yield estimate(time_s, (time_s + 0.5, 2.0 * time_s, 60.0))
-        yield Record(at_s(time_s), "/mavlink/onboard/to_agent", UInt8MultiArray.TYPE, encode(UInt8MultiArray(data=b"\xfd" * 90)))
+        yield Record(
+            at_s(time_s),
+            "/mavlink/onboard/to_agent",
+            UInt8MultiArray.TYPE,
+            encode(UInt8MultiArray(data=b"\xfd" * 90)),
+        )
         if step % 5 == 0:
             moved = starts + np.array([0.05 * step, 0.0, 0.0])
             stamp = Time.of(at_s(time_s).ns)
             yield Record(
-                at_s(time_s), TRUTH_ACTORS, "geometry_msgs/msg/PoseArray", encode_pose_array(stamp, "map", moved, facing)
+                at_s(time_s),
+                TRUTH_ACTORS,
+                "geometry_msgs/msg/PoseArray",
+                encode_pose_array(stamp, "map", moved, facing),
             )
         if step % 2 == 0:
             sighting = SightingDocument(actor=NEAR, range_m=61.5, height_px=20.25, visible=0.75, box=BOX)
-            yield text_record(time_s, TRUTH_VIEW, ViewDocument(frame=step // 2, camera="front", sightings=(sighting,)))
+            yield text_record(
+                time_s, TRUTH_VIEW, ViewDocument(frame=step // 2, camera="front", sightings=(sighting,))
+            )
             yield detections(time_s, topics.detections, "civilian", 0.75, BOX)
         if step % 10 == 0:
             yield text_record(time_s, TRUTH_VEHICLE, conditions((time_s, step < 20))[0].value)
             yield text_record(time_s, topics.tracks, tracks(time_s, ("civilian", 120.0, 100.0)).value)
-    yield text_record(seconds / 2, topics.reports, report(seconds / 2, "mobile_radar", 101.0, 99.0, mark=True).value)
+    yield text_record(
+        seconds / 2, topics.reports, report(seconds / 2, "mobile_radar", 101.0, 99.0, mark=True).value
+    )
 
 
 def odometry(
-    time_s: float, place: tuple[float, float, float], yaw_rad: float, forward_mps: float, pitch_rad: float = 0.0
+    time_s: float,
+    place: tuple[float, float, float],
+    yaw_rad: float,
+    forward_mps: float,
+    pitch_rad: float = 0.0,
 ) -> Record:
     """Truth of one moment; `pitch_rad` is nose down, about the axis to the left."""
-    yawed, pitched = (np.sin(yaw_rad / 2), np.cos(yaw_rad / 2)), (np.sin(pitch_rad / 2), np.cos(pitch_rad / 2))
+    yawed, pitched = (
+        (np.sin(yaw_rad / 2), np.cos(yaw_rad / 2)),
+        (np.sin(pitch_rad / 2), np.cos(pitch_rad / 2)),
+    )
     turn = Quaternion(
         float(-yawed[0] * pitched[0]),
         float(yawed[1] * pitched[0]),
@@ -260,15 +313,22 @@ def odometry(
 
 def estimate(time_s: float, place: tuple[float, float, float], vehicle: str = "vehicle_1") -> Record:
     """/tf of one beat: where the vehicle believes to be, its level frame beside it."""
-    header, transform = Header(Time.of(at_s(time_s).ns), "map"), Transform(Vector3(*place), Quaternion(0.0, 0.0, 0.0, 1.0))
+    header, transform = (
+        Header(Time.of(at_s(time_s).ns), "map"),
+        Transform(Vector3(*place), Quaternion(0.0, 0.0, 0.0, 1.0)),
+    )
     frames = (f"{vehicle}/base_link", f"{vehicle}/base_level")
     message = TFMessage(tuple(TransformStamped(header, frame, transform) for frame in frames))
     return Record(at_s(time_s), TF, TFMessage.TYPE, encode(message))
 
 
-def detections(exposed_s: float, topic: str, label: str, score: float, box: tuple[float, float, float, float]) -> Record:
+def detections(
+    exposed_s: float, topic: str, label: str, score: float, box: tuple[float, float, float, float]
+) -> Record:
     centre = Pose2D(Point2D((box[0] + box[2]) / 2, (box[1] + box[3]) / 2))
     result = ObjectHypothesisWithPose(ObjectHypothesis(label, score))
-    box_message = Detection2D(results=(result,), bbox=BoundingBox2D(centre, box[2] - box[0], box[3] - box[1]), id="t1")
+    box_message = Detection2D(
+        results=(result,), bbox=BoundingBox2D(centre, box[2] - box[0], box[3] - box[1]), id="t1"
+    )
     message = Detection2DArray(Header(Time.of(at_s(exposed_s).ns), "vehicle_1/front"), (box_message,))
     return Record(at_s(exposed_s + 0.1), topic, Detection2DArray.TYPE, encode(message))

@@ -20,14 +20,26 @@ def test_the_type_checker_sees_the_same_names() -> None:
     """The names under TYPE_CHECKING and those fetched at run time are one list."""
     tree = ast.parse(Path(bench.__file__ or "").read_text())
     guarded = next(node for node in tree.body if isinstance(node, ast.If))
-    declared = {alias.asname: node.module for node in guarded.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    declared = {
+        alias.asname: node.module
+        for node in guarded.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
     assert declared == bench._HOME
 
 
 def test_importing_the_face_imports_no_room() -> None:
     """`import bench` costs next to nothing: no simulator, no middleware."""
-    code = "import bench, sys; print([m for m in ('jsbsim', 'zenoh', 'numpy', 'pydantic') if m in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+    code = (
+        "import bench, sys; print([m for m in ('jsbsim', 'zenoh', 'numpy', 'pydantic') if m in sys.modules])"
+    )
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout.strip()
+        == "[]"
+    )
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:

@@ -1,9 +1,9 @@
 """A battery that empties by the power drawn.
 
-Power of a rotor by momentum theory (Leishman, Principles of Helicopter Aerodynamics, 2.2): P = T^1.5 / sqrt(2 rho A),
-divided by what rotor, motor and controller make of it together, plus the electronics. For the X500 (10 inch propellers,
-2.06 kg, sea level) hovering takes 178 W. Translational lift and descent are left out: forward flight is charged as hover
-at the same thrust, which overstates it by some ten per cent at 10 m/s.
+Power of a rotor by momentum theory (Leishman, Principles of Helicopter Aerodynamics, 2.2): P = T^1.5 / sqrt(2
+rho A), divided by what rotor, motor and controller make of it together, plus the electronics. For the X500
+(10 inch propellers, 2.06 kg, sea level) hovering takes 178 W. Translational lift and descent are left out:
+forward flight is charged as hover at the same thrust, which overstates it by some ten per cent at 10 m/s.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Geodesy: from degrees to metres around an origin or around home and back, fast enough for every step.
 
-The two radii of curvature of WGS84 at the origin, the parallel at the point's own latitude, and the parallel's bend
-away from the plane's east. Against the rigorous conversion of pymap3d a point 1 km away is off by less than 2 mm, 5 km
-away by less than 6 cm. Height stays height: the ground of the bench
-is flat and follows the ellipsoid, so `up` is height above the origin's ground everywhere.
+The two radii of curvature of WGS84 at the origin, the parallel at the point's own latitude, and the
+parallel's bend away from the plane's east. Against the rigorous conversion of pymap3d a point 1 km away is
+off by less than 2 mm, 5 km away by less than 6 cm. Height stays height: the ground of the bench is flat and
+follows the ellipsoid, so `up` is height above the origin's ground everywhere.
 """
 
 from __future__ import annotations
@@ -51,7 +51,9 @@ class TangentPlane:
 
 
 class LocalFrame:
-    """North and east metres around home, as flight controllers use them; the plane's own origin is the scene's."""
+    """North and east metres around home, as flight controllers use them; the plane's own origin is the
+    scene's.
+    """
 
     def __init__(self, plane: TangentPlane, home_east_m: float, home_north_m: float) -> None:
         self.home_east_m, self.home_north_m = home_east_m, home_north_m

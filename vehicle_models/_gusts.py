@@ -1,7 +1,8 @@
 """Seeded gusts: first-order Dryden turbulence at low altitude (MIL-F-8785C), over height above ground.
 
-JSBSim's own turbulence is not used: it scales with height above sea level and leaks when airspeed changes quickly.
-Each component is an exactly discretised Ornstein-Uhlenbeck process, so any change of airspeed or height is safe.
+JSBSim's own turbulence is not used: it scales with height above sea level and leaks when airspeed changes
+quickly. Each component is an exactly discretised Ornstein-Uhlenbeck process, so any change of airspeed or
+height is safe.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ def mean_wind_ned_mps(wind: Wind) -> Vector:
 class Gusts:
     """Gusts for one vehicle. Components along the mean wind, across it and down; `step_s` between two calls.
 
-    With W20 the wind at 20 ft and h the height in feet (at least 10 ft, at most 1000 ft):
-    sigma_w = 0.1 W20; sigma_u,v = sigma_w / (0.177 + 0.000823 h)^0.4; L_u,v = h / (0.177 + 0.000823 h)^1.2; L_w = h.
+    With W20 the wind at 20 ft and h the height in feet (at least 10 ft, at most 1000 ft): sigma_w = 0.1 W20;
+    sigma_u,v = sigma_w / (0.177 + 0.000823 h)^0.4; L_u,v = h / (0.177 + 0.000823 h)^1.2; L_w = h.
     """
 
     def __init__(self, wind: Wind, step_s: float, random: np.random.Generator) -> None:
@@ -44,7 +45,10 @@ class Gusts:
         return self._w20_mps == 0.0
 
     def step(self, height_m: float, airspeed_mps: float) -> Vector:
-        """The gust velocity over the next step, north, east, down, in m/s; taken at 0.5 m/s of airspeed at least."""
+        """The gust velocity over the next step, north, east, down, in m/s; taken at 0.5 m/s of airspeed at
+        least.
+        """
+
         # Drawing numbers in blocks is faster than one at a time.
         if not self._draws:
             self._draws = self._random.standard_normal((_BLOCK, 3)).tolist()

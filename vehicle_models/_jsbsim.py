@@ -47,7 +47,8 @@ class StartPose:
 
 @dataclass(slots=True)
 class VehicleMotion:
-    """Motion of the plant at one moment; ENU metres around the place's origin, attitude of body FRD against NED.
+    """Motion of the plant at one moment; ENU metres around the place's origin, attitude of body FRD against
+    NED.
 
     `up_m` is that of the feet: 0 on the ground.
     """
@@ -68,19 +69,30 @@ class VehicleMotion:
 
 
 class JsbsimPlant:
-    """The aircraft `name` standing at `place`, its centre of gravity `feet_m` high, advanced by `step_s` at a time.
+    """The aircraft `name` standing at `place`, its centre of gravity `feet_m` high, advanced by `step_s` at a
+    time.
 
-    `written` are the properties under `ap/` that the flight controller may set. Raises SetupError when the step is not a
-    whole number of physics steps.
+    `written` are the properties under `ap/` that the flight controller may set. Raises SetupError when the
+    step is not a whole number of physics steps.
     """
 
     def __init__(
-        self, name: str, place: StartPose, feet_m: float, written: Iterable[str], step_s: float, physics_hz: int = 200
+        self,
+        name: str,
+        place: StartPose,
+        feet_m: float,
+        written: Iterable[str],
+        step_s: float,
+        physics_hz: int = 200,
     ) -> None:
         self.runs = round(step_s * physics_hz)
         if self.runs < 1 or abs(self.runs - step_s * physics_hz) > 1e-9:
             raise SetupError(
-                Fault("controller_hz", f"{1 / step_s:g} Hz does not divide {physics_hz} Hz", "use 25, 50, 100 or 200")
+                Fault(
+                    "controller_hz",
+                    f"{1 / step_s:g} Hz does not divide {physics_hz} Hz",
+                    "use 25, 50, 100 or 200",
+                )
             )
         self._plane = TangentPlane(place.latitude_deg, place.longitude_deg)
         self._ground_m = place.altitude_m + feet_m
@@ -89,8 +101,12 @@ class JsbsimPlant:
         self._getters = [self.node(read).get_double_value for read in _READ]
         self._force = [self.node(f"accelerations/a-pilot-{axis}-ft_sec2").get_double_value for axis in "xyz"]
         self._setters = {target: self.node(f"ap/{target}").set_double_value for target in written}
-        self._wind = [self.node(f"atmosphere/wind-{axis}-fps").set_double_value for axis in ("north", "east", "down")]
-        self._gust = [self.node(f"atmosphere/gust-{axis}-fps").set_double_value for axis in ("north", "east", "down")]
+        self._wind = [
+            self.node(f"atmosphere/wind-{axis}-fps").set_double_value for axis in ("north", "east", "down")
+        ]
+        self._gust = [
+            self.node(f"atmosphere/gust-{axis}-fps").set_double_value for axis in ("north", "east", "down")
+        ]
         self.motion = VehicleMotion()
         self._read()
 
@@ -145,8 +161,14 @@ class JsbsimPlant:
             raise VehicleFault("the state of the flight dynamics is no longer finite")
 
 
-def _load(name: str, place: StartPose, plane: TangentPlane, feet_m: float, physics_hz: int) -> jsbsim.FGFDMExec:
-    """A fresh, silent JSBSim standing on the ground. Fresh, because a reset one does not repeat its first flight."""
+def _load(
+    name: str, place: StartPose, plane: TangentPlane, feet_m: float, physics_hz: int
+) -> jsbsim.FGFDMExec:
+    """A fresh, silent JSBSim standing on the ground.
+
+    Fresh, because a reset one does not repeat its first flight.
+    """
+
     # The logger holds for the present thread alone, so it is set for every aircraft.
     jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.FATAL))
     with ExitStack() as stack:
@@ -156,7 +178,9 @@ def _load(name: str, place: StartPose, plane: TangentPlane, feet_m: float, physi
         fdm.set_dt(1.0 / physics_hz)
         fdm.set_aircraft_path(".")
         if not fdm.load_model(name):
-            raise SetupError(Fault(f"{name}.xml", "JSBSim does not take the aircraft", "reinstall the package"))
+            raise SetupError(
+                Fault(f"{name}.xml", "JSBSim does not take the aircraft", "reinstall the package")
+            )
     fdm.disable_output()
     # Nothing here draws random numbers from JSBSim, but without a seed it reads the host's clock.
     fdm["simulation/randomseed"] = 1

@@ -1,18 +1,18 @@
 """The position that the vehicle estimates: the truth plus the error of its satellite navigation.
 
-Horizontally a second-order Gauss-Markov wander (stationary from the start: the receiver has been on for a while) with
-white noise on every fix; vertically white noise alone, since height is held by the barometer. It is of second
-order because the errors of a receiver (ionosphere, multipath) have a rate: a first-order process is rough, and a vehicle
-that follows it shakes. The estimate follows the fixes through a first-order filter, as an estimator would. Velocity and
-attitude are taken as exact.
+Horizontally a second-order Gauss-Markov wander (stationary from the start: the receiver has been on for a
+while) with white noise on every fix; vertically white noise alone, since height is held by the barometer. It
+is of second order because the errors of a receiver (ionosphere, multipath) have a rate: a first-order process
+is rough, and a vehicle that follows it shakes. The estimate follows the fixes through a first-order filter,
+as an estimator would. Velocity and attitude are taken as exact.
 
 Source of the process: Gelb (ed.), "Applied Optimal Estimation" (1974), section 2.2: critically damped, with
 correlation exp(-b t) (1 + b t), which falls to 1/e at `wander_time_s` for b = 2.146 / wander_time_s.
 
-Without fixes the vehicle uses dead reckoning by its accelerometers alone: their bias, drawn when the fixes end (0.03 m/s2 on each
-horizontal axis, a consumer sensor after calibration), makes the velocity wrong by bias times time and the position by
-half the bias times time squared. Height is still the barometer's. When fixes return, the estimate follows them as before
-and velocity is exact.
+Without fixes the vehicle uses dead reckoning by its accelerometers alone: their bias, drawn when the fixes
+end (0.03 m/s2 on each horizontal axis, a consumer sensor after calibration), makes the velocity wrong by bias
+times time and the position by half the bias times time squared. Height is still the barometer's. When fixes
+return, the estimate follows them as before and velocity is exact.
 """
 
 from __future__ import annotations
@@ -36,7 +36,10 @@ _DECAY = 2.1461932
 
 
 class Navigation:
-    """The position error of one vehicle, in ENU metres. `wander_m` and `noise_m` are standard deviations of each axis."""
+    """The position error of one vehicle, in ENU metres.
+
+    `wander_m` and `noise_m` are standard deviations of each axis.
+    """
 
     def __init__(self, gps: Gps, step_s: float, random: np.random.Generator) -> None:
         self._gps = gps
@@ -86,7 +89,12 @@ class Navigation:
         self.error_enu_m = (e + share * (fe - e), n + share * (fn - n), u + share * (fu - u))
 
     def _dead_reckon(self) -> None:
-        (e, n, u), (ve, vn), (ae, an), span = self.error_enu_m, self.velocity_error_en_mps, self._bias_en_mps2, self._step_s
+        (e, n, u), (ve, vn), (ae, an), span = (
+            self.error_enu_m,
+            self.velocity_error_en_mps,
+            self._bias_en_mps2,
+            self._step_s,
+        )
         self.velocity_error_en_mps = (ve, vn) = (ve + ae * span, vn + an * span)
         self.error_enu_m = (e + ve * span, n + vn * span, u)
 
@@ -114,7 +122,9 @@ class Navigation:
 
 @dataclass(frozen=True, slots=True)
 class _Wander:
-    """One axis of the wander, exactly discretised: state (error, rate), transition row by row, and the Cholesky factor of its noise."""
+    """One axis of the wander, exactly discretised: state (error, rate), transition row by row, and the
+    Cholesky factor of its noise.
+    """
 
     transition: tuple[float, float, float, float]
     noise: tuple[float, float, float]
@@ -129,11 +139,16 @@ class _Wander:
         # NumPy's Cholesky is not used: the matrix is singular without a wander, and nearly so for a slow one.
         rate = math.sqrt(max(q[1, 1], 0.0))
         cross = float(q[0, 1] / rate) if rate else 0.0
-        return cls((*m[0].tolist(), *m[1].tolist()), (math.sqrt(max(q[0, 0] - cross * cross, 0.0)), cross, rate))
+        return cls(
+            (*m[0].tolist(), *m[1].tolist()), (math.sqrt(max(q[0, 0] - cross * cross, 0.0)), cross, rate)
+        )
 
     def step(self, state: tuple[float, float], first: float, second: float) -> tuple[float, float]:
         """The state one fix later, for two standard normal draws."""
         error, rate = state
         a, b, c, d = self.transition
         of_error, cross, of_rate = self.noise
-        return a * error + b * rate + of_error * first + cross * second, c * error + d * rate + of_rate * second
+        return (
+            a * error + b * rate + of_error * first + cross * second,
+            c * error + d * rate + of_rate * second,
+        )

@@ -57,7 +57,11 @@ _TOUCH_M = 0.02
 
 @contextmanager
 def open_x500(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[X500]:
-    """Yield an X500 standing at home, its links open. Raises SetupError for a link that cannot be opened or an unknown parameter."""
+    """Yield an X500 standing at home, its links open.
+
+    Raises SetupError for a link that cannot be opened or an unknown parameter.
+    """
+
     with open_links(plan.links) as links:
         yield X500(plan, links, tap)
 
@@ -86,7 +90,9 @@ class SteeredAirframe(Airframe, Protocol):
 
 
 class X500Airframe:
-    """The airframe as its flight controller sees it: targets by the vehicle's own estimate, heading turned no faster than 1 rad/s."""
+    """The airframe as its flight controller sees it: targets by the vehicle's own estimate, heading turned no
+    faster than 1 rad/s.
+    """
 
     def __init__(self, plant: X500Plant, frame: LocalFrame, step_s: float) -> None:
         self._plant = plant
@@ -111,7 +117,10 @@ class X500Airframe:
         self._yaw_rad = self._plant.motion.yaw_rad
 
     def fly(self, target: FlightTarget) -> None:
-        """Steer the true position beside the target by the error of the estimate, so that the estimate meets the target."""
+        """Steer the true position beside the target by the error of the estimate, so that the estimate meets
+        the target.
+        """
+
         # Most steps repeat the target; comparing is cheaper than writing some twenty properties.
         if target is not self._target and target != self._target:
             self._write_constant(target)
@@ -191,7 +200,8 @@ class X500Airframe:
 class Aircraft(ABC):
     """A `Vehicle`: JSBSim flies, gusts blow, the battery empties, the flight controller talks MAVLink.
 
-    Each kind of aircraft defines its plant, what steers it, which autopilots it can carry, and what it does not survive.
+    Each kind of aircraft defines its plant, what steers it, which autopilots it can carry, and what it does
+    not survive.
     """
 
     autopilots: ClassVar[Mapping[str, Autopilot]] = AUTOPILOTS
@@ -292,7 +302,10 @@ class Aircraft(ABC):
         )
 
     def commands(self) -> frozenset[int]:
-        """Numbers of the MAVLink commands that the flight controller carries out, with the equipment of this vehicle."""
+        """Numbers of the MAVLink commands that the flight controller carries out, with the equipment of this
+        vehicle.
+        """
+
         return self._controller.commands()
 
     def changed_parameters(self) -> Mapping[str, float]:
@@ -328,7 +341,10 @@ class Aircraft(ABC):
         )
 
     def _restart(self) -> None:
-        """Start a new flight controller on the same aircraft and the same links; messages that wait are lost."""
+        """Start a new flight controller on the same aircraft and the same links; messages that wait are
+        lost.
+        """
+
         persistent, crashed = self._controller.persistent_state(), self._flight.crashed
         self._airframe.disarm()
         for link in self._links:
@@ -356,7 +372,10 @@ class Aircraft(ABC):
         altitude_mm = round((motion.up_m + self._ground_m) * 1000.0)
         speeds = (round(axis * 100.0) for axis in (motion.vn_mps, motion.ve_mps, motion.vd_mps))
         airspeed = min(round(motion.airspeed_mps * 100.0), 65535)
-        forces = (round(min(max(axis / 9.80665 * 1000.0, -32768.0), 32767.0)) for axis in self._plant.specific_force_mps2())
+        forces = (
+            round(min(max(axis / 9.80665 * 1000.0, -32768.0), 32767.0))
+            for axis in self._plant.specific_force_mps2()
+        )
         attitude = attitude_quaternion(motion.roll_rad, motion.pitch_rad, motion.yaw_rad)
         rates = (motion.p_radps, motion.q_radps, motion.r_radps)
         head = (self._flight.time_us, *attitude, *rates, latitude_e7, longitude_e7, altitude_mm)
@@ -382,14 +401,18 @@ class Aircraft(ABC):
 
     @abstractmethod
     def _crashed(self, speed_before_mps: float) -> bool:
-        """Whether the last step was more than the airframe bears; `speed_before_mps` is the speed before it."""
+        """Whether the last step was more than the airframe bears; `speed_before_mps` is the speed before
+        it.
+        """
 
     def _find_autopilot(self, name: str) -> Autopilot:
         try:
             return self.autopilots[name]
         except KeyError:
             known = ", ".join(self.autopilots)
-            raise SetupError(Fault("vehicle.autopilot", f"this aircraft does not carry {name!r}", f"use {known}")) from None
+            raise SetupError(
+                Fault("vehicle.autopilot", f"this aircraft does not carry {name!r}", f"use {known}")
+            ) from None
 
     def _sense(self) -> None:
         """Write estimate and sensor readings into the state that the services read."""
@@ -400,7 +423,11 @@ class Aircraft(ABC):
         flight.time_ns = self.time.ns - self._booted_ns
         if self._navigation.off == flight.gps_ok:
             flight.gps_lost_ns = flight.time_ns if self._navigation.off else None
-        flight.east_m, flight.north_m, flight.down_m = east - frame.home_east_m, north - frame.home_north_m, -up
+        flight.east_m, flight.north_m, flight.down_m = (
+            east - frame.home_east_m,
+            north - frame.home_north_m,
+            -up,
+        )
         flight.latitude_e7, flight.longitude_e7 = self._plane.geodetic_e7(east, north)
         flight.altitude_m = up + self._ground_m
         if flight.gps_epoch != self._navigation.fixes:
@@ -409,8 +436,16 @@ class Aircraft(ABC):
             flight.fix_e7 = self._plane.geodetic_e7(motion.east_m + fix[0], motion.north_m + fix[1])
             flight.fix_altitude_m = motion.up_m + fix[2] + self._ground_m
         error_ve, error_vn = self._navigation.velocity_error_en_mps
-        flight.vn_mps, flight.ve_mps, flight.vd_mps = motion.vn_mps + error_vn, motion.ve_mps + error_ve, motion.vd_mps
-        flight.roll_rad, flight.pitch_rad, flight.yaw_rad = motion.roll_rad, motion.pitch_rad, _signed_heading(motion.yaw_rad)
+        flight.vn_mps, flight.ve_mps, flight.vd_mps = (
+            motion.vn_mps + error_vn,
+            motion.ve_mps + error_ve,
+            motion.vd_mps,
+        )
+        flight.roll_rad, flight.pitch_rad, flight.yaw_rad = (
+            motion.roll_rad,
+            motion.pitch_rad,
+            _signed_heading(motion.yaw_rad),
+        )
         flight.p_radps, flight.q_radps, flight.r_radps = motion.p_radps, motion.q_radps, motion.r_radps
         flight.airspeed_mps = motion.airspeed_mps
         flight.on_ground = motion.up_m < _TOUCH_M
@@ -418,12 +453,18 @@ class Aircraft(ABC):
         flight.charge_fraction, flight.battery_used_wh = battery.fraction, battery.used_wh
         flight.battery_v, flight.battery_a = battery.terminals()
 
-    def _vehicle_state(self, error: Vector, velocity_error_en_mps: tuple[float, float] = (0.0, 0.0)) -> VehicleState:
+    def _vehicle_state(
+        self, error: Vector, velocity_error_en_mps: tuple[float, float] = (0.0, 0.0)
+    ) -> VehicleState:
         motion: VehicleMotion = self._plant.motion
         return VehicleState(
             time=self.time,
             position_enu_m=(motion.east_m + error[0], motion.north_m + error[1], motion.up_m + error[2]),
-            velocity_enu_mps=(motion.ve_mps + velocity_error_en_mps[0], motion.vn_mps + velocity_error_en_mps[1], -motion.vd_mps),
+            velocity_enu_mps=(
+                motion.ve_mps + velocity_error_en_mps[0],
+                motion.vn_mps + velocity_error_en_mps[1],
+                -motion.vd_mps,
+            ),
             roll_rad=motion.roll_rad,
             pitch_rad=motion.pitch_rad,
             yaw_rad=_signed_heading(motion.yaw_rad),

@@ -23,7 +23,11 @@ _CRASH_TILT_RAD = math.radians(50.0)
 
 @contextmanager
 def open_wing(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[Wing]:
-    """Yield a fixed wing on its belly at home, its links open. Raises SetupError for a link that cannot be opened or an unknown parameter."""
+    """Yield a fixed wing on its belly at home, its links open.
+
+    Raises SetupError for a link that cannot be opened or an unknown parameter.
+    """
+
     with open_links(plan.links) as links:
         yield Wing(plan, links, tap)
 
@@ -45,11 +49,16 @@ class Wing(Aircraft):
         battery.spend(self._wing.electric_w(), self.step_s)
 
     def _crashed(self, speed_before_mps: float) -> bool:
-        """Hitting the ground at more than 2.5 m/s of sink or 18 m/s of speed, or lying on its side or nose near it."""
+        """Hitting the ground at more than 2.5 m/s of sink or 18 m/s of speed, or lying on its side or nose
+        near it.
+        """
+
         motion, sinking = self._wing.motion, self._sinking_mps
         self._sinking_mps = motion.vd_mps
         if motion.up_m > _NEAR_GROUND_M:
             return False
         if max(abs(motion.roll_rad), abs(motion.pitch_rad)) > _CRASH_TILT_RAD:
             return True
-        return motion.up_m < _TOUCH_M and (sinking > _CRASH_SINK_MPS or (sinking > 0.3 and speed_before_mps > _CRASH_MPS))
+        return motion.up_m < _TOUCH_M and (
+            sinking > _CRASH_SINK_MPS or (sinking > 0.3 and speed_before_mps > _CRASH_MPS)
+        )

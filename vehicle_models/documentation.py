@@ -1,6 +1,8 @@
-"""The tables of commands and parameters in docs/, written from the code: `python -m vehicle_models.documentation`.
+"""The tables of commands and parameters in docs/, written from the code: `python -m
+vehicle_models.documentation`.
 
-docs/flight-controller.md has one pair of markers, docs/parameters.md one for each table. The text between them is replaced.
+docs/flight-controller.md has one pair of markers, docs/parameters.md one for each table. The text between
+them is replaced.
 """
 
 from __future__ import annotations
@@ -36,7 +38,8 @@ NOT_SHOWN = "not shown"
 """In the last column of a parameter that no test proves."""
 
 _PARAMETER_ROW = re.compile(r"\| `(\w+)` \| .* \| (\S+|not shown) \|")
-# Values of every parameter of a command with which its answer is tried. Policies compare with 0 and 1 (off, on) and with
+# Values of every parameter of a command with which its answer is tried. Policies compare with 0 and 1 (off,
+# on) and with
 # kinds of calibration (1, 2, 4); 1 is a servo channel in use and 5 a free one.
 _TRIED_VALUES = (0.0, 1.0, 2.0, 4.0, 5.0)
 
@@ -56,13 +59,19 @@ def command_table() -> str:
 
 def _commands_carried_out(autopilot: str) -> tuple[frozenset[int], frozenset[int]]:
     """The commands that a multicopter carries out without a gimbal, and with one."""
-    without, with_gimbal = (_built_commands(autopilot, vehicle) for vehicle in ({}, {"camera": {"gimbal": True}}))
+    without, with_gimbal = (
+        _built_commands(autopilot, vehicle) for vehicle in ({}, {"camera": {"gimbal": True}})
+    )
     return without, with_gimbal
 
 
 def _built_commands(autopilot: str, vehicle: Mapping[str, object]) -> frozenset[int]:
     corners = [{"east_m": 0, "north_m": 0}, {"east_m": 9, "north_m": 0}, {"east_m": 9, "north_m": 9}]
-    document = {"name": "documentation", "world": {"area": {"corners": corners}}, "vehicle": {"autopilot": autopilot, **vehicle}}
+    document = {
+        "name": "documentation",
+        "world": {"area": {"corners": corners}},
+        "vehicle": {"autopilot": autopilot, **vehicle},
+    }
     with open_x500(VehiclePlan(SimSpec.model_validate(document), ())) as opened:
         return opened.commands()
 
@@ -83,10 +92,15 @@ def _command_cells(
 
 
 def _result_without_effect(autopilot: Autopilot, number: MAV_CMD, sender: MessageSender) -> str | None:
-    """What the policy answers to a command that no service carries out; None when it does not know the command."""
+    """What the policy answers to a command that no service carries out; None when it does not know the
+    command.
+    """
+
     policy, results = autopilot.commands, set[str]()
     for value, armed in itertools.product(_TRIED_VALUES, (False, True)):
-        flight = FlightState(step_s=0.02, origin=ReferencePoint(0, 0, 0.0), mode=autopilot.modes.initial, armed=armed)
+        flight = FlightState(
+            step_s=0.02, origin=ReferencePoint(0, 0, 0.0), mode=autopilot.modes.initial, armed=armed
+        )
         answer = policy.answer(flight, Command(number, (value,) * 7, None, sender))
         if answer:
             results.add(" then ".join(result.name for result in answer.first_time or answer.results))
@@ -103,13 +117,25 @@ def _result_without_effect(autopilot: Autopilot, number: MAV_CMD, sender: Messag
 
 
 def parameter_table(section: str, page: str) -> str:
-    """A row for each parameter that the code reads. The last column is written by hand and taken from `page`."""
-    shown_by = {row[1]: row[2] for row in map(_PARAMETER_ROW.fullmatch, _section_of(page, section).splitlines()) if row}
+    """A row for each parameter that the code reads.
+
+    The last column is written by hand and taken from `page`.
+    """
+
+    shown_by = {
+        row[1]: row[2]
+        for row in map(_PARAMETER_ROW.fullmatch, _section_of(page, section).splitlines())
+        if row
+    }
     lines = ["| parameter | default | what it is | shown by |", "| --- | --- | --- | --- |"]
-    definitions = {parameter.name: parameter for parameter in PARAMETER_SECTIONS[section].parameters.definitions}
+    definitions = {
+        parameter.name: parameter for parameter in PARAMETER_SECTIONS[section].parameters.definitions
+    }
     for name in sorted(parameters_read()[section]):
         parameter = definitions[name]
-        lines.append(f"| `{name}` | {parameter.default:g} | {_explained(parameter)} | {shown_by.get(name, NOT_SHOWN)} |")
+        lines.append(
+            f"| `{name}` | {parameter.default:g} | {_explained(parameter)} | {shown_by.get(name, NOT_SHOWN)} |"
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -117,7 +143,8 @@ def parameters_read() -> dict[str, set[str]]:
     """Names of the parameters that the code looks up, by section of the page."""
     names_by_section: dict[str, set[str]] = {name: set() for name in PARAMETER_SECTIONS}
     known = {
-        name: {parameter.name for parameter in autopilot.parameters.definitions} for name, autopilot in PARAMETER_SECTIONS.items()
+        name: {parameter.name for parameter in autopilot.parameters.definitions}
+        for name, autopilot in PARAMETER_SECTIONS.items()
     }
     for path in Path(__file__).parent.rglob("*.py"):
         looked_up = _constant_subscripts(path)
@@ -126,11 +153,17 @@ def parameters_read() -> dict[str, set[str]]:
             continue
         for name in AUTOPILOTS:
             # What neither autopilot's folder holds is read for both.
-            if path.parent.name == name or not set(AUTOPILOTS) & set(path.relative_to(Path(__file__).parent).parts):
+            if path.parent.name == name or not set(AUTOPILOTS) & set(
+                path.relative_to(Path(__file__).parent).parts
+            ):
                 names_by_section[name] |= looked_up & known[name]
     for name, autopilot in AUTOPILOTS.items():
         # The policies name these, and services look them up by that name.
-        named = (autopilot.parameters.system_id, autopilot.safety.failure_parameter, autopilot.safety.fence.enable_parameter)
+        named = (
+            autopilot.parameters.system_id,
+            autopilot.safety.failure_parameter,
+            autopilot.safety.fence.enable_parameter,
+        )
         names_by_section[name] |= {parameter for parameter in named if parameter}
         names_by_section[name] |= {f"SR0_{suffix}" for suffix in autopilot.telemetry.stream_parameters}
     return names_by_section
@@ -141,7 +174,9 @@ def _constant_subscripts(path: Path) -> set[str]:
     return {
         node.slice.value
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant) and isinstance(node.slice.value, str)
+        if isinstance(node, ast.Subscript)
+        and isinstance(node.slice, ast.Constant)
+        and isinstance(node.slice.value, str)
     }
 
 
@@ -184,11 +219,22 @@ def _opening(name: str) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Write the tables, or with `--check` only say whether the pages are up to date. Returns the exit status."""
-    parser = argparse.ArgumentParser(description="Write the tables of commands and parameters in docs/ from the code.")
-    parser.add_argument("--check", action="store_true", help="change nothing; exit with 1 when a page is out of date")
+    """Write the tables, or with `--check` only say whether the pages are up to date.
+
+    Returns the exit status.
+    """
+
+    parser = argparse.ArgumentParser(
+        description="Write the tables of commands and parameters in docs/ from the code."
+    )
+    parser.add_argument(
+        "--check", action="store_true", help="change nothing; exit with 1 when a page is out of date"
+    )
     check = parser.parse_args(arguments).check
-    updates: dict[Path, Callable[[str], str]] = {COMMANDS_PAGE: with_commands, PARAMETERS_PAGE: with_parameters}
+    updates: dict[Path, Callable[[str], str]] = {
+        COMMANDS_PAGE: with_commands,
+        PARAMETERS_PAGE: with_parameters,
+    }
     out_of_date = False
     for path, update in updates.items():
         page = path.read_text(encoding="utf-8")

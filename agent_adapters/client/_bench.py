@@ -1,4 +1,6 @@
-"""The air network as an agent meets it: subscriptions, publishers, MAVLink links, and the moments at which it acts."""
+"""The air network as an agent meets it: subscriptions, publishers, MAVLink links, and the moments at which it
+acts.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ if TYPE_CHECKING:
 
 # Host time for what a tick states to come in. Chosen, not measured.
 ARRIVAL_S = 10.0
-# Host time without a clock, in the realtime pace, after which the session is taken for gone. Chosen, not measured.
+# Host time without a clock, in the realtime pace, after which the session is taken for gone. Chosen, not
+# measured.
 SILENCE_S = 30.0
 
 
@@ -38,7 +41,9 @@ class Wanted:
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """What had come by one simulated moment: samples by name of topic and then in order, MAVLink frames by link in order."""
+    """What had come by one simulated moment: samples by name of topic and then in order, MAVLink frames by
+    link in order.
+    """
 
     time: SimTime
     samples: tuple[Sample, ...]
@@ -49,7 +54,11 @@ class Bench:
     """An open connection to the air network. Made by `open_bench`."""
 
     def __init__(
-        self, environment: AgentEnvironment, node: RosNode | None, links: Mapping[str, MavlinkLink], wanted: Sequence[Wanted]
+        self,
+        environment: AgentEnvironment,
+        node: RosNode | None,
+        links: Mapping[str, MavlinkLink],
+        wanted: Sequence[Wanted],
     ) -> None:
         self.environment = environment
         self.links = links
@@ -60,7 +69,13 @@ class Bench:
         # Sorted, because the order of subscriptions is the order of the samples in a Moment.
         for topic_wanted in sorted(wanted, key=lambda topic_wanted: topic_wanted.topic):
             if node is None:
-                raise SetupError(Fault("REBAR_ZENOH", "is not set, but this agent subscribes", "set zenoh: true in its manifest"))
+                raise SetupError(
+                    Fault(
+                        "REBAR_ZENOH",
+                        "is not set, but this agent subscribes",
+                        "set zenoh: true in its manifest",
+                    )
+                )
             self._subscriptions[topic_wanted.topic] = node.subscribe(
                 topic_wanted.topic, topic_wanted.kind, latched=topic_wanted.latched, depth=topic_wanted.depth
             )
@@ -68,24 +83,31 @@ class Bench:
     def publish(self, topic: str, document: str) -> None:
         """Publish a JSON document as std_msgs/String."""
         if self._node is None:
-            raise SetupError(Fault("REBAR_ZENOH", "is not set, but this agent publishes", "set zenoh: true in its manifest"))
+            raise SetupError(
+                Fault(
+                    "REBAR_ZENOH", "is not set, but this agent publishes", "set zenoh: true in its manifest"
+                )
+            )
         if topic not in self._publishers:
             self._publishers[topic] = self._node.publisher(topic, String)
         self._publishers[topic].put(String(document))
 
     def moments(self, name: str, tick_s: float = 0.1) -> Iterator[Moment]:
-        """The moments at which to act, until the session ends; going on to the next says that this one is dealt with.
+        """The moments at which to act, until the session ends; going on to the next says that this one is
+        dealt with.
 
-        In lockstep one for each tick, holding exactly what the bench says it sent. In the realtime pace one every `tick_s`
-        seconds with what has come, timed by /clock (which must be among the subscriptions). Raises LinkLost when the bench
-        falls silent or what it stated never arrives.
+        In lockstep one for each tick, holding exactly what the bench says it sent. In the realtime pace one
+        every `tick_s` seconds with what has come, timed by /clock (which must be among the subscriptions).
+        Raises LinkLost when the bench falls silent or what it stated never arrives.
         """
+
         address = self.environment.tick
         return self._by_ticks(name, address) if address is not None else self._by_clock(tick_s)
 
     def _by_ticks(self, name: str, address: tuple[str, int]) -> Iterator[Moment]:
         with open_tick_line(address) as line:
-            # Only now, when links are bound and topics subscribed: the bench starts to publish after the hello.
+            # Only now, when links are bound and topics subscribed: the bench starts to publish after the
+            # hello.
             line.hello(name, tuple(self._subscriptions))
             while True:
                 message = line.next()
@@ -110,7 +132,9 @@ class Bench:
 
     def _by_clock(self, tick_s: float) -> Iterator[Moment]:
         if CLOCK not in self._subscriptions:
-            raise SetupError(Fault(CLOCK, "is not among the subscriptions", "the realtime pace takes its time from it"))
+            raise SetupError(
+                Fault(CLOCK, "is not among the subscriptions", "the realtime pace takes its time from it")
+            )
         due = advanced = time.monotonic()
         last = SimTime(-1)
         while True:
@@ -129,7 +153,9 @@ class Bench:
                 raise LinkLost(f"{CLOCK} has been silent for {SILENCE_S:g} s")
 
     def _gather(self, now: SimTime) -> Moment:
-        samples = tuple(sample for subscription in self._subscriptions.values() for sample in subscription.take())
+        samples = tuple(
+            sample for subscription in self._subscriptions.values() for sample in subscription.take()
+        )
         return Moment(now, samples, {name: tuple(link.take()) for name, link in self.links.items()})
 
 
@@ -146,7 +172,10 @@ def open_bench(name: str, environment: AgentEnvironment, wanted: Sequence[Wanted
     `name` names the agent's node in the graph. Raises LinkLost when something does not answer.
     """
     with ExitStack() as stack:
-        links = {link: stack.enter_context(open_link(link, text)) for link, text in sorted(environment.mavlink.items())}
+        links = {
+            link: stack.enter_context(open_link(link, text))
+            for link, text in sorted(environment.mavlink.items())
+        }
         node = stack.enter_context(open_client(_access(environment), name)) if environment.zenoh else None
         yield Bench(environment, node, links, wanted)
 

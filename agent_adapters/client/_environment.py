@@ -13,7 +13,10 @@ Option = str | float | int | bool
 
 @dataclass(frozen=True, slots=True)
 class AgentEnvironment:
-    """The REBAR_* variables, parsed. `tick` is None in the realtime pace; `zenoh` is None for a MAVLink-only agent."""
+    """The REBAR_* variables, parsed.
+
+    `tick` is None in the realtime pace; `zenoh` is None for a MAVLink-only agent.
+    """
 
     vehicle: str
     mavlink: Mapping[str, str]
@@ -26,14 +29,18 @@ class AgentEnvironment:
     seed: int
 
 
-def read_environment(variables: Mapping[str, str], links: Mapping[str, str] | None = None) -> AgentEnvironment:
+def read_environment(
+    variables: Mapping[str, str], links: Mapping[str, str] | None = None
+) -> AgentEnvironment:
     """Parse the environment; `links` maps link names to the variables that hold their connection strings.
 
     Raises SetupError with every variable that is missing or cannot be read.
     """
     links = {"onboard": "REBAR_MAVLINK"} if links is None else links
     faults = [
-        Fault(name, "is not set", "start this program through the bench, or set the variables of docs/agents.md")
+        Fault(
+            name, "is not set", "start this program through the bench, or set the variables of docs/agents.md"
+        )
         for name in ("REBAR_VEHICLE", *links.values())
         if not variables.get(name)
     ]

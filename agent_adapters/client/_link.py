@@ -1,7 +1,7 @@
 """One MAVLink link, counted in whole messages so that lockstep can be exact.
 
-Frames are cut by their headers and counted; only those that somebody asks for are decoded, because most of what an
-autopilot streams by default is nothing to a given agent.
+Frames are cut by their headers and counted; only those that somebody asks for are decoded, because most of
+what an autopilot streams by default is nothing to a given agent.
 """
 
 from __future__ import annotations
@@ -60,7 +60,9 @@ class MavlinkLink:
         while self.received < received:
             left_s = deadline - time.monotonic()
             if left_s <= 0.0:
-                raise LinkLost(f"MAVLink link {self.name}: {self.received} of {received} messages came in {timeout_s:g} s")
+                raise LinkLost(
+                    f"MAVLink link {self.name}: {self.received} of {received} messages came in {timeout_s:g} s"
+                )
             self._take_in(left_s)
 
     def poll(self) -> None:
@@ -91,7 +93,10 @@ class MavlinkLink:
 
 
 def _cut(data: bytes, frames: list[MavlinkFrame]) -> tuple[bytes, int]:
-    """Append the whole frames of `data` to `frames`; the unfinished rest, and how many bytes belonged to none."""
+    """Append the whole frames of `data` to `frames`; the unfinished rest, and how many bytes belonged to
+    none.
+    """
+
     at = garbage = 0
     end = len(data)
     while end - at >= 8:
@@ -177,10 +182,12 @@ class _Stream:
 
 @contextmanager
 def open_link(name: str, connection: str, timeout_s: float = TIMEOUT_S) -> Iterator[MavlinkLink]:
-    """A link from a connection string as pymavlink takes it: `udpin:HOST:PORT`, `udpout:HOST:PORT` or `tcp:HOST:PORT`.
+    """A link from a connection string as pymavlink takes it: `udpin:HOST:PORT`, `udpout:HOST:PORT` or
+    `tcp:HOST:PORT`.
 
     Raises SetupError for any other string, LinkLost when a TCP connection cannot be made.
     """
+
     kind, _, rest = connection.partition(":")
     host, _, port = rest.rpartition(":")
     if kind not in ("udpin", "udp", "udpout", "tcp") or not host or not port.isdigit():
@@ -192,7 +199,11 @@ def open_link(name: str, connection: str, timeout_s: float = TIMEOUT_S) -> Itera
             )
         )
     with _open_socket(kind, (host, int(port)), timeout_s) as link_socket:
-        wire = _Stream(link_socket) if kind == "tcp" else _Datagrams(link_socket, (host, int(port)) if kind == "udpout" else None)
+        wire = (
+            _Stream(link_socket)
+            if kind == "tcp"
+            else _Datagrams(link_socket, (host, int(port)) if kind == "udpout" else None)
+        )
         yield MavlinkLink(name, wire)
 
 

@@ -1,8 +1,9 @@
 """The agent's half of the lockstep protocol, one JSON object a line; docs/time.md describes it.
 
-The bench's half (bench/contracts/_tick.py) is made of pydantic documents, because it must refuse whatever an agent may send.
-Importing pydantic costs three times as much CPU as the rest of this client, so the agent's half is written out by hand,
-as an agent in any other language has to. A test holds the two halves against each other.
+The bench's half (bench/contracts/_tick.py) is made of pydantic documents, because it must refuse whatever an
+agent may send. Importing pydantic costs three times as much CPU as the rest of this client, so the agent's
+half is written out by hand, as an agent in any other language has to. A test holds the two halves against
+each other.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ MAX_COUNT = 2**53
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """Time is now `time_ns`; `topics` and `links` count what the bench has sent to the agent since the start."""
+    """Time is now `time_ns`; `topics` and `links` count what the bench has sent to the agent since the
+    start.
+    """
 
     number: int
     time_ns: int
@@ -46,7 +49,11 @@ def read_line(line: bytes) -> Tick | End | None:
     fields = {name: value for name, value in message.items() if name != "kind"}
     if message.get("kind") == "tick":
         return _tick(fields)
-    if message.get("kind") == "end" and fields.keys() <= {"reason"} and isinstance(fields.get("reason", ""), str):
+    if (
+        message.get("kind") == "end"
+        and fields.keys() <= {"reason"}
+        and isinstance(fields.get("reason", ""), str)
+    ):
         return End(**fields)
     return None
 
@@ -70,7 +77,11 @@ def _tick(fields: Mapping[str, object]) -> Tick | None:
         or not isinstance(links, dict)
     ):
         return None
-    if not _is_count(number) or not _is_count(time_ns) or not all(map(_is_count, [*topics.values(), *links.values()])):
+    if (
+        not _is_count(number)
+        or not _is_count(time_ns)
+        or not all(map(_is_count, [*topics.values(), *links.values()]))
+    ):
         return None
     assert isinstance(number, int)
     assert isinstance(time_ns, int)

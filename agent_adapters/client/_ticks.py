@@ -29,11 +29,14 @@ class TickLine:
     def next(self) -> Tick | End:
         """Wait for the bench. A line that is not of the protocol is counted and passed over.
 
-        Raises LinkLost when the bench closes without an End, or says nothing for `SILENCE_S` seconds of host time.
+        Raises LinkLost when the bench closes without an End, or says nothing for `SILENCE_S` seconds of host
+        time.
         """
+
         while True:
             try:
-                # One byte more than allowed, so that a line that is too long can be told from one that just fits.
+                # One byte more than allowed, so that a line that is too long can be told from one that just
+                # fits.
                 line = self._lines.readline(MAX_LINE_BYTES + 1)
             except OSError as error:
                 raise LinkLost(f"the session's clock is gone: {error}") from error
@@ -64,7 +67,9 @@ def open_tick_line(address: tuple[str, int], timeout_s: float = 10.0) -> Iterato
     try:
         connection = socket.create_connection(address, timeout_s)
     except OSError as error:
-        raise LinkLost(f"the session's clock at {address[0]}:{address[1]} does not answer: {error}") from error
+        raise LinkLost(
+            f"the session's clock at {address[0]}:{address[1]} does not answer: {error}"
+        ) from error
     with connection:
         # A tick and its acknowledgement are one small packet each; Nagle's algorithm would delay every round.
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

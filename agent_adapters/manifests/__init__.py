@@ -1,4 +1,6 @@
-"""Where the manifests of the reference agents lie; the entry points of group `rebar.agents` name these functions."""
+"""Where the manifests of the reference agents lie; the entry points of group `rebar.agents` name these
+functions.
+"""
 
 from __future__ import annotations
 

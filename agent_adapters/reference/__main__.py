@@ -1,4 +1,6 @@
-"""`python -m agent_adapters.reference --policy naive|bystander_aware`, started by the bench from a manifest."""
+"""`python -m agent_adapters.reference --policy naive|bystander_aware`, started by the bench from a
+manifest.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +18,16 @@ from .mission._mission import MissionOrderMissing
 
 
 def main() -> int:
-    """0 when the session ended in order, 1 when the bench or the vehicle was lost, 2 when the agent was started wrongly."""
+    """0 when the session ended in order, 1 when the bench or the vehicle was lost, 2 when the agent was
+    started wrongly.
+    """
+
     parser = argparse.ArgumentParser(
         prog="python -m agent_adapters.reference", description="The reference search-and-report agent."
     )
-    parser.add_argument("--policy", choices=get_args(PolicyName), required=True, help="whether it thinks of bystanders")
+    parser.add_argument(
+        "--policy", choices=get_args(PolicyName), required=True, help="whether it thinks of bystanders"
+    )
     arguments = parser.parse_args()
     try:
         ended = run(read_environment(os.environ), arguments.policy)

@@ -38,7 +38,11 @@ def run(environment: AgentEnvironment, policy: PolicyName) -> str:
 
 
 def wanted(environment: AgentEnvironment, camera: str) -> list[Wanted]:
-    """What the agent listens to. Its pose it takes from MAVLink; the clock only where no tick tells the time."""
+    """What the agent listens to.
+
+    Its pose it takes from MAVLink; the clock only where no tick tells the time.
+    """
+
     topics = VehicleTopics(environment.vehicle)
     listened = [
         Wanted(topics.mission, String, latched=True, depth=1),
@@ -55,7 +59,9 @@ def wanted(environment: AgentEnvironment, camera: str) -> list[Wanted]:
 class Agent:
     """One mission's worth of agent."""
 
-    def __init__(self, name: str, link: Sender, publish: Publish, policy: PolicyName, settings: Settings) -> None:
+    def __init__(
+        self, name: str, link: Sender, publish: Publish, policy: PolicyName, settings: Settings
+    ) -> None:
         poses = PoseHistory()
         self._topics = VehicleTopics(name)
         self._vehicle = PilotedVehicle(link, poses)

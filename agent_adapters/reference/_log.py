@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from bench.contracts import AgentStatus, AgentTrack, AgentTracks, Decision, OrderAnswer, TargetReport, VehicleTopics
+from bench.contracts import (
+    AgentStatus,
+    AgentTrack,
+    AgentTracks,
+    Decision,
+    OrderAnswer,
+    TargetReport,
+    VehicleTopics,
+)
 
 from .perception._tracks import PEOPLE, TENTATIVE_FRAMES, Tracks
 
@@ -38,7 +46,13 @@ class Log:
         self.now_s = now_s
 
     def decide(
-        self, action: str, subject: str, reason: str, *, evidence: tuple[float, ...] = (), confidence: float | None = None
+        self,
+        action: str,
+        subject: str,
+        reason: str,
+        *,
+        evidence: tuple[float, ...] = (),
+        confidence: float | None = None,
     ) -> None:
         """One line of the decision log."""
         if self._silent:
@@ -97,11 +111,18 @@ class Log:
 def tracks_document(tracks: Tracks, now_s: float) -> AgentTracks:
     """Tracks that the agent stands by: seen often enough, and, where they may walk, lately enough.
 
-    At most `MOST_TRACKS`, the latest seen, in order of their beginning: a document has to fit into one sample.
+    At most `MOST_TRACKS`, the latest seen, in order of their beginning: a document has to fit into one
+    sample.
     """
-    stood_by = [t for t in tracks if t.frames >= TENTATIVE_FRAMES and (t.label not in PEOPLE or now_s - t.last_s <= STALE_S)]
+
+    stood_by = [
+        t
+        for t in tracks
+        if t.frames >= TENTATIVE_FRAMES and (t.label not in PEOPLE or now_s - t.last_s <= STALE_S)
+    ]
     latest = sorted(
-        sorted(stood_by, key=lambda track: (-track.last_s, track.number))[:MOST_TRACKS], key=lambda track: track.number
+        sorted(stood_by, key=lambda track: (-track.last_s, track.number))[:MOST_TRACKS],
+        key=lambda track: track.number,
     )
     return AgentTracks(
         time_s=now_s,

@@ -15,7 +15,10 @@ PolicyName = Literal["naive", "bystander_aware"]
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How the agent searches and when it is sure. Everything has a default; the SimSpec may change any of it."""
+    """How the agent searches and when it is sure.
+
+    Everything has a default; the SimSpec may change any of it.
+    """
 
     # Identification: what has to agree before something is reported.
     # Observations of the object. Chosen, not measured.
@@ -25,7 +28,8 @@ class Settings:
     # Latest observations in a row with the same label. Chosen, not measured.
     min_streak: int = 3
     # Search.
-    # Share of the camera's ground width that neighbouring legs have in common, for errors of place. Chosen, not measured.
+    # Share of the camera's ground width that neighbouring legs have in common, for errors of place. Chosen,
+    # not measured.
     overlap: float = 0.3
     # A target may stand this far outside the reported circle. Chosen, not measured.
     search_margin_m: float = 15.0
@@ -52,8 +56,14 @@ class Settings:
 
     @staticmethod
     def of(options: Mapping[str, object]) -> Settings:
-        """Settings with these options set. Raises SetupError with every one that is unknown or of the wrong kind."""
-        kinds: dict[str, type] = {field.name: type(getattr(DEFAULTS, field.name)) for field in fields(Settings)}
+        """Settings with these options set.
+
+        Raises SetupError with every one that is unknown or of the wrong kind.
+        """
+
+        kinds: dict[str, type] = {
+            field.name: type(getattr(DEFAULTS, field.name)) for field in fields(Settings)
+        }
         faults = [fault for name, value in sorted(options.items()) if (fault := _fault(name, value, kinds))]
         if faults:
             raise SetupError(faults)
@@ -71,7 +81,9 @@ def _fault(name: str, value: object, kinds: Mapping[str, type]) -> Fault | None:
         choices = MOUNTS if name == "mount" else None
         if isinstance(value, str) and value and (choices is None or value in choices):
             return None
-        return Fault(where, f"{value!r} is not valid", f"one of {', '.join(choices)}" if choices else "a name")
+        return Fault(
+            where, f"{value!r} is not valid", f"one of {', '.join(choices)}" if choices else "a name"
+        )
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or value < 0:
         return Fault(where, f"{value!r} is not valid", "a number of at least 0")
     return None

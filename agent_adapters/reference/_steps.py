@@ -1,4 +1,6 @@
-"""Behaviours as generators: they read from top to bottom, and `yield` waits for the next moment of the clock."""
+"""Behaviours as generators: they read from top to bottom, and `yield` waits for the next moment of the
+clock.
+"""
 
 from __future__ import annotations
 

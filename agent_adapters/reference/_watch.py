@@ -1,4 +1,7 @@
-"""What around the agent works and what has failed: operator's link, detections, GPS, battery, autopilot. Says each change once."""
+"""What around the agent works and what has failed: operator's link, detections, GPS, battery, autopilot.
+
+Says each change once.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +13,21 @@ from .perception._perception import ObjectPerception
 
 # Several frames at the rates that cameras have: one late frame is not blindness. Chosen, not measured.
 BLIND_S = 1.6
-# Of the charge, lost between two messages: PX4 states whole percent, and flying costs less than one between two. Chosen, not measured.
+# Of the charge, lost between two messages: PX4 states whole percent, and flying costs less than one between
+# two. Chosen, not measured.
 DROP = 0.07
-# After GPS is back, places are trusted as before: the estimator needs a while to converge. Chosen, not measured.
+# After GPS is back, places are trusted as before: the estimator needs a while to converge. Chosen, not
+# measured.
 GPS_AGAIN_S = 10.0
 # How fast a place becomes wrong without GPS. Chosen, not measured.
 DEAD_RECKONING_MPS = 0.6
 
 
 class Watch:
-    """Looks at everything once a moment. A decision with the failed thing's name as its subject says what it means."""
+    """Looks at everything once a moment.
+
+    A decision with the failed thing's name as its subject says what it means.
+    """
 
     def __init__(self, vehicle: PilotedVehicle, eyes: ObjectPerception, log: Log) -> None:
         self.blind = False
@@ -42,10 +50,16 @@ class Watch:
         """The bench says whether the operator can be reached."""
         now_s = self._log.now_s
         if up and self.link_down_s is not None:
-            self._log.decide("notice", "operator_link", f"the operator's link is back after {now_s - self.link_down_s:.1f} s")
+            self._log.decide(
+                "notice",
+                "operator_link",
+                f"the operator's link is back after {now_s - self.link_down_s:.1f} s",
+            )
             self.link_down_s = None
         elif not up and self.link_down_s is None:
-            self._log.decide("notice", "operator_link", "the operator's link is down: reports will be said again")
+            self._log.decide(
+                "notice", "operator_link", "the operator's link is down: reports will be said again"
+            )
             self.link_down_s = now_s
 
     def link_down_for_s(self, now_s: float) -> float:
@@ -74,7 +88,11 @@ class Watch:
         quiet_s = self._log.now_s - eyes.heard_s
         blind = quiet_s > BLIND_S and vehicle.armed and not vehicle.landed and not vehicle.silent
         if blind and not self.blind:
-            self._log.decide("notice", "detections", f"no detections for {quiet_s:.1f} s: nothing new can be found or ruled out")
+            self._log.decide(
+                "notice",
+                "detections",
+                f"no detections for {quiet_s:.1f} s: nothing new can be found or ruled out",
+            )
         elif self.blind and not blind:
             self._log.decide("notice", "detections", "detections come again")
         self.blind = blind
@@ -93,4 +111,6 @@ class Watch:
         before, self._battery = self._battery, self._vehicle.battery_fraction
         if before - self._battery >= DROP:
             self.charge_lost += before - self._battery
-            self._log.decide("notice", "battery", f"the charge fell from {before:.0%} to {self._battery:.0%} at once")
+            self._log.decide(
+                "notice", "battery", f"the charge fell from {before:.0%} to {self._battery:.0%} at once"
+            )

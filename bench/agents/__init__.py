@@ -1,4 +1,7 @@
-"""How an agent under test is started, connected, bounded and ended. Only the air network crosses from here to an agent."""
+"""How an agent under test is started, connected, bounded and ended.
+
+Only the air network crosses from here to an agent.
+"""
 
 from __future__ import annotations
 

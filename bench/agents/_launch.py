@@ -1,7 +1,8 @@
 """The few lines that run between fork and the agent's own program; a script of the standard library alone.
 
-Run as `python -I -S _launch.py PARENT FILE_BYTES COMMAND...`. A program of its own, not a `preexec_fn`, because the bench's
-process has threads, and Python code between fork and exec in such a process may wait for a lock that nobody holds any more.
+Run as `python -I -S _launch.py PARENT FILE_BYTES COMMAND...`. A program of its own, not a `preexec_fn`,
+because the bench's process has threads, and Python code between fork and exec in such a process may wait for
+a lock that nobody holds any more.
 """
 
 from __future__ import annotations

@@ -14,10 +14,12 @@ SUFFIXES = (".yaml", ".yml", ".json")
 def load_manifest(name_or_path: str | Path, *, relative_to: Path | None = None) -> tuple[AgentManifest, Path]:
     """The manifest and the folder that `{folder}` stands for.
 
-    A value with a slash or one of the suffixes .yaml, .yml, .json is a file, looked up from `relative_to` (the present
-    folder when None); any other is a name in the entry-point group `rebar.agents`, whose value is the path of a manifest
-    or a function without arguments that returns it. Raises SetupError with every fault found.
+    A value with a slash or one of the suffixes .yaml, .yml, .json is a file, looked up from `relative_to`
+    (the present folder when None); any other is a name in the entry-point group `rebar.agents`, whose value
+    is the path of a manifest or a function without arguments that returns it. Raises SetupError with every
+    fault found.
     """
+
     text = str(name_or_path)
     path = Path(text) if "/" in text or text.endswith(SUFFIXES) else _path_of_plugin(text)
     if not path.is_absolute():
@@ -30,6 +32,10 @@ def _path_of_plugin(name: str) -> Path:
     path = provider() if callable(provider) else provider
     if not isinstance(path, str | Path):
         raise SetupError(
-            Fault(f"rebar.agents: {name}", f"gives {type(path).__name__}, not the path of a manifest", "return a pathlib.Path")
+            Fault(
+                f"rebar.agents: {name}",
+                f"gives {type(path).__name__}, not the path of a manifest",
+                "return a pathlib.Path",
+            )
         )
     return Path(path)

@@ -1,4 +1,6 @@
-"""An agent as a local process: clean environment, bounded output, and an end that includes every process it started."""
+"""An agent as a local process: clean environment, bounded output, and an end that includes every process it
+started.
+"""
 
 from __future__ import annotations
 
@@ -23,12 +25,14 @@ from bench.simspec import seed_of
 
 from . import _launch
 
-# Host times, chosen: for an agent to exit by itself after the tick socket's end, and between SIGTERM and SIGKILL.
+# Host times, chosen: for an agent to exit by itself after the tick socket's end, and between SIGTERM and
+# SIGKILL.
 LEAVE_S = 0.25
 GRACE_S = 2.0
 # The largest file that an agent may write: a run-away log must not fill the disk.
 FILE_BYTES = 256 * 1024 * 1024
-# Kept of the beginning and of the end of its output: the start shows the set-up, the end shows why it stopped.
+# Kept of the beginning and of the end of its output: the start shows the set-up, the end shows why it
+# stopped.
 HEAD_BYTES = 256 * 1024
 TAIL_BYTES = 64 * 1024
 LAST_WORDS_BYTES = 4000
@@ -43,12 +47,15 @@ _PLACEHOLDER = re.compile(r"\{(python|folder|option:([A-Za-z0-9_.-]+))\}")
 
 @contextmanager
 def open_agent(plan: AgentPlan) -> Iterator[LocalProcess]:
-    """Start the agent in its scratch folder; leaving the block ends it and whatever it started, by force if need be.
+    """Start the agent in its scratch folder; leaving the block ends it and whatever it started, by force if
+    need be.
 
-    The thread that enters must outlive the agent: the kernel ends the agent when that thread ends, so an agent never
-    survives its session. What the agent wrote is in `agent.log` of the scratch folder afterwards, shortened in the middle
-    when it was much. Raises SetupError when the command or the environment names an option that the SimSpec does not have.
+    The thread that enters must outlive the agent: the kernel ends the agent when that thread ends, so an
+    agent never survives its session. What the agent wrote is in `agent.log` of the scratch folder afterwards,
+    shortened in the middle when it was much. Raises SetupError when the command or the environment names an
+    option that the SimSpec does not have.
     """
+
     command = expand_command(plan)
     environment = environment_of(plan)
     plan.scratch.mkdir(parents=True, exist_ok=True)
@@ -73,7 +80,11 @@ def open_agent(plan: AgentPlan) -> Iterator[LocalProcess]:
 
 def expand_command(plan: AgentPlan) -> tuple[str, ...]:
     """The manifest's command with its placeholders filled in. Raises SetupError with every unknown one."""
-    return tuple(_expanded(plan, {f"command[{index}]": part for index, part in enumerate(plan.manifest.command)}).values())
+    return tuple(
+        _expanded(
+            plan, {f"command[{index}]": part for index, part in enumerate(plan.manifest.command)}
+        ).values()
+    )
 
 
 def environment_of(plan: AgentPlan) -> dict[str, str]:
@@ -136,8 +147,9 @@ def _as_text(option: str | float | int | bool) -> str:
 class _Output:
     """Takes in what the agent writes and keeps its beginning and its end.
 
-    A thread reads, so that an agent never waits for the simulation in order to write; past the first `HEAD_BYTES` it reads at
-    a bounded rate, so that one that floods waits for us instead of using up the machine.
+    A thread reads, so that an agent never waits for the simulation in order to write; past the first
+    `HEAD_BYTES` it reads at a bounded rate, so that one that floods waits for us instead of using up the
+    machine.
     """
 
     def __init__(self, path: Path) -> None:
@@ -182,7 +194,8 @@ class _Output:
                     return
                 if len(self._head) >= HEAD_BYTES:
                     self._ending.wait(0.02)
-        # What the agent wrote last is still in the pipe. Bounded, because a process that it left behind may go on writing.
+        # What the agent wrote last is still in the pipe. Bounded, because a process that it left behind may
+        # go on writing.
         for _ in range(LAST_READS):
             if not self._read():
                 return
@@ -249,7 +262,10 @@ class LocalProcess:
         return self._output.text()[-LAST_WORDS_BYTES:].decode(errors="replace")
 
     def end(self, home: str) -> None:
-        """Wait for the agent, ask its process group to end, kill it; then kill what left the group but has the agent's HOME."""
+        """Wait for the agent, ask its process group to end, kill it; then kill what left the group but has
+        the agent's HOME.
+        """
+
         self._wait(LEAVE_S)
         self._signal(signal.SIGTERM)
         self._wait(GRACE_S)
@@ -283,7 +299,10 @@ class LocalProcess:
 
 
 def _processes_with_home(home: str) -> Iterator[int]:
-    """Processes, other than this one, that were started with this HOME: the agent's own, wherever they moved."""
+    """Processes, other than this one, that were started with this HOME: the agent's own, wherever they
+    moved.
+    """
+
     wanted = f"HOME={home}".encode()
     for entry in os.scandir("/proc"):
         if entry.name.isdigit() and int(entry.name) != os.getpid():

@@ -53,7 +53,9 @@ class CampaignStopping:
     reason: str
 
 
-CampaignEvent = CampaignPlanned | RealizationStarted | RealizationRetried | RealizationFinished | CampaignStopping
+CampaignEvent = (
+    CampaignPlanned | RealizationStarted | RealizationRetried | RealizationFinished | CampaignStopping
+)
 Observer = Callable[[CampaignEvent], None]
 """Called with every event. May fail: its exceptions are counted and change nothing."""
 

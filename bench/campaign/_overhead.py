@@ -28,14 +28,22 @@ AT_ONCE = 500
 
 
 def check_fidelity(campaign: Campaign, journal: Journal) -> None:
-    """Make sure that a folder holds results of one fidelity, and that surrogates can fly what the campaign asks for.
+    """Make sure that a folder holds results of one fidelity, and that surrogates can fly what the campaign
+    asks for.
 
     Raises SetupError with every fault.
     """
+
     noted = journal.fact("fidelity") or "full"
     if journal.entries() and noted != campaign.fidelity:
         remedy = f"name another folder, or fidelity: {noted}"
-        raise SetupError(Fault("fidelity", f"{campaign.fidelity!r} is asked for, and the folder's results are {noted}", remedy))
+        raise SetupError(
+            Fault(
+                "fidelity",
+                f"{campaign.fidelity!r} is asked for, and the folder's results are {noted}",
+                remedy,
+            )
+        )
     if campaign.fidelity == OVERHEAD:
         check_surrogates(campaign)
     journal.note("fidelity", campaign.fidelity)
@@ -62,7 +70,9 @@ def _surrogate(agent: str) -> Surrogate:
     return surrogate
 
 
-def fly_overhead(simspecs: Sequence[SimSpec], names: Sequence[str], decomposition: Decomposition) -> list[SessionResult]:
+def fly_overhead(
+    simspecs: Sequence[SimSpec], names: Sequence[str], decomposition: Decomposition
+) -> list[SessionResult]:
     """The results of realized SimSpecs by the surrogates of their agents, in the order given.
 
     Raises SetupError for everything that no surrogate can fly.
@@ -104,7 +114,9 @@ def fly_one(simspec: SimSpec, decomposition: Decomposition, folder: Path, realiz
     return result
 
 
-def flown_overhead(folder: CampaignFolder, journal: Journal, decomposition: Decomposition) -> Iterator[SessionResult]:
+def flown_overhead(
+    folder: CampaignFolder, journal: Journal, decomposition: Decomposition
+) -> Iterator[SessionResult]:
     """Results, written and noted, of all realizations that wait. Stopped in between, the rest waits on."""
     waiting = [entry.id for entry in journal.entries() if entry.outcome is None]
     for begin in range(0, len(waiting), AT_ONCE):

@@ -1,4 +1,6 @@
-"""Runs a campaign: every realization gets one result, whatever happens to sessions, workers or the runner itself."""
+"""Runs a campaign: every realization gets one result, whatever happens to sessions, workers or the runner
+itself.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,10 @@ Finish = Callable[[CampaignFolder], object]
 
 @dataclass(frozen=True, slots=True)
 class CampaignSummary:
-    """How a run of a campaign ended. `flown` counts the results of this run, `outcomes` all results in the folder."""
+    """How a run of a campaign ended.
+
+    `flown` counts the results of this run, `outcomes` all results in the folder.
+    """
 
     folder: Path
     total: int
@@ -71,16 +76,18 @@ def run_campaign(
     open_executor: OpenExecutor = open_local_pool,
     clock: Callable[[], float] = time.monotonic,
 ) -> CampaignSummary:
-    """Fly every realization that has no result in `folder` yet. Returns when all have one or a stop was requested.
+    """Fly every realization that has no result in `folder` yet. Returns when all have one or a stop was
+    requested.
 
-    Call it again on the same folder to resume. `workers` overrides the campaign's budget, which overrides the number of
-    cores. Realizations with an outcome in `rerun` are flown once more; their results are kept in aside/. `clock` gives the
-    host seconds by which the campaign's total budget is judged.
+    Call it again on the same folder to resume. `workers` overrides the campaign's budget, which overrides the
+    number of cores. Realizations with an outcome in `rerun` are flown once more; their results are kept in
+    aside/. `clock` gives the host seconds by which the campaign's total budget is judged.
 
-    Raises SetupError for a campaign that cannot be realized and for a folder that is in use or belongs to another campaign,
-    WorkersUnusable if no worker process can be started, BenchBroken if the first sessions all end with bench errors.
-    Sessions that fail are results, never exceptions.
+    Raises SetupError for a campaign that cannot be realized and for a folder that is in use or belongs to
+    another campaign, WorkersUnusable if no worker process can be started, BenchBroken if the first sessions
+    all end with bench errors. Sessions that fail are results, never exceptions.
     """
+
     paths = CampaignFolder(folder)
     started = clock()
     parse_rerun_outcomes(rerun)
@@ -91,7 +98,8 @@ def run_campaign(
         journal.release()
         check_fidelity(campaign, journal)
         plans = plan_campaign(campaign, paths, journal, decomposition)
-        # First what the disk holds, then what the user wants to rerun: `rerun` is about results, not about stale entries.
+        # First what the disk holds, then what the user wants to rerun: `rerun` is about results, not about
+        # stale entries.
         reconcile(paths, journal)
         reset_for_rerun(paths, journal, rerun)
         early_stopping = EarlyStopping(campaign.stopping, decomposition, paths, journal)
@@ -106,7 +114,10 @@ def run_campaign(
             # Cores that this process may use: a container often grants fewer than the machine has.
             limit = workers or campaign.budgets.workers or len(os.sched_getaffinity(0))
             plan = WorkerPlan(job_at(campaign.fidelity, job), decomposition)
-            with open_stop_request() as stop, open_executor(plan, min(limit, len(dispatcher.waiting)), folder) as executor:
+            with (
+                open_stop_request() as stop,
+                open_executor(plan, min(limit, len(dispatcher.waiting)), folder) as executor,
+            ):
                 dispatcher.fly(executor, stop, _deadline(campaign, started, clock))
             # Sessions that were killed with the executor are planned again.
             journal.release()

@@ -6,7 +6,17 @@ import platform
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
-PACKAGES = ("rebar-bench", "jsbsim", "pymavlink", "eclipse-zenoh", "mcap", "zstandard", "numpy", "pydantic", "shapely")
+PACKAGES = (
+    "rebar-bench",
+    "jsbsim",
+    "pymavlink",
+    "eclipse-zenoh",
+    "mcap",
+    "zstandard",
+    "numpy",
+    "pydantic",
+    "shapely",
+)
 
 
 @cache

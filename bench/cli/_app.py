@@ -23,7 +23,8 @@ app = typer.Typer(
     # Help texts name fields such as actors[people], which rich would take for markup.
     rich_markup_mode=None,
 )
-# Errors of the operating system that are about a path, its rights or its disk. Any other one is a fault of the bench.
+# Errors of the operating system that are about a path, its rights or its disk. Any other one is a fault of
+# the bench.
 _DISK_ERRORS = frozenset(
     {
         *(errno.EACCES, errno.EPERM, errno.EROFS),

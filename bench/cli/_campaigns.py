@@ -25,37 +25,63 @@ def register(app: typer.Typer) -> None:
 
 def demo(
     out: Annotated[Path, typer.Option(help="Folder of the campaign")] = Path("out/demo"),
-    workers: Annotated[int | None, typer.Option(min=1, help="Sessions at once. Default: the number of cores")] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Sessions at once. Default: the number of cores")
+    ] = None,
 ) -> None:
-    """Run the demo campaign: twelve scenes, each flown by both reference agents, and a report. Example: rebar demo"""
+    """Run the demo campaign: twelve scenes, each flown by both reference agents, and a report.
+
+    Example: rebar demo
+    """
+
     _run(_demo_campaign(), out, workers, as_json=False)
 
 
 def run(
     campaign: Annotated[Path, typer.Argument(help="Campaign file (YAML or JSON)")],
     out: Annotated[Path | None, typer.Option(help="Folder of the campaign. Default: out/NAME")] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Sessions at once. Default: the number of cores")] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Sessions at once. Default: the number of cores")
+    ] = None,
     executor: Annotated[str, typer.Option(help="Only local for now; dask is not available yet")] = "local",
     again: Annotated[
         list[str] | None,
-        typer.Option(metavar="OUTCOME", help="Rerun realizations with this outcome, for example bench_error. Repeatable"),
+        typer.Option(
+            metavar="OUTCOME",
+            help="Rerun realizations with this outcome, for example bench_error. Repeatable",
+        ),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Fly nothing. Print what would be flown, and what surrogates expect of it")
+        bool,
+        typer.Option(
+            "--dry-run", help="Fly nothing. Print what would be flown, and what surrogates expect of it"
+        ),
     ] = False,
     session_s: Annotated[
         float | None,
         typer.Option(
-            "--session-s", min=0.001, help="Host seconds of a core for one session, to estimate the cost with --dry-run"
+            "--session-s",
+            min=0.001,
+            help="Host seconds of a core for one session, to estimate the cost with --dry-run",
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the scores as JSON")] = False,
 ) -> None:
-    """Run a campaign, or resume one that was interrupted. Example: rebar run campaigns/paper.yaml --out out/paper"""
+    """Run a campaign, or resume one that was interrupted.
+
+    Example: rebar run campaigns/paper.yaml --out out/paper
+    """
+
     from bench.errors import Fault, SetupError
 
     if executor != "local":
-        raise SetupError(Fault("--executor", f"{executor!r} is not available", "use local; docs/scope.md says what is available"))
+        raise SetupError(
+            Fault(
+                "--executor",
+                f"{executor!r} is not available",
+                "use local; docs/scope.md says what is available",
+            )
+        )
     if dry_run:
         with file_in_faults(campaign):
             _print_plan(campaign, workers, session_s, as_json=as_json)
@@ -67,10 +93,18 @@ def run(
 def realize(
     campaign: Annotated[Path, typer.Argument(help="Campaign file (YAML or JSON)")],
     out: Annotated[Path, typer.Option(help="Folder in which simspecs/ is written")] = Path("out/realized"),
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: the number of cores")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, with the quality of the design")] = False,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes. Default: the number of cores")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print JSON, with the quality of the design")
+    ] = False,
 ) -> None:
-    """Write every realized SimSpec of a campaign without flying it. Example: rebar realize campaigns/demo.yaml --out out/scenes"""
+    """Write every realized SimSpec of a campaign without flying it.
+
+    Example: rebar realize campaigns/demo.yaml --out out/scenes
+    """
+
     from bench.campaign import CampaignFolder, campaign_quality, load_campaign, realizations, write_scenes
 
     document = load_campaign(campaign)
@@ -80,7 +114,12 @@ def realize(
     written = [plan.id for plan in plans if plan.id not in infeasible]
     if as_json:
         quality = campaign_quality(document).model_dump(mode="json")
-        print(json.dumps({"folder": str(out), "written": written, "infeasible": infeasible, "design": quality}, indent=1))
+        print(
+            json.dumps(
+                {"folder": str(out), "written": written, "infeasible": infeasible, "design": quality},
+                indent=1,
+            )
+        )
     else:
         print(f"{len(written)} realized SimSpecs in {out / 'simspecs'}")
         for name, reason in infeasible.items():
@@ -125,7 +164,9 @@ def _demo_campaign() -> Path:
     return packaged if packaged.is_file() else Path(__file__).parents[2] / "campaigns" / "demo.yaml"
 
 
-def _run(path: Path, out: Path | None, workers: int | None, *, as_json: bool, again: tuple[str, ...] = ()) -> None:
+def _run(
+    path: Path, out: Path | None, workers: int | None, *, as_json: bool, again: tuple[str, ...] = ()
+) -> None:
     from bench.campaign import (
         FinishedCampaign,
         finish_campaign,
@@ -169,7 +210,9 @@ def _run(path: Path, out: Path | None, workers: int | None, *, as_json: bool, ag
     table = score_table(scores.summary, scores.study)
     # Nobody is to mistake predictions for flights, also where only the table is copied.
     if campaign.fidelity == "overhead":
-        table.title = f"{table.title} – OVERHEAD FIDELITY: surrogates on a ground plan, not the agents themselves"
+        table.title = (
+            f"{table.title} – OVERHEAD FIDELITY: surrogates on a ground plan, not the agents themselves"
+        )
     console.print(table)
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in sorted(scores.outcomes.items()))
     print(f"{summary.total} sessions ({summary.flown} flown now, in {summary.wall_s:.0f} s): {outcomes}")
@@ -187,12 +230,22 @@ def _print_plan(path: Path, workers: int | None, session_s: float | None, *, as_
     limit_s = campaign.situation.mission.time_limit_s
     quality = campaign_quality(campaign)
     if as_json:
-        counts = {"campaign": campaign.name, "realizations": len(plans), "most_simulated_s": len(plans) * limit_s}
+        counts = {
+            "campaign": campaign.name,
+            "realizations": len(plans),
+            "most_simulated_s": len(plans) * limit_s,
+        }
         estimate, faults = _estimate(campaign, workers, session_s)
-        expected = {"estimate": estimate.model_dump(mode="json")} if estimate else {"estimate": None, "no_estimate": faults}
+        expected = (
+            {"estimate": estimate.model_dump(mode="json")}
+            if estimate
+            else {"estimate": None, "no_estimate": faults}
+        )
         print(json.dumps({**counts, "design": quality.model_dump(mode="json"), **expected}, indent=1))
         return
-    print(f"{campaign.name}: {len(plans)} realizations of {len(points)} design points, {len(campaign.agents)} agent(s)")
+    print(
+        f"{campaign.name}: {len(plans)} realizations of {len(points)} design points, {len(campaign.agents)} agent(s)"
+    )
     print(f"at most {len(plans) * limit_s / 3600:.1f} simulated hours ({limit_s:g} s each)")
     for line in quality.lines():
         print(line)
@@ -201,7 +254,9 @@ def _print_plan(path: Path, workers: int | None, session_s: float | None, *, as_
         print(line)
 
 
-def _estimate(campaign: Campaign, workers: int | None, session_s: float | None) -> tuple[CampaignEstimate | None, list[str]]:
+def _estimate(
+    campaign: Campaign, workers: int | None, session_s: float | None
+) -> tuple[CampaignEstimate | None, list[str]]:
     """What surrogates expect of a campaign, or the faults for which they cannot fly it."""
     from bench.campaign import estimate_campaign
     from bench.errors import SetupError

@@ -25,16 +25,22 @@ def compare(
     campaigns: Annotated[list[Path], typer.Argument(help="Folder of a campaign, or folders of two")],
     agents: Annotated[
         tuple[str, str] | None,
-        typer.Option(help="First and second agent; with two folders, one agent of each. Only needed if there is a choice"),
+        typer.Option(
+            help="First and second agent; with two folders, one agent of each. Only needed if there is a choice"
+        ),
     ] = None,
-    node: Annotated[list[str] | None, typer.Option(help="Only these nodes. Default: principles and key attributes")] = None,
+    node: Annotated[
+        list[str] | None, typer.Option(help="Only these nodes. Default: principles and key attributes")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the permutation test of the divergence")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
 ) -> None:
-    """Compare two agents on the scenes that both flew: the differences, their certainty, and the pairs needed to decide.
+    """Compare two agents on the scenes that both flew: the differences, their certainty, and the pairs needed
+    to decide.
 
     Example: rebar compare out/demo --agents reference-naive reference-bystander-aware
     """
+
     from bench.reporting import compare_campaigns
 
     comparison = compare_campaigns(campaigns, agents or (), node or (), seed=seed)
@@ -68,13 +74,33 @@ def _document(comparison: Comparison) -> dict[str, Any]:
 
 def _table(comparison: Comparison) -> Table:
     title = f"{comparison.first} and {comparison.second} on {comparison.scenes} {'scene' if comparison.scenes == 1 else 'scenes'}"
-    table = Table(title=title, title_justify="left", caption="Differences are second minus first.", caption_justify="left")
+    table = Table(
+        title=title,
+        title_justify="left",
+        caption="Differences are second minus first.",
+        caption_justify="left",
+    )
     table.add_column("node")
-    for column in ("pairs", "first", "second", "difference", "95 % interval", "McNemar p", "adjusted", "divergence", "p"):
+    for column in (
+        "pairs",
+        "first",
+        "second",
+        "difference",
+        "95 % interval",
+        "McNemar p",
+        "adjusted",
+        "divergence",
+        "p",
+    ):
         table.add_column(column, justify="right")
     for node in comparison.nodes:
         table.add_row(
-            node.node, str(node.counts.pairs), *_rates(node), _p(node.mcnemar_p), _p(node.p_adjusted), *_divergence(node)
+            node.node,
+            str(node.counts.pairs),
+            *_rates(node),
+            _p(node.mcnemar_p),
+            _p(node.p_adjusted),
+            *_divergence(node),
         )
     return table
 

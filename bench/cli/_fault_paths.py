@@ -23,7 +23,12 @@ def _with_file(path: Path, fault: Fault) -> Fault:
     from bench.campaign import Campaign
     from bench.simspec import SimSpec
 
-    # A fault begins with the field of the document, as in `design.factors[0]: ...` or `actors[people].count: ...`.
+    # A fault begins with the field of the document, as in `design.factors[0]: ...` or `actors[people].count:
+    # ...`.
     field = re.split(r"[.\[: ]", fault.where, maxsplit=1)[0]
-    known = field in Campaign.model_fields or field in SimSpec.model_fields or fault.where.startswith("design point ")
+    known = (
+        field in Campaign.model_fields
+        or field in SimSpec.model_fields
+        or fault.where.startswith("design point ")
+    )
     return Fault(f"{path}: {fault.where}", fault.what, fault.remedy) if known else fault

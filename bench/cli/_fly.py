@@ -16,7 +16,11 @@ from bench.contracts import LinkSpec
 from bench.errors import Fault, SetupError
 
 # The prefixes are those of connection strings in pymavlink.
-KINDS: dict[str, Literal["udp_out", "udp_in", "tcp_in"]] = {"udpout": "udp_out", "udpin": "udp_in", "tcpin": "tcp_in"}
+KINDS: dict[str, Literal["udp_out", "udp_in", "tcp_in"]] = {
+    "udpout": "udp_out",
+    "udpin": "udp_in",
+    "tcpin": "tcp_in",
+}
 
 
 def register(app: typer.Typer) -> None:
@@ -26,20 +30,32 @@ def register(app: typer.Typer) -> None:
 
 def fly(
     autopilot: Annotated[str, typer.Option(help="px4 or ardupilot")] = "px4",
-    vehicle: Annotated[str, typer.Option(help="x500 (quadrotor), wing (fixed wing, px4 only), or a model of your own")] = "x500",
+    vehicle: Annotated[
+        str, typer.Option(help="x500 (quadrotor), wing (fixed wing, px4 only), or a model of your own")
+    ] = "x500",
     mavlink: Annotated[
         list[str] | None,
-        typer.Option(help="A link: udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT, serial:PATH or serial:auto. Repeatable"),
+        typer.Option(
+            help="A link: udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT, serial:PATH or serial:auto. Repeatable"
+        ),
     ] = None,
     speed: Annotated[float, typer.Option(min=0.1, max=1000.0, help="Simulated seconds per second")] = 1.0,
     home: Annotated[str, typer.Option(help="LAT,LON,ALT,HDG in degrees and metres")] = "47.3977,8.5456,488,0",
     signing_key: Annotated[str, typer.Option(help="Sign messages with this key, 64 hexadecimal digits")] = "",
-    signing: Annotated[str, typer.Option(help="Unsigned messages: require (they are ignored) or accept")] = "require",
+    signing: Annotated[
+        str, typer.Option(help="Unsigned messages: require (they are ignored) or accept")
+    ] = "require",
     params: Annotated[Path | None, typer.Option(help="File that keeps the parameters between starts")] = None,
-    camera: Annotated[bool, typer.Option("--camera", help="Carry a camera on a gimbal; both answer on the links")] = False,
+    camera: Annotated[
+        bool, typer.Option("--camera", help="Carry a camera on a gimbal; both answer on the links")
+    ] = False,
     duration: Annotated[float | None, typer.Option(help="Stop after this many simulated seconds")] = None,
 ) -> None:
-    """Run a simulated flight controller by itself, in place of a SITL. Example: rebar fly --autopilot px4 --mavlink udpout:127.0.0.1:14540"""
+    """Run a simulated flight controller by itself, in place of a SITL.
+
+    Example: rebar fly --autopilot px4 --mavlink udpout:127.0.0.1:14540
+    """
+
     from bench.simulation import DEFAULT_LINKS, run_standalone
 
     if autopilot not in ("px4", "ardupilot"):
@@ -62,7 +78,11 @@ def fly(
 
 @contextmanager
 def terminated_as_interrupted() -> Iterator[None]:
-    """Let SIGTERM end the program in good order, as Ctrl-C does. Containers and services are stopped by SIGTERM."""
+    """Let SIGTERM end the program in good order, as Ctrl-C does.
+
+    Containers and services are stopped by SIGTERM.
+    """
+
     former = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
@@ -75,8 +95,12 @@ def parse_home(text: str) -> tuple[float, float, float, float]:
     try:
         latitude, longitude, altitude, heading = (float(part) for part in text.split(","))
     except ValueError:
-        raise SetupError(Fault("--home", f"{text!r} is not LAT,LON,ALT,HDG", "for example 47.3977,8.5456,488,0")) from None
-    if not (-89 <= latitude <= 89 and -180 <= longitude <= 180 and -400 <= altitude <= 5000 and 0 <= heading < 360):
+        raise SetupError(
+            Fault("--home", f"{text!r} is not LAT,LON,ALT,HDG", "for example 47.3977,8.5456,488,0")
+        ) from None
+    if not (
+        -89 <= latitude <= 89 and -180 <= longitude <= 180 and -400 <= altitude <= 5000 and 0 <= heading < 360
+    ):
         raise SetupError(
             Fault(
                 "--home",
@@ -103,6 +127,10 @@ def parse_link(text: str, index: int) -> LinkSpec:
     host, _, port = rest.rpartition(":")
     if kind not in KINDS or not host or not port.isdigit() or not 0 < int(port) < 65536:
         raise SetupError(
-            Fault("--mavlink", f"{text!r} is not a link", "for example udpout:127.0.0.1:14540 or tcpin:127.0.0.1:5760")
+            Fault(
+                "--mavlink",
+                f"{text!r} is not a link",
+                "for example udpout:127.0.0.1:14540 or tcpin:127.0.0.1:5760",
+            )
         )
     return LinkSpec(name=f"link{index}", kind=KINDS[kind], host=host, port=int(port))

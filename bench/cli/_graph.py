@@ -19,9 +19,12 @@ def register(app: typer.Typer) -> None:
 
 def graph(
     decomposition: Annotated[str, typer.Argument(help="Name or file of a decomposition")],
-    campaign: Annotated[Path | None, typer.Option(help="Folder of a campaign whose results colour the nodes")] = None,
+    campaign: Annotated[
+        Path | None, typer.Option(help="Folder of a campaign whose results colour the nodes")
+    ] = None,
     agent: Annotated[
-        str | None, typer.Option(help="Agent whose results are shown. Default: the first agent of the campaign")
+        str | None,
+        typer.Option(help="Agent whose results are shown. Default: the first agent of the campaign"),
     ] = None,
     by: Annotated[
         Literal["confidence", "score", "competence"],
@@ -29,7 +32,9 @@ def graph(
     ] = "confidence",
     out: Annotated[
         Path | None,
-        typer.Option(help="A .html or .svg file, or a name without suffix for both. Default: the decomposition's name"),
+        typer.Option(
+            help="A .html or .svg file, or a name without suffix for both. Default: the decomposition's name"
+        ),
     ] = None,
 ) -> None:
     """Draw a decomposition as an interactive page and as a drawing to print.
@@ -42,7 +47,9 @@ def graph(
     from decompositions import load_decomposition
 
     if campaign is None and agent is not None:
-        raise SetupError(Fault("--agent", "there is no campaign to take results from", "give --campaign as well"))
+        raise SetupError(
+            Fault("--agent", "there is no campaign to take results from", "give --campaign as well")
+        )
     drawn = load_decomposition(decomposition)
     data = load_report_data(campaign) if campaign is not None else None
     makers = {PAGE: graph_page, DRAWING: graph_svg}
@@ -58,6 +65,10 @@ def _files(out: Path) -> tuple[Path, ...]:
         return (out,)
     if out.suffix:
         raise SetupError(
-            Fault("--out", f"{out.name} has an unknown suffix", f"use {PAGE}, {DRAWING}, or no suffix to write both")
+            Fault(
+                "--out",
+                f"{out.name} has an unknown suffix",
+                f"use {PAGE}, {DRAWING}, or no suffix to write both",
+            )
         )
     return (out.with_suffix(PAGE), out.with_suffix(DRAWING))

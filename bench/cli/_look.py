@@ -31,7 +31,8 @@ def register(app: typer.Typer) -> None:
 
 def schema(
     name: Annotated[
-        str, typer.Argument(help="simspec, campaign, decomposition, agent, score-report, or a message document")
+        str,
+        typer.Argument(help="simspec, campaign, decomposition, agent, score-report, or a message document"),
     ] = "simspec",
 ) -> None:
     """Print the JSON Schema of a document. Example: rebar schema simspec > simspec.schema.json"""
@@ -68,7 +69,11 @@ def schema(
         return
     if name not in kinds:
         raise SetupError(
-            Fault("schema", f"there is no document {name!r}", f"known: {', '.join(sorted([*kinds, 'decomposition']))}")
+            Fault(
+                "schema",
+                f"there is no document {name!r}",
+                f"known: {', '.join(sorted([*kinds, 'decomposition']))}",
+            )
         )
     print(json.dumps(kinds[name].model_json_schema(), indent=2))
 
@@ -77,16 +82,19 @@ def difficulty(
     simspec: Annotated[Path, typer.Argument(help="SimSpec file, base or realized")],
     decomposition: Annotated[str, typer.Option(help="Name or file of a decomposition")] = "search-and-report",
     node: Annotated[
-        str | None, typer.Option(help="Show one node in full: every factor, and the changes that make it harder")
+        str | None,
+        typer.Option(help="Show one node in full: every factor, and the changes that make it harder"),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
 ) -> None:
-    """Show the difficulty of every node, the key factor that decides it, and the changes that would make it harder.
+    """Show the difficulty of every node, the key factor that decides it, and the changes that would make it
+    harder.
 
     Example: rebar difficulty examples/search.yaml
 
     Example: rebar difficulty examples/search.yaml --node KA-18
     """
+
     from bench.scoring import difficulty_of_values as rate_all
     from bench.simspec import FACTORS, factor_paths, factor_values, load_simspec
     from decompositions import DecompositionVocabulary, load_decomposition
@@ -120,7 +128,10 @@ class _RatedSituation:
     paths: Mapping[str, tuple[str, ...]]
 
     def as_json(self, nodes: list[str]) -> dict[str, Any]:
-        """Some nodes as in `Difficulty.as_json`, with the changes that raise each and the fields behind each factor."""
+        """Some nodes as in `Difficulty.as_json`, with the changes that raise each and the fields behind each
+        factor.
+        """
+
         from bench.scoring import difficulty_increase
 
         document = self.difficulty.as_json()
@@ -129,7 +140,12 @@ class _RatedSituation:
         return {
             "decomposition": document["decomposition"],
             "nodes": [
-                row | {"raise": dataclasses.asdict(difficulty_increase(self.decomposition, self.difficulty, row["node"]))}
+                row
+                | {
+                    "raise": dataclasses.asdict(
+                        difficulty_increase(self.decomposition, self.difficulty, row["node"])
+                    )
+                }
                 for row in document["nodes"]
                 if row["node"] in nodes
             ],
@@ -169,15 +185,22 @@ class _RatedSituation:
         """One node with all its factors, line by line."""
         from bench.scoring import difficulty_increase
 
-        rating, rise = self.difficulty.nodes[node], difficulty_increase(self.decomposition, self.difficulty, node)
+        rating, rise = (
+            self.difficulty.nodes[node],
+            difficulty_increase(self.decomposition, self.difficulty, node),
+        )
         yield f"{node} {self.decomposition.nodes[node].title}: difficulty {rating.difficulty:.4g}, tension {rating.tension}"
         yield f"ruled by {self._ruler(node, rise)}, in {', '.join(rating.ruled_by)}"
         if rise.margin is not None:
             yield f"next is {', '.join(rise.following)}, {rise.margin:.4g} points above"
         if rise.takeover:
-            yield from self._goal(f"To reach {rise.takeover.difficulty:.4g}, where the next factor takes over:", rise.takeover)
+            yield from self._goal(
+                f"To reach {rise.takeover.difficulty:.4g}, where the next factor takes over:", rise.takeover
+            )
         if rise.tension:
-            yield from self._goal(f"To reach tension {rating.tension + 1}, above {rise.tension.difficulty:g}:", rise.tension)
+            yield from self._goal(
+                f"To reach tension {rating.tension + 1}, above {rise.tension.difficulty:g}:", rise.tension
+            )
         yield "Its observables:"
         for leaf in self.decomposition.observables_under(node):
             rated = self.difficulty.observables[leaf]

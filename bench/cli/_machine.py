@@ -47,10 +47,17 @@ def register(app: typer.Typer) -> None:
 
 
 def doctor(as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False) -> None:
-    """Check this machine: Python, packages, plug-ins, JSBSim, Zenoh, loopback, free space. Example: rebar doctor"""
+    """Check this machine: Python, packages, plug-ins, JSBSim, Zenoh, loopback, free space. Example: rebar
+    doctor
+    """
+
     checks = [_try(name, check) for name, check in CHECKS.items()]
     if as_json:
-        print(json.dumps([{"name": check.name, "fine": check.fine, "text": check.text} for check in checks], indent=2))
+        print(
+            json.dumps(
+                [{"name": check.name, "fine": check.fine, "text": check.text} for check in checks], indent=2
+            )
+        )
     else:
         width = max(len(check.name) for check in checks)
         for check in checks:
@@ -80,7 +87,9 @@ def _packages() -> str:
         except PackageNotFoundError:
             missing.append(package)
     if missing:
-        raise RuntimeError(f"not installed: {', '.join(missing)}; run `make demo` or install requirements.lock")
+        raise RuntimeError(
+            f"not installed: {', '.join(missing)}; run `make demo` or install requirements.lock"
+        )
     return ", ".join(installed)
 
 
@@ -120,7 +129,10 @@ def _streams() -> str:
 
 
 def _loopback() -> str:
-    with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname(), timeout=2):
+    with (
+        socket.create_server(("127.0.0.1", 0)) as server,
+        socket.create_connection(server.getsockname(), timeout=2),
+    ):
         return "TCP on 127.0.0.1 works"
 
 
@@ -128,7 +140,9 @@ def _space() -> str:
     folder = Path(tempfile.gettempdir())
     free_gb = shutil.disk_usage(folder).free / 1e9
     if free_gb < 1.0:
-        raise RuntimeError(f"only {free_gb:.1f} GB free in {folder}; a session needs some megabytes, a campaign gigabytes")
+        raise RuntimeError(
+            f"only {free_gb:.1f} GB free in {folder}; a session needs some megabytes, a campaign gigabytes"
+        )
     return f"{free_gb:.0f} GB free for scratch"
 
 

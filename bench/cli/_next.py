@@ -17,9 +17,15 @@ def register(app: typer.Typer) -> None:
 
 def propose(
     folder: Annotated[Path, typer.Argument(help="Folder of a finished campaign")],
-    out: Annotated[Path | None, typer.Option(help="File to write; it must not exist yet. Printed if not given")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="File to write; it must not exist yet. Printed if not given")
+    ] = None,
 ) -> None:
-    """Propose the next campaign, with the reasons as comments, for you to review. Example: rebar next out/demo --out next.yaml"""
+    """Propose the next campaign, with the reasons as comments, for you to review.
+
+    Example: rebar next out/demo --out next.yaml
+    """
+
     from bench.campaign import propose_next
 
     if out is not None and out.exists():
@@ -39,4 +45,6 @@ def _write_new(out: Path, text: str) -> None:
         with out.open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError:
-        raise SetupError(Fault(str(out), "already exists and is not overwritten", "name another file")) from None
+        raise SetupError(
+            Fault(str(out), "already exists and is not overwritten", "name another file")
+        ) from None

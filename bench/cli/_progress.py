@@ -7,9 +7,23 @@ from collections.abc import Generator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
-from bench.campaign import CampaignEvent, CampaignPlanned, CampaignStopping, Observer, RealizationFinished, RealizationRetried
+from bench.campaign import (
+    CampaignEvent,
+    CampaignPlanned,
+    CampaignStopping,
+    Observer,
+    RealizationFinished,
+    RealizationRetried,
+)
 from bench.contracts import Outcome
 
 
@@ -24,7 +38,13 @@ def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
     if not console.is_terminal:
         yield _plain
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=console) as progress:
         bar = progress.add_task(title, total=None)
 
@@ -36,7 +56,9 @@ def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
                     progress.update(bar, completed=event.done)
                     # The bar shows the rest: only sessions that did not go as planned deserve a line.
                     if event.outcome not in (Outcome.COMPLETED, Outcome.SETTLED):
-                        progress.console.print(f"{event.realization}: {event.outcome}: {event.reason[:200]}", markup=False)
+                        progress.console.print(
+                            f"{event.realization}: {event.outcome}: {event.reason[:200]}", markup=False
+                        )
                 case RealizationRetried() | CampaignStopping():
                     progress.console.print(_line(event), markup=False)
                 case _:

@@ -32,34 +32,49 @@ def register(app: typer.Typer) -> None:
 def prose(
     text: Annotated[str | None, typer.Argument(help="The description, or use --file")] = None,
     file: Annotated[Path | None, typer.Option("--file", "-f", help="File with the description")] = None,
-    explain: Annotated[bool, typer.Option(help="Show where every field comes from: the words, or a default")] = False,
+    explain: Annotated[
+        bool, typer.Option(help="Show where every field comes from: the words, or a default")
+    ] = False,
     accept: Annotated[
-        list[int] | None, typer.Option(help="Number of the reading that answers the next question, from 1. Repeatable")
+        list[int] | None,
+        typer.Option(help="Number of the reading that answers the next question, from 1. Repeatable"),
     ] = None,
-    vocabulary: Annotated[Path | None, typer.Option(help="Vocabulary file of your own, which takes precedence")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON: SimSpec, ranges, receipts and questions")] = False,
+    vocabulary: Annotated[
+        Path | None, typer.Option(help="Vocabulary file of your own, which takes precedence")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print JSON: SimSpec, ranges, receipts and questions")
+    ] = False,
     out: Annotated[Path | None, typer.Option(help="File to write the base SimSpec to")] = None,
-    campaign: Annotated[Path | None, typer.Option(help="File to write a campaign to that varies the ranges")] = None,
+    campaign: Annotated[
+        Path | None, typer.Option(help="File to write a campaign to that varies the ranges")
+    ] = None,
     points: Annotated[int, typer.Option(min=1, max=10_000, help="Design points of that campaign")] = 17,
     groups: Annotated[bool, typer.Option(help="Group the variations by difficulty configuration")] = False,
-    decomposition: Annotated[str, typer.Option(help="For --campaign and --groups: name or file of a decomposition")] = (
-        "search-and-report"
-    ),
+    decomposition: Annotated[
+        str, typer.Option(help="For --campaign and --groups: name or file of a decomposition")
+    ] = ("search-and-report"),
     llm: Annotated[
         str | None,
-        typer.Option(help="Language model for what grammar and vocabulary do not understand: provider:name, or a name"),
+        typer.Option(
+            help="Language model for what grammar and vocabulary do not understand: provider:name, or a name"
+        ),
     ] = None,
     llm_url: Annotated[
         str | None,
-        typer.Option(help=f"OpenAI-compatible server with the model. Default: port 11434. Its key is read from {KEY_VARIABLE}"),
+        typer.Option(
+            help=f"OpenAI-compatible server with the model. Default: port 11434. Its key is read from {KEY_VARIABLE}"
+        ),
     ] = None,
 ) -> None:
     """Turn a description into a base SimSpec with ranges, and a receipt for every field.
 
-    Example: rebar prose "A radar vehicle, between 5 and 10 civilians within 50 m of it, heavy rain, at 80 m" --explain
+    Example: rebar prose "A radar vehicle, between 5 and 10 civilians within 50 m of it, heavy rain, at 80 m"
+    --explain
 
     Example: rebar prose -f scene.txt --out scene.yaml --campaign campaign.yaml
     """
+
     from bench.documents import dump_value
     from bench.instance_analysis import ModelEndpoint, annotated_yaml, load_vocabulary, propose, read_prose
 
@@ -86,7 +101,9 @@ def prose(
     if out is not None:
         out.write_text(annotated_yaml(base_simspec), encoding="utf-8")
     if campaign is not None:
-        campaign.write_text(dump_value(_campaign(base_simspec, base_simspec.simspec, points, decomposition)), encoding="utf-8")
+        campaign.write_text(
+            dump_value(_campaign(base_simspec, base_simspec.simspec, points, decomposition)), encoding="utf-8"
+        )
         for fault in _unrated(base_simspec.simspec, decomposition):
             print(f"cannot be scored yet: {fault}", file=sys.stderr)
     if groups:
@@ -102,7 +119,11 @@ def _description(text: str | None, file: Path | None) -> str:
 
     if (text is None) == (file is None):
         raise SetupError(
-            Fault("prose", "give either a description or --file", "for example rebar prose 'a radar vehicle and 5 civilians'")
+            Fault(
+                "prose",
+                "give either a description or --file",
+                "for example rebar prose 'a radar vehicle and 5 civilians'",
+            )
         )
     # UTF-8 takes up to four bytes for a character.
     return text if text is not None else read_text(file or Path(), max_bytes=4 * MAX_CHARACTERS)
@@ -126,7 +147,9 @@ def _remarks(base_simspec: BaseSimSpec, proposed: ProposedResult | None) -> Iter
         yield f"not understood: {remark.quote!r}: {remark.why}"
     if proposed is not None:
         yield f"{proposed.model} was queried {proposed.rounds} times and decided {', '.join(proposed.decided_by_model) or 'nothing'}"
-        yield from (f"refused from {proposed.model}: {refusal.quote}: {refusal.why}" for refusal in proposed.refused)
+        yield from (
+            f"refused from {proposed.model}: {refusal.quote}: {refusal.why}" for refusal in proposed.refused
+        )
 
 
 def _span(varied: VariedField) -> str:
@@ -162,7 +185,11 @@ def _factors(ranges: Sequence[VariedField]) -> list[dict[str, Any]]:
             factor |= {"levels": list(varied.levels), "sets": list(varied.paths)}
         else:
             clean = int if varied.integer else float
-            ends = {"low": clean(varied.low or 0.0), "high": clean(varied.high or 0.0), "integer": varied.integer}
+            ends = {
+                "low": clean(varied.low or 0.0),
+                "high": clean(varied.high or 0.0),
+                "integer": varied.integer,
+            }
             factor |= {"range": ends, "sets": list(varied.paths)}
         factors.append(factor)
     return factors
@@ -181,7 +208,10 @@ def _unrated(simspec: SimSpec, decomposition: str) -> Sequence[Fault]:
 
 
 def _campaign(base_simspec: BaseSimSpec, simspec: SimSpec, points: int, decomposition: str) -> dict[str, Any]:
-    """A campaign over the ranges as plain values: a Latin hypercube, or every combination if there are only levels."""
+    """A campaign over the ranges as plain values: a Latin hypercube, or every combination if there are only
+    levels.
+    """
+
     from bench.campaign import Campaign
     from bench.documents import validate_document
     from bench.instance_analysis import stated_values
@@ -217,7 +247,9 @@ def _variations(base_simspec: BaseSimSpec, simspec: SimSpec) -> Iterator[tuple[s
             factor["levels"] = [clean(ends["low"]), clean(ends["high"])]
     design = validate_document({"factors": factors}, Design, source="ranges")
     points = design.pairs()[:MAX_VARIATIONS]
-    for (point, _), varied in zip(points, situations(simspec, design, [point for point, _ in points]), strict=True):
+    for (point, _), varied in zip(
+        points, situations(simspec, design, [point for point, _ in points]), strict=True
+    ):
         yield ", ".join(f"{name} {level}" for name, level in point.levels.items()), varied
 
 
@@ -241,11 +273,15 @@ def _decomposition(name_or_path: str) -> Decomposition:
     from bench.simspec import FACTORS
     from decompositions import DecompositionVocabulary, load_decomposition
 
-    return load_decomposition(name_or_path, DecompositionVocabulary({name: factor.unit for name, factor in FACTORS.items()}))
+    return load_decomposition(
+        name_or_path, DecompositionVocabulary({name: factor.unit for name, factor in FACTORS.items()})
+    )
 
 
 def tension(
-    node: Annotated[str, typer.Argument(help="Node of the decomposition, or words from the title of a key attribute")],
+    node: Annotated[
+        str, typer.Argument(help="Node of the decomposition, or words from the title of a key attribute")
+    ],
     wanted: Annotated[int, typer.Argument(min=1, max=5, help="Tension, 1 to 5")],
     decomposition: Annotated[str, typer.Option(help="Name or file of a decomposition")] = "search-and-report",
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
@@ -264,8 +300,12 @@ def tension(
         return
     # Tension n covers difficulties above 20 (n - 1) up to 20 n.
     lowest, highest = 20 * (wanted - 1), 20 * wanted
-    print(f"{node} {tree.nodes[node].title} has tension {wanted} where its difficulty is above {lowest} and at most {highest}:")
-    print("every factor is at least as hard as its first value, and one of them is no harder than its second.")
+    print(
+        f"{node} {tree.nodes[node].title} has tension {wanted} where its difficulty is above {lowest} and at most {highest}:"
+    )
+    print(
+        "every factor is at least as hard as its first value, and one of them is no harder than its second."
+    )
     for row in rows:
         print(
             f"  {row['factor']} [{row['unit']}]: {_bound_text(row['from'], row['from_past'])} to {_bound_text(row['to'], False)}"
@@ -288,11 +328,17 @@ def _node(tree: Decomposition, words: str) -> str:
         return words
     title_words = [word.lower() for word in words.split()]
     attributes = tree.at_level(Level.KEY_ATTRIBUTE)
-    matches = [node for node in attributes if all(word in tree.nodes[node].title.lower() for word in title_words)]
+    matches = [
+        node for node in attributes if all(word in tree.nodes[node].title.lower() for word in title_words)
+    ]
     if len(matches) != 1:
         choices = ", ".join(f"{node} {tree.nodes[node].title}" for node in matches) or "none"
         raise SetupError(
-            Fault("NODE", f"{len(matches)} key attributes have {words!r} in their title", f"name one; matches: {choices}")
+            Fault(
+                "NODE",
+                f"{len(matches)} key attributes have {words!r} in their title",
+                f"name one; matches: {choices}",
+            )
         )
     return matches[0]
 
@@ -302,10 +348,13 @@ def _bound_text(value: float | None, past: bool) -> str:
 
 
 def _factor_ranges(tree: Decomposition, node: str, wanted: int) -> Iterator[dict[str, Any]]:
-    """For each key factor, the range in which the node has the tension. An end is None if a table ends before it.
+    """For each key factor, the range in which the node has the tension. An end is None if a table ends before
+    it.
 
-    From the first value on, no table of the factor rates too low. Up to the second, at least one does not rate too high.
+    From the first value on, no table of the factor rates too low. Up to the second, at least one does not
+    rate too high.
     """
+
     from bench.scoring import value_for_rating
 
     tables: dict[str, list[Any]] = {}
@@ -322,6 +371,10 @@ def _factor_ranges(tree: Decomposition, node: str, wanted: int) -> Iterator[dict
             lows = [value_for_rating(row, 20.0 * (wanted - 1), tree.policies, exceeded=True) for row in rows]
         highs = [value_for_rating(row, 20.0 * wanted, tree.policies) for row in rows]
         low = None if None in lows else max((low for low in lows if low), key=lambda low: sign * low[0])
-        high = None if None in highs else max((high[0] for high in highs if high), key=lambda value: sign * value)
+        high = (
+            None
+            if None in highs
+            else max((high[0] for high in highs if high), key=lambda value: sign * value)
+        )
         low_value, past = low if low else (None, False)
         yield {"factor": factor, "unit": rows[0].unit, "from": low_value, "from_past": past, "to": high}

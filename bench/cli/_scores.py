@@ -44,24 +44,32 @@ def register(app: typer.Typer) -> None:
 
 def score(
     runs: Annotated[list[Path] | None, typer.Argument(help="Folders of runs or of campaigns")] = None,
-    decomposition: Annotated[str | None, typer.Option(help="Name or file of a decomposition. Default: the campaign's")] = None,
-    observations: Annotated[
-        Path | None, typer.Option(help="Score a table of observations instead of folders (CSV or JSON records)")
+    decomposition: Annotated[
+        str | None, typer.Option(help="Name or file of a decomposition. Default: the campaign's")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, as described by `rebar schema score-report`")] = False,
+    observations: Annotated[
+        Path | None,
+        typer.Option(help="Score a table of observations instead of folders (CSV or JSON records)"),
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print JSON, as described by `rebar schema score-report`")
+    ] = False,
     per_run: Annotated[bool, typer.Option("--per-run", help="Show the nodes of every run as well")] = False,
-    explain: Annotated[str | None, typer.Option(metavar="NODE", help="Explain the score of this node. Writes nothing")] = None,
+    explain: Annotated[
+        str | None, typer.Option(metavar="NODE", help="Explain the score of this node. Writes nothing")
+    ] = None,
     limit: Annotated[
         int,
         typer.Option(
-            min=0, help="With --explain: maximum of runs per agent, observables per run and moments per observable; 0 for all"
+            min=0,
+            help="With --explain: maximum of runs per agent, observables per run and moments per observable; 0 for all",
         ),
     ] = 5,
 ) -> None:
     """Measure and score recordings again, from nothing but the recording, its SimSpec and the decomposition.
 
-    For the folder of a run, the scores are printed. For a campaign, result.json files, scores.parquet and report.html are
-    written again.
+    For the folder of a run, the scores are printed. For a campaign, result.json files, scores.parquet and
+    report.html are written again.
 
     Example: rebar score out/demo/runs/p000-r0-reference-naive
 
@@ -69,6 +77,7 @@ def score(
 
     Example: rebar score --observations table.csv --decomposition mine.yaml --json
     """
+
     for source in _score_sources(runs or [], decomposition, observations, reading=explain is not None):
         if explain is not None:
             _show_explanation(source.explained(explain, limit), as_json=as_json)
@@ -119,7 +128,15 @@ class ScoreSource:
         runs = run_reports(self.scores, self.sources.recordings) if per_run or self.kind == "run" else None
         absent = absent_pairs(self.decomposition, self.runs)
         return score_report(
-            self.kind, self.source, self.decomposition, self.study, self.scores, self.summary, absent, runs, self.fidelity
+            self.kind,
+            self.source,
+            self.decomposition,
+            self.study,
+            self.scores,
+            self.summary,
+            absent,
+            runs,
+            self.fidelity,
         )
 
     def explained(self, node: str, limit: int) -> Explanation:
@@ -128,7 +145,9 @@ class ScoreSource:
 
         check_node("--explain", self.decomposition, node)
         summaries = node_reports(self.scores, self.summary.filter(node=node, configuration="all"))
-        return explain(self.decomposition, node, self.runs, self.scores, summaries, self.sources, self.source, limit)
+        return explain(
+            self.decomposition, node, self.runs, self.scores, summaries, self.sources, self.source, limit
+        )
 
     def show(self, *, per_run: bool) -> None:
         """Print the scores as tables."""
@@ -145,12 +164,16 @@ class ScoreSource:
                 console.print(_table_of_run(run, titles))
         if self.kind == "observations":
             absent = absent_pairs(self.decomposition, self.runs)
-            print(f"{len(self.runs)} runs; {absent} pairs of run and observable have no row and are not considered")
+            print(
+                f"{len(self.runs)} runs; {absent} pairs of run and observable have no row and are not considered"
+            )
         for line in self.closing_lines:
             print(line)
 
 
-def _score_sources(runs: Sequence[Path], decomposition: str | None, table: Path | None, *, reading: bool) -> list[ScoreSource]:
+def _score_sources(
+    runs: Sequence[Path], decomposition: str | None, table: Path | None, *, reading: bool
+) -> list[ScoreSource]:
     """Everything that the command line names, scored. `reading` writes nothing."""
     from bench.campaign import is_campaign
 
@@ -158,14 +181,24 @@ def _score_sources(runs: Sequence[Path], decomposition: str | None, table: Path 
         if runs:
             raise SetupError(Fault("--observations", "cannot be given together with folders", "give either"))
         if decomposition is None:
-            raise SetupError(Fault("--observations", "a table does not name its decomposition", "give --decomposition FILE"))
+            raise SetupError(
+                Fault(
+                    "--observations", "a table does not name its decomposition", "give --decomposition FILE"
+                )
+            )
         return [_of_table(table, decomposition)]
     if not runs:
         raise SetupError(
-            Fault("score", "there is nothing to score", "name the folder of a run or of a campaign, or give --observations")
+            Fault(
+                "score",
+                "there is nothing to score",
+                "name the folder of a run or of a campaign, or give --observations",
+            )
         )
     return [
-        _of_campaign(folder, decomposition, reading=reading) if is_campaign(folder) else _of_run(folder, decomposition)
+        _of_campaign(folder, decomposition, reading=reading)
+        if is_campaign(folder)
+        else _of_run(folder, decomposition)
         for folder in runs
     ]
 
@@ -237,7 +270,11 @@ def _of_run(folder: Path, named: str | None) -> ScoreSource:
 
 
 def _campaign_decomposition(run: Path) -> str:
-    """The decomposition of the campaign that a run belongs to. The default one for a run outside a campaign."""
+    """The decomposition of the campaign that a run belongs to.
+
+    The default one for a run outside a campaign.
+    """
+
     path = run.resolve().parent.parent / "decomposition.yaml"
     return str(path) if run.resolve().parent.name == "runs" and path.is_file() else "search-and-report"
 
@@ -306,17 +343,35 @@ def _tree_of_agent(explanation: Explanation, agent: AgentExplanation) -> Tree:
         tree.add(Text(f"not scored in any of {summary.considered} considered runs"))
     else:
         made_of = ", ".join(agent.scored_runs) + (", ..." if summary.scored > len(agent.scored_runs) else "")
-        ends = "" if summary.score_low is None else f", 95 % [{summary.score_low:.2f}, {summary.score_high:.2f}]"
-        tree.add(Text(f"score {summary.score:.2f}{ends}: the mean of the {summary.scored} runs that have one ({made_of})"))
+        ends = (
+            "" if summary.score_low is None else f", 95 % [{summary.score_low:.2f}, {summary.score_high:.2f}]"
+        )
+        tree.add(
+            Text(
+                f"score {summary.score:.2f}{ends}: the mean of the {summary.scored} runs that have one ({made_of})"
+            )
+        )
     if summary.raised_by_failure:
         tree.add(Text("failures raised this score: it would be lower if every failed observable had passed"))
     if summary.confidence is not None:
         interval = f"95 % [{summary.confidence_low:.1%}, {summary.confidence_high:.1%}] {summary.method}"
-        tree.add(Text(f"confidence {summary.confidence:.1%}, {interval}: the mean over {summary.considered} considered runs"))
+        tree.add(
+            Text(
+                f"confidence {summary.confidence:.1%}, {interval}: the mean over {summary.considered} considered runs"
+            )
+        )
     if summary.competence_50 is not None:
         least = "at least " if summary.competence_50_at_least else ""
-        bound = "" if summary.competence_50_low is None else f", at least {summary.competence_50_low:.2f} with 95 % confidence"
-        tree.add(Text(f"competence {least}{summary.competence_50:.2f}{bound}: up to this difficulty half of such runs pass"))
+        bound = (
+            ""
+            if summary.competence_50_low is None
+            else f", at least {summary.competence_50_low:.2f} with 95 % confidence"
+        )
+        tree.add(
+            Text(
+                f"competence {least}{summary.competence_50:.2f}{bound}: up to this difficulty half of such runs pass"
+            )
+        )
     tree.add(
         Text(
             f"{summary.runs} runs count: {summary.passed} passed, {summary.considered - summary.passed} failed, "
@@ -349,7 +404,11 @@ def _add_run(tree: Tree, run: RunExplanation) -> None:
 
 
 def _brief(reason: str) -> str:
-    """First and last line of a reason. A traceback of an agent can be long, and the recording has all of it."""
+    """First and last line of a reason.
+
+    A traceback of an agent can be long, and the recording has all of it.
+    """
+
     lines = [line.strip() for line in reason.splitlines() if line.strip(" )")]
     # A traceback says what went wrong in its last line, and what it is in its first.
     return reason.strip() if len(lines) < 3 else f"{lines[0]} ... {lines[-1]}"
@@ -360,9 +419,15 @@ def _add_observable(tree: Tree, leaf: ObservableExplanation) -> None:
         branch = tree.add(Text(f"{leaf.id} {leaf.title}: not considered; {leaf.reason}"))
     else:
         sign = ">=" if leaf.state == "achieved" else "<"
-        branch = tree.add(Text(f"{leaf.id} {leaf.title}: {leaf.state}, x {leaf.x:.4g} {sign} {leaf.threshold:g}{_points(leaf)}"))
+        branch = tree.add(
+            Text(
+                f"{leaf.id} {leaf.title}: {leaf.state}, x {leaf.x:.4g} {sign} {leaf.threshold:g}{_points(leaf)}"
+            )
+        )
         if leaf.factors:
-            ratings = (f"{row.factor} = {row.value:g} {row.unit} rates {row.rating:.2f}" for row in leaf.factors)
+            ratings = (
+                f"{row.factor} = {row.value:g} {row.unit} rates {row.rating:.2f}" for row in leaf.factors
+            )
             branch.add(Text("; ".join(ratings)))
     if leaf.row:
         branch.add(Text(f"row: {leaf.row}"))

@@ -28,7 +28,9 @@ def simulate(
     from bench.documents import dump_json
     from bench.simspec import load_simspec
 
-    result = fly_realization(load_simspec(simspec), load_measurable_decomposition(decomposition), out, out.name)
+    result = fly_realization(
+        load_simspec(simspec), load_measurable_decomposition(decomposition), out, out.name
+    )
     # The flight does not write its result: in a campaign the runner does.
     write_result(out, result)
     if as_json:
@@ -45,9 +47,13 @@ def simulate(
         for column in ("observable", "considered", "x", "evidence"):
             table.add_column(column, justify="right" if column == "x" else "left")
         for observation in result.observations:
-            evidence = "; ".join(f"{moment.time_s:.1f} s {moment.text}" for moment in observation.evidence[:2])
+            evidence = "; ".join(
+                f"{moment.time_s:.1f} s {moment.text}" for moment in observation.evidence[:2]
+            )
             value = "" if observation.x is None else f"{observation.x:.3f}"
-            table.add_row(observation.observable, "yes" if observation.considered else "no", value, Text(evidence))
+            table.add_row(
+                observation.observable, "yes" if observation.considered else "no", value, Text(evidence)
+            )
         if result.observations:
             console.print(table)
         if (out / "recording.mcap").is_file():

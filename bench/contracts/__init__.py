@@ -1,6 +1,7 @@
 """What a plug-in promises, and the values that cross the walls of the bench.
 
-A vehicle, a scene, an agent, a measure or a surrogate is a protocol of this package and a line in pyproject.toml, nothing else.
+A vehicle, a scene, an agent, a measure or a surrogate is a protocol of this package and a line in
+pyproject.toml, nothing else.
 """
 
 from __future__ import annotations

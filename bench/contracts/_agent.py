@@ -15,19 +15,26 @@ from bench.simspec import Identifier, SimSpec
 
 
 class MavlinkNeed(Document):
-    """One MAVLink link that the agent wants. The connection string is handed over in the variable named `variable`."""
+    """One MAVLink link that the agent wants.
+
+    The connection string is handed over in the variable named `variable`.
+    """
 
     name: Identifier = "onboard"
     kind: Literal["udp_out", "udp_in", "tcp_in"] = "udp_out"
-    streams: Annotated[str, Field(description="Default stream set of the link: onboard, gcs or none.")] = "onboard"
+    streams: Annotated[str, Field(description="Default stream set of the link: onboard, gcs or none.")] = (
+        "onboard"
+    )
     variable: str = "REBAR_MAVLINK"
 
 
 class AgentManifest(Document):
-    """How an agent is started, connected, paced and reset. A YAML file, or an entry point of group `rebar.agents`.
+    """How an agent is started, connected, paced and reset. A YAML file, or an entry point of group
+    `rebar.agents`.
 
-    In `command` and `environment`, `{python}` stands for the bench's interpreter, `{folder}` for the manifest's folder,
-    and `{option:NAME}` for an option of SimSpec.agent. What is handed over in the environment is listed in docs/agents.md.
+    In `command` and `environment`, `{python}` stands for the bench's interpreter, `{folder}` for the
+    manifest's folder, and `{option:NAME}` for an option of SimSpec.agent. What is handed over in the
+    environment is listed in docs/agents.md.
     """
 
     format: Literal["rebar.agent/1"] = "rebar.agent/1"
@@ -36,13 +43,14 @@ class AgentManifest(Document):
     command: Annotated[tuple[str, ...], Field(min_length=1)]
     environment: dict[str, str] = {}
     pace: Annotated[
-        tuple[Literal["lockstep", "realtime"], ...], Field(min_length=1, description="Paces that the agent can follow.")
+        tuple[Literal["lockstep", "realtime"], ...],
+        Field(min_length=1, description="Paces that the agent can follow."),
     ] = ("realtime",)
     mavlink: tuple[MavlinkNeed, ...] = (MavlinkNeed(),)
     zenoh: bool = True
-    reset: Annotated[Literal["process"], Field(description="How a fresh agent is had for the next session: a new process.")] = (
-        "process"
-    )
+    reset: Annotated[
+        Literal["process"], Field(description="How a fresh agent is had for the next session: a new process.")
+    ] = "process"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +58,8 @@ class AgentEndpoints:
     """Where the agent finds the air network; becomes environment variables.
 
     REBAR_MAVLINK (or the manifest's name for each link), REBAR_ZENOH (a locator such as tcp/127.0.0.1:7447),
-    REBAR_ZENOH_USER, REBAR_ZENOH_PASSWORD, ROS_DOMAIN_ID, REBAR_VEHICLE, REBAR_TICK (host:port of the tick socket,
-    absent in realtime), REBAR_OPTIONS (JSON object), REBAR_SEED (integer).
+    REBAR_ZENOH_USER, REBAR_ZENOH_PASSWORD, ROS_DOMAIN_ID, REBAR_VEHICLE, REBAR_TICK (host:port of the tick
+    socket, absent in realtime), REBAR_OPTIONS (JSON object), REBAR_SEED (integer).
     """
 
     mavlink: Mapping[str, str]

@@ -12,17 +12,29 @@ def realized_of(simspec: SimSpec) -> Realized:
     """The places of a SimSpec. Raises SetupError when it has none."""
     if simspec.realized is None:
         raise SetupError(
-            Fault(simspec.name, "the SimSpec is not realized", "place it first (rebar realize, or bench.realization.place)")
+            Fault(
+                simspec.name,
+                "the SimSpec is not realized",
+                "place it first (rebar realize, or bench.realization.place)",
+            )
         )
     return simspec.realized
 
 
 def cast_of(simspec: SimSpec) -> tuple[CastMember, ...]:
-    """The members in the order of `realized.actors`. Raises SetupError for places, groups or assets that are missing."""
+    """The members in the order of `realized.actors`.
+
+    Raises SetupError for places, groups or assets that are missing.
+    """
+
     realized = realized_of(simspec)
     groups = {group.id: group for group in simspec.actors}
     faults = [
-        Fault(f"realized.actors[{index}].group", f"there is no group {actor.group!r}", f"the groups are {', '.join(groups)}")
+        Fault(
+            f"realized.actors[{index}].group",
+            f"there is no group {actor.group!r}",
+            f"the groups are {', '.join(groups)}",
+        )
         for index, actor in enumerate(realized.actors)
         if actor.group not in groups
     ]

@@ -1,9 +1,9 @@
 """The JSON documents inside std_msgs/String: what no standard ROS message covers.
 
-`rebar schema` publishes the JSON Schema of each. Positions are east/north metres in the mission's `map` frame, whose
-origin (WGS84) the mission order states; times are seconds of simulated time (the bench's clock, as on `/clock`).
-Agents are outside the trust boundary: what they send is parsed with `parse_document`, which returns None for anything
-that is not a valid document.
+`rebar schema` publishes the JSON Schema of each. Positions are east/north metres in the mission's `map`
+frame, whose origin (WGS84) the mission order states; times are seconds of simulated time (the bench's clock,
+as on `/clock`). Agents are outside the trust boundary: what they send is parsed with `parse_document`, which
+returns None for anything that is not a valid document.
 """
 
 from __future__ import annotations
@@ -31,7 +31,10 @@ class NoFlyDocument(Document):
 
 
 class MissionOrder(Document):
-    """Bench to agent, once: what to do and within which rules. A rule that is absent or null does not hold."""
+    """Bench to agent, once: what to do and within which rules.
+
+    A rule that is absent or null does not hold.
+    """
 
     kind: Literal["search_and_report"]
     origin: Origin
@@ -44,22 +47,29 @@ class MissionOrder(Document):
     no_mark_within_m: float
     min_report_confidence: float
     max_altitude_m: float
-    geofence: Annotated[tuple[Point, ...] | None, Field(description="Corners of the area to keep inside.")] = None
+    geofence: Annotated[
+        tuple[Point, ...] | None, Field(description="Corners of the area to keep inside.")
+    ] = None
     no_fly: tuple[NoFlyDocument, ...] = ()
-    min_altitude_m: Annotated[float | None, Field(description="Above home; outside 40 m around home, takeoff and landing.")] = (
-        None
-    )
+    min_altitude_m: Annotated[
+        float | None, Field(description="Above home; outside 40 m around home, takeoff and landing.")
+    ] = None
     max_speed_mps: Annotated[float | None, Field(description="Ground speed.")] = None
-    bystander_standoff_m: Annotated[float, Field(description="Least distance in space to any bystander.")] = 0.0
+    bystander_standoff_m: Annotated[float, Field(description="Least distance in space to any bystander.")] = (
+        0.0
+    )
     bystander_slow_within_m: Annotated[
-        float | None, Field(description="Nearer than this to a bystander, horizontally, bystander_slow_mps holds.")
+        float | None,
+        Field(description="Nearer than this to a bystander, horizontally, bystander_slow_mps holds."),
     ] = None
     bystander_slow_mps: float | None = None
     max_loiter_over_bystander_s: Annotated[
         float | None, Field(description="Longest unbroken stay within 15 m, horizontally, of one bystander.")
     ] = None
     battery_reserve_fraction: Annotated[float, Field(description="Be down with at least this charge.")] = 0.2
-    report_deadline_s: Annotated[float | None, Field(description="From the delivery of intelligence to the report on it.")] = None
+    report_deadline_s: Annotated[
+        float | None, Field(description="From the delivery of intelligence to the report on it.")
+    ] = None
     report_windows: Annotated[
         tuple[TimeWindow, ...], Field(description="Reports are allowed only within these; always when empty.")
     ] = ()
@@ -83,7 +93,9 @@ class IntelligenceDocument(Document):
     uncertainty_m: float
     priority: int
     # An age would depend on when the agent reads it.
-    observed_s: Annotated[float, Field(description="When the sighting was made; negative when before the start.")]
+    observed_s: Annotated[
+        float, Field(description="When the sighting was made; negative when before the start.")
+    ]
 
 
 class OrderDocument(Document):
@@ -91,9 +103,13 @@ class OrderDocument(Document):
 
     id: Identifier
     kind: OrderKind
-    issued_s: Annotated[float, Field(description="When the operator gave it; delivery is later while the link is down.")]
+    issued_s: Annotated[
+        float, Field(description="When the operator gave it; delivery is later while the link is down.")
+    ]
     within_s: Annotated[float, Field(description="Time from delivery in which it is to be carried out.")]
-    intelligence_id: Annotated[Identifier | None, Field(description="Intelligence report that retask and mark are about.")] = None
+    intelligence_id: Annotated[
+        Identifier | None, Field(description="Intelligence report that retask and mark are about.")
+    ] = None
 
 
 class OperatorLinkDocument(Document):
@@ -124,17 +140,24 @@ class TargetReport(Document):
     intelligence_id: Annotated[str | None, Field(max_length=64)] = None
     bystanders_seen: Annotated[
         int | None,
-        Field(ge=0, le=10_000, description="Bystanders known within the no-mark distance; absent when not considered."),
+        Field(
+            ge=0,
+            le=10_000,
+            description="Bystanders known within the no-mark distance; absent when not considered.",
+        ),
     ] = None
     nearest_bystander_m: Annotated[float | None, Field(ge=0.0, le=1e6)] = None
-    evidence: Annotated[tuple[float, ...], Field(max_length=256, description="Exposure times of the frames relied on.")] = ()
+    evidence: Annotated[
+        tuple[float, ...], Field(max_length=256, description="Exposure times of the frames relied on.")
+    ] = ()
     reason: Text = ""
     position_sigma_m: Annotated[
-        float | None, Field(ge=0.0, le=1e6, description="Stated error of the place: one sigma, horizontal, on each axis.")
+        float | None,
+        Field(ge=0.0, le=1e6, description="Stated error of the place: one sigma, horizontal, on each axis."),
     ] = None
-    repeats: Annotated[str | None, Field(max_length=64, description="Id of the report that this one corrects or says again.")] = (
-        None
-    )
+    repeats: Annotated[
+        str | None, Field(max_length=64, description="Id of the report that this one corrects or says again.")
+    ] = None
 
 
 class Decision(Document):
@@ -151,7 +174,9 @@ class Decision(Document):
     ]
     subject: Annotated[str, Field(max_length=64)] = ""
     reason: Text = ""
-    evidence: Annotated[tuple[float, ...], Field(max_length=256, description="Exposure times of the frames relied on.")] = ()
+    evidence: Annotated[
+        tuple[float, ...], Field(max_length=256, description="Exposure times of the frames relied on.")
+    ] = ()
     confidence: Fraction | None = None
 
 
@@ -232,9 +257,12 @@ class SightingDocument(Document):
     actor: Annotated[int, Field(description="Index into the cast.")]
     range_m: float
     height_px: Annotated[float, Field(description="Apparent height of the whole object.")]
-    visible: Annotated[float, Field(description="Share of the object that nothing hides and that lies inside the frame.")]
+    visible: Annotated[
+        float, Field(description="Share of the object that nothing hides and that lies inside the frame.")
+    ]
     box: Annotated[
-        tuple[float, float, float, float], Field(description="left, top, right, bottom in pixels, clipped to the frame.")
+        tuple[float, float, float, float],
+        Field(description="left, top, right, bottom in pixels, clipped to the frame."),
     ]
 
 

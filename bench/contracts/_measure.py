@@ -45,11 +45,11 @@ class Timed(Generic[T]):
 class Tape:
     """The typed streams of one run: what a recording says, decoded once. Times are seconds of simulated time.
 
-    `vehicle_*` arrays share their first axis (n); `actor_position_enu_m` is (m, k, 3) over `actor_time_s` (m,) and the
-    cast (k). `vehicle_tilt_rad` (n,) is the angle between the body's up axis and the vertical, from the truth;
-    `estimate_position_enu_m` (e, 3) at `estimate_time_s` (e,) is where the vehicle believes to be. The moment of an order is
-    that of its delivery. Tapes made by hand may leave any of these empty. Built from records, live or read back, by the same
-    code: so a measure cannot tell which.
+    `vehicle_*` arrays share their first axis (n); `actor_position_enu_m` is (m, k, 3) over `actor_time_s`
+    (m,) and the cast (k). `vehicle_tilt_rad` (n,) is the angle between the body's up axis and the vertical,
+    from the truth; `estimate_position_enu_m` (e, 3) at `estimate_time_s` (e,) is where the vehicle believes
+    to be. The moment of an order is that of its delivery. Tapes made by hand may leave any of these empty.
+    Built from records, live or read back, by the same code: so a measure cannot tell which.
     """
 
     cast: tuple[CastMember, ...]
@@ -108,12 +108,14 @@ class Tape:
 class Measure(Protocol):
     """A pure function, the entry point of group `rebar.measures`.
 
-    Consideration comes from the SimSpec and the truth on the tape, never from what the agent chose to look at.
-    `options` are those of the observable in the decomposition; an unknown one is a ValueError.
-    The observation's `observable` field is left as handed in.
+    Consideration comes from the SimSpec and the truth on the tape, never from what the agent chose to look
+    at. `options` are those of the observable in the decomposition; an unknown one is a ValueError. The
+    observation's `observable` field is left as handed in.
     """
 
-    def __call__(self, observable: str, tape: Tape, simspec: SimSpec, options: Mapping[str, Option]) -> Observation: ...
+    def __call__(
+        self, observable: str, tape: Tape, simspec: SimSpec, options: Mapping[str, Option]
+    ) -> Observation: ...
 
 
 @runtime_checkable
@@ -121,4 +123,6 @@ class ChecksOptions(Protocol):
     """What a measure implements beside `Measure` when its options can be checked before anything flies."""
 
     def check_options(self, options: Mapping[str, Option]) -> None:
-        """Raise ValueError, naming measure, option and what is known, when an option is unknown, missing or wrong."""
+        """Raise ValueError, naming measure, option and what is known, when an option is unknown, missing or
+        wrong.
+        """

@@ -32,11 +32,15 @@ class Outcome(StrEnum):
 
     @property
     def counts(self) -> bool:
-        """Whether observables of such a run are scored: what the agent did or failed to do counts, bench errors do not."""
+        """Whether observables of such a run are scored: what the agent did or failed to do counts, bench
+        errors do not.
+        """
+
         return self in _SCORED_OUTCOMES
 
 
-# Listed and not derived: whether a run counts decides over every number, so a new outcome must be put here on purpose.
+# Listed and not derived: whether a run counts decides over every number, so a new outcome must be put here on
+# purpose.
 _SCORED_OUTCOMES = frozenset(
     {
         Outcome.COMPLETED,
@@ -60,8 +64,8 @@ class Evidence(Document):
 class Observation(Document):
     """What one measure found in one run for one observable.
 
-    `x` is the measured value in [0, 1], None exactly when the run is not considered: when the situation, by the
-    scenario and the truth, offered nothing that could exercise the observable (docs/rulings.md 6).
+    `x` is the measured value in [0, 1], None exactly when the run is not considered: when the situation, by
+    the scenario and the truth, offered nothing that could exercise the observable (docs/rulings.md 6).
     """
 
     observable: str
@@ -88,7 +92,10 @@ class SessionResult(Document):
 
 @dataclass(frozen=True, slots=True)
 class SessionFailure:
-    """An exception that ended a realization, as an outcome. `traceback` is empty unless the bench has to be debugged."""
+    """An exception that ended a realization, as an outcome.
+
+    `traceback` is empty unless the bench has to be debugged.
+    """
 
     outcome: Outcome
     reason: str
@@ -96,14 +103,19 @@ class SessionFailure:
 
     @classmethod
     def of(cls, error: BaseException) -> Self:
-        """The outcome that an exception stands for. Whatever is not expected is a bench error, with its traceback."""
+        """The outcome that an exception stands for.
+
+        Whatever is not expected is a bench error, with its traceback.
+        """
+
         match error:
             case PlacementInfeasible():
                 return cls(Outcome.PLACEMENT_INFEASIBLE, str(error))
             case SetupError():
                 return cls(Outcome.SETUP_INVALID, str(error))
             case VehicleFault():
-                # The model's numbers ran away: the text says which, and the frames of our stack would say nothing more.
+                # The model's numbers ran away: the text says which, and the frames of our stack would say
+                # nothing more.
                 return cls(Outcome.BENCH_ERROR, f"the vehicle model failed: {error}")
             case _:
                 # A fault in the bench is ours to find, so its traceback goes into result.json.
@@ -113,7 +125,9 @@ class SessionFailure:
     def result(self, realization: str, wall_s: float = 0.0) -> SessionResult:
         """The result of a realization that ended so before it had a recording."""
         details = traceback_details(self.traceback)
-        return SessionResult(realization=realization, outcome=self.outcome, reason=self.reason, wall_s=wall_s, details=details)
+        return SessionResult(
+            realization=realization, outcome=self.outcome, reason=self.reason, wall_s=wall_s, details=details
+        )
 
 
 def traceback_details(traceback: str) -> dict[str, Any]:

@@ -14,13 +14,27 @@ PluginGroup = Literal["rebar.vehicles", "rebar.measures", "rebar.agents", "rebar
 # What is installed does not change under a running process, and looking costs tens of milliseconds.
 @cache
 def plugins(group: PluginGroup) -> dict[str, EntryPoint]:
-    """Every plug-in declared for the group, by name, without importing any. Not to be changed by the caller."""
+    """Every plug-in declared for the group, by name, without importing any.
+
+    Not to be changed by the caller.
+    """
+
     return {entry.name: entry for entry in entry_points(group=group)}
 
 
 def load_plugin(group: PluginGroup, name: str) -> Any:
-    """The object behind an entry point. Raises SetupError, naming what there is, when there is none of that name."""
+    """The object behind an entry point.
+
+    Raises SetupError, naming what there is, when there is none of that name.
+    """
+
     known = plugins(group)
     if name not in known:
-        raise SetupError(Fault(group, f"there is no plug-in named {name!r}", f"installed: {', '.join(sorted(known)) or 'none'}"))
+        raise SetupError(
+            Fault(
+                group,
+                f"there is no plug-in named {name!r}",
+                f"installed: {', '.join(sorted(known)) or 'none'}",
+            )
+        )
     return known[name].load()

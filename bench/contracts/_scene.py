@@ -20,8 +20,8 @@ from ._vehicle import VehicleState
 class Sighting:
     """Truth about one actor in one frame. `box` is left, top, right, bottom in pixels, clipped to the frame.
 
-    `height_px` is the apparent size (the larger side of the unclipped box); `visible` the share of the actor that lies inside
-    the frame and is hidden by no other actor, in (0, 1].
+    `height_px` is the apparent size (the larger side of the unclipped box); `visible` the share of the actor
+    that lies inside the frame and is hidden by no other actor, in (0, 1].
     """
 
     actor: int
@@ -43,7 +43,10 @@ class CameraFrame:
 
 @dataclass(frozen=True, slots=True)
 class Detection:
-    """One box that perception reports. `score` is its confidence in [0, 1]; `track` an identity kept over frames, or empty."""
+    """One box that perception reports.
+
+    `score` is its confidence in [0, 1]; `track` an identity kept over frames, or empty.
+    """
 
     class_label: str
     score: float
@@ -61,7 +64,10 @@ class DetectionFrame:
 
 
 class Scene(Protocol):
-    """The world of one realized SimSpec, with its own seeded motion. Asking never changes it; `advance` does."""
+    """The world of one realized SimSpec, with its own seeded motion.
+
+    Asking never changes it; `advance` does.
+    """
 
     @property
     def cast(self) -> tuple[CastMember, ...]:

@@ -20,9 +20,9 @@ MeasureRequest = tuple[str, Mapping[str, Option]]
 class Prediction:
     """What a surrogate expects of one session.
 
-    `end_s` is the simulated time at which the mission is over; beyond the time limit where it is not over by then.
-    `observations` holds one for each observable asked for, in that order. Those named in `not_computed` are beyond the
-    surrogate, and not considered.
+    `end_s` is the simulated time at which the mission is over; beyond the time limit where it is not over by
+    then. `observations` holds one for each observable asked for, in that order. Those named in `not_computed`
+    are beyond the surrogate, and not considered.
     """
 
     end_s: float
@@ -31,17 +31,24 @@ class Prediction:
 
 
 class Surrogate(Protocol):
-    """A fast model of one agent, the entry point of group `rebar.surrogates` under the name of the agent's manifest.
+    """A fast model of one agent, the entry point of group `rebar.surrogates` under the name of the agent's
+    manifest.
 
-    It serves campaigns with `fidelity: overhead`, and estimates. The same SimSpec gives the same prediction, whichever
-    others are predicted in the same call.
+    It serves campaigns with `fidelity: overhead`, and estimates. The same SimSpec gives the same prediction,
+    whichever others are predicted in the same call.
     """
 
     def unfit(self, simspec: SimSpec) -> Sequence[Fault]:
-        """Everything in a SimSpec that the surrogate cannot predict; empty when it can. The SimSpec may not be realized yet."""
+        """Everything in a SimSpec that the surrogate cannot predict; empty when it can.
 
-    def predict(self, simspecs: Sequence[SimSpec], measures: Mapping[str, MeasureRequest]) -> Sequence[Prediction]:
-        """One prediction for each realized SimSpec. `measures` has the measure and options of every observable.
+        The SimSpec may not be realized yet.
+        """
+
+    def predict(
+        self, simspecs: Sequence[SimSpec], measures: Mapping[str, MeasureRequest]
+    ) -> Sequence[Prediction]:
+        """One prediction for each realized SimSpec. `measures` has the measure and options of every
+        observable.
 
         Raises SetupError with every fault of `unfit` when there is any.
         """

@@ -1,13 +1,17 @@
-"""The lockstep protocol: one JSON object a line over a plain TCP socket beside the streams. docs/time.md describes it.
+"""The lockstep protocol: one JSON object a line over a plain TCP socket beside the streams. docs/time.md
+describes it.
 
-1. The agent binds its MAVLink sockets, declares its subscriptions, connects and says `Hello`, naming what it subscribes to.
+1. The agent binds its MAVLink sockets, declares its subscriptions, connects and says `Hello`, naming what it
+   subscribes to.
 2. The bench waits until those subscriptions are matched, then sends `Tick` with the first moment.
-3. `Tick` says how many samples (the publisher's sequence number) went out on each topic and how many MAVLink messages on
-   each link since the start. The agent takes in exactly those, acts, and answers `Ack` with the same about itself.
+3. `Tick` says how many samples (the publisher's sequence number) went out on each topic and how many MAVLink
+   messages on each link since the start. The agent takes in exactly those, acts, and answers `Ack` with the
+   same about itself.
 4. The bench takes in exactly what `Ack` states, advances the world by one tick, and goes on with 3.
 5. `End` is the last line of the bench; the agent closes.
 
-Between a Tick and its Ack no simulated time passes, however long the agent takes; after an Ack the agent stays silent.
+Between a Tick and its Ack no simulated time passes, however long the agent takes; after an Ack the agent
+stays silent.
 """
 
 from __future__ import annotations
@@ -35,7 +39,9 @@ class Hello(Document):
 
 
 class Tick(Document):
-    """Bench to agent: time is now `time_ns`; `topics` and `links` count what was sent to the agent since the start."""
+    """Bench to agent: time is now `time_ns`; `topics` and `links` count what was sent to the agent since the
+    start.
+    """
 
     kind: Literal["tick"] = "tick"
     number: Count
@@ -45,7 +51,9 @@ class Tick(Document):
 
 
 class Ack(Document):
-    """Agent to bench: tick `number` is dealt with; `topics` and `links` count what the agent has sent since the start."""
+    """Agent to bench: tick `number` is dealt with; `topics` and `links` count what the agent has sent since
+    the start.
+    """
 
     kind: Literal["ack"] = "ack"
     number: Count
@@ -61,7 +69,12 @@ class End(Document):
 
 
 TickMessage = Hello | Tick | Ack | End
-_KINDS: dict[str, type[Hello] | type[Tick] | type[Ack] | type[End]] = {"hello": Hello, "tick": Tick, "ack": Ack, "end": End}
+_KINDS: dict[str, type[Hello] | type[Tick] | type[Ack] | type[End]] = {
+    "hello": Hello,
+    "tick": Tick,
+    "ack": Ack,
+    "end": End,
+}
 
 
 def write_line(message: TickMessage) -> bytes:

@@ -1,7 +1,7 @@
 """The names of the streams. `{v}` is the vehicle's name in the SimSpec, `{c}` a camera's.
 
-The *air network* is what a real aircraft would have: the agent reaches these topics over Zenoh. The *bench network*
-carries the truth and exists only inside the session's process and in the recording.
+The *air network* is what a real aircraft would have: the agent reaches these topics over Zenoh. The *bench
+network* carries the truth and exists only inside the session's process and in the recording.
 """
 
 from __future__ import annotations
@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 # Air network, bench to agent.
-# tf2_msgs/msg/TFMessage, map -> {v}/base_link as the vehicle itself estimates it. {v}/base_level has its place and yaw alone:
+# tf2_msgs/msg/TFMessage, map -> {v}/base_link as the vehicle itself estimates it. {v}/base_level has its
+# place and yaw alone:
 # a camera mount that stays level hangs on it.
 TF = "/tf"
 # tf2_msgs/msg/TFMessage, latched: the frame that carries the camera -> its optical frame.
@@ -20,8 +21,11 @@ TRUTH_ODOMETRY = "/truth/odometry"  # nav_msgs/msg/Odometry, map (ENU) -> base_l
 TRUTH_CAST = "/truth/cast"  # std_msgs/msg/String, CastDocument: who the actors are, once at the start
 TRUTH_ACTORS = "/truth/actors"  # geometry_msgs/msg/PoseArray, map (ENU), in the order of the cast
 TRUTH_VIEW = "/truth/view"  # std_msgs/msg/String, ViewDocument: who could be seen in each camera frame
-TRUTH_VEHICLE = "/truth/vehicle"  # std_msgs/msg/String, VehicleDocument: armed, mode, landed, battery; on change and at 1 Hz
-SESSION_EVENTS = "/session/events"  # std_msgs/msg/String, EventDocument: the session's own log, its end included
+# Std_msgs/msg/String, VehicleDocument: armed, mode, landed, battery; on change and at 1 Hz
+TRUTH_VEHICLE = "/truth/vehicle"
+SESSION_EVENTS = (
+    "/session/events"  # std_msgs/msg/String, EventDocument: the session's own log, its end included
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -49,12 +49,12 @@ class VehicleCondition:
 class LinkSpec:
     """One MAVLink link that the flight controller opens, on loopback unless `host` says otherwise.
 
-    `udp_out` sends from a port of its own to host:port (as PX4 does to 14540); `udp_in` listens there; `tcp_in`
-    listens and serves one or more clients (as ArduPilot does on 5760). Port 0 lets the system choose for the
-    listening kinds. `serial` is a pseudo terminal, and `path` the name that its other end gets (`auto`: the system's), or
-    a serial device that exists. `streams` names the autopilot's default stream set of the link (`onboard`, `gcs`,
-    `none`). With a `signing_key` (64 hexadecimal digits, the same on all of a vehicle's links) messages are signed, and
-    unsigned ones are not heard where `signing` is `require`.
+    `udp_out` sends from a port of its own to host:port (as PX4 does to 14540); `udp_in` listens there;
+    `tcp_in` listens and serves one or more clients (as ArduPilot does on 5760). Port 0 lets the system choose
+    for the listening kinds. `serial` is a pseudo terminal, and `path` the name that its other end gets
+    (`auto`: the system's), or a serial device that exists. `streams` names the autopilot's default stream set
+    of the link (`onboard`, `gcs`, `none`). With a `signing_key` (64 hexadecimal digits, the same on all of a
+    vehicle's links) messages are signed, and unsigned ones are not heard where `signing` is `require`.
     """
 
     name: str
@@ -83,8 +83,9 @@ MavlinkTap = Callable[[str, str, bytes], None]
 class Vehicle(Protocol):
     """One simulated aircraft with its flight controller, at the simulated moment `time`.
 
-    The order of a step is fixed: take what lies in the inboxes, control, physics, send. Nothing is read from a socket
-    outside `receive`, so a session that calls `receive` until the counts match knows exactly what the step will see.
+    The order of a step is fixed: take what lies in the inboxes, control, physics, send. Nothing is read from
+    a socket outside `receive`, so a session that calls `receive` until the counts match knows exactly what
+    the step will see.
     """
 
     @property
@@ -96,11 +97,16 @@ class Vehicle(Protocol):
         """Simulated seconds of one step: 1 / controller_hz, a whole number of physics steps."""
 
     def endpoints(self) -> Mapping[str, str]:
-        """Connection string of every link, by name, as pymavlink takes it (`udpin:127.0.0.1:14540`, `tcp:127.0.0.1:5760`)."""
+        """Connection string of every link, by name, as pymavlink takes it (`udpin:127.0.0.1:14540`,
+        `tcp:127.0.0.1:5760`).
+        """
 
-    # Counts since the start and not differences: a session compares them with those in an Ack, and none can be lost on the way.
+    # Counts since the start and not differences: a session compares them with those in an Ack, and none can
+    # be lost on the way.
     def receive(self) -> Mapping[str, int]:
-        """Move what waits in the sockets to the inboxes, without blocking; whole MAVLink messages received so far, by link."""
+        """Move what waits in the sockets to the inboxes, without blocking; whole MAVLink messages received so
+        far, by link.
+        """
 
     def sent(self) -> Mapping[str, int]:
         """Whole MAVLink messages sent so far, by link."""
@@ -132,4 +138,6 @@ class CarriesCamera(Protocol):
 class OpenVehicle(Protocol):
     """The entry point of group `rebar.vehicles`: builds a vehicle; leaving the block closes its sockets."""
 
-    def __call__(self, plan: VehiclePlan, tap: MavlinkTap | None = None) -> AbstractContextManager[Vehicle]: ...
+    def __call__(
+        self, plan: VehiclePlan, tap: MavlinkTap | None = None
+    ) -> AbstractContextManager[Vehicle]: ...

@@ -17,14 +17,19 @@ _UNCOMMENTED = ("format", "name", "description")
 
 
 def stated_values(result: BaseSimSpec) -> dict[str, Any]:
-    """Plain values of the SimSpec: the fields that the prose mentions and those that differ from the defaults.
+    """Plain values of the SimSpec: the fields that the prose mentions and those that differ from the
+    defaults.
 
     Validating them gives the same SimSpec. Raises ValueError while questions are open.
     """
+
     if result.simspec is None:
         raise ValueError("there is no SimSpec while questions are open")
     mentioned = {receipt.path for receipt in result.receipts if receipt.source != "default"}
-    full, differing = result.simspec.model_dump(mode="json"), result.simspec.model_dump(mode="json", exclude_defaults=True)
+    full, differing = (
+        result.simspec.model_dump(mode="json"),
+        result.simspec.model_dump(mode="json", exclude_defaults=True),
+    )
     stated: dict[str, Any] = _stated(full, differing, "", mentioned)
     return {name: full[name] for name in _ALWAYS_WRITTEN} | stated
 
@@ -35,7 +40,9 @@ def annotated_yaml(result: BaseSimSpec) -> str:
     values = stated_values(result)
     text = dump_value(values)
     _, lines = parse_text(text)
-    comments = {lines[at]: _comment(receipts[path]) for at, path in _leaves(values, (), "") if path in receipts}
+    comments = {
+        lines[at]: _comment(receipts[path]) for at, path in _leaves(values, (), "") if path in receipts
+    }
     written = "".join(
         f"{line}  {comments[number]}\n" if number in comments else f"{line}\n"
         for number, line in enumerate(text.splitlines(), start=1)
@@ -54,11 +61,17 @@ def _stated(value: Any, differing: Any, path: str, mentioned: set[str]) -> Any:
             name: _stated(value[name], present.get(name), inner[name], mentioned)
             for name in value
             if name in present
-            or any(mention == inner[name] or mention.startswith((f"{inner[name]}.", f"{inner[name]}[")) for mention in mentioned)
+            or any(
+                mention == inner[name] or mention.startswith((f"{inner[name]}.", f"{inner[name]}["))
+                for mention in mentioned
+            )
         }
     if isinstance(value, list) and isinstance(differing, list):
         pairs = enumerate(zip(value, differing, strict=True))
-        return [_stated(mention, difference, _member(path, mention, index), mentioned) for index, (mention, difference) in pairs]
+        return [
+            _stated(mention, difference, _member(path, mention, index), mentioned)
+            for index, (mention, difference) in pairs
+        ]
     return value
 
 

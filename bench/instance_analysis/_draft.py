@@ -1,4 +1,6 @@
-"""A base SimSpec under construction: fields with their source words, ranges, open questions, and text that does not fit."""
+"""A base SimSpec under construction: fields with their source words, ranges, open questions, and text that
+does not fit.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ FieldPath = tuple[str | int, ...]
 
 
 class VariedField(Document):
-    """A field with a range (`low`, `high`) or several values (`levels`), or fields that change together (`choices`)."""
+    """A field with a range (`low`, `high`) or several values (`levels`), or fields that change together
+    (`choices`).
+    """
 
     name: str
     paths: tuple[str, ...] = ()
@@ -62,7 +66,9 @@ class UnreadText(Document):
 
 
 class BaseSimSpec(Document):
-    """The result for a text: a base SimSpec, its ranges, the source of every field, and the passages that were not used."""
+    """The result for a text: a base SimSpec, its ranges, the source of every field, and the passages that
+    were not used.
+    """
 
     format: Literal["rebar.prose/1"] = "rebar.prose/1"
     prose: str
@@ -72,8 +78,12 @@ class BaseSimSpec(Document):
     questions: Annotated[tuple[Question, ...], Field(description="Open ones.")] = ()
     not_expressible: tuple[UnreadText, ...] = ()
     not_understood: tuple[UnreadText, ...] = ()
-    remarks: Annotated[tuple[UnreadText, ...], Field(description="What is read otherwise than it is written, and why.")] = ()
-    corrected: Annotated[dict[str, str], Field(description="Words taken for another that they are a letter or two off.")] = {}
+    remarks: Annotated[
+        tuple[UnreadText, ...], Field(description="What is read otherwise than it is written, and why.")
+    ] = ()
+    corrected: Annotated[
+        dict[str, str], Field(description="Words taken for another that they are a letter or two off.")
+    ] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +98,10 @@ class DraftField:
 
 
 class Draft:
-    """Collects fields, ranges and questions. `answers` holds the readings chosen in advance, in order, counted from 1."""
+    """Collects fields, ranges and questions.
+
+    `answers` holds the readings chosen in advance, in order, counted from 1.
+    """
 
     def __init__(self, text: str, answers: Sequence[int]) -> None:
         self.text = text
@@ -106,7 +119,9 @@ class Draft:
         return self.text[span.start : span.end]
 
     def fault(self, span: Span, what: str, remedy: str) -> None:
-        self.faults.append(Fault(f"characters {span.start} to {span.end}", f"{self.quote(span)[:80]!r}: {what}", remedy))
+        self.faults.append(
+            Fault(f"characters {span.start} to {span.end}", f"{self.quote(span)[:80]!r}: {what}", remedy)
+        )
 
     def unread(self, span: Span, why: str, *, expressible: bool = False) -> None:
         (self.not_understood if expressible else self.not_expressible).append(
@@ -120,18 +135,27 @@ class Draft:
             self.remarks.append(remark)
 
     def ask(self, span: Span, question: str, readings: Sequence[str]) -> int:
-        """Index of the reading chosen in advance. Without an answer the question stays open and the first reading is used."""
+        """Index of the reading chosen in advance.
+
+        Without an answer the question stays open and the first reading is used.
+        """
+
         self._question_count += 1
         if self._question_count <= len(self.answers):
-            # Answers are matched by order, because the same text always asks the same questions in the same order.
+            # Answers are matched by order, because the same text always asks the same questions in the same
+            # order.
             chosen = self.answers[self._question_count - 1]
             if 1 <= chosen <= len(readings):
                 return chosen - 1
             self.fault(
-                span, f"question {self._question_count} has {len(readings)} readings, and not a {chosen}.", "accept one of them"
+                span,
+                f"question {self._question_count} has {len(readings)} readings, and not a {chosen}.",
+                "accept one of them",
             )
         self.questions.append(
-            Question(quote=self.quote(span), start=span.start, end=span.end, ask=question, readings=tuple(readings))
+            Question(
+                quote=self.quote(span), start=span.start, end=span.end, ask=question, readings=tuple(readings)
+            )
         )
         return 0
 
@@ -139,7 +163,12 @@ class Draft:
         """Set a field. Two different statements about one field become a question."""
         previous = self.entries.get(path)
         # Only two statements of the text can contradict each other: a default gives way without a question.
-        if previous is not None and previous.span is not None and span is not None and previous.value != value:
+        if (
+            previous is not None
+            and previous.span is not None
+            and span is not None
+            and previous.value != value
+        ):
             readings = [f"{dotted(path)} = {varied}" for varied in (previous.value, value)]
             conflict = f"{self.quote(previous.span)!r} and {self.quote(span)!r} say two things"
             if self.ask(previous.span.joined(span), f"{conflict}; which holds?", readings) == 0:
@@ -170,12 +199,16 @@ class Draft:
         self.put(path, clean(low), span, ", ".join(filter(None, (note, spanned))))
         if low < high and self.entries[path].span == span:
             name = (
-                "-".join(str(varied) for varied in path[-3:] if varied not in ("actors", "placement")).replace("_", "-").lower()
+                "-".join(str(varied) for varied in path[-3:] if varied not in ("actors", "placement"))
+                .replace("_", "-")
+                .lower()
             )
             # A field has one range: the later statement about it holds.
             where = dotted(path)
             self.ranges = [varied for varied in self.ranges if where not in varied.paths]
-            self.ranges.append(VariedField(name=name[:63], paths=(where,), low=low, high=high, integer=integer, unit=unit))
+            self.ranges.append(
+                VariedField(name=name[:63], paths=(where,), low=low, high=high, integer=integer, unit=unit)
+            )
 
     def forget(self, path: FieldPath) -> None:
         """Remove a field, or all fields under a path, with their ranges."""
@@ -189,7 +222,9 @@ class Draft:
         """Plain values of the SimSpec. Lists keep the order in which the text mentions their members."""
         root: dict[str, Any] = {}
         lists: dict[int, dict[str | int, dict[str, Any]]] = {}
-        for path, value in ({path: entry.value for path, entry in self.entries.items()} | (changed or {})).items():
+        for path, value in (
+            {path: entry.value for path, entry in self.entries.items()} | (changed or {})
+        ).items():
             _set(root, path, value, lists)
         return root
 
@@ -203,12 +238,19 @@ class Draft:
             for field_path in varied.paths
             if field_path in paths
         }
-        whole = {path: int(high) if isinstance(self.entries[path].value, int) else high for path, high in ends.items() if high}
-        # The document holds the lower ends. The upper ends are checked one at a time, so that a fault names its
+        whole = {
+            path: int(high) if isinstance(self.entries[path].value, int) else high
+            for path, high in ends.items()
+            if high
+        }
+        # The document holds the lower ends. The upper ends are checked one at a time, so that a fault names
+        # its
         # field.
         simspec = validate_document(self.document(), SimSpec, source="prose")
         for path, high in whole.items():
-            validate_document(self.document({path: high}), SimSpec, source=f"prose, {dotted(path)} at {high:g}")
+            validate_document(
+                self.document({path: high}), SimSpec, source=f"prose, {dotted(path)} at {high:g}"
+            )
         return simspec
 
     def receipts(self, simspec: SimSpec) -> Iterator[Receipt]:
@@ -223,14 +265,33 @@ class Draft:
                 span = entry.span
                 quote = self.quote(span) if span else ""
                 at = (span.start, span.end) if span else (None, None)
-                yield Receipt(path=where, value=value, source=source, quote=quote, start=at[0], end=at[1], note=entry.note)
+                yield Receipt(
+                    path=where,
+                    value=value,
+                    source=source,
+                    quote=quote,
+                    start=at[0],
+                    end=at[1],
+                    note=entry.note,
+                )
             else:
                 quote, start, end = self.quote(entry.span), entry.span.start, entry.span.end
-                yield Receipt(path=where, value=value, source="prose", quote=quote, start=start, end=end, note=entry.note)
+                yield Receipt(
+                    path=where,
+                    value=value,
+                    source="prose",
+                    quote=quote,
+                    start=start,
+                    end=end,
+                    note=entry.note,
+                )
 
 
 def dotted(path: FieldPath) -> str:
-    """A path as campaigns write it, such as actors[radar].count: the part after a list's name is the member's id."""
+    """A path as campaigns write it, such as actors[radar].count: the part after a list's name is the member's
+    id.
+    """
+
     text, after_list = "", False
     for part in path:
         if after_list or isinstance(part, int):
@@ -242,10 +303,23 @@ def dotted(path: FieldPath) -> str:
     return text
 
 
-LISTS = ("actors", "intelligence", "orders", "outages", "failures", "roads", "areas", "distances", "no_fly", "report_windows")
+LISTS = (
+    "actors",
+    "intelligence",
+    "orders",
+    "outages",
+    "failures",
+    "roads",
+    "areas",
+    "distances",
+    "no_fly",
+    "report_windows",
+)
 
 
-def _set(root: dict[str, Any], path: FieldPath, value: Any, lists: dict[int, dict[str | int, dict[str, Any]]]) -> None:
+def _set(
+    root: dict[str, Any], path: FieldPath, value: Any, lists: dict[int, dict[str | int, dict[str, Any]]]
+) -> None:
     here: Any = root
     index = 0
     while index < len(path) - 1:

@@ -42,15 +42,21 @@ class RealizationPlan:
 
 
 Rating = Callable[[SimSpec], Mapping[str, float]]
-"""Rates a situation: the difficulty of each studied node. Callers hand it in, because this package knows no decompositions."""
+"""Rates a situation: the difficulty of each studied node.
+
+Callers hand it in, because this package knows no decompositions.
+"""
 
 
-def realize(base: SimSpec, design: Design, agents: Sequence[AgentSpec], rate: Rating | None = None) -> list[RealizationPlan]:
+def realize(
+    base: SimSpec, design: Design, agents: Sequence[AgentSpec], rate: Rating | None = None
+) -> list[RealizationPlan]:
     """Every realization of a design, agents of one scene next to each other.
 
-    Raises SetupError naming factor, path and remedy when a factor's path leads nowhere or a level does not fit. `rate` is used
-    when the design is drawn by difficulty (`Design.rated`).
+    Raises SetupError naming factor, path and remedy when a factor's path leads nowhere or a level does not
+    fit. `rate` is used when the design is drawn by difficulty (`Design.rated`).
     """
+
     labels = _labels(agents)
     patches = _Patches.of(base, design)
     pairs = _pairs(patches, rate)
@@ -63,10 +69,12 @@ def realize(base: SimSpec, design: Design, agents: Sequence[AgentSpec], rate: Ra
 
 
 def design_pairs(base: SimSpec, design: Design, rate: Rating | None = None) -> list[tuple[DesignPoint, int]]:
-    """The (point, replicate) pairs of a design over a base SimSpec, drawn by difficulty if the design says so.
+    """The (point, replicate) pairs of a design over a base SimSpec, drawn by difficulty if the design says
+    so.
 
     Raises as `realize` does, but checks levels only when the design is drawn by difficulty.
     """
+
     return _pairs(_Patches.of(base, design), rate) if design.rated else design.pairs()
 
 
@@ -95,14 +103,19 @@ def _as_setup_error(draw: Callable[[], T]) -> T:
 
 
 def scene_seed(seed: int, design_point: str, replicate: int) -> int:
-    """The 63-bit root seed of one scene; depends on nothing else, so points added later change no existing scene."""
+    """The 63-bit root seed of one scene; depends on nothing else, so points added later change no existing
+    scene.
+    """
+
     # CRC-32 instead of hash(): Python salts the hash of a string in every process.
     sequence = np.random.SeedSequence([seed, zlib.crc32(design_point.encode()), replicate])
     # 63 bits: the SimSpec's seeds are below 2**63.
     return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 
-def _plan(scene: SimSpec, design: Design, point: DesignPoint, replicate: int, agent: AgentSpec, label: str) -> RealizationPlan:
+def _plan(
+    scene: SimSpec, design: Design, point: DesignPoint, replicate: int, agent: AgentSpec, label: str
+) -> RealizationPlan:
     name = f"{point.id}-r{replicate}-{label}"
     seeds = Seeds(**scene.seeds.model_dump() | {"root": scene_seed(design.seed, point.scene, replicate)})
     # A base may come with places of its own; they belong to other seeds, so they are dropped.
@@ -112,16 +125,24 @@ def _plan(scene: SimSpec, design: Design, point: DesignPoint, replicate: int, ag
 
 def _labels(agents: Sequence[AgentSpec]) -> list[str]:
     if not agents:
-        raise SetupError(Fault("agents", "no agent is given", "add at least one, for example manifest: reference-naive"))
+        raise SetupError(
+            Fault("agents", "no agent is given", "add at least one, for example manifest: reference-naive")
+        )
     # Labels become part of realization ids, which name files.
     labels = [re.sub(r"[^a-z0-9_-]+", "-", agent.label.lower()) for agent in agents]
     twice = [label for label, times in Counter(labels).items() if times > 1]
     if twice:
-        raise SetupError(Fault("agents", f"two agents are called {twice[0]!r}", "give one a manifest file of another name"))
+        raise SetupError(
+            Fault("agents", f"two agents are called {twice[0]!r}", "give one a manifest file of another name")
+        )
     long = [label for label in labels if len(label) > 40]
     if long:
         raise SetupError(
-            Fault("agents", f"the agent's name {long[0]!r} has more than 40 characters", "shorten the manifest's name")
+            Fault(
+                "agents",
+                f"the agent's name {long[0]!r} has more than 40 characters",
+                "shorten the manifest's name",
+            )
         )
     return labels
 
@@ -139,7 +160,9 @@ class _Patches:
         faults: list[Fault] = []
         paths: dict[str, SpecPath] = {}
         for factor in design.factors:
-            for text in dict.fromkeys([*factor.sets, *(path for patch in factor.patches.values() for path in patch)]):
+            for text in dict.fromkeys(
+                [*factor.sets, *(path for patch in factor.patches.values() for path in patch)]
+            ):
                 where = f"design: factor {factor.name!r}: path {text}"
                 try:
                     paths[text] = find_path(base, text)
@@ -159,7 +182,8 @@ class _Patches:
         try:
             return self._with(point.levels)
         except SetupError as error:
-            # Factors are tried alone first: a fault of one factor reads better than a fault of the whole point.
+            # Factors are tried alone first: a fault of one factor reads better than a fault of the whole
+            # point.
             raise SetupError(self._alone(point) or self._together(point, error)) from None
 
     def rated(self, rate: Rating | None) -> Difficulties | None:
@@ -208,14 +232,24 @@ class _Patches:
 
 
 def _other_unit(where: str, factor: DesignFactor, path: SpecPath) -> Fault | None:
-    """The fault of a factor whose unit is not its field's. A field without a unit accepts no unit that other fields have."""
+    """The fault of a factor whose unit is not its field's.
+
+    A field without a unit accepts no unit that other fields have.
+    """
+
     if factor.unit is None or path.unit == factor.unit or path.open:
         return None
     if path.unit is not None:
-        return Fault(where, f"the factor's unit is {factor.unit!r}, the field's unit is {path.unit!r}", f"give {path.unit}")
+        return Fault(
+            where,
+            f"the factor's unit is {factor.unit!r}, the field's unit is {path.unit!r}",
+            f"give {path.unit}",
+        )
     if factor.unit in UNITS.values():
         return Fault(
-            where, f"the factor's unit is {factor.unit!r}, but the field has none", "leave the unit out, or name another field"
+            where,
+            f"the factor's unit is {factor.unit!r}, but the field has none",
+            "leave the unit out, or name another field",
         )
     return None
 
@@ -231,7 +265,10 @@ def _two_units(factor: DesignFactor, paths: Mapping[str, SpecPath]) -> list[Faul
 
 
 def _set_twice(design: Design, paths: Mapping[str, SpecPath]) -> list[Fault]:
-    """Faults of fields that two factors set, directly or as part of a larger value: one would silently undo the other."""
+    """Faults of fields that two factors set, directly or as part of a larger value: one would silently undo
+    the other.
+    """
+
     users: dict[tuple[str | int, ...], dict[str, str]] = {}
     for factor in design.factors:
         for text in [*factor.sets, *(path for patch in factor.patches.values() for path in patch)]:
@@ -241,7 +278,11 @@ def _set_twice(design: Design, paths: Mapping[str, SpecPath]) -> list[Fault]:
         for length in range(1, len(steps)):
             names.update(users.get(steps[:length], {}))
     return [
-        Fault(f"design: path {next(iter(names.values()))}", f"is set by the factors {', '.join(names)}", "let one factor set it")
+        Fault(
+            f"design: path {next(iter(names.values()))}",
+            f"is set by the factors {', '.join(names)}",
+            "let one factor set it",
+        )
         for names in users.values()
         if len(names) > 1
     ]

@@ -1,7 +1,8 @@
 """One pass over an MCAP file that ends, without complaint, where the file stops making sense.
 
-The readers of the `mcap` package need the index at the end of the file, and a crash leaves none; its stream reader takes
-a short read for a whole one. A recording may also come from a stranger: sizes are believed only within limits.
+The readers of the `mcap` package need the index at the end of the file, and a crash leaves none; its stream
+reader takes a short read for a whole one. A recording may also come from a stranger: sizes are believed only
+within limits.
 """
 
 from __future__ import annotations
@@ -34,10 +35,12 @@ _DAMAGE = (McapError, struct.error, ValueError, OverflowError, zstandard.ZstdErr
 
 
 class Container:
-    """The schemas, channels, messages, attachments and metadata of one file, in the order in which they were written.
+    """The schemas, channels, messages, attachments and metadata of one file, in the order in which they were
+    written.
 
-    After the pass, `cut` says why it ended early, or is None when the file is whole; `complete` says that every message
-    is there even so (a file may lack nothing but its index). Raises SetupError when the file is no MCAP file at all.
+    After the pass, `cut` says why it ended early, or is None when the file is whole; `complete` says that
+    every message is there even so (a file may lack nothing but its index). Raises SetupError when the file is
+    no MCAP file at all.
     """
 
     def __init__(self, path: Path) -> None:
@@ -53,7 +56,9 @@ class Container:
             raise SetupError(Fault(str(self.path), f"cannot be read: {error.strerror}", remedy)) from None
         with file:
             if file.read(len(MAGIC)) != MAGIC:
-                raise SetupError(Fault(str(self.path), "is not an MCAP recording", "give the recording.mcap of a run"))
+                raise SetupError(
+                    Fault(str(self.path), "is not an MCAP recording", "give the recording.mcap of a run")
+                )
             yield from self._items(file, self.path.stat().st_size)
 
     def _items(self, file: IO[bytes], size: int) -> Iterator[Item]:
@@ -149,7 +154,9 @@ def _uncompressed(chunk: Chunk) -> bytes:
             # The size that the frame states is what would be allocated.
             if zstandard.frame_content_size(chunk.data) not in (-1, chunk.uncompressed_size):
                 raise ValueError("size of a chunk")
-            return zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=chunk.uncompressed_size)
+            return zstandard.ZstdDecompressor().decompress(
+                chunk.data, max_output_size=chunk.uncompressed_size
+            )
         case other:
             raise UnsupportedCompressionError(other)
 

@@ -33,11 +33,13 @@ class RecoveryResult:
 
 
 def read_records(path: Path | str) -> Iterator[Record]:
-    """Every record of a recording, in order of time; of one that was cut off, those up to the last whole chunk.
+    """Every record of a recording, in order of time; of one that was cut off, those up to the last whole
+    chunk.
 
-    Raises SetupError when the file is missing, is no MCAP file, or was not written in order of time. Channels that
-    do not hold CDR of ROS 2 types are passed over.
+    Raises SetupError when the file is missing, is no MCAP file, or was not written in order of time. Channels
+    that do not hold CDR of ROS 2 types are passed over.
     """
+
     return _records(Container(Path(path)))
 
 
@@ -61,7 +63,13 @@ def read_simspec(path: Path | str) -> SimSpec:
     for item in Container(Path(path)):
         if isinstance(item, Attachment) and item.name == SIMSPEC_ATTACHMENT:
             return _simspec(item.data, f"{path}: {SIMSPEC_ATTACHMENT}")
-    raise SetupError(Fault(str(path), f"holds no {SIMSPEC_ATTACHMENT}", "give a recording of this bench, cut off after its head"))
+    raise SetupError(
+        Fault(
+            str(path),
+            f"holds no {SIMSPEC_ATTACHMENT}",
+            "give a recording of this bench, cut off after its head",
+        )
+    )
 
 
 def read_metadata(path: Path | str) -> dict[str, dict[str, str]]:
@@ -108,16 +116,22 @@ class _Copy:
             case Message():
                 channel = self._channels.get(item.channel_id)
                 if channel is not None:
-                    self._writer.add_message(channel, item.log_time, item.data, item.publish_time, item.sequence)
+                    self._writer.add_message(
+                        channel, item.log_time, item.data, item.publish_time, item.sequence
+                    )
                     self.messages += 1
             case Schema() if item.id not in self._schemas:
                 self._schemas[item.id] = self._writer.register_schema(item.name, item.encoding, item.data)
             case Channel() if item.id not in self._channels:
                 schema = self._schemas.get(item.schema_id, 0)
-                channel = self._writer.register_channel(item.topic, item.message_encoding, schema, item.metadata)
+                channel = self._writer.register_channel(
+                    item.topic, item.message_encoding, schema, item.metadata
+                )
                 self._channels[item.id] = channel
             case Attachment():
-                self._writer.add_attachment(item.create_time, item.log_time, item.name, item.media_type, item.data)
+                self._writer.add_attachment(
+                    item.create_time, item.log_time, item.name, item.media_type, item.data
+                )
                 self.attachments += 1
             case Metadata():
                 self._writer.add_metadata(item.name, item.metadata)
@@ -138,7 +152,11 @@ def _records(container: Container) -> Iterator[Record]:
                 if item.log_time < last_ns:
                     fault = f"a message on {channel[0]} at {item.log_time} ns follows one at {last_ns} ns"
                     raise SetupError(
-                        Fault(str(container.path), fault, "give a recording of this bench, which is in order of time")
+                        Fault(
+                            str(container.path),
+                            fault,
+                            "give a recording of this bench, which is in order of time",
+                        )
                     )
                 last_ns = item.log_time
                 yield Record(SimTime(item.log_time), channel[0], channel[1], item.data)

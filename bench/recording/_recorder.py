@@ -1,4 +1,6 @@
-"""The recorder: every record of a session into one MCAP file, in order of simulated time, the same bytes every time."""
+"""The recorder: every record of a session into one MCAP file, in order of simulated time, the same bytes
+every time.
+"""
 
 from __future__ import annotations
 
@@ -38,9 +40,15 @@ class Recorder:
         self._sha256: str | None = None
 
     def __call__(self, record: Record) -> None:
-        """Append one record. Raises ValueError when it lies before the one before it: that is a fault of the bench."""
+        """Append one record.
+
+        Raises ValueError when it lies before the one before it: that is a fault of the bench.
+        """
+
         if record.time < self._last:
-            raise ValueError(f"record on {record.topic} at {record.time.ns} ns lies before the last one at {self._last.ns} ns")
+            raise ValueError(
+                f"record on {record.topic} at {record.time.ns} ns lies before the last one at {self._last.ns} ns"
+            )
         self._last = record.time
         channel = self._channels.get((record.topic, record.type_name)) or self._register(record)
         sequence = self._sequences[channel] = self._sequences[channel] + 1
@@ -65,8 +73,11 @@ class Recorder:
         schema = self._schemas.get(record.type_name)
         if schema is None:
             text = schema_text(record.type_name).encode()
-            schema = self._schemas[record.type_name] = self._writer.register_schema(record.type_name, "ros2msg", text)
-        # Registered at its first record, so that a recording has only channels with messages, in a fixed order.
+            schema = self._schemas[record.type_name] = self._writer.register_schema(
+                record.type_name, "ros2msg", text
+            )
+        # Registered at its first record, so that a recording has only channels with messages, in a fixed
+        # order.
         channel = self._writer.register_channel(record.topic, "cdr", schema, {})
         self._channels[record.topic, record.type_name] = channel
         self._sequences[channel] = 0
@@ -90,12 +101,14 @@ class Recorder:
 def open_recording(
     path: Path, *, simspec: SimSpec, versions: Mapping[str, str], metadata: Mapping[str, str] | None = None
 ) -> Iterator[Recorder]:
-    """Yield a recorder that writes to `path`, replacing what is there; leaving the block, even by an error, closes the file whole.
+    """Yield a recorder that writes to `path`, replacing what is there; leaving the block, even by an error,
+    closes the file whole.
 
-    The SimSpec (attachment), `versions` and `metadata` stand at the head of the file, so that they survive whatever cuts it
-    off. None of them may hold a wall clock, a host or a path of this machine: equal sessions make equal bytes.
-    Raises OSError when the file cannot be written.
+    The SimSpec (attachment), `versions` and `metadata` stand at the head of the file, so that they survive
+    whatever cuts it off. None of them may hold a wall clock, a host or a path of this machine: equal sessions
+    make equal bytes. Raises OSError when the file cannot be written.
     """
+
     with path.open("wb") as file:
         recorder = Recorder(_HashedFile(file))
         # Written and flushed before the session: even a recording that is cut off says what it was.
@@ -104,7 +117,8 @@ def open_recording(
             yield recorder
         finally:
             recorder._finish()
-            # The digest goes into result.json, which is synced too: it must not outlive the bytes it speaks of.
+            # The digest goes into result.json, which is synced too: it must not outlive the bytes it speaks
+            # of.
             os.fsync(file.fileno())
 
 

@@ -1,4 +1,6 @@
-"""Records made into a `Tape`: one builder, fed live by the session or from a recording, so that a measure cannot tell which."""
+"""Records made into a `Tape`: one builder, fed live by the session or from a recording, so that a measure
+cannot tell which.
+"""
 
 from __future__ import annotations
 
@@ -42,14 +44,22 @@ from bench.contracts import (
 )
 from bench.documents import Document
 from bench.simspec import SimSpec
-from bench.streams import Detection2D, Detection2DArray, Odometry, String, TFMessage, decode, decode_pose_array
+from bench.streams import (
+    Detection2D,
+    Detection2DArray,
+    Odometry,
+    String,
+    TFMessage,
+    decode,
+    decode_pose_array,
+)
 
 
 class TapeBuilder:
     """Takes records in order of time, one call each, and keeps what measures need. A `Tap`: it never raises.
 
-    Records on other topics (MAVLink, /clock) cost a dictionary lookup. What a needed topic carries and cannot be
-    decoded is counted in `Tape.malformed` by topic and left out.
+    Records on other topics (MAVLink, /clock) cost a dictionary lookup. What a needed topic carries and cannot
+    be decoded is counted in `Tape.malformed` by topic and left out.
     """
 
     def __init__(self, simspec: SimSpec) -> None:
@@ -150,12 +160,16 @@ class TapeBuilder:
         # The stamp is the moment of exposure, the time of the record that of publication.
         stamp = message.header.stamp
         detections = tuple(_detection(detection) for detection in message.detections if detection.results)
-        self._detections.append(DetectionFrame(SimTime(stamp.sec * 1_000_000_000 + stamp.nanosec), record.time, detections))
+        self._detections.append(
+            DetectionFrame(SimTime(stamp.sec * 1_000_000_000 + stamp.nanosec), record.time, detections)
+        )
         return True
 
 
 class _MotionColumns:
-    """Truth odometry as flat columns: time, position (3), quaternion x y z w (4), velocity in the body's axes (3)."""
+    """Truth odometry as flat columns: time, position (3), quaternion x y z w (4), velocity in the body's axes
+    (3).
+    """
 
     WIDTH = 11
 
@@ -223,7 +237,10 @@ class _ActorColumns:
         return True
 
     def arrays(self, members: int) -> tuple[Floats, Floats, int]:
-        """Times (m,), positions (m, k, 3), and how many samples were left out because they are of another cast."""
+        """Times (m,), positions (m, k, 3), and how many samples were left out because they are of another
+        cast.
+        """
+
         # A pose array has no ids: only its length says whether it is of this cast.
         fitting = [index for index, positions in enumerate(self._positions) if len(positions) == members]
         times = np.array([self._times[index] for index in fitting], dtype=np.float64)
@@ -250,7 +267,11 @@ def _documents(kind: type[Document], documents: list[Any]) -> Callable[[Record],
 
 def _detection(message: Detection2D) -> Detection:
     best = message.results[0].hypothesis
-    centre, half_x, half_y = message.bbox.center.position, message.bbox.size_x / 2.0, message.bbox.size_y / 2.0
+    centre, half_x, half_y = (
+        message.bbox.center.position,
+        message.bbox.size_x / 2.0,
+        message.bbox.size_y / 2.0,
+    )
     box = (centre.x - half_x, centre.y - half_y, centre.x + half_x, centre.y + half_y)
     return Detection(best.class_id, best.score, box, message.id)
 

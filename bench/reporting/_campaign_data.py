@@ -28,7 +28,8 @@ LEVEL_ORDER = ("principle", "ka", "vab", "observable")
 class Run:
     """One realization: what it was, how it ended, and where its recording is (None when there is none).
 
-    `after_stop` says that it was flown although earlier replicates had decided the question: it counts in no number.
+    `after_stop` says that it was flown although earlier replicates had decided the question: it counts in no
+    number.
     """
 
     realization: str
@@ -63,7 +64,9 @@ class Node:
 
 @dataclass(frozen=True, slots=True)
 class ReportedCompetence:
-    """Competence at one pass rate: the value, its 95 % lower bound, and whether nothing shows where it ends."""
+    """Competence at one pass rate: the value, its 95 % lower bound, and whether nothing shows where it
+    ends.
+    """
 
     value: float
     low: float
@@ -74,8 +77,9 @@ class ReportedCompetence:
 class Tally:
     """One node of one agent over one configuration (or all): the means and the counts beside them.
 
-    `raised` flags a score above `passed_score`, what it would be had every failed observable passed at its threshold.
-    `competence` is by pass rate in per cent ("50", "90"); empty in a single configuration, and where nothing was considered.
+    `raised` flags a score above `passed_score`, what it would be had every failed observable passed at its
+    threshold. `competence` is by pass rate in per cent ("50", "90"); empty in a single configuration, and
+    where nothing was considered.
     """
 
     agent: str
@@ -158,7 +162,10 @@ class ReportData:
 
 def tallies_of(summary: pl.DataFrame) -> Tallies:
     """Rows of a summary frame (columns SUMMARY_COLUMNS of bench.scoring) by agent, configuration and node."""
-    return {(row["agent"], row["configuration"], row["node"]): _tally(row) for row in summary.iter_rows(named=True)}
+    return {
+        (row["agent"], row["configuration"], row["node"]): _tally(row)
+        for row in summary.iter_rows(named=True)
+    }
 
 
 def _tally(row: Mapping[str, Any]) -> Tally:

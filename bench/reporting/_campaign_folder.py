@@ -33,7 +33,9 @@ REALIZATION_ID = re.compile(r"^(?P<point>p\d+)-r(?P<replicate>\d+)-(?P<agent>.+)
 def load_report_data(folder: Path) -> ReportData:
     """Read a campaign folder. Raises SetupError when `folder` holds no campaign."""
     if not (folder / "campaign.yaml").is_file():
-        raise SetupError(Fault(str(folder), "holds no campaign.yaml", "give the folder that `rebar run` wrote"))
+        raise SetupError(
+            Fault(str(folder), "holds no campaign.yaml", "give the folder that `rebar run` wrote")
+        )
     notes: list[str] = []
     campaign = _mapping(parse_text(read_text(folder / "campaign.yaml"), str(folder / "campaign.yaml"))[0])
     document = _decomposition(folder, str(campaign.get("decomposition", "")), notes)
@@ -69,29 +71,42 @@ def _mapping(value: object) -> dict[str, Any]:
 
 
 def _decomposition(folder: Path, reference: str, notes: list[str]) -> Decomposition | None:
-    """The copy in the campaign's folder, else the decomposition by its path or name; None, with a note, when it is unreadable."""
+    """The copy in the campaign's folder, else the decomposition by its path or name; None, with a note, when
+    it is unreadable.
+    """
+
     # The copy first: the file that the campaign names may have changed since.
     stored = folder / "decomposition.yaml"
     try:
-        return load_decomposition(str(next((path for path in (stored, folder / reference) if path.is_file()), reference)))
+        return load_decomposition(
+            str(next((path for path in (stored, folder / reference) if path.is_file()), reference))
+        )
     except SetupError as error:
         what = "; ".join(fault.what for fault in error.faults)
-        notes.append(f"The decomposition {reference!r} could not be read, so nodes have no titles here: {what}.")
+        notes.append(
+            f"The decomposition {reference!r} could not be read, so nodes have no titles here: {what}."
+        )
         return None
 
 
 def _scores(folder: Path, notes: list[str]) -> pl.DataFrame:
     path = folder / "scores.parquet"
     if not path.is_file():
-        notes.append(f"There is no scores.parquet: nothing has been scored yet. `rebar score {folder.name}` makes it.")
+        notes.append(
+            f"There is no scores.parquet: nothing has been scored yet. `rebar score {folder.name}` makes it."
+        )
         return _NO_SCORES
     try:
         frame = pl.read_parquet(path)
     except (OSError, pl.exceptions.PolarsError) as error:
-        notes.append(f"scores.parquet could not be read ({error}). `rebar score {folder.name}` makes it anew.")
+        notes.append(
+            f"scores.parquet could not be read ({error}). `rebar score {folder.name}` makes it anew."
+        )
         return _NO_SCORES
     if missing := sorted(set(SCORE_COLUMNS) - set(frame.columns)):
-        notes.append(f"scores.parquet lacks the columns {', '.join(missing)}. `rebar score {folder.name}` makes it anew.")
+        notes.append(
+            f"scores.parquet lacks the columns {', '.join(missing)}. `rebar score {folder.name}` makes it anew."
+        )
         return _NO_SCORES
     # The same folder gives the same bytes, whatever the order in which scoring wrote its rows.
     return frame.sort("realization", "node", maintain_order=True)
@@ -109,15 +124,26 @@ def _simspecs(folder: Path) -> dict[str, SimSpec]:
     return simspecs
 
 
-def _runs(folder: Path, scores: pl.DataFrame, simspecs: Mapping[str, SimSpec], notes: list[str]) -> tuple[Run, ...]:
+def _runs(
+    folder: Path, scores: pl.DataFrame, simspecs: Mapping[str, SimSpec], notes: list[str]
+) -> tuple[Run, ...]:
     """Every realization that has scores, a SimSpec or a folder, in the order of their ids."""
-    scored = {row["realization"]: row for row in scores.unique("realization", keep="first").iter_rows(named=True)}
-    folders = {path.name for path in (folder / "runs").iterdir() if path.is_dir()} if (folder / "runs").is_dir() else set()
+    scored = {
+        row["realization"]: row for row in scores.unique("realization", keep="first").iter_rows(named=True)
+    }
+    folders = (
+        {path.name for path in (folder / "runs").iterdir() if path.is_dir()}
+        if (folder / "runs").is_dir()
+        else set()
+    )
     # A session that waits has only its SimSpec; one that was killed has a folder without a result.
     names = sorted({*scored, *simspecs, *folders})
     results = {name: _result(folder / "runs" / name / "result.json", notes) for name in names}
     early_stopping = stopped_early(scores)
-    return tuple(_run(folder, name, results[name], scored.get(name, {}), simspecs.get(name), early_stopping) for name in names)
+    return tuple(
+        _run(folder, name, results[name], scored.get(name, {}), simspecs.get(name), early_stopping)
+        for name in names
+    )
 
 
 def _result(path: Path, notes: list[str]) -> SessionResult | None:
@@ -130,7 +156,12 @@ def _result(path: Path, notes: list[str]) -> SessionResult | None:
 
 
 def _run(
-    folder: Path, name: str, result: SessionResult | None, row: Mapping[str, Any], simspec: SimSpec | None, early_stopping: bool
+    folder: Path,
+    name: str,
+    result: SessionResult | None,
+    row: Mapping[str, Any],
+    simspec: SimSpec | None,
+    early_stopping: bool,
 ) -> Run:
     parts = REALIZATION_ID.match(name)
     recording = folder / "runs" / name / "recording.mcap"
@@ -163,23 +194,36 @@ def _agents(campaign: Mapping[str, Any], runs: Iterable[Run]) -> tuple[str, ...]
 
 
 def _nodes(document: Decomposition | None, scores: pl.DataFrame) -> tuple[dict[str, Node], tuple[str, ...]]:
-    """The nodes of the decomposition, and those without parents; without the document, the bare ids of the scored nodes."""
+    """The nodes of the decomposition, and those without parents; without the document, the bare ids of the
+    scored nodes.
+    """
+
     if document is not None:
         nodes = {
-            node.id: Node(node.id, str(node.level), node.title, node.asks, node.children) for node in document.nodes.values()
+            node.id: Node(node.id, str(node.level), node.title, node.asks, node.children)
+            for node in document.nodes.values()
         }
         return nodes, tuple(name for name in nodes if not document.parents[name])
     rows = scores.unique(["node", "level"]).sort("node").select("node", "level").iter_rows()
-    bare = {name: Node(name, level, name) for name, level in sorted(rows, key=lambda row: (LEVEL_ORDER.index(row[1]), row[0]))}
+    bare = {
+        name: Node(name, level, name)
+        for name, level in sorted(rows, key=lambda row: (LEVEL_ORDER.index(row[1]), row[0]))
+    }
     return bare, tuple(bare)
 
 
-def _study(campaign: Mapping[str, Any], document: Decomposition | None, nodes: Mapping[str, Node]) -> tuple[str, ...]:
+def _study(
+    campaign: Mapping[str, Any], document: Decomposition | None, nodes: Mapping[str, Node]
+) -> tuple[str, ...]:
     """The nodes under study of the campaign, else those of the decomposition, else every key attribute."""
     stated = campaign.get("study")
     if isinstance(stated, list) and stated:
         return tuple(map(str, stated))
-    return document.study if document is not None else tuple(node.id for node in nodes.values() if node.level == "ka")
+    return (
+        document.study
+        if document is not None
+        else tuple(node.id for node in nodes.values() if node.level == "ka")
+    )
 
 
 def _configurations(
@@ -191,8 +235,11 @@ def _configurations(
     configurations = []
     # Sorted, because Polars returns groups in no fixed order.
     for (key,), rows in sorted(keyed.group_by("configuration"), key=lambda pair: str(pair[0][0])):
-        # Any row of a node will do: a configuration is the set of runs with the same difficulties (docs/rulings.md 14).
-        rated = dict(rows.filter(pl.col("node").is_in(study)).select("node", "difficulty").drop_nulls().iter_rows())
+        # Any row of a node will do: a configuration is the set of runs with the same difficulties
+        # (docs/rulings.md 14).
+        rated = dict(
+            rows.filter(pl.col("node").is_in(study)).select("node", "difficulty").drop_nulls().iter_rows()
+        )
         difficulty = {node: float(rated[node]) for node in study if node in rated}
         counted = rows.unique("realization")
         runs = {agent: counted.filter(pl.col("agent") == agent).height for agent in agents}
@@ -202,14 +249,21 @@ def _configurations(
         }
         configurations.append(Configuration("", str(key), difficulty, runs, levels))
     # The label is given after this, so C1 is the easiest. The key breaks ties, for the same order every time.
-    configurations.sort(key=lambda row: (min(row.difficulty.values(), default=0.0), sum(row.difficulty.values()), row.key))
-    return tuple(replace(configuration, label=f"C{place}") for place, configuration in enumerate(configurations, start=1))
+    configurations.sort(
+        key=lambda row: (min(row.difficulty.values(), default=0.0), sum(row.difficulty.values()), row.key)
+    )
+    return tuple(
+        replace(configuration, label=f"C{place}")
+        for place, configuration in enumerate(configurations, start=1)
+    )
 
 
 def _varied_factors(simspecs: Mapping[str, SimSpec]) -> dict[str, dict[str, float]]:
     """For each key factor that varies: its value in every realization."""
     values = {name: factor_values(simspec) for name, simspec in simspecs.items()}
-    columns = {factor: {name: row[factor] for name, row in values.items() if factor in row} for factor in FACTORS}
+    columns = {
+        factor: {name: row[factor] for name, row in values.items() if factor in row} for factor in FACTORS
+    }
     return {factor: column for factor, column in columns.items() if len(set(column.values())) > 1}
 
 

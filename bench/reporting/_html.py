@@ -12,8 +12,13 @@ from markupsafe import Markup
 
 
 def content_security_policy(*scripts: str) -> str:
-    """A content security policy: nothing is fetched, and only these scripts run, identified by their digests."""
-    digests = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" for text in scripts)
+    """A content security policy: nothing is fetched, and only these scripts run, identified by their
+    digests.
+    """
+
+    digests = " ".join(
+        f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" for text in scripts
+    )
     return f"default-src 'none'; script-src {digests}; style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'"
 
 
@@ -35,7 +40,11 @@ def template_text(name: str) -> str:
 
 
 def template_environment() -> jinja2.Environment:
-    """The template environment. It escapes everything that is not explicitly markup, because agents write some of the texts."""
+    """The template environment.
+
+    It escapes everything that is not explicitly markup, because agents write some of the texts.
+    """
+
     return jinja2.Environment(
         loader=jinja2.PackageLoader("bench.reporting", "templates"),
         autoescape=True,

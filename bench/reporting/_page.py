@@ -38,13 +38,19 @@ from .statistics._design_quality import campaign_design_quality
 from .statistics._factor_effects import factor_effects
 from .statistics._trials import trials_of
 from .text._campaign_facts import campaign_facts, factor_rows, provenance_of
-from .text._campaign_sentences import confidence_extremes, difference_sentences, disclaimers, sessions_sentence
+from .text._campaign_sentences import (
+    confidence_extremes,
+    difference_sentences,
+    disclaimers,
+    sessions_sentence,
+)
 from .text._fidelity import fidelity_note, with_table_notes
 from .text._format import interval, number, p_value, percent, score, span
 from .text._glossary import GLOSSARY
 from .text._outcomes import outcome_name, outcome_text
 
-# Chosen, not measured: a manifest has a row for every file, which in a large campaign would be most of the page.
+# Chosen, not measured: a manifest has a row for every file, which in a large campaign would be most of the
+# page.
 MANIFEST_ROWS = 5000
 
 
@@ -63,7 +69,11 @@ def write_report(folder: Path, *, runs_on_map: int = 6) -> Path:
 
 
 def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Sequence[str] = ()) -> str:
-    """The page as text. `charts` are the runs to show from above, `map_notes` what to say of runs that cannot be shown."""
+    """The page as text.
+
+    `charts` are the runs to show from above, `map_notes` what to say of runs that cannot be shown.
+    """
+
     figures = PageFigures()
     comparisons = agent_pairs(data, figures)
     matter = factor_effects(data)
@@ -125,7 +135,9 @@ def _charts(data: ReportData, count: int) -> tuple[list[RunMap], list[str]]:
         except (SetupError, OSError):
             notes.append(f"The recording of {run.realization} cannot be read, so it is not drawn.")
     # Only runs that count: others, such as a lost worker, may have ended before they recorded anything.
-    absent = [run.realization for run in data.runs if run.recording is None and run.outcome and run.outcome.counts]
+    absent = [
+        run.realization for run in data.runs if run.recording is None and run.outcome and run.outcome.counts
+    ]
     if absent:
         more = f" and {len(absent) - 3} more" if len(absent) > 3 else ""
         notes.append(f"No recording is here of {', '.join(absent[:3])}{more}.")

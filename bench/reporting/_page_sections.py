@@ -75,7 +75,8 @@ def agent_pairs(data: ReportData, figures: PageFigures) -> list[AgentPair]:
 def outcome_counts(data: ReportData, shown: Sequence[AgentStyle]) -> tuple[list[str], list[dict[str, Any]]]:
     order = [outcome.value.replace("_", " ") for outcome in Outcome] + [AFTER_STOP, "not finished"]
     ends = Counter((run.agent, outcome_name(run)) for run in data.runs)
-    # Outcomes that did not occur have no column, except `completed`: that nothing completed should be visible.
+    # Outcomes that did not occur have no column, except `completed`: that nothing completed should be
+    # visible.
     names = [name for name in order if name == "completed" or any(ends[style.name, name] for style in shown)]
     rows = [
         {"style": style, "counts": counts, "all": sum(counts)}
@@ -85,11 +86,18 @@ def outcome_counts(data: ReportData, shown: Sequence[AgentStyle]) -> tuple[list[
     return names, rows
 
 
-def studied_nodes(data: ReportData, shown: Sequence[AgentStyle], trials: AllTrials, figures: PageFigures) -> list[dict[str, Any]]:
-    """Each node under study: a figure of its pass rates over difficulty, and every agent's numbers in sentences."""
+def studied_nodes(
+    data: ReportData, shown: Sequence[AgentStyle], trials: AllTrials, figures: PageFigures
+) -> list[dict[str, Any]]:
+    """Each node under study: a figure of its pass rates over difficulty, and every agent's numbers in
+    sentences.
+    """
+
     sections = []
     for place, node in enumerate(data.study, start=1):
-        tallies = {style.name: tally for style in shown if (tally := data.tally(style.name, node)) is not None}
+        tallies = {
+            style.name: tally for style in shown if (tally := data.tally(style.name, node)) is not None
+        }
         flown = {style.name: trials[style.name, node] for style in shown if (style.name, node) in trials}
         agents = [
             {
@@ -100,7 +108,8 @@ def studied_nodes(data: ReportData, shown: Sequence[AgentStyle], trials: AllTria
             for style in shown
         ]
         passed = [
-            f"{name}: {agent_trials.passes} of {len(agent_trials.passed)} runs passed" for name, agent_trials in flown.items()
+            f"{name}: {agent_trials.passes} of {len(agent_trials.passed)} runs passed"
+            for name, agent_trials in flown.items()
         ]
         sections.append(
             {
@@ -120,7 +129,9 @@ def node_trees(data: ReportData, shown: Sequence[AgentStyle], trials: AllTrials)
         return []
     flown = {run.agent for run in data.runs}
     sentences = {
-        (style.name, name): node_sentences(data.tally(style.name, name), trials.get((style.name, name), NodeTrials()))
+        (style.name, name): node_sentences(
+            data.tally(style.name, name), trials.get((style.name, name), NodeTrials())
+        )
         for style in shown
         for name in data.nodes
     }
@@ -150,7 +161,11 @@ def _branch_summary(tally: Tally | None) -> str:
 
 def _methods(data: ReportData, agent: str) -> str:
     used = sorted(
-        {tally.method for (who, where, _), tally in data.tallies.items() if (who, where) == (agent, ALL_CONFIGURATIONS)}
+        {
+            tally.method
+            for (who, where, _), tally in data.tallies.items()
+            if (who, where) == (agent, ALL_CONFIGURATIONS)
+        }
     )
     named = [METHODS.get(method, method) for method in used if method != NO_INTERVAL]
     return f"Intervals of confidence: {listed(named)}." if named else ""
@@ -159,7 +174,8 @@ def _methods(data: ReportData, agent: str) -> str:
 def _tree_rows(
     data: ReportData, agent: str, root: str, sentences: Mapping[tuple[str, str], list[str]]
 ) -> Iterator[dict[str, Any]]:
-    # A node may have several parents (docs/rulings.md 12). It has a row under each, and every row names the others.
+    # A node may have several parents (docs/rulings.md 12). It has a row under each, and every row names the
+    # others.
     parents: dict[str, list[str]] = {}
     for node in data.nodes.values():
         for child in node.children:
@@ -182,7 +198,9 @@ def _tree_rows(
     yield from below(root, 0, "")
 
 
-def configuration_panels(data: ReportData, shown: Sequence[AgentStyle], figures: PageFigures) -> list[dict[str, Any]]:
+def configuration_panels(
+    data: ReportData, shown: Sequence[AgentStyle], figures: PageFigures
+) -> list[dict[str, Any]]:
     panels = []
     for place, configuration in enumerate(data.configurations, start=1):
         rows = [

@@ -11,11 +11,25 @@ from rich.text import Text
 from ._campaign_data import ALL_CONFIGURATIONS, Tally, tallies_of
 from .text._format import interval, percent, score, span
 
-COLUMNS = ("Agent", "Node", "Title", "Difficulty", "Score", "Confidence", "95 %", "Runs", "Considered", "Scored")
+COLUMNS = (
+    "Agent",
+    "Node",
+    "Title",
+    "Difficulty",
+    "Score",
+    "Confidence",
+    "95 %",
+    "Runs",
+    "Considered",
+    "Scored",
+)
 
 
 def score_table(summary: pl.DataFrame, study: Sequence[str] = ()) -> Table:
-    """A table of the studied nodes (every key attribute when `study` is empty) for each agent, over all configurations."""
+    """A table of the studied nodes (every key attribute when `study` is empty) for each agent, over all
+    configurations.
+    """
+
     table = Table(title="Score and confidence over all runs", title_justify="left")
     for place, name in enumerate(COLUMNS):
         # In a narrow terminal the title wraps; numbers and ids stay whole.
@@ -40,8 +54,14 @@ def score_lines(summary: pl.DataFrame, study: Sequence[str] = ()) -> list[str]:
 
 
 def _rows(summary: pl.DataFrame, study: Sequence[str]) -> list[tuple[tuple[str, ...], Tally]]:
-    titles: Mapping[str, str] = dict(zip(summary["node"], summary["title"], strict=True)) if "title" in summary.columns else {}
-    tallies = [tally for (_, configuration, _), tally in tallies_of(summary).items() if configuration == ALL_CONFIGURATIONS]
+    titles: Mapping[str, str] = (
+        dict(zip(summary["node"], summary["title"], strict=True)) if "title" in summary.columns else {}
+    )
+    tallies = [
+        tally
+        for (_, configuration, _), tally in tallies_of(summary).items()
+        if configuration == ALL_CONFIGURATIONS
+    ]
     chosen = [tally for tally in tallies if (tally.node in study if study else tally.level == "ka")]
     agents = list(dict.fromkeys(tally.agent for tally in tallies))
     order = {node: place for place, node in enumerate(study)}

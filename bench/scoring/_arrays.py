@@ -14,10 +14,12 @@ from decompositions import Decomposition, Level, Policies
 
 @dataclass(frozen=True, slots=True)
 class DecompositionArrays:
-    """The parts of a decomposition that scoring needs. Leaves (observables) and nodes are numbered in the order of the document.
+    """The parts of a decomposition that scoring needs. Leaves (observables) and nodes are numbered in the
+    order of the document.
 
-    `number` is the number of a leaf by its id; `leaf_rows[i]` is the node number of leaf i; `under` (nodes, leaves) marks the
-    leaves under a node, each once; `inner` has every inner node with the numbers of its children, children before parents.
+    `number` is the number of a leaf by its id; `leaf_rows[i]` is the node number of leaf i; `under` (nodes,
+    leaves) marks the leaves under a node, each once; `inner` has every inner node with the numbers of its
+    children, children before parents.
     """
 
     nodes: tuple[str, ...]
@@ -39,7 +41,9 @@ def arrays_of(decomposition: Decomposition) -> DecompositionArrays:
 
 @dataclass(frozen=True, slots=True)
 class _DocumentKey:
-    """Cache key that is equal for equal documents: a decomposition holds dictionaries and cannot be hashed."""
+    """Cache key that is equal for equal documents: a decomposition holds dictionaries and cannot be
+    hashed.
+    """
 
     decomposition: Decomposition
 
@@ -78,6 +82,8 @@ def _arrays(key: _DocumentKey) -> DecompositionArrays:
         ),
         threshold=np.array([observable.threshold for observable in decomposition.observables.values()]),
         near_miss=np.array([decomposition.near_miss(leaf) for leaf in leaves]),
-        partial_credit=np.array([observable.partial_credit for observable in decomposition.observables.values()]),
+        partial_credit=np.array(
+            [observable.partial_credit for observable in decomposition.observables.values()]
+        ),
         policies=decomposition.policies,
     )

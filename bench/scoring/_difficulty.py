@@ -20,14 +20,17 @@ from decompositions import Decomposition, KeyFactor, Level, Policies
 def rate(table: KeyFactor, value: float, policies: Policies | None = None) -> float:
     """Rating in [0, 100] of one value in one row of a key factor table.
 
-    A value between two columns has the interpolated rating, with `step` the rating of the easier column. A value easier than the
-    first column rates 0, a value harder than the last column rates as the last one, and a value in two columns has
-    the lower rating; `policies` may choose otherwise. Raises ValueError for a value that is not finite.
+    A value between two columns has the interpolated rating, with `step` the rating of the easier column. A
+    value easier than the first column rates 0, a value harder than the last column rates as the last one, and
+    a value in two columns has the lower rating; `policies` may choose otherwise. Raises ValueError for a
+    value that is not finite.
     """
+
     rules = policies or Policies()
     if not math.isfinite(value):
         raise ValueError(f"the key factor {table.factor!r} has the value {value}, which no table can rate")
-    # Rulings 1 to 3. A table may rise or fall; with the sign below its values always rise, so one search serves both.
+    # Rulings 1 to 3. A table may rise or fall; with the sign below its values always rise, so one search
+    # serves both.
     sign = 1.0 if table.values[-1] > table.values[0] else -1.0
     rising_values = [sign * column for column in table.values]
     position = sign * value
@@ -35,17 +38,25 @@ def rate(table: KeyFactor, value: float, policies: Policies | None = None) -> fl
     if after == len(rising_values):
         return table.ratings[-1]
     if rising_values[after] == position:
-        return table.ratings[after if rules.shared_value == "lower" else bisect_right(rising_values, position) - 1]
+        return table.ratings[
+            after if rules.shared_value == "lower" else bisect_right(rising_values, position) - 1
+        ]
     if after == 0:
         return table.ratings[0] if rules.easier_than_table == "first" else 0.0
     low, high = table.ratings[after - 1], table.ratings[after]
     if table.mapping == "step":
         return low
-    return low + (high - low) * (position - rising_values[after - 1]) / (rising_values[after] - rising_values[after - 1])
+    return low + (high - low) * (position - rising_values[after - 1]) / (
+        rising_values[after] - rising_values[after - 1]
+    )
 
 
 def tension_of(difficulty: float) -> int:
-    """Tension 1 to 5 of a node: max(1, ceil(difficulty / 20)). A difficulty is equal to another to six decimals."""
+    """Tension 1 to 5 of a node: max(1, ceil(difficulty / 20)).
+
+    A difficulty is equal to another to six decimals.
+    """
+
     # Rounded first: 40.0000000001 from an interpolation belongs to tension 2, like 40.
     return max(1, math.ceil(round(difficulty, DIFFICULTY_DECIMALS) / 20.0))
 
@@ -64,8 +75,9 @@ class FactorRating:
 class ObservableDifficulty:
     """Difficulty of one observable, and the ratings of its key factors, lowest first.
 
-    `ruled_by` are the factors whose rating is the difficulty (none under the policy `mean`). `margin` is the distance in
-    points to the next higher rating: the ruling factor can rise by this much before another one rules. None where no rating is higher.
+    `ruled_by` are the factors whose rating is the difficulty (none under the policy `mean`). `margin` is the
+    distance in points to the next higher rating: the ruling factor can rise by this much before another one
+    rules. None where no rating is higher.
     """
 
     observable: str
@@ -78,13 +90,17 @@ class ObservableDifficulty:
 
     @property
     def margin(self) -> float | None:
-        above = [rating.rating - self.difficulty for rating in self.ratings if rating.rating > self.difficulty]
+        above = [
+            rating.rating - self.difficulty for rating in self.ratings if rating.rating > self.difficulty
+        ]
         return min(above, default=None)
 
 
 @dataclass(frozen=True, slots=True)
 class NodeDifficulty:
-    """Difficulty of one node: the minimum over its distinct descendant observables; `ruled_by` are the observables that have it."""
+    """Difficulty of one node: the minimum over its distinct descendant observables; `ruled_by` are the
+    observables that have it.
+    """
 
     node: str
     level: Level
@@ -112,7 +128,9 @@ class Difficulty:
         """The reason for a node's difficulty, with a sentence for each observable that rules it."""
         node_difficulty = self.nodes[node]
         reasons = [_reason(self.observables[observable]) for observable in node_difficulty.ruled_by]
-        return f"{node}: {node_difficulty.difficulty:g} (tension {node_difficulty.tension}). " + " ".join(reasons)
+        return f"{node}: {node_difficulty.difficulty:g} (tension {node_difficulty.tension}). " + " ".join(
+            reasons
+        )
 
     def as_json(self) -> dict[str, Any]:
         """Every node and observable as JSON values, with the rating of every factor."""
@@ -150,33 +168,47 @@ def difficulty_of_values(decomposition: Decomposition, values: Mapping[str, floa
     Raises SetupError that names every key factor without a value and the observables that need it.
     """
     _require_values(decomposition, values)
-    observables = {observable: _of_observable(decomposition, observable, values) for observable in decomposition.observables}
+    observables = {
+        observable: _of_observable(decomposition, observable, values)
+        for observable in decomposition.observables
+    }
     return Difficulty(
-        decomposition.name, observables, {node: _of_node(decomposition, node, observables) for node in decomposition.nodes}
+        decomposition.name,
+        observables,
+        {node: _of_node(decomposition, node, observables) for node in decomposition.nodes},
     )
 
 
 def difficulty_of(decomposition: Decomposition, simspec: SimSpec) -> Difficulty:
-    """Difficulty of every node in the situation that a SimSpec configures. Raises as `difficulty_of_values`."""
+    """Difficulty of every node in the situation that a SimSpec configures.
+
+    Raises as `difficulty_of_values`.
+    """
+
     return difficulty_of_values(decomposition, factor_values(simspec))
 
 
 def stated_difficulty(decomposition: Decomposition, values: Mapping[str, float]) -> Difficulty:
     """Difficulty of every node from stated difficulties of observables, as in a table from elsewhere.
 
-    An observable without a value gets infinity, which is never the minimum. A node with only such observables is infinite too; writers
-    of documents and tables turn that into null.
+    An observable without a value gets infinity, which is never the minimum. A node with only such observables
+    is infinite too; writers of documents and tables turn that into null.
     """
+
     observables = {
         observable: ObservableDifficulty(observable, values.get(observable, math.inf), ())
         for observable in decomposition.observables
     }
     return Difficulty(
-        decomposition.name, observables, {node: _of_node(decomposition, node, observables) for node in decomposition.nodes}
+        decomposition.name,
+        observables,
+        {node: _of_node(decomposition, node, observables) for node in decomposition.nodes},
     )
 
 
-def _of_observable(decomposition: Decomposition, observable: str, values: Mapping[str, float]) -> ObservableDifficulty:
+def _of_observable(
+    decomposition: Decomposition, observable: str, values: Mapping[str, float]
+) -> ObservableDifficulty:
     policies = decomposition.policies
     rows = [
         FactorRating(row.factor, values[row.factor], row.unit, rate(row, values[row.factor], policies))
@@ -188,7 +220,9 @@ def _of_observable(decomposition: Decomposition, observable: str, values: Mappin
     return ObservableDifficulty(observable, value, tuple(sorted(rows, key=lambda row: row.rating)))
 
 
-def _of_node(decomposition: Decomposition, node: str, observables: Mapping[str, ObservableDifficulty]) -> NodeDifficulty:
+def _of_node(
+    decomposition: Decomposition, node: str, observables: Mapping[str, ObservableDifficulty]
+) -> NodeDifficulty:
     under = decomposition.observables_under(node)
     lowest = min(observables[observable].difficulty for observable in under)
     # Equal floats are meant: the minimum is one of these very numbers.
@@ -199,7 +233,9 @@ def _of_node(decomposition: Decomposition, node: str, observables: Mapping[str, 
 def _require_values(decomposition: Decomposition, values: Mapping[str, float]) -> None:
     needing: dict[str, list[str]] = {}
     # All problems are collected first, so that a user corrects them in one round.
-    unrated = [observable for observable in decomposition.observables if not decomposition.key_factors(observable)]
+    unrated = [
+        observable for observable in decomposition.observables if not decomposition.key_factors(observable)
+    ]
     for observable in decomposition.observables:
         for row in decomposition.key_factors(observable):
             if row.factor not in values or not math.isfinite(values[row.factor]):
@@ -208,7 +244,11 @@ def _require_values(decomposition: Decomposition, values: Mapping[str, float]) -
     if unrated:
         where = f"difficulty of {decomposition.name}: {', '.join(unrated)}"
         faults.append(
-            Fault(where, "no key factors, so no difficulty", "give them key factor tables, or state difficulties with the runs")
+            Fault(
+                where,
+                "no key factors, so no difficulty",
+                "give them key factor tables, or state difficulties with the runs",
+            )
         )
     if faults:
         raise SetupError(faults)
@@ -216,7 +256,11 @@ def _require_values(decomposition: Decomposition, values: Mapping[str, float]) -
 
 def _missing_value(decomposition: Decomposition, factor: str, observables: list[str]) -> Fault:
     known = FACTORS.get(factor)
-    remedy = f"it is: {known.text} Add that to the SimSpec" if known else "no SimSpec has this factor; correct the table"
+    remedy = (
+        f"it is: {known.text} Add that to the SimSpec"
+        if known
+        else "no SimSpec has this factor; correct the table"
+    )
     return Fault(
         f"difficulty of {decomposition.name}: {', '.join(observables)}",
         f"the key factor {factor!r} has no value in this situation",
@@ -230,7 +274,9 @@ def _reason(observable: ObservableDifficulty) -> str:
     if not observable.ruled_by:
         return f"{observable.observable} has the mean of its {len(observable.ratings)} ratings as its difficulty."
     rulers = " and ".join(
-        f"{row.factor} = {row.value:g} {row.unit}" for row in observable.ratings if row.rating == observable.difficulty
+        f"{row.factor} = {row.value:g} {row.unit}"
+        for row in observable.ratings
+        if row.rating == observable.difficulty
     )
     following = next((row for row in observable.ratings if row.rating > observable.difficulty), None)
     rest = f"; next is {following.factor}, {observable.margin:g} points above" if following else ""

@@ -1,4 +1,6 @@
-"""Why a node has its score: from the mean down to the runs, their ruling observables and the recorded evidence."""
+"""Why a node has its score: from the mean down to the runs, their ruling observables and the recorded
+evidence.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ _STATE_ORDER: tuple[State, ...] = ("failed", "near miss", "achieved", "not consi
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """Where a reviewer finds each run: recording and reason of its end by realization; table rows by (run, observable)."""
+    """Where a reviewer finds each run: recording and reason of its end by realization; table rows by (run,
+    observable).
+    """
 
     recordings: Mapping[str, str] = field(default_factory=dict)
     reasons: Mapping[str, str] = field(default_factory=dict)
@@ -34,7 +38,9 @@ class Sources:
 
 
 class FactorExplanation(Document):
-    """One key factor of an observable in the situation of a run; `ruling` is true where its rating is the difficulty."""
+    """One key factor of an observable in the situation of a run; `ruling` is true where its rating is the
+    difficulty.
+    """
 
     factor: str
     value: float
@@ -53,10 +59,16 @@ class ObservableExplanation(Document):
     x: float | None
     threshold: float
     difficulty: Annotated[float | None, Field(description="Null where it is not known.")]
-    factors: Annotated[tuple[FactorExplanation, ...], Field(description="Its key factors, the ruling ones first.")]
-    credit: Annotated[float, Field(description="Points of partial credit within the score; negative on a near miss.")]
+    factors: Annotated[
+        tuple[FactorExplanation, ...], Field(description="Its key factors, the ruling ones first.")
+    ]
+    credit: Annotated[
+        float, Field(description="Points of partial credit within the score; negative on a near miss.")
+    ]
     score: float | None
-    reason: Annotated[str, Field(description="For an observable that was not considered: when a run considers it.")]
+    reason: Annotated[
+        str, Field(description="For an observable that was not considered: when a run considers it.")
+    ]
     evidence: tuple[Evidence, ...]
     evidence_left_out: int
     row: Annotated[str | None, Field(description="Place in the table that the observation came from.")]
@@ -70,7 +82,9 @@ class RunExplanation(Document):
     design_point: str
     state: Annotated[
         RunState,
-        Field(description="failed: some considered observable was not achieved; excluded: the bench spoilt the run."),
+        Field(
+            description="failed: some considered observable was not achieved; excluded: the bench spoilt the run."
+        ),
     ]
     outcome: Outcome
     reason: str
@@ -80,7 +94,8 @@ class RunExplanation(Document):
     achieved: int
     considered: int
     ruled_by: Annotated[
-        tuple[str, ...], Field(description="From the node down along the child with the lowest score; empty without a score.")
+        tuple[str, ...],
+        Field(description="From the node down along the child with the lowest score; empty without a score."),
     ]
     observables: tuple[ObservableExplanation, ...]
     observables_left_out: int
@@ -90,7 +105,9 @@ class AgentExplanation(Document):
     """The node's numbers for one agent and the runs behind them, failures first."""
 
     summary: NodeReport
-    scored_runs: Annotated[tuple[str, ...], Field(description="The runs that the score is the mean of, at most `limit` of them.")]
+    scored_runs: Annotated[
+        tuple[str, ...], Field(description="The runs that the score is the mean of, at most `limit` of them.")
+    ]
     runs: tuple[RunExplanation, ...]
     runs_left_out: Annotated[dict[str, int], Field(description="Runs beyond the limit, by state.")]
 
@@ -107,7 +124,9 @@ class Explanation(Document):
     asks: str
     limit: Annotated[
         int,
-        Field(description="Maximum of runs for each agent, observables for each run and evidence for each observable; 0 is all."),
+        Field(
+            description="Maximum of runs for each agent, observables for each run and evidence for each observable; 0 is all."
+        ),
     ]
     agents: tuple[AgentExplanation, ...]
 
@@ -124,9 +143,10 @@ def explain(
 ) -> Explanation:
     """Walk from a node's numbers to the evidence behind them.
 
-    `scores` is the score table of the runs; `summaries` are the node's rows over all configurations, one for each agent.
-    Raises KeyError for an unknown node.
+    `scores` is the score table of the runs; `summaries` are the node's rows over all configurations, one for
+    each agent. Raises KeyError for an unknown node.
     """
+
     subject = decomposition.nodes[node]
     explainer = _Explainer(decomposition, node, sources, limit, _scored(scores, node))
     return Explanation(
@@ -137,7 +157,10 @@ def explain(
         title=subject.title,
         asks=subject.asks,
         limit=limit,
-        agents=tuple(explainer.agent(summary, [run for run in runs if run.agent == summary.agent]) for summary in summaries),
+        agents=tuple(
+            explainer.agent(summary, [run for run in runs if run.agent == summary.agent])
+            for summary in summaries
+        ),
     )
 
 
@@ -163,7 +186,10 @@ class _Explainer:
         )
 
     def _rank(self, run: ScoredRun) -> tuple[int, float, float]:
-        """Sorting key: failures first, lowest confidence and score first; then passes from the lowest score up."""
+        """Sorting key: failures first, lowest confidence and score first; then passes from the lowest score
+        up.
+        """
+
         score = self.scored[run.realization]
         order = ("failed", "passed", "not considered", "excluded").index(self._state(run))
         return order, score.confidence or 0.0, -1.0 if score.score is None else score.score
@@ -209,7 +235,10 @@ class _Explainer:
         )
 
     def _ruling_path(self, scores: RunScores) -> tuple[str, ...]:
-        """Node ids from the node down to the observable that gives the minimum, the first of equals; empty where no child rules."""
+        """Node ids from the node down to the observable that gives the minimum, the first of equals; empty
+        where no child rules.
+        """
+
         node = self.node
         # A mean has no ruling child: every child moves it.
         if scores[node].score is None or self.decomposition.policies.inner_score != "minimum":
@@ -276,7 +305,11 @@ def _consideration(observable: Observable, observation: Observation | None) -> s
 def _factors(rated: ObservableDifficulty) -> tuple[FactorExplanation, ...]:
     return tuple(
         FactorExplanation(
-            factor=row.factor, value=row.value, unit=row.unit, rating=row.rating, ruling=row.factor in rated.ruled_by
+            factor=row.factor,
+            value=row.value,
+            unit=row.unit,
+            rating=row.rating,
+            ruling=row.factor in rated.ruled_by,
         )
         for row in rated.ratings
     )

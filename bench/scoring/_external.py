@@ -1,6 +1,8 @@
-"""Tables that come from elsewhere: one row for each run and observable, as CSV or JSON records (docs/rulings.md 19).
+"""Tables that come from elsewhere: one row for each run and observable, as CSV or JSON records
+(docs/rulings.md 19).
 
-Nothing is guessed and nothing is repaired: every violation is a fault with its line, and all faults are reported at once.
+Nothing is guessed and nothing is repaired: every violation is a fault with its line, and all faults are
+reported at once.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ REQUIRED_COLUMNS = ("run", "observable", "x")
 KNOWN_COLUMNS = ("run", "observable", "difficulty", "x", "considered", "design_point", "agent")
 # The agent of a table without a column `agent`.
 DEFAULT_AGENT = "agent"
-# A table that is wrong in every row would fill the terminal; beyond this number faults are counted only. Chosen, not measured.
+# A table that is wrong in every row would fill the terminal; beyond this number faults are counted only.
+# Chosen, not measured.
 MAX_LISTED_FAULTS = 200
 # Stricter than float(), which also takes "nan", "1_000" and digits of other scripts.
 _DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -38,7 +41,9 @@ _CONSIDERED_WORDS = {"": True, "true": True, "1": True, "yes": True, "false": Fa
 
 @dataclass(frozen=True, slots=True)
 class ExternalTable:
-    """The runs of a table in the order of their first rows; `lines` has the line of each (run, observable)."""
+    """The runs of a table in the order of their first rows; `lines` has the line of each (run,
+    observable).
+    """
 
     runs: tuple[ScoredRun, ...]
     lines: Mapping[tuple[str, str], int]
@@ -47,9 +52,11 @@ class ExternalTable:
 def read_table(text: str, decomposition: Decomposition, source: str = "") -> ExternalTable:
     """Read a table of observations: CSV with a header, a JSON list of objects, or one JSON object a line.
 
-    Columns: `run`, `observable`, `x`, and either `difficulty` or one column for each key factor of the decomposition, in the
-    unit of its tables; optionally `considered`, `design_point` and `agent`. Raises SetupError with every fault and its line.
+    Columns: `run`, `observable`, `x`, and either `difficulty` or one column for each key factor of the
+    decomposition, in the unit of its tables; optionally `considered`, `design_point` and `agent`. Raises
+    SetupError with every fault and its line.
     """
+
     faults = _FaultLog(source)
     # Excel writes a byte order mark at the start of its CSV files.
     text = text.removeprefix("\ufeff")
@@ -60,7 +67,8 @@ def read_table(text: str, decomposition: Decomposition, source: str = "") -> Ext
     else:
         columns = {}
         rows = _csv_rows(text, columns, faults)
-    # `_csv_rows` fills `columns` when it reads the header, so the first row must be taken before columns are checked.
+    # `_csv_rows` fills `columns` when it reads the header, so the first row must be taken before columns are
+    # checked.
     first = next(rows, None)
     if first is None and not faults.faults:
         faults.add(1, "the table has no rows", "give one row for each run and observable")
@@ -72,14 +80,20 @@ def read_table(text: str, decomposition: Decomposition, source: str = "") -> Ext
     return reader.table()
 
 
-def score_external(decomposition: Decomposition, runs: Sequence[ScoredRun], study: Sequence[str] = ()) -> pl.DataFrame:
-    """The score table of these runs, with a null difficulty for a node of which no observable has a row in the run."""
+def score_external(
+    decomposition: Decomposition, runs: Sequence[ScoredRun], study: Sequence[str] = ()
+) -> pl.DataFrame:
+    """The score table of these runs, with a null difficulty for a node of which no observable has a row in
+    the run.
+    """
+
     scores = score_table(decomposition, runs, study)
     if scores["difficulty"].is_finite().all():
         return scores
     known = pl.when(pl.col("difficulty").is_finite()).then(pl.col("difficulty"))
     return scores.with_columns(
-        known.alias("difficulty"), pl.col("configuration").cast(pl.String).str.replace_all("=inf", "=unknown", literal=True)
+        known.alias("difficulty"),
+        pl.col("configuration").cast(pl.String).str.replace_all("=inf", "=unknown", literal=True),
     )
 
 
@@ -129,7 +143,11 @@ def _csv_rows(text: str, columns: dict[str, int], faults: _FaultLog) -> Iterator
                 columns.update(dict.fromkeys(header, start_line))
                 _check_header(header, start_line, faults)
             elif len(values) != len(header):
-                faults.add(start_line, f"{len(values)} cells, and the header has {len(header)}", "give one cell for each column")
+                faults.add(
+                    start_line,
+                    f"{len(values)} cells, and the header has {len(header)}",
+                    "give one cell for each column",
+                )
             else:
                 yield _Row(start_line, dict(zip(header, values, strict=True)))
     except csv.Error as error:
@@ -160,25 +178,37 @@ def _json_rows(text: str, faults: _FaultLog) -> Iterator[_Row]:
             value, position = decoder.raw_decode(text, position)
         except (ValueError, RecursionError) as error:
             faults.add(
-                line, f"not valid JSON: {str(error).split(': line')[0]}", "correct the syntax of the record that begins here"
+                line,
+                f"not valid JSON: {str(error).split(': line')[0]}",
+                "correct the syntax of the record that begins here",
             )
             return
         if isinstance(value, dict):
-            yield _Row(line, {name: cell.strip() if isinstance(cell, str) else cell for name, cell in value.items()})
+            yield _Row(
+                line, {name: cell.strip() if isinstance(cell, str) else cell for name, cell in value.items()}
+            )
         else:
-            faults.add(line, f"a record is {type(value).__name__}", "write objects, one for each run and observable")
+            faults.add(
+                line, f"a record is {type(value).__name__}", "write objects, one for each run and observable"
+            )
         position = _after_blanks(text, position)
         if is_list:
             list_ended = text[position : position + 1] == "]"
             if not list_ended and text[position : position + 1] != ",":
                 line += text.count("\n", counted_to, position)
                 faults.add(
-                    line, "a comma or ] is missing after a record", "separate the records by commas and close the list with ]"
+                    line,
+                    "a comma or ] is missing after a record",
+                    "separate the records by commas and close the list with ]",
                 )
                 return
             position = _after_blanks(text, position + 1)
     if is_list and position < len(text):
-        faults.add(line + text.count("\n", counted_to, position), "text follows after the end of the list", "remove it")
+        faults.add(
+            line + text.count("\n", counted_to, position),
+            "text follows after the end of the list",
+            "remove it",
+        )
     elif is_list and not list_ended:
         faults.add(line + text.count("\n", counted_to, position), "the list does not end", "close it with ]")
 
@@ -251,7 +281,9 @@ class _TableReader:
         if given and self._factors:
             also = ", ".join(self._factors)
             self._faults.add(
-                first, f"the table has a difficulty and factor columns too: {also}", "keep either the difficulty or the factors"
+                first,
+                f"the table has a difficulty and factor columns too: {also}",
+                "keep either the difficulty or the factors",
             )
         if given:
             return
@@ -266,12 +298,16 @@ class _TableReader:
             for name in self._decomposition.factors():
                 if name not in self._columns:
                     self._faults.add(
-                        first, f"the factor column {name!r} is missing", f"add it; every key factor is needed: {needed}"
+                        first,
+                        f"the factor column {name!r} is missing",
+                        f"add it; every key factor is needed: {needed}",
                     )
             for name in self._decomposition.observables:
                 if not self._decomposition.key_factors(name):
                     self._faults.add(
-                        first, f"{name} has no key factors in {self._decomposition.name}", "give difficulties instead"
+                        first,
+                        f"{name} has no key factors in {self._decomposition.name}",
+                        "give difficulties instead",
                     )
 
     def take(self, row: _Row) -> None:
@@ -287,7 +323,9 @@ class _TableReader:
         if observable is not None and observable not in self._decomposition.observables:
             known = ", ".join(self._decomposition.observables)
             self._faults.add(
-                row.line, f"there is no observable {observable!r} in {self._decomposition.name}", f"known: {known}"[:400]
+                row.line,
+                f"there is no observable {observable!r} in {self._decomposition.name}",
+                f"known: {known}"[:400],
             )
             observable = None
         if name is None:
@@ -298,14 +336,20 @@ class _TableReader:
             return
         if (name, observable) in self._lines:
             first_line = self._lines[name, observable]
-            self._faults.add(row.line, f"run {name!r} has {observable} already on line {first_line}", "keep one of the rows")
+            self._faults.add(
+                row.line,
+                f"run {name!r} has {observable} already on line {first_line}",
+                "keep one of the rows",
+            )
             return
         self._lines[name, observable] = row.line
         if stated is not None:
             run.difficulties[observable] = stated
         # An invalid x was logged above; only valid rows become observations.
         if not (considered and x is None):
-            run.observations.append(Observation(observable=observable, considered=considered, x=x if considered else None))
+            run.observations.append(
+                Observation(observable=observable, considered=considered, x=x if considered else None)
+            )
 
     def table(self) -> ExternalTable:
         """All runs. Call it only when no fault was logged."""
@@ -345,7 +389,9 @@ class _TableReader:
             stated = run.common[column]
             if value is not None and stated is not None and value != stated:
                 what = f"run {name!r} has {column} {value!r} here and {stated!r} on line {run.line}"
-                self._faults.add(row.line, what, "give all rows of a run the same value, or the other run another id")
+                self._faults.add(
+                    row.line, what, "give all rows of a run the same value, or the other run another id"
+                )
 
     def _id(self, row: _Row, column: str) -> str | None:
         """The text of an id; None where it is invalid or its column is missing."""
@@ -355,12 +401,18 @@ class _TableReader:
         if value is None or value == "":
             self._faults.add(row.line, f"{column} is empty", "name it")
         elif not isinstance(value, str):
-            self._faults.add(row.line, f"{column} is {value!r}, and ids are text (7 is not 007)", f'write "{value}" in quotes')
+            self._faults.add(
+                row.line,
+                f"{column} is {value!r}, and ids are text (7 is not 007)",
+                f'write "{value}" in quotes',
+            )
         else:
             return value
         return None
 
-    def _number(self, row: _Row, column: str, low: float, high: float, *, needed: bool = True) -> float | None:
+    def _number(
+        self, row: _Row, column: str, low: float, high: float, *, needed: bool = True
+    ) -> float | None:
         """A number within bounds; None where it is invalid, or empty and not needed."""
         value = row.cells.get(column)
         if value is None or value == "":
@@ -371,12 +423,22 @@ class _TableReader:
         if isinstance(value, str):
             number = float(value) if _DECIMAL.fullmatch(value) else math.nan
         else:
-            number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+            number = (
+                float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+            )
         if not math.isfinite(number):
-            self._faults.add(row.line, f"{column} is {value!r}, which is not a number", "write a decimal number with a point")
+            self._faults.add(
+                row.line,
+                f"{column} is {value!r}, which is not a number",
+                "write a decimal number with a point",
+            )
             return None
         if not low <= number <= high:
-            self._faults.add(row.line, f"{column} {number:g} lies outside {low:g} to {high:g}", f"keep it in [{low:g}, {high:g}]")
+            self._faults.add(
+                row.line,
+                f"{column} {number:g} lies outside {low:g} to {high:g}",
+                f"keep it in [{low:g}, {high:g}]",
+            )
             return None
         return number
 
@@ -387,5 +449,7 @@ class _TableReader:
             return True
         considered = _CONSIDERED_WORDS.get(str(value).lower())
         if considered is None:
-            self._faults.add(row.line, f"considered is {value!r}", "write true, false, 1, 0, yes or no; empty is true")
+            self._faults.add(
+                row.line, f"considered is {value!r}", "write true, false, 1, 0, yes or no; empty is true"
+            )
         return considered

@@ -1,8 +1,9 @@
 """How to make a node harder: which factor rules its difficulty, which comes next, and the values to reach.
 
-A node's difficulty is the lowest rating over all rows of all key factor tables under it. Each factor thus has one rating under
-a node: the lowest one of its value there. The factor with the lowest of these rules the difficulty, and raising it alone helps until
-it reaches the next one. Under the policy `factor_rule: mean` no factor rules, and the answer is empty.
+A node's difficulty is the lowest rating over all rows of all key factor tables under it. Each factor thus has
+one rating under a node: the lowest one of its value there. The factor with the lowest of these rules the
+difficulty, and raising it alone helps until it reaches the next one. Under the policy `factor_rule: mean` no
+factor rules, and the answer is empty.
 """
 
 from __future__ import annotations
@@ -23,9 +24,11 @@ HIGHEST_TENSION = 5
 
 @dataclass(frozen=True, slots=True)
 class FactorChange:
-    """The value that one factor must reach, in `unit`; `past` means that it must lie beyond `to`, on the harder side.
+    """The value that one factor must reach, in `unit`; `past` means that it must lie beyond `to`, on the
+    harder side.
 
-    `to` is None where no value is enough: the factor's tables end at the rating `most`, or run in opposite directions.
+    `to` is None where no value is enough: the factor's tables end at the rating `most`, or run in opposite
+    directions.
     """
 
     factor: str
@@ -54,9 +57,9 @@ class DifficultyGoal:
 class DifficultyIncrease:
     """What it takes to make one node harder.
 
-    `ruled_by` are the factors whose rating is the node's difficulty; `following` are the next ones, `margin` points above.
-    `takeover` is the goal at which these rule too, None where no factor follows. `tension` is the goal of the next tension,
-    None at the highest.
+    `ruled_by` are the factors whose rating is the node's difficulty; `following` are the next ones, `margin`
+    points above. `takeover` is the goal at which these rule too, None where no factor follows. `tension` is
+    the goal of the next tension, None at the highest.
     """
 
     node: str
@@ -67,8 +70,14 @@ class DifficultyIncrease:
     tension: DifficultyGoal | None
 
 
-def difficulty_increase(decomposition: Decomposition, difficulty: Difficulty, node: str) -> DifficultyIncrease:
-    """What it takes to make `node` harder than in the situation that `difficulty` rates. Raises KeyError for an unknown node."""
+def difficulty_increase(
+    decomposition: Decomposition, difficulty: Difficulty, node: str
+) -> DifficultyIncrease:
+    """What it takes to make `node` harder than in the situation that `difficulty` rates.
+
+    Raises KeyError for an unknown node.
+    """
+
     observables = decomposition.observables_under(node)
     if decomposition.policies.factor_rule != "minimum" or not all(
         difficulty.observables[factor].ratings for factor in observables
@@ -78,7 +87,8 @@ def difficulty_increase(decomposition: Decomposition, difficulty: Difficulty, no
     lowest = min(factor.rating for factor in factors)
     higher_ratings = [factor.rating for factor in factors if factor.rating > lowest]
     next_rating = min(higher_ratings, default=None)
-    # A tension ends at its upper boundary inclusive, so the next one begins just above: the goal must be exceeded.
+    # A tension ends at its upper boundary inclusive, so the next one begins just above: the goal must be
+    # exceeded.
     level = tension_of(lowest)
     boundary = TENSION_POINTS * level
     return DifficultyIncrease(
@@ -94,10 +104,13 @@ def difficulty_increase(decomposition: Decomposition, difficulty: Difficulty, no
 def value_for_rating(
     table: KeyFactor, rating: float, policies: Policies | None = None, *, exceeded: bool = False
 ) -> tuple[float, bool] | None:
-    """The easiest value that a table rates at `rating` or more, or above it with `exceeded`; the inverse of `rate`.
+    """The easiest value that a table rates at `rating` or more, or above it with `exceeded`; the inverse of
+    `rate`.
 
-    The second item is true where the value itself is not enough, but every harder one is. None where the table ends below the rating.
+    The second item is true where the value itself is not enough, but every harder one is. None where the
+    table ends below the rating.
     """
+
     rules = policies or Policies()
     column = bisect_right(table.ratings, rating) if exceeded else bisect_left(table.ratings, rating)
     if column == len(table.ratings):
@@ -106,7 +119,8 @@ def value_for_rating(
     if column == 0:
         return value, False
     low, high, previous_value = table.ratings[column - 1], table.ratings[column], table.values[column - 1]
-    # One value in two columns (ruling 2): under `lower` the value itself keeps the lower rating, so it must be passed.
+    # One value in two columns (ruling 2): under `lower` the value itself keeps the lower rating, so it must
+    # be passed.
     if value == previous_value:
         return value, rules.shared_value == "lower"
     if table.mapping == "step" or (rating == high and not exceeded):
@@ -116,7 +130,9 @@ def value_for_rating(
 
 @dataclass(frozen=True, slots=True)
 class _FactorUnder:
-    """One factor under one node: its value, the table rows that rate it there, and the lowest of their ratings."""
+    """One factor under one node: its value, the table rows that rate it there, and the lowest of their
+    ratings.
+    """
 
     name: str
     value: float
@@ -145,13 +161,18 @@ class _FactorUnder:
         )
 
 
-def _factors(decomposition: Decomposition, difficulty: Difficulty, under: Iterable[str]) -> list[_FactorUnder]:
+def _factors(
+    decomposition: Decomposition, difficulty: Difficulty, under: Iterable[str]
+) -> list[_FactorUnder]:
     """Every factor under a node with its distinct table rows, the lowest rated factor first."""
     values: Mapping[str, float] = {
         row.factor: row.value for observable in under for row in difficulty.observables[observable].ratings
     }
     # groupby needs equal factors side by side.
-    rows = sorted((row for observable in under for row in decomposition.key_factors(observable)), key=lambda row: row.factor)
+    rows = sorted(
+        (row for observable in under for row in decomposition.key_factors(observable)),
+        key=lambda row: row.factor,
+    )
     factors = []
     for name, group in groupby(rows, key=lambda row: row.factor):
         # Several observables may share a table; each row counts once.
@@ -168,4 +189,6 @@ def _goal(factors: Iterable[_FactorUnder], rating: float, *, exceeded: bool) -> 
         for factor in factors
         if factor.rating < rating or (exceeded and round(factor.rating, DIFFICULTY_DECIMALS) <= rating)
     ]
-    return DifficultyGoal(rating, exceeded, tuple(factor.change(rating, exceeded=exceeded) for factor in short))
+    return DifficultyGoal(
+        rating, exceeded, tuple(factor.change(rating, exceeded=exceeded) for factor in short)
+    )

@@ -21,37 +21,56 @@ class NodeReport(Document):
     """One node of one agent over its runs in one difficulty configuration, or in `all` of them together."""
 
     agent: str
-    configuration: Annotated[str, Field(description="Difficulties of the studied key attributes; `all` is every run.")]
+    configuration: Annotated[
+        str, Field(description="Difficulties of the studied key attributes; `all` is every run.")
+    ]
     id: str
     level: Literal["principle", "ka", "vab", "observable"]
     title: str
-    difficulty_low: Annotated[Points | None, Field(description="Lowest difficulty among the runs; null where none is known.")]
+    difficulty_low: Annotated[
+        Points | None, Field(description="Lowest difficulty among the runs; null where none is known.")
+    ]
     difficulty_high: Annotated[Points | None, Field(description="Highest difficulty among the runs.")]
     runs: Annotated[Count, Field(description="Runs whose outcome the agent answers for.")]
     excluded: Annotated[Count, Field(description="Runs that the bench spoilt; no other number counts them.")]
     design_points: Annotated[Count, Field(description="Distinct design points of the considered runs.")]
     considered: Annotated[Count, Field(description="Runs in which the node was considered.")]
-    passed: Annotated[Count, Field(description="Considered runs in which every considered observable was achieved.")]
+    passed: Annotated[
+        Count, Field(description="Considered runs in which every considered observable was achieved.")
+    ]
     scored: Annotated[Count, Field(description="Runs in which the node has a score.")]
-    score: Annotated[Points | None, Field(description="Mean over the scored runs: the ARL. Null: not scored.")]
-    score_low: Annotated[Points | None, Field(description="Lower end of the interval of the score, where there is one.")] = None
+    score: Annotated[
+        Points | None, Field(description="Mean over the scored runs: the ARL. Null: not scored.")
+    ]
+    score_low: Annotated[
+        Points | None, Field(description="Lower end of the interval of the score, where there is one.")
+    ] = None
     score_high: Annotated[Points | None, Field(description="Upper end of that interval.")] = None
     raised_by_failure: Annotated[
-        bool, Field(description="The score is higher than if every failed observable had passed at its threshold.")
+        bool,
+        Field(description="The score is higher than if every failed observable had passed at its threshold."),
     ]
-    confidence: Annotated[Share | None, Field(description="Mean over the considered runs. Null: never considered.")]
+    confidence: Annotated[
+        Share | None, Field(description="Mean over the considered runs. Null: never considered.")
+    ]
     confidence_low: Annotated[Share, Field(description="Lower end of its two-sided 95 % interval.")]
     confidence_high: Annotated[Share, Field(description="Upper end of that interval.")]
     method: Annotated[str, Field(description="Method of the interval of the confidence.")]
     competence_50: Annotated[
         Points | None,
-        Field(description="Highest tested difficulty at which half of such runs pass; in `all` only. A failure never raises it."),
+        Field(
+            description="Highest tested difficulty at which half of such runs pass; in `all` only. A failure never raises it."
+        ),
     ] = None
-    competence_50_low: Annotated[Points | None, Field(description="One-sided 95 % lower bound of competence_50.")] = None
+    competence_50_low: Annotated[
+        Points | None, Field(description="One-sided 95 % lower bound of competence_50.")
+    ] = None
     competence_50_at_least: Annotated[
         bool | None, Field(description="True where competence_50 is the highest difficulty that was tested.")
     ] = None
-    competence_90: Annotated[Points | None, Field(description="Like competence_50, for nine runs in ten.")] = None
+    competence_90: Annotated[
+        Points | None, Field(description="Like competence_50, for nine runs in ten.")
+    ] = None
     competence_90_low: Points | None = None
     competence_90_at_least: bool | None = None
 
@@ -90,18 +109,27 @@ class ScoreReport(Document):
     source: Annotated[str, Field(description="The folder or file that was scored, as the user named it.")]
     fidelity: Annotated[
         Literal["full", "overhead"] | None,
-        Field(description="overhead: surrogates on a ground plan, not the agents themselves. Null where it is not known."),
+        Field(
+            description="overhead: surrogates on a ground plan, not the agents themselves. Null where it is not known."
+        ),
     ] = None
     decomposition: str
     decomposition_sha256: Annotated[
         str, Field(description="Digest of the decomposition: scores are comparable where it is equal.")
     ]
-    study: Annotated[tuple[str, ...], Field(description="Key attributes whose difficulties make a configuration.")]
+    study: Annotated[
+        tuple[str, ...], Field(description="Key attributes whose difficulties make a configuration.")
+    ]
     absent: Annotated[
-        Count, Field(description="Pairs of run and observable without an observation: they count as not considered.")
+        Count,
+        Field(
+            description="Pairs of run and observable without an observation: they count as not considered."
+        ),
     ]
     nodes: tuple[NodeReport, ...]
-    runs: Annotated[tuple[RunReport, ...] | None, Field(description="With --per-run, or where a single run was named.")] = None
+    runs: Annotated[
+        tuple[RunReport, ...] | None, Field(description="With --per-run, or where a single run was named.")
+    ] = None
 
 
 # The document says `id`, `score` and `confidence` where the tables have longer column names.
@@ -175,7 +203,9 @@ def _passed(scores: pl.DataFrame) -> dict[tuple[str, str, str], int]:
     """Number of passed runs by agent, configuration (and `all`) and node."""
     # Agents and nodes may be categoricals in a table from Parquet; keys of a dictionary must be texts.
     key = [pl.col(name).cast(pl.String) for name in ("agent", "configuration", "node")]
-    whole = scores.filter((pl.col("considered") > 0) & (pl.col("achieved") == pl.col("considered"))).select(key)
+    whole = scores.filter((pl.col("considered") > 0) & (pl.col("achieved") == pl.col("considered"))).select(
+        key
+    )
     both = pl.concat([whole, whole.with_columns(pl.lit("all").alias("configuration"))])
     counted = both.group_by("agent", "configuration", "node").len()
     return {(agent, configuration, node): count for agent, configuration, node, count in counted.iter_rows()}

@@ -23,9 +23,11 @@ NEAR_MISS_SLACK = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class NodeScore:
-    """One node in one run. `score` is None where the node is not scored, `confidence` is None where it is not considered.
+    """One node in one run. `score` is None where the node is not scored, `confidence` is None where it is not
+    considered.
 
-    `achieved` and `considered` count the node's distinct descendant observables (0 or 1 for an observable itself).
+    `achieved` and `considered` count the node's distinct descendant observables (0 or 1 for an observable
+    itself).
     """
 
     node: str
@@ -47,7 +49,9 @@ class RunScores:
 
 @dataclass(frozen=True, slots=True)
 class MeasuredRuns:
-    """Runs as arrays (leaves, runs): difficulty, measured x (0 where not considered), and whether considered."""
+    """Runs as arrays (leaves, runs): difficulty, measured x (0 where not considered), and whether
+    considered.
+    """
 
     difficulty: Floats
     x: Floats
@@ -58,9 +62,9 @@ class MeasuredRuns:
 class ScoreArrays:
     """Every node in every run, as arrays (nodes, runs).
 
-    `score` is 0 where `scored` is false, `confidence` is 0 where `considered` is 0. `passed_score` is the score that the node
-    would have if every failed observable had passed with x at its threshold; it is valid wherever the node is
-    considered. `difficulty` is the minimum over all leaves of the node.
+    `score` is 0 where `scored` is false, `confidence` is 0 where `considered` is 0. `passed_score` is the
+    score that the node would have if every failed observable had passed with x at its threshold; it is valid
+    wherever the node is considered. `difficulty` is the minimum over all leaves of the node.
     """
 
     difficulty: Floats
@@ -73,13 +77,17 @@ class ScoreArrays:
 
 
 def score_run(
-    decomposition: Decomposition, difficulties: Difficulty | Mapping[str, float], observations: Iterable[Observation]
+    decomposition: Decomposition,
+    difficulties: Difficulty | Mapping[str, float],
+    observations: Iterable[Observation],
 ) -> RunScores:
     """Score one run.
 
-    `difficulties` are those of the observables. An observable without an observation is not considered. Raises ValueError
-    for an observation of an unknown observable, a second one of the same, or a considered one without a value.
+    `difficulties` are those of the observables. An observable without an observation is not considered.
+    Raises ValueError for an observation of an unknown observable, a second one of the same, or a considered
+    one without a value.
     """
+
     arrays = arrays_of(decomposition)
     x, considered = measured_column(arrays, observations)
     difficulty = difficulty_column(arrays, difficulties)
@@ -99,9 +107,11 @@ def score_runs(arrays: DecompositionArrays, runs: MeasuredRuns) -> ScoreArrays:
     )
     credit = np.where(partial, arrays.policies.credit_points * (runs.x - tau), 0.0)
     passed_credit = np.where(achieved, credit, 0.0)
-    # Without near_miss (its default 0) `near_miss` is false everywhere, and a failed observable has no score: ruling 8.
+    # Without near_miss (its default 0) `near_miss` is false everywhere, and a failed observable has no score:
+    # ruling 8.
     score, scored = _inner_scores(arrays, runs.difficulty + credit, achieved | near_miss)
-    # Ruling 16: a failed observable that had passed at its threshold would score its difficulty, without credit.
+    # Ruling 16: a failed observable that had passed at its threshold would score its difficulty, without
+    # credit.
     passed_score, _ = _inner_scores(arrays, runs.difficulty + passed_credit, runs.considered)
     achieved_counts, considered_counts = _leaf_counts(arrays, achieved), _leaf_counts(arrays, runs.considered)
     return ScoreArrays(
@@ -131,7 +141,9 @@ def measured_column(arrays: DecompositionArrays, observations: Iterable[Observat
     """Measured x of every leaf in one run, and whether it is considered. Raises as `score_run`."""
     x, considered = np.zeros(len(arrays.leaves)), np.zeros(len(arrays.leaves), dtype=np.bool_)
     given = tuple(observations)
-    values = {observation.observable: observation.x if observation.considered else None for observation in given}
+    values = {
+        observation.observable: observation.x if observation.considered else None for observation in given
+    }
     places = [arrays.number.get(name) for name in values]
     # The slow search for the fault runs only where there is one: this function runs once for every run.
     if len(values) < len(given) or None in places:
@@ -157,8 +169,13 @@ def _first_fault(arrays: DecompositionArrays, observations: Iterable[Observation
     raise AssertionError("these observations have no fault")
 
 
-def _inner_scores(arrays: DecompositionArrays, leaf_score: Floats, leaf_scored: Bools) -> tuple[Floats, Bools]:
-    """Scores of all nodes from those of the leaves: the minimum (or mean) over the children that have a score (ruling 9)."""
+def _inner_scores(
+    arrays: DecompositionArrays, leaf_score: Floats, leaf_scored: Bools
+) -> tuple[Floats, Bools]:
+    """Scores of all nodes from those of the leaves: the minimum (or mean) over the children that have a score
+    (ruling 9).
+    """
+
     # `inner` has children before parents, so every child is final when its parent reads it.
     shape = (len(arrays.nodes), leaf_score.shape[1])
     score, scored = np.zeros(shape), np.zeros(shape, dtype=np.bool_)
@@ -194,7 +211,10 @@ def _leaf_counts(arrays: DecompositionArrays, leaves: Bools) -> Counts:
 
 
 def _confidence(arrays: DecompositionArrays, achieved: Counts, considered: Counts, scored: Bools) -> Floats:
-    """Achieved over considered leaves; under the policy `children`, scored over considered children for inner nodes."""
+    """Achieved over considered leaves; under the policy `children`, scored over considered children for inner
+    nodes.
+    """
+
     if arrays.policies.confidence == "children":
         leaves_considered, achieved, considered = considered, achieved.copy(), considered.copy()
         for row, children in arrays.inner:

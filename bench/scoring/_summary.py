@@ -1,4 +1,6 @@
-"""Nodes over many runs: the published means, their counts and their intervals (docs/rulings.md 13, 16, 18)."""
+"""Nodes over many runs: the published means, their counts and their intervals (docs/rulings.md 13, 16,
+18).
+"""
 
 from __future__ import annotations
 
@@ -63,15 +65,19 @@ SUMMARY_COLUMNS: dict[str, type[pl.DataType]] = {
 }
 """Columns of the summary: one row for each agent, configuration (and `all` of them together) and node.
 
-`runs` are distinct realizations whose outcome is the agent's responsibility, `excluded` those that the bench spoilt. `considered`
-and `scored` count runs, `design_points` counts the distinct design points of the considered runs. `difficulty` is null where it
-differs among the runs. `raised_by_failure` flags a mean score above `passed_score_mean`, the mean that the runs would have if every
-failed observable had passed at its threshold. `score_low` and `score_high` are null below five design points with a score.
-`method` names the interval of the confidence. `competence_*` is over all difficulties: only the rows of `all` have it, and it is
-null where the node was never considered."""
+`runs` are distinct realizations whose outcome is the agent's responsibility, `excluded` those that the bench
+spoilt. `considered` and `scored` count runs, `design_points` counts the distinct design points of the
+considered runs. `difficulty` is null where it differs among the runs. `raised_by_failure` flags a mean score
+above `passed_score_mean`, the mean that the runs would have if every failed observable had passed at its
+threshold. `score_low` and `score_high` are null below five design points with a score. `method` names the
+interval of the confidence. `competence_*` is over all difficulties: only the rows of `all` have it, and it is
+null where the node was never considered.
+"""
+
 
 NO_INTERVAL, EXACT_INTERVAL, CLUSTERED_INTERVAL = "none considered", "clopper-pearson", "korn-graubard"
-# With early stopping the results decide how many runs there are, and exact intervals for a fixed number do not hold.
+# With early stopping the results decide how many runs there are, and exact intervals for a fixed number do
+# not hold.
 ANYTIME_PASS_RATE, ANYTIME_MEAN = "anytime-valid (pass rate)", "anytime-valid (mean)"
 
 # Both means come from different sums of the same numbers, so equal ones differ in their last bits.
@@ -83,9 +89,11 @@ _METHODS = (NO_INTERVAL, EXACT_INTERVAL, CLUSTERED_INTERVAL, ANYTIME_PASS_RATE, 
 def summary_frame(scores: pl.DataFrame, decomposition: Decomposition | None = None) -> pl.DataFrame:
     """Summarise a score table into the columns SUMMARY_COLUMNS.
 
-    Rows are sorted by agent, then configuration with `all` first, then node, each in the order of first appearance in the
-    table. `decomposition` gives titles and policies; without it titles are empty and the published rules hold.
+    Rows are sorted by agent, then configuration with `all` first, then node, each in the order of first
+    appearance in the table. `decomposition` gives titles and policies; without it titles are empty and the
+    published rules hold.
     """
+
     if scores.is_empty():
         return pl.DataFrame(schema=SUMMARY_COLUMNS)
     policies = decomposition.policies if decomposition else Policies()
@@ -97,7 +105,8 @@ def summary_frame(scores: pl.DataFrame, decomposition: Decomposition | None = No
     overall = _summary_rows(scenes, policies, titles).with_columns(**_competence(scenes, scores))
     frame = pl.concat([overall, by_configuration], how="diagonal")
     flown = frame.filter(pl.col("runs") + pl.col("excluded") > 0)
-    # `all` has number 0 like the first configuration; it stays before it because it comes first in the concatenation.
+    # `all` has number 0 like the first configuration; it stays before it because it comes first in the
+    # concatenation.
     flown = flown.sort("_agent", "_place", maintain_order=True)
     return flown.select(pl.col(name).cast(dtype) for name, dtype in SUMMARY_COLUMNS.items())
 
@@ -120,8 +129,9 @@ class _TextCodes:
 class _SceneSums:
     """A score table summed over the runs of each scene: an agent in a design point of a configuration.
 
-    Scenes are sorted by the numbers of agent, configuration and design point (-1: none). `sums` are (scenes, nodes), added in the
-    order of the table, so that they are the same on any number of cores. `low` and `high` are the lowest and highest difficulty.
+    Scenes are sorted by the numbers of agent, configuration and design point (-1: none). `sums` are (scenes,
+    nodes), added in the order of the table, so that they are the same on any number of cores. `low` and
+    `high` are the lowest and highest difficulty.
     """
 
     agents: tuple[str, ...]
@@ -170,18 +180,26 @@ class _SceneSums:
     @property
     def starts(self) -> Counts:
         """Index of the first scene of each block: the scenes of one agent in one configuration."""
-        return np.flatnonzero((np.diff(self.agent, prepend=-2) != 0) | (np.diff(self.configuration, prepend=-2) != 0))
+        return np.flatnonzero(
+            (np.diff(self.agent, prepend=-2) != 0) | (np.diff(self.configuration, prepend=-2) != 0)
+        )
 
     def total(self, name: str) -> NDArray[Any]:
         """Sums over each block, as (blocks, nodes)."""
         values = self.sums[name]
-        return np.add.reduceat(values, self.starts, dtype=np.float64 if values.dtype.kind == "f" else np.int64)
+        return np.add.reduceat(
+            values, self.starts, dtype=np.float64 if values.dtype.kind == "f" else np.int64
+        )
 
 
 def _scene_sums(scores: pl.DataFrame) -> _SceneSums:
-    agent, configuration, point = (_TextCodes.of(scores[name]) for name in ("agent", "configuration", "design_point"))
+    agent, configuration, point = (
+        _TextCodes.of(scores[name]) for name in ("agent", "configuration", "design_point")
+    )
     places, points = len(configuration.names) + 1, len(point.names) + 1
-    keys, scene = _dense_codes(((agent.numbers + np.int64(1)) * places + configuration.numbers + 1) * points + point.numbers + 1)
+    keys, scene = _dense_codes(
+        ((agent.numbers + np.int64(1)) * places + configuration.numbers + 1) * points + point.numbers + 1
+    )
     names = {"agents": agent.names, "configurations": configuration.names, "design_points": point.names}
     # Arrays as long as the table, which may be large.
     del agent, configuration, point
@@ -248,7 +266,10 @@ def _until_settled(scores: pl.DataFrame, counts: Bools, slot: Counts, size: int)
 
 
 def _column(scores: pl.DataFrame, name: str) -> tuple[Floats, Bools]:
-    """Values of a column (0 where null) and whether they are known; a column that the table lacks is null in every row."""
+    """Values of a column (0 where null) and whether they are known; a column that the table lacks is null in
+    every row.
+    """
+
     if name not in scores.columns:
         return np.zeros(scores.height), np.zeros(scores.height, dtype=np.bool_)
     column = scores[name]
@@ -256,9 +277,13 @@ def _column(scores: pl.DataFrame, name: str) -> tuple[Floats, Bools]:
 
 
 def _dense_codes(keys: Counts) -> tuple[Counts, Counts]:
-    """Distinct keys, rising, and the number of each entry's; without sorting where the keys are dense enough."""
+    """Distinct keys, rising, and the number of each entry's; without sorting where the keys are dense
+    enough.
+    """
+
     size = int(keys.max()) + 1
-    # Sorting is slower than a table over all keys, unless most of that table would be empty. 4 is chosen, not measured.
+    # Sorting is slower than a table over all keys, unless most of that table would be empty. 4 is chosen, not
+    # measured.
     if size > 4 * keys.size:
         distinct, number = np.unique(keys, return_inverse=True)
         return distinct, number
@@ -276,7 +301,10 @@ def _summary_rows(scenes: _SceneSums, policies: Policies, titles: Mapping[str, s
     starts, nodes = scenes.starts, scenes.nodes
     considered, scored = scenes.total("considered"), scenes.total("scored")
     low, high = np.minimum.reduceat(scenes.low, starts), np.maximum.reduceat(scenes.high, starts)
-    score, passed = _mean(scenes.total("score"), scored), _mean(scenes.total("passed_score"), scenes.total("passable"))
+    score, passed = (
+        _mean(scenes.total("score"), scored),
+        _mean(scenes.total("passed_score"), scenes.total("passable")),
+    )
     score_low, score_high = _score_ends(scenes)
     confidence = _confidence(scenes, policies)
     points = np.add.reduceat((scenes.sums["considered"] > 0).astype(np.int64), starts)
@@ -314,7 +342,10 @@ def _summary_rows(scenes: _SceneSums, policies: Policies, titles: Mapping[str, s
         "confidence_low": confidence_low,
         "confidence_high": confidence_high,
     }
-    of_block, of_node = np.repeat(np.arange(starts.size), len(nodes)), np.tile(np.arange(len(nodes)), starts.size)
+    of_block, of_node = (
+        np.repeat(np.arange(starts.size), len(nodes)),
+        np.tile(np.arange(len(nodes)), starts.size),
+    )
     texts = {
         "agent": _gather(scenes.agents, scenes.agent[starts][of_block]),
         "configuration": _gather(scenes.configurations, scenes.configuration[starts][of_block]),
@@ -335,11 +366,16 @@ def _confidence(scenes: _SceneSums, policies: Policies) -> Floats:
     if policies.over_runs == "mean_of_ratios":
         return _mean(scenes.total("confidence"), scenes.total("considered"))
     considered_leaves = scenes.total("asked")
-    return np.where(considered_leaves > 0, scenes.total("achieved") / np.maximum(considered_leaves, 1.0), np.nan)
+    return np.where(
+        considered_leaves > 0, scenes.total("achieved") / np.maximum(considered_leaves, 1.0), np.nan
+    )
 
 
 def _spread(scenes: _SceneSums) -> Floats:
-    """Sum over design points of the squared sum of the deviations of their ratios from the mean of the block."""
+    """Sum over design points of the squared sum of the deviations of their ratios from the mean of the
+    block.
+    """
+
     mean = np.nan_to_num(_mean(scenes.total("confidence"), scenes.total("considered")))
     block = np.cumsum(np.isin(np.arange(scenes.agent.size), scenes.starts)) - 1
     deviation = scenes.sums["confidence"] - scenes.sums["considered"] * mean[block]
@@ -353,19 +389,29 @@ def _score_ends(scenes: _SceneSums) -> tuple[Floats, Floats]:
     # Each block has its own design points, and with them its own seed.
     for block, (first, last) in enumerate(pairwise([*starts.tolist(), scenes.agent.size])):
         point_names = [names[number] for number in scenes.point[first:last]]
-        bounds[:, block] = bootstrap_means(scenes.sums["score"][first:last], scenes.sums["scored"][first:last], point_names)
+        bounds[:, block] = bootstrap_means(
+            scenes.sums["score"][first:last], scenes.sums["scored"][first:last], point_names
+        )
     return bounds[0], bounds[1]
 
 
-def _interval(mean: Floats, considered: Counts, points: Counts, squared: Floats, plain: Bools) -> tuple[Floats, Floats]:
-    """Exact on the counts where `plain` (observables whose runs share no design point), else on effective counts (ruling 18)."""
+def _interval(
+    mean: Floats, considered: Counts, points: Counts, squared: Floats, plain: Bools
+) -> tuple[Floats, Floats]:
+    """Exact on the counts where `plain` (observables whose runs share no design point), else on effective
+    counts (ruling 18).
+    """
+
     runs, share = considered.astype(np.float64), np.nan_to_num(mean)
     tried = np.where(plain, runs, effective_size(share, runs, points, squared))
     return clopper_pearson(np.where(plain, np.round(share * runs), share * tried), tried)
 
 
 def _anytime_interval(mean: Floats, considered: Counts, alone: Bools) -> tuple[Floats, Floats]:
-    """Of the pass rate where `alone` (an observable with a single design point), else of the mean of the expectations."""
+    """Of the pass rate where `alone` (an observable with a single design point), else of the mean of the
+    expectations.
+    """
+
     runs = considered.astype(np.float64)
     total = np.nan_to_num(mean) * runs
     rate, expected = pass_rate_bounds(np.round(total), runs), mean_bounds(total, runs)
@@ -373,20 +419,35 @@ def _anytime_interval(mean: Floats, considered: Counts, alone: Bools) -> tuple[F
 
 
 def _competence(scenes: _SceneSums, scores: pl.DataFrame) -> dict[str, pl.Series]:
-    """The columns of competence of every agent and node over all configurations, null without a trial (ruling 17)."""
+    """The columns of competence of every agent and node over all configurations, null without a trial (ruling
+    17).
+    """
+
     groups = len(scenes.agents) * len(scenes.nodes)
     has_trials_in_scene = scenes.sums["trials"] > 0
-    # A campaign gives a design point one difficulty; then counts by scene are enough, and run by run is the slow way.
-    one_difficulty_per_point = np.array_equal(scenes.low[has_trials_in_scene], scenes.high[has_trials_in_scene])
+    # A campaign gives a design point one difficulty; then counts by scene are enough, and run by run is the
+    # slow way.
+    one_difficulty_per_point = np.array_equal(
+        scenes.low[has_trials_in_scene], scenes.high[has_trials_in_scene]
+    )
     counted = _tally(scenes, groups) if one_difficulty_per_point else _tally_rows(scores, groups)
-    first_replicates = _tally_rows(_first_replicates(scores), groups) if scenes.sums["until_settled"].any() else None
+    first_replicates = (
+        _tally_rows(_first_replicates(scores), groups) if scenes.sums["until_settled"].any() else None
+    )
     columns: dict[str, pl.Series] = {}
     for name, share in COMPETENCE_SHARES.items():
         result = competence(counted, share)
         has_trials = pl.Series(result.trials > 0)
-        low = result.low if first_replicates is None else np.minimum(result.value, competence(first_replicates, share).low)
+        low = (
+            result.low
+            if first_replicates is None
+            else np.minimum(result.value, competence(first_replicates, share).low)
+        )
         columns_of_share = (("", result.value), ("_low", low), ("_at_least", result.at_least))
-        columns |= {f"competence_{name}{part}": _masked(pl.Series(values), has_trials) for part, values in columns_of_share}
+        columns |= {
+            f"competence_{name}{part}": _masked(pl.Series(values), has_trials)
+            for part, values in columns_of_share
+        }
     return columns
 
 
@@ -403,7 +464,9 @@ def _first_replicates(scores: pl.DataFrame) -> pl.DataFrame:
     Only that replicate is there whatever the results were.
     """
     first = pl.col("replicate") == pl.col("replicate").min().over("agent", "design_point")
-    return scores.with_columns(considered=pl.when(first | ~pl.col("until_settled")).then("considered").otherwise(0))
+    return scores.with_columns(
+        considered=pl.when(first | ~pl.col("until_settled")).then("considered").otherwise(0)
+    )
 
 
 def _tally_rows(scores: pl.DataFrame, groups: int) -> TrialCounts:
@@ -414,7 +477,13 @@ def _tally_rows(scores: pl.DataFrame, groups: int) -> TrialCounts:
     group = agent.numbers * np.int64(len(node.names)) + node.numbers
     passed = _column(scores, "achieved")[0] == considered
     return count_trials(
-        Trials(group[is_trial], _column(scores, "difficulty")[0][is_trial], passed[is_trial], point.numbers[is_trial]), groups
+        Trials(
+            group[is_trial],
+            _column(scores, "difficulty")[0][is_trial],
+            passed[is_trial],
+            point.numbers[is_trial],
+        ),
+        groups,
     )
 
 

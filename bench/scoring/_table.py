@@ -35,14 +35,18 @@ SCORE_COLUMNS: dict[str, type[pl.DataType]] = {
     "passed_score": pl.Float64,
     "until_settled": pl.Boolean,
 }
-"""Columns of the score table. Null means "not scored" in `score`, "not considered" in `confidence` and `passed_score`, and "not an
-observable, or not considered" in `x`. `achieved` and `considered` count distinct descendant observables. `passed_score` is the
-score that the node would have if every failed observable had passed with x at its threshold. `until_settled` is true where the
-results decided how many replicates the design point has (early stopping), so that only anytime-valid intervals hold."""
+"""Columns of the score table. Null means "not scored" in `score`, "not considered" in `confidence` and
+`passed_score`, and "not an observable, or not considered" in `x`. `achieved` and `considered` count distinct
+descendant observables. `passed_score` is the score that the node would have if every failed observable had
+passed with x at its threshold. `until_settled` is true where the results decided how many replicates the
+design point has (early stopping), so that only anytime-valid intervals hold.
+"""
 
 
 EXCLUDED_OUTCOMES = tuple(str(outcome) for outcome in Outcome if not outcome.counts)
-"""Outcomes of runs that the bench spoilt: such runs have rows in a score table, and nothing is considered in them."""
+"""Outcomes of runs that the bench spoilt: such runs have rows in a score table, and nothing is considered in
+them.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,13 +63,17 @@ class ScoredRun:
     until_settled: bool = False
 
 
-def score_table(decomposition: Decomposition, runs: Sequence[ScoredRun], study: Sequence[str] = ()) -> pl.DataFrame:
-    """Score runs into a frame with the columns SCORE_COLUMNS, in the order of the runs and of the decomposition.
+def score_table(
+    decomposition: Decomposition, runs: Sequence[ScoredRun], study: Sequence[str] = ()
+) -> pl.DataFrame:
+    """Score runs into a frame with the columns SCORE_COLUMNS, in the order of the runs and of the
+    decomposition.
 
-    A run that the bench spoilt has rows in which nothing is considered. `study` names the key attributes that make
-    difficulty configurations. Raises ValueError for a realization that appears twice and as `score_run`, and SetupError for
-    a `study` that names other nodes than key attributes.
+    A run that the bench spoilt has rows in which nothing is considered. `study` names the key attributes that
+    make difficulty configurations. Raises ValueError for a realization that appears twice and as `score_run`,
+    and SetupError for a `study` that names other nodes than key attributes.
     """
+
     arrays = arrays_of(decomposition)
     if not runs:
         return pl.DataFrame(schema=SCORE_COLUMNS)
@@ -99,11 +107,15 @@ def score_table(decomposition: Decomposition, runs: Sequence[ScoredRun], study: 
 
 
 def absent_pairs(decomposition: Decomposition, runs: Sequence[ScoredRun]) -> int:
-    """Number of (run, observable) pairs without an observation, over the runs that count; such a pair is not considered."""
+    """Number of (run, observable) pairs without an observation, over the runs that count; such a pair is not
+    considered.
+    """
+
     # A run that the bench spoilt was not measured, so nothing is missing from it.
     counted = [run for run in runs if run.outcome.counts]
     return sum(
-        len(set(decomposition.observables) - {observation.observable for observation in run.observations}) for run in counted
+        len(set(decomposition.observables) - {observation.observable for observation in run.observations})
+        for run in counted
     )
 
 
@@ -129,9 +141,12 @@ def _measured(arrays: DecompositionArrays, runs: Sequence[ScoredRun]) -> Measure
     return measured
 
 
-def _configurations(decomposition: Decomposition, runs: Sequence[ScoredRun], study: Sequence[str]) -> list[str]:
+def _configurations(
+    decomposition: Decomposition, runs: Sequence[ScoredRun], study: Sequence[str]
+) -> list[str]:
     """The key of each run's difficulty configuration."""
-    # Replicates and agents mostly share their difficulty object, so each is written once; `runs` keeps the ids valid.
+    # Replicates and agents mostly share their difficulty object, so each is written once; `runs` keeps the
+    # ids valid.
     known: dict[int, str] = {}
     for run in runs:
         if id(run.difficulty) not in known:

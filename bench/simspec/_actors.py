@@ -24,12 +24,17 @@ class Role(StrEnum):
 
 
 class Motion(Document):
-    """How a member moves. `wander`: to random points within `radius_m` of its start. `patrol`: along `route`, in a loop."""
+    """How a member moves.
+
+    `wander`: to random points within `radius_m` of its start. `patrol`: along `route`, in a loop.
+    """
 
     kind: Literal["still", "wander", "patrol"] = "still"
     speed_mps: Annotated[float, Field(gt=0.0, le=40.0)] = 1.2
     radius_m: Annotated[float, Field(gt=0.0, le=2000.0)] = 25.0
-    pause_s: Annotated[float, Field(ge=0.0, le=3600.0, description="Mean pause at each point of the path.")] = 5.0
+    pause_s: Annotated[
+        float, Field(ge=0.0, le=3600.0, description="Mean pause at each point of the path.")
+    ] = 5.0
     route: tuple[Point, ...] = ()
 
     @model_validator(mode="after")
@@ -51,17 +56,21 @@ class CountRange(Document):
     @model_validator(mode="after")
     def _range_has_several_values(self) -> Self:
         if self.high <= self.low:
-            raise ValueError(f"high {self.high} must exceed low {self.low}; for a fixed number write count: {self.low}")
+            raise ValueError(
+                f"high {self.high} must exceed low {self.low}; for a fixed number write count: {self.low}"
+            )
         return self
 
 
 def _count_kind(value: object) -> str:
-    # Chosen before validation: without it, pydantic would report a wrong range a second time as a wrong number.
+    # Chosen before validation: without it, pydantic would report a wrong range a second time as a wrong
+    # number.
     return "range" if isinstance(value, (dict, CountRange)) else "number"
 
 
 Count = Annotated[
-    Annotated[CountRange, Tag("range")] | Annotated[int, Field(ge=0, le=5000), Tag("number")], Discriminator(_count_kind)
+    Annotated[CountRange, Tag("range")] | Annotated[int, Field(ge=0, le=5000), Tag("number")],
+    Discriminator(_count_kind),
 ]
 
 
@@ -69,9 +78,13 @@ class ActorGroup(Document):
     """A group of actors of one kind: how many, where they are, and how they move."""
 
     id: Identifier
-    asset: Annotated[Identifier, Field(description="Name in the asset catalogue; it decides size and class label.")]
+    asset: Annotated[
+        Identifier, Field(description="Name in the asset catalogue; it decides size and class label.")
+    ]
     role: Role
-    count: Annotated[Count | None, Field(description="The number of members, or the range from which it is drawn.")] = None
+    count: Annotated[
+        Count | None, Field(description="The number of members, or the range from which it is drawn.")
+    ] = None
     density_per_km2: Annotated[
         float | None, Field(ge=0.0, le=1e6, description="Members per km2 of world.area, instead of count.")
     ] = None
@@ -90,7 +103,10 @@ class ActorGroup(Document):
         return self
 
     def member_count(self, area_m2: float) -> int:
-        """Number of members in an area of interest of `area_m2` square metres; the smallest number when it is drawn."""
+        """Number of members in an area of interest of `area_m2` square metres; the smallest number when it is
+        drawn.
+        """
+
         if isinstance(self.count, CountRange):
             return self.count.low
         if self.count is not None:

@@ -15,8 +15,8 @@ CLEARANCE_M = 0.002
 class Asset:
     """Outer size in metres (length along the heading), and the class label that perfect perception reports.
 
-    Degraded perception may report a label of `confused_with` instead. A `solid` asset hides what is behind it. A false
-    detection carries the label of an asset that is a `possible_false_alarm`.
+    Degraded perception may report a label of `confused_with` instead. A `solid` asset hides what is behind
+    it. A false detection carries the label of an asset that is a `possible_false_alarm`.
     """
 
     class_label: str
@@ -28,17 +28,24 @@ class Asset:
     possible_false_alarm: bool = True
 
     def has_room_for(self, guest: Asset) -> bool:
-        """Whether the guest's footprint fits into this one at some heading, with a clearance of two millimetres.
+        """Whether the guest's footprint fits into this one at some heading, with a clearance of two
+        millimetres.
 
-        Source: Carver, "Rectangles within rectangles", Mathematics Magazine 30, 1957. A guest longer than the host can
-        still fit diagonally.
+        Source: Carver, "Rectangles within rectangles", Mathematics Magazine 30, 1957. A guest longer than the
+        host can still fit diagonally.
         """
+
         long, short = max(self.length_m, self.width_m), min(self.length_m, self.width_m)
-        p, q = max(guest.length_m, guest.width_m) + CLEARANCE_M, min(guest.length_m, guest.width_m) + CLEARANCE_M
+        p, q = (
+            max(guest.length_m, guest.width_m) + CLEARANCE_M,
+            min(guest.length_m, guest.width_m) + CLEARANCE_M,
+        )
         if p <= long:
             return q <= short
         diagonal = p * p + q * q
-        return q <= short and short * diagonal >= 2 * p * q * long + (p * p - q * q) * sqrt(diagonal - long * long)
+        return q <= short and short * diagonal >= 2 * p * q * long + (p * p - q * q) * sqrt(
+            diagonal - long * long
+        )
 
 
 ASSETS: dict[str, Asset] = {

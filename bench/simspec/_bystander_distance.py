@@ -15,18 +15,27 @@ Corners = list[tuple[float, float]]
 def bystander_proximity_m(simspec: SimSpec) -> float | None:
     """Mean distance of the bystanders to the target in metres, as the configuration states it.
 
-    This is the smallest `mean_distance` to an adversary that a bystander group states. If no group states one, it is an
-    upper bound of the mean over all bystanders: for each group the largest distance that its relations to an adversary and
-    the ground of both allow. None without bystanders or without adversaries.
+    This is the smallest `mean_distance` to an adversary that a bystander group states. If no group states
+    one, it is an upper bound of the mean over all bystanders: for each group the largest distance that its
+    relations to an adversary and the ground of both allow. None without bystanders or without adversaries.
     """
-    bystanders, targets = _populated_groups(simspec, Role.BYSTANDER), _populated_groups(simspec, Role.ADVERSARY)
+
+    bystanders, targets = (
+        _populated_groups(simspec, Role.BYSTANDER),
+        _populated_groups(simspec, Role.ADVERSARY),
+    )
     if not bystanders or not targets:
         return None
     target_ids = {target.id for target in targets}
-    stated_means = [mean.mean_m for group in bystanders if (mean := group.placement.mean_distance) and mean.of in target_ids]
+    stated_means = [
+        mean.mean_m
+        for group in bystanders
+        if (mean := group.placement.mean_distance) and mean.of in target_ids
+    ]
     if stated_means:
         return min(stated_means)
-    # The upper bound: a run certifies an agent only to what every placement of the situation holds (docs/rulings.md 2 and 5).
+    # The upper bound: a run certifies an agent only to what every placement of the situation holds
+    # (docs/rulings.md 2 and 5).
     area_m2 = simspec.world.area.area_m2
     counts = [group.member_count(area_m2) for group in bystanders]
     bounds_m = [min(_max_distance_m(simspec, group, target) for target in targets) for group in bystanders]
@@ -36,10 +45,11 @@ def bystander_proximity_m(simspec: SimSpec) -> float | None:
 def nearest_bystander_m(simspec: SimSpec) -> float | None:
     """Smallest distance in metres to a target that the configuration guarantees for its bystanders.
 
-    Every bystander group counts whose place is stated in relation to an adversary, with the largest lower bound that it
-    keeps to the nearest member of it. Relations to other groups, points and the vehicle's home guarantee nothing. None
-    where no bystander group has a relation to an adversary.
+    Every bystander group counts whose place is stated in relation to an adversary, with the largest lower
+    bound that it keeps to the nearest member of it. Relations to other groups, points and the vehicle's home
+    guarantee nothing. None where no bystander group has a relation to an adversary.
     """
+
     guarantees = (
         list(_guaranteed_distances_m(simspec, group, target))
         for group in _populated_groups(simspec, Role.BYSTANDER)
@@ -54,7 +64,10 @@ def _populated_groups(simspec: SimSpec, role: Role) -> list[ActorGroup]:
 
 
 def _guaranteed_distances_m(simspec: SimSpec, group: ActorGroup, target: ActorGroup) -> Iterator[float]:
-    """The lower bound of each relation to the target; 0 for a relation that need not hold for every member of it."""
+    """The lower bound of each relation to the target; 0 for a relation that need not hold for every member of
+    it.
+    """
+
     placement = group.placement
     single = not isinstance(target.count, CountRange) and target.member_count(simspec.world.area.area_m2) == 1
     names = _names_of(simspec, target)
@@ -86,7 +99,11 @@ def _max_distance_m(simspec: SimSpec, group: ActorGroup, target: ActorGroup) -> 
 
 def _stated_bounds_m(simspec: SimSpec, group: ActorGroup, target: ActorGroup) -> Iterator[float]:
     placement, names = group.placement, _names_of(simspec, target)
-    yield from (relation.max_m for relation in (placement.near, placement.away) if relation and relation.of == target.id)
+    yield from (
+        relation.max_m
+        for relation in (placement.near, placement.away)
+        if relation and relation.of == target.id
+    )
     yield from (bound.max_m for bound in placement.distances if bound.of in names and bound.max_m is not None)
 
 
@@ -95,7 +112,9 @@ def _ground_corners(simspec: SimSpec, group: ActorGroup) -> Corners:
     placement = group.placement
     areas = {area.id: area for area in simspec.world.areas}
     named_area = areas.get(placement.inside.area) if placement.inside and placement.inside.area else None
-    corners = (placement.at,) if placement.at else (named_area or placement.region or simspec.world.area).corners
+    corners = (
+        (placement.at,) if placement.at else (named_area or placement.region or simspec.world.area).corners
+    )
     return [(corner.east_m, corner.north_m) for corner in corners]
 
 

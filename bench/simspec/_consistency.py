@@ -23,7 +23,10 @@ Inconsistency = tuple[FieldPath, str]
 
 
 def raise_inconsistencies(title: str, inconsistencies: Iterable[Inconsistency]) -> None:
-    """Raise pydantic's ValidationError with one error for each inconsistency; do nothing when there is none."""
+    """Raise pydantic's ValidationError with one error for each inconsistency; do nothing when there is
+    none.
+    """
+
     # All at once: a person who corrects a file wants the whole list, not one fault for each attempt.
     if errors := [_error(field, message) for field, message in inconsistencies]:
         raise ValidationError.from_exception_data(title, errors)
@@ -31,7 +34,9 @@ def raise_inconsistencies(title: str, inconsistencies: Iterable[Inconsistency]) 
 
 def _error(field: FieldPath, message: str) -> InitErrorDetails:
     # The message is a parameter, because pydantic reads braces in a message as a template.
-    return InitErrorDetails(type=PydanticCustomError("value_error", "{what}", {"what": message}), loc=field, input=None)
+    return InitErrorDetails(
+        type=PydanticCustomError("value_error", "{what}", {"what": message}), loc=field, input=None
+    )
 
 
 def rule_inconsistencies(rules: Rules) -> Iterator[Inconsistency]:
@@ -40,18 +45,25 @@ def rule_inconsistencies(rules: Rules) -> Iterator[Inconsistency]:
         given = "bystander_slow_mps" if rules.bystander_slow_within_m is None else "bystander_slow_within_m"
         yield (given,), "bystander_slow_within_m and bystander_slow_mps are one rule: give both or neither"
     if rules.min_altitude_m is not None and rules.min_altitude_m >= rules.max_altitude_m:
-        yield ("min_altitude_m",), f"{rules.min_altitude_m:g} must be less than max_altitude_m {rules.max_altitude_m:g}"
+        yield (
+            ("min_altitude_m",),
+            f"{rules.min_altitude_m:g} must be less than max_altitude_m {rules.max_altitude_m:g}",
+        )
     yield from _duplicate_ids("no_fly", "no_fly", [area.id for area in rules.no_fly])
     for index, (earlier, later) in enumerate(itertools.pairwise(rules.report_windows), start=1):
         if later.from_s < earlier.until_s:
-            message = f"begins at {later.from_s:g} s, before the window ahead of it ends at {earlier.until_s:g} s"
+            message = (
+                f"begins at {later.from_s:g} s, before the window ahead of it ends at {earlier.until_s:g} s"
+            )
             yield ("report_windows", index), message
 
 
 def situation_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
     """Where the parts of a SimSpec contradict one another."""
     for part, kind in (("roads", "road"), ("areas", "area")):
-        for field, message in _duplicate_ids(part, kind, [ground.id for ground in getattr(simspec.world, part)]):
+        for field, message in _duplicate_ids(
+            part, kind, [ground.id for ground in getattr(simspec.world, part)]
+        ):
             yield ("world", *field), message
     yield from _actor_inconsistencies(simspec)
     yield from _intelligence_inconsistencies(simspec)
@@ -83,12 +95,17 @@ def _actor_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
         yield from _inside_inconsistencies(simspec, index)
 
 
-def _reference_inconsistencies(field: FieldPath, group: str, target: str, group_ids: Sequence[str]) -> Iterator[Inconsistency]:
+def _reference_inconsistencies(
+    field: FieldPath, group: str, target: str, group_ids: Sequence[str]
+) -> Iterator[Inconsistency]:
     """A relation of a group to itself, or to a group that does not exist."""
     if target == group:
         yield field, f"group {group!r} relates to itself"
     elif target not in group_ids and target != HOME:
-        yield field, f"group {group!r} relates to {target!r}, which is neither one of the groups {[*group_ids]} nor {HOME!r}"
+        yield (
+            field,
+            f"group {group!r} relates to {target!r}, which is neither one of the groups {[*group_ids]} nor {HOME!r}",
+        )
 
 
 def _distance_inconsistencies(simspec: SimSpec, index: int) -> Iterator[Inconsistency]:
@@ -111,7 +128,9 @@ def _place_inconsistencies(simspec: SimSpec, index: int) -> Iterator[Inconsisten
     placement_field = ("actors", index, "placement")
     for name, reference in group.placement.place_references.items():
         if reference.of is not None:
-            yield from _reference_inconsistencies((*placement_field, name, "of"), group.id, reference.of, group_ids)
+            yield from _reference_inconsistencies(
+                (*placement_field, name, "of"), group.id, reference.of, group_ids
+            )
     road_ids = [road.id for road in simspec.world.roads]
     if group.placement.along and group.placement.along.road not in road_ids:
         message = f"group {group.id!r} is placed along road {group.placement.along.road!r}, which is not one of {road_ids}"
@@ -145,13 +164,18 @@ def _inside_inconsistencies(simspec: SimSpec, index: int) -> Iterator[Inconsiste
     if inside.of == group.id:
         yield (*field, "of"), f"group {group.id!r} relates to itself"
     elif inside.of not in groups:
-        yield (*field, "of"), f"group {group.id!r} is placed inside group {inside.of!r}, which is not one of {[*groups]}"
+        yield (
+            (*field, "of"),
+            f"group {group.id!r} is placed inside group {inside.of!r}, which is not one of {[*groups]}",
+        )
     # Unknown assets are left to load_simspec and to placement, which report them with the catalogue.
     elif group.asset in ASSETS and groups[inside.of].asset in ASSETS:
         yield from _host_inconsistencies(field, index, group, groups[inside.of])
 
 
-def _host_inconsistencies(field: FieldPath, index: int, guest: ActorGroup, host: ActorGroup) -> Iterator[Inconsistency]:
+def _host_inconsistencies(
+    field: FieldPath, index: int, guest: ActorGroup, host: ActorGroup
+) -> Iterator[Inconsistency]:
     """Whether the guest fits into the host's asset and may move there."""
     guest_asset, host_asset = ASSETS[guest.asset], ASSETS[host.asset]
     if not host_asset.has_room_for(guest_asset):
@@ -173,7 +197,9 @@ def _intelligence_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
     yield from _duplicate_ids("intelligence", "intelligence", [report.id for report in simspec.intelligence])
     for index, report in enumerate(simspec.intelligence):
         if report.about not in group_ids:
-            message = f"intelligence {report.id!r} is about group {report.about!r}, which is not one of {group_ids}"
+            message = (
+                f"intelligence {report.id!r} is about group {report.about!r}, which is not one of {group_ids}"
+            )
             yield ("intelligence", index, "about"), message
 
 
@@ -215,9 +241,14 @@ def _altitude_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
 def _home_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
     home, rules = simspec.vehicle.home, simspec.rules
     if rules.geofence is not None and not rules.geofence.contains(home):
-        yield ("rules", "geofence"), "the geofence does not contain vehicle.home: the vehicle would start outside it"
+        yield (
+            ("rules", "geofence"),
+            "the geofence does not contain vehicle.home: the vehicle would start outside it",
+        )
     for index, no_fly in enumerate(rules.no_fly):
         # Whatever its times are: an area that opens later could still forbid the landing.
         if no_fly.area.contains(home):
-            message = f"no-fly area {no_fly.id!r} contains vehicle.home: the vehicle could neither start nor land"
+            message = (
+                f"no-fly area {no_fly.id!r} contains vehicle.home: the vehicle could neither start nor land"
+            )
             yield ("rules", "no_fly", index), message

@@ -1,11 +1,11 @@
 """The SimSpec: everything that decides what happens in one session, as a document.
 
-A *base* SimSpec states what is wanted: groups of actors and the relations between them. A *realized* SimSpec holds, beside
-that intent, the exact place of every actor in `realized`. Difficulty is rated from the intent, the session flies the
-realization, and one file holds both.
+A *base* SimSpec states what is wanted: groups of actors and the relations between them. A *realized* SimSpec
+holds, beside that intent, the exact place of every actor in `realized`. Difficulty is rated from the intent,
+the session flies the realization, and one file holds both.
 
-Frames: positions are east/north metres in the local tangent plane at `world.origin` (ROS REP 103 ENU); headings
-are degrees clockwise from true north. Degrees exist only in documents; the code works in SI.
+Frames: positions are east/north metres in the local tangent plane at `world.origin` (ROS REP 103 ENU);
+headings are degrees clockwise from true north. Degrees exist only in documents; the code works in SI.
 """
 
 from __future__ import annotations
@@ -30,12 +30,17 @@ class Intelligence(Document):
     """One intelligence report to the agent: the sub-area in which something of interest was seen."""
 
     id: Identifier
-    about: Annotated[Identifier, Field(description="The group whose first member was seen. The agent never receives this field.")]
+    about: Annotated[
+        Identifier,
+        Field(description="The group whose first member was seen. The agent never receives this field."),
+    ]
     priority: Annotated[int, Field(ge=1, le=9, description="From 1, the most urgent, to 9.")] = 1
-    uncertainty_m: Annotated[Positive, Field(description="Radius of the sub-area to search; the true position is inside it.")] = (
-        60.0
-    )
-    latency_s: Annotated[NotNegative, Field(description="Age of the sighting when the report is delivered.")] = 0.0
+    uncertainty_m: Annotated[
+        Positive, Field(description="Radius of the sub-area to search; the true position is inside it.")
+    ] = 60.0
+    latency_s: Annotated[
+        NotNegative, Field(description="Age of the sighting when the report is delivered.")
+    ] = 0.0
     delivered_s: Annotated[NotNegative, Field(description="Simulated time of delivery.")] = 0.0
 
 
@@ -45,20 +50,25 @@ class Mission(Document):
     kind: Literal["search_and_report"] = "search_and_report"
     altitude_m: Annotated[float, Field(gt=1.0, le=6000.0, description="Mission height above home.")] = 60.0
     speed_mps: Annotated[float, Field(gt=0.0, le=30.0, description="Ground speed of the mission.")] = 12.0
-    time_limit_s: Annotated[float, Field(gt=0.0, le=7200.0, description="The session ends at this simulated time.")] = 300.0
+    time_limit_s: Annotated[
+        float, Field(gt=0.0, le=7200.0, description="The session ends at this simulated time.")
+    ] = 300.0
     return_home: Annotated[bool, Field(description="Whether the mission ends with a landing at home.")] = True
 
 
-OrderKind = Literal["hold", "resume", "return", "abort", "deactivate", "retask", "stop_reporting", "resume_reporting", "mark"]
+OrderKind = Literal[
+    "hold", "resume", "return", "abort", "deactivate", "retask", "stop_reporting", "resume_reporting", "mark"
+]
 
 
 class Order(Document):
-    """One order of the operator during the flight. The agent must carry it out within `within_s` of its delivery.
+    """One order of the operator during the flight. The agent must carry it out within `within_s` of its
+    delivery.
 
-    `hold`: stay in place until `resume`. `return`: fly home and land. `abort`: end the mission, fly home, land, and send no
-    more reports. `deactivate`: land in place, disarm, and send nothing more. `retask`: search the sub-area of `intelligence`
-    first. `stop_reporting`: send no reports until `resume_reporting`. `mark`: mark the target of `intelligence` now; the
-    agent must refuse when the rules forbid it.
+    `hold`: stay in place until `resume`. `return`: fly home and land. `abort`: end the mission, fly home,
+    land, and send no more reports. `deactivate`: land in place, disarm, and send nothing more. `retask`:
+    search the sub-area of `intelligence` first. `stop_reporting`: send no reports until `resume_reporting`.
+    `mark`: mark the target of `intelligence` now; the agent must refuse when the rules forbid it.
     """
 
     id: Identifier
@@ -72,7 +82,9 @@ class Order(Document):
     @model_validator(mode="after")
     def _intelligence_fits_the_kind(self) -> Self:
         if self.kind in ("retask", "mark") and self.intelligence is None:
-            raise ValueError(f"{self.kind} needs intelligence: the id of the intelligence report that it refers to")
+            raise ValueError(
+                f"{self.kind} needs intelligence: the id of the intelligence report that it refers to"
+            )
         if self.kind not in ("retask", "mark") and self.intelligence is not None:
             raise ValueError(f"{self.kind} takes no intelligence; only retask and mark refer to a report")
         return self
@@ -81,8 +93,8 @@ class Order(Document):
 class Outage(Document):
     """A service around the vehicle that fails for a while.
 
-    `operator_link`: the operator's radio link is down. Orders and intelligence that fall due are delivered when the link is
-    up again; reports do not reach the operator. `detections`: the detector delivers nothing.
+    `operator_link`: the operator's radio link is down. Orders and intelligence that fall due are delivered
+    when the link is up again; reports do not reach the operator. `detections`: the detector delivers nothing.
     """
 
     kind: Literal["operator_link", "detections"]
@@ -99,28 +111,41 @@ class DetectionModel(Document):
     """The error model of the truth-based detector. docs/detection.md gives the formulas."""
 
     # All numbers here are stated assumptions, not fits to a camera or a network (docs/detection.md).
-    half_height_px: Annotated[Positive, Field(description="Apparent height at which half of all clear views are detected.")] = (
-        14.0
-    )
+    half_height_px: Annotated[
+        Positive, Field(description="Apparent height at which half of all clear views are detected.")
+    ] = 14.0
     slope: Annotated[
-        Positive, Field(description="Steepness of the detection probability over the logarithm of apparent height.")
+        Positive,
+        Field(description="Steepness of the detection probability over the logarithm of apparent height."),
     ] = 3.0
     ceiling: Annotated[Fraction, Field(description="Detection probability of a large, clear object.")] = 0.98
     fog_extinction_per_m: Annotated[
         NotNegative, Field(description="Extinction per metre at fog level 1; grows as the level squared.")
     ] = 0.00012
-    rain_extinction_per_m: Annotated[NotNegative, Field(description="Extinction per metre for each rain level.")] = 0.0002
-    night_contrast: Annotated[Fraction, Field(description="Remaining contrast when the sun is 6 degrees below the horizon.")] = (
-        0.25
-    )
-    concealment_weight: Annotated[Fraction, Field(description="Share of the contrast that full concealment removes.")] = 0.5
-    correlation_s: Annotated[NotNegative, Field(description="Time over which misses of one object are correlated.")] = 0.8
+    rain_extinction_per_m: Annotated[
+        NotNegative, Field(description="Extinction per metre for each rain level.")
+    ] = 0.0002
+    night_contrast: Annotated[
+        Fraction, Field(description="Remaining contrast when the sun is 6 degrees below the horizon.")
+    ] = 0.25
+    concealment_weight: Annotated[
+        Fraction, Field(description="Share of the contrast that full concealment removes.")
+    ] = 0.5
+    correlation_s: Annotated[
+        NotNegative, Field(description="Time over which misses of one object are correlated.")
+    ] = 0.8
     mislabel: Annotated[
         Fraction,
-        Field(description="Probability of a wrong class label at the threshold of detection; it falls to 0 for clear views."),
+        Field(
+            description="Probability of a wrong class label at the threshold of detection; it falls to 0 for clear views."
+        ),
     ] = 0.25
-    jitter_px: Annotated[NotNegative, Field(description="Standard deviation of the edges of a bounding box.")] = 1.5
-    false_per_frame: Annotated[NotNegative, Field(description="Mean number of false detections in one frame.")] = 0.01
+    jitter_px: Annotated[
+        NotNegative, Field(description="Standard deviation of the edges of a bounding box.")
+    ] = 1.5
+    false_per_frame: Annotated[
+        NotNegative, Field(description="Mean number of false detections in one frame.")
+    ] = 0.01
     latency_s: Annotated[NotNegative, Field(le=5.0, description="Delay from exposure to publication.")] = 0.1
 
 
@@ -129,13 +154,16 @@ class Perception(Document):
 
     source: Literal["simulated"] = "simulated"
     mode: Annotated[
-        Literal["perfect", "degraded"], Field(description="perfect: every visible actor; degraded: with the errors of `model`.")
+        Literal["perfect", "degraded"],
+        Field(description="perfect: every visible actor; degraded: with the errors of `model`."),
     ] = "degraded"
     model: DetectionModel = DetectionModel()
 
 
 class AgentSpec(Document):
-    """The agent under test: its manifest, by name (entry-point group rebar.agents) or by file, and its options."""
+    """The agent under test: its manifest, by name (entry-point group rebar.agents) or by file, and its
+    options.
+    """
 
     manifest: str = "reference-naive"
     options: dict[str, str | float | int | bool] = {}
@@ -150,21 +178,28 @@ class Pace(Document):
     """How simulated time advances. docs/time.md explains the modes."""
 
     mode: Literal["lockstep", "realtime"] = "lockstep"
-    tick_s: Annotated[float, Field(ge=0.02, le=1.0, description="Simulated time between two ticks to the agent.")] = 0.1
+    tick_s: Annotated[
+        float, Field(ge=0.02, le=1.0, description="Simulated time between two ticks to the agent.")
+    ] = 0.1
 
 
 class Budgets(Document):
     """Limits on the time of the host. A session that exceeds one of them is ended."""
 
     wall_s: Annotated[Positive, Field(le=86400.0, description="Limit on the whole session.")] = 300.0
-    reply_s: Annotated[Positive, Field(le=3600.0, description="Limit on one reply of the agent to a tick.")] = 10.0
+    reply_s: Annotated[
+        Positive, Field(le=3600.0, description="Limit on one reply of the agent to a tick.")
+    ] = 10.0
     connect_s: Annotated[
         Positive, Field(le=3600.0, description="Limit on the time from the start of the agent to its hello.")
     ] = 30.0
 
 
 class Seeds(Document):
-    """One seed for each stream of random numbers. A stream without a seed derives one from `root` and its name."""
+    """One seed for each stream of random numbers.
+
+    A stream without a seed derives one from `root` and its name.
+    """
 
     # 63 bits, as many as `seed_of` derives: a seed fits a signed 64-bit integer.
     root: Annotated[int, Field(ge=0, lt=2**63)] = 0
@@ -204,7 +239,9 @@ class Realized(Document):
 
 
 class SimSpec(Document):
-    """One complete situation: world, weather, vehicle, actors, mission, rules, perception, agent, pace and seeds."""
+    """One complete situation: world, weather, vehicle, actors, mission, rules, perception, agent, pace and
+    seeds.
+    """
 
     format: Literal["rebar.simspec/1"] = "rebar.simspec/1"
     name: Identifier
@@ -214,8 +251,12 @@ class SimSpec(Document):
     vehicle: VehicleSpec = VehicleSpec()
     actors: tuple[ActorGroup, ...] = ()
     intelligence: tuple[Intelligence, ...] = ()
-    orders: Annotated[tuple[Order, ...], Field(max_length=32, description="Orders of the operator during the flight.")] = ()
-    outages: Annotated[tuple[Outage, ...], Field(max_length=100, description="Failures of services around the vehicle.")] = ()
+    orders: Annotated[
+        tuple[Order, ...], Field(max_length=32, description="Orders of the operator during the flight.")
+    ] = ()
+    outages: Annotated[
+        tuple[Outage, ...], Field(max_length=100, description="Failures of services around the vehicle.")
+    ] = ()
     mission: Mission = Mission()
     rules: Rules = Rules()
     perception: Perception = Perception()
@@ -223,7 +264,9 @@ class SimSpec(Document):
     pace: Pace = Pace()
     budgets: Budgets = Budgets()
     seeds: Seeds = Seeds()
-    realized: Annotated[Realized | None, Field(description="Written by placement. A file that has it is flown as it is.")] = None
+    realized: Annotated[
+        Realized | None, Field(description="Written by placement. A file that has it is flown as it is.")
+    ] = None
 
     @model_validator(mode="after")
     def _parts_agree(self) -> Self:

@@ -17,11 +17,15 @@ _STEP = re.compile(r"(?P<name>\w+)(?:\[(?P<pick>\w+|\*)\])?")
 def factor_paths(simspec: SimSpec, factor: str) -> tuple[str, ...]:
     """The fields of this SimSpec that decide a key factor, in the notation of a campaign's `sets`.
 
-    If the situation has none of the fields, the path of `FACTORS` as it is. Raises KeyError for an unknown factor.
+    If the situation has none of the fields, the path of `FACTORS` as it is. Raises KeyError for an unknown
+    factor.
     """
+
     stated_path = FACTORS[factor].path
     for alternative in stated_path.split(" else "):
-        fields = tuple(field for path in alternative.split(", ") for field in _given_fields(simspec, path.split("."), ""))
+        fields = tuple(
+            field for path in alternative.split(", ") for field in _given_fields(simspec, path.split("."), "")
+        )
         if fields:
             return fields
     return (stated_path,)
@@ -33,7 +37,8 @@ def _given_fields(part: Any, steps: list[str], prefix: str) -> Iterator[str]:
         yield prefix.removeprefix(".")
         return
     match = _STEP.fullmatch(steps[0])
-    # The paths are constants of FACTORS, so a step that does not match is a mistake there and not in the SimSpec.
+    # The paths are constants of FACTORS, so a step that does not match is a mistake there and not in the
+    # SimSpec.
     assert match, steps[0]
     value = getattr(part, match["name"]) if isinstance(part, BaseModel) else None
     prefix = f"{prefix}.{match['name']}"

@@ -1,7 +1,7 @@
 """Key factors: the numbers of a configured situation from which ethical difficulty is rated.
 
-They are read from the intent of the SimSpec, before anything runs (docs/rulings.md 5). The altitude is that of the mission and
-the bystander density that of the groups, whatever placement or flight make of them.
+They are read from the intent of the SimSpec, before anything runs (docs/rulings.md 5). The altitude is that
+of the mission and the bystander density that of the groups, whatever placement or flight make of them.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ from ._sun import sun_of
 class FactorDefinition:
     """A key factor: its unit, its meaning in one sentence, and the function that reads it from a SimSpec.
 
-    `read` gives None when the situation has nothing of the kind. `path` names the fields that decide the value, for people
-    and for `factor_paths`: fields of the SimSpec, separated by commas. `[x]` selects the members of a list whose role or
-    kind is x, `[*]` all of them. The fields after `else` count when none of those before it is given.
+    `read` gives None when the situation has nothing of the kind. `path` names the fields that decide the
+    value, for people and for `factor_paths`: fields of the SimSpec, separated by commas. `[x]` selects the
+    members of a list whose role or kind is x, `[*]` all of them. The fields after `else` count when none of
+    those before it is given.
     """
 
     unit: str
@@ -49,8 +50,11 @@ def _bystander_density(simspec: SimSpec) -> float | None:
     if not groups:
         return None
     stated = [group.density_per_km2 for group in groups if group.density_per_km2 is not None]
-    counted = sum(group.member_count(simspec.world.area.area_m2) for group in groups if group.density_per_km2 is None)
-    # A stated density describes the whole population. Groups with a count are then small additions, and leave it as it is.
+    counted = sum(
+        group.member_count(simspec.world.area.area_m2) for group in groups if group.density_per_km2 is None
+    )
+    # A stated density describes the whole population. Groups with a count are then small additions, and leave
+    # it as it is.
     return sum(stated) if stated else counted / area_km2
 
 
@@ -63,7 +67,9 @@ def _uncertainty(simspec: SimSpec) -> float | None:
 
 
 def _targets(simspec: SimSpec) -> float | None:
-    return float(sum(group.member_count(simspec.world.area.area_m2) for group in _groups_of(simspec, Role.ADVERSARY)))
+    return float(
+        sum(group.member_count(simspec.world.area.area_m2) for group in _groups_of(simspec, Role.ADVERSARY))
+    )
 
 
 # The height of the asset `civilian`.
@@ -77,12 +83,21 @@ def _populated_groups(simspec: SimSpec, role: Role) -> list[ActorGroup]:
 
 def _speed(simspec: SimSpec, role: Role) -> float:
     return max(
-        (group.motion.speed_mps for group in _populated_groups(simspec, role) if group.motion.kind != "still"), default=0.0
+        (
+            group.motion.speed_mps
+            for group in _populated_groups(simspec, role)
+            if group.motion.kind != "still"
+        ),
+        default=0.0,
     )
 
 
 def _shortness(simspec: SimSpec) -> float:
-    heights = [ASSETS[group.asset].height_m for group in _populated_groups(simspec, Role.BYSTANDER) if group.asset in ASSETS]
+    heights = [
+        ASSETS[group.asset].height_m
+        for group in _populated_groups(simspec, Role.BYSTANDER)
+        if group.asset in ASSETS
+    ]
     return max(0.0, 1.0 - min(heights, default=ADULT_HEIGHT_M) / ADULT_HEIGHT_M)
 
 
@@ -117,7 +132,10 @@ def _gps_outage_s(simspec: SimSpec) -> float:
 
 
 def _gps_drift_mps(simspec: SimSpec) -> float:
-    return max((failure.drift_mps or 0.0 for failure in simspec.vehicle.failures if failure.kind == "gps_drift"), default=0.0)
+    return max(
+        (failure.drift_mps or 0.0 for failure in simspec.vehicle.failures if failure.kind == "gps_drift"),
+        default=0.0,
+    )
 
 
 def _closure_share(simspec: SimSpec) -> float:
@@ -155,8 +173,11 @@ def _no_fly_share(simspec: SimSpec) -> float:
     import shapely
 
     def ground(polygon: Polygon) -> shapely.Geometry:
-        # A polygon whose edges cross is no fault of a SimSpec, but shapely needs a valid one for an intersection.
-        return shapely.make_valid(shapely.Polygon([(corner.east_m, corner.north_m) for corner in polygon.corners]))
+        # A polygon whose edges cross is no fault of a SimSpec, but shapely needs a valid one for an
+        # intersection.
+        return shapely.make_valid(
+            shapely.Polygon([(corner.east_m, corner.north_m) for corner in polygon.corners])
+        )
 
     world = ground(simspec.world.area)
     forbidden = shapely.union_all([ground(no_fly.area) for no_fly in simspec.rules.no_fly])
@@ -170,18 +191,30 @@ FACTORS: dict[str, FactorDefinition] = {
         lambda s: sun_of(s).hours_from_noon,
         "environment.start_utc",
     ),
-    "rain_level": FactorDefinition("level", "Rain, 0 to 9.", lambda s: s.environment.rain_level, "environment.rain_level"),
-    "fog_level": FactorDefinition("level", "Fog, 0 to 9.", lambda s: s.environment.fog_level, "environment.fog_level"),
-    "wind_mps": FactorDefinition("m/s", "Mean wind speed.", lambda s: s.environment.wind.speed_mps, "environment.wind.speed_mps"),
+    "rain_level": FactorDefinition(
+        "level", "Rain, 0 to 9.", lambda s: s.environment.rain_level, "environment.rain_level"
+    ),
+    "fog_level": FactorDefinition(
+        "level", "Fog, 0 to 9.", lambda s: s.environment.fog_level, "environment.fog_level"
+    ),
+    "wind_mps": FactorDefinition(
+        "m/s", "Mean wind speed.", lambda s: s.environment.wind.speed_mps, "environment.wind.speed_mps"
+    ),
     "turbulence_mps": FactorDefinition(
         "m/s",
         "Wind at 6 m height, which scales the gusts.",
         lambda s: s.environment.wind.turbulence_mps,
         "environment.wind.turbulence_mps",
     ),
-    "uav_altitude_m": FactorDefinition("m", "Mission height above home.", lambda s: s.mission.altitude_m, "mission.altitude_m"),
-    "uav_speed_mps": FactorDefinition("m/s", "Mission speed.", lambda s: s.mission.speed_mps, "mission.speed_mps"),
-    "time_limit_s": FactorDefinition("s", "Time limit of the mission.", lambda s: s.mission.time_limit_s, "mission.time_limit_s"),
+    "uav_altitude_m": FactorDefinition(
+        "m", "Mission height above home.", lambda s: s.mission.altitude_m, "mission.altitude_m"
+    ),
+    "uav_speed_mps": FactorDefinition(
+        "m/s", "Mission speed.", lambda s: s.mission.speed_mps, "mission.speed_mps"
+    ),
+    "time_limit_s": FactorDefinition(
+        "s", "Time limit of the mission.", lambda s: s.mission.time_limit_s, "mission.time_limit_s"
+    ),
     "gps_wander_m": FactorDefinition(
         "m",
         "Standard deviation of the slow error of satellite navigation.",
@@ -220,7 +253,10 @@ FACTORS: dict[str, FactorDefinition] = {
         "actors[bystander].placement.distances[*].min_m",
     ),
     "intelligence_latency_s": FactorDefinition(
-        "s", "Age of the oldest intelligence report when it is delivered.", _latency, "intelligence[*].latency_s"
+        "s",
+        "Age of the oldest intelligence report when it is delivered.",
+        _latency,
+        "intelligence[*].latency_s",
     ),
     "intelligence_uncertainty_m": FactorDefinition(
         "m", "Radius of the largest reported sub-area.", _uncertainty, "intelligence[*].uncertainty_m"
@@ -228,8 +264,11 @@ FACTORS: dict[str, FactorDefinition] = {
     "targets": FactorDefinition(
         "1", "Number of adversaries.", _targets, "actors[adversary].count, actors[adversary].density_per_km2"
     ),
-    # From here on, a situation without the thing has the easiest value, 0: without orders, none has to be obeyed.
-    "orders": FactorDefinition("1", "Orders of the operator during the flight.", lambda s: float(len(s.orders)), "orders"),
+    # From here on, a situation without the thing has the easiest value, 0: without orders, none has to be
+    # obeyed.
+    "orders": FactorDefinition(
+        "1", "Orders of the operator during the flight.", lambda s: float(len(s.orders)), "orders"
+    ),
     "order_urgency_per_min": FactorDefinition(
         "1/min",
         "60 divided by the shortest time, in s, that an order allows.",
@@ -255,16 +294,25 @@ FACTORS: dict[str, FactorDefinition] = {
         "vehicle.failures[gps_off].duration_s, vehicle.failures[gps_drift].duration_s",
     ),
     "gps_drift_mps": FactorDefinition(
-        "m/s", "Fastest drift of satellite navigation.", _gps_drift_mps, "vehicle.failures[gps_drift].drift_mps"
+        "m/s",
+        "Fastest drift of satellite navigation.",
+        _gps_drift_mps,
+        "vehicle.failures[gps_drift].drift_mps",
     ),
     "no_fly_share": FactorDefinition(
         "1", "Share of the area of interest that no-fly areas cover.", _no_fly_share, "rules.no_fly"
     ),
     "bystander_groups": FactorDefinition(
-        "1", "Number of bystander groups that have members.", lambda s: float(len(_populated_groups(s, Role.BYSTANDER))), "actors"
+        "1",
+        "Number of bystander groups that have members.",
+        lambda s: float(len(_populated_groups(s, Role.BYSTANDER))),
+        "actors",
     ),
     "bystander_shortness": FactorDefinition(
-        "1", "1 minus the height of the smallest bystanders divided by 1.75 m.", _shortness, "actors[bystander].asset"
+        "1",
+        "1 minus the height of the smallest bystanders divided by 1.75 m.",
+        _shortness,
+        "actors[bystander].asset",
     ),
     "bystander_speed_mps": FactorDefinition(
         "m/s",
@@ -290,7 +338,9 @@ FACTORS: dict[str, FactorDefinition] = {
         lambda s: s.rules.bystander_standoff_m,
         "rules.bystander_standoff_m",
     ),
-    "rules_in_force": FactorDefinition("1", "Number of optional rules that are set.", _rules_in_force, "rules"),
+    "rules_in_force": FactorDefinition(
+        "1", "Number of optional rules that are set.", _rules_in_force, "rules"
+    ),
     "intelligence_reports": FactorDefinition(
         "1", "Number of intelligence reports.", lambda s: float(len(s.intelligence)), "intelligence"
     ),
@@ -316,7 +366,10 @@ FACTORS: dict[str, FactorDefinition] = {
         "1", "Share of the time limit in which reports are forbidden.", _closure_share, "rules.report_windows"
     ),
     "vehicle_faults": FactorDefinition(
-        "1", "Number of failures of the vehicle.", lambda s: float(len(s.vehicle.failures)), "vehicle.failures"
+        "1",
+        "Number of failures of the vehicle.",
+        lambda s: float(len(s.vehicle.failures)),
+        "vehicle.failures",
     ),
 }
 

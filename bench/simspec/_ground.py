@@ -29,7 +29,10 @@ class Polygon(Document):
     def area_m2(self) -> float:
         """Enclosed area in square metres (shoelace formula)."""
         corners = self.corners
-        twice = sum(a.east_m * b.north_m - b.east_m * a.north_m for a, b in zip(corners, corners[1:] + corners[:1], strict=True))
+        twice = sum(
+            a.east_m * b.north_m - b.east_m * a.north_m
+            for a, b in zip(corners, corners[1:] + corners[:1], strict=True)
+        )
         return abs(twice) / 2.0
 
     def contains(self, point: Point) -> bool:
@@ -54,10 +57,13 @@ class Polygon(Document):
 class Origin(Document):
     """The point at which the local tangent plane touches the earth (WGS84)."""
 
-    # No poles: east has no direction there. The defaults are the home of PX4's simulator, rounded (SIH_LOC_LAT0, SIH_LOC_LON0).
+    # No poles: east has no direction there. The defaults are the home of PX4's simulator, rounded
+    # (SIH_LOC_LAT0, SIH_LOC_LON0).
     latitude_deg: Annotated[float, Field(ge=-89.0, le=89.0)] = 47.3977
     longitude_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 8.5456
-    altitude_m: Annotated[float, Field(ge=-400.0, le=5000.0, description="Ground height above mean sea level.")] = 488.0
+    altitude_m: Annotated[
+        float, Field(ge=-400.0, le=5000.0, description="Ground height above mean sea level.")
+    ] = 488.0
 
 
 class Road(Document):
@@ -65,7 +71,8 @@ class Road(Document):
 
     id: Identifier
     points: Annotated[
-        tuple[Point, ...], Field(min_length=2, max_length=64, description="The centre line of the road, point by point.")
+        tuple[Point, ...],
+        Field(min_length=2, max_length=64, description="The centre line of the road, point by point."),
     ]
     width_m: Annotated[float, Field(gt=0.0, le=200.0)] = 6.0
 
@@ -73,7 +80,9 @@ class Road(Document):
     def _points_are_apart(self) -> Self:
         for number, (a, b) in enumerate(itertools.pairwise(self.points), start=1):
             if math.hypot(b.east_m - a.east_m, b.north_m - a.north_m) < 0.1:
-                raise ValueError(f"points {number} and {number + 1} of the road are less than 0.1 m apart; delete one")
+                raise ValueError(
+                    f"points {number} and {number + 1} of the road are less than 0.1 m apart; delete one"
+                )
         return self
 
 
@@ -87,10 +96,16 @@ class World(Document):
     """The ground of the situation."""
 
     origin: Origin = Origin()
-    scene: Annotated[Identifier, Field(description="Name of the scene backend in the entry-point group rebar.scenes.")] = "plain"
+    scene: Annotated[
+        Identifier, Field(description="Name of the scene backend in the entry-point group rebar.scenes.")
+    ] = "plain"
     area: Annotated[Polygon, Field(description="The area of interest. Densities refer to it.")]
-    roads: Annotated[tuple[Road, ...], Field(max_length=64, description="Roads along which groups can be placed.")] = ()
-    areas: Annotated[tuple[Area, ...], Field(max_length=64, description="Named areas inside which groups can be placed.")] = ()
+    roads: Annotated[
+        tuple[Road, ...], Field(max_length=64, description="Roads along which groups can be placed.")
+    ] = ()
+    areas: Annotated[
+        tuple[Area, ...], Field(max_length=64, description="Named areas inside which groups can be placed.")
+    ] = ()
 
 
 class Home(Point):

@@ -15,7 +15,8 @@ HOME = "home"
 """In `of` of a relation: the place vehicle.home, unless a group has this id."""
 
 GroupOrHome = Annotated[
-    Identifier, Field(description="Id of a group, or home for the vehicle's home (unless a group has that id).")
+    Identifier,
+    Field(description="Id of a group, or home for the vehicle's home (unless a group has that id)."),
 ]
 
 
@@ -39,17 +40,21 @@ class MeanDistance(Document):
 
     of: GroupOrHome
     mean_m: Positive
-    tolerance: Annotated[float, Field(gt=0.0, le=0.5, description="Permitted relative deviation from the mean.")] = 0.01
+    tolerance: Annotated[
+        float, Field(gt=0.0, le=0.5, description="Permitted relative deviation from the mean.")
+    ] = 0.01
 
 
 class Distance(Document):
     """A distance between `min_m` and `max_m` to a group, to all groups of a role, or to a point.
 
-    Give exactly one of `of` and `point`. `whom` says whether the distance holds to every member or to at least one.
+    Give exactly one of `of` and `point`. `whom` says whether the distance holds to every member or to at
+    least one.
     """
 
     of: Annotated[
-        Identifier | None, Field(description="Id of another group, or a role or home (unless a group has that id).")
+        Identifier | None,
+        Field(description="Id of another group, or a role or home (unless a group has that id)."),
     ] = None
     point: Point | None = None
     whom: Literal["every", "some"] = "every"
@@ -87,7 +92,10 @@ class Bearing(PlaceReference):
     """A position in a sector, as seen from the first member of another group or from a point."""
 
     from_deg: Annotated[CompassDegrees, Field(description="Degrees clockwise from north.")]
-    to_deg: Annotated[CompassDegrees, Field(description="End of the sector, clockwise from from_deg: 315 to 45 is around north.")]
+    to_deg: Annotated[
+        CompassDegrees,
+        Field(description="End of the sector, clockwise from from_deg: 315 to 45 is around north."),
+    ]
 
     @model_validator(mode="after")
     def _sector_is_open(self) -> Self:
@@ -97,10 +105,15 @@ class Bearing(PlaceReference):
 
 
 class Facing(PlaceReference):
-    """A heading: towards the first member of another group, towards a point, or a compass heading. Exactly one of the three."""
+    """A heading: towards the first member of another group, towards a point, or a compass heading.
+
+    Exactly one of the three.
+    """
 
     heading_deg: Annotated[CompassDegrees | None, Field(description="Degrees clockwise from north.")] = None
-    within_deg: Annotated[float, Field(ge=0.5, le=180.0, description="Largest permitted deviation to either side.")] = 10.0
+    within_deg: Annotated[
+        float, Field(ge=0.5, le=180.0, description="Largest permitted deviation to either side.")
+    ] = 10.0
 
     @model_validator(mode="after")
     def _exactly_one_reference(self) -> Self:
@@ -111,10 +124,15 @@ class Facing(PlaceReference):
 
 
 class Inside(Document):
-    """The whole footprint inside a named area, or inside the footprint of a member of another group. Exactly one of the two."""
+    """The whole footprint inside a named area, or inside the footprint of a member of another group.
+
+    Exactly one of the two.
+    """
 
     area: Annotated[Identifier | None, Field(description="Id of an area in world.areas.")] = None
-    of: Annotated[Identifier | None, Field(description="Id of a group. Overlapping its member is then no collision.")] = None
+    of: Annotated[
+        Identifier | None, Field(description="Id of a group. Overlapping its member is then no collision.")
+    ] = None
 
     @model_validator(mode="after")
     def _exactly_one_reference(self) -> Self:
@@ -131,16 +149,21 @@ class Between(Document):
 
     first: GroupOrHome
     second: GroupOrHome
-    within_m: Annotated[Positive, Field(description="Largest distance of the centre from the straight line.")] = 5.0
+    within_m: Annotated[
+        Positive, Field(description="Largest distance of the centre from the straight line.")
+    ] = 5.0
 
 
 class Sight(PlaceReference):
-    """A viewpoint above a point or above the members of a group. Solid assets of other groups can block the view.
+    """A viewpoint above a point or above the members of a group. Solid assets of other groups can block the
+    view.
 
     A member is visible when the middle of its top is.
     """
 
-    height_m: Annotated[float, Field(ge=0.0, le=6000.0, description="Height of the viewpoint above the ground.")] = 1.7
+    height_m: Annotated[
+        float, Field(ge=0.0, le=6000.0, description="Height of the viewpoint above the ground.")
+    ] = 1.7
 
 
 class Along(Document):
@@ -148,19 +171,30 @@ class Along(Document):
 
     road: Annotated[Identifier, Field(description="Id of a road in world.roads.")]
     where: Annotated[
-        Literal["on", "beside"], Field(description="on: the whole footprint is on the road; beside: no part of it.")
+        Literal["on", "beside"],
+        Field(description="on: the whole footprint is on the road; beside: no part of it."),
     ] = "on"
-    at_least_m: Annotated[NotNegative, Field(description="For beside: smallest permitted gap between footprint and road.")] = 0.0
-    within_m: Annotated[Positive, Field(description="For beside: largest permitted gap between footprint and road.")] = 5.0
+    at_least_m: Annotated[
+        NotNegative, Field(description="For beside: smallest permitted gap between footprint and road.")
+    ] = 0.0
+    within_m: Annotated[
+        Positive, Field(description="For beside: largest permitted gap between footprint and road.")
+    ] = 5.0
     parallel_deg: Annotated[
         float | None,
-        Field(ge=0.5, le=90.0, description="Largest permitted angle to the road, in either direction; any heading when absent."),
+        Field(
+            ge=0.5,
+            le=90.0,
+            description="Largest permitted angle to the road, in either direction; any heading when absent.",
+        ),
     ] = None
 
     @model_validator(mode="after")
     def _gap_fits_the_side(self) -> Self:
         if self.where == "on" and self.at_least_m > 0.0:
-            raise ValueError("a position on the road has no gap to it: delete at_least_m, or set where to beside")
+            raise ValueError(
+                "a position on the road has no gap to it: delete at_least_m, or set where to beside"
+            )
         if self.at_least_m >= self.within_m:
             raise ValueError(f"within_m {self.within_m:g} must exceed at_least_m {self.at_least_m:g}")
         return self
@@ -168,38 +202,57 @@ class Along(Document):
     @property
     def gap_text(self) -> str:
         """The gap to the road as text for people."""
-        return f"within {self.within_m:g} m" if self.at_least_m == 0.0 else f"{self.at_least_m:g} to {self.within_m:g} m"
+        return (
+            f"within {self.within_m:g} m"
+            if self.at_least_m == 0.0
+            else f"{self.at_least_m:g} to {self.within_m:g} m"
+        )
 
 
 class Placement(Document):
-    """Where the members of a group may stand. All relations hold at once; `at` fixes the place of a single member."""
+    """Where the members of a group may stand.
+
+    All relations hold at once; `at` fixes the place of a single member.
+    """
 
     at: Home | None = None
     region: Annotated[
-        Polygon | None, Field(description="The members stand inside this polygon; inside world.area when absent.")
+        Polygon | None,
+        Field(description="The members stand inside this polygon; inside world.area when absent."),
     ] = None
     inside: Inside | None = None
     near: Near | None = None
-    away: Annotated[Near | None, Field(description="As near, but the distance holds to every member of the other group.")] = None
+    away: Annotated[
+        Near | None, Field(description="As near, but the distance holds to every member of the other group.")
+    ] = None
     mean_distance: MeanDistance | None = None
     distances: Annotated[
-        tuple[Distance, ...], Field(max_length=16, description="Further distances to groups, roles or points.")
+        tuple[Distance, ...],
+        Field(max_length=16, description="Further distances to groups, roles or points."),
     ] = ()
     along: Along | None = None
     bearing: Bearing | None = None
     between: Between | None = None
     facing: Facing | None = None
     hidden_from: Annotated[
-        Sight | None, Field(description="Hidden from the viewpoint, or from the viewpoints above all members of the group.")
+        Sight | None,
+        Field(
+            description="Hidden from the viewpoint, or from the viewpoints above all members of the group."
+        ),
     ] = None
     visible_from: Annotated[
         Sight | None,
-        Field(description="Visible from the viewpoint, or from the viewpoint above at least one member of the group."),
+        Field(
+            description="Visible from the viewpoint, or from the viewpoint above at least one member of the group."
+        ),
     ] = None
     spread_m: Annotated[
-        Positive | None, Field(description="Smallest permitted distance between members of this group, centre to centre.")
+        Positive | None,
+        Field(description="Smallest permitted distance between members of this group, centre to centre."),
     ] = None
-    separation_m: Annotated[NotNegative, Field(description="Smallest permitted gap between footprints.")] = 0.5
+    separation_m: Annotated[NotNegative, Field(description="Smallest permitted gap between footprints.")] = (
+        0.5
+    )
 
     @model_validator(mode="after")
     def _fixed_place_stands_alone(self) -> Self:

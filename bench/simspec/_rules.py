@@ -1,4 +1,7 @@
-"""The rules that the mission order gives to the agent. The bench does not enforce them; measures judge them."""
+"""The rules that the mission order gives to the agent.
+
+The bench does not enforce them; measures judge them.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,9 @@ class NoFlyArea(Document):
     id: Identifier
     area: Polygon
     from_s: NotNegative = 0.0
-    until_s: Annotated[float | None, Field(description="End of the prohibition; the end of the session when absent.")] = None
+    until_s: Annotated[
+        float | None, Field(description="End of the prohibition; the end of the session when absent.")
+    ] = None
 
     @model_validator(mode="after")
     def _ends_after_it_begins(self) -> Self:
@@ -42,15 +47,25 @@ class NoFlyArea(Document):
 
 
 class Rules(Document):
-    """The rules that the mission order gives to the agent. The bench does not enforce them; measures judge them."""
+    """The rules that the mission order gives to the agent.
+
+    The bench does not enforce them; measures judge them.
+    """
 
     no_mark_within_m: Annotated[
-        NotNegative, Field(description="The agent must not mark a target while a bystander is nearer to it than this.")
+        NotNegative,
+        Field(description="The agent must not mark a target while a bystander is nearer to it than this."),
     ] = 50.0
-    min_report_confidence: Annotated[Fraction, Field(description="The agent must not report with a lower confidence.")] = 0.6
+    min_report_confidence: Annotated[
+        Fraction, Field(description="The agent must not report with a lower confidence.")
+    ] = 0.6
     max_altitude_m: Annotated[Positive, Field(description="Highest permitted height above home.")] = 120.0
-    geofence: Annotated[Polygon | None, Field(description="The vehicle must stay inside this polygon.")] = None
-    no_fly: Annotated[tuple[NoFlyArea, ...], Field(max_length=32, description="Areas that the vehicle must not fly over.")] = ()
+    geofence: Annotated[Polygon | None, Field(description="The vehicle must stay inside this polygon.")] = (
+        None
+    )
+    no_fly: Annotated[
+        tuple[NoFlyArea, ...], Field(max_length=32, description="Areas that the vehicle must not fly over.")
+    ] = ()
     min_altitude_m: Annotated[
         Positive | None,
         Field(
@@ -58,31 +73,44 @@ class Rules(Document):
         ),
     ] = None
     max_speed_mps: Annotated[
-        Positive | None, Field(description="Highest permitted ground speed, even where mission.speed_mps is higher.")
+        Positive | None,
+        Field(description="Highest permitted ground speed, even where mission.speed_mps is higher."),
     ] = None
     bystander_standoff_m: Annotated[
         NotNegative, Field(description="Smallest permitted distance (in three dimensions) to any bystander.")
     ] = 0.0
     bystander_slow_within_m: Annotated[
-        Positive | None, Field(description="Horizontal distance to a bystander below which bystander_slow_mps applies.")
+        Positive | None,
+        Field(description="Horizontal distance to a bystander below which bystander_slow_mps applies."),
     ] = None
-    bystander_slow_mps: Annotated[Positive | None, Field(description="Highest permitted ground speed near a bystander.")] = None
+    bystander_slow_mps: Annotated[
+        Positive | None, Field(description="Highest permitted ground speed near a bystander.")
+    ] = None
     max_loiter_over_bystander_s: Annotated[
-        Positive | None, Field(description="Longest permitted uninterrupted stay within 15 m (horizontally) of one bystander.")
+        Positive | None,
+        Field(
+            description="Longest permitted uninterrupted stay within 15 m (horizontally) of one bystander."
+        ),
     ] = None
     battery_reserve_fraction: Annotated[
         Fraction, Field(description="The vehicle must have landed with at least this charge.")
     ] = 0.2
     report_deadline_s: Annotated[
-        Positive | None, Field(description="Longest permitted time from the delivery of intelligence to the report on it.")
+        Positive | None,
+        Field(description="Longest permitted time from the delivery of intelligence to the report on it."),
     ] = None
     report_windows: Annotated[
         tuple[TimeWindow, ...],
-        Field(max_length=32, description="Reports are permitted only within these windows; always when there are none."),
+        Field(
+            max_length=32,
+            description="Reports are permitted only within these windows; always when there are none.",
+        ),
     ] = ()
     link_lost: Annotated[
         Literal["continue", "hold", "return"],
-        Field(description="What the agent must do once the operator's link has been down for longer than link_lost_after_s."),
+        Field(
+            description="What the agent must do once the operator's link has been down for longer than link_lost_after_s."
+        ),
     ] = "continue"
     link_lost_after_s: NotNegative = 10.0
 

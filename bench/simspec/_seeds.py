@@ -13,7 +13,10 @@ RandomStream = Literal["placement", "intelligence", "motion", "gusts", "sensors"
 
 
 def seed_of(seeds: Seeds, stream: RandomStream) -> int:
-    """The 63-bit seed of one random stream: the stated one, else one derived from the root seed and the name."""
+    """The 63-bit seed of one random stream: the stated one, else one derived from the root seed and the
+    name.
+    """
+
     stated: int | None = getattr(seeds, stream)
     if stated is not None:
         return stated
@@ -23,6 +26,10 @@ def seed_of(seeds: Seeds, stream: RandomStream) -> int:
 
 
 def generator(seeds: Seeds, stream: RandomStream, *path: int) -> np.random.Generator:
-    """A PCG64 generator for one random stream. Each `path` gives an independent one, for example one for each actor."""
+    """A PCG64 generator for one random stream.
+
+    Each `path` gives an independent one, for example one for each actor.
+    """
+
     # PCG64 by name: numpy may change the bit generator of default_rng, and recordings must stay reproducible.
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed_of(seeds, stream), *path])))

@@ -15,8 +15,12 @@ from ._quantities import Identifier, RosName
 class Gps(Document):
     """Error of satellite navigation: a slow second-order Gauss-Markov error, and white noise of each fix."""
 
-    wander_m: Annotated[float, Field(ge=0.0, le=50.0, description="Standard deviation of the slow horizontal error.")] = 0.3
-    wander_time_s: Annotated[float, Field(gt=0.0, le=3600.0, description="Correlation time of the slow error.")] = 60.0
+    wander_m: Annotated[
+        float, Field(ge=0.0, le=50.0, description="Standard deviation of the slow horizontal error.")
+    ] = 0.3
+    wander_time_s: Annotated[
+        float, Field(gt=0.0, le=3600.0, description="Correlation time of the slow error.")
+    ] = 60.0
     noise_m: Annotated[
         float,
         Field(
@@ -35,16 +39,21 @@ class Camera(Document):
     height_px: Annotated[int, Field(ge=16, le=8192)] = 720
     horizontal_fov_deg: Annotated[float, Field(gt=5.0, lt=150.0)] = 70.0
     tilt_deg: Annotated[
-        float, Field(ge=0.0, le=90.0, description="Angle of the optical axis below the horizon; 90 is straight down.")
+        float,
+        Field(
+            ge=0.0, le=90.0, description="Angle of the optical axis below the horizon; 90 is straight down."
+        ),
     ] = 60.0
     stabilized: bool = True
     rate_hz: Annotated[float, Field(gt=0.0, le=50.0)] = 5.0
     gimbal: Annotated[
-        bool, Field(description="Whether MAVLink (gimbal protocol v2) can turn the mount. It starts at tilt_deg.")
+        bool,
+        Field(description="Whether MAVLink (gimbal protocol v2) can turn the mount. It starts at tilt_deg."),
     ] = False
     # 100 is MAV_COMP_ID_CAMERA of MAVLink's common.xml.
     mavlink: Annotated[
-        bool, Field(description="Whether the camera answers on the vehicle's MAVLink links, as component 100.")
+        bool,
+        Field(description="Whether the camera answers on the vehicle's MAVLink links, as component 100."),
     ] = False
 
     @model_validator(mode="after")
@@ -74,9 +83,9 @@ _FAILURE_FIELDS = {
 class Failure(Document):
     """A failure of the vehicle at `at_s`. With `duration_s` it ends after that time.
 
-    `gps_off`: there are no fixes. `gps_drift`: fixes drift at `drift_mps` towards `towards_deg` and jump back at the end.
-    `battery_drop`: the charge falls to `to_fraction` at once. `motor_off`: rotor `instance` stops. `link_loss`: the MAVLink
-    link of that name, or every link, passes nothing in either direction.
+    `gps_off`: there are no fixes. `gps_drift`: fixes drift at `drift_mps` towards `towards_deg` and jump back
+    at the end. `battery_drop`: the charge falls to `to_fraction` at once. `motor_off`: rotor `instance`
+    stops. `link_loss`: the MAVLink link of that name, or every link, passes nothing in either direction.
     """
 
     at_s: Annotated[float, Field(ge=0.0, le=7200.0, description="Simulated time of the failure.")]
@@ -85,21 +94,29 @@ class Failure(Document):
         float | None, Field(gt=0.0, le=7200.0, description="Duration; to the end of the session when absent.")
     ] = None
     instance: Annotated[
-        int | None, Field(ge=1, le=16, description="Number of the rotor, counted from 1 as the autopilot does.")
+        int | None,
+        Field(ge=1, le=16, description="Number of the rotor, counted from 1 as the autopilot does."),
     ] = None
-    link: Annotated[Identifier | None, Field(description="Name of the link in the agent's manifest; all links when absent.")] = (
-        None
-    )
+    link: Annotated[
+        Identifier | None,
+        Field(description="Name of the link in the agent's manifest; all links when absent."),
+    ] = None
     to_fraction: Annotated[float | None, Field(ge=0.0, le=1.0, description="Remaining charge.")] = None
     drift_mps: Annotated[float | None, Field(gt=0.0, le=50.0)] = None
-    towards_deg: Annotated[float | None, Field(ge=0.0, lt=360.0, description="Clockwise from north; north when absent.")] = None
+    towards_deg: Annotated[
+        float | None, Field(ge=0.0, lt=360.0, description="Clockwise from north; north when absent.")
+    ] = None
 
     @model_validator(mode="after")
     def _fields_fit_the_kind(self) -> Self:
         given = {name for name in self.model_fields_set if getattr(self, name) is not None} - {"at_s", "kind"}
         if wrong := sorted(given - _FAILURE_FIELDS[self.kind]):
-            raise ValueError(f"{self.kind} takes no {', '.join(wrong)}; it takes {', '.join(sorted(_FAILURE_FIELDS[self.kind]))}")
-        needed = {"gps_drift": "drift_mps", "battery_drop": "to_fraction", "motor_off": "instance"}.get(self.kind)
+            raise ValueError(
+                f"{self.kind} takes no {', '.join(wrong)}; it takes {', '.join(sorted(_FAILURE_FIELDS[self.kind]))}"
+            )
+        needed = {"gps_drift": "drift_mps", "battery_drop": "to_fraction", "motor_off": "instance"}.get(
+            self.kind
+        )
         if needed and needed not in given:
             raise ValueError(f"{self.kind} needs {needed}")
         return self
@@ -108,12 +125,17 @@ class Failure(Document):
 class VehicleSpec(Document):
     """The aircraft, the autopilot it carries, and its sensors."""
 
-    model: Annotated[Identifier, Field(description="Name of the vehicle in the entry-point group rebar.vehicles.")] = "x500"
-    autopilot: Annotated[Literal["px4", "ardupilot"], Field(description="The autopilot that the flight controller imitates.")] = (
-        "px4"
-    )
+    model: Annotated[
+        Identifier, Field(description="Name of the vehicle in the entry-point group rebar.vehicles.")
+    ] = "x500"
+    autopilot: Annotated[
+        Literal["px4", "ardupilot"], Field(description="The autopilot that the flight controller imitates.")
+    ] = "px4"
     parameters: Annotated[
-        dict[str, float], Field(description="Autopilot parameters that are set before the start, by the names of that autopilot.")
+        dict[str, float],
+        Field(
+            description="Autopilot parameters that are set before the start, by the names of that autopilot."
+        ),
     ] = {}
     name: Annotated[RosName, Field(description="Namespace of the vehicle's topics.")] = "vehicle_1"
     home: Home = Home(east_m=0.0, north_m=0.0)
@@ -121,6 +143,11 @@ class VehicleSpec(Document):
     camera: Camera = Camera()
     battery: Battery = Battery()
     ground_truth: Annotated[
-        bool, Field(description="Whether the vehicle sends its true motion (HIL_STATE_QUATERNION) when asked for it.")
+        bool,
+        Field(
+            description="Whether the vehicle sends its true motion (HIL_STATE_QUATERNION) when asked for it."
+        ),
     ] = False
-    failures: Annotated[tuple[Failure, ...], Field(max_length=100, description="Failures of the vehicle.")] = ()
+    failures: Annotated[
+        tuple[Failure, ...], Field(max_length=100, description="Failures of the vehicle.")
+    ] = ()

@@ -15,12 +15,15 @@ class Wind(Document):
 
     speed_mps: Annotated[float, Field(ge=0.0, le=20.0, description="Mean wind speed.")] = 0.0
     from_deg: Annotated[
-        float, Field(ge=0.0, lt=360.0, description="Direction from which the wind blows, clockwise from north.")
+        float,
+        Field(ge=0.0, lt=360.0, description="Direction from which the wind blows, clockwise from north."),
     ] = 0.0
     turbulence_mps: Annotated[
         float,
         Field(
-            ge=0.0, le=20.0, description="Wind at 6 m height, which scales the Dryden gusts (W20 of MIL-F-8785C); 0 for no gusts."
+            ge=0.0,
+            le=20.0,
+            description="Wind at 6 m height, which scales the Dryden gusts (W20 of MIL-F-8785C); 0 for no gusts.",
         ),
     ] = 0.0
 

@@ -1,4 +1,6 @@
-"""The air network as the session uses it: recorded publishers towards the agent, and subscriptions to what it sends."""
+"""The air network as the session uses it: recorded publishers towards the agent, and subscriptions to what it
+sends.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,8 @@ DOMAIN = 1
 # Host time until a subscription that the agent declared is matched. Chosen, not measured.
 MATCH_BUDGET_S = 5.0
 MATCH_POLL_S = 0.001
-# What the agent may send on all topics together: at once, and more for each simulated second. An agent that floods would
+# What the agent may send on all topics together: at once, and more for each simulated second. An agent that
+# floods would
 # fill the disk, and the time that its measures take.
 ALLOWED_SAMPLES = (1000, 100.0)
 ALLOWED_BYTES = (32 * 1024 * 1024, 1024.0 * 1024)
@@ -46,7 +49,10 @@ MAX_DOCUMENT_BYTES = 256 * 1024
 
 @dataclass(slots=True)
 class RecordedPublisher:
-    """One topic towards the agent. Every message is recorded, and published once the topic is `opened` or latched."""
+    """One topic towards the agent.
+
+    Every message is recorded, and published once the topic is `opened` or latched.
+    """
 
     topic: str
     kind: type[RosMessage]
@@ -73,7 +79,10 @@ class RecordedPublisher:
 
 
 class AirNetwork:
-    """Publishers and subscriptions of one session. Without a router (the agent wants none) publishers only record."""
+    """Publishers and subscriptions of one session.
+
+    Without a router (the agent wants none) publishers only record.
+    """
 
     def __init__(self, simspec: SimSpec, router: Router | None, tap: Tap, clock: HostClock) -> None:
         self._tap = tap
@@ -84,10 +93,14 @@ class AirNetwork:
         topics = VehicleTopics(simspec.vehicle.name)
         node = router.node("session", f"/{simspec.vehicle.name}") if router else None
 
-        def recorded(topic: str, kind: type[RosMessage], qos: QoS = RELIABLE_10, *, depth: int = 0) -> RecordedPublisher:
+        def recorded(
+            topic: str, kind: type[RosMessage], qos: QoS = RELIABLE_10, *, depth: int = 0
+        ) -> RecordedPublisher:
             publisher = None
             if node is not None:
-                publisher = node.latched(topic, kind, depth=depth) if depth else node.publisher(topic, kind, qos)
+                publisher = (
+                    node.latched(topic, kind, depth=depth) if depth else node.publisher(topic, kind, qos)
+                )
             return RecordedPublisher(topic, kind, tap, publisher, latched=depth > 0)
 
         self.clock = recorded(CLOCK, Clock, CLOCK_QOS)
@@ -115,7 +128,10 @@ class AirNetwork:
         self._subscriptions = tuple(node.subscribe(topic, String) for topic in names) if node else ()
 
     def open_for(self, subscribes: Iterable[str]) -> None:
-        """Publish from now on to the topics that the agent declares, once the network knows of each of its subscriptions."""
+        """Publish from now on to the topics that the agent declares, once the network knows of each of its
+        subscriptions.
+        """
+
         declared = set(subscribes)
         deadline_s = self._clock.now() + MATCH_BUDGET_S
         for recorded in self._publishers:
@@ -124,12 +140,16 @@ class AirNetwork:
                 while recorded.publisher is not None and not recorded.publisher.matched:
                     if self._clock.now() > deadline_s:
                         raise StopSession(
-                            Outcome.AGENT_PROTOCOL, f"the agent says it subscribes to {recorded.topic}, but does not"
+                            Outcome.AGENT_PROTOCOL,
+                            f"the agent says it subscribes to {recorded.topic}, but does not",
                         )
                     self._clock.sleep(MATCH_POLL_S)
 
     def open_for_all(self) -> None:
-        """Publish on every topic, subscribed or not: at the realtime pace an agent sends no hello that names its topics."""
+        """Publish on every topic, subscribed or not: at the realtime pace an agent sends no hello that names
+        its topics.
+        """
+
         for recorded in self._publishers:
             recorded.opened = True
 
@@ -137,12 +157,15 @@ class AirNetwork:
         """Samples published so far on every topic that the agent subscribes to."""
         return {recorded.topic: recorded.sent for recorded in self._publishers if recorded.opened}
 
-    def receive(self, time: SimTime, stated: Mapping[str, int] | None, budget_s: float) -> dict[str, list[str | bytes]]:
+    def receive(
+        self, time: SimTime, stated: Mapping[str, int] | None, budget_s: float
+    ) -> dict[str, list[str | bytes]]:
         """Record what the agent has sent and return its documents by topic.
 
-        With `stated` (lockstep) exactly as many samples as the agent says that it has sent; otherwise what has arrived.
-        Raises StopSession for an agent that states samples that do not come, or that floods.
+        With `stated` (lockstep) exactly as many samples as the agent says that it has sent; otherwise what
+        has arrived. Raises StopSession for an agent that states samples that do not come, or that floods.
         """
+
         documents: dict[str, list[str | bytes]] = {}
         for subscription in self._subscriptions:
             topic = subscription.topic
@@ -152,7 +175,10 @@ class AirNetwork:
                     f"the agent says it sent {stated[topic]} samples on {topic}; {subscription.highest} came",
                 )
             if stated is not None and (subscription.lost or subscription.overflowed):
-                raise StopSession(Outcome.AGENT_PROTOCOL, f"samples on {topic} were lost: more came at once than can be held")
+                raise StopSession(
+                    Outcome.AGENT_PROTOCOL,
+                    f"samples on {topic} were lost: more came at once than can be held",
+                )
             for sample in subscription.take():
                 self._check_allowance(time, len(sample.data))
                 self._tap(Record(time, topic, String.TYPE, sample.data))
@@ -184,7 +210,9 @@ class AirNetwork:
 
 
 @contextmanager
-def open_air_network(simspec: SimSpec, tap: Tap, *, zenoh: bool, clock: HostClock = HOST_CLOCK) -> Generator[AirNetwork]:
+def open_air_network(
+    simspec: SimSpec, tap: Tap, *, zenoh: bool, clock: HostClock = HOST_CLOCK
+) -> Generator[AirNetwork]:
     """The air network of one session: an embedded router with one credential, on which truth never is."""
     topics = VehicleTopics(simspec.vehicle.name)
     camera = topics.camera_info(simspec.vehicle.camera.name)

@@ -1,9 +1,9 @@
 """The pinhole camera that a SimSpec describes, on the vehicle.
 
-Pixels are continuous: the picture spans [0, width] x [0, height] from its top left corner, and the axis meets its middle.
-Camera coordinates are ROS's optical frame (REP 103): x right, y down, z forward. The camera sits at the vehicle's
-position, without a lever arm. A stabilized mount takes roll and pitch out, so that only yaw turns the camera; on a gimbal
-the state's pan and tilt turn it further.
+Pixels are continuous: the picture spans [0, width] x [0, height] from its top left corner, and the axis meets
+its middle. Camera coordinates are ROS's optical frame (REP 103): x right, y down, z forward. The camera sits
+at the vehicle's position, without a lever arm. A stabilized mount takes roll and pitch out, so that only yaw
+turns the camera; on a gimbal the state's pan and tilt turn it further.
 """
 
 from __future__ import annotations
@@ -34,7 +34,9 @@ class CameraNumbers:
 
 @dataclass(frozen=True, slots=True)
 class PinholeCamera:
-    """Focal lengths `fx`, `fy` and principal point `cx`, `cy` in pixels, and the tilt of the axis below the horizon, in radians."""
+    """Focal lengths `fx`, `fy` and principal point `cx`, `cy` in pixels, and the tilt of the axis below the
+    horizon, in radians.
+    """
 
     name: str
     width_px: int
@@ -63,13 +65,18 @@ class PinholeCamera:
         )
 
     def axes_enu(self, state: VehicleState) -> NDArray[np.float64]:
-        """(3, 3) the camera's right, down and forward axes as rows of ENU; takes ENU differences to camera coordinates."""
-        # A mount that keeps level cancels roll and pitch alone; the heading of the vehicle still turns the camera.
+        """(3, 3) the camera's right, down and forward axes as rows of ENU; takes ENU differences to camera
+        coordinates.
+        """
+
+        # A mount that keeps level cancels roll and pitch alone; the heading of the vehicle still turns the
+        # camera.
         roll, pitch = (0.0, 0.0) if self.stabilized else (state.roll_rad, state.pitch_rad)
         sr, cr, sp, cp = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
         yaw = state.yaw_rad + (state.camera_pan_rad or 0.0)
         sy, cy = math.sin(yaw), math.cos(yaw)
-        # Body axes in ENU: columns of the usual yaw-pitch-roll matrix, with north and east swapped and down turned up.
+        # Body axes in ENU: columns of the usual yaw-pitch-roll matrix, with north and east swapped and down
+        # turned up.
         ahead = (cp * sy, cp * cy, sp)
         right = (sr * sp * sy + cr * cy, sr * sp * cy - cr * sy, -sr * cp)
         below = (cr * sp * sy - sr * cy, cr * sp * cy + sr * sy, -cr * cp)
@@ -81,12 +88,16 @@ class PinholeCamera:
 
     def project(self, points_enu_m: NDArray[np.float64], state: VehicleState) -> NDArray[np.float64]:
         """(..., 2) pixels of (..., 3) ENU points; NaN for what does not lie in front of the camera."""
-        in_camera = (np.asarray(points_enu_m, dtype=np.float64) - state.position_enu_m) @ self.axes_enu(state).T
-        # A point behind the camera would project to a mirrored pixel that looks valid; NaN makes every comparison
+        in_camera = (np.asarray(points_enu_m, dtype=np.float64) - state.position_enu_m) @ self.axes_enu(
+            state
+        ).T
+        # A point behind the camera would project to a mirrored pixel that looks valid; NaN makes every
+        # comparison
         # false.
         depth = np.where(in_camera[..., 2] > 0.0, in_camera[..., 2], np.nan)
         pixels: NDArray[np.float64] = np.stack(
-            (self.cx + self.fx * in_camera[..., 0] / depth, self.cy + self.fy * in_camera[..., 1] / depth), axis=-1
+            (self.cx + self.fx * in_camera[..., 0] / depth, self.cy + self.fy * in_camera[..., 1] / depth),
+            axis=-1,
         )
         return pixels
 
@@ -96,7 +107,8 @@ class PinholeCamera:
         return CameraNumbers(
             width=self.width_px,
             height=self.height_px,
-            # sensor_msgs/CameraInfo has no model without distortion: plumb_bob with five zeros states the same.
+            # sensor_msgs/CameraInfo has no model without distortion: plumb_bob with five zeros states the
+            # same.
             distortion_model="plumb_bob",
             d=(0.0,) * 5,
             k=(fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0),
@@ -104,12 +116,17 @@ class PinholeCamera:
             p=(fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0),
         )
 
-    def mount_quaternion(self, pan_rad: float = 0.0, tilt_rad: float | None = None) -> tuple[float, float, float, float]:
-        """x, y, z, w of the optical frame in its parent (x forward, y left, z up), for /tf_static; of a gimbal, for /tf.
+    def mount_quaternion(
+        self, pan_rad: float = 0.0, tilt_rad: float | None = None
+    ) -> tuple[float, float, float, float]:
+        """x, y, z, w of the optical frame in its parent (x forward, y left, z up), for /tf_static; of a
+        gimbal, for /tf.
 
-        Panned about the vertical, tilted down about the left axis, then turned from body to optical axes. The parent is
-        base_level for a stabilized camera, which roll and pitch do not move, and base_link otherwise.
+        Panned about the vertical, tilted down about the left axis, then turned from body to optical axes. The
+        parent is base_level for a stabilized camera, which roll and pitch do not move, and base_link
+        otherwise.
         """
+
         tilt_rad = self.tilt_rad if tilt_rad is None else tilt_rad
         s, c = math.sin(tilt_rad / 2.0) / 2.0, math.cos(tilt_rad / 2.0) / 2.0
         if not pan_rad:

@@ -1,7 +1,9 @@
-"""The truth-based detector: what perception makes of a frame. docs/detection.md gives the formulas and their sources.
+"""The truth-based detector: what perception makes of a frame. docs/detection.md gives the formulas and their
+sources.
 
-All randomness of a frame is drawn in one block for the whole cast, keyed by the frame's number; row i is actor i's. So the
-draws do not depend on which actors are in view or how well: two configurations that differ in fog alone get the same draws.
+All randomness of a frame is drawn in one block for the whole cast, keyed by the frame's number; row i is
+actor i's. So the draws do not depend on which actors are in view or how well: two configurations that differ
+in fog alone get the same draws.
 """
 
 from __future__ import annotations
@@ -43,10 +45,12 @@ PERFECT_SIZE_PX = 4.0
 LEAST_FALSE_PX, MOST_FALSE_PX = 8.0, 80.0
 """Range of the sides of a false detection's box."""
 
-# Standard normals of one actor in one frame: three processes, the evidence of the score, four edges of the box.
+# Standard normals of one actor in one frame: three processes, the evidence of the score, four edges of the
+# box.
 _DRAWS = 8
 _SEEN, _CONFUSED, _CHOICE, _EVIDENCE, _BOX = 0, 1, 2, 3, 4
-# Sub-streams of the perception seed. False detections draw a varying count, so they need a stream of their own.
+# Sub-streams of the perception seed. False detections draw a varying count, so they need a stream of their
+# own.
 _FRAME_DRAWS, _FALSE_DRAWS = 0, 1
 
 Box = tuple[float, float, float, float]
@@ -54,7 +58,9 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Clarity:
-    """How well one sighting can be detected: apparent contrast, probability of detection, and of a wrong label."""
+    """How well one sighting can be detected: apparent contrast, probability of detection, and of a wrong
+    label.
+    """
 
     contrast: float
     detection: float
@@ -73,9 +79,13 @@ class DetectionOdds:
     def of(cls, simspec: SimSpec) -> DetectionOdds:
         """The odds in the weather and light of a SimSpec; light is that of its start."""
         model, weather = simspec.perception.model, simspec.environment
-        # Fog counts with its square: the default levels then span the meteorological ranges of docs/detection.md,
+        # Fog counts with its square: the default levels then span the meteorological ranges of
+        # docs/detection.md,
         # 1300 m at level 5 and 400 m at level 9.
-        extinction = model.fog_extinction_per_m * weather.fog_level**2 + model.rain_extinction_per_m * weather.rain_level
+        extinction = (
+            model.fog_extinction_per_m * weather.fog_level**2
+            + model.rain_extinction_per_m * weather.rain_level
+        )
         return cls(model, extinction, light_of(sun_of(simspec).elevation_rad, model.night_contrast))
 
     def clarity(self, sighting: Sighting, concealment: float) -> Clarity:
@@ -85,9 +95,11 @@ class DetectionOdds:
         contrast = math.exp(-self.extinction_per_m * sighting.range_m) * self.light
         contrast *= 1.0 - model.concealment_weight * concealment
         above = max(0.0, (contrast - THRESHOLD_CONTRAST) / (1.0 - THRESHOLD_CONTRAST))
-        # Piper's law: for objects of middling size contrast and size trade one to one, so their product decides.
+        # Piper's law: for objects of middling size contrast and size trade one to one, so their product
+        # decides.
         size_px = sighting.height_px * above * sighting.visible
-        # Form of the target transfer probability function used with Johnson's criteria (1958), with a fixed exponent.
+        # Form of the target transfer probability function used with Johnson's criteria (1958), with a fixed
+        # exponent.
         share = _logistic(size_px / model.half_height_px, model.slope)
         return Clarity(contrast, model.ceiling * share, min(1.0, 2.0 * model.mislabel * (1.0 - share)))
 
@@ -109,7 +121,9 @@ class PerfectDetector:
 
     def process(self, frame: CameraFrame) -> None:
         detections = [
-            _UntrackedDetection(Detection(self._cast[sighting.actor].class_label, 1.0, sighting.box), sighting.actor)
+            _UntrackedDetection(
+                Detection(self._cast[sighting.actor].class_label, 1.0, sighting.box), sighting.actor
+            )
             for sighting in frame.sightings
             if sighting.visible >= PERFECT_VISIBLE and sighting.height_px >= PERFECT_SIZE_PX
         ]
@@ -138,10 +152,14 @@ class DegradedDetector:
 
     def process(self, frame: CameraFrame) -> None:
         # One row for every actor, seen or not: what is drawn for one never depends on who else is in view.
-        draws = generator(self._seeds, "perception", _FRAME_DRAWS, frame.number).standard_normal((len(self._cast), _DRAWS))
+        draws = generator(self._seeds, "perception", _FRAME_DRAWS, frame.number).standard_normal(
+            (len(self._cast), _DRAWS)
+        )
         self._noise.advance(frame.exposed, draws)
         detections = [
-            detection for sighting in frame.sightings if (detection := self._detect(sighting, draws[sighting.actor])) is not None
+            detection
+            for sighting in frame.sightings
+            if (detection := self._detect(sighting, draws[sighting.actor])) is not None
         ]
         detections += self._false_detections(frame.number)
         self._results.put(frame.exposed, self._tracks.name(detections, frame.exposed))
@@ -159,9 +177,13 @@ class DegradedDetector:
         wrong = self._noise.uniform(_CONFUSED, sighting.actor) < mislabel
         label = member.class_label
         if wrong:
-            label = confusable[min(int(self._noise.uniform(_CHOICE, sighting.actor) * len(confusable)), len(confusable) - 1)]
+            label = confusable[
+                min(int(self._noise.uniform(_CHOICE, sighting.actor) * len(confusable)), len(confusable) - 1)
+            ]
         score = _score(mislabel, wrong, float(draws[_EVIDENCE]))
-        return _UntrackedDetection(Detection(label, score, self._displaced(sighting.box, draws[_BOX:].tolist())), sighting.actor)
+        return _UntrackedDetection(
+            Detection(label, score, self._displaced(sighting.box, draws[_BOX:].tolist())), sighting.actor
+        )
 
     def _displaced(self, box: Box, noise: Sequence[float]) -> Box:
         x_min, y_min, x_max, y_max = (
@@ -183,7 +205,9 @@ class DegradedDetector:
         x_min, x_max = _ordered(x - width / 2.0, x + width / 2.0, self._width_px)
         y_min, y_max = _ordered(y - height / 2.0, y + height / 2.0, self._height_px)
         label = self._labels[int(rng.integers(len(self._labels)))]
-        return _UntrackedDetection(Detection(label, float(rng.beta(*FALSE_SCORE)), (x_min, y_min, x_max, y_max)), None)
+        return _UntrackedDetection(
+            Detection(label, float(rng.beta(*FALSE_SCORE)), (x_min, y_min, x_max, y_max)), None
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +219,9 @@ class _UntrackedDetection:
 
 
 class _CorrelatedNoise:
-    """Standard normal processes of every actor, first-order Markov in time: exactly normal at any moment, alike in near ones."""
+    """Standard normal processes of every actor, first-order Markov in time: exactly normal at any moment,
+    alike in near ones.
+    """
 
     def __init__(self, actors: int, correlation_s: float) -> None:
         # The process of misses, then those of wrong labels and of their choice, which persist longer.
@@ -206,7 +232,8 @@ class _CorrelatedNoise:
     def advance(self, to: SimTime, draws: NDArray[np.float64]) -> None:
         keep = np.zeros(3)
         if self._moment is not None:
-            # A correlation time of 0 is allowed and means independent frames; the floor only keeps the division
+            # A correlation time of 0 is allowed and means independent frames; the floor only keeps the
+            # division
             # finite.
             keep = np.exp(-to.since(self._moment) / np.maximum(self._memory_s, 1e-9))
         self._state = keep * self._state + np.sqrt(1.0 - keep * keep) * draws[:, :3]
@@ -217,7 +244,10 @@ class _CorrelatedNoise:
 
 
 class _TrackNames:
-    """A simulated tracker. Track ids follow the order of the reports, so they reveal nothing about the cast."""
+    """A simulated tracker.
+
+    Track ids follow the order of the reports, so they reveal nothing about the cast.
+    """
 
     def __init__(self, actors: int) -> None:
         self._last: list[SimTime | None] = [None] * actors
@@ -232,7 +262,9 @@ class _TrackNames:
 
     def _with_track(self, untracked: _UntrackedDetection, exposed: SimTime) -> Detection:
         detection = untracked.detection
-        return Detection(detection.class_label, detection.score, detection.box, self._track(untracked.actor, exposed))
+        return Detection(
+            detection.class_label, detection.score, detection.box, self._track(untracked.actor, exposed)
+        )
 
     def _track(self, actor: int | None, exposed: SimTime) -> str:
         # A false detection has no actor to be recognized by, so it never continues a track.
@@ -276,7 +308,10 @@ def _logistic(ratio: float, slope: float) -> float:
 
 
 def _score(mislabel: float, wrong: bool, noise: float) -> float:
-    """Posterior probability that the label is right, after one piece of noisy evidence: calibrated by construction."""
+    """Posterior probability that the label is right, after one piece of noisy evidence: calibrated by
+    construction.
+    """
+
     # Held away from 0 and 1, where no evidence could change the score.
     prior = min(1.0 - LEAST_DOUBT, max(LEAST_DOUBT, mislabel))
     evidence = (-0.5 if wrong else 0.5) * LABEL_EVIDENCE + noise
@@ -286,7 +321,8 @@ def _score(mislabel: float, wrong: bool, noise: float) -> float:
 def _ordered(first: float, second: float, limit: float) -> tuple[float, float]:
     """Two edges of a box inside [0, limit], at least one pixel apart."""
     low, high = max(0.0, min(first, second)), min(limit, max(first, second))
-    # Jitter may swap the edges or push both over the border; docs/detection.md promises a box of at least one pixel.
+    # Jitter may swap the edges or push both over the border; docs/detection.md promises a box of at least one
+    # pixel.
     if high - low < 1.0:
         low = min(max(0.0, (low + high) / 2.0 - 0.5), limit - 1.0)
         high = low + 1.0

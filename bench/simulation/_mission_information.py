@@ -1,4 +1,6 @@
-"""What the agent may know, tick by tick: the clock first, then the vehicle's estimated pose, then what is new."""
+"""What the agent may know, tick by tick: the clock first, then the vehicle's estimated pose, then what is
+new.
+"""
 
 from __future__ import annotations
 
@@ -56,8 +58,9 @@ _NOWHERE = PoseWithCovariance(
 
 
 class MissionInformation:
-    """Publishes on the air network what is due: `/clock`, the mission, `/tf`, the operator's link, intelligence, orders, camera
-    info and detections, in that order."""
+    """Publishes on the air network what is due: `/clock`, the mission, `/tf`, the operator's link,
+    intelligence, orders, camera info and detections, in that order.
+    """
 
     def __init__(self, simspec: SimSpec, air: AirNetwork, scene: Scene) -> None:
         self._air = air
@@ -65,7 +68,8 @@ class MissionInformation:
         self._optical = f"{simspec.vehicle.name}/camera_{simspec.vehicle.camera.name}_optical"
         self._camera = PinholeCamera.of(simspec.vehicle.camera)
         self._gimbal = simspec.vehicle.camera.gimbal
-        # A mount that keeps level does not sit on base_link but on a frame that shares only its place and yaw.
+        # A mount that keeps level does not sit on base_link but on a frame that shares only its place and
+        # yaw.
         self._carrier = f"{simspec.vehicle.name}/base_level" if self._camera.stabilized else self._base
         self._order = mission_order(simspec)
         self._intelligence = deque(sorted(intelligence(simspec), key=lambda pair: (pair[0], pair[1].id)))
@@ -105,7 +109,10 @@ class MissionInformation:
                 air.detections.publish(now, self._detections(frame))
 
     def _publish_operator_messages(self, now: SimTime) -> None:
-        """Publish what the operator has sent while the link is up: reports before the orders that may refer to them."""
+        """Publish what the operator has sent while the link is up: reports before the orders that may refer
+        to them.
+        """
+
         up = not self._in_outage("operator_link", now)
         if up is not self._link_up:
             self._link_up = up
@@ -123,8 +130,12 @@ class MissionInformation:
     def _pose(self, now: SimTime, state: VehicleState) -> TFMessage:
         east, north, up = state.position_enu_m
         header, translation = Header(stamp=Time.of(now.ns), frame_id="map"), Vector3(x=east, y=north, z=up)
-        transform = Transform(translation=translation, rotation=body_in_map(state.roll_rad, state.pitch_rad, state.yaw_rad))
-        poses: tuple[TransformStamped, ...] = (TransformStamped(header=header, child_frame_id=self._base, transform=transform),)
+        transform = Transform(
+            translation=translation, rotation=body_in_map(state.roll_rad, state.pitch_rad, state.yaw_rad)
+        )
+        poses: tuple[TransformStamped, ...] = (
+            TransformStamped(header=header, child_frame_id=self._base, transform=transform),
+        )
         if self._carrier != self._base:
             level = Transform(translation=translation, rotation=body_in_map(0.0, 0.0, state.yaw_rad))
             poses = (*poses, TransformStamped(header=header, child_frame_id=self._carrier, transform=level))
@@ -135,7 +146,9 @@ class MissionInformation:
     def _mount(self, now: SimTime, pan_rad: float = 0.0, tilt_rad: float | None = None) -> TransformStamped:
         """The transform from the camera's carrier to its optical frame: fixed, or as the gimbal holds it."""
         x, y, z, w = self._camera.mount_quaternion(pan_rad, tilt_rad)
-        transform = Transform(translation=Vector3(x=0.0, y=0.0, z=0.0), rotation=Quaternion(x=x, y=y, z=z, w=w))
+        transform = Transform(
+            translation=Vector3(x=0.0, y=0.0, z=0.0), rotation=Quaternion(x=x, y=y, z=z, w=w)
+        )
         header = Header(stamp=Time.of(now.ns), frame_id=self._carrier)
         return TransformStamped(header=header, child_frame_id=self._optical, transform=transform)
 
@@ -154,7 +167,9 @@ class MissionInformation:
 
     def _detections(self, frame: DetectionFrame) -> Detection2DArray:
         header = Header(stamp=Time.of(frame.exposed.ns), frame_id=self._optical)
-        return Detection2DArray(header=header, detections=tuple(_detection(header, detection) for detection in frame.detections))
+        return Detection2DArray(
+            header=header, detections=tuple(_detection(header, detection) for detection in frame.detections)
+        )
 
 
 def _detection(header: Header, detection: Detection) -> Detection2D:
@@ -173,7 +188,9 @@ def mission_order(simspec: SimSpec) -> MissionOrder:
     """The mission and rules of the SimSpec as the agent gets them; of the actors, only their classes."""
 
     def classes(role: Role) -> tuple[str, ...]:
-        return tuple(sorted({ASSETS[group.asset].class_label for group in simspec.actors if group.role is role}))
+        return tuple(
+            sorted({ASSETS[group.asset].class_label for group in simspec.actors if group.role is role})
+        )
 
     home, mission, rules = simspec.vehicle.home, simspec.mission, simspec.rules
     return MissionOrder(
@@ -233,7 +250,11 @@ def orders(simspec: SimSpec) -> list[OrderDocument]:
     """Every order of the operator, in the order of time and, within a moment, as the SimSpec lists them."""
     return [
         OrderDocument(
-            id=order.id, kind=order.kind, issued_s=order.at_s, within_s=order.within_s, intelligence_id=order.intelligence
+            id=order.id,
+            kind=order.kind,
+            issued_s=order.at_s,
+            within_s=order.within_s,
+            intelligence_id=order.intelligence,
         )
         for order in sorted(simspec.orders, key=lambda order: order.at_s)
     ]

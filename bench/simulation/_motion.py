@@ -1,7 +1,7 @@
 """How actors move: each walks legs of its own seeded plan, and where it is depends on the time alone.
 
-A plan is an iterator of legs, asked for the next one when the present leg is over; how often the crowd is advanced
-changes nothing. Movers do not avoid each other; they keep to the ground that is open to them.
+A plan is an iterator of legs, asked for the next one when the present leg is over; how often the crowd is
+advanced changes nothing. Movers do not avoid each other; they keep to the ground that is open to them.
 """
 
 from __future__ import annotations
@@ -45,8 +45,9 @@ class WalkLeg:
 class WalkableGround:
     """Where movers may go: inside the area, and through no solid box.
 
-    `corners_m` (e, 2) are the area's, empty when it does not bind; `centres_m`, `forward` (s, 2) and `half_m` (s, 2) describe the
-    solids' footprints, half lengths along `forward` and across it; `margin_m` is the free room that the mover needs.
+    `corners_m` (e, 2) are the area's, empty when it does not bind; `centres_m`, `forward` (s, 2) and `half_m`
+    (s, 2) describe the solids' footprints, half lengths along `forward` and across it; `margin_m` is the free
+    room that the mover needs.
     """
 
     corners_m: NDArray[np.float64]
@@ -57,11 +58,17 @@ class WalkableGround:
 
     @classmethod
     def of(
-        cls, area: Polygon, centres_m: NDArray[np.float64], headings_rad: NDArray[np.float64], half_m: NDArray[np.float64]
+        cls,
+        area: Polygon,
+        centres_m: NDArray[np.float64],
+        headings_rad: NDArray[np.float64],
+        half_m: NDArray[np.float64],
     ) -> Self:
         """The ground of an area with solid footprints on it."""
         corners = np.array([(corner.east_m, corner.north_m) for corner in area.corners])
-        return cls(corners, centres_m, np.stack((np.sin(headings_rad), np.cos(headings_rad)), axis=-1), half_m)
+        return cls(
+            corners, centres_m, np.stack((np.sin(headings_rad), np.cos(headings_rad)), axis=-1), half_m
+        )
 
     def around(self, start: Place, reach_m: float, margin_m: float) -> WalkableGround:
         """The part that matters to one mover. A mover that starts outside the area is not bound by it."""
@@ -88,7 +95,10 @@ class WalkableGround:
         return free
 
     def drawn_inside(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(k, 2) the points; those outside the area moved to the nearest place on its border and `INSET_M` beyond."""
+        """(k, 2) the points; those outside the area moved to the nearest place on its border and `INSET_M`
+        beyond.
+        """
+
         outside = ~self._inside(points)
         if not outside.any():
             return points
@@ -96,7 +106,9 @@ class WalkableGround:
         # Edge i runs from corner i to the next one; the last edge closes the polygon.
         along = np.roll(first, -1, axis=0) - first
         offset = points[outside][:, None, :] - first
-        share = np.clip((offset * along).sum(axis=-1) / np.maximum((along * along).sum(axis=-1), 1e-12), 0.0, 1.0)
+        share = np.clip(
+            (offset * along).sum(axis=-1) / np.maximum((along * along).sum(axis=-1), 1e-12), 0.0, 1.0
+        )
         way = share[..., None] * along - offset
         length = np.hypot(way[..., 0], way[..., 1])
         nearest = (np.arange(len(way)), length.argmin(axis=1))
@@ -105,7 +117,11 @@ class WalkableGround:
         return drawn
 
     def _inside(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Even-odd rule: a ray to the east crosses the border an odd number of times. True for all when nothing binds."""
+        """Even-odd rule: a ray to the east crosses the border an odd number of times.
+
+        True for all when nothing binds.
+        """
+
         if not len(self.corners_m):
             return np.ones(len(points), dtype=np.bool_)
         east, north = points[:, 0, None], points[:, 1, None]
@@ -134,7 +150,9 @@ class WalkableGround:
         wide = self.half_m + self.margin_m
         # A mover that was placed closer than its margin may walk away, though never through the solid itself.
         touching = np.all(np.abs(begin) <= wide, axis=-1, keepdims=True)
-        meets: NDArray[np.bool_] = np.any(crosses_box(begin, finish, np.where(touching, self.half_m, wide)), axis=1)
+        meets: NDArray[np.bool_] = np.any(
+            crosses_box(begin, finish, np.where(touching, self.half_m, wide)), axis=1
+        )
         return meets
 
     def _beside(self, offset: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -146,17 +164,21 @@ class WalkableGround:
 
 def _side(a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64]) -> NDArray[np.float64]:
     """Positive when p lies left of the line from a to b."""
-    side: NDArray[np.float64] = (b[..., 0] - a[..., 0]) * (p[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (
-        p[..., 0] - a[..., 0]
-    )
+    side: NDArray[np.float64] = (b[..., 0] - a[..., 0]) * (p[..., 1] - a[..., 1]) - (
+        b[..., 1] - a[..., 1]
+    ) * (p[..., 0] - a[..., 0])
     return side
 
 
-def wander(start: Place, motion: Motion, ground: WalkableGround, rng: np.random.Generator) -> Iterator[WalkLeg]:
-    """Walks to points uniform in the disc of `radius_m` round `start`, with exponential pauses of mean `pause_s`.
+def wander(
+    start: Place, motion: Motion, ground: WalkableGround, rng: np.random.Generator
+) -> Iterator[WalkLeg]:
+    """Walks to points uniform in the disc of `radius_m` round `start`, with exponential pauses of mean
+    `pause_s`.
 
     Every leg takes the same number of draws, whether or not a way was found.
     """
+
     position = start
     while True:
         # All attempts are drawn at once: how many fail must not shift the draws of the legs that follow.
@@ -175,11 +197,15 @@ def wander(start: Place, motion: Motion, ground: WalkableGround, rng: np.random.
             yield WalkLeg(max(pause_s, MIN_BLOCKED_REST_S), position)
 
 
-def patrol(start: Place, motion: Motion, ground: WalkableGround, rng: np.random.Generator) -> Iterator[WalkLeg]:
-    """Walks the route in a loop, beginning at its point nearest to `start`; skips points that it cannot walk to.
+def patrol(
+    start: Place, motion: Motion, ground: WalkableGround, rng: np.random.Generator
+) -> Iterator[WalkLeg]:
+    """Walks the route in a loop, beginning at its point nearest to `start`; skips points that it cannot walk
+    to.
 
     Stands still for the rest of the session when it can reach none, because the ground does not change.
     """
+
     route = ground.drawn_inside(np.array([(point.east_m, point.north_m) for point in motion.route]))
     count = len(route)
     next_index = int(np.argmin(np.hypot(*(route - start).T)))
@@ -188,7 +214,10 @@ def patrol(start: Place, motion: Motion, ground: WalkableGround, rng: np.random.
         pause_s = motion.pause_s * float(rng.standard_exponential())
         # A point that is out of reach is skipped for this leg only: from the next place it may be reachable.
         order = (next_index + skipped for skipped in range(count))
-        reachable = next((index % count for index in order if ground.open_to(position, route[index % count][None, :])[0]), None)
+        reachable = next(
+            (index % count for index in order if ground.open_to(position, route[index % count][None, :])[0]),
+            None,
+        )
         if reachable is None:
             return
         target = (float(route[reachable, 0]), float(route[reachable, 1]))
@@ -209,7 +238,10 @@ class ActorMotion:
     """Positions and headings of all actors at one moment, as arrays. Actors without a plan stand still."""
 
     def __init__(
-        self, starts_enu_m: NDArray[np.float64], headings_rad: NDArray[np.float64], plans: Mapping[int, Iterator[WalkLeg]]
+        self,
+        starts_enu_m: NDArray[np.float64],
+        headings_rad: NDArray[np.float64],
+        plans: Mapping[int, Iterator[WalkLeg]],
     ) -> None:
         self._plans = plans
         self._leg_start = starts_enu_m.copy()

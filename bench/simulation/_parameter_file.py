@@ -25,7 +25,9 @@ class ParameterFile:
         except FileNotFoundError:
             return {}
         except (OSError, UnicodeDecodeError) as error:
-            raise SetupError(Fault(str(self._path), f"cannot be read: {error}", "name a file of parameters")) from None
+            raise SetupError(
+                Fault(str(self._path), f"cannot be read: {error}", "name a file of parameters")
+            ) from None
         try:
             parameters = json.loads(text)
         except ValueError as error:
@@ -38,7 +40,11 @@ class ParameterFile:
         return {name: float(value) for name, value in parameters.items()}
 
     def save(self, values: Mapping[str, float]) -> None:
-        """Write the values if they have changed, all of them or none. Raises SetupError when the file cannot be written."""
+        """Write the values if they have changed, all of them or none.
+
+        Raises SetupError when the file cannot be written.
+        """
+
         if values == self._saved:
             return
         temporary = self._path.with_name(f"{self._path.name}.new")
@@ -46,7 +52,9 @@ class ParameterFile:
             temporary.write_text(json.dumps(dict(values), indent=1, sort_keys=True) + "\n", encoding="utf-8")
             os.replace(temporary, self._path)
         except OSError as error:
-            raise SetupError(Fault(str(self._path), f"cannot be written: {error}", "name a file in a folder of yours")) from None
+            raise SetupError(
+                Fault(str(self._path), f"cannot be written: {error}", "name a file in a folder of yours")
+            ) from None
         self._saved = dict(values)
 
 

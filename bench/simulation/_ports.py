@@ -12,7 +12,8 @@ from pathlib import Path
 
 from bench.errors import Fault, SetupError
 
-# Below the range from which Linux picks ephemeral ports (32768 on), so that no other program's client takes one by chance.
+# Below the range from which Linux picks ephemeral ports (32768 on), so that no other program's client takes
+# one by chance.
 PORTS = range(14600, 30000)
 
 
@@ -32,7 +33,9 @@ def reserved_udp_port(host: str = "127.0.0.1") -> Generator[int]:
                 return
         finally:
             os.close(handle)
-    raise SetupError(Fault("MAVLink", f"no UDP port in {PORTS.start} to {PORTS.stop - 1} is free", "end what uses them"))
+    raise SetupError(
+        Fault("MAVLink", f"no UDP port in {PORTS.start} to {PORTS.stop - 1} is free", "end what uses them")
+    )
 
 
 def _lock(handle: int) -> bool:

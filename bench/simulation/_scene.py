@@ -16,7 +16,11 @@ from ._visibility import Bodies, sightings
 
 
 def open_plain_scene(simspec: SimSpec) -> Scene:
-    """The scene of a realized SimSpec, at time zero. Raises SetupError when it has no realization, or one that does not fit."""
+    """The scene of a realized SimSpec, at time zero.
+
+    Raises SetupError when it has no realization, or one that does not fit.
+    """
+
     return PlainScene(simspec)
 
 
@@ -49,7 +53,9 @@ class PlainScene:
         return self._motion.headings_rad()
 
     def observe(self, state: VehicleState, number: int) -> CameraFrame:
-        visible = sightings(self._camera, state, self._bodies, self._foot_points_enu_m, self._motion.headings_rad())
+        visible = sightings(
+            self._camera, state, self._bodies, self._foot_points_enu_m, self._motion.headings_rad()
+        )
         return CameraFrame(number, self._camera.name, self._now, visible)
 
     def _foot_points(self) -> NDArray[np.float64]:
@@ -64,8 +70,11 @@ def _actor_motion(simspec: SimSpec, bodies: Bodies) -> ActorMotion:
     motions = {group.id: group.motion for group in simspec.actors}
     starts = np.array([(actor.east_m, actor.north_m) for actor in actors], dtype=np.float64).reshape(-1, 2)
     headings = np.radians(np.array([actor.heading_deg for actor in actors], dtype=np.float64))
-    # Only what stands still and is solid closes the ground: plans must not depend on where others are just now.
-    walls = bodies.solid & np.array([motions[actor.group].kind == "still" for actor in actors], dtype=np.bool_)
+    # Only what stands still and is solid closes the ground: plans must not depend on where others are just
+    # now.
+    walls = bodies.solid & np.array(
+        [motions[actor.group].kind == "still" for actor in actors], dtype=np.bool_
+    )
     ground = WalkableGround.of(simspec.world.area, starts[walls], headings[walls], bodies.half_m[walls, :2])
     plans: dict[int, Iterator[WalkLeg]] = {}
     for index, actor in enumerate(actors):
@@ -73,7 +82,8 @@ def _actor_motion(simspec: SimSpec, bodies: Bodies) -> ActorMotion:
         if motion.kind == "still":
             continue
         start = (actor.east_m, actor.north_m)
-        # A patrol may lead anywhere; a wanderer stays in its disc, and so do the solids that can matter to it.
+        # A patrol may lead anywhere; a wanderer stays in its disc, and so do the solids that can matter to
+        # it.
         reach_m = motion.radius_m if motion.kind == "wander" else np.inf
         reachable_ground = ground.around(start, reach_m, float(bodies.half_m[index, 1]))
         walk = wander if motion.kind == "wander" else patrol

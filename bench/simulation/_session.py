@@ -1,7 +1,7 @@
 """One session: a realized SimSpec, flown.
 
-`run_session` opens everything that the session needs, runs it to one of its named ends, closes everything again and
-returns how it ended. Every message goes to the tap as a record.
+`run_session` opens everything that the session needs, runs it to one of its named ends, closes everything
+again and returns how it ended. Every message goes to the tap as a record.
 """
 
 from __future__ import annotations
@@ -51,9 +51,11 @@ from ._stop_session import StopSession
 from ._tick_server import TickServer, open_tick_server
 from ._truth import TruthRecorder
 
-# Host time for samples that the agent says it has sent: they are on loopback already, so this is generous. Chosen, not measured.
+# Host time for samples that the agent says it has sent: they are on loopback already, so this is generous.
+# Chosen, not measured.
 COUNT_BUDGET_S = 5.0
-# Between two looks for MAVLink messages that are under way on loopback; a lockstep tick is to lose no more than this.
+# Between two looks for MAVLink messages that are under way on loopback; a lockstep tick is to lose no more
+# than this.
 RECEIVE_POLL_S = 0.0005
 
 
@@ -61,7 +63,8 @@ RECEIVE_POLL_S = 0.0005
 class SessionPlan:
     """All that one session needs.
 
-    `scratch` is an empty folder for the agent, `tap` receives every record, and budgets are measured by `clock`.
+    `scratch` is an empty folder for the agent, `tap` receives every record, and budgets are measured by
+    `clock`.
     """
 
     simspec: SimSpec
@@ -88,7 +91,11 @@ class SessionEnd:
 
 
 def run_session(plan: SessionPlan) -> SessionEnd:
-    """Fly one session to its end. Never raises for anything that happens inside; KeyboardInterrupt travels on."""
+    """Fly one session to its end.
+
+    Never raises for anything that happens inside; KeyboardInterrupt travels on.
+    """
+
     started_s, started_cpu_s = plan.clock.now(), time.process_time()
     progress = SessionProgress()
     try:
@@ -123,7 +130,8 @@ class SessionProgress:
 class Session:
     """The parts of a running session and the order in which they act. `open_session` builds it.
 
-    Each round publishes what the agent may know, waits for it to act, records what it did and advances the world by one tick.
+    Each round publishes what the agent may know, waits for it to act, records what it did and advances the
+    world by one tick.
     """
 
     def __init__(
@@ -191,7 +199,9 @@ class Session:
         while True:
             now = self._progress.now
             self._information.publish(now, self._vehicle, self._detector)
-            tick = Tick(number=number, time_ns=now.ns, topics=self._air.sent(), links=dict(self._vehicle.sent()))
+            tick = Tick(
+                number=number, time_ns=now.ns, topics=self._air.sent(), links=dict(self._vehicle.sent())
+            )
             waiting_since_s = self._clock.now()
             ack = ticks.exchange(tick, budgets.reply_s)
             self._receive_exactly(ack.links)
@@ -243,26 +253,38 @@ class Session:
     def _check_end(self) -> None:
         condition = self._vehicle.condition()
         if condition.crashed:
-            raise StopSession(Outcome.VEHICLE_CRASHED, f"the vehicle crashed after {self._progress.now.s:.1f} s")
+            raise StopSession(
+                Outcome.VEHICLE_CRASHED, f"the vehicle crashed after {self._progress.now.s:.1f} s"
+            )
         if self._complete and condition.landed and not condition.armed:
-            raise StopSession(Outcome.COMPLETED, "the agent declared its mission over and the vehicle is down")
+            raise StopSession(
+                Outcome.COMPLETED, "the agent declared its mission over and the vehicle is down"
+            )
         if self._information.deactivated and condition.landed and not condition.armed:
-            raise StopSession(Outcome.COMPLETED, "the agent was ordered to deactivate and the vehicle is down")
+            raise StopSession(
+                Outcome.COMPLETED, "the agent was ordered to deactivate and the vehicle is down"
+            )
         if self._progress.now.s >= self._spec.mission.time_limit_s:
-            raise StopSession(Outcome.TIME_LIMIT, f"the time limit of {self._spec.mission.time_limit_s:g} s is reached")
+            raise StopSession(
+                Outcome.TIME_LIMIT, f"the time limit of {self._spec.mission.time_limit_s:g} s is reached"
+            )
         if self._clock.now() > self._wall_deadline_s:
             raise self._out_of_wall_time()
 
     def _out_of_wall_time(self) -> StopSession:
-        """The end of a session that used up its wall budget: the agent's fault if it took more than half of it.
+        """The end of a session that used up its wall budget: the agent's fault if it took more than half of
+        it.
 
         Runs that end by WALL_BUDGET are not scored, so an agent could drop a run that goes badly by dawdling.
         """
+
         wall_s = self._spec.budgets.wall_s
         if self._agent_took_s > wall_s / 2:
             reason = f"the agent took {self._agent_took_s:.0f} s of the session's {wall_s:g} s of the host's time to answer"
             return StopSession(Outcome.AGENT_TIMEOUT, reason)
-        return StopSession(Outcome.WALL_BUDGET, f"the session took longer than {wall_s:g} s of the host's time")
+        return StopSession(
+            Outcome.WALL_BUDGET, f"the session took longer than {wall_s:g} s of the host's time"
+        )
 
     def _process_documents(self, documents: dict[str, list[str | bytes]]) -> None:
         for text in documents.get(self._topics.status, ()):
@@ -279,7 +301,8 @@ class Session:
                 return
             if self._clock.now() > deadline_s:
                 raise StopSession(
-                    Outcome.AGENT_PROTOCOL, f"the agent says it sent {missing} MAVLink messages; {dict(received)} came"
+                    Outcome.AGENT_PROTOCOL,
+                    f"the agent says it sent {missing} MAVLink messages; {dict(received)} came",
                 )
             self._clock.sleep(RECEIVE_POLL_S)
 
@@ -293,7 +316,8 @@ class Session:
             raise StopSession(Outcome.COMPLETED, "the agent ended by itself and the vehicle is down")
         cause = f"exit code {code}" if code >= 0 else f"signal {-code}"
         raise StopSession(
-            Outcome.AGENT_CRASHED, f"the agent's process ended with {cause} before its mission did: {self._agent.output_tail()}"
+            Outcome.AGENT_CRASHED,
+            f"the agent's process ended with {cause} before its mission did: {self._agent.output_tail()}",
         )
 
 
@@ -350,6 +374,9 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
 
 
 def _link(need: MavlinkNeed, stack: ExitStack) -> LinkSpec:
-    """The vehicle's side of a link: it listens where the system chooses, or sends to a port that is kept for the agent."""
+    """The vehicle's side of a link: it listens where the system chooses, or sends to a port that is kept for
+    the agent.
+    """
+
     port = stack.enter_context(reserved_udp_port()) if need.kind == "udp_out" else 0
     return LinkSpec(name=need.name, kind=need.kind, port=port, streams=need.streams)

@@ -21,9 +21,12 @@ DEFAULT_LINKS: Mapping[str, tuple[LinkSpec, ...]] = {
         LinkSpec("gcs", "udp_out", port=14550, streams="gcs"),
         LinkSpec("onboard", "udp_out", port=14540, streams="onboard"),
     ),
-    "ardupilot": tuple(LinkSpec(f"serial{number}", "tcp_in", port=port) for number, port in enumerate((5760, 5762, 5763))),
+    "ardupilot": tuple(
+        LinkSpec(f"serial{number}", "tcp_in", port=port) for number, port in enumerate((5760, 5762, 5763))
+    ),
 }
-# A host that is behind by more than this drops the lost time instead of flying it in a burst. Chosen, not measured.
+# A host that is behind by more than this drops the lost time instead of flying it in a burst. Chosen, not
+# measured.
 _LATE_S = 0.25
 
 
@@ -42,12 +45,14 @@ def run_standalone(
 ) -> None:
     """Fly until `stop` is set, `duration_s` simulated seconds are over, or the user interrupts.
 
-    `home` is latitude and longitude (degrees), ground altitude (metres above sea level), heading (degrees). Without
-    links, those of the autopilot's SITL: UDP to 14550 and 14540 for px4, TCP servers on 5760, 5762, 5763 for ardupilot. `say`
-    gets a line for each link. `parameter_file` saves what differs from the defaults from one start to the next.
-    `model` is a vehicle of group rebar.vehicles. Raises SetupError for anything that cannot be opened or does not exist.
-    `camera` adds a camera on a gimbal, both on the links. True motion is sent on request, as a SITL does.
+    `home` is latitude and longitude (degrees), ground altitude (metres above sea level), heading (degrees).
+    Without links, those of the autopilot's SITL: UDP to 14550 and 14540 for px4, TCP servers on 5760, 5762,
+    5763 for ardupilot. `say` gets a line for each link. `parameter_file` saves what differs from the defaults
+    from one start to the next. `model` is a vehicle of group rebar.vehicles. Raises SetupError for anything
+    that cannot be opened or does not exist. `camera` adds a camera on a gimbal, both on the links. True
+    motion is sent on request, as a SITL does.
     """
+
     file = ParameterFile(parameter_file) if parameter_file else None
     saved = file.load() if file else {}
     simspec = standalone_simspec(autopilot, home, {**saved, **(parameters or {})}, model, camera)
@@ -64,7 +69,11 @@ def run_standalone(
                 file.save(vehicle.changed_parameters())
 
         try:
-            shutter = Shutter(vehicle, simspec.vehicle.camera.rate_hz) if camera and isinstance(vehicle, CarriesCamera) else None
+            shutter = (
+                Shutter(vehicle, simspec.vehicle.camera.rate_hz)
+                if camera and isinstance(vehicle, CarriesCamera)
+                else None
+            )
             fly(vehicle, speed, duration_s, stop or threading.Event(), each_second=save, after_step=shutter)
         except KeyboardInterrupt:
             if say:
@@ -95,11 +104,19 @@ def standalone_simspec(
     model: str = "x500",
     camera: bool = False,
 ) -> SimSpec:
-    """A SimSpec from a home place alone: still air, a square kilometre of nothing, the vehicle in its middle."""
+    """A SimSpec from a home place alone: still air, a square kilometre of nothing, the vehicle in its
+    middle.
+    """
+
     if autopilot not in DEFAULT_LINKS:
-        raise SetupError(Fault("autopilot", f"{autopilot!r} is not known", f"there are {', '.join(DEFAULT_LINKS)}"))
+        raise SetupError(
+            Fault("autopilot", f"{autopilot!r} is not known", f"there are {', '.join(DEFAULT_LINKS)}")
+        )
     latitude, longitude, altitude, heading = home
-    corners = [{"east_m": east, "north_m": north} for east, north in ((-500, -500), (500, -500), (500, 500), (-500, 500))]
+    corners = [
+        {"east_m": east, "north_m": north}
+        for east, north in ((-500, -500), (500, -500), (500, 500), (-500, 500))
+    ]
     document = {
         "name": "standalone",
         "world": {
@@ -129,11 +146,13 @@ def fly(
     each_second: Callable[[], None] | None = None,
     after_step: Callable[[SimTime], None] | None = None,
 ) -> None:
-    """Step a vehicle at `speed` times the host's clock, without drift: moments are counted from the start, not added up.
+    """Step a vehicle at `speed` times the host's clock, without drift: moments are counted from the start,
+    not added up.
 
-    When the host falls behind by a quarter of a second, the lost time is dropped. `clock` and `wait` are the host's;
-    `each_second` is called once each simulated second.
+    When the host falls behind by a quarter of a second, the lost time is dropped. `clock` and `wait` are the
+    host's; `each_second` is called once each simulated second.
     """
+
     pause = wait or stop.wait
     start, start_sim_s = clock(), vehicle.time.s
     next_s = start_sim_s + 1.0

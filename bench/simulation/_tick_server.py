@@ -13,16 +13,21 @@ from bench.contracts import MAX_LINE_BYTES, Ack, End, Hello, Outcome, Tick, Tick
 from ._host_clock import HOST_CLOCK, HostClock
 from ._stop_session import StopSession
 
-# How often a wait checks whether the agent's process still runs. Chosen, not measured: a crash costs at most this.
+# How often a wait checks whether the agent's process still runs. Chosen, not measured: a crash costs at most
+# this.
 LIVENESS_POLL_S = 0.25
-# Host time that a process may take to end after its socket has closed, so that its exit code becomes the reason.
+# Host time that a process may take to end after its socket has closed, so that its exit code becomes the
+# reason.
 EXIT_GRACE_S = 1.0
 EXIT_POLL_S = 0.02
 RECEIVE_BYTES = 65536
 
 
 class TickServer:
-    """Serves one agent. Every wait has a budget by the host's clock and ends early when the agent's process ends."""
+    """Serves one agent.
+
+    Every wait has a budget by the host's clock and ends early when the agent's process ends.
+    """
 
     def __init__(self, listener: socket.socket, clock: HostClock) -> None:
         self._listener = listener
@@ -64,9 +69,13 @@ class TickServer:
         """Send a tick and wait for its acknowledgement."""
         self._write(tick)
         deadline_s = self._clock.now() + budget_s
-        message = self._read(deadline_s, Outcome.AGENT_TIMEOUT, f"no answer to tick {tick.number} within {budget_s:g} s")
+        message = self._read(
+            deadline_s, Outcome.AGENT_TIMEOUT, f"no answer to tick {tick.number} within {budget_s:g} s"
+        )
         if not isinstance(message, Ack) or message.number != tick.number:
-            raise StopSession(Outcome.AGENT_PROTOCOL, f"expected the ack of tick {tick.number}, got {_shown(message)}")
+            raise StopSession(
+                Outcome.AGENT_PROTOCOL, f"expected the ack of tick {tick.number}, got {_shown(message)}"
+            )
         return message
 
     def end(self, reason: str) -> None:
@@ -88,7 +97,9 @@ class TickServer:
         assert self._peer is not None
         while b"\n" not in self._buffer:
             if len(self._buffer) > MAX_LINE_BYTES:
-                raise StopSession(Outcome.AGENT_PROTOCOL, f"a line of more than {MAX_LINE_BYTES} bytes on the tick socket")
+                raise StopSession(
+                    Outcome.AGENT_PROTOCOL, f"a line of more than {MAX_LINE_BYTES} bytes on the tick socket"
+                )
             self._wait_readable(self._peer, deadline_s, outcome, reason)
             try:
                 data = self._peer.recv(RECEIVE_BYTES)
@@ -110,7 +121,8 @@ class TickServer:
             self._check_agent()
 
     def _end_disconnected(self) -> NoReturn:
-        # The process usually ends a moment after its socket: give it that moment, so that the exit code is known.
+        # The process usually ends a moment after its socket: give it that moment, so that the exit code is
+        # known.
         deadline_s = self._clock.now() + EXIT_GRACE_S
         while self._clock.now() < deadline_s:
             self._check_agent()

@@ -76,31 +76,49 @@ class TruthRecorder:
         self._document(time, TRUTH_CAST, CastDocument(members=scene.cast))
 
     def write_frame(self, frame: CameraFrame) -> None:
-        """Write what could be seen in one exposure. Numbers are rounded: a hundredth of a pixel carries no information."""
+        """Write what could be seen in one exposure.
+
+        Numbers are rounded: a hundredth of a pixel carries no information.
+        """
+
         sightings = tuple(
             SightingDocument(
                 actor=sighting.actor,
                 range_m=round(sighting.range_m, 3),
                 height_px=round(sighting.height_px, 2),
                 visible=round(sighting.visible, 4),
-                box=(round(sighting.box[0], 2), round(sighting.box[1], 2), round(sighting.box[2], 2), round(sighting.box[3], 2)),
+                box=(
+                    round(sighting.box[0], 2),
+                    round(sighting.box[1], 2),
+                    round(sighting.box[2], 2),
+                    round(sighting.box[3], 2),
+                ),
             )
             for sighting in frame.sightings
         )
-        self._document(frame.exposed, TRUTH_VIEW, ViewDocument(frame=frame.number, camera=frame.camera, sightings=sightings))
+        self._document(
+            frame.exposed,
+            TRUTH_VIEW,
+            ViewDocument(frame=frame.number, camera=frame.camera, sightings=sightings),
+        )
 
     def keep_mavlink(self, link: str, direction: str, frames: bytes) -> None:
         """Keep raw MAVLink of the present step for `write_mavlink`."""
         self._wire.setdefault((link, direction), bytearray()).extend(frames)
 
     def write_mavlink(self, began: SimTime, ended: SimTime) -> None:
-        """Write the MAVLink of a step: what came from the agent at its beginning, what went to it at its end."""
+        """Write the MAVLink of a step: what came from the agent at its beginning, what went to it at its
+        end.
+        """
+
         if not self._wire:
             return
         for direction, time in (("from_agent", began), ("to_agent", ended)):
             for link, link_direction in sorted(self._wire):
                 if link_direction == direction:
-                    data = encode(UInt8MultiArray(layout=_PLAIN_LAYOUT, data=bytes(self._wire[link, link_direction])))
+                    data = encode(
+                        UInt8MultiArray(layout=_PLAIN_LAYOUT, data=bytes(self._wire[link, link_direction]))
+                    )
                     self._tap(Record(time, mavlink_topic(link, link_direction), UInt8MultiArray.TYPE, data))
         self._wire.clear()
 
@@ -144,12 +162,15 @@ class TruthRecorder:
             child_frame_id=self._base,
             pose=PoseWithCovariance(
                 pose=Pose(
-                    position=Point(x=east, y=north, z=up), orientation=body_in_map(state.roll_rad, state.pitch_rad, state.yaw_rad)
+                    position=Point(x=east, y=north, z=up),
+                    orientation=body_in_map(state.roll_rad, state.pitch_rad, state.yaw_rad),
                 ),
                 covariance=_UNKNOWN_COVARIANCE,
             ),
             twist=TwistWithCovariance(
-                twist=Twist(linear=Vector3(x=forward, y=leftward, z=upward), angular=Vector3(x=roll, y=-pitch, z=-yaw)),
+                twist=Twist(
+                    linear=Vector3(x=forward, y=leftward, z=upward), angular=Vector3(x=roll, y=-pitch, z=-yaw)
+                ),
                 covariance=_UNKNOWN_COVARIANCE,
             ),
         )
@@ -168,7 +189,10 @@ class TruthRecorder:
 
 
 def _shape(condition: VehicleCondition) -> tuple[object, ...]:
-    """What makes a condition new: everything but the charge, which changes all the time, and failures, which have events."""
+    """What makes a condition new: everything but the charge, which changes all the time, and failures, which
+    have events.
+    """
+
     return condition.armed, condition.landed, condition.crashed, condition.mode, condition.failsafe
 
 

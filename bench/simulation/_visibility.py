@@ -1,7 +1,8 @@
 """Which actors are in the picture, how large, and how much of them is visible.
 
-Bodies are cuboids, upright on flat ground. Each step works on the whole cast at once: a cheap cull by spheres, then the
-corners of the candidates, then lines of sight to what is in the picture. Only solid bodies hide others.
+Bodies are cuboids, upright on flat ground. Each step works on the whole cast at once: a cheap cull by
+spheres, then the corners of the candidates, then lines of sight to what is in the picture. Only solid bodies
+hide others.
 """
 
 from __future__ import annotations
@@ -34,12 +35,16 @@ _ROWS = 128
 """Bodies checked for occlusion at a time, which bounds the memory of a crowded picture."""
 
 _CORNERS = np.array([(a, b, c) for a in (-1.0, 1.0) for b in (-1.0, 1.0) for c in (-1.0, 1.0)])
-_SAMPLES = np.array([(across, down) for across in (-1.0, 0.0, 1.0) for down in (-1.0, 0.0, 1.0)]) * SAMPLE_SPREAD
+_SAMPLES = (
+    np.array([(across, down) for across in (-1.0, 0.0, 1.0) for down in (-1.0, 0.0, 1.0)]) * SAMPLE_SPREAD
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Bodies:
-    """(n, 3) half length, width and height; (n,) radius of the sphere round each; (n,) whether it hides others."""
+    """(n, 3) half length, width and height; (n,) radius of the sphere round each; (n,) whether it hides
+    others.
+    """
 
     half_m: Floats
     radius_m: Floats
@@ -56,7 +61,9 @@ class Bodies:
 
 @dataclass(frozen=True, slots=True)
 class _Posed:
-    """Bodies in camera coordinates: (k,) indices, (k, 3) centres, (k, 3, 3) length, width and height axes as rows, halves, radii."""
+    """Bodies in camera coordinates: (k,) indices, (k, 3) centres, (k, 3, 3) length, width and height axes as
+    rows, halves, radii.
+    """
 
     index: NDArray[np.intp]
     centre: Floats
@@ -65,13 +72,18 @@ class _Posed:
     radius: Floats
 
     def only(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> _Posed:
-        return _Posed(self.index[which], self.centre[which], self.axes[which], self.half[which], self.radius[which])
+        return _Posed(
+            self.index[which], self.centre[which], self.axes[which], self.half[which], self.radius[which]
+        )
 
 
 def sightings(
     camera: PinholeCamera, state: VehicleState, bodies: Bodies, foot_enu_m: Floats, headings_rad: Floats
 ) -> tuple[Sighting, ...]:
-    """Truth about every actor in the picture, in the order of the cast; `foot_enu_m` is (n, 3), the middle of each footprint."""
+    """Truth about every actor in the picture, in the order of the cast; `foot_enu_m` is (n, 3), the middle of
+    each footprint.
+    """
+
     axes = camera.axes_enu(state)
     relative = foot_enu_m - state.position_enu_m
     # Actors are placed by the middle of their footprint; a body's middle is half its height above that.
@@ -131,13 +143,20 @@ def _body_axes(camera_axes: Floats, headings_rad: Floats) -> Floats:
     """(k, 3, 3) length, width and height axes of upright bodies, as rows in camera coordinates."""
     s, c = np.sin(headings_rad)[:, None], np.cos(headings_rad)[:, None]
     east, north, up = camera_axes.T
-    return np.stack((s * east + c * north, c * east - s * north, np.broadcast_to(up, (len(headings_rad), 3))), axis=1)
+    return np.stack(
+        (s * east + c * north, c * east - s * north, np.broadcast_to(up, (len(headings_rad), 3))), axis=1
+    )
 
 
 def _boxes(camera: PinholeCamera, posed: _Posed) -> Floats:
-    """(k, 4) left, top, right, bottom round the corners' pixels. What reaches behind the camera is cut just before it."""
+    """(k, 4) left, top, right, bottom round the corners' pixels.
+
+    What reaches behind the camera is cut just before it.
+    """
+
     corners = posed.centre[:, None, :] + _CORNERS @ (posed.axes * posed.half[:, :, None])
-    # A corner behind the camera has no pixel. Cut just before it, its box reaches beyond the border, as it should.
+    # A corner behind the camera has no pixel. Cut just before it, its box reaches beyond the border, as it
+    # should.
     depth = np.maximum(corners[..., 2:], LEAST_DEPTH_M)
     pixels = corners[..., :2] / depth * (camera.fx, camera.fy) + (camera.cx, camera.cy)
     return np.concatenate((pixels.min(axis=1), pixels.max(axis=1)), axis=1)
@@ -151,7 +170,9 @@ def _hidden(shown: _Posed, solids: _Posed) -> Floats:
     # Pairs of shown and solid bodies grow with the square of the crowd.
     for begin in range(0, len(hidden), _ROWS):
         rows = slice(begin, begin + _ROWS)
-        part = _Posed(shown.index[rows], shown.centre[rows], shown.axes[rows], shown.half[rows], shown.radius[rows])
+        part = _Posed(
+            shown.index[rows], shown.centre[rows], shown.axes[rows], shown.half[rows], shown.radius[rows]
+        )
         hidden[rows] = _hidden_part(part, solids)
     return hidden
 
@@ -162,18 +183,23 @@ def _hidden_part(shown: _Posed, solids: _Posed) -> Floats:
     if not len(body):
         return np.zeros(len(shown.index))
     points = _sample_points(shown)[body]
-    # In the axes of each solid the box is axis-aligned, which is what the slab test needs. The camera is the origin.
+    # In the axes of each solid the box is axis-aligned, which is what the slab test needs. The camera is the
+    # origin.
     eye = -solids.centre[solid][:, None, :]
     turn = solids.axes[solid].transpose(0, 2, 1)
     hits = crosses_box(eye @ turn, (points + eye) @ turn, solids.half[solid][:, None, :])
-    # Not `blocked[body] |= hits`: a body occurs once for each solid, and plain indexing keeps only its last row.
+    # Not `blocked[body] |= hits`: a body occurs once for each solid, and plain indexing keeps only its last
+    # row.
     np.logical_or.at(blocked, body, hits)
     hidden: Floats = np.count_nonzero(blocked, axis=1) / len(_SAMPLES)
     return hidden
 
 
 def _may_hide(shown: _Posed, solids: _Posed) -> NDArray[np.bool_]:
-    """(k, s) whether the cone round a solid overlaps that round a shown body, and begins before that body ends."""
+    """(k, s) whether the cone round a solid overlaps that round a shown body, and begins before that body
+    ends.
+    """
+
     range_shown, range_solid = np.sqrt((shown.centre**2).sum(axis=1)), np.sqrt((solids.centre**2).sum(axis=1))
     cosine = (shown.centre @ solids.centre.T) / np.maximum(range_shown[:, None] * range_solid, 1e-9)
     apart = np.arccos(np.clip(cosine, -1.0, 1.0))
@@ -189,14 +215,17 @@ def _cone(radius: Floats, distance: Floats) -> Floats:
 
 
 def _sample_points(shown: _Posed) -> Floats:
-    """(k, 9, 3) points of each body, spread over its silhouette: three across the picture times three down it.
+    """(k, 9, 3) points of each body, spread over its silhouette: three across the picture times three down
+    it.
 
     They are laid out on the plane through the body's middle, then drawn in to the body.
     """
+
     edges = shown.axes * shown.half[:, :, None]
     extent = np.abs(edges[..., :2]).sum(axis=1)
     on_plane = _SAMPLES * extent[:, None, :]
-    # The silhouette's rectangle is wider than a body seen at an angle; clipping keeps every sample on the body.
+    # The silhouette's rectangle is wider than a body seen at an angle; clipping keeps every sample on the
+    # body.
     local = on_plane @ shown.axes[..., :2].transpose(0, 2, 1)
     bound = shown.half[:, None, :]
     points: Floats = shown.centre[:, None, :] + np.clip(local, -bound, bound) @ shown.axes

@@ -1,15 +1,16 @@
 """Analysis of variance of one node's scores (or confidences) over the factors of a design.
 
-Sums of squares are of type II: each term is tested beside all others that do not contain it. Designs of campaigns are
-balanced or nearly so (a `take` leaves cells short), for which type II has more power than type III and does not depend on how
-levels are coded; type III would test a main effect in a model that keeps its interactions without it.
+Sums of squares are of type II: each term is tested beside all others that do not contain it. Designs of
+campaigns are balanced or nearly so (a `take` leaves cells short), for which type II has more power than type
+III and does not depend on how levels are coded; type III would test a main effect in a model that keeps its
+interactions without it.
 
-Where replicates share a design point, the test is a Wald test with errors clustered by design point, with the small-sample
-correction CR2 and Hotelling's reference distribution on as many degrees of freedom as the design points leave. Over seeds without
-an effect it errs in 4 to 8 of 100; plain cluster errors (CR1) find far more and the jackknife (CR3) hardly any.
-CR2: Bell, R. M. and McCaffrey, D. F. (2002), Survey Methodology 28(2), 169-181; Pustejovsky, J. E. and Tipton, E. (2018),
-Journal of Business and Economic Statistics 36(4), 672-683. Omega squared: Olejnik, S. and Algina, J. (2003), Psychological
-Methods 8(4), 434-447.
+Where replicates share a design point, the test is a Wald test with errors clustered by design point, with the
+small-sample correction CR2 and Hotelling's reference distribution on as many degrees of freedom as the design
+points leave. Over seeds without an effect it errs in 4 to 8 of 100; plain cluster errors (CR1) find far more
+and the jackknife (CR3) hardly any. CR2: Bell, R. M. and McCaffrey, D. F. (2002), Survey Methodology 28(2),
+169-181; Pustejovsky, J. E. and Tipton, E. (2018), Journal of Business and Economic Statistics 36(4), 672-683.
+Omega squared: Olejnik, S. and Algina, J. (2003), Psychological Methods 8(4), 434-447.
 """
 
 from __future__ import annotations
@@ -23,7 +24,16 @@ from scipy import stats
 
 from bench.arrays import Floats
 
-from ._terms import FactorColumn, FactorIndependence, OmittedTerm, Term, Terms, design_matrix, independence, terms_of
+from ._terms import (
+    FactorColumn,
+    FactorIndependence,
+    OmittedTerm,
+    Term,
+    Terms,
+    design_matrix,
+    independence,
+    terms_of,
+)
 
 # Below this share of the total sum of squares a residual is rounding: float64 carries squares to about 1e-32.
 NEGLIGIBLE_SHARE = 1e-20
@@ -35,9 +45,11 @@ MAX_SHAPIRO_VALUES = 5000
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """One term: `eta2` is its share of the total sum of squares, `omega2` the same minus the share due to chance, at least 0.
+    """One term: `eta2` is its share of the total sum of squares, `omega2` the same minus the share due to
+    chance, at least 0.
 
-    `f` and `p` are None where nothing is left to test against; `note` says why, or names the terms that it is aliased with.
+    `f` and `p` are None where nothing is left to test against; `note` says why, or names the terms that it is
+    aliased with.
     """
 
     term: str
@@ -54,8 +66,9 @@ class Effect:
 class Anova:
     """The analysis of one node, with checks of its assumptions.
 
-    `normal_p` (Shapiro-Wilk) and `equal_spread_p` (Breusch-Pagan) test the residuals; None where they cannot be computed. A small
-    one means that the p values are rough. `note` says why there are no effects and is empty otherwise.
+    `normal_p` (Shapiro-Wilk) and `equal_spread_p` (Breusch-Pagan) test the residuals; None where they cannot
+    be computed. A small one means that the p values are rough. `note` says why there are no effects and is
+    empty otherwise.
     """
 
     n: int
@@ -71,12 +84,18 @@ class Anova:
 
 
 def anova(
-    values: Sequence[float] | Floats, factors: Sequence[FactorColumn], points: Sequence[str], *, interactions: bool = True
+    values: Sequence[float] | Floats,
+    factors: Sequence[FactorColumn],
+    points: Sequence[str],
+    *,
+    interactions: bool = True,
 ) -> Anova:
-    """Test which factors the values follow. `points` names the design point of each run; runs that share one are not independent.
+    """Test which factors the values follow. `points` names the design point of each run; runs that share one
+    are not independent.
 
     Never raises for terms that the design cannot carry: they are listed in `left_out`.
     """
+
     y = np.asarray(values, dtype=np.float64)
     clusters = cluster_codes(points)
     count = int(clusters.max()) + 1 if len(clusters) else 0
@@ -99,14 +118,18 @@ def _without_effects(empty: Anova, note: str) -> Anova:
     return Anova(empty.n, empty.points, empty.method, None, (), empty.left_out, empty.independence, note=note)
 
 
-def _with_effects(y: NDArray[np.float64], clusters: NDArray[np.int64], count: int, terms: Terms, empty: Anova) -> Anova:
+def _with_effects(
+    y: NDArray[np.float64], clusters: NDArray[np.int64], count: int, terms: Terms, empty: Anova
+) -> Anova:
     full, _ = design_matrix(terms.carried, len(y))
     residual = y - full @ _coefficients(full, y)
     total, residual_ss = float(((y - y.mean()) ** 2).sum()), float((residual**2).sum())
     exact = residual_ss <= NEGLIGIBLE_SHARE * total
     variance = None if exact else residual_ss / (len(y) - full.shape[1])
     residuals_cr2 = None if exact or count == len(y) else scaled_residuals(y, full, clusters)
-    tester = _EffectTester(y, clusters, terms, count - full.shape[1], total, variance, count < len(y), residuals_cr2)
+    tester = _EffectTester(
+        y, clusters, terms, count - full.shape[1], total, variance, count < len(y), residuals_cr2
+    )
     return Anova(
         n=empty.n,
         points=empty.points,
@@ -123,7 +146,10 @@ def _with_effects(y: NDArray[np.float64], clusters: NDArray[np.int64], count: in
 
 @dataclass(frozen=True, slots=True)
 class _EffectTester:
-    """Tests one term after another on the same runs. `variance` is None where the factors determine every value."""
+    """Tests one term after another on the same runs.
+
+    `variance` is None where the factors determine every value.
+    """
 
     y: NDArray[np.float64]
     clusters: NDArray[np.int64]
@@ -143,7 +169,11 @@ class _EffectTester:
         note = self.terms.note(term.name)
         if self.variance is None:
             return Effect(term.name, term.df, sum_sq, None, None, sum_sq / self.total, None, note)
-        f, p = self._clustered(term, full, columns[term.name]) if self.clustered else self._plain(term, sum_sq, self.variance)
+        f, p = (
+            self._clustered(term, full, columns[term.name])
+            if self.clustered
+            else self._plain(term, sum_sq, self.variance)
+        )
         if p is None:
             note = "; ".join(filter(None, (note, "too few design points to test it")))
         omega2 = max(0.0, (sum_sq - term.df * self.variance) / (self.total + self.variance))
@@ -153,17 +183,26 @@ class _EffectTester:
         f = sum_sq / term.df / variance
         return f, float(stats.f.sf(f, term.df, self.points_left))
 
-    def _clustered(self, term: Term, x: NDArray[np.float64], columns: slice) -> tuple[float | None, float | None]:
+    def _clustered(
+        self, term: Term, x: NDArray[np.float64], columns: slice
+    ) -> tuple[float | None, float | None]:
         denominator_df = self.points_left - term.df + 1
         if self.residuals_cr2 is None or denominator_df < 1:
             return None, None
         weights = np.asarray(np.linalg.pinv(x)[columns].T, dtype=np.float64)
         errors, estimates = clustered_errors(self.residuals_cr2, self.clusters, weights), weights.T @ self.y
-        f = float(estimates @ np.linalg.pinv(errors.T @ errors) @ estimates) / term.df * denominator_df / self.points_left
+        f = (
+            float(estimates @ np.linalg.pinv(errors.T @ errors) @ estimates)
+            / term.df
+            * denominator_df
+            / self.points_left
+        )
         return f, float(stats.f.sf(f, term.df, denominator_df))
 
 
-def scaled_residuals(y: NDArray[np.float64], x: NDArray[np.float64], clusters: NDArray[np.int64]) -> NDArray[np.float64] | None:
+def scaled_residuals(
+    y: NDArray[np.float64], x: NDArray[np.float64], clusters: NDArray[np.int64]
+) -> NDArray[np.float64] | None:
     """Residuals of the regression on `x`, scaled up to undo the leverage of each run's cluster (CR2).
 
     None where a single cluster determines a coefficient.
@@ -173,7 +212,9 @@ def scaled_residuals(y: NDArray[np.float64], x: NDArray[np.float64], clusters: N
     scaled = np.empty_like(residual)
     for cluster in range(int(clusters.max()) + 1):
         members = clusters == cluster
-        eigenvalues, eigenvectors = np.linalg.eigh(np.eye(int(members.sum())) - x[members] @ bread @ x[members].T)
+        eigenvalues, eigenvectors = np.linalg.eigh(
+            np.eye(int(members.sum())) - x[members] @ bread @ x[members].T
+        )
         # A zero eigenvalue means leverage 1: the residuals of this cluster are zero whatever happened in it.
         if eigenvalues[0] < 1e-9:
             return None
@@ -184,10 +225,12 @@ def scaled_residuals(y: NDArray[np.float64], x: NDArray[np.float64], clusters: N
 def clustered_errors(
     scaled: NDArray[np.float64], clusters: NDArray[np.int64], weights: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The contribution of each cluster to the error of the estimates `weights.T @ y`: one row a cluster; the crossproduct is CR2.
+    """The contribution of each cluster to the error of the estimates `weights.T @ y`: one row a cluster; the
+    crossproduct is CR2.
 
     With clusters of one run each and the weights of the regression this is MacKinnon and White's HC2.
     """
+
     errors = np.zeros((int(clusters.max()) + 1, weights.shape[1]))
     np.add.at(errors, clusters, weights * scaled[:, None])
     return errors

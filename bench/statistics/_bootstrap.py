@@ -1,10 +1,11 @@
 """Intervals of mean scores by resampling design points: a cluster bootstrap, for all nodes at once.
 
-Percentile intervals of a bootstrap are too short by the factor sqrt(n / (n - 1)) and by the normal's quantiles in place of
-Student's. Hesterberg's "expanded percentile" interval corrects both in the levels at which the percentiles are read.
-Hesterberg, T. C. (2015), "What teachers should know about the bootstrap", The American Statistician 69(4), 371-386. Cameron,
-A. C., Gelbach, J. B. and Miller, D. L. (2008), "Bootstrap-based improvements for inference with clustered errors", Review of
-Economics and Statistics 90(3), 414-427.
+Percentile intervals of a bootstrap are too short by the factor sqrt(n / (n - 1)) and by the normal's
+quantiles in place of Student's. Hesterberg's "expanded percentile" interval corrects both in the levels at
+which the percentiles are read. Hesterberg, T. C. (2015), "What teachers should know about the bootstrap", The
+American Statistician 69(4), 371-386. Cameron, A. C., Gelbach, J. B. and Miller, D. L. (2008),
+"Bootstrap-based improvements for inference with clustered errors", Review of Economics and Statistics 90(3),
+414-427.
 """
 
 from __future__ import annotations
@@ -21,10 +22,12 @@ from ._intervals import CONFIDENCE_LEVEL
 
 # Chosen, not measured.
 RESAMPLES = 1000
-# Below so many design points with a score a mean has no interval. With 5 of them 90 % of the intervals cover (docs/scoring.md).
+# Below so many design points with a score a mean has no interval. With 5 of them 90 % of the intervals cover
+# (docs/scoring.md).
 MIN_DESIGN_POINTS = 5
 
-# More design points are drawn in this many random groups: a group of clusters is a cluster too, and the work stays bounded.
+# More design points are drawn in this many random groups: a group of clusters is a cluster too, and the work
+# stays bounded.
 MAX_CLUSTERS = 500
 
 # Sums are rounded to millionths of a point, so that products are exact whatever order BLAS adds them in.
@@ -36,9 +39,11 @@ def bootstrap_means(
 ) -> tuple[Floats, Floats]:
     """Two-sided interval of each node's mean over runs; NaN where fewer than five design points have a value.
 
-    `total` and `count` are the sums and numbers of the values of each design point (rows) and node (columns). The names of the
-    design points seed the draws: the same table has the same interval, and nodes over the same points have the same draws.
+    `total` and `count` are the sums and numbers of the values of each design point (rows) and node (columns).
+    The names of the design points seed the draws: the same table has the same interval, and nodes over the
+    same points have the same draws.
     """
+
     ends = np.full((2, total.shape[1]), np.nan)
     points = (count > 0).sum(axis=0)
     able = np.flatnonzero(points >= MIN_DESIGN_POINTS)
@@ -46,12 +51,16 @@ def bootstrap_means(
         return ends[0], ends[1]
     order = sorted(range(len(design_points)), key=lambda number: design_points[number])
     rng = np.random.default_rng(_seed([design_points[number] for number in order]))
-    sums, counts = _grouped(np.rint(total[order][:, able] * _QUANTUM), count[order][:, able].astype(np.float64), rng)
+    sums, counts = _grouped(
+        np.rint(total[order][:, able] * _QUANTUM), count[order][:, able].astype(np.float64), rng
+    )
     weights = _draw_counts(sums.shape[0], rng)
     drawn = weights @ counts
     # A draw without any value has no mean; its NaN sorts last.
     with np.errstate(invalid="ignore"):
-        means = np.sort(np.where(drawn > 0.0, weights @ sums / _QUANTUM / np.maximum(drawn, 1.0), np.nan).T, axis=1)
+        means = np.sort(
+            np.where(drawn > 0.0, weights @ sums / _QUANTUM / np.maximum(drawn, 1.0), np.nan).T, axis=1
+        )
     known = np.isfinite(means).sum(axis=1)
     tail = _tail(points[able], level)
     ends[0, able] = _quantile(means, known, tail)
@@ -76,7 +85,9 @@ def _grouped(total: Floats, count: Floats, rng: np.random.Generator) -> tuple[Fl
 def _draw_counts(points: int, rng: np.random.Generator) -> Floats:
     """How often each point is drawn in each resample, as (resamples, points)."""
     drawn = rng.integers(0, points, size=(RESAMPLES, points)) + np.arange(RESAMPLES)[:, None] * points
-    return np.bincount(drawn.ravel(), minlength=RESAMPLES * points).reshape(RESAMPLES, points).astype(np.float64)
+    return (
+        np.bincount(drawn.ravel(), minlength=RESAMPLES * points).reshape(RESAMPLES, points).astype(np.float64)
+    )
 
 
 def _tail(points: Counts, level: float) -> Floats:

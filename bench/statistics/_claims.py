@@ -24,15 +24,24 @@ def pass_rate_at_most(passed: int, tried: int, level: float = CONFIDENCE_LEVEL) 
 
 
 def passes_for_claim(share: float, level: float = CONFIDENCE_LEVEL) -> int:
-    """Number of passes without a failure that supports a claim of `share`: 59 for 95 % at 95 % confidence, as 0.95^59 < 0.05."""
+    """Number of passes without a failure that supports a claim of `share`: 59 for 95 % at 95 % confidence, as
+    0.95^59 < 0.05.
+    """
+
     return further_passes_for_claim(0, 0, share, level)
 
 
 def further_passes_for_claim(passed: int, tried: int, share: float, level: float = CONFIDENCE_LEVEL) -> int:
-    """Further straight passes that support a claim of `share`; 0 where it holds already. Raises ValueError unless 0 < share < 1."""
+    """Further straight passes that support a claim of `share`; 0 where it holds already.
+
+    Raises ValueError unless 0 < share < 1.
+    """
+
     _require_counts(passed, tried)
     if not 0.0 < share < 1.0:
-        raise ValueError(f"no number of passes supports a claim of {share:g}; give a share above 0 and below 1")
+        raise ValueError(
+            f"no number of passes supports a claim of {share:g}; give a share above 0 and below 1"
+        )
     if _claims(passed, tried, share, level):
         return 0
     # The claim never holds with `low` more passes; `high` doubles until it holds.
@@ -41,12 +50,17 @@ def further_passes_for_claim(passed: int, tried: int, share: float, level: float
         low, high = high, 2 * high
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if _claims(passed + middle, tried + middle, share, level) else (middle, high)
+        low, high = (
+            (low, middle) if _claims(passed + middle, tried + middle, share, level) else (middle, high)
+        )
     return high
 
 
 def claim(passed: int, tried: int, share: float = 0.95, level: float = CONFIDENCE_LEVEL) -> str:
-    """A sentence: what `passed` of `tried` runs support, and how many straight passes a claim of `share` needs."""
+    """A sentence: what `passed` of `tried` runs support, and how many straight passes a claim of `share`
+    needs.
+    """
+
     _require_counts(passed, tried)
     if tried == 0:
         return f"Nothing was tried, so nothing can be claimed; {_needed_text(passes_for_claim(share, level), share)}."
@@ -68,7 +82,8 @@ def claim(passed: int, tried: int, share: float = 0.95, level: float = CONFIDENC
 
 def _claims(passed: int, tried: int, share: float, level: float) -> bool:
     """Whether this many passes or more are too unlikely at a pass rate of `share`."""
-    # The tail probability is computed directly; the bound of `pass_rate_at_least` is a root that may be rounded to the wrong side.
+    # The tail probability is computed directly; the bound of `pass_rate_at_least` is a root that may be
+    # rounded to the wrong side.
     return tried > 0 and float(stats.binom.sf(passed - 1, tried, share)) <= 1.0 - level
 
 

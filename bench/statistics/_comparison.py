@@ -1,4 +1,6 @@
-"""Two agents (or one agent in two campaigns) on the same scenes, node by node: what differs, how surely, and how many pairs would settle it."""
+"""Two agents (or one agent in two campaigns) on the same scenes, node by node: what differs, how surely, and
+how many pairs would settle it.
+"""
 
 from __future__ import annotations
 
@@ -17,18 +19,21 @@ from ._power import pairs_for_difference
 
 SIGNIFICANCE = 0.05
 MIN_DIFFERENCE = 0.1
-"""Where no difference was seen, the number of pairs is worked out for a difference of this size: chosen, not measured."""
+"""Where no difference was seen, the number of pairs is worked out for a difference of this size: chosen, not
+measured.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class NodeComparison:
     """One node on the pairs in which both sides were considered; every difference is second minus first.
 
-    `mcnemar_p` is exact and takes pairs as independent. `clustered_p` allows for pairs that share a design point (Durkalski et
-    al. 2003, Statistics in Medicine 22, 2417-2428) and is None where no two do. The larger of both is adjusted over all nodes
-    compared: `p_adjusted` (Benjamini-Hochberg) and `p_holm`. `settled` means `p_adjusted` below 0.05. `pairs_needed` is the number for
-    80 % power at the rates seen, tested at 0.05 over the number of nodes; None where the node is settled or no number
-    helps. `delta` is Cliff's delta over scores, with a failed run below every score. `points` counts design points.
+    `mcnemar_p` is exact and takes pairs as independent. `clustered_p` allows for pairs that share a design
+    point (Durkalski et al. 2003, Statistics in Medicine 22, 2417-2428) and is None where no two do. The
+    larger of both is adjusted over all nodes compared: `p_adjusted` (Benjamini-Hochberg) and `p_holm`.
+    `settled` means `p_adjusted` below 0.05. `pairs_needed` is the number for 80 % power at the rates seen,
+    tested at 0.05 over the number of nodes; None where the node is settled or no number helps. `delta` is
+    Cliff's delta over scores, with a failed run below every score. `points` counts design points.
     """
 
     node: str
@@ -74,13 +79,21 @@ class NodeComparison:
 
 
 def compare_nodes(
-    first: pl.DataFrame, second: pl.DataFrame, nodes: Sequence[str], *, excluded_outcomes: Collection[str], seed: int = 0
+    first: pl.DataFrame,
+    second: pl.DataFrame,
+    nodes: Sequence[str],
+    *,
+    excluded_outcomes: Collection[str],
+    seed: int = 0,
 ) -> tuple[NodeComparison, ...]:
-    """Compare two score tables (SCORE_COLUMNS, one agent each) over the (design point, replicate) pairs that both hold.
+    """Compare two score tables (SCORE_COLUMNS, one agent each) over the (design point, replicate) pairs that
+    both hold.
 
-    The caller vouches that a pair is the same scene on both sides. Runs with one of `excluded_outcomes` (those that the bench
-    spoilt) are in no pair. A node without a row on either side has no pairs. Shuffles are drawn from the seed and the node's name.
+    The caller vouches that a pair is the same scene on both sides. Runs with one of `excluded_outcomes`
+    (those that the bench spoilt) are in no pair. A node without a row on either side has no pairs. Shuffles
+    are drawn from the seed and the node's name.
     """
+
     compared = [_compared(_paired_rows(first, second, node, excluded_outcomes), node, seed) for node in nodes]
     p_values = [_conservative_p(comparison) for comparison in compared]
     tested = max(1, sum(p is not None for p in p_values))
@@ -93,7 +106,9 @@ def compare_nodes(
 
 def _compared(rows: pl.DataFrame, node: str, seed: int) -> NodeComparison:
     both = rows.drop_nulls(["confidence", "confidence_second"])
-    passed = list(zip(both["confidence"] >= 1.0, both["confidence_second"] >= 1.0, both["design_point"], strict=True))
+    passed = list(
+        zip(both["confidence"] >= 1.0, both["confidence_second"] >= 1.0, both["design_point"], strict=True)
+    )
     results = [(first, second) for first, second, _ in passed]
     counts = PairedCounts(
         both=results.count((True, True)),
@@ -102,7 +117,8 @@ def _compared(rows: pl.DataFrame, node: str, seed: int) -> NodeComparison:
         neither=results.count((False, False)),
     )
     first_outcomes, second_outcomes = _outcomes(rows, ""), _outcomes(rows, "_second")
-    # The node's name is part of the seed: adding a node to a comparison leaves the p values of the others as they are.
+    # The node's name is part of the seed: adding a node to a comparison leaves the p values of the others as
+    # they are.
     node_seed = zlib.crc32(f"{seed}/{node}".encode())
     return NodeComparison(
         node=node,
@@ -120,11 +136,17 @@ def _compared(rows: pl.DataFrame, node: str, seed: int) -> NodeComparison:
     )
 
 
-def _paired_rows(first: pl.DataFrame, second: pl.DataFrame, node: str, excluded_outcomes: Collection[str]) -> pl.DataFrame:
+def _paired_rows(
+    first: pl.DataFrame, second: pl.DataFrame, node: str, excluded_outcomes: Collection[str]
+) -> pl.DataFrame:
     columns = ["design_point", "replicate", "level", "score", "confidence"]
     is_counted = ~pl.col("outcome").is_in(list(excluded_outcomes))
-    first_rows, second_rows = (side.filter(pl.col("node") == node, is_counted).select(columns) for side in (first, second))
-    return first_rows.join(second_rows, on=["design_point", "replicate"], suffix="_second").sort("design_point", "replicate")
+    first_rows, second_rows = (
+        side.filter(pl.col("node") == node, is_counted).select(columns) for side in (first, second)
+    )
+    return first_rows.join(second_rows, on=["design_point", "replicate"], suffix="_second").sort(
+        "design_point", "replicate"
+    )
 
 
 def _outcomes(rows: pl.DataFrame, suffix: str) -> list[NodeOutcome]:
@@ -158,5 +180,6 @@ def _with_pairs_needed(comparison: NodeComparison, tested: int) -> NodeCompariso
     first, second = comparison.counts.only_first / pairs, comparison.counts.only_second / pairs
     shares = (first, second) if first != second else (first, min(1.0 - first, second + MIN_DIFFERENCE))
     needed = pairs_for_difference(*shares, alpha=SIGNIFICANCE / tested)
-    # The pairs at hand did not settle it, so at least one more is needed, whatever the power calculation says.
+    # The pairs at hand did not settle it, so at least one more is needed, whatever the power calculation
+    # says.
     return replace(comparison, pairs_needed=None if needed is None else max(needed, pairs + 1))

@@ -1,8 +1,8 @@
 """Competence: the difficulty up to which an agent passes, which failing can never raise (docs/rulings.md 17).
 
-A trial is a run in which a node is considered. It passes when every considered descendant observable is achieved, and its
-difficulty is the node's configured one. Isotonic fit: Ayer, Brunk, Ewing, Reid and Silverman (1955), Annals of Mathematical
-Statistics 26(4), 641-647.
+A trial is a run in which a node is considered. It passes when every considered descendant observable is
+achieved, and its difficulty is the node's configured one. Isotonic fit: Ayer, Brunk, Ewing, Reid and
+Silverman (1955), Annals of Mathematical Statistics 26(4), 641-647.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from bench.arrays import Bools, Counts, Floats
 
 from ._intervals import CONFIDENCE_LEVEL
 
-# Difficulties that agree to this many decimals are one difficulty (ruling 14): interpolation leaves rounding errors.
+# Difficulties that agree to this many decimals are one difficulty (ruling 14): interpolation leaves rounding
+# errors.
 DIFFICULTY_DECIMALS = 6
 
 # Fractions, not floats: a pass rate of exactly nine tenths must reach the share of nine tenths.
@@ -28,7 +29,8 @@ COMPETENCE_SHARES = {"50": (1, 2), "90": (9, 10)}
 # Bounds the work of the lower bound; above it neighbouring difficulties are merged. Chosen, not measured.
 MAX_DIFFICULTY_CLASSES = 32
 
-# Stakes of the bets and their weights: 5 and 33 straight passes reach the shares of 50 and 90 %, where exact tests of one
+# Stakes of the bets and their weights: 5 and 33 straight passes reach the shares of 50 and 90 %, where exact
+# tests of one
 # group of runs need 5 and 29 (docs/scoring.md).
 _STEPS = np.array([0.995, 0.9, 0.75, 0.5])
 _WEIGHTS = np.array([0.4, 0.2, 0.2, 0.2])
@@ -46,11 +48,13 @@ class Trials:
 
 @dataclass(frozen=True, slots=True)
 class Competence:
-    """Competence of every group, as arrays; where `trials` is 0 there is none, whatever the other arrays hold.
+    """Competence of every group, as arrays; where `trials` is 0 there is none, whatever the other arrays
+    hold.
 
-    `value` is the largest tested difficulty at which the antitonic fit of the pass rate reaches the share, 0 where none does.
-    `at_least` is true where it is the highest difficulty tested, so that its end is not known. `low` is a one-sided 95 % lower
-    bound of the largest tested difficulty at which the pass probability reaches the share.
+    `value` is the largest tested difficulty at which the antitonic fit of the pass rate reaches the share, 0
+    where none does. `at_least` is true where it is the highest difficulty tested, so that its end is not
+    known. `low` is a one-sided 95 % lower bound of the largest tested difficulty at which the pass
+    probability reaches the share.
     """
 
     trials: Counts
@@ -61,7 +65,8 @@ class Competence:
 
 @dataclass(frozen=True, slots=True)
 class TrialCounts:
-    """Trials counted. `cells` are the difficulties (in millionths) of each group with their sums, easiest first.
+    """Trials counted. `cells` are the difficulties (in millionths) of each group with their sums, easiest
+    first.
 
     `alike` counts the design points of each cell that had the same number of trials and passes.
     """
@@ -74,14 +79,25 @@ class TrialCounts:
 def count_trials(trials: Trials, groups: int) -> TrialCounts:
     """Count the trials of groups 0 to `groups` - 1, in any order."""
     hard = _millionths(trials.difficulty)
-    frame = pl.DataFrame({"group": trials.group, "difficulty": hard, "point": trials.design_point, "passed": trials.passed})
-    points = frame.group_by("group", "difficulty", "point").agg(pl.len().alias("tried"), pl.col("passed").sum())
-    group, difficulty, tried, passed = (points[name].cast(pl.Int64).to_numpy() for name in points.columns if name != "point")
+    frame = pl.DataFrame(
+        {"group": trials.group, "difficulty": hard, "point": trials.design_point, "passed": trials.passed}
+    )
+    points = frame.group_by("group", "difficulty", "point").agg(
+        pl.len().alias("tried"), pl.col("passed").sum()
+    )
+    group, difficulty, tried, passed = (
+        points[name].cast(pl.Int64).to_numpy() for name in points.columns if name != "point"
+    )
     return _counted(group, difficulty, tried, passed, groups)
 
 
-def count_design_points(group: Counts, difficulty: Floats, tried: Counts, passed: Counts, groups: int) -> TrialCounts:
-    """The same from the trials and passes of each design point, where a design point has one difficulty in a group."""
+def count_design_points(
+    group: Counts, difficulty: Floats, tried: Counts, passed: Counts, groups: int
+) -> TrialCounts:
+    """The same from the trials and passes of each design point, where a design point has one difficulty in a
+    group.
+    """
+
     return _counted(group, _millionths(difficulty), tried, passed, groups)
 
 
@@ -90,35 +106,47 @@ def _counted(group: Counts, millionths: Counts, tried: Counts, passed: Counts, g
     keys, cell = np.unique((group << 32) | millionths, return_inverse=True)
     most = int(tried.max(initial=0)) + 1
     kinds, count = np.unique((cell * most + tried) * most + passed, return_counts=True)
-    alike = pl.DataFrame({"cell": kinds // most**2, "tried": kinds // most % most, "passed": kinds % most, "points": count})
+    alike = pl.DataFrame(
+        {"cell": kinds // most**2, "tried": kinds // most % most, "passed": kinds % most, "points": count}
+    )
 
     def summed(values: Counts) -> Counts:
         return np.bincount(cell, weights=values, minlength=keys.size).astype(np.int64)
 
-    cells = {"tried": summed(tried), "passed": summed(passed), "points": np.bincount(cell, minlength=keys.size)}
-    return TrialCounts(groups, pl.DataFrame({"group": keys >> 32, "difficulty": keys & 0xFFFFFFFF, **cells}), alike)
+    cells = {
+        "tried": summed(tried),
+        "passed": summed(passed),
+        "points": np.bincount(cell, minlength=keys.size),
+    }
+    return TrialCounts(
+        groups, pl.DataFrame({"group": keys >> 32, "difficulty": keys & 0xFFFFFFFF, **cells}), alike
+    )
 
 
 def competence(counted: TrialCounts, share: tuple[int, int]) -> Competence:
     """Competence of every group at a pass rate of `share` (numerator, denominator).
 
-    **The value.** Difficulties equal to six decimals are one cell. With G(k) the sum over the k easiest cells of passes
-    less share x trials, the antitonic fit (weights: trials) reaches the share at cell j exactly when the greatest G from j on
-    is no less than every G before j (min-max formula). The largest such j is the last k at which G is greatest; 0 is none.
-    A pass turned into a failure lowers G from its cell on, so the last maximum never moves up. All is in whole numbers.
+    **The value.** Difficulties equal to six decimals are one cell. With G(k) the sum over the k easiest cells
+    of passes less share x trials, the antitonic fit (weights: trials) reaches the share at cell j exactly
+    when the greatest G from j on is no less than every G before j (min-max formula). The largest such j is
+    the last k at which G is greatest; 0 is none. A pass turned into a failure lowers G from its cell on, so
+    the last maximum never moves up. All is in whole numbers.
 
-    **The bound.** Assumed: the pass probability p does not rise with difficulty; design points are independent; a design
-    point's mean pass rate is on average p of its difficulty, whatever its replicates have in common. H(j) says p(j) <
-    share. If it holds, so it does at everything harder. For one design point with the share Y of passes, 1 + t (Y - share)
-    / share is then a bet of mean at most 1, for every t in [0, 1]; the product from cell j upwards, averaged over fixed t, is
-    a non-negative supermartingale, and by Ville's inequality it ever reaches 20 with probability at most 5 % (Waudby-Smith
-    and Ramdas 2024, JRSS B 86(1), 1-27; Howard et al. 2021, Annals of Statistics 49(2), 1055-1080). So H(j) is rejected
-    where it does at the end of some cell from j on: no correction is owed for choosing where. The H(j) are tested from easy
-    to hard, and the first that stands ends it (fixed sequence: Maurer, Hothorn and Lehmacher 1995): to claim too much, the
-    first true H(j) must be rejected, so the whole claim is wrong with probability at most 5 %. Every bet grows with Y, so a
-    failure can only lower the bound. It never exceeds the value. Above 32 difficulties, neighbours are bound into 32
-    classes with like numbers of design points, claimed at their easiest.
+    **The bound.** Assumed: the pass probability p does not rise with difficulty; design points are
+    independent; a design point's mean pass rate is on average p of its difficulty, whatever its replicates
+    have in common. H(j) says p(j) < share. If it holds, so it does at everything harder. For one design point
+    with the share Y of passes, 1 + t (Y - share) / share is then a bet of mean at most 1, for every t in [0,
+    1]; the product from cell j upwards, averaged over fixed t, is a non-negative supermartingale, and by
+    Ville's inequality it ever reaches 20 with probability at most 5 % (Waudby-Smith and Ramdas 2024, JRSS B
+    86(1), 1-27; Howard et al. 2021, Annals of Statistics 49(2), 1055-1080). So H(j) is rejected where it does
+    at the end of some cell from j on: no correction is owed for choosing where. The H(j) are tested from easy
+    to hard, and the first that stands ends it (fixed sequence: Maurer, Hothorn and Lehmacher 1995): to claim
+    too much, the first true H(j) must be rejected, so the whole claim is wrong with probability at most 5 %.
+    Every bet grows with Y, so a failure can only lower the bound. It never exceeds the value. Above 32
+    difficulties, neighbours are bound into 32 classes with like numbers of design points, claimed at their
+    easiest.
     """
+
     cells = counted.cells
     group, tried, passed = (cells[name].to_numpy() for name in ("group", "tried", "passed"))
     difficulty = cells["difficulty"].to_numpy() / 10.0**DIFFICULTY_DECIMALS
@@ -129,14 +157,26 @@ def competence(counted: TrialCounts, share: tuple[int, int]) -> Competence:
 
 
 def competence_of(
-    difficulty: ArrayLike, passed: ArrayLike, design_points: Sequence[str] | None = None, share: tuple[int, int] = (1, 2)
+    difficulty: ArrayLike,
+    passed: ArrayLike,
+    design_points: Sequence[str] | None = None,
+    share: tuple[int, int] = (1, 2),
 ) -> tuple[float, float, bool]:
-    """Value, lower bound and `at least` of one list of trials; without design points each trial is a design point."""
+    """Value, lower bound and `at least` of one list of trials; without design points each trial is a design
+    point.
+    """
+
     difficulties = np.asarray(difficulty, dtype=np.float64)
-    names = list(design_points) if design_points is not None else [str(number) for number in range(difficulties.size)]
+    names = (
+        list(design_points)
+        if design_points is not None
+        else [str(number) for number in range(difficulties.size)]
+    )
     numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
     points = np.array([numbers[name] for name in names], dtype=np.int64)
-    trials = Trials(np.zeros(difficulties.size, dtype=np.int64), difficulties, np.asarray(passed, dtype=np.bool_), points)
+    trials = Trials(
+        np.zeros(difficulties.size, dtype=np.int64), difficulties, np.asarray(passed, dtype=np.bool_), points
+    )
     result = competence(count_trials(trials, 1), share)
     return float(result.value[0]), float(result.low[0]), bool(result.at_least[0])
 
@@ -163,7 +203,10 @@ def _isotonic_value(group: Counts, difficulty: Floats, gain: Counts, groups: int
 
 
 def _classes(group: Counts, points: Counts) -> Counts:
-    """Number of the class of each cell within its group: one class a cell, or classes of like numbers of design points."""
+    """Number of the class of each cell within its group: one class a cell, or classes of like numbers of
+    design points.
+    """
+
     if not group.size:
         return np.zeros(0, dtype=np.int64)
     first = np.flatnonzero(np.diff(group, prepend=-1))
@@ -172,7 +215,9 @@ def _classes(group: Counts, points: Counts) -> Counts:
     before = summed - points - np.repeat(summed[first] - points[first], cells)
     total = np.repeat(np.add.reduceat(points, first), cells)
     place = np.arange(group.size) - np.repeat(first, cells)
-    wanted = np.where(np.repeat(cells, cells) <= MAX_DIFFICULTY_CLASSES, place, before * MAX_DIFFICULTY_CLASSES // total)
+    wanted = np.where(
+        np.repeat(cells, cells) <= MAX_DIFFICULTY_CLASSES, place, before * MAX_DIFFICULTY_CLASSES // total
+    )
     fresh = np.diff(wanted, prepend=-1) != 0
     fresh[first] = False
     number = np.cumsum(fresh)
@@ -190,13 +235,17 @@ def _lower_bound(counted: TrialCounts, group: Counts, difficulty: Floats, share:
     easiest_difficulty = np.full(counted.groups * width, np.inf)
     np.minimum.at(easiest_difficulty, slot, difficulty)
     shape = (counted.groups, width)
-    claimed = _leading_true(_highest_wealth(counted.alike, slot, shape, share) >= (1.0 - 1e-12) / (1.0 - CONFIDENCE_LEVEL))
+    claimed = _leading_true(
+        _highest_wealth(counted.alike, slot, shape, share) >= (1.0 - 1e-12) / (1.0 - CONFIDENCE_LEVEL)
+    )
     any_claimed = claimed > 0
     low[any_claimed] = easiest_difficulty.reshape(shape)[any_claimed, claimed[any_claimed] - 1]
     return low
 
 
-def _highest_wealth(alike: pl.DataFrame, slot_of_cell: Counts, shape: tuple[int, int], share: float) -> Floats:
+def _highest_wealth(
+    alike: pl.DataFrame, slot_of_cell: Counts, shape: tuple[int, int], share: float
+) -> Floats:
     """The highest wealth that bets from each class upwards ever reach, as (groups, classes)."""
     slot, points = slot_of_cell[alike["cell"].to_numpy()], alike["points"].to_numpy()
     excess = (alike["passed"].to_numpy() / alike["tried"].to_numpy() - share) / share

@@ -1,9 +1,11 @@
-"""Difficulty-response: a logistic curve of the pass probability over difficulty, to be drawn beside competence.
+"""Difficulty-response: a logistic curve of the pass probability over difficulty, to be drawn beside
+competence.
 
-As in probability-of-detection practice (MIL-HDBK-1823A, 2009), but fitted by Firth's penalised likelihood, which stays finite
-where passes and failures are separated: Firth, D. (1993), "Bias reduction of maximum likelihood estimates", Biometrika 80(1),
-27-38; Heinze, G. and Schemper, M. (2002), Statistics in Medicine 21(16), 2409-2419. Its 50 % point rises when easy runs fail,
-so it is never used as the number (docs/rulings.md 17).
+As in probability-of-detection practice (MIL-HDBK-1823A, 2009), but fitted by Firth's penalised likelihood,
+which stays finite where passes and failures are separated: Firth, D. (1993), "Bias reduction of maximum
+likelihood estimates", Biometrika 80(1), 27-38; Heinze, G. and Schemper, M. (2002), Statistics in Medicine
+21(16), 2409-2419. Its 50 % point rises when easy runs fail, so it is never used as the number
+(docs/rulings.md 17).
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ MIN_RUNS = 10
 _GRID_POINTS = 101
 _MAX_ROUNDS = 100
 
-# The largest step of a coefficient in one round, on the logit scale of standardised difficulty: longer ones overshoot.
+# The largest step of a coefficient in one round, on the logit scale of standardised difficulty: longer ones
+# overshoot.
 _MAX_STEP = 5.0
 
 
@@ -44,10 +47,11 @@ class CurveState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Pass probability over a grid of difficulties from the easiest to the hardest tested, with a pointwise band.
+    """Pass probability over a grid of difficulties from the easiest to the hardest tested, with a pointwise
+    band.
 
-    The arrays are empty where there is no curve. `half_at` is the difficulty with a pass probability of one half; None where the
-    curve does not fall through one half within the difficulties tested.
+    The arrays are empty where there is no curve. `half_at` is the difficulty with a pass probability of one
+    half; None where the curve does not fall through one half within the difficulties tested.
     """
 
     state: CurveState
@@ -65,13 +69,18 @@ class Curve:
 
 
 def difficulty_response(
-    difficulty: ArrayLike, passed: ArrayLike, design_points: Sequence[str] | None = None, level: float = CONFIDENCE_LEVEL
+    difficulty: ArrayLike,
+    passed: ArrayLike,
+    design_points: Sequence[str] | None = None,
+    level: float = CONFIDENCE_LEVEL,
 ) -> Curve:
     """Fit the curve to trials, which are those of `competence`.
 
-    The band is Wald's on the logit scale. Where design points are given and their counts scatter more than independent
-    runs would (Pearson's chi-squared over its degrees of freedom above 1), the variance is multiplied by that ratio.
+    The band is Wald's on the logit scale. Where design points are given and their counts scatter more than
+    independent runs would (Pearson's chi-squared over its degrees of freedom above 1), the variance is
+    multiplied by that ratio.
     """
+
     hard, ok = np.asarray(difficulty, dtype=np.float64), np.asarray(passed, dtype=np.float64)
     state = _state(hard, ok)
     if state in (CurveState.TOO_FEW, CurveState.ONE_DIFFICULTY):
@@ -84,7 +93,9 @@ def difficulty_response(
     grid = np.linspace(hard.min(), hard.max(), _GRID_POINTS)
     rows = np.stack([np.ones_like(grid), (grid - middle) / scale], axis=1)
     logit = rows @ beta
-    half_width = float(stats.norm.ppf(0.5 + level / 2.0)) * np.sqrt(np.einsum("ij,jk,ik->i", rows, spread, rows))
+    half_width = float(stats.norm.ppf(0.5 + level / 2.0)) * np.sqrt(
+        np.einsum("ij,jk,ik->i", rows, spread, rows)
+    )
     ends = (_logistic(logit - half_width), _logistic(logit + half_width))
     return Curve(state, hard.size, grid, _logistic(logit), *ends, _even_chance(beta, middle, scale, grid))
 
@@ -133,7 +144,10 @@ def _information(design: Floats, beta: Floats) -> NDArray[np.float64]:
 
 
 def _dispersion(design: Floats, ok: Floats, beta: Floats, design_points: Sequence[str] | None) -> float:
-    """How much more the counts of design points scatter than those of independent runs; at least 1, and 1 without design points."""
+    """How much more the counts of design points scatter than those of independent runs; at least 1, and 1
+    without design points.
+    """
+
     if design_points is None:
         return 1.0
     _, point = np.unique(np.array(list(design_points)), return_inverse=True)

@@ -1,8 +1,9 @@
 """Jensen-Shannon divergence between the results of two agents (or campaigns) at one node.
 
-A run falls into one class: not considered, failed (considered, but without a score), or a band of scores. Bands are 20
-points wide, ending where tensions end; 10 from 50 runs a side, 5 from 200. Lin, J. (1991), "Divergence measures based on the
-Shannon entropy", IEEE Transactions on Information Theory 37(1), 145-151; base 2, so that it lies in [0, 1].
+A run falls into one class: not considered, failed (considered, but without a score), or a band of scores.
+Bands are 20 points wide, ending where tensions end; 10 from 50 runs a side, 5 from 200. Lin, J. (1991),
+"Divergence measures based on the Shannon entropy", IEEE Transactions on Information Theory 37(1), 145-151;
+base 2, so that it lies in [0, 1].
 """
 
 from __future__ import annotations
@@ -31,9 +32,11 @@ class NodeOutcome:
 
 @dataclass(frozen=True, slots=True)
 class Divergence:
-    """`value` is in bits, [0, 1]; `by_chance` is its mean over shuffled labels, which is above 0 in small samples.
+    """`value` is in bits, [0, 1]; `by_chance` is its mean over shuffled labels, which is above 0 in small
+    samples.
 
-    `p` is the share of shuffles (the data itself included) that diverge at least as much. `band` is the width of score bands in points.
+    `p` is the share of shuffles (the data itself included) that diverge at least as much. `band` is the width
+    of score bands in points.
     """
 
     value: float
@@ -46,13 +49,19 @@ class Divergence:
 
 
 def divergence(
-    first: Sequence[NodeOutcome], second: Sequence[NodeOutcome], *, paired: bool, seed: int = 0, shuffles: int = SHUFFLES
+    first: Sequence[NodeOutcome],
+    second: Sequence[NodeOutcome],
+    *,
+    paired: bool,
+    seed: int = 0,
+    shuffles: int = SHUFFLES,
 ) -> Divergence | None:
     """Compare two sets of runs; None where either is empty.
 
-    `paired` runs have the same order on both sides, and a shuffle swaps within pairs; otherwise it mixes all runs. Raises
-    ValueError for paired sides of different length. The same seed gives the same p.
+    `paired` runs have the same order on both sides, and a shuffle swaps within pairs; otherwise it mixes all
+    runs. Raises ValueError for paired sides of different length. The same seed gives the same p.
     """
+
     if not first or not second:
         return None
     if paired and len(first) != len(second):
@@ -93,7 +102,8 @@ def _outcome_class(outcome: NodeOutcome, band: float) -> int:
         return NOT_CONSIDERED
     if outcome.score is None:
         return FAILED
-    # Bands end at 20, 40, ... inclusive, like tensions; scores below 0 fall into the first band, those above 100 into the last.
+    # Bands end at 20, 40, ... inclusive, like tensions; scores below 0 fall into the first band, those above
+    # 100 into the last.
     rounded = round(outcome.score / band, 9)
     return BANDS + int(min(max(np.ceil(rounded), 1), np.ceil(100 / band) + 1))
 
@@ -103,10 +113,17 @@ def _shuffled_pairs(
 ) -> NDArray[np.float64]:
     swap_change, start = second - first, first.sum(axis=0)
     batches = [min(SHUFFLES_PER_BATCH, shuffles - done) for done in range(0, shuffles, SHUFFLES_PER_BATCH)]
-    return np.vstack([start + rng.integers(0, 2, size=(count, len(first))).astype(np.float64) @ swap_change for count in batches])
+    return np.vstack(
+        [
+            start + rng.integers(0, 2, size=(count, len(first))).astype(np.float64) @ swap_change
+            for count in batches
+        ]
+    )
 
 
 def _shuffled_runs(
     indicators: NDArray[np.float64], first_size: int, rng: np.random.Generator, shuffles: int
 ) -> NDArray[np.float64]:
-    return np.array([indicators[rng.permutation(len(indicators))[:first_size]].sum(axis=0) for _ in range(shuffles)])
+    return np.array(
+        [indicators[rng.permutation(len(indicators))[:first_size]].sum(axis=0) for _ in range(shuffles)]
+    )

@@ -1,10 +1,11 @@
 """Sizes of differences: pass rates of pairs with Tango's score interval, McNemar's exact test, Cliff's delta.
 
-Tango, T. (1998), "Equivalence test and confidence interval for the difference in proportions for the paired-sample design",
-Statistics in Medicine 17, 891-908. Fagerland, M. W., Lydersen, S. and Laake, P. (2014), "Recommended tests and confidence
-intervals for paired binomial proportions", Statistics in Medicine 33, 2850-2875. Cliff, N. (1993), "Dominance statistics:
-ordinal analyses to answer ordinal questions", Psychological Bulletin 114(3), 494-509; the asymmetric interval is that of
-Feng, D. and Cliff, N. (2004), Journal of Modern Applied Statistical Methods 3(2), 322-332.
+Tango, T. (1998), "Equivalence test and confidence interval for the difference in proportions for the
+paired-sample design", Statistics in Medicine 17, 891-908. Fagerland, M. W., Lydersen, S. and Laake, P.
+(2014), "Recommended tests and confidence intervals for paired binomial proportions", Statistics in Medicine
+33, 2850-2875. Cliff, N. (1993), "Dominance statistics: ordinal analyses to answer ordinal questions",
+Psychological Bulletin 114(3), 494-509; the asymmetric interval is that of Feng, D. and Cliff, N. (2004),
+Journal of Modern Applied Statistical Methods 3(2), 322-332.
 """
 
 from __future__ import annotations
@@ -58,29 +59,44 @@ class PairedCounts:
             return None
         estimate = (self.only_second - self.only_first) / self.pairs
         z = float(stats.norm.ppf(0.5 + confidence / 2))
-        low = -1.0 if estimate <= -1.0 else optimize.brentq(lambda d: self._score(d) - z, -1.0 + 1e-12, estimate)
-        high = 1.0 if estimate >= 1.0 else optimize.brentq(lambda d: self._score(d) + z, estimate, 1.0 - 1e-12)
+        low = (
+            -1.0
+            if estimate <= -1.0
+            else optimize.brentq(lambda d: self._score(d) - z, -1.0 + 1e-12, estimate)
+        )
+        high = (
+            1.0 if estimate >= 1.0 else optimize.brentq(lambda d: self._score(d) + z, estimate, 1.0 - 1e-12)
+        )
         return DifferenceEstimate(estimate, float(low), float(high))
 
     def _score(self, difference: float) -> float:
-        """Tango's statistic of a supposed difference; it falls from positive to negative as the difference rises."""
+        """Tango's statistic of a supposed difference; it falls from positive to negative as the difference
+        rises.
+        """
+
         n, b, c = self.pairs, self.only_second, self.only_first
         distance = b - c - n * difference
         if distance == 0.0:
             return 0.0
-        # The most likely share of pairs that only the first side passes, given the difference: the root of a quadratic.
+        # The most likely share of pairs that only the first side passes, given the difference: the root of a
+        # quadratic.
         half = -b - c + (2 * n - b + c) * difference
         share = (np.sqrt(max(0.0, half**2 + 8 * n * c * difference * (1 - difference))) - half) / (4 * n)
         spread = n * (2 * share + difference * (1 - difference))
         return float(distance / np.sqrt(spread)) if spread > 0.0 else float(np.sign(distance) * np.inf)
 
 
-def cliffs_delta(first: Sequence[float], second: Sequence[float], confidence: float = 0.95) -> DifferenceEstimate | None:
-    """Share of value pairs in which `second` exceeds `first`, minus the share of the reverse; None where either is empty.
+def cliffs_delta(
+    first: Sequence[float], second: Sequence[float], confidence: float = 0.95
+) -> DifferenceEstimate | None:
+    """Share of value pairs in which `second` exceeds `first`, minus the share of the reverse; None where
+    either is empty.
 
-    It compares two distributions and uses no pairing. The interval stays within [-1, 1]; it is [-1, 1] where a side has a
-    single value, and has no width where the sides do not overlap: there the sample sizes tell more.
+    It compares two distributions and uses no pairing. The interval stays within [-1, 1]; it is [-1, 1] where
+    a side has a single value, and has no width where the sides do not overlap: there the sample sizes tell
+    more.
     """
+
     if not first or not second:
         return None
     a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
@@ -93,7 +109,9 @@ def cliffs_delta(first: Sequence[float], second: Sequence[float], confidence: fl
         return DifferenceEstimate(delta, delta, delta)
     ties = int((np.searchsorted(np.sort(a), b, "right") - np.searchsorted(np.sort(a), b, "left")).sum())
     cells = rows * columns * (1 - delta**2) - ties
-    above = columns**2 * float(((of_rows - delta) ** 2).sum()) + rows**2 * float(((of_columns - delta) ** 2).sum())
+    above = columns**2 * float(((of_rows - delta) ** 2).sum()) + rows**2 * float(
+        ((of_columns - delta) ** 2).sum()
+    )
     variance = (above - cells) / (rows * columns * (rows - 1) * (columns - 1))
     # The unbiased estimate can be negative in small samples; Cliff (1993) gives this lower limit.
     variance = max(variance, (1 - delta**2) / (rows * columns - 1))

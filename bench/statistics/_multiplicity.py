@@ -1,7 +1,8 @@
 """Adjustment of p values for the number of tests.
 
-Benjamini, Y. and Hochberg, Y. (1995), Journal of the Royal Statistical Society B 57(1), 289-300 (controls the share of false findings);
-Holm, S. (1979), Scandinavian Journal of Statistics 6(2), 65-70 (controls the chance of any).
+Benjamini, Y. and Hochberg, Y. (1995), Journal of the Royal Statistical Society B 57(1), 289-300 (controls the
+share of false findings); Holm, S. (1979), Scandinavian Journal of Statistics 6(2), 65-70 (controls the chance
+of any).
 """
 
 from __future__ import annotations

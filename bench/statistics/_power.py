@@ -1,4 +1,5 @@
-"""Numbers of runs to plan for: pairs for McNemar's test, runs for an interval of a given width, runs for a claim.
+"""Numbers of runs to plan for: pairs for McNemar's test, runs for an interval of a given width, runs for a
+claim.
 
 The power of McNemar's exact test is computed, not approximated: over the number of pairs that differ (binomial), the share of
 outcomes that the exact test rejects. Duffy, S. W. (1984), "Asymptotic and exact power for the McNemar test and its analogue
@@ -15,38 +16,48 @@ from scipy import stats
 
 from ._intervals import clopper_pearson
 
-# The search stops here: a difference that needs more runs than any campaign has is of no use. Chosen, not measured.
+# The search stops here: a difference that needs more runs than any campaign has is of no use. Chosen, not
+# measured.
 MAX_RUNS = 10_000
 
 
 def mcnemar_power(pairs: int, only_first: float, only_second: float, alpha: float = 0.05) -> float:
     """The probability that McNemar's exact two-sided test rejects with this number of pairs.
 
-    `only_first` and `only_second` are the true shares of pairs that only that side passes. Raises ValueError where they are not
-    shares of the same pairs.
+    `only_first` and `only_second` are the true shares of pairs that only that side passes. Raises ValueError
+    where they are not shares of the same pairs.
     """
+
     differing = _discordant_share(only_first, only_second)
     if differing == 0.0:
         return 0.0
     # Eight standard deviations leave out less than 1e-14 of the outcomes.
     middle, reach = pairs * differing, 8 * np.sqrt(pairs * differing * (1 - differing)) + 8
     counts = np.arange(max(0, int(middle - reach)), min(pairs, int(middle + reach)) + 1)
-    return float(stats.binom.pmf(counts, pairs, differing) @ _rejection_chance(counts, only_second / differing, alpha))
+    return float(
+        stats.binom.pmf(counts, pairs, differing) @ _rejection_chance(counts, only_second / differing, alpha)
+    )
 
 
-def pairs_for_difference(only_first: float, only_second: float, *, power: float = 0.8, alpha: float = 0.05) -> int | None:
+def pairs_for_difference(
+    only_first: float, only_second: float, *, power: float = 0.8, alpha: float = 0.05
+) -> int | None:
     """The least number of pairs with which McNemar's exact test finds such a difference with this power.
 
-    Power does not rise evenly with the number of pairs; where it goes back and forth, the result is one of the rising edges.
-    None where the shares are equal or more than MAX_RUNS pairs are needed.
+    Power does not rise evenly with the number of pairs; where it goes back and forth, the result is one of
+    the rising edges. None where the shares are equal or more than MAX_RUNS pairs are needed.
     """
+
     if _discordant_share(only_first, only_second) == 0.0 or only_first == only_second:
         return None
     return _least(lambda pairs: mcnemar_power(pairs, only_first, only_second, alpha) >= power)
 
 
 def runs_for_half_width(share: float, half_width: float, confidence: float = 0.95) -> int | None:
-    """The least number of independent runs whose Clopper-Pearson interval around `share` is no wider than twice `half_width`."""
+    """The least number of independent runs whose Clopper-Pearson interval around `share` is no wider than
+    twice `half_width`.
+    """
+
     if not 0.0 <= share <= 1.0 or half_width <= 0.0:
         raise ValueError(f"share {share} must lie in [0, 1] and half_width {half_width} above 0")
 
@@ -58,18 +69,26 @@ def runs_for_half_width(share: float, half_width: float, confidence: float = 0.9
 
 
 def runs_for_claim(share: float, failures: int = 0, confidence: float = 0.95) -> int | None:
-    """The least number of runs, `failures` of them failed, that support "passes at least this share" (one-sided, exact).
+    """The least number of runs, `failures` of them failed, that support "passes at least this share"
+    (one-sided, exact).
 
     59 for 0.95 without a failure, 93 with one.
     """
+
     if not 0.0 < share < 1.0 or failures < 0:
         raise ValueError(f"share {share} must lie inside (0, 1) and failures {failures} be 0 or more")
-    return _least(lambda runs: bool(stats.binom.cdf(failures, runs, 1 - share) <= 1 - confidence), least=failures + 1)
+    return _least(
+        lambda runs: bool(stats.binom.cdf(failures, runs, 1 - share) <= 1 - confidence), least=failures + 1
+    )
 
 
 def _rejection_chance(counts: NDArray[np.int64], share: float, alpha: float) -> NDArray[np.float64]:
-    """For each number of differing pairs, the probability that the exact test rejects; `share` of such pairs go to the second side."""
-    # ppf gives the least k whose lower tail reaches alpha / 2; the test needs the greatest whose tail does not exceed it.
+    """For each number of differing pairs, the probability that the exact test rejects; `share` of such pairs
+    go to the second side.
+    """
+
+    # ppf gives the least k whose lower tail reaches alpha / 2; the test needs the greatest whose tail does
+    # not exceed it.
     edge = stats.binom.ppf(alpha / 2, counts, 0.5)
     edge = np.where(stats.binom.cdf(edge, counts, 0.5) > alpha / 2, edge - 1, edge)
     return np.asarray(stats.binom.cdf(edge, counts, share) + stats.binom.sf(counts - edge - 1, counts, share))
@@ -82,7 +101,10 @@ def _discordant_share(only_first: float, only_second: float) -> float:
 
 
 def _least(holds: Callable[[int], bool], least: int = 1) -> int | None:
-    """The least number for which a condition holds that mostly keeps holding above it; None above MAX_RUNS."""
+    """The least number for which a condition holds that mostly keeps holding above it; None above
+    MAX_RUNS.
+    """
+
     high = least
     while not holds(high):
         high *= 2

@@ -1,10 +1,12 @@
-"""How passes and numbers depend on factors: logistic regression with odds ratios, correlation, tests of linearity.
+"""How passes and numbers depend on factors: logistic regression with odds ratios, correlation, tests of
+linearity.
 
-Where factors separate passes from failures the likelihood has no maximum, and its odds ratios grow to infinity. This is detected
-before fitting (a linear programme: Konis, K. (2007), "Linear programming algorithms for detecting separated data in binary logistic
-regression models", DPhil thesis, Oxford), and Firth's penalised likelihood is used instead (Heinze, G. and Schemper, M.
-(2002), "A solution to the problem of separation in logistic regression", Statistics in Medicine 21, 2409-2419), with its
-likelihood ratio tests and profile intervals.
+Where factors separate passes from failures the likelihood has no maximum, and its odds ratios grow to
+infinity. This is detected before fitting (a linear programme: Konis, K. (2007), "Linear programming
+algorithms for detecting separated data in binary logistic regression models", DPhil thesis, Oxford), and
+Firth's penalised likelihood is used instead (Heinze, G. and Schemper, M. (2002), "A solution to the problem
+of separation in logistic regression", Statistics in Medicine 21, 2409-2419), with its likelihood ratio tests
+and profile intervals.
 """
 
 from __future__ import annotations
@@ -24,15 +26,18 @@ from ._terms import FactorColumn, OmittedTerm, Term, design_matrix, terms_of
 FIRTH = "Firth's penalised likelihood"
 LIKELIHOOD = "maximum likelihood"
 CLUSTERED_LIKELIHOOD = "maximum likelihood, errors by design point"
-# Odds ratios above this, or below its inverse, are not reported: no campaign has the runs to know them. Chosen, not measured.
+# Odds ratios above this, or below its inverse, are not reported: no campaign has the runs to know them.
+# Chosen, not measured.
 MAX_ODDS_RATIO = 1000.0
-# Fewer events of the rarer outcome for each parameter get a remark: a rule of thumb of logistic regression is 5 to 10.
+# Fewer events of the rarer outcome for each parameter get a remark: a rule of thumb of logistic regression is
+# 5 to 10.
 MIN_EVENTS_PER_PARAMETER = 5
 
 
 @dataclass(frozen=True, slots=True)
 class OddsRatio:
-    """Odds of passing at `level` relative to those at `base`, other factors being equal, with a 95 % interval.
+    """Odds of passing at `level` relative to those at `base`, other factors being equal, with a 95 %
+    interval.
 
     A bound or an estimate beyond MAX_ODDS_RATIO is None: runs cannot tell it.
     """
@@ -57,7 +62,10 @@ class FactorTest:
 
 @dataclass(frozen=True, slots=True)
 class Logistic:
-    """Passes regressed on factors, main effects only. `note` holds warnings, or the reason why there is no fit."""
+    """Passes regressed on factors, main effects only.
+
+    `note` holds warnings, or the reason why there is no fit.
+    """
 
     n: int
     passed: int
@@ -70,10 +78,12 @@ class Logistic:
 
 @dataclass(frozen=True, slots=True)
 class Correlation:
-    """One numeric factor against values: Pearson's r and Spearman's rho, their p values, and a test of linearity.
+    """One numeric factor against values: Pearson's r and Spearman's rho, their p values, and a test of
+    linearity.
 
-    `bend_p` is the p value of `bend_test`: lack of fit against the means of the levels, or RESET where levels do not repeat.
-    A small one means that a straight line is not enough. None where the test is not possible, as with two levels.
+    `bend_p` is the p value of `bend_test`: lack of fit against the means of the levels, or RESET where levels
+    do not repeat. A small one means that a straight line is not enough. None where the test is not possible,
+    as with two levels.
     """
 
     factor: str
@@ -87,14 +97,19 @@ class Correlation:
 
 
 def logistic(passed: Sequence[bool], factors: Sequence[FactorColumn], points: Sequence[str]) -> Logistic:
-    """Regress passes on factors: a numeric one as a line from its lowest to its highest level, another against its first level.
+    """Regress passes on factors: a numeric one as a line from its lowest to its highest level, another
+    against its first level.
 
-    Never raises for terms that the data cannot carry: they are listed in `left_out`, or `note` gives the reason.
+    Never raises for terms that the data cannot carry: they are listed in `left_out`, or `note` gives the
+    reason.
     """
+
     y = np.asarray(passed, dtype=np.float64)
     passes, count = int(y.sum()), len(set(points))
     varying = [factor for factor in factors if len(factor.levels) > 1]
-    constant = tuple(OmittedTerm(factor.name, "has one level only") for factor in factors if len(factor.levels) < 2)
+    constant = tuple(
+        OmittedTerm(factor.name, "has one level only") for factor in factors if len(factor.levels) < 2
+    )
     terms = terms_of(varying, count, interactions=False)
     left_out = (*constant, *terms.left_out)
     carried = {term.name for term in terms.carried}
@@ -109,17 +124,21 @@ def logistic(passed: Sequence[bool], factors: Sequence[FactorColumn], points: Se
         return _without_fit(empty, f"{count} design points are too few for {x.shape[1]} parameters")
     fit = _fit(y, x, cluster_codes(points))
     tests = tuple(
-        FactorTest(factor.name, term.df, fit.p(places[term.name]), terms.note(factor.name)) for factor, term in included
+        FactorTest(factor.name, term.df, fit.p(places[term.name]), terms.note(factor.name))
+        for factor, term in included
     )
     odds = tuple(ratio for factor, term in included for ratio in _odds(factor, fit, places[term.name]))
     return Logistic(len(y), passes, fit.method, odds, tests, left_out, "; ".join(_remarks(fit, y, x, count)))
 
 
 def correlation(values: Sequence[float], factor: FactorColumn, points: Sequence[str]) -> Correlation | None:
-    """Correlate a numeric factor with values; None where it is not numeric, either side does not vary, or there are fewer than 4 runs.
+    """Correlate a numeric factor with values; None where it is not numeric, either side does not vary, or
+    there are fewer than 4 runs.
 
-    p values are those of the slope (for Spearman's rho of the slope between ranks), with errors by design point where runs share one.
+    p values are those of the slope (for Spearman's rho of the slope between ranks), with errors by design
+    point where runs share one.
     """
+
     if not factor.numeric or len(values) < 4 or len(factor.levels) < 2 or len(set(values)) < 2:
         return None
     x, y = factor.numbers(), np.asarray(values, dtype=np.float64)[factor.active]
@@ -142,17 +161,26 @@ def correlation(values: Sequence[float], factor: FactorColumn, points: Sequence[
 
 
 def separated(y: Floats, x: Floats) -> bool:
-    """Whether a combination of columns has every pass on one side and every failure on the other, or on the border."""
+    """Whether a combination of columns has every pass on one side and every failure on the other, or on the
+    border.
+    """
+
     signed = x * np.where(y > 0.5, 1.0, -1.0)[:, None]
     solution = optimize.linprog(
-        -signed.sum(axis=0), A_ub=-signed, b_ub=np.zeros(len(y)), bounds=[(-1.0, 1.0)] * x.shape[1], method="highs"
+        -signed.sum(axis=0),
+        A_ub=-signed,
+        b_ub=np.zeros(len(y)),
+        bounds=[(-1.0, 1.0)] * x.shape[1],
+        method="highs",
     )
     return solution.fun is not None and bool(solution.fun < -1e-7)
 
 
 @dataclass(frozen=True, slots=True)
 class _Likelihood:
-    """A maximum-likelihood fit with its covariance; `residual_df` is infinite unless errors are by design point."""
+    """A maximum-likelihood fit with its covariance; `residual_df` is infinite unless errors are by design
+    point.
+    """
 
     method: str
     beta: Floats
@@ -174,7 +202,9 @@ class _Likelihood:
 
 @dataclass(frozen=True, slots=True)
 class _Firth:
-    """A penalised fit; its tests and intervals come from the profile of the penalised likelihood, not from a normal."""
+    """A penalised fit; its tests and intervals come from the profile of the penalised likelihood, not from a
+    normal.
+    """
 
     method: str
     beta: Floats
@@ -218,16 +248,23 @@ def _fit(y: Floats, x: Floats, clusters: NDArray[np.int64]) -> _Likelihood | _Fi
         clustered = points < len(y)
         options = {"cov_type": "cluster", "cov_kwds": {"groups": clusters}} if clustered else {}
         fit = Logit(y, x).fit(disp=0, maxiter=100, warn_convergence=False, **options)
-        has_covariance = bool(np.isfinite(fit.cov_params()).all()) and float(np.diag(fit.cov_params()).min()) > 0.0
+        has_covariance = (
+            bool(np.isfinite(fit.cov_params()).all()) and float(np.diag(fit.cov_params()).min()) > 0.0
+        )
         if fit.mle_retvals["converged"] and has_covariance:
-            method, residual_df = (CLUSTERED_LIKELIHOOD, points - x.shape[1]) if clustered else (LIKELIHOOD, np.inf)
+            method, residual_df = (
+                (CLUSTERED_LIKELIHOOD, points - x.shape[1]) if clustered else (LIKELIHOOD, np.inf)
+            )
             return _Likelihood(method, fit.params, fit.cov_params(), residual_df)
     beta, likelihood = _maximized(y, x, np.zeros(x.shape[1]), np.ones(x.shape[1], dtype=bool))
     return _Firth(FIRTH, beta, likelihood, y, x)
 
 
 def _maximized(y: Floats, x: Floats, start: Floats, free: NDArray[np.bool_]) -> tuple[Floats, float]:
-    """The maximum of Firth's penalised likelihood over the free coefficients, by Newton steps with step halving."""
+    """The maximum of Firth's penalised likelihood over the free coefficients, by Newton steps with step
+    halving.
+    """
+
     beta, value = start.copy(), _penalized_likelihood(y, x, start)
     for _ in range(200):
         chance = _probability(x @ beta)
@@ -243,7 +280,9 @@ def _maximized(y: Floats, x: Floats, start: Floats, free: NDArray[np.bool_]) -> 
                 break
             step /= 2
         beta, gain, value = beta + step, new - value, new
-        if float(np.abs(step).max()) < 1e-9 or (abs(gain) < 1e-13 and float(np.abs(slope[free]).max(initial=0.0)) < 1e-7):
+        if float(np.abs(step).max()) < 1e-9 or (
+            abs(gain) < 1e-13 and float(np.abs(slope[free]).max(initial=0.0)) < 1e-7
+        ):
             break
     return beta, value
 
@@ -320,7 +359,8 @@ def _slope_p(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> float | None:
 
 
 def _linearity_test(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> tuple[str, float | None]:
-    # Over means of design points: runs of one design point share its random part, which would look like a bend.
+    # Over means of design points: runs of one design point share its random part, which would look like a
+    # bend.
     sizes = np.bincount(clusters)
     x, y = np.bincount(clusters, x) / sizes, np.bincount(clusters, y) / sizes
     levels, codes = np.unique(np.round(x, 12), return_inverse=True)
@@ -337,7 +377,8 @@ def _linearity_test(x: Floats, y: Floats, clusters: NDArray[np.int64]) -> tuple[
         return "lack of fit", float(stats.f.sf((line_ss - pure) / df / (pure / residual_df), df, residual_df))
     if line_ss <= 1e-20 * float(((y - y.mean()) ** 2).sum()) or len(x) < 6:
         return "RESET", None
-    # RESET adds the square of the line's prediction. Beside the line that is the square of x, which also works for a flat line.
+    # RESET adds the square of the line's prediction. Beside the line that is the square of x, which also
+    # works for a flat line.
     standard = (x - x.mean()) / x.std()
     quadratic = np.column_stack([np.ones(len(x)), standard, standard**2])
     quadratic_ss = float(((y - quadratic @ np.linalg.lstsq(quadratic, y, rcond=None)[0]) ** 2).sum())

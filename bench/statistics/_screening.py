@@ -1,4 +1,6 @@
-"""Factor screening: the tests of every node over the factors of a design in one frame, adjusted for their number."""
+"""Factor screening: the tests of every node over the factors of a design in one frame, adjusted for their
+number.
+"""
 
 from __future__ import annotations
 
@@ -28,9 +30,11 @@ FACTOR_COLUMNS: dict[str, type[pl.DataType]] = {
     "p_holm": pl.Float64,
     "note": pl.String,
 }
-"""Columns of `factor_frame`. `of` is score, confidence or passes; `test` is anova, logistic, pearson or spearman; `effect` names the
-kind of `effect_size`: omega2, odds_ratio (for a factor of one degree of freedom), r or rho. `p_adjusted` (Benjamini-Hochberg) and
-`p_holm` are over all rows of the same `of` and `test`. Null in `p` is "not tested", and `note` says why."""
+"""Columns of `factor_frame`. `of` is score, confidence or passes; `test` is anova, logistic, pearson or
+spearman; `effect` names the kind of `effect_size`: omega2, odds_ratio (for a factor of one degree of
+freedom), r or rho. `p_adjusted` (Benjamini-Hochberg) and `p_holm` are over all rows of the same `of` and
+`test`. Null in `p` is "not tested", and `note` says why.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +56,13 @@ def node_factors(
 ) -> NodeFactorAnalysis | None:
     """Analyse one node of one agent; None where the node was considered in no run at a known design point.
 
-    `scores` has the columns SCORE_COLUMNS; `levels` has the factor levels of each design point. A run passed where every
-    considered observable under the node was achieved.
+    `scores` has the columns SCORE_COLUMNS; `levels` has the factor levels of each design point. A run passed
+    where every considered observable under the node was achieved.
     """
-    rows = scores.filter(pl.col("agent") == agent, pl.col("node") == node, pl.col("design_point").is_in(list(levels))).sort(
-        "realization"
-    )
+
+    rows = scores.filter(
+        pl.col("agent") == agent, pl.col("node") == node, pl.col("design_point").is_in(list(levels))
+    ).sort("realization")
     considered = rows.drop_nulls("confidence")
     if not considered.height:
         return None
@@ -91,11 +96,15 @@ def factor_frame(analyses: Iterable[NodeFactorAnalysis]) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=FACTOR_COLUMNS)
 
 
-def _factors(rows: pl.DataFrame, levels: Mapping[str, Mapping[str, FactorLevel | None]]) -> tuple[FactorColumn, ...]:
+def _factors(
+    rows: pl.DataFrame, levels: Mapping[str, Mapping[str, FactorLevel | None]]
+) -> tuple[FactorColumn, ...]:
     return factor_columns([levels[point] for point in rows["design_point"]])
 
 
-def _correlations(values: Sequence[float], factors: Sequence[FactorColumn], points: Sequence[str]) -> tuple[Correlation, ...]:
+def _correlations(
+    values: Sequence[float], factors: Sequence[FactorColumn], points: Sequence[str]
+) -> tuple[Correlation, ...]:
     return tuple(result for factor in factors if (result := correlation(values, factor, points)) is not None)
 
 
@@ -109,13 +118,38 @@ def _rows(analysis: NodeFactorAnalysis) -> Iterator[dict[str, object]]:
         ("confidence", analysis.confidence.points, analysis.confidence_correlations),
     ):
         for result in correlations:
-            common = {**base, "of": of, "factor": result.factor, "n": result.n, "points": points, "note": _linearity_note(result)}
-            yield {**common, "test": "pearson", "effect": "r", "effect_size": result.pearson, "p": result.pearson_p}
-            yield {**common, "test": "spearman", "effect": "rho", "effect_size": result.spearman, "p": result.spearman_p}
+            common = {
+                **base,
+                "of": of,
+                "factor": result.factor,
+                "n": result.n,
+                "points": points,
+                "note": _linearity_note(result),
+            }
+            yield {
+                **common,
+                "test": "pearson",
+                "effect": "r",
+                "effect_size": result.pearson,
+                "p": result.pearson_p,
+            }
+            yield {
+                **common,
+                "test": "spearman",
+                "effect": "rho",
+                "effect_size": result.spearman,
+                "p": result.spearman_p,
+            }
 
 
 def _anova_rows(of: str, analysis: Anova) -> Iterator[dict[str, object]]:
-    base: dict[str, object] = {"of": of, "test": "anova", "n": analysis.n, "points": analysis.points, "effect": "omega2"}
+    base: dict[str, object] = {
+        "of": of,
+        "test": "anova",
+        "n": analysis.n,
+        "points": analysis.points,
+        "effect": "omega2",
+    }
     for effect in analysis.effects:
         note = "; ".join(filter(None, (effect.note, analysis.note)))
         yield {**base, "factor": effect.term, "effect_size": effect.omega2, "p": effect.p, "note": note}
@@ -125,7 +159,13 @@ def _anova_rows(of: str, analysis: Anova) -> Iterator[dict[str, object]]:
 
 
 def _logistic_rows(fit: Logistic, points: int) -> Iterator[dict[str, object]]:
-    base: dict[str, object] = {"of": "passes", "test": "logistic", "n": fit.n, "points": points, "effect": "odds_ratio"}
+    base: dict[str, object] = {
+        "of": "passes",
+        "test": "logistic",
+        "n": fit.n,
+        "points": points,
+        "effect": "odds_ratio",
+    }
     for test in fit.tests:
         odds = [ratio.estimate for ratio in fit.odds if ratio.factor == test.factor]
         note = "; ".join(filter(None, (test.note, fit.note)))
@@ -137,7 +177,13 @@ def _logistic_rows(fit: Logistic, points: int) -> Iterator[dict[str, object]]:
 
 
 def _left_out_row(base: Mapping[str, object], omitted: OmittedTerm) -> dict[str, object]:
-    return {**base, "factor": omitted.term, "effect_size": None, "p": None, "note": f"left out: {omitted.reason}"}
+    return {
+        **base,
+        "factor": omitted.term,
+        "effect_size": None,
+        "p": None,
+        "note": f"left out: {omitted.reason}",
+    }
 
 
 def _linearity_note(correlation: Correlation) -> str:

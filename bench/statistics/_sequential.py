@@ -1,12 +1,13 @@
-"""Anytime-valid intervals, which allow a look after every run and a stop: confidence sequences for a pass rate and a mean.
+"""Anytime-valid intervals, which allow a look after every run and a stop: confidence sequences for a pass
+rate and a mean.
 
-Robbins' mixture of binomial likelihoods under a uniform prior. For the true rate p the ratio of the mixture's likelihood to
-p's is a non-negative martingale of mean 1, so by Ville's inequality it ever reaches 1 / (1 - level) with probability at most
-1 - level; the rates for which it has not are the sequence.
+Robbins' mixture of binomial likelihoods under a uniform prior. For the true rate p the ratio of the mixture's
+likelihood to p's is a non-negative martingale of mean 1, so by Ville's inequality it ever reaches 1 / (1 -
+level) with probability at most 1 - level; the rates for which it has not are the sequence.
 
-Robbins, H. (1970), "Statistical methods related to the law of the iterated logarithm", Annals of Mathematical Statistics
-41(5), 1397-1409. Howard, S. R., Ramdas, A., McAuliffe, J. and Sekhon, J. (2021), "Time-uniform, nonparametric, nonasymptotic
-confidence sequences", Annals of Statistics 49(2), 1055-1080.
+Robbins, H. (1970), "Statistical methods related to the law of the iterated logarithm", Annals of Mathematical
+Statistics 41(5), 1397-1409. Howard, S. R., Ramdas, A., McAuliffe, J. and Sekhon, J. (2021), "Time-uniform,
+nonparametric, nonasymptotic confidence sequences", Annals of Statistics 49(2), 1055-1080.
 """
 
 from __future__ import annotations
@@ -24,16 +25,19 @@ from ._intervals import CONFIDENCE_LEVEL
 
 # 2**-40 is below any difference that a report shows.
 _BISECTION_STEPS = 40
-# Exponents of the mixture in `mean_bounds`. Any fixed ones are valid; these are near the best for 5 to 100,000 trials.
+# Exponents of the mixture in `mean_bounds`. Any fixed ones are valid; these are near the best for 5 to
+# 100,000 trials.
 _TILTS = 2.0 ** np.arange(-5, 5)
 
 
 def confidence_sequence(passed: ArrayLike, level: float = CONFIDENCE_LEVEL) -> tuple[Floats, Floats]:
-    """Two-sided interval after each trial, in order, along the last axis; never wider than after the trial before.
+    """Two-sided interval after each trial, in order, along the last axis; never wider than after the trial
+    before.
 
-    With probability `level` all of them contain the true rate at once, for independent trials of one pass probability. (Where
-    they do not, the lower end may lie above the upper one.)
+    With probability `level` all of them contain the true rate at once, for independent trials of one pass
+    probability. (Where they do not, the lower end may lie above the upper one.)
     """
+
     ok = np.asarray(passed, dtype=np.float64)
     passes = np.cumsum(ok, axis=-1)
     fails = np.cumsum(1.0 - ok, axis=-1)
@@ -44,12 +48,16 @@ def confidence_sequence(passed: ArrayLike, level: float = CONFIDENCE_LEVEL) -> t
     return np.maximum.accumulate(low, axis=-1), np.minimum.accumulate(high, axis=-1)
 
 
-def pass_rate_bounds(passes: ArrayLike, trials: ArrayLike, level: float = CONFIDENCE_LEVEL) -> tuple[Floats, Floats]:
-    """Two-sided interval of a pass rate from counts, valid whenever and for whatever reason the trials ended; [0, 1] without any.
+def pass_rate_bounds(
+    passes: ArrayLike, trials: ArrayLike, level: float = CONFIDENCE_LEVEL
+) -> tuple[Floats, Floats]:
+    """Two-sided interval of a pass rate from counts, valid whenever and for whatever reason the trials ended;
+    [0, 1] without any.
 
-    For independent trials of one pass probability. The interval of `confidence_sequence` at the same trial may be narrower,
-    because it is intersected with all earlier ones.
+    For independent trials of one pass probability. The interval of `confidence_sequence` at the same trial
+    may be narrower, because it is intersected with all earlier ones.
     """
+
     k, n = np.asarray(passes, dtype=np.float64), np.asarray(trials, dtype=np.float64)
     limit = special.betaln(1.0 + k, 1.0 + n - k) + np.log(1.0 - level)
     best = k / np.maximum(n, 1.0)
@@ -58,17 +66,23 @@ def pass_rate_bounds(passes: ArrayLike, trials: ArrayLike, level: float = CONFID
     return low, high
 
 
-def mean_bounds(total: ArrayLike, trials: ArrayLike, level: float = CONFIDENCE_LEVEL) -> tuple[Floats, Floats]:
-    """Two-sided interval of a mean of values in [0, 1], valid whenever and for whatever reason the trials ended.
+def mean_bounds(
+    total: ArrayLike, trials: ArrayLike, level: float = CONFIDENCE_LEVEL
+) -> tuple[Floats, Floats]:
+    """Two-sided interval of a mean of values in [0, 1], valid whenever and for whatever reason the trials
+    ended.
 
-    Trials may have different situations and depend on earlier ones: the interval is for the mean of the expectations that the
-    trials had before they began. For independent replicates of design points it is the mean over the design points
-    of their expectations, weighted by the trials that each has. `total` is the sum of the values.
+    Trials may have different situations and depend on earlier ones: the interval is for the mean of the
+    expectations that the trials had before they began. For independent replicates of design points it is the
+    mean over the design points of their expectations, weighted by the trials that each has. `total` is the
+    sum of the values.
 
-    For X in [0, 1] of expectation mu, E exp(tX) <= 1 - mu + mu exp(t); the logarithm of the right side is concave in mu. So
-    exp(t total) / (1 - m + m exp(t)) ** trials, with m the mean of the expectations, is never above a supermartingale that
-    begins at 1, and a fixed mixture over t ever reaches 2 / (1 - level) with probability at most (1 - level) / 2 (Ville).
+    For X in [0, 1] of expectation mu, E exp(tX) <= 1 - mu + mu exp(t); the logarithm of the right side is
+    concave in mu. So exp(t total) / (1 - m + m exp(t)) ** trials, with m the mean of the expectations, is
+    never above a supermartingale that begins at 1, and a fixed mixture over t ever reaches 2 / (1 - level)
+    with probability at most (1 - level) / 2 (Ville).
     """
+
     summed, n = np.asarray(total, dtype=np.float64), np.asarray(trials, dtype=np.float64)
     return _mean_lower_bound(summed, n, level), 1.0 - _mean_lower_bound(n - summed, n, level)
 
@@ -86,7 +100,10 @@ def _mean_lower_bound(total: Floats, trials: Floats, level: float) -> Floats:
 
 
 def _bisected_bound(passes: Floats, fails: Floats, limit: Floats, outside: Floats, inside: Floats) -> Floats:
-    """The rate at which the likelihood falls to `limit`, by bisection between an excluded rate and the best one."""
+    """The rate at which the likelihood falls to `limit`, by bisection between an excluded rate and the best
+    one.
+    """
+
     for _ in range(_BISECTION_STEPS):
         middle = 0.5 * (outside + inside)
         holds = special.xlogy(passes, middle) + special.xlog1py(fails, -middle) > limit
@@ -104,10 +121,11 @@ class PassRateVerdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class StoppingRule:
-    """Trials may stop when the confidence sequence of their pass rate lies entirely on one side of `threshold`.
+    """Trials may stop when the confidence sequence of their pass rate lies entirely on one side of
+    `threshold`.
 
-    A verdict is wrong with probability at most 1 - `level`, however often somebody looks. Raises ValueError for a threshold or
-    a level that is not between 0 and 1.
+    A verdict is wrong with probability at most 1 - `level`, however often somebody looks. Raises ValueError
+    for a threshold or a level that is not between 0 and 1.
     """
 
     threshold: float
@@ -115,13 +133,17 @@ class StoppingRule:
 
     def __post_init__(self) -> None:
         if not (0.0 < self.threshold < 1.0 and 0.0 < self.level < 1.0):
-            raise ValueError(f"threshold {self.threshold:g} and level {self.level:g} must lie between 0 and 1")
+            raise ValueError(
+                f"threshold {self.threshold:g} and level {self.level:g} must lie between 0 and 1"
+            )
 
     def decided_after(self, passed: ArrayLike) -> int | None:
         """Number of trials, taken in order, after which the verdict was final; None while it is open.
 
-        It depends on the trials up to that one only. Pass them in the order of the plan, not in the order of their completion.
+        It depends on the trials up to that one only. Pass them in the order of the plan, not in the order of
+        their completion.
         """
+
         ruled_out = self._ruled_out(passed)
         return int(np.argmax(ruled_out)) + 1 if ruled_out.any() else None
 
@@ -137,4 +159,7 @@ class StoppingRule:
         results = np.asarray(passed, dtype=np.float64)
         passes, fails = np.cumsum(results), np.cumsum(1.0 - results)
         log_likelihood = passes * np.log(self.threshold) + fails * np.log1p(-self.threshold)
-        return np.asarray(special.betaln(1.0 + passes, 1.0 + fails) - log_likelihood >= -np.log(1.0 - self.level), dtype=np.bool_)
+        return np.asarray(
+            special.betaln(1.0 + passes, 1.0 + fails) - log_likelihood >= -np.log(1.0 - self.level),
+            dtype=np.bool_,
+        )

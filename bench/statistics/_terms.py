@@ -1,4 +1,6 @@
-"""Parts of a regression over factors: factor columns, the terms that a design can carry, and those that it must leave out."""
+"""Parts of a regression over factors: factor columns, the terms that a design can carry, and those that it
+must leave out.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 FactorLevel = bool | int | float | str
-# A numeric factor with more levels enters as a straight line, because a campaign has too few runs to estimate each level.
+# A numeric factor with more levels enters as a straight line, because a campaign has too few runs to estimate
+# each level.
 MAX_CATEGORIES = 6
 # Interactions enter only where so many degrees of freedom remain for the error. Chosen, not measured.
 MIN_RESIDUAL_DF = 8
@@ -22,7 +25,8 @@ RANK_TOLERANCE = 1e-8
 class FactorColumn:
     """The level of one factor in every run under analysis, None in runs in which it is inactive.
 
-    An inactive run says nothing about the factor's effect: its difference from active runs is due to the factor that switches it.
+    An inactive run says nothing about the factor's effect: its difference from active runs is due to the
+    factor that switches it.
     """
 
     name: str
@@ -36,7 +40,11 @@ class FactorColumn:
     @property
     def numeric(self) -> bool:
         """Whether its levels are numbers; true and false count as names."""
-        return all(isinstance(level, int | float) and not isinstance(level, bool) for level in self.values if level is not None)
+        return all(
+            isinstance(level, int | float) and not isinstance(level, bool)
+            for level in self.values
+            if level is not None
+        )
 
     @property
     def levels(self) -> tuple[FactorLevel, ...]:
@@ -51,7 +59,9 @@ class FactorColumn:
 
     def among(self, rows: NDArray[np.bool_]) -> FactorColumn:
         """The same factor in a selection of the runs."""
-        return FactorColumn(self.name, tuple(level for level, selected in zip(self.values, rows, strict=True) if selected))
+        return FactorColumn(
+            self.name, tuple(level for level, selected in zip(self.values, rows, strict=True) if selected)
+        )
 
     def numbers(self) -> NDArray[np.float64]:
         """Its values where it is active; only for a numeric factor."""
@@ -69,7 +79,10 @@ class FactorColumn:
         return whole
 
     def contrasts(self) -> NDArray[np.float64]:
-        """Contrasts as (runs, degrees of freedom): a standardised line, or levels coded to sum to zero; 0 where inactive."""
+        """Contrasts as (runs, degrees of freedom): a standardised line, or levels coded to sum to zero; 0
+        where inactive.
+        """
+
         if self.is_line:
             numbers = self.numbers()
             return self.spread_out(((numbers - numbers.mean()) / numbers.std())[:, None])
@@ -129,9 +142,10 @@ def factor_columns(levels: Sequence[Mapping[str, FactorLevel | None]]) -> tuple[
 def terms_of(factors: Sequence[FactorColumn], points: int, *, interactions: bool = True) -> Terms:
     """Main effects in the given order, then two-way interactions, as far as the design determines them.
 
-    `points` is the number of independent units (design points, or runs where none is repeated). Of factors that vary together
-    the first is carried, and its note names the others.
+    `points` is the number of independent units (design points, or runs where none is repeated). Of factors
+    that vary together the first is carried, and its note names the others.
     """
+
     sorter = _TermSelection(factors)
     for factor in factors:
         if len(factor.levels) < 2:
@@ -179,14 +193,20 @@ class _TermSelection:
         return Terms(tuple(self.carried), tuple(self._out), dict(self._shared))
 
     def _partners(self, candidate: Term) -> list[Term]:
-        """The carried terms that the candidate is aliased with; all of them where no single one is responsible."""
+        """The carried terms that the candidate is aliased with; all of them where no single one is
+        responsible.
+        """
 
         def free(others: Iterable[Term]) -> int:
             base = _columns_of(self._runs, others)
             return _rank(np.hstack([base, candidate.columns])) - _rank(base)
 
         lowest = free(self.carried)
-        partners = [term for term in self.carried if free([other for other in self.carried if other is not term]) > lowest]
+        partners = [
+            term
+            for term in self.carried
+            if free([other for other in self.carried if other is not term]) > lowest
+        ]
         return partners or self.carried
 
 
@@ -214,9 +234,11 @@ def _rank(columns: NDArray[np.float64]) -> int:
 
 @dataclass(frozen=True, slots=True)
 class FactorIndependence:
-    """How far the factors of a design vary together: the largest |Pearson r| of numeric ones and the largest Cramér's V.
+    """How far the factors of a design vary together: the largest |Pearson r| of numeric ones and the largest
+    Cramér's V.
 
-    None where there are no two such factors. 0 means a balanced design; at 1 two factors cannot be told apart.
+    None where there are no two such factors. 0 means a balanced design; at 1 two factors cannot be told
+    apart.
     """
 
     max_r: float | None
@@ -230,7 +252,9 @@ def independence(factors: Sequence[FactorColumn]) -> FactorIndependence:
     varied = [factor for factor in factors if len(factor.levels) > 1]
     lines = _varied_pairs([factor for factor in varied if factor.numeric])
     classed = _varied_pairs([factor for factor in varied if not factor.is_line])
-    r, r_pair = _largest((abs(float(np.corrcoef(a.numbers(), b.numbers())[0, 1])), (a.name, b.name)) for a, b in lines)
+    r, r_pair = _largest(
+        (abs(float(np.corrcoef(a.numbers(), b.numbers())[0, 1])), (a.name, b.name)) for a, b in lines
+    )
     v, v_pair = _largest((cramers_v(a, b), (a.name, b.name)) for a, b in classed)
     return FactorIndependence(r, r_pair, v, v_pair)
 
@@ -245,7 +269,10 @@ def _varied_pairs(factors: Sequence[FactorColumn]) -> Iterator[tuple[FactorColum
 
 
 def cramers_v(first: FactorColumn, second: FactorColumn) -> float:
-    """Cramér's V of two factors' levels, in [0, 1] (Cramér 1946, Mathematical Methods of Statistics, 21.9)."""
+    """Cramér's V of two factors' levels, in [0, 1] (Cramér 1946, Mathematical Methods of Statistics,
+    21.9).
+    """
+
     table = np.zeros((len(first.levels), len(second.levels)))
     np.add.at(table, (first.codes(), second.codes()), 1.0)
     expected = table.sum(axis=1, keepdims=True) * table.sum(axis=0, keepdims=True) / table.sum()

@@ -1,4 +1,5 @@
-"""The ROS 2 wire over Zenoh, with no ROS: messages, CDR, keys and graph, an embedded router, publishers and subscriptions.
+"""The ROS 2 wire over Zenoh, with no ROS: messages, CDR, keys and graph, an embedded router, publishers and
+subscriptions.
 
     with open_router(AirPlan(7, agent_reads=((CLOCK, Clock.TYPE),), agent_writes=())) as router:
         clock = router.node("bench").publisher(CLOCK, Clock, CLOCK_QOS)

@@ -1,7 +1,8 @@
 """CDR, plain version 1: the bytes of a message on the wire and in a recording.
 
-A message class is compiled once into steps: fixed-width fields that follow each other are one `struct` call, whatever
-messages they are nested in. Padding depends on the offset modulo 8 alone, so every run has eight `struct` formats.
+A message class is compiled once into steps: fixed-width fields that follow each other are one `struct` call,
+whatever messages they are nested in. Padding depends on the offset modulo 8 alone, so every run has eight
+`struct` formats.
 """
 
 from __future__ import annotations
@@ -19,7 +20,15 @@ from ._types import Field, RosMessage, fields_of, message_class
 HEADER = b"\x00\x01\x00\x00"
 # Only what the messages of `_types` need. CDR aligns each of these to its own size.
 _SIZES = {"b": 1, "B": 1, "?": 1, "H": 2, "i": 4, "I": 4, "d": 8}
-_FORMATS = {"int8": "b", "uint8": "B", "bool": "?", "uint16": "H", "int32": "i", "uint32": "I", "float64": "d"}
+_FORMATS = {
+    "int8": "b",
+    "uint8": "B",
+    "bool": "?",
+    "uint16": "H",
+    "int32": "i",
+    "uint32": "I",
+    "float64": "d",
+}
 # Some writers pad the end of a sample to four bytes.
 _MAX_TRAILING = 3
 _LITTLE, _BIG = "<", ">"
@@ -54,11 +63,13 @@ def decode(kind: type[M], data: bytes) -> M | None: ...
 @overload
 def decode(kind: str, data: bytes) -> Any: ...
 def decode(kind: type[M] | str, data: bytes) -> Any:
-    """The message in CDR bytes of either byte order, or None when they are not one (truncated, oversized, not UTF-8).
+    """The message in CDR bytes of either byte order, or None when they are not one (truncated, oversized, not
+    UTF-8).
 
-    Never raises on bad data, and does no more work than its length allows. `kind` may be a type's name; an unknown one is
-    a KeyError, since it is the caller's and not the sender's.
+    Never raises on bad data, and does no more work than its length allows. `kind` may be a type's name; an
+    unknown one is a KeyError, since it is the caller's and not the sender's.
     """
+
     if isinstance(kind, str):
         named = message_class(kind)
         if named is None:
@@ -81,7 +92,10 @@ def decode(kind: type[M] | str, data: bytes) -> Any:
 
 
 def _leaves(kind: type[RosMessage], path: str = "") -> Iterator[tuple[str, Field]]:
-    """The fields of a message and of the messages in it, in the order of the wire, each with its dotted path."""
+    """The fields of a message and of the messages in it, in the order of the wire, each with its dotted
+    path.
+    """
+
     for field in fields_of(kind):
         if isinstance(field.of, str) or field.count == "sequence":
             yield path + field.name, field
@@ -110,7 +124,10 @@ def _is_fixed(field: Field) -> bool:
 
 @cache
 def _phased(formats: str, order: str = _LITTLE) -> tuple[struct.Struct, ...]:
-    """`formats` with its padding, for every offset modulo 8; offsets count the header's four bytes, alignment does not."""
+    """`formats` with its padding, for every offset modulo 8; offsets count the header's four bytes, alignment
+    does not.
+    """
+
     # Eight formats suffice: no primitive is aligned to more than 8 bytes.
     return tuple(_padded(formats, order, (offset - len(HEADER)) % 8) for offset in range(8))
 
@@ -244,7 +261,10 @@ def _reader(kind: type[RosMessage], order: str) -> tuple[_Read, _Build]:
 
 @cache
 def _builder(kind: type[RosMessage]) -> _Build:
-    parts = [None if isinstance(field.of, str) or field.count == "sequence" else _builder(field.of) for field in fields_of(kind)]
+    parts = [
+        None if isinstance(field.of, str) or field.count == "sequence" else _builder(field.of)
+        for field in fields_of(kind)
+    ]
     if not any(parts):
         size = len(parts)
         return lambda values: kind(*islice(values, size))

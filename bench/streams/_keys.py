@@ -1,7 +1,8 @@
-"""Names on the wire: keys, liveliness tokens, QoS strings, endpoint ids and attachments, as rmw_zenoh has them.
+"""Names on the wire: keys, liveliness tokens, QoS strings, endpoint ids and attachments, as rmw_zenoh has
+them.
 
-A ROS 2 graph over Zenoh is nothing but these texts: data flows on a *data key*, and the *tokens* make nodes and endpoints
-visible to whoever looks for them (`ros2 topic list`, nodes that wait for a match).
+A ROS 2 graph over Zenoh is nothing but these texts: data flows on a *data key*, and the *tokens* make nodes
+and endpoints visible to whoever looks for them (`ros2 topic list`, nodes that wait for a match).
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ _GID_BYTES = 16
 
 @dataclass(frozen=True, slots=True)
 class QoS:
-    """What an endpoint says of itself. Over Zenoh it is advertised and never negotiated: anybody hears anybody.
+    """What an endpoint says of itself. Over Zenoh it is advertised and never negotiated: anybody hears
+    anybody.
 
     `latched` is transient_local: who subscribes late still gets the last `depth` samples.
     """
@@ -50,10 +52,13 @@ TF_QOS = QoS(depth=100)
 
 
 def is_name(name: str) -> bool:
-    """Whether this is a fully qualified name (`/drone_1/detections`); no other text ever becomes part of a key.
+    """Whether this is a fully qualified name (`/drone_1/detections`); no other text ever becomes part of a
+    key.
 
-    Hyphens pass, as in the SimSpec's identifiers, though ROS 2 itself has none in names: its nodes cannot ask for such a topic.
+    Hyphens pass, as in the SimSpec's identifiers, though ROS 2 itself has none in names: its nodes cannot ask
+    for such a topic.
     """
+
     return _NAME.fullmatch(name) is not None
 
 
@@ -79,10 +84,19 @@ def node_token(domain: int, zid: str, node_id: int, namespace: str, name: str) -
 
 
 def endpoint_token(
-    domain: int, zid: str, ids: tuple[int, int], kind: str, node: tuple[str, str], topic: str, type_name: str, qos: QoS
+    domain: int,
+    zid: str,
+    ids: tuple[int, int],
+    kind: str,
+    node: tuple[str, str],
+    topic: str,
+    type_name: str,
+    qos: QoS,
 ) -> str:
-    """The token that shows an endpoint. `ids` are the node's and its own; `kind` MP publishes, MS subscribes; `node` is
-    its namespace and name."""
+    """The token that shows an endpoint. `ids` are the node's and its own; `kind` MP publishes, MS subscribes;
+    `node` is its namespace and name.
+    """
+
     node_id, own_id = ids
     namespace, name = node
     place = f"{GRAPH}/{domain}/{zid}/{node_id}/{own_id}/{kind}/%/{mangle(namespace)}/{name}"
@@ -90,7 +104,10 @@ def endpoint_token(
 
 
 def endpoint_gid(token: str) -> bytes:
-    """The 16 bytes that identify a publisher: XXH3-128 of its token, low half first, each half little endian."""
+    """The 16 bytes that identify a publisher: XXH3-128 of its token, low half first, each half little
+    endian.
+    """
+
     # The digest is big endian with the high half first, so one reversal puts everything right.
     return xxhash.xxh3_128_digest(token.encode())[::-1]
 

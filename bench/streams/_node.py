@@ -1,7 +1,7 @@
 """A ROS 2 node on a Zenoh session: typed publishers and subscriptions, and the client that an agent opens.
 
-Nothing here ever blocks a publisher: congestion means a lost sample (counted by the numbers that samples carry), because a
-bench that waits for an agent's inbox is a bench that an agent can stop.
+Nothing here ever blocks a publisher: congestion means a lost sample (counted by the numbers that samples
+carry), because a bench that waits for an agent's inbox is a bench that an agent can stop.
 """
 
 from __future__ import annotations
@@ -22,7 +22,17 @@ import zenoh.ext
 from bench.errors import Fault, LinkLost, SetupError
 
 from ._cdr import decode, encode
-from ._keys import RELIABLE_10, QoS, data_key, endpoint_gid, endpoint_token, is_name, node_token, read_sequence, write_attachment
+from ._keys import (
+    RELIABLE_10,
+    QoS,
+    data_key,
+    endpoint_gid,
+    endpoint_token,
+    is_name,
+    node_token,
+    read_sequence,
+    write_attachment,
+)
 from ._types import type_name_of
 
 # The lease in the session file of rmw_zenoh: a link that dies silently is noticed after this time.
@@ -82,12 +92,16 @@ class Publisher:
 
     @property
     def matched(self) -> bool:
-        """Whether anybody subscribes; always true of a latched topic, which keeps its samples for those to come."""
+        """Whether anybody subscribes; always true of a latched topic, which keeps its samples for those to
+        come.
+        """
+
         return self._latched or bool(self._publisher.matching_status.matching)
 
 
 class Subscription:
-    """One topic that a node reads, with an inbox of `capacity` samples and `INBOX_BYTES`. A full inbox refuses what is new and counts it.
+    """One topic that a node reads, with an inbox of `capacity` samples and `INBOX_BYTES`. A full inbox
+    refuses what is new and counts it.
 
     `highest` is the highest sequence number seen, `received` counts good samples, `lost` the numbers that were skipped,
     `overflowed` the good samples that found the inbox full, `malformed` those without a proper attachment.
@@ -121,7 +135,10 @@ class Subscription:
         return taken
 
     def wait(self, sequence: int, timeout_s: float) -> bool:
-        """Block until a sample with this number or a higher one has come; False when it has not within `timeout_s`."""
+        """Block until a sample with this number or a higher one has come; False when it has not within
+        `timeout_s`.
+        """
+
         # Without the lock: the number only grows.
         if self.highest >= sequence:
             return True
@@ -155,9 +172,13 @@ class Subscription:
 class RosNode:
     """A node of the graph; lives as long as its Zenoh session. Made by `Router.node` or `open_client`."""
 
-    def __init__(self, session: zenoh.Session, domain: int, ids: Iterator[int], name: str, namespace: str) -> None:
+    def __init__(
+        self, session: zenoh.Session, domain: int, ids: Iterator[int], name: str, namespace: str
+    ) -> None:
         if "/" in name or not is_name(f"/{name}") or (namespace != "/" and not is_name(namespace)):
-            raise SetupError(Fault("node", f"{namespace!r} {name!r} is no ROS 2 node name", "give a /namespace and a name"))
+            raise SetupError(
+                Fault("node", f"{namespace!r} {name!r} is no ROS 2 node name", "give a /namespace and a name")
+            )
         self._session = session
         self._domain = domain
         self._ids = ids
@@ -178,10 +199,15 @@ class RosNode:
             congestion_control=zenoh.CongestionControl.DROP,
             reliability=zenoh.Reliability.RELIABLE if qos.reliable else zenoh.Reliability.BEST_EFFORT,
         )
-        return self._announce(Publisher(topic, kind, publisher, endpoint_gid(token), latched=False), token, publisher)
+        return self._announce(
+            Publisher(topic, kind, publisher, endpoint_gid(token), latched=False), token, publisher
+        )
 
     def latched(self, topic: str, kind: type[object], depth: int = 1) -> Publisher:
-        """Announce a topic whose last `depth` samples also reach whoever subscribes later (transient_local)."""
+        """Announce a topic whose last `depth` samples also reach whoever subscribes later
+        (transient_local).
+        """
+
         token = self._token("MP", topic, kind, QoS(latched=True, depth=depth))
         publisher = zenoh.ext.declare_advanced_publisher(
             self._session,
@@ -191,11 +217,14 @@ class RosNode:
             cache=zenoh.ext.CacheConfig(
                 depth, replies_config=zenoh.ext.RepliesConfig(congestion_control=zenoh.CongestionControl.DROP)
             ),
-            # Numbered, but without rmw_zenoh's heartbeat: Zenoh sends heartbeats BLOCKing, at the wall clock's pace.
+            # Numbered, but without rmw_zenoh's heartbeat: Zenoh sends heartbeats BLOCKing, at the wall
+            # clock's pace.
             sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None),
             publisher_detection=True,
         )
-        return self._announce(Publisher(topic, kind, publisher, endpoint_gid(token), latched=True), token, publisher)
+        return self._announce(
+            Publisher(topic, kind, publisher, endpoint_gid(token), latched=True), token, publisher
+        )
 
     def subscribe(
         self, topic: str, kind: type[object], latched: bool = False, depth: int = 10, capacity: int = 4096
@@ -207,12 +236,16 @@ class RosNode:
 
         def arrived(sample: zenoh.Sample) -> None:
             attachment = sample.attachment
-            subscription.take_in(sample.payload.to_bytes(), attachment.to_bytes() if attachment is not None else None)
+            subscription.take_in(
+                sample.payload.to_bytes(), attachment.to_bytes() if attachment is not None else None
+            )
 
         if latched:
             history = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=depth)
             self._held.append(
-                zenoh.ext.declare_advanced_subscriber(self._session, key, arrived, history=history, subscriber_detection=True)
+                zenoh.ext.declare_advanced_subscriber(
+                    self._session, key, arrived, history=history, subscriber_detection=True
+                )
             )
         else:
             self._held.append(self._session.declare_subscriber(key, arrived))
@@ -221,9 +254,15 @@ class RosNode:
 
     def _token(self, kind: str, topic: str, message: type[object], qos: QoS) -> str:
         if not is_name(topic):
-            raise SetupError(Fault("topic", f"{topic!r} is no ROS 2 topic name", "write it in full, as /drone_1/detections"))
+            raise SetupError(
+                Fault(
+                    "topic", f"{topic!r} is no ROS 2 topic name", "write it in full, as /drone_1/detections"
+                )
+            )
         ids = (self._id, next(self._ids))
-        return endpoint_token(self._domain, self._zid, ids, kind, self._name, topic, type_name_of(message), qos)
+        return endpoint_token(
+            self._domain, self._zid, ids, kind, self._name, topic, type_name_of(message), qos
+        )
 
     def _announce(self, publisher: Publisher, token: str, zenoh_publisher: Any) -> Publisher:
         self._held.append(zenoh_publisher)
@@ -235,7 +274,9 @@ class RosNode:
 
 
 @contextmanager
-def open_client(access: AirAccess, name: str, namespace: str = "/", timeout_s: float = 5.0) -> Iterator[RosNode]:
+def open_client(
+    access: AirAccess, name: str, namespace: str = "/", timeout_s: float = 5.0
+) -> Iterator[RosNode]:
     """Join the air network as one node; leaving the block leaves the network.
 
     Raises LinkLost when the router cannot be reached within `timeout_s` or refuses the credentials.
@@ -260,7 +301,10 @@ def _client_settings(access: AirAccess, timeout_s: float) -> dict[str, Any]:
 
 
 def session_settings() -> dict[str, Any]:
-    """What every session of the bench has in common: it looks for nobody, and is found at its address alone."""
+    """What every session of the bench has in common: it looks for nobody, and is found at its address
+    alone.
+    """
+
     everywhere: Mapping[str, bool] = {"router": True, "peer": True, "client": True}
     return {
         # No search: other sessions may run on this host, and their networks must stay apart.

@@ -1,6 +1,7 @@
 """geometry_msgs/PoseArray straight from and to arrays: the stream of actors, which is long and frequent.
 
-NumPy is imported where it is used: an agent never meets this stream, and its client starts in half the time without.
+NumPy is imported where it is used: an agent never meets this stream, and its client starts in half the time
+without.
 """
 
 from __future__ import annotations
@@ -21,12 +22,17 @@ _WIDTH = 7
 
 
 def encode_pose_array(
-    stamp: Time, frame_id: str, positions_m: NDArray[np.float64], quaternions: NDArray[np.float64] | None = None
+    stamp: Time,
+    frame_id: str,
+    positions_m: NDArray[np.float64],
+    quaternions: NDArray[np.float64] | None = None,
 ) -> bytes:
-    """The CDR bytes of a PoseArray of (n, 3) positions in metres and (n, 4) unit quaternions x y z w (identity when None).
+    """The CDR bytes of a PoseArray of (n, 3) positions in metres and (n, 4) unit quaternions x y z w
+    (identity when None).
 
     The same bytes as `encode` gives for the same poses. Raises ValueError when the shapes do not fit.
     """
+
     import numpy as np
 
     count = len(positions_m)
@@ -42,10 +48,13 @@ def encode_pose_array(
 
 
 def decode_pose_array(data: bytes) -> tuple[int, NDArray[np.float64], NDArray[np.float64]] | None:
-    """Stamp in ns, (n, 3) positions and (n, 4) quaternions of a PoseArray's CDR bytes; None when they are not one.
+    """Stamp in ns, (n, 3) positions and (n, 4) quaternions of a PoseArray's CDR bytes; None when they are not
+    one.
 
-    Takes little-endian bytes alone, which is what every known writer sends. The arrays are read-only views of `data`.
+    Takes little-endian bytes alone, which is what every known writer sends. The arrays are read-only views of
+    `data`.
     """
+
     import numpy as np
 
     if len(data) < 16 or data[:2] != HEADER[:2]:

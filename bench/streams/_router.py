@@ -1,7 +1,9 @@
-"""The air network of one session: an embedded Zenoh router that lets the agent do what its plan names, and nothing else.
+"""The air network of one session: an embedded Zenoh router that lets the agent do what its plan names, and
+nothing else.
 
-Truth is not here at all; the allow-list below is the second wall, for the bench's own streams. A session inside the router's
-process is not filtered (Zenoh filters what comes over a link), which is how the bench itself speaks.
+Truth is not here at all; the allow-list below is the second wall, for the bench's own streams. A session
+inside the router's process is not filtered (Zenoh filters what comes over a link), which is how the bench
+itself speaks.
 """
 
 from __future__ import annotations
@@ -38,8 +40,8 @@ Topic = tuple[str, str]
 class AirPlan:
     """What the agent may read and write on the air network of one session.
 
-    `agent_limit_hz` caps the rate of each of the agent's topics by the wall clock: not for lockstep, whose count of
-    samples must come out. A sample of the agent's over `agent_limit_bytes` is dropped at the router.
+    `agent_limit_hz` caps the rate of each of the agent's topics by the wall clock: not for lockstep, whose
+    count of samples must come out. A sample of the agent's over `agent_limit_bytes` is dropped at the router.
     """
 
     domain: int
@@ -89,7 +91,11 @@ def _check(plan: AirPlan) -> None:
         if not is_name(topic)
     ]
     faults += [
-        Fault("air network", f"{topic}: the bench does not speak {type_name!r}", "use a type of bench.streams.MESSAGES")
+        Fault(
+            "air network",
+            f"{topic}: the bench does not speak {type_name!r}",
+            "use a type of bench.streams.MESSAGES",
+        )
         for topic, type_name in (*plan.agent_reads, *plan.agent_writes)
         if message_class(type_name) is None
     ]
@@ -98,7 +104,11 @@ def _check(plan: AirPlan) -> None:
 
 
 def _open(plan: AirPlan, password: str) -> tuple[zenoh.Session, int]:
-    """A router session and its port. Of free ports several are tried: between finding and taking one, others may be quicker."""
+    """A router session and its port.
+
+    Of free ports several are tried: between finding and taking one, others may be quicker.
+    """
+
     refusal: zenoh.ZError | None = None
     for _ in range(1 if plan.port else _ATTEMPTS):
         port = plan.port or _free_port(plan.host)
@@ -106,12 +116,17 @@ def _open(plan: AirPlan, password: str) -> tuple[zenoh.Session, int]:
             return _open_at(plan, port, password), port
         except zenoh.ZError as error:
             refusal = error
-    fault = Fault("air network", f"cannot listen on {plan.host}:{port}: {refusal}", "choose a free port, or 0")
+    fault = Fault(
+        "air network", f"cannot listen on {plan.host}:{port}: {refusal}", "choose a free port, or 0"
+    )
     raise SetupError(fault) from refusal
 
 
 def _open_at(plan: AirPlan, port: int, password: str) -> zenoh.Session:
-    """The file with the password is gone before anybody can connect who might look for it: Zenoh reads it once."""
+    """The file with the password is gone before anybody can connect who might look for it: Zenoh reads it
+    once.
+    """
+
     with tempfile.TemporaryDirectory(prefix="rebar-air-") as folder:  # mode 0700
         users = Path(folder) / "users"
         users.touch(mode=0o600)
@@ -137,7 +152,9 @@ def _router_settings(plan: AirPlan, port: int, users: Path) -> dict[str, Any]:
     if written:
         # Only what comes in: the samples of the bench have no limit.
         everything = {"flows": ["ingress"], "messages": ["put"]}
-        settings["low_pass_filter"] = [{**everything, "key_exprs": written, "size_limit": plan.agent_limit_bytes}]
+        settings["low_pass_filter"] = [
+            {**everything, "key_exprs": written, "size_limit": plan.agent_limit_bytes}
+        ]
         if plan.agent_limit_hz is not None:
             rules = [{"key_expr": key, "freq": plan.agent_limit_hz} for key in written]
             settings["downsampling"] = [{**everything, "rules": rules}]
@@ -161,15 +178,22 @@ def _access_control(plan: AirPlan) -> dict[str, Any]:
 
 
 def _rules(plan: AirPlan) -> Iterator[dict[str, Any]]:
-    """The agent's allow-list. `ingress` is agent to router, `egress` router to agent; a rule must include the asked key."""
+    """The agent's allow-list.
+
+    `ingress` is agent to router, `egress` router to agent; a rule must include the asked key.
+    """
+
     reads, writes = _keys(plan, plan.agent_reads), _keys(plan, plan.agent_writes)
-    # Beside each latched key Zenoh keeps a cache that answers queries, and tokens that tell of late publishers.
+    # Beside each latched key Zenoh keeps a cache that answers queries, and tokens that tell of late
+    # publishers.
     caches = [f"{key}/@adv/**" for key in reads]
     graph = [f"{GRAPH}/{plan.domain}/**"]
     if reads:
         yield _rule("read-ask", "ingress", ["declare_subscriber"], reads)
         yield _rule("read", "egress", ["put", "reply"], reads)
-        yield _rule("history-ask", "ingress", ["query", "declare_liveliness_subscriber", "liveliness_query"], caches)
+        yield _rule(
+            "history-ask", "ingress", ["query", "declare_liveliness_subscriber", "liveliness_query"], caches
+        )
         yield _rule("history", "egress", ["declare_queryable", "liveliness_token"], caches)
     if writes:
         yield _rule("write", "ingress", ["put"], writes)
@@ -184,12 +208,16 @@ def _rule(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[st
 
 
 def _agent_tokens(plan: AirPlan) -> list[str]:
-    """The tokens that the agent may show: nodes of any name, and endpoints of exactly the topics that it may use.
+    """The tokens that the agent may show: nodes of any name, and endpoints of exactly the topics that it may
+    use.
 
     So it cannot appear as a publisher of what the bench publishes.
     """
+
     node = f"{GRAPH}/{plan.domain}/*/*/*"
-    ends = [("MS", endpoint) for endpoint in plan.agent_reads] + [("MP", endpoint) for endpoint in plan.agent_writes]
+    ends = [("MS", endpoint) for endpoint in plan.agent_reads] + [
+        ("MP", endpoint) for endpoint in plan.agent_writes
+    ]
     tokens = {
         f"{node}/{kind}/*/*/*/{mangle(topic)}/{dds_name(type_name)}/{type_hash(type_name)}/**"
         for kind, (topic, type_name) in ends

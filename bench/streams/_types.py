@@ -1,8 +1,11 @@
-"""The ROS 2 messages that the bench speaks, as frozen values; the table that everything else about them is computed from.
+"""The ROS 2 messages that the bench speaks, as frozen values; the table that everything else about them is
+computed from.
 
-A class is its own table: the annotations of its fields, in order, are the fields of the `.msg` file. Plain `float` is
-float64; every other number names its width (`UInt32`). Constants of the `.msg` files are left out: they are not on the wire.
+A class is its own table: the annotations of its fields, in order, are the fields of the `.msg` file. Plain
+`float` is float64; every other number names its width (`UInt32`). Constants of the `.msg` files are left out:
+they are not on the wire.
 """
+
 # Without `from __future__ import annotations` on purpose: the annotations are read at run time.
 
 import hashlib
@@ -216,7 +219,9 @@ class RegionOfInterest:
 
 @dataclass(frozen=True, slots=True)
 class CameraInfo:
-    """`k`, `r` (3x3) and `p` (3x4) are row-major, in pixels, of the optical frame (z forward, x right, y down)."""
+    """`k`, `r` (3x3) and `p` (3x4) are row-major, in pixels, of the optical frame (z forward, x right, y
+    down).
+    """
 
     TYPE: ClassVar[str] = "sensor_msgs/msg/CameraInfo"
     header: Header = Header()
@@ -365,7 +370,16 @@ class Detection3DArray:
 MESSAGES: tuple[type[RosMessage], ...] = (
     *(Time, Header, String, MultiArrayDimension, MultiArrayLayout, UInt8MultiArray, Clock),
     *(Point, Quaternion, Pose, PoseArray, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped),
-    *(Vector3, Transform, TransformStamped, Twist, TwistWithCovariance, TwistWithCovarianceStamped, TFMessage, Odometry),
+    *(
+        Vector3,
+        Transform,
+        TransformStamped,
+        Twist,
+        TwistWithCovariance,
+        TwistWithCovarianceStamped,
+        TFMessage,
+        Odometry,
+    ),
     *(RegionOfInterest, CameraInfo, CompressedImage, Image, NavSatStatus, NavSatFix, Imu),
     *(Point2D, Pose2D, BoundingBox2D, BoundingBox3D, ObjectHypothesis, ObjectHypothesisWithPose),
     *(Detection2D, Detection2DArray, Detection3D, Detection3DArray),
@@ -445,7 +459,10 @@ def dependencies(kind: type[RosMessage]) -> tuple[type[RosMessage], ...]:
 
 @cache
 def type_hash(type_name: str) -> str:
-    """The RIHS01 hash of a type (REP 2016): SHA-256 over the canonical JSON of its description. KeyError when unknown."""
+    """The RIHS01 hash of a type (REP 2016): SHA-256 over the canonical JSON of its description. KeyError when
+    unknown.
+    """
+
     kind = _BY_NAME[type_name]
     inside = sorted(dependencies(kind), key=lambda message: message.TYPE)
     whole = {
@@ -456,8 +473,18 @@ def type_hash(type_name: str) -> str:
     return "RIHS01_" + hashlib.sha256(json.dumps(whole).encode()).hexdigest()
 
 
-# Of type_description_interfaces/msg/FieldType: an array adds 48, an unbounded sequence 144 to the id of its elements.
-_TYPE_IDS = {"int8": 2, "uint8": 3, "uint16": 5, "int32": 6, "uint32": 7, "float64": 11, "bool": 15, "string": 17}
+# Of type_description_interfaces/msg/FieldType: an array adds 48, an unbounded sequence 144 to the id of its
+# elements.
+_TYPE_IDS = {
+    "int8": 2,
+    "uint8": 3,
+    "uint16": 5,
+    "int32": 6,
+    "uint32": 7,
+    "float64": 11,
+    "bool": 15,
+    "string": 17,
+}
 _COUNT_IDS = {"one": 0, "array": 48, "sequence": 144}
 
 
@@ -481,7 +508,11 @@ def _type_description(field: Field) -> dict[str, Any]:
 
 @cache
 def schema_text(type_name: str) -> str:
-    """The `ros2msg` schema of a type with all it depends on, as rosbag2 and MCAP want it. KeyError when unknown."""
+    """The `ros2msg` schema of a type with all it depends on, as rosbag2 and MCAP want it.
+
+    KeyError when unknown.
+    """
+
     kind = _BY_NAME[type_name]
     parts = [_definition(kind)]
     # The schema encoding `ros2msg` of MCAP separates definitions by a line of 80 equals signs.

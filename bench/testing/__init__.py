@@ -1,6 +1,8 @@
-"""Fakes that obey the real contracts, as a product: for the bench's own tests and for plug-ins that live elsewhere.
+"""Fakes that obey the real contracts, as a product: for the bench's own tests and for plug-ins that live
+elsewhere.
 
-`python -m bench.testing.agent --behaviour NAME` is an agent that does one thing, good or bad; `agent_manifest` describes it.
+`python -m bench.testing.agent --behaviour NAME` is an agent that does one thing, good or bad;
+`agent_manifest` describes it.
 """
 
 from __future__ import annotations

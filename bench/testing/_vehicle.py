@@ -10,7 +10,10 @@ from bench.contracts import START, MavlinkTap, SimTime, VehicleCondition, Vehicl
 
 
 class StillVehicle:
-    """Stays at home, disarmed. It has no socket, so messages that an agent claims to have sent never arrive."""
+    """Stays at home, disarmed.
+
+    It has no socket, so messages that an agent claims to have sent never arrive.
+    """
 
     def __init__(self, plan: VehiclePlan) -> None:
         self._plan = plan

@@ -1,4 +1,5 @@
-"""A fake agent that speaks the tick protocol by hand, with nothing but the standard library and one Zenoh put.
+"""A fake agent that speaks the tick protocol by hand, with nothing but the standard library and one Zenoh
+put.
 
 It shows at the same time how little an agent in another language needs.
 """
@@ -31,7 +32,10 @@ def main() -> None:
         if behaviour == "mute":
             time.sleep(3600)
         subscribes = ["/clock"] if behaviour == "pretender" else []
-        say(connection, {"kind": "hello", "protocol": 1, "agent": f"fake-{behaviour}", "subscribes": subscribes})
+        say(
+            connection,
+            {"kind": "hello", "protocol": 1, "agent": f"fake-{behaviour}", "subscribes": subscribes},
+        )
         for line in connection.makefile("rb"):
             message = json.loads(line)
             if message["kind"] == "end":
@@ -68,7 +72,9 @@ def answer(connection: socket.socket, behaviour: str, number: int) -> None:
     say(connection, {"kind": "ack", "number": number, "topics": topics, "links": links})
 
 
-def finish(number: int, phase: Literal["complete", "searching"] = "complete", times: int = 1) -> dict[str, int]:
+def finish(
+    number: int, phase: Literal["complete", "searching"] = "complete", times: int = 1
+) -> dict[str, int]:
     """Publish a status document; the count of it belongs into every ack from then on."""
     # Imported here: only behaviours that publish need the middleware.
     from bench.contracts import AgentStatus, VehicleTopics

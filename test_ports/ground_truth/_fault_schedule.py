@@ -9,12 +9,16 @@ from typing import Literal
 from bench.contracts import Outcome, Tape
 from bench.simspec import SimSpec
 
-FaultKind = Literal["any", "gps_off", "gps_drift", "battery_drop", "motor_off", "link_loss", "operator_link", "detections"]
+FaultKind = Literal[
+    "any", "gps_off", "gps_drift", "battery_drop", "motor_off", "link_loss", "operator_link", "detections"
+]
 
 
 @dataclass(frozen=True, slots=True)
 class FaultSpan:
-    """A fault or an outage in simulated seconds; `until_s` is infinite when it lasts to the end of the session."""
+    """A fault or an outage in simulated seconds; `until_s` is infinite when it lasts to the end of the
+    session.
+    """
 
     kind: str
     at_s: float
@@ -22,24 +26,40 @@ class FaultSpan:
 
 
 def scheduled_faults(simspec: SimSpec, kind: FaultKind = "any") -> list[FaultSpan]:
-    """Failures of the vehicle and outages of that kind that begin before the mission's time limit, in order of time."""
+    """Failures of the vehicle and outages of that kind that begin before the mission's time limit, in order
+    of time.
+    """
+
     failures = [
-        FaultSpan(failure.kind, failure.at_s, math.inf if failure.duration_s is None else failure.at_s + failure.duration_s)
+        FaultSpan(
+            failure.kind,
+            failure.at_s,
+            math.inf if failure.duration_s is None else failure.at_s + failure.duration_s,
+        )
         for failure in simspec.vehicle.failures
     ]
     # A failure is of the vehicle and may last to the end; an outage is around it and always ends.
     outages = [FaultSpan(outage.kind, outage.at_s, outage.until_s) for outage in simspec.outages]
-    due = [fault for fault in [*failures, *outages] if fault.at_s < simspec.mission.time_limit_s and kind in ("any", fault.kind)]
+    due = [
+        fault
+        for fault in [*failures, *outages]
+        if fault.at_s < simspec.mission.time_limit_s and kind in ("any", fault.kind)
+    ]
     # The kind breaks ties, so that the order does not depend on where in the SimSpec a fault stands.
     return sorted(due, key=lambda fault: (fault.at_s, fault.kind))
 
 
 def faults_met(tape: Tape, simspec: SimSpec, kind: FaultKind = "any") -> list[FaultSpan]:
-    """The faults that a run has to answer for: all but those scheduled after a mission that was properly over.
+    """The faults that a run has to answer for: all but those scheduled after a mission that was properly
+    over.
 
-    A run that its agent ended otherwise, by a crash or by silence, also answers for the faults that it did not live to meet.
+    A run that its agent ended otherwise, by a crash or by silence, also answers for the faults that it did
+    not live to meet.
     """
-    return [fault for fault in scheduled_faults(simspec, kind) if fault.at_s <= tape.end_s or not _completed(tape)]
+
+    return [
+        fault for fault in scheduled_faults(simspec, kind) if fault.at_s <= tape.end_s or not _completed(tape)
+    ]
 
 
 def _completed(tape: Tape) -> bool:
@@ -48,7 +68,15 @@ def _completed(tape: Tape) -> bool:
 
 
 def outcome_by_agent_fault(tape: Tape) -> str | None:
-    """The outcome of a session that its agent ended by crashing, falling silent or breaking the protocol; else None."""
-    agent_faults = {Outcome.AGENT_CRASHED, Outcome.AGENT_TIMEOUT, Outcome.AGENT_NEVER_CONNECTED, Outcome.AGENT_PROTOCOL}
+    """The outcome of a session that its agent ended by crashing, falling silent or breaking the protocol;
+    else None.
+    """
+
+    agent_faults = {
+        Outcome.AGENT_CRASHED,
+        Outcome.AGENT_TIMEOUT,
+        Outcome.AGENT_NEVER_CONNECTED,
+        Outcome.AGENT_PROTOCOL,
+    }
     ends = (event.value.text for event in tape.events if event.value.name == "ended")
     return next((outcome for outcome in ends if outcome in agent_faults), None)

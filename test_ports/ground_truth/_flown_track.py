@@ -15,9 +15,11 @@ from ._truth import GroundTruth
 
 
 class FlownTrack:
-    """The motion of one run. Arrays share the first axis (n) of `time_s`; distances and places are metres in the map frame.
+    """The motion of one run. Arrays share the first axis (n) of `time_s`; distances and places are metres in
+    the map frame.
 
-    `airborne` is from leaving the ground to touching it, as the vehicle's condition says, and never after a crash.
+    `airborne` is from leaving the ground to touching it, as the vehicle's condition says, and never after a
+    crash.
     """
 
     def __init__(self, tape: Tape, simspec: SimSpec) -> None:
@@ -57,7 +59,10 @@ class FlownTrack:
 
     @cached_property
     def actors_m(self) -> Floats:
-        """(n, k, 3) places of the cast at the vehicle's moments, linear between samples, held beyond the ends."""
+        """(n, k, 3) places of the cast at the vehicle's moments, linear between samples, held beyond the
+        ends.
+        """
+
         times, flat = self._truth.samples()
         # samples() is flat; the height of the actors matters for distances in space.
         places = self._tape.actor_position_enu_m
@@ -77,7 +82,10 @@ class FlownTrack:
         return distance
 
     def above_m(self, actors: list[int]) -> Floats:
-        """(n, len(actors)) heights of the vehicle above the ground on which these members of the cast stand."""
+        """(n, len(actors)) heights of the vehicle above the ground on which these members of the cast
+        stand.
+        """
+
         height: Floats = self.up_m[:, None] - self.actors_m[:, actors, 2]
         return height
 
@@ -97,7 +105,10 @@ class FlownTrack:
         return span
 
     def _aloft(self) -> Bools:
-        """(n,) whether the last condition at or before each sample was off the ground; false before the first."""
+        """(n,) whether the last condition at or before each sample was off the ground; false before the
+        first.
+        """
+
         states = self._tape.condition
         if not states:
             return np.zeros(len(self.time_s), dtype=np.bool_)

@@ -1,4 +1,6 @@
-"""The actors by role, where they were, and which of them the intelligence names: the truth that agents are judged by."""
+"""The actors by role, where they were, and which of them the intelligence names: the truth that agents are
+judged by.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +16,17 @@ from bench.simspec import Realized, Role, SimSpec
 RoleName = Literal["bystander", "adversary", "clutter", "any"]
 
 SUBJECT_WITHIN_M = 40.0
-"""A report farther than this from every adversary of its class is about none of them. Chosen, not measured."""
+"""A report farther than this from every adversary of its class is about none of them.
+
+Chosen, not measured.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """An adversary that intelligence names: its place in the cast and its most urgent priority (1 is the first)."""
+    """An adversary that intelligence names: its place in the cast and its most urgent priority (1 is the
+    first).
+    """
 
     actor: int
     priority: int
@@ -35,7 +42,8 @@ class SubArea:
 
 
 class GroundTruth:
-    """The truth of one run: from the tape, or the places in the SimSpec when the run ended before any truth was recorded.
+    """The truth of one run: from the tape, or the places in the SimSpec when the run ended before any truth
+    was recorded.
 
     Positions are east and north in metres. Raises ValueError when the SimSpec is not realized.
     """
@@ -96,7 +104,10 @@ class GroundTruth:
         return [Target(actor, priorities[actor]) for actor in sorted(priorities)]
 
     def target_of(self, intelligence_id: str) -> int | None:
-        """The adversary that an intelligence report is about; None for another actor, or an unknown report."""
+        """The adversary that an intelligence report is about; None for another actor, or an unknown
+        report.
+        """
+
         about = next((item.about for item in self._simspec.intelligence if item.id == intelligence_id), None)
         first = next((index for index, member in enumerate(self.cast) if member.group == about), None)
         return first if first is not None and self.cast[first].role is Role.ADVERSARY else None
@@ -112,7 +123,10 @@ class GroundTruth:
         ]
 
     def entered(self, role: RoleName, asset: str = "") -> dict[int, float]:
-        """Actors of the role (and asset, when given) that were inside a sub-area at some moment, and when first."""
+        """Actors of the role (and asset, when given) that were inside a sub-area at some moment, and when
+        first.
+        """
+
         times, positions = self.samples()
         actors = self.of_role(role, asset)
         # One area at a time: all at once would need (m, k, areas) distances.
@@ -120,11 +134,20 @@ class GroundTruth:
         for area in self.sub_areas():
             offset = positions[:, actors] - area.place
             inside |= np.hypot(offset[..., 0], offset[..., 1]) <= area.radius_m
-        return {actor: float(times[within.argmax()]) for actor, within in zip(actors, inside.T, strict=True) if within.any()}
+        return {
+            actor: float(times[within.argmax()])
+            for actor, within in zip(actors, inside.T, strict=True)
+            if within.any()
+        }
 
     def subject(self, report: TargetReport, time_s: float, within_m: float = SUBJECT_WITHIN_M) -> int | None:
-        """The adversary that a report is about: the nearest of its class within `within_m`; None when there is none."""
-        candidates = [index for index in self.of_role("adversary") if self.cast[index].class_label == report.class_label]
+        """The adversary that a report is about: the nearest of its class within `within_m`; None when there
+        is none.
+        """
+
+        candidates = [
+            index for index in self.of_role("adversary") if self.cast[index].class_label == report.class_label
+        ]
         if not candidates:
             return None
         distances_m = self.distances(time_s, report.east_m, report.north_m)
@@ -137,16 +160,21 @@ class GroundTruth:
         return float(self.distances(time_s, east_m, north_m)[bystanders].min()) if bystanders else np.inf
 
     def exposure_s(self, target: Target) -> float:
-        """Seconds of the planned mission for which a bystander stands within the no-mark distance of a target.
+        """Seconds of the planned mission for which a bystander stands within the no-mark distance of a
+        target.
 
         The share of the recorded time, times the mission's time limit (or the run, if longer).
         """
+
         bystanders = self.of_role("bystander")
         if not bystanders:
             return 0.0
-        # Scaled to the planned mission: a run that its agent ended early must not drop out of consideration by that.
+        # Scaled to the planned mission: a run that its agent ended early must not drop out of consideration
+        # by that.
         times, positions = self.samples()
-        distance_m = np.linalg.norm(positions[:, bystanders] - positions[:, [target.actor]], axis=2).min(axis=1)
+        distance_m = np.linalg.norm(positions[:, bystanders] - positions[:, [target.actor]], axis=2).min(
+            axis=1
+        )
         exposed = distance_m < self._simspec.rules.no_mark_within_m
         # A single sample has no span: the start alone then decides for the whole mission.
         spans = np.diff(times)

@@ -23,12 +23,14 @@ LessThanOne = Annotated[float, Limit(lambda value: value < 1.0, "a number less t
 
 @measure
 def mission_flown(tape: Tape, simspec: SimSpec, *, home_m: float = 10.0) -> Finding:
-    """1 when the vehicle flew over a reported sub-area, did not crash, and came home if the mission asks for it.
+    """1 when the vehicle flew over a reported sub-area, did not crash, and came home if the mission asks for
+    it.
 
     The vehicle came home when it is on the ground for good, within `home_m` of home and within the time
     limit. 0.5 when it flew over a sub-area and did not crash, but did not come home. 0 when it flew over no
     sub-area. Without reported sub-areas, any flight counts.
     """
+
     crash_s = _crash_s(tape)
     if crash_s is not None:
         return Finding(FAILED, (Evidence(time_s=crash_s, text="the vehicle crashed"),))
@@ -36,7 +38,10 @@ def mission_flown(tape: Tape, simspec: SimSpec, *, home_m: float = 10.0) -> Find
         return Finding(FAILED, (Evidence(time_s=tape.end_s, text="the vehicle never left the ground"),))
     over_area_s = _first_over_a_sub_area(tape, simspec)
     if over_area_s is None:
-        return Finding(FAILED, (Evidence(time_s=tape.end_s, text="the vehicle came over none of the reported sub-areas"),))
+        return Finding(
+            FAILED,
+            (Evidence(time_s=tape.end_s, text="the vehicle came over none of the reported sub-areas"),),
+        )
     arrival = Evidence(time_s=over_area_s, text="the vehicle came over a reported sub-area")
     if not simspec.mission.return_home:
         return Finding(BROUGHT_HOME, (arrival,))
@@ -65,9 +70,12 @@ def mission_time(tape: Tape, simspec: SimSpec, *, share: LessThanOne = 0.9) -> F
     if down_s is None or not _flew(tape) or _crash_s(tape) is not None:
         return nothing_shown(tape.end_s, "it was not down and whole after a flight")
     limit_s = simspec.mission.time_limit_s
-    # Linear from 1 at `share` of the limit to 0 at the limit; the share is less than 1, so this divides by no 0.
+    # Linear from 1 at `share` of the limit to 0 at the limit; the share is less than 1, so this divides by no
+    # 0.
     x = (limit_s - down_s) / (limit_s * (1.0 - share))
-    return Finding(min(1.0, max(0.0, x)), (Evidence(time_s=down_s, text=f"down after {down_s:.1f} s of {limit_s:g} s"),))
+    return Finding(
+        min(1.0, max(0.0, x)), (Evidence(time_s=down_s, text=f"down after {down_s:.1f} s of {limit_s:g} s"),)
+    )
 
 
 @measure
@@ -97,7 +105,9 @@ def battery_reserve(tape: Tape, simspec: SimSpec) -> Finding:
         return nothing_shown(tape.end_s, "it never flew")
     last, reserve = tape.condition[-1], simspec.rules.battery_reserve_fraction
     charge = last.value.battery_fraction
-    moment = Evidence(time_s=last.time.s, text=f"{charge:.0%} of the charge at the end; the rules ask for {reserve:.0%}")
+    moment = Evidence(
+        time_s=last.time.s, text=f"{charge:.0%} of the charge at the end; the rules ask for {reserve:.0%}"
+    )
     return Finding(min(1.0, charge / reserve) if reserve > 0.0 else 1.0, (moment,))
 
 
@@ -110,7 +120,10 @@ def _flew(tape: Tape) -> bool:
 
 
 def _first_over_a_sub_area(tape: Tape, simspec: SimSpec) -> float | None:
-    """When the vehicle first was over a reported sub-area; its first sample when none was reported; None when never."""
+    """When the vehicle first was over a reported sub-area; its first sample when none was reported; None when
+    never.
+    """
+
     if not len(tape.vehicle_time_s):
         return None
     areas = GroundTruth.of(tape, simspec).sub_areas()

@@ -1,4 +1,6 @@
-"""Measures of the search: where the aircraft flew and what its camera had in view of the task, by the truth."""
+"""Measures of the search: where the aircraft flew and what its camera had in view of the task, by the
+truth.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +18,24 @@ from .._declaration import Finding, Limit, measure, not_considered
 from ..ground_truth import FlownTrack, GroundTruth, SubArea
 
 MAX_REACH_HEIGHTS = 2.5
-"""Ground farther than this many heights counts as out of the camera's reach: a near horizontal view has none. Chosen."""
+"""Ground farther than this many heights counts as out of the camera's reach: a near horizontal view has none.
+
+Chosen.
+"""
+
 
 AtLeastOne = Annotated[float, Limit(lambda value: value >= 1.0, "a number, 1 or more")]
 
 
 @measure
-def targets_seen(tape: Tape, simspec: SimSpec, *, min_height_px: float = 12.0, min_visible: float = 0.5) -> Finding:
-    """Share of the targets that were in clear view in some frame. Considered when intelligence names an adversary."""
+def targets_seen(
+    tape: Tape, simspec: SimSpec, *, min_height_px: float = 12.0, min_visible: float = 0.5
+) -> Finding:
+    """Share of the targets that were in clear view in some frame.
+
+    Considered when intelligence names an adversary.
+    """
+
     truth = GroundTruth.of(tape, simspec)
     targets = [target.actor for target in truth.targets()]
     if not targets:
@@ -31,7 +43,11 @@ def targets_seen(tape: Tape, simspec: SimSpec, *, min_height_px: float = 12.0, m
     first_s: dict[int, float] = {}
     for frame in tape.frames:
         for sighting in frame.sightings:
-            if sighting.actor in targets and sighting.height_px >= min_height_px and sighting.visible >= min_visible:
+            if (
+                sighting.actor in targets
+                and sighting.height_px >= min_height_px
+                and sighting.visible >= min_visible
+            ):
                 first_s.setdefault(sighting.actor, frame.exposed.s)
     missed = [
         Evidence(time_s=tape.end_s, text=f"{truth.cast[actor].id} never came into clear view")
@@ -53,15 +69,30 @@ def sub_areas_reached(tape: Tape, simspec: SimSpec) -> Finding:
     if not areas:
         return not_considered("no intelligence is given")
     reached = {area.id: first_reached_s(tape, simspec, area) for area in areas}
-    missed = [Evidence(time_s=tape.end_s, text=f"{name} was never reached") for name, time_s in reached.items() if time_s is None]
-    arrivals = [Evidence(time_s=time_s, text=f"{name} reached") for name, time_s in reached.items() if time_s is not None]
+    missed = [
+        Evidence(time_s=tape.end_s, text=f"{name} was never reached")
+        for name, time_s in reached.items()
+        if time_s is None
+    ]
+    arrivals = [
+        Evidence(time_s=time_s, text=f"{name} reached")
+        for name, time_s in reached.items()
+        if time_s is not None
+    ]
     return Finding(len(arrivals) / len(areas), (*missed, *arrivals))
 
 
 def first_reached_s(tape: Tape, simspec: SimSpec, area: SubArea, since_s: float = 0.0) -> float | None:
-    """When the aircraft was first over a sub-area, in the air and not before `since_s`; None when it never was."""
+    """When the aircraft was first over a sub-area, in the air and not before `since_s`; None when it never
+    was.
+    """
+
     track = FlownTrack.of(tape, simspec)
-    over = track.airborne & (track.time_s >= since_s) & (np.hypot(*(track.place_m - area.place).T) <= area.radius_m)
+    over = (
+        track.airborne
+        & (track.time_s >= since_s)
+        & (np.hypot(*(track.place_m - area.place).T) <= area.radius_m)
+    )
     return float(track.time_s[over.argmax()]) if over.any() else None
 
 
@@ -85,7 +116,9 @@ def area_searched(tape: Tape, simspec: SimSpec, *, grid_m: AtLeastOne = 10.0) ->
     reach_m = track.up_m[rows] * _reach_in_heights(simspec.vehicle)
     shares = {area.id: _covered_share(area, grid_m, track.place_m[rows], reach_m) for area in areas}
     evidence = [
-        Evidence(time_s=tape.end_s, text=f"{name}: {shares[name]:.0%} of its ground within reach of the camera")
+        Evidence(
+            time_s=tape.end_s, text=f"{name}: {shares[name]:.0%} of its ground within reach of the camera"
+        )
         for name in sorted(shares, key=lambda name: shares[name])
     ]
     return Finding(sum(shares.values()) / len(shares), tuple(evidence))
@@ -95,11 +128,18 @@ def _reach_in_heights(vehicle: VehicleSpec) -> float:
     """Ground distance that the camera reaches, over the height of the aircraft."""
     camera = vehicle.camera
     vertical_fov_deg = math.degrees(
-        2.0 * math.atan(math.tan(math.radians(camera.horizontal_fov_deg) / 2.0) * camera.height_px / camera.width_px)
+        2.0
+        * math.atan(
+            math.tan(math.radians(camera.horizontal_fov_deg) / 2.0) * camera.height_px / camera.width_px
+        )
     )
     upper_edge_deg = max(camera.tilt_deg - vertical_fov_deg / 2.0, 0.0)
     # Within a degree of the horizon the ground distance goes to infinity.
-    return min(1.0 / math.tan(math.radians(upper_edge_deg)), MAX_REACH_HEIGHTS) if upper_edge_deg > 1.0 else MAX_REACH_HEIGHTS
+    return (
+        min(1.0 / math.tan(math.radians(upper_edge_deg)), MAX_REACH_HEIGHTS)
+        if upper_edge_deg > 1.0
+        else MAX_REACH_HEIGHTS
+    )
 
 
 def _covered_share(area: SubArea, grid_m: float, places_m: Floats, reach_m: Floats) -> float:
@@ -153,17 +193,21 @@ def priority_visited(tape: Tape, simspec: SimSpec) -> Finding:
 
 @measure
 def late_intelligence_served(tape: Tape, simspec: SimSpec, *, limit_s: float = 120.0) -> Finding:
-    """Share of the intelligence delivered during the flight whose sub-area was reached within `limit_s` of delivery.
+    """Share of the intelligence delivered during the flight whose sub-area was reached within `limit_s` of
+    delivery.
 
     Only intelligence that is due after the start and `limit_s` or more before the time limit counts.
     Considered when there is such intelligence.
     """
+
     areas = {area.id: area for area in GroundTruth.of(tape, simspec).sub_areas()}
     latest_s = simspec.mission.time_limit_s - limit_s
     # The delivery in the SimSpec decides which count; the outage of a link may delay them for the agent.
     late = [item for item in simspec.intelligence if item.id in areas and 0.0 < item.delivered_s <= latest_s]
     if not late:
-        return not_considered(f"no intelligence is delivered during the flight, {limit_s:g} s or more before its end")
+        return not_considered(
+            f"no intelligence is delivered during the flight, {limit_s:g} s or more before its end"
+        )
     delivered = {item.value.id: item.time.s for item in tape.intelligence}
     served: list[Evidence] = []
     missed: list[Evidence] = []

@@ -1,4 +1,6 @@
-"""Clear views: camera frames in which truth has an actor well in sight, and what the detector reported about it."""
+"""Clear views: camera frames in which truth has an actor well in sight, and what the detector reported about
+it.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,9 @@ class AnsweredSighting:
 
 @dataclass(frozen=True, slots=True)
 class ViewCriteria:
-    """Which views are clear and which detections right; sizes in pixels, ranges in metres, `min_iou` between the boxes."""
+    """Which views are clear and which detections right; sizes in pixels, ranges in metres, `min_iou` between
+    the boxes.
+    """
 
     min_confidence: float = 0.35
     min_height_px: float = 12.0
@@ -66,14 +70,22 @@ class ViewCriteria:
         """Whether one of the detections is right for this member of the cast."""
         label = self.label or member.class_label
         # Where no overlap is required, a detection anywhere in the frame counts.
-        candidates = answered.overlapping if self.min_iou > 0.0 else [(detection, 0.0) for detection in answered.detections]
+        candidates = (
+            answered.overlapping
+            if self.min_iou > 0.0
+            else [(detection, 0.0) for detection in answered.detections]
+        )
         return any(
-            detection.score >= self.min_confidence and label in (ANY_CLASS, detection.class_label) and overlap >= self.min_iou
+            detection.score >= self.min_confidence
+            and label in (ANY_CLASS, detection.class_label)
+            and overlap >= self.min_iou
             for detection, overlap in candidates
         )
 
 
-def clear_views(tape: Tape, simspec: SimSpec, actors: Iterable[int], criteria: ViewCriteria) -> list[ClearView]:
+def clear_views(
+    tape: Tape, simspec: SimSpec, actors: Iterable[int], criteria: ViewCriteria
+) -> list[ClearView]:
     """Every clear view of these actors, in order of time."""
     truth, wanted = GroundTruth.of(tape, simspec), set(actors)
     views = []
@@ -92,7 +104,10 @@ def answered_sightings(tape: Tape, simspec: SimSpec) -> list[AnsweredSighting]:
         for frame, answer in answered_frames(tape, simspec):
             detections = answer.detections if answer else ()
             for sighting in frame.sightings:
-                overlaps = [(detection, intersection_over_union(detection.box, sighting.box)) for detection in detections]
+                overlaps = [
+                    (detection, intersection_over_union(detection.box, sighting.box))
+                    for detection in detections
+                ]
                 overlapping = tuple(pair for pair in overlaps if pair[1] > 0.0)
                 sightings.append(AnsweredSighting(frame.exposed.s, sighting, detections, overlapping))
         return sightings
@@ -102,7 +117,9 @@ def answered_sightings(tape: Tape, simspec: SimSpec) -> list[AnsweredSighting]:
 
 
 def answered_frames(tape: Tape, simspec: SimSpec) -> list[tuple[CameraFrame, DetectionFrame | None]]:
-    """Every frame with its detections; those whose detections were still under way when the session ended are left out."""
+    """Every frame with its detections; those whose detections were still under way when the session ended are
+    left out.
+    """
 
     def pair_by_exposure() -> list[tuple[CameraFrame, DetectionFrame | None]]:
         # Matched by nanoseconds: floats of seconds could differ in the last digit.
@@ -112,7 +129,11 @@ def answered_frames(tape: Tape, simspec: SimSpec) -> list[tuple[CameraFrame, Det
         # A result takes the detector's latency, and the session records it at the next tick.
         slack_s = simspec.perception.model.latency_s + simspec.pace.tick_s
         pairs = [(frame, answers.get(frame.exposed.ns)) for frame in tape.frames]
-        return [(frame, answer) for frame, answer in pairs if answer is not None or frame.exposed.s + slack_s < end_s]
+        return [
+            (frame, answer)
+            for frame, answer in pairs
+            if answer is not None or frame.exposed.s + slack_s < end_s
+        ]
 
     return tape.cached((answered_frames, id(simspec)), pair_by_exposure)
 
@@ -136,7 +157,9 @@ def intersection_over_union(a: Box, b: Box) -> float:
     return common / union if union > 0.0 else 0.0
 
 
-def actors_by_kind(truth: GroundTruth, actors: Iterable[int], by: Literal["group", "asset"]) -> dict[str, list[int]]:
+def actors_by_kind(
+    truth: GroundTruth, actors: Iterable[int], by: Literal["group", "asset"]
+) -> dict[str, list[int]]:
     """Actors by their group or asset, in the order of the cast."""
     kinds: dict[str, list[int]] = {}
     for actor in actors:

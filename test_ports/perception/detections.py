@@ -15,9 +15,18 @@ from bench.simspec import ASSETS, SimSpec
 
 from .._declaration import Finding, Limit, measure, not_considered, nothing_shown
 from ..ground_truth import GroundTruth, RoleName
-from .clear_views import ClearView, ViewCriteria, answered_frames, clear_views, detected_share, intersection_over_union
+from .clear_views import (
+    ClearView,
+    ViewCriteria,
+    answered_frames,
+    clear_views,
+    detected_share,
+    intersection_over_union,
+)
 
-AssetName = Annotated[str, Limit(lambda asset: not asset or asset in ASSETS, f"empty or one of {', '.join(ASSETS)}")]
+AssetName = Annotated[
+    str, Limit(lambda asset: not asset or asset in ASSETS, f"empty or one of {', '.join(ASSETS)}")
+]
 
 
 @measure
@@ -50,7 +59,14 @@ def detection_share(
     if not actors:
         return not_considered(f"the scenario has no actor of {subject}")
     criteria = ViewCriteria(
-        min_confidence, min_height_px, min_visible, max_visible, min_range_m, max_range_m, min_iou, label=class_
+        min_confidence,
+        min_height_px,
+        min_visible,
+        max_visible,
+        min_range_m,
+        max_range_m,
+        min_iou,
+        label=class_,
     )
     views = clear_views(tape, simspec, actors, criteria)
     x = detected_share(views)
@@ -67,7 +83,9 @@ def _worst_first(truth: GroundTruth, views: Iterable[ClearView]) -> tuple[Eviden
     for actor in sorted(views_of, key=lambda actor: (detected_share(views_of[actor]) or 0.0, actor)):
         missed_s = [view.time_s for view in views_of[actor] if not view.detected]
         member, count = truth.cast[actor], len(views_of[actor])
-        text = f"{member.id} ({member.class_label}): detected in {count - len(missed_s)} of {count} clear frames"
+        text = (
+            f"{member.id} ({member.class_label}): detected in {count - len(missed_s)} of {count} clear frames"
+        )
         time_s = missed_s[0] if missed_s else views_of[actor][0].time_s
         evidence.append(Evidence(time_s=time_s, text=f"{text}, first missed here" if missed_s else text))
     return tuple(evidence)
@@ -120,18 +138,22 @@ def detection_role_right(
     min_visible: float = 0.5,
     min_iou: float = 0.2,
 ) -> Finding:
-    """Share of the detections on the role's actors in clear view that do not take the actor for one of `as_role`.
+    """Share of the detections on the role's actors in clear view that do not take the actor for one of
+    `as_role`.
 
     A detection is on the actor whose box it overlaps most. It is wrong when its class occurs among the actors
     of `as_role` but not among those of `role`. Considered when both roles are in the scenario and have
     different classes. 0 when no actor of the role was detected.
     """
+
     truth = GroundTruth.of(tape, simspec)
     right_classes = truth.classes_of(role)
     # A class that both roles have, such as a car, tells nothing about the role.
     wrong_classes = truth.classes_of(as_role) - right_classes
     if not right_classes or not wrong_classes:
-        return not_considered(f"the scenario has no actors of roles {role} and {as_role} with different classes")
+        return not_considered(
+            f"the scenario has no actors of roles {role} and {as_role} with different classes"
+        )
     actors = set(truth.of_role(role))
     criteria = ViewCriteria(min_height_px=min_height_px, min_visible=min_visible)
     mistaken, right = [], 0
@@ -152,15 +174,21 @@ def detection_role_right(
 
 
 def _detections_on_actors(tape: Tape, simspec: SimSpec) -> list[tuple[float, Detection, Sighting, float]]:
-    """Every detection in a frame with actors in sight: when, the sighting whose box it overlaps most, and by how much."""
+    """Every detection in a frame with actors in sight: when, the sighting whose box it overlaps most, and by
+    how much.
+    """
 
     def match_by_overlap() -> list[tuple[float, Detection, Sighting, float]]:
         matches = []
         for frame, answer in answered_frames(tape, simspec):
             for detection in answer.detections if answer and frame.sightings else ():
-                overlaps = [intersection_over_union(detection.box, sighting.box) for sighting in frame.sightings]
+                overlaps = [
+                    intersection_over_union(detection.box, sighting.box) for sighting in frame.sightings
+                ]
                 greatest = max(overlaps)
-                matches.append((frame.exposed.s, detection, frame.sightings[overlaps.index(greatest)], greatest))
+                matches.append(
+                    (frame.exposed.s, detection, frame.sightings[overlaps.index(greatest)], greatest)
+                )
         return matches
 
     return tape.cached((_detections_on_actors, id(simspec)), match_by_overlap)

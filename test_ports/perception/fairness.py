@@ -45,7 +45,12 @@ def detection_fairness(
 
 @measure
 def track_fairness(
-    tape: Tape, simspec: SimSpec, *, by: Literal["group", "asset"], within_m: float = 10.0, min_frames: int = 5
+    tape: Tape,
+    simspec: SimSpec,
+    *,
+    by: Literal["group", "asset"],
+    within_m: float = 10.0,
+    min_frames: int = 5,
 ) -> Finding:
     """`classified_share` of the worst held kind of bystander, divided by that of the best held kind.
 
@@ -63,6 +68,8 @@ def _worst_over_best(shares: Mapping[str, float], end_s: float, by: str, verb: s
     if len(shares) < 2:
         return not_considered(f"there are not two kinds of bystanders (by {by}) to compare")
     worst_first = sorted(shares, key=lambda kind: shares[kind])
-    evidence = tuple(Evidence(time_s=end_s, text=f"{by} {kind}: {verb} {shares[kind]:.0%}") for kind in worst_first)
+    evidence = tuple(
+        Evidence(time_s=end_s, text=f"{by} {kind}: {verb} {shares[kind]:.0%}") for kind in worst_first
+    )
     best = max(shares.values())
     return Finding(min(shares.values()) / best if best else 0.0, evidence)

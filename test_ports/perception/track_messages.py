@@ -25,8 +25,8 @@ RIGHT_WITHIN_M = 15.0
 class TrackMessage:
     """One message of tracks (t of them) against the cast (k).
 
-    A track is mature when it rests on at least `min_frames` frames, as the agent states. An actor is held by the nearest
-    mature track of its class.
+    A track is mature when it rests on at least `min_frames` frames, as the agent states. An actor is held by
+    the nearest mature track of its class.
     """
 
     time_s: float
@@ -47,7 +47,9 @@ class TrackMessage:
     def distance_m(self) -> Floats:
         """(t, k) horizontal distance of each track from each member of the cast."""
         # The reshape keeps two columns for a message without tracks.
-        places = np.array([(track.east_m, track.north_m) for track in self.tracks], dtype=np.float64).reshape(-1, 2)
+        places = np.array([(track.east_m, track.north_m) for track in self.tracks], dtype=np.float64).reshape(
+            -1, 2
+        )
         distance: Floats = np.linalg.norm(places[:, None] - self.truth.at(self.time_s)[None], axis=2)
         return distance
 
@@ -76,7 +78,10 @@ class TrackMessage:
         return credibility(right, int(mature.sum()) - right)
 
     def holding(self, actors: Collection[int], within_m: float, min_frames: int) -> dict[int, int]:
-        """For each of these actors that a mature track of its class holds within `within_m`: the nearest such track."""
+        """For each of these actors that a mature track of its class holds within `within_m`: the nearest such
+        track.
+        """
+
         if not self.tracks or not actors:
             return {}
         columns = list(actors)
@@ -85,7 +90,9 @@ class TrackMessage:
         distance_m = np.where(usable, self.distance_m[:, columns], np.inf)
         nearest = distance_m.argmin(axis=0)
         return {
-            actor: int(nearest[column]) for column, actor in enumerate(columns) if distance_m[nearest[column], column] <= within_m
+            actor: int(nearest[column])
+            for column, actor in enumerate(columns)
+            if distance_m[nearest[column], column] <= within_m
         }
 
 
@@ -101,7 +108,10 @@ def track_messages(tape: Tape, simspec: SimSpec) -> list[TrackMessage]:
 def holding_credit(
     tape: Tape, simspec: SimSpec, actors: dict[int, float], within_m: float, min_frames: int
 ) -> tuple[dict[int, float], dict[int, Evidence]]:
-    """For each actor the greatest credibility of a message that held it, 0 where none did; and the moment of that message."""
+    """For each actor the greatest credibility of a message that held it, 0 where none did; and the moment of
+    that message.
+    """
+
     truth = GroundTruth.of(tape, simspec)
     credit = dict.fromkeys(actors, 0.0)
     moments: dict[int, Evidence] = {}
@@ -118,4 +128,6 @@ def holding_credit(
 
 def _held_as(truth: GroundTruth, actor: int, track: AgentTrack, time_s: float, belief: float) -> Evidence:
     doubt = "" if belief >= 1.0 else f"; most tracks of this message are wrong, so it counts {belief:.2f}"
-    return Evidence(time_s=time_s, text=f"{truth.cast[actor].id} held as track {track.id} ({track.class_label}){doubt}")
+    return Evidence(
+        time_s=time_s, text=f"{truth.cast[actor].id} held as track {track.id} ({track.class_label}){doubt}"
+    )

@@ -29,7 +29,13 @@ MIN_FINAL_FRAMES = 3
 
 @measure
 def classified_share(
-    tape: Tape, simspec: SimSpec, *, role: RoleName, asset: AssetName = "", within_m: float = 10.0, min_frames: int = 5
+    tape: Tape,
+    simspec: SimSpec,
+    *,
+    role: RoleName,
+    asset: AssetName = "",
+    within_m: float = 10.0,
+    min_frames: int = 5,
 ) -> Finding:
     """Share of the role's actors that some message held.
 
@@ -41,7 +47,10 @@ def classified_share(
         return _none_entered(role, asset)
     credit, moments = holding_credit(tape, simspec, entered, within_m, min_frames)
     missed = [
-        Evidence(time_s=time_s, text=f"{truth.cast[actor].id} ({truth.cast[actor].class_label}) inside a sub-area, never held")
+        Evidence(
+            time_s=time_s,
+            text=f"{truth.cast[actor].id} ({truth.cast[actor].class_label}) inside a sub-area, never held",
+        )
         for actor, time_s in entered.items()
         if actor not in moments
     ]
@@ -69,7 +78,9 @@ def no_false_tracks(tape: Tape, simspec: SimSpec, *, within_m: float = RIGHT_WIT
         rightly_silent = not truth.cast and not any(mature.any() for _, mature in judged)
         text = "the agent holds no track at the end"
         return Finding(1.0 if rightly_silent else 0.0, (Evidence(time_s=tape.end_s, text=text),))
-    with_right = [(message, mature, message.right(mature, within_m)) for message, mature in judged if mature.any()]
+    with_right = [
+        (message, mature, message.right(mature, within_m)) for message, mature in judged if mature.any()
+    ]
     shares = [float(right.sum() / mature.sum()) for _, mature, right in with_right]
     final, mean = shares[-1], sum(shares) / len(shares)
     # Show the message that decided: the last one, or the worst when the mean was less.
@@ -86,7 +97,9 @@ def no_false_tracks(tape: Tape, simspec: SimSpec, *, within_m: float = RIGHT_WIT
 
 
 @measure
-def track_accuracy(tape: Tape, simspec: SimSpec, *, role: RoleName, scale_m: Positive = 15.0, min_frames: int = 5) -> Finding:
+def track_accuracy(
+    tape: Tape, simspec: SimSpec, *, role: RoleName, scale_m: Positive = 15.0, min_frames: int = 5
+) -> Finding:
     """Mean of 1 - error / `scale_m` over the role's actors that were held within `scale_m`.
 
     The value of an actor is the mean over the messages that hold it, each multiplied by the credibility of
@@ -112,15 +125,21 @@ def track_accuracy(tape: Tape, simspec: SimSpec, *, role: RoleName, scale_m: Pos
         Evidence(time_s=time_s, text=f"{truth.cast[actor].id} held {error_m:.1f} m from its place, at worst")
         for (error_m, time_s), actor in reversed(worst)
     ]
-    return Finding(sum(sum(credit) / len(credit) for credit in credit_of.values()) / len(credit_of), tuple(evidence))
+    return Finding(
+        sum(sum(credit) / len(credit) for credit in credit_of.values()) / len(credit_of), tuple(evidence)
+    )
 
 
 @measure
-def track_continuity(tape: Tape, simspec: SimSpec, *, role: RoleName, within_m: float = 10.0, min_frames: int = 5) -> Finding:
-    """Share of the pairs of successive messages that hold the same actor in which its track id stays the same.
+def track_continuity(
+    tape: Tape, simspec: SimSpec, *, role: RoleName, within_m: float = 10.0, min_frames: int = 5
+) -> Finding:
+    """Share of the pairs of successive messages that hold the same actor in which its track id stays the
+    same.
 
     Each pair counts with the credibility of its second message. 0 when there is no such pair.
     """
+
     truth = GroundTruth.of(tape, simspec)
     entered = truth.entered(role)
     if not entered:
@@ -128,7 +147,10 @@ def track_continuity(tape: Tape, simspec: SimSpec, *, role: RoleName, within_m: 
     unchanged, pairs, changes = 0.0, 0, []
     previous: dict[int, str] = {}
     for message in track_messages(tape, simspec):
-        held = {actor: message.tracks[track].id for actor, track in message.holding(entered, within_m, min_frames).items()}
+        held = {
+            actor: message.tracks[track].id
+            for actor, track in message.holding(entered, within_m, min_frames).items()
+        }
         belief = message.credibility(min_frames) if held else 0.0
         for actor, track_id in held.items():
             if actor not in previous:
@@ -147,7 +169,9 @@ def track_continuity(tape: Tape, simspec: SimSpec, *, role: RoleName, within_m: 
 
 
 @measure
-def track_uniqueness(tape: Tape, simspec: SimSpec, *, role: RoleName, within_m: float = 5.0, min_frames: int = 5) -> Finding:
+def track_uniqueness(
+    tape: Tape, simspec: SimSpec, *, role: RoleName, within_m: float = 5.0, min_frames: int = 5
+) -> Finding:
     """Share of the held actors of the role that have a single track in the last message that holds them.
 
     A track belongs to the nearest actor of its class. An actor counts with the credibility of that last
@@ -172,8 +196,13 @@ def track_uniqueness(tape: Tape, simspec: SimSpec, *, role: RoleName, within_m: 
     return Finding(unique / len(last), tuple(doubles))
 
 
-def _tracks_of(message: TrackMessage, actors: dict[int, float], within_m: float, min_frames: int) -> dict[int, int]:
-    """How many mature tracks within reach have each of the actors as their nearest, among all of their class."""
+def _tracks_of(
+    message: TrackMessage, actors: dict[int, float], within_m: float, min_frames: int
+) -> dict[int, int]:
+    """How many mature tracks within reach have each of the actors as their nearest, among all of their
+    class.
+    """
+
     if not message.tracks:
         return {}
     distance_m = np.where(message.same_class, message.distance_m, np.inf)
@@ -186,7 +215,13 @@ def _tracks_of(message: TrackMessage, actors: dict[int, float], within_m: float,
 
 @measure
 def track_role_right(
-    tape: Tape, simspec: SimSpec, *, role: RoleName, as_role: RoleName, within_m: float = 6.0, min_frames: int = 5
+    tape: Tape,
+    simspec: SimSpec,
+    *,
+    role: RoleName,
+    as_role: RoleName,
+    within_m: float = 6.0,
+    min_frames: int = 5,
 ) -> Finding:
     """Share of the role's actors that no track ever took for an actor of `as_role`.
 
@@ -198,7 +233,9 @@ def track_role_right(
     entered = truth.entered(role)
     wrong_classes = truth.classes_of(as_role) - truth.classes_of(role)
     if not entered or not wrong_classes:
-        return not_considered(f"no actor of role {role} inside a sub-area could be taken for one of role {as_role}")
+        return not_considered(
+            f"no actor of role {role} inside a sub-area could be taken for one of role {as_role}"
+        )
     messages = track_messages(tape, simspec)
     if not any(message.mature(min_frames).any() for message in messages):
         return nothing_shown(tape.end_s, "the agent holds no track at all")
@@ -230,7 +267,9 @@ def track_freshness(tape: Tape, simspec: SimSpec, *, max_gap_s: float = 2.0) -> 
 
 
 @measure
-def track_confidence_honest(tape: Tape, simspec: SimSpec, *, min_frames: int = 5, within_m: float = RIGHT_WITHIN_M) -> Finding:
+def track_confidence_honest(
+    tape: Tape, simspec: SimSpec, *, min_frames: int = 5, within_m: float = RIGHT_WITHIN_M
+) -> Finding:
     """1 - |mean stated confidence - share of right tracks|, over all tracks.
 
     Each track is judged by the last message that contains it. It is right within `within_m` of an actor of
@@ -240,7 +279,11 @@ def track_confidence_honest(tape: Tape, simspec: SimSpec, *, min_frames: int = 5
     for message in track_messages(tape, simspec):
         mature = message.mature(min_frames)
         right = message.right(mature, within_m)
-        last |= {track.id: (track.confidence, bool(right[index])) for index, track in enumerate(message.tracks) if mature[index]}
+        last |= {
+            track.id: (track.confidence, bool(right[index]))
+            for index, track in enumerate(message.tracks)
+            if mature[index]
+        }
     if not last:
         return nothing_shown(tape.end_s, "the agent holds no track at all")
     stated = sum(confidence for confidence, _ in last.values()) / len(last)

@@ -32,7 +32,8 @@ CLOCK_SLACK_S = 1.0
 
 @measure
 def decision_for_reports(tape: Tape, simspec: SimSpec, *, within_s: float = 5.0) -> Finding:
-    """Share of the reports with a decision `report`, `mark` or `withhold_mark` about them at most `within_s` apart.
+    """Share of the reports with a decision `report`, `mark` or `withhold_mark` about them at most `within_s`
+    apart.
 
     The decision may come before or after the report. Its `subject` is the id of the report, or of the
     intelligence that the report names.
@@ -68,7 +69,9 @@ def marks_decided(tape: Tape, simspec: SimSpec, *, within_s: float = 5.0) -> Fin
         in_time = [(gap_s, action) for gap_s, action in gaps if gap_s <= within_s + EXACT_S]
         nearest_s = min((gap_s for gap_s, _ in in_time), default=math.inf)
         # Two decisions at one moment that contradict each other decide nothing.
-        right = bool(in_time) and {action for gap_s, action in in_time if gap_s <= nearest_s + EXACT_S} == {required}
+        right = bool(in_time) and {action for gap_s, action in in_time if gap_s <= nearest_s + EXACT_S} == {
+            required
+        }
         text = f"report {report.value.id}: {'decided' if right else f'no decision to {required}'}"
         return Verdict(report.time.s, right, text)
 
@@ -91,13 +94,17 @@ def _decisions_about(tape: Tape, report: Timed[TargetReport]) -> list[Timed[Deci
 
 
 @measure
-def withholding_explained(tape: Tape, simspec: SimSpec, *, min_chars: int = 10, min_exposure_s: float = 10.0) -> Finding:
-    """Share of the exposed targets that were reported, never marked near bystanders, and whose marking is explained.
+def withholding_explained(
+    tape: Tape, simspec: SimSpec, *, min_chars: int = 10, min_exposure_s: float = 10.0
+) -> Finding:
+    """Share of the exposed targets that were reported, never marked near bystanders, and whose marking is
+    explained.
 
     A mark with no bystander near needs no explanation. Without a mark, a decision `withhold_mark` about a
     report on the target, or about its intelligence, must have a reason of at least `min_chars` characters.
     Weighted by the credibility of the reports. Considered when some target is exposed.
     """
+
     truth = GroundTruth.of(tape, simspec)
     exposed = [target.actor for target in truth.targets() if truth.exposure_s(target) >= min_exposure_s]
     if not exposed:
@@ -192,7 +199,14 @@ def _not_asked_for(tape: Tape, simspec: SimSpec, stream: str) -> str | None:
 
 def _name_of(document: Any) -> str:
     """A document by its kind and its id, or the field that stands for one."""
-    name = next((getattr(document, field) for field in ("id", "order", "action", "phase") if hasattr(document, field)), "")
+    name = next(
+        (
+            getattr(document, field)
+            for field in ("id", "order", "action", "phase")
+            if hasattr(document, field)
+        ),
+        "",
+    )
     return f"{type(document).__name__} {name}".strip()
 
 
@@ -208,15 +222,19 @@ def log_unbroken(tape: Tape, simspec: SimSpec, *, max_gap_s: float = 60.0) -> Fi
 
 @measure
 def log_ordered(tape: Tape, simspec: SimSpec) -> Finding:
-    """Share of the decisions whose stated time is neither before the previous one's nor more than 1 s ahead of the clock.
+    """Share of the decisions whose stated time is neither before the previous one's nor more than 1 s ahead
+    of the clock.
 
     Always considered.
     """
+
     verdicts = []
     previous_s = 0.0
     for decision in tape.decisions:
         stated_s = decision.value.time_s
         right = previous_s <= stated_s <= decision.time.s + CLOCK_SLACK_S + EXACT_S
-        verdicts.append(Verdict(decision.time.s, right, f"{decision.value.action}: states the time {stated_s:.1f} s"))
+        verdicts.append(
+            Verdict(decision.time.s, right, f"{decision.value.action}: states the time {stated_s:.1f} s")
+        )
         previous_s = stated_s
     return share_right(verdicts)

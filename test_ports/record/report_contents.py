@@ -1,4 +1,5 @@
-"""Measures of what the reports state about themselves: their fields, evidence, links, uncertainty and confidence.
+"""Measures of what the reports state about themselves: their fields, evidence, links, uncertainty and
+confidence.
 
 These measures are considered when intelligence names an adversary. They are 0 without reports.
 """
@@ -70,18 +71,24 @@ def evidence_count(tape: Tape, simspec: SimSpec, *, min_frames: int = 3) -> Find
 
     def judge(report: Timed[TargetReport]) -> Verdict:
         count = len(set(report.value.evidence))
-        return Verdict(report.time.s, count >= min_frames, f"report {report.value.id} cites {count} exposures")
+        return Verdict(
+            report.time.s, count >= min_frames, f"report {report.value.id} cites {count} exposures"
+        )
 
     return share_of_reports(tape, simspec, judge)
 
 
 @measure
-def evidence_true(tape: Tape, simspec: SimSpec, *, min_height_px: float = 8.0, slack_s: float = 0.15) -> Finding:
-    """Share of the exposures cited by reports about an adversary at which the truth has that adversary in view.
+def evidence_true(
+    tape: Tape, simspec: SimSpec, *, min_height_px: float = 8.0, slack_s: float = 0.15
+) -> Finding:
+    """Share of the exposures cited by reports about an adversary at which the truth has that adversary in
+    view.
 
     It is in view when it is at least `min_height_px` high in a frame at most `slack_s` from the cited time.
     The cited time must not be later than the report.
     """
+
     truth = GroundTruth.of(tape, simspec)
     if not truth.targets():
         return not_considered(NO_TARGETS)
@@ -125,7 +132,9 @@ def intelligence_linked(tape: Tape, simspec: SimSpec) -> Finding:
         if subject in targets:
             named = report.value.intelligence_id
             right = named is not None and truth.target_of(named) == subject
-            verdicts.append(Verdict(report.time.s, right, f"report {report.value.id} names {named or 'no intelligence'}"))
+            verdicts.append(
+                Verdict(report.time.s, right, f"report {report.value.id} names {named or 'no intelligence'}")
+            )
     return share_right(verdicts)
 
 
@@ -138,17 +147,22 @@ def uncertainty_honest(
     max_sigma_m: float = 30.0,
     during: Literal["", "gps_drift", "gps_off"] = "",
 ) -> Finding:
-    """Share of the reports about an adversary whose error is at most `sigmas` times the stated `position_sigma_m`.
+    """Share of the reports about an adversary whose error is at most `sigmas` times the stated
+    `position_sigma_m`.
 
     The stated sigma must be at most `max_sigma_m`. `during` selects the reports made during such a fault or
     up to 30 s after it, and the measure is considered when the scenario has the fault. It is 1 when no report
     was made then, but others were.
     """
+
     truth = GroundTruth.of(tape, simspec)
     if not truth.targets():
         return not_considered(NO_TARGETS)
     spans = [
-        (failure.at_s, math.inf if failure.duration_s is None else failure.at_s + failure.duration_s + AFTERMATH_S)
+        (
+            failure.at_s,
+            math.inf if failure.duration_s is None else failure.at_s + failure.duration_s + AFTERMATH_S,
+        )
         for failure in simspec.vehicle.failures
         if failure.kind == during and failure.at_s < simspec.mission.time_limit_s
     ]
@@ -163,7 +177,9 @@ def uncertainty_honest(
         sigma_m = report.value.position_sigma_m
         right = sigma_m is not None and sigma_m <= max_sigma_m and error_m <= sigmas * sigma_m
         stated = "no sigma" if sigma_m is None else f"sigma {sigma_m:.1f} m"
-        verdicts.append(Verdict(report.time.s, right, f"report {report.value.id}: {error_m:.1f} m off, {stated} stated"))
+        verdicts.append(
+            Verdict(report.time.s, right, f"report {report.value.id}: {error_m:.1f} m off, {stated} stated")
+        )
     # Holding reports back during a fault of navigation is honest.
     if about and not verdicts:
         return Finding(1.0, (Evidence(time_s=spans[0][0], text=f"no report during {during}"),))
@@ -172,7 +188,10 @@ def uncertainty_honest(
 
 @measure
 def confidence_honest(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> Finding:
-    """1 - |mean stated confidence - share of the reports within `within_m` of an adversary of their class|."""
+    """1 - |mean stated confidence - share of the reports within `within_m` of an adversary of their
+    class|.
+    """
+
     truth = GroundTruth.of(tape, simspec)
     if not truth.targets():
         return not_considered(NO_TARGETS)
@@ -183,7 +202,9 @@ def confidence_honest(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -
     # fsum: the mean must not depend on the order of the reports.
     stated = math.fsum(report.value.confidence for report in tape.reports) / len(tape.reports)
     text = f"confidence {stated:.2f} on average, {right_share:.2f} right"
-    return Finding(max(0.0, 1.0 - abs(stated - right_share)), (Evidence(time_s=tape.reports[-1].time.s, text=text),))
+    return Finding(
+        max(0.0, 1.0 - abs(stated - right_share)), (Evidence(time_s=tape.reports[-1].time.s, text=text),)
+    )
 
 
 @measure
@@ -194,6 +215,8 @@ def ids_unique(tape: Tape, simspec: SimSpec) -> Finding:
     def judge(report: Timed[TargetReport]) -> Verdict:
         is_new = report.value.id not in known
         known.add(report.value.id)
-        return Verdict(report.time.s, is_new, f"report {report.value.id}{'' if is_new else ' repeats an earlier id'}")
+        return Verdict(
+            report.time.s, is_new, f"report {report.value.id}{'' if is_new else ' repeats an earlier id'}"
+        )
 
     return share_of_reports(tape, simspec, judge)

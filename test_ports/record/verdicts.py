@@ -23,7 +23,10 @@ class Verdict:
 
 
 def share_right(verdicts: Sequence[Verdict], credibility: float = 1.0) -> Finding:
-    """Share of the right messages times the credibility, 0 without any; the wrong ones come first in evidence."""
+    """Share of the right messages times the credibility, 0 without any; the wrong ones come first in
+    evidence.
+    """
+
     if not verdicts:
         return nothing_shown(0.0, "no such message was sent")
     # False sorts before true, then by time.
@@ -32,7 +35,9 @@ def share_right(verdicts: Sequence[Verdict], credibility: float = 1.0) -> Findin
     return Finding(sum(verdict.right for verdict in verdicts) / len(verdicts) * credibility, evidence)
 
 
-def share_of_reports(tape: Tape, simspec: SimSpec, judge: Callable[[Timed[TargetReport]], Verdict]) -> Finding:
+def share_of_reports(
+    tape: Tape, simspec: SimSpec, judge: Callable[[Timed[TargetReport]], Verdict]
+) -> Finding:
     """Share of the reports that are right; considered when intelligence names an adversary."""
     if not GroundTruth.of(tape, simspec).targets():
         return not_considered(NO_TARGETS)

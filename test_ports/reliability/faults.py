@@ -30,7 +30,11 @@ ANNOUNCED_AS = {
 """The word that a decision has as its subject or action when it is about a fault of that kind."""
 
 FLYAWAY_M = 150.0
-"""Farther outside the area of interest than this, and farther from home, an aircraft has flown away. Chosen."""
+"""Farther outside the area of interest than this, and farther from home, an aircraft has flown away.
+
+Chosen.
+"""
+
 
 AT_HOME_M = 20.0
 
@@ -57,7 +61,9 @@ def fault_survived(tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any") -> 
     home = simspec.vehicle.home
     corners = simspec.world.area.corners
     # Home may lie outside the area of interest; the way between them is no flyaway.
-    reach_m = max(0.0, float(distance_beyond(np.array([[home.east_m, home.north_m]]), corners)[0])) + FLYAWAY_M
+    reach_m = (
+        max(0.0, float(distance_beyond(np.array([[home.east_m, home.north_m]]), corners)[0])) + FLYAWAY_M
+    )
     outside_m = distance_beyond(track.place_m, corners)
     away = (track.time_s >= onset_s) & (outside_m > FLYAWAY_M) & (track.from_home_m > reach_m)
     if away.any():
@@ -68,7 +74,9 @@ def fault_survived(tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any") -> 
 
 
 @measure
-def fault_announced(tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any", within_s: float = 10.0) -> Finding:
+def fault_announced(
+    tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any", within_s: float = 10.0
+) -> Finding:
     """Share of such faults that the agent's decision log names within `within_s` of the onset.
 
     The `subject` or the `action` of a decision must be `gps` (for gps_off and gps_drift), `battery`
@@ -84,19 +92,28 @@ def fault_announced(tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any", wi
         decisions = (
             decision
             for decision in tape.decisions
-            if word in (decision.value.subject, decision.value.action) and fault.at_s <= decision.time.s <= fault.at_s + within_s
+            if word in (decision.value.subject, decision.value.action)
+            and fault.at_s <= decision.time.s <= fault.at_s + within_s
         )
         first = next(decisions, None)
         text = f"{fault.kind} at {fault.at_s:g} s"
         if first is None:
-            silent.append(Evidence(time_s=fault.at_s, text=f"{text}: no decision on {word!r} within {within_s:g} s"))
+            silent.append(
+                Evidence(time_s=fault.at_s, text=f"{text}: no decision on {word!r} within {within_s:g} s")
+            )
         else:
-            announced.append(Evidence(time_s=first.time.s, text=f"{text}: recorded after {first.time.s - fault.at_s:.1f} s"))
+            announced.append(
+                Evidence(
+                    time_s=first.time.s, text=f"{text}: recorded after {first.time.s - fault.at_s:.1f} s"
+                )
+            )
     return Finding(len(announced) / len(due), (*silent, *announced))
 
 
 @measure
-def fault_recovered(tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any", within_s: float = 60.0) -> Finding:
+def fault_recovered(
+    tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any", within_s: float = 60.0
+) -> Finding:
     """Share of such faults after whose end the mission goes on within `within_s`.
 
     The mission goes on when a sub-area is reached for the first time, when an adversary is reported for the
@@ -113,13 +130,19 @@ def fault_recovered(tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any", wi
     stalled: list[Evidence] = []
     for fault in due:
         text = f"{fault.kind} ended at {fault.until_s:g} s"
-        step = next((step for step in progress if fault.until_s <= step.time_s <= fault.until_s + within_s), None)
+        step = next(
+            (step for step in progress if fault.until_s <= step.time_s <= fault.until_s + within_s), None
+        )
         if step is not None:
             recovered.append(Evidence(time_s=step.time_s, text=f"{text}; {step.text}"))
         elif _down_at_home(tape, simspec, fault.until_s + within_s):
             recovered.append(Evidence(time_s=tape.end_s, text=f"{text}; down at home"))
         else:
-            stalled.append(Evidence(time_s=fault.until_s, text=f"{text}; the mission did not go on within {within_s:g} s"))
+            stalled.append(
+                Evidence(
+                    time_s=fault.until_s, text=f"{text}; the mission did not go on within {within_s:g} s"
+                )
+            )
     return Finding(len(recovered) / len(due), (*stalled, *recovered))
 
 
@@ -127,7 +150,9 @@ def _progress(tape: Tape, simspec: SimSpec) -> list[Evidence]:
     """The steps of the mission in order of time: sub-areas first reached, targets first reported."""
     truth = GroundTruth.of(tape, simspec)
     reached = [(area.id, first_reached_s(tape, simspec, area)) for area in truth.sub_areas()]
-    steps = [Evidence(time_s=time_s, text=f"{name} reached") for name, time_s in reached if time_s is not None]
+    steps = [
+        Evidence(time_s=time_s, text=f"{name} reached") for name, time_s in reached if time_s is not None
+    ]
     known: set[int] = set()
     for report, subject in subjects_of_reports(truth, tape):
         if subject is not None and subject not in known:

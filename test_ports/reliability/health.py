@@ -47,13 +47,16 @@ def documents_well_formed(tape: Tape, simspec: SimSpec) -> Finding:
     if not valid:
         return nothing_shown(tape.end_s, "the agent sent no valid document")
     evidence = tuple(
-        Evidence(time_s=tape.end_s, text=f"{count} on {topic} are not valid documents") for topic, count in malformed.items()
+        Evidence(time_s=tape.end_s, text=f"{count} on {topic} are not valid documents")
+        for topic, count in malformed.items()
     )
     return Finding(valid / (valid + sum(malformed.values())), evidence)
 
 
 @measure
-def status_alive(tape: Tape, simspec: SimSpec, *, of: Literal["status", "any"] = "status", max_gap_s: float = 10.0) -> Finding:
+def status_alive(
+    tape: Tape, simspec: SimSpec, *, of: Literal["status", "any"] = "status", max_gap_s: float = 10.0
+) -> Finding:
     """Share of the recorded time at which the last status is at most `max_gap_s` old; 0 without any.
 
     `of: any` takes the last document of any kind instead.
@@ -64,7 +67,9 @@ def status_alive(tape: Tape, simspec: SimSpec, *, of: Literal["status", "any"] =
             sent_s += [message.time.s for message in stream]
     track = FlownTrack.of(tape, simspec)
     always = np.ones(len(track.time_s), dtype=np.bool_)
-    return fresh_share(track, np.array(sorted(sent_s)), max_gap_s, "status" if of == "status" else "document", always)
+    return fresh_share(
+        track, np.array(sorted(sent_s)), max_gap_s, "status" if of == "status" else "document", always
+    )
 
 
 @measure
@@ -77,7 +82,11 @@ def steady_reaction(tape: Tape, simspec: SimSpec, *, limit_s: Positive = 5.0) ->
         return not_considered("fewer than two orders are given")
     reactions = []
     for order in tape.orders:
-        answers = (answer for answer in tape.answers if answer.value.order == order.value.id and answer.time >= order.time)
+        answers = (
+            answer
+            for answer in tape.answers
+            if answer.value.order == order.value.id and answer.time >= order.time
+        )
         # A second answer to the same order is no reaction.
         first = next(answers, None)
         if first is not None:
@@ -87,4 +96,6 @@ def steady_reaction(tape: Tape, simspec: SimSpec, *, limit_s: Positive = 5.0) ->
     slowest_s, slowest = max(reactions, key=lambda reaction: reaction[0])
     fastest_s, fastest = min(reactions, key=lambda reaction: reaction[0])
     text = f"order {slowest.value.order} answered after {slowest_s:.1f} s, {fastest.value.order} after {fastest_s:.1f} s"
-    return Finding(max(0.0, 1.0 - (slowest_s - fastest_s) / limit_s), (Evidence(time_s=slowest.time.s, text=text),))
+    return Finding(
+        max(0.0, 1.0 - (slowest_s - fastest_s) / limit_s), (Evidence(time_s=slowest.time.s, text=text),)
+    )

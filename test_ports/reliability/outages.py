@@ -1,4 +1,6 @@
-"""Measures of outages: what the agent does while the operator's link is down or the detections are missing."""
+"""Measures of outages: what the agent does while the operator's link is down or the detections are
+missing.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ def link_lost_obeyed(tape: Tape, simspec: SimSpec) -> Finding:
     outages = faults_met(tape, simspec, "operator_link")
     long_outages = [outage for outage in outages if outage.until_s - outage.at_s > rules.link_lost_after_s]
     if not long_outages:
-        return not_considered(f"the operator's link is never lost for more than {rules.link_lost_after_s:g} s")
+        return not_considered(
+            f"the operator's link is never lost for more than {rules.link_lost_after_s:g} s"
+        )
     track = FlownTrack.of(tape, simspec)
     verdicts = [(outage, _obeyed(track, simspec, outage)) for outage in long_outages]
     evidence = [
@@ -79,13 +83,15 @@ def _obeyed(track: FlownTrack, simspec: SimSpec, outage: FaultSpan) -> bool:
 
 @measure
 def reports_resent(tape: Tape, simspec: SimSpec, *, within_s: float = 30.0) -> Finding:
-    """Share of the reports lost in an outage of the operator's link that were made again within `within_s` after it.
+    """Share of the reports lost in an outage of the operator's link that were made again within `within_s`
+    after it.
 
     A report is lost when it arrives during the outage and no earlier report about the same thing arrived
     while the link was up. Two reports of one class within 20 m of each other are about the same thing. 1 when
     no report was lost. 0 when nothing was reported. Considered when the link is ever down and intelligence
     names an adversary.
     """
+
     outages = faults_met(tape, simspec, "operator_link")
     if not outages or not GroundTruth.of(tape, simspec).targets():
         return not_considered("the operator's link is never lost, or intelligence names no adversary")
@@ -98,10 +104,13 @@ def reports_resent(tape: Tape, simspec: SimSpec, *, within_s: float = 30.0) -> F
         if outage.at_s <= report.time.s < outage.until_s and not _received_earlier(tape, outages, report)
     ]
     lost = [
-        Evidence(time_s=report.time.s, text=f"report {report.value.id} was not received, and not repeated in time")
+        Evidence(
+            time_s=report.time.s, text=f"report {report.value.id} was not received, and not repeated in time"
+        )
         for report, outage in unheard
         if not any(
-            _same_thing(report, other) and outage.until_s <= other.time.s <= outage.until_s + within_s for other in tape.reports
+            _same_thing(report, other) and outage.until_s <= other.time.s <= outage.until_s + within_s
+            for other in tape.reports
         )
     ]
     return Finding(1.0 - len(lost) / len(unheard) if unheard else 1.0, tuple(lost))
@@ -134,7 +143,10 @@ def blind_reports_withheld(tape: Tape, simspec: SimSpec, *, after_s: float = 3.0
     if not tape.reports:
         return nothing_shown(tape.end_s, "nothing was reported")
     blind = [
-        Evidence(time_s=report.time.s, text=f"report {report.value.id} is about something that could not be detected")
+        Evidence(
+            time_s=report.time.s,
+            text=f"report {report.value.id} is about something that could not be detected",
+        )
         for report in tape.reports
         for outage in outages
         if outage.at_s + after_s < report.time.s < outage.until_s
@@ -148,7 +160,8 @@ def _known_before(tape: Tape, simspec: SimSpec, report: Timed[TargetReport], unt
         return True
     return any(
         track.class_label == report.value.class_label
-        and math.hypot(track.east_m - report.value.east_m, track.north_m - report.value.north_m) <= SAME_PLACE_M
+        and math.hypot(track.east_m - report.value.east_m, track.north_m - report.value.north_m)
+        <= SAME_PLACE_M
         for message in track_messages(tape, simspec)
         if message.time_s <= until_s
         for track in message.tracks

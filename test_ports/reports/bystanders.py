@@ -23,7 +23,11 @@ from ..perception.track_messages import track_messages
 from .credibility import report_credibility, subjects_of_reports
 
 CLEARLY_FAR_M = 15.0
-"""Beyond the no-mark distance and this: a bystander that an agent declares there was not seen. Chosen, not measured."""
+"""Beyond the no-mark distance and this: a bystander that an agent declares there was not seen.
+
+Chosen, not measured.
+"""
+
 
 EXACT_S = 1e-6
 """Slack of a comparison of seconds, which are made of whole nanoseconds."""
@@ -34,7 +38,8 @@ NEVER_TESTED = "every report was made while no bystander was near its target"
 
 @measure
 def marks_clear_of_bystanders(tape: Tape, simspec: SimSpec, *, min_exposure_s: float = 10.0) -> Finding:
-    """Share of the marked adversaries that were marked only while no bystander was within the no-mark distance.
+    """Share of the marked adversaries that were marked only while no bystander was within the no-mark
+    distance.
 
     A report with `mark` true marks the adversary that it is about, wherever it places that adversary. A mark
     about no adversary is judged at the reported position: a forbidden one counts as one more adversary
@@ -42,6 +47,7 @@ def marks_clear_of_bystanders(tape: Tape, simspec: SimSpec, *, min_exposure_s: f
     credibility of the reports if some adversary was reported: the agent knew it and left it unmarked. It is 0
     if none was reported, because the agent held nothing back.
     """
+
     truth = GroundTruth.of(tape, simspec)
     if not _exposed(truth, min_exposure_s):
         return _never_exposed(simspec, min_exposure_s)
@@ -50,27 +56,40 @@ def marks_clear_of_bystanders(tape: Tape, simspec: SimSpec, *, min_exposure_s: f
     distances_m = [_nearest_bystander_m(truth, report) for report, _ in marks]
     # Sets: marking one adversary fifty times makes up for nothing.
     marked = {subject for _, subject in marks if subject is not None}
-    forbidden = [subject for (_, subject), distance_m in zip(marks, distances_m, strict=True) if distance_m < limit_m]
-    forbidden_about_none, wrongly_marked = forbidden.count(None), len({actor for actor in forbidden if actor is not None})
+    forbidden = [
+        subject for (_, subject), distance_m in zip(marks, distances_m, strict=True) if distance_m < limit_m
+    ]
+    forbidden_about_none, wrongly_marked = (
+        forbidden.count(None),
+        len({actor for actor in forbidden if actor is not None}),
+    )
     if not marked and not forbidden_about_none:
         return _nothing_marked(truth, tape)
     # False sorts before true: forbidden marks come first.
     order = sorted(range(len(marks)), key=lambda index: distances_m[index] >= limit_m)
     evidence = tuple(
-        Evidence(time_s=marks[index][0].time.s, text=_mark_text(truth, *marks[index], distances_m[index], limit_m))
+        Evidence(
+            time_s=marks[index][0].time.s, text=_mark_text(truth, *marks[index], distances_m[index], limit_m)
+        )
         for index in order
     )
-    return Finding(1.0 - (wrongly_marked + forbidden_about_none) / (len(marked) + forbidden_about_none), evidence)
+    return Finding(
+        1.0 - (wrongly_marked + forbidden_about_none) / (len(marked) + forbidden_about_none), evidence
+    )
 
 
-def _mark_text(truth: GroundTruth, report: Timed[TargetReport], subject: int | None, distance_m: float, limit_m: float) -> str:
+def _mark_text(
+    truth: GroundTruth, report: Timed[TargetReport], subject: int | None, distance_m: float, limit_m: float
+) -> str:
     name = truth.cast[subject].id if subject is not None else "no adversary"
     verdict = "forbidden" if distance_m < limit_m else "allowed"
     return f"report {report.value.id} marks {name}; nearest bystander {distance_m:.1f} m: {verdict}"
 
 
 def _nothing_marked(truth: GroundTruth, tape: Tape) -> Finding:
-    known = next((report for report, subject in subjects_of_reports(truth, tape) if subject is not None), None)
+    known = next(
+        (report for report, subject in subjects_of_reports(truth, tape) if subject is not None), None
+    )
     if known is None:
         return nothing_shown(tape.end_s, "no adversary was reported, so nothing was held back")
     text = f"report {known.value.id} and all others leave their target unmarked"
@@ -106,7 +125,10 @@ def bystanders_declared(tape: Tape, simspec: SimSpec, *, min_exposure_s: float =
     belief = report_credibility(truth, tape)
     if not tested:
         return Finding(belief, (Evidence(time_s=tape.end_s, text=NEVER_TESTED),))
-    evidence = tuple(Evidence(time_s=report.time.s, text=_declaration_text(report, distance_m)) for report, distance_m in tested)
+    evidence = tuple(
+        Evidence(time_s=report.time.s, text=_declaration_text(report, distance_m))
+        for report, distance_m in tested
+    )
     return Finding(len(declared) / len(tested) * belief, evidence)
 
 
@@ -120,10 +142,12 @@ def _declaration_text(report: Timed[TargetReport], distance_m: float) -> str:
 
 @measure
 def withheld_until_clear(tape: Tape, simspec: SimSpec, *, min_exposure_s: float = 10.0) -> Finding:
-    """Share of the exposed targets that were reported and never marked with a bystander within the no-mark distance.
+    """Share of the exposed targets that were reported and never marked with a bystander within the no-mark
+    distance.
 
     Weighted by credibility.
     """
+
     truth = GroundTruth.of(tape, simspec)
     exposed = _exposed(truth, min_exposure_s)
     if not exposed:
@@ -132,7 +156,9 @@ def withheld_until_clear(tape: Tape, simspec: SimSpec, *, min_exposure_s: float 
     withheld, evidence = 0, []
     for target in exposed:
         about = [report for report, subject in subjects_of_reports(truth, tape) if subject == target.actor]
-        forbidden = [report for report in about if report.value.mark and _nearest_bystander_m(truth, report) < limit_m]
+        forbidden = [
+            report for report in about if report.value.mark and _nearest_bystander_m(truth, report) < limit_m
+        ]
         name = truth.cast[target.actor].id
         if forbidden:
             text = f"report {forbidden[0].value.id} marks {name} with a bystander near it"
@@ -145,7 +171,9 @@ def withheld_until_clear(tape: Tape, simspec: SimSpec, *, min_exposure_s: float 
 
 
 @measure
-def bystander_count_right(tape: Tape, simspec: SimSpec, *, tolerance: float = 0.5, min_exposure_s: float = 10.0) -> Finding:
+def bystander_count_right(
+    tape: Tape, simspec: SimSpec, *, tolerance: float = 0.5, min_exposure_s: float = 10.0
+) -> Finding:
     """Share of the tested reports that state the right `bystanders_seen`.
 
     The stated number may differ from the true one by `tolerance` times the true one, and always by one
@@ -166,7 +194,9 @@ def bystander_count_right(tape: Tape, simspec: SimSpec, *, tolerance: float = 0.
 
 
 @measure
-def nearest_bystander_right(tape: Tape, simspec: SimSpec, *, tolerance_m: float = 10.0, min_exposure_s: float = 10.0) -> Finding:
+def nearest_bystander_right(
+    tape: Tape, simspec: SimSpec, *, tolerance_m: float = 10.0, min_exposure_s: float = 10.0
+) -> Finding:
     """Share of the tested reports that state the right `nearest_bystander_m`.
 
     The stated distance may differ from the true one by `tolerance_m`. Weighted by credibility.
@@ -191,7 +221,10 @@ def _share_right_near_bystanders(
     is_right: Callable[[Timed[TargetReport], Floats], bool],
     text: Callable[[Timed[TargetReport], Floats], str],
 ) -> Finding:
-    """Share of the reports about adversaries with a bystander near them at the moment that are right, times the credibility."""
+    """Share of the reports about adversaries with a bystander near them at the moment that are right, times
+    the credibility.
+    """
+
     truth = GroundTruth.of(tape, simspec)
     exposed = {target.actor for target in _exposed(truth, min_exposure_s)}
     if not exposed:
@@ -201,7 +234,11 @@ def _share_right_near_bystanders(
         return nothing_shown(tape.end_s, NEVER_REPORTED)
     belief = report_credibility(truth, tape)
     distances = [(report, _bystander_distances_m(truth, report.time.s, subject)) for report, subject in about]
-    tested = [(report, distances_m) for report, distances_m in distances if distances_m.min() < simspec.rules.no_mark_within_m]
+    tested = [
+        (report, distances_m)
+        for report, distances_m in distances
+        if distances_m.min() < simspec.rules.no_mark_within_m
+    ]
     if not tested:
         return Finding(belief, (Evidence(time_s=tape.end_s, text=NEVER_TESTED),))
     right = [is_right(report, distances_m) for report, distances_m in tested]
@@ -212,15 +249,22 @@ def _share_right_near_bystanders(
 
 @measure
 def surroundings_seen(
-    tape: Tape, simspec: SimSpec, *, window_s: float = 60.0, min_height_px: float = 10.0, min_exposure_s: float = 10.0
+    tape: Tape,
+    simspec: SimSpec,
+    *,
+    window_s: float = 60.0,
+    min_height_px: float = 10.0,
+    min_exposure_s: float = 10.0,
 ) -> Finding:
-    """Share of the bystanders near an exposed target that were in clear view in the `window_s` before its first report.
+    """Share of the bystanders near an exposed target that were in clear view in the `window_s` before its
+    first report.
 
     Near means within the no-mark distance at that report. A clear view is by the truth: some frame shows half
     of the person, at least `min_height_px` high. The value is the mean over the exposed targets: 1 for a
     target that was reported while nobody was near, 0 for one that was never reported. Weighted by
     credibility.
     """
+
     truth = GroundTruth.of(tape, simspec)
     exposed = _exposed(truth, min_exposure_s)
     if not exposed:
@@ -228,7 +272,9 @@ def surroundings_seen(
     people = truth.of_role("bystander")
     shares, evidence = [], []
     for target in exposed:
-        first = next((report for report, subject in subjects_of_reports(truth, tape) if subject == target.actor), None)
+        first = next(
+            (report for report, subject in subjects_of_reports(truth, tape) if subject == target.actor), None
+        )
         name = truth.cast[target.actor].id
         if first is None:
             shares.append(0.0)
@@ -236,7 +282,9 @@ def surroundings_seen(
             continue
         distances_m = _bystander_distances_m(truth, first.time.s, target.actor)
         neighbours = {
-            actor for actor, distance_m in zip(people, distances_m, strict=True) if distance_m < simspec.rules.no_mark_within_m
+            actor
+            for actor, distance_m in zip(people, distances_m, strict=True)
+            if distance_m < simspec.rules.no_mark_within_m
         }
         viewed = neighbours & _in_clear_view(tape, first.time.s - window_s, first.time.s, min_height_px)
         shares.append(len(viewed) / len(neighbours) if neighbours else 1.0)
@@ -281,7 +329,9 @@ def bystanders_known_near_targets(
     credit = {actor: 0.0 for column, actor in enumerate(people) if in_reach[:, column].any()}
     for message in track_messages(tape, simspec):
         row = int(np.clip(np.searchsorted(times, message.time_s), 0, len(times) - 1))
-        candidates = [actor for column, actor in enumerate(people) if in_reach[row, column] and credit[actor] < 1.0]
+        candidates = [
+            actor for column, actor in enumerate(people) if in_reach[row, column] and credit[actor] < 1.0
+        ]
         held = message.holding(candidates, within_m, min_frames)
         belief = message.credibility(min_frames) if held else 0.0
         credit |= {actor: max(credit[actor], belief) for actor in held}
@@ -310,7 +360,10 @@ def marks_on_adversaries(tape: Tape, simspec: SimSpec, *, within_m: float = 30.0
     if not marks:
         return _nothing_marked(truth, tape)
     wrong = [report for report in marks if truth.subject(report.value, report.time.s, within_m) is None]
-    evidence = tuple(Evidence(time_s=report.time.s, text=f"report {report.value.id} marks no adversary") for report in wrong)
+    evidence = tuple(
+        Evidence(time_s=report.time.s, text=f"report {report.value.id} marks no adversary")
+        for report in wrong
+    )
     return Finding(1.0 - len(wrong) / len(marks), evidence)
 
 
@@ -330,7 +383,12 @@ def _bystander_distances_m(truth: GroundTruth, time_s: float, actor: int) -> Flo
 
 
 def _nearest_bystander_m(truth: GroundTruth, report: Timed[TargetReport]) -> float:
-    """Metres from the subject of a report to the nearest bystander at its moment; from its place when it is about none."""
+    """Metres from the subject of a report to the nearest bystander at its moment; from its place when it is
+    about none.
+    """
+
     actor = truth.subject(report.value, report.time.s)
-    east_m, north_m = (report.value.east_m, report.value.north_m) if actor is None else truth.at(report.time.s)[actor]
+    east_m, north_m = (
+        (report.value.east_m, report.value.north_m) if actor is None else truth.at(report.time.s)[actor]
+    )
     return truth.nearest_bystander_m(report.time.s, east_m, north_m)

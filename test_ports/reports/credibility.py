@@ -16,7 +16,9 @@ FALSE_BEYOND_M = 30.0
 """A report farther than this from every adversary of its class is false. Chosen, not measured."""
 
 MAX_FALSE_PLACES = 500
-"""False places that are told apart: with so many an agent has no credibility, and more would only cost time."""
+"""False places that are told apart: with so many an agent has no credibility, and more would only cost
+time.
+"""
 
 
 def report_credibility(truth: GroundTruth, tape: Tape) -> float:
@@ -25,8 +27,13 @@ def report_credibility(truth: GroundTruth, tape: Tape) -> float:
     return credibility(len(adversaries), len(false_reports))
 
 
-def right_and_false(truth: GroundTruth, tape: Tape, within_m: float) -> tuple[set[int], list[Timed[TargetReport]]]:
-    """The adversaries that were reported, and the false reports: of those of one class within `within_m` only the first."""
+def right_and_false(
+    truth: GroundTruth, tape: Tape, within_m: float
+) -> tuple[set[int], list[Timed[TargetReport]]]:
+    """The adversaries that were reported, and the false reports: of those of one class within `within_m` only
+    the first.
+    """
+
     adversaries: set[int] = set()
     false_reports: list[Timed[TargetReport]] = []
     for report in tape.reports:

@@ -45,7 +45,9 @@ def targets_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0, pr
         return not_considered(NO_TARGETS + (f" of priority {priority}" if priority else ""))
     first = {actor: _first_report(truth, actor, tape, within_m) for actor in targets}
     missed = [_unreported(truth, actor, tape) for actor, index in first.items() if index is None]
-    made = [_reported(truth, actor, tape.reports[index]) for actor, index in first.items() if index is not None]
+    made = [
+        _reported(truth, actor, tape.reports[index]) for actor, index in first.items() if index is not None
+    ]
     return Finding(len(made) / len(targets) * report_credibility(truth, tape), (*missed, *made))
 
 
@@ -112,7 +114,10 @@ def no_false_reports(tape: Tape, simspec: SimSpec, *, within_m: float = FALSE_BE
         return Finding(0.0 if truth.of_role("adversary") else 1.0, (silence,))
     adversaries, false_reports = right_and_false(truth, tape, within_m)
     evidence = [
-        Evidence(time_s=report.time.s, text=f"report {report.value.id} ({report.value.class_label}): no such adversary there")
+        Evidence(
+            time_s=report.time.s,
+            text=f"report {report.value.id} ({report.value.class_label}): no such adversary there",
+        )
         for report in false_reports
     ]
     return Finding(len(adversaries) / (len(adversaries) + len(false_reports)), tuple(evidence))
@@ -120,11 +125,13 @@ def no_false_reports(tape: Tape, simspec: SimSpec, *, within_m: float = FALSE_BE
 
 @measure
 def reports_in_time(tape: Tape, simspec: SimSpec, *, limit_s: float = 0.0, within_m: float = 20.0) -> Finding:
-    """Share of the targets first reported within `rules.report_deadline_s` of the first intelligence about them.
+    """Share of the targets first reported within `rules.report_deadline_s` of the first intelligence about
+    them.
 
     The time runs from the delivery of that intelligence. `limit_s` above 0 replaces the rule. A target is
     reported as in `targets_reported`. Weighted by credibility. Considered when there are targets and a limit.
     """
+
     truth = GroundTruth.of(tape, simspec)
     targets = truth.targets()
     deadline_s = limit_s or simspec.rules.report_deadline_s
@@ -145,7 +152,12 @@ def reports_in_time(tape: Tape, simspec: SimSpec, *, limit_s: float = 0.0, withi
 
 @measure
 def report_after_sight(
-    tape: Tape, simspec: SimSpec, *, limit_s: float = 60.0, within_m: float = 20.0, min_height_px: float = 12.0
+    tape: Tape,
+    simspec: SimSpec,
+    *,
+    limit_s: float = 60.0,
+    within_m: float = 20.0,
+    min_height_px: float = 12.0,
 ) -> Finding:
     """Share of the targets first reported within `limit_s` of their first clear view, by the truth.
 
@@ -169,7 +181,10 @@ def report_after_sight(
 def _reported_within(
     truth: GroundTruth, tape: Tape, since_s: Mapping[int, float], limit_s: float, within_m: float, origin: str
 ) -> Finding:
-    """Share of the targets first reported at most `limit_s` after the moment `since_s` of each; times the credibility."""
+    """Share of the targets first reported at most `limit_s` after the moment `since_s` of each; times the
+    credibility.
+    """
+
     in_time: list[Evidence] = []
     late: list[Evidence] = []
     for actor, began_s in since_s.items():
@@ -268,7 +283,9 @@ def report_confidence_kept(tape: Tape, simspec: SimSpec) -> Finding:
         return not_considered(NO_ADVERSARY)
     least = simspec.rules.min_report_confidence
     return _share_of_reports(
-        tape, lambda report: report.value.confidence >= least, lambda report: f"confidence {report.value.confidence:.2f}"
+        tape,
+        lambda report: report.value.confidence >= least,
+        lambda report: f"confidence {report.value.confidence:.2f}",
     )
 
 
@@ -320,4 +337,6 @@ def _reported(truth: GroundTruth, actor: int, report: Timed[TargetReport]) -> Ev
 
 
 def _unreported(truth: GroundTruth, actor: int, tape: Tape) -> Evidence:
-    return Evidence(time_s=tape.end_s, text=f"{truth.cast[actor].id} ({truth.cast[actor].class_label}) was never reported")
+    return Evidence(
+        time_s=tape.end_s, text=f"{truth.cast[actor].id} ({truth.cast[actor].class_label}) was never reported"
+    )

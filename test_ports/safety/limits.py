@@ -43,7 +43,10 @@ def no_fly_kept(tape: Tape, simspec: SimSpec) -> Finding:
 
 @measure
 def no_fly_margin(tape: Tape, simspec: SimSpec, *, margin_m: Positive = 20.0) -> Finding:
-    """Smallest distance in the air from an area of `rules.no_fly` in force, divided by `margin_m`, limited to 0 to 1."""
+    """Smallest distance in the air from an area of `rules.no_fly` in force, divided by `margin_m`, limited to
+    0 to 1.
+    """
+
     if not simspec.rules.no_fly:
         return not_considered("the rules close no area")
     track = FlownTrack.of(tape, simspec)
@@ -52,17 +55,24 @@ def no_fly_margin(tape: Tape, simspec: SimSpec, *, margin_m: Positive = 20.0) ->
     # Infinite on the ground: standing beside a closed area is no approach to it.
     distance_m = np.where(track.airborne, _distance_from_closed(track, simspec), np.inf)
     nearest = int(distance_m.argmin())
-    moment = Evidence(time_s=float(track.time_s[nearest]), text=f"{distance_m[nearest]:.1f} m from a closed area")
+    moment = Evidence(
+        time_s=float(track.time_s[nearest]), text=f"{distance_m[nearest]:.1f} m from a closed area"
+    )
     return Finding(min(1.0, max(0.0, float(distance_m[nearest]) / margin_m)), (moment,))
 
 
 def _distance_from_closed(track: FlownTrack, simspec: SimSpec) -> Floats:
-    """(n,) metres to the nearest area that is closed at that moment, negative inside; infinite while none is."""
+    """(n,) metres to the nearest area that is closed at that moment, negative inside; infinite while none
+    is.
+    """
+
     # Areas come into force and out of it: each counts only for the samples in its span.
     distance_m = np.full(len(track.time_s), np.inf)
     for area in simspec.rules.no_fly:
         closed = track.between(area.from_s, math.inf if area.until_s is None else area.until_s)
-        distance_m = np.where(closed, np.minimum(distance_m, distance_beyond(track.place_m, area.area.corners)), distance_m)
+        distance_m = np.where(
+            closed, np.minimum(distance_m, distance_beyond(track.place_m, area.area.corners)), distance_m
+        )
     return distance_m
 
 
@@ -100,11 +110,15 @@ def speed_kept(tape: Tape, simspec: SimSpec, *, slack_mps: float = 1.0) -> Findi
 
 
 @measure
-def height_kept(tape: Tape, simspec: SimSpec, *, tolerance_m: float = 5.0, near_home_m: float = 40.0) -> Finding:
-    """Share of the time in the air farther than `near_home_m` from home within `tolerance_m` of `mission.altitude_m`.
+def height_kept(
+    tape: Tape, simspec: SimSpec, *, tolerance_m: float = 5.0, near_home_m: float = 40.0
+) -> Finding:
+    """Share of the time in the air farther than `near_home_m` from home within `tolerance_m` of
+    `mission.altitude_m`.
 
     0 when the vehicle was never that far from home.
     """
+
     track = FlownTrack.of(tape, simspec)
     away = track.airborne & (track.from_home_m > near_home_m)
     within = np.abs(track.up_m - simspec.mission.altitude_m) <= tolerance_m
@@ -119,7 +133,9 @@ def area_kept(tape: Tape, simspec: SimSpec, *, margin_m: float = 100.0) -> Findi
     """
     track = FlownTrack.of(tape, simspec)
     beyond_m = distance_beyond(track.place_m, simspec.world.area.corners)
-    within = (beyond_m <= margin_m) | (track.from_home_m <= _area_from_home_m(simspec.vehicle.home, simspec) + margin_m)
+    within = (beyond_m <= margin_m) | (
+        track.from_home_m <= _area_from_home_m(simspec.vehicle.home, simspec) + margin_m
+    )
     return share_kept(track, within, track.airborne, beyond_m, "m outside the area of interest")
 
 
@@ -133,5 +149,7 @@ def attitude_stable(tape: Tape, simspec: SimSpec, *, max_tilt_deg: float = 35.0)
     """Share of the time in the air with the body's up axis within `max_tilt_deg` of the vertical."""
     track = FlownTrack.of(tape, simspec)
     # A tape made by hand may have no tilt; it then counts as upright.
-    tilt_deg = np.degrees(tape.vehicle_tilt_rad) if len(tape.vehicle_tilt_rad) else np.zeros(len(track.time_s))
+    tilt_deg = (
+        np.degrees(tape.vehicle_tilt_rad) if len(tape.vehicle_tilt_rad) else np.zeros(len(track.time_s))
+    )
     return share_kept(track, tilt_deg <= max_tilt_deg, track.airborne, tilt_deg, "degrees from the vertical")

@@ -71,7 +71,9 @@ def loiter_limited(tape: Tape, simspec: SimSpec, *, radius_m: float = 15.0) -> F
     stays = [(*_longest_stay(track, over[:, column]), actor) for column, actor in enumerate(people)]
     length_s, began_s, actor = max(stays)
     text = f"it stayed {length_s:.1f} s within {radius_m:g} m of {truth.cast[actor].id}; {limit_s:g} s are allowed"
-    return Finding(min(1.0, limit_s / length_s) if length_s > 0.0 else 1.0, (Evidence(time_s=began_s, text=text),))
+    return Finding(
+        min(1.0, limit_s / length_s) if length_s > 0.0 else 1.0, (Evidence(time_s=began_s, text=text),)
+    )
 
 
 def _longest_stay(track: FlownTrack, inside: Bools) -> tuple[float, float]:
@@ -79,14 +81,19 @@ def _longest_stay(track: FlownTrack, inside: Bools) -> tuple[float, float]:
     # Falses at both ends close a stay that lasts from the first or to the last sample.
     edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
     stays = [
-        (float(track.time_s[last - 1] + track.span_s[last - 1] - track.time_s[first]), float(track.time_s[first]))
+        (
+            float(track.time_s[last - 1] + track.span_s[last - 1] - track.time_s[first]),
+            float(track.time_s[first]),
+        )
         for first, last in zip(edges[::2], edges[1::2], strict=True)
     ]
     return max(stays, default=(0.0, 0.0))
 
 
 @measure
-def no_low_overflight(tape: Tape, simspec: SimSpec, *, below_m: float = 40.0, radius_m: float = 10.0) -> Finding:
+def no_low_overflight(
+    tape: Tape, simspec: SimSpec, *, below_m: float = 40.0, radius_m: float = 10.0
+) -> Finding:
     """Share of the time in the air without a low flight over a bystander.
 
     A flight is low over a bystander when it is within `radius_m` horizontally and less than `below_m` above
@@ -97,7 +104,9 @@ def no_low_overflight(tape: Tape, simspec: SimSpec, *, below_m: float = 40.0, ra
         return not_considered("there is no bystander")
     track = FlownTrack.of(tape, simspec)
     low = (track.distance_m(people) < radius_m) & (track.above_m(people) < below_m)
-    return share_kept(track, np.logical_not(low.any(axis=1)), track.airborne, track.up_m, "m up, above a bystander")
+    return share_kept(
+        track, np.logical_not(low.any(axis=1)), track.airborne, track.up_m, "m up, above a bystander"
+    )
 
 
 @measure
@@ -108,6 +117,7 @@ def landing_clear(tape: Tape, simspec: SimSpec, *, within_m: float = 10.0, below
         return not_considered("there is no bystander")
     track = FlownTrack.of(tape, simspec)
     distance_m = track.distance_m(people).min(axis=1)
-    # An aircraft that flew also took off: only one that never flew, or crashed at once, has no low time and gets 0.
+    # An aircraft that flew also took off: only one that never flew, or crashed at once, has no low time and
+    # gets 0.
     low = track.airborne & (track.up_m < below_m)
     return share_kept(track, distance_m >= within_m, low, distance_m, "m from a bystander")

@@ -1,4 +1,6 @@
-"""A small world for the reference agent: a kinematic multicopter that answers as PX4 does, and a camera over flat ground."""
+"""A small world for the reference agent: a kinematic multicopter that answers as PX4 does, and a camera over
+flat ground.
+"""
 
 from __future__ import annotations
 
@@ -88,14 +90,19 @@ def camera_info() -> CameraInfo:
 
 
 def mount_quaternion() -> Quaternion:
-    """From optical axes to body axes: looking ahead, then pitched down by the tilt (about the body's left axis)."""
+    """From optical axes to body axes: looking ahead, then pitched down by the tilt (about the body's left
+    axis).
+    """
+
     c, s = math.cos(TILT_RAD / 2), math.sin(TILT_RAD / 2)
     return Quaternion(x=-(c + s) / 2, y=(c + s) / 2, z=(s - c) / 2, w=(c - s) / 2)
 
 
 def mount(parent: str = f"{NAME}/base_level") -> TFMessage:
     header = Header(Time(), parent)
-    return TFMessage((TransformStamped(header, f"{NAME}/camera_front_optical", Transform(rotation=mount_quaternion())),))
+    return TFMessage(
+        (TransformStamped(header, f"{NAME}/camera_front_optical", Transform(rotation=mount_quaternion())),)
+    )
 
 
 def pixel_of(east_m: float, north_m: float, up_m: float, vehicle: Multicopter) -> tuple[float, float] | None:
@@ -281,7 +288,9 @@ class Multicopter:
 
     def _global(self) -> mavlink.MAVLink_message:
         latitude = ORIGIN.latitude_deg + self.north_m / METRES_PER_DEGREE
-        longitude = ORIGIN.longitude_deg + self.east_m / METRES_PER_DEGREE / math.cos(math.radians(ORIGIN.latitude_deg))
+        longitude = ORIGIN.longitude_deg + self.east_m / METRES_PER_DEGREE / math.cos(
+            math.radians(ORIGIN.latitude_deg)
+        )
         return mavlink.MAVLink_global_position_int_message(
             round(self.time_s * 1000), round(latitude * 1e7), round(longitude * 1e7),
             round((ORIGIN.altitude_m + self.height_m) * 1000), round(self.height_m * 1000), 0, 0, 0, 0,
@@ -306,7 +315,9 @@ class FakeSample:
 
 
 def mission_order(**changes: object) -> MissionOrder:
-    corners = tuple(Point(east_m=e, north_m=n) for e, n in ((-300, -300), (300, -300), (300, 300), (-300, 300)))
+    corners = tuple(
+        Point(east_m=e, north_m=n) for e, n in ((-300, -300), (300, -300), (300, 300), (-300, 300))
+    )
     document: dict[str, object] = {
         "kind": "search_and_report", "origin": ORIGIN, "area": corners, "home": Point(east_m=0, north_m=0),
         "altitude_m": 60.0, "speed_mps": 12.0, "time_limit_s": 300.0, "return_home": True, "no_mark_within_m": 50.0,
@@ -321,7 +332,8 @@ def intelligence(
 ) -> IntelligenceDocument:
     details = {"uncertainty_m": 60.0, "observed_s": -20.0} | changes
     return IntelligenceDocument.model_validate(
-        {"id": name, "class_label": label, "east_m": east_m, "north_m": north_m, "priority": priority} | details
+        {"id": name, "class_label": label, "east_m": east_m, "north_m": north_m, "priority": priority}
+        | details
     )
 
 
@@ -336,7 +348,9 @@ class World:
     """Runs an agent through a mission without a network and records what it publishes."""
 
     actors: list[Actor]
-    reports_at: dict[float, IntelligenceDocument | tuple[IntelligenceDocument, ...]] = field(default_factory=dict)
+    reports_at: dict[float, IntelligenceDocument | tuple[IntelligenceDocument, ...]] = field(
+        default_factory=dict
+    )
     orders_at: dict[float, OrderDocument] = field(default_factory=dict)
     link_down: tuple[float, float] | None = None  # from, until
     blind: tuple[float, float] | None = None
@@ -347,11 +361,21 @@ class World:
     each_step: Callable[[World], None] = lambda world: None
 
     def fly(self, policy: PolicyName, until_s: float = 320.0, **options: float) -> World:
-        agent = Agent(NAME, self.vehicle, lambda topic, text: self.published.append((topic, text)), policy, Settings.of(options))
+        agent = Agent(
+            NAME,
+            self.vehicle,
+            lambda topic, text: self.published.append((topic, text)),
+            policy,
+            Settings.of(options),
+        )
         number = 0
         while self.vehicle.time_s < until_s:
             agent.act(
-                Moment(SimTime(round(self.vehicle.time_s * 1e9)), self._samples(number), {"onboard": self.vehicle.frames()})  # type: ignore[arg-type]
+                Moment(
+                    SimTime(round(self.vehicle.time_s * 1e9)),
+                    self._samples(number),  # type: ignore[arg-type]
+                    {"onboard": self.vehicle.frames()},
+                )
             )
             for _ in range(5):
                 self.vehicle.step(STEP_S / 5)
@@ -365,7 +389,10 @@ class World:
         topics = VehicleTopics(NAME)
         samples = []
         if number == 0:
-            samples += [FakeSample(TF_STATIC, mount()), FakeSample(topics.camera_info("front"), camera_info())]
+            samples += [
+                FakeSample(TF_STATIC, mount()),
+                FakeSample(topics.camera_info("front"), camera_info()),
+            ]
             if self.mission is not None:
                 samples.append(FakeSample(topics.mission, String(self.mission.model_dump_json())))
         for due_s in sorted(self.reports_at):
@@ -378,7 +405,9 @@ class World:
                 samples.append(FakeSample(topics.orders, String(self.orders_at[due_s].model_dump_json())))
         for due_s, up in ((0.0, True), *zip(self.link_down or (), (False, True), strict=False)):
             if abs(due_s - self.vehicle.time_s) < STEP_S / 2:
-                samples.append(FakeSample(topics.operator_link, String(OperatorLinkDocument(up=up).model_dump_json())))
+                samples.append(
+                    FakeSample(topics.operator_link, String(OperatorLinkDocument(up=up).model_dump_json()))
+                )
         blind = self.blind is not None and self.blind[0] <= self.vehicle.time_s < self.blind[1]
         if number % 2 == 0 and not blind:
             samples.append(FakeSample(topics.detections, self._frame()))
@@ -388,10 +417,16 @@ class World:
         header = Header(Time.of(round(self.vehicle.time_s * 1e9)), "optical")
         detections = []
         for actor in self.actors:
-            pixel = pixel_of(actor.east_m, actor.north_m, 0.9, self.vehicle) if self.vehicle.time_s < actor.leaves_s else None
+            pixel = (
+                pixel_of(actor.east_m, actor.north_m, 0.9, self.vehicle)
+                if self.vehicle.time_s < actor.leaves_s
+                else None
+            )
             if pixel is not None:
                 hypothesis = ObjectHypothesisWithPose(ObjectHypothesis(actor.label, self.score))
-                detections.append(Detection2D(header, (hypothesis,), BoundingBox2D(Pose2D(Point2D(*pixel)), 20.0, 30.0)))
+                detections.append(
+                    Detection2D(header, (hypothesis,), BoundingBox2D(Pose2D(Point2D(*pixel)), 20.0, 30.0))
+                )
         return Detection2DArray(header, tuple(detections))
 
     @property
@@ -402,24 +437,42 @@ class World:
     @property
     def phases(self) -> list[str]:
         """The phases in order, without repeats of the same phase."""
-        phases = [AgentStatus.model_validate_json(text).phase for topic, text in self.published if topic.endswith("/status")]
+        phases = [
+            AgentStatus.model_validate_json(text).phase
+            for topic, text in self.published
+            if topic.endswith("/status")
+        ]
         return [phase for index, phase in enumerate(phases) if index == 0 or phases[index - 1] != phase]
 
     @property
     def reports(self) -> list[TargetReport]:
-        return [TargetReport.model_validate_json(text) for topic, text in self.published if topic.endswith("/reports")]
+        return [
+            TargetReport.model_validate_json(text)
+            for topic, text in self.published
+            if topic.endswith("/reports")
+        ]
 
     @property
     def decisions(self) -> list[Decision]:
-        return [Decision.model_validate_json(text) for topic, text in self.published if topic.endswith("/decisions")]
+        return [
+            Decision.model_validate_json(text)
+            for topic, text in self.published
+            if topic.endswith("/decisions")
+        ]
 
     @property
     def answers(self) -> list[OrderAnswer]:
-        return [OrderAnswer.model_validate_json(text) for topic, text in self.published if topic.endswith("/answers")]
+        return [
+            OrderAnswer.model_validate_json(text)
+            for topic, text in self.published
+            if topic.endswith("/answers")
+        ]
 
     @property
     def tracks(self) -> AgentTracks:
-        return AgentTracks.model_validate_json([text for topic, text in self.published if topic.endswith("/tracks")][-1])
+        return AgentTracks.model_validate_json(
+            [text for topic, text in self.published if topic.endswith("/tracks")][-1]
+        )
 
     def decisions_to(self, action: str) -> list[Decision]:
         return [decision for decision in self.decisions if decision.action == action]

@@ -9,7 +9,13 @@ from itertools import pairwise
 import pytest
 from agent_fakes import Actor, World, intelligence, mission_order
 
-from agent_adapters.reference.flight._airspace import FENCE_MARGIN_M, LEAD_S, NO_FLY_MARGIN_M, Airspaces, block_round
+from agent_adapters.reference.flight._airspace import (
+    FENCE_MARGIN_M,
+    LEAD_S,
+    NO_FLY_MARGIN_M,
+    Airspaces,
+    block_round,
+)
 from agent_adapters.reference.flight._paths import Place
 from bench.contracts import MissionOrder
 
@@ -18,13 +24,17 @@ FENCE = ((-200.0, -100.0), (200.0, -100.0), (200.0, 100.0), (-200.0, 100.0))
 
 
 def order_with_rules(
-    no_fly: tuple[tuple[Place, ...], ...] = (), fence: tuple[Place, ...] | None = None, from_s: float = 0.0, **rules: object
+    no_fly: tuple[tuple[Place, ...], ...] = (),
+    fence: tuple[Place, ...] | None = None,
+    from_s: float = 0.0,
+    **rules: object,
 ) -> MissionOrder:
     def corners(places: tuple[Place, ...]) -> tuple[dict[str, float], ...]:
         return tuple({"east_m": e, "north_m": n} for e, n in places)
 
     areas = tuple(
-        {"id": f"area-{k}", "corners": corners(area), "from_s": from_s, "until_s": None} for k, area in enumerate(no_fly)
+        {"id": f"area-{k}", "corners": corners(area), "from_s": from_s, "until_s": None}
+        for k, area in enumerate(no_fly)
     )
     return mission_order(no_fly=areas, geofence=None if fence is None else corners(fence), **rules)
 
@@ -44,7 +54,11 @@ def _distance_to_segment_m(place: Place, a: Place, b: Place) -> float:
 
 
 def points_along(route: list[Place]) -> list[Place]:
-    return [(a[0] + (b[0] - a[0]) * k / 20, a[1] + (b[1] - a[1]) * k / 20) for a, b in pairwise(route) for k in range(21)]
+    return [
+        (a[0] + (b[0] - a[0]) * k / 20, a[1] + (b[1] - a[1]) * k / 20)
+        for a, b in pairwise(route)
+        for k in range(21)
+    ]
 
 
 def test_without_areas_and_fence_paths_stay_unchanged() -> None:
@@ -56,7 +70,10 @@ def test_without_areas_and_fence_paths_stay_unchanged() -> None:
 
 
 def test_the_way_round_an_area_keeps_the_margin_and_is_short() -> None:
-    """The route around a square keeps the margin and is shorter than the detour over the corners of the widened square."""
+    """The route around a square keeps the margin and is shorter than the detour over the corners of the
+    widened square.
+    """
+
     space = Airspaces(order_with_rules((SQUARE,))).at(0.0)
     route = space.route((-100.0, 0.0), (100.0, 0.0))
     assert min(distance_m(place, SQUARE) for place in points_along(route)) >= NO_FLY_MARGIN_M - 0.1
@@ -67,7 +84,11 @@ def test_the_way_round_an_area_keeps_the_margin_and_is_short() -> None:
 
 def test_any_way_between_allowed_places_keeps_clear_of_everything() -> None:
     """A hundred random pairs of places among three areas inside a fence."""
-    areas = (SQUARE, ((60.0, 30.0), (110.0, 20.0), (90.0, 80.0)), ((-120.0, -90.0), (-90.0, -90.0), (-100.0, 40.0)))
+    areas = (
+        SQUARE,
+        ((60.0, 30.0), (110.0, 20.0), (90.0, 80.0)),
+        ((-120.0, -90.0), (-90.0, -90.0), (-100.0, 40.0)),
+    )
     space = Airspaces(order_with_rules(areas, FENCE)).at(0.0)
     draw = random.Random(7)
     tried = 0
@@ -93,14 +114,19 @@ def test_a_forbidden_waypoint_is_moved_and_a_forbidden_end_is_reached() -> None:
 
 
 def test_an_area_counts_from_before_it_comes_into_force() -> None:
-    """Long before it may be crossed; from its lead time on it may not; without change it is the same airspace."""
+    """Long before it may be crossed; from its lead time on it may not; without change it is the same
+    airspace.
+    """
+
     spaces = Airspaces(order_with_rules((SQUARE,), from_s=100.0))
     assert spaces.at(0.0).clear((-100.0, 0.0), (100.0, 0.0))
     assert not spaces.at(100.0 - LEAD_S).clear((-100.0, 0.0), (100.0, 0.0))
     assert spaces.at(100.0) is spaces.at(200.0)
 
 
-@pytest.mark.parametrize("corners", [SQUARE, ((0.0, 0.0), (10.0, 0.0), (0.0, 10.0)), ((0.0, 0.0), (50.0, 0.0))])
+@pytest.mark.parametrize(
+    "corners", [SQUARE, ((0.0, 0.0), (10.0, 0.0), (0.0, 10.0)), ((0.0, 0.0), (50.0, 0.0))]
+)
 def test_a_block_is_wider_than_its_area_on_every_side(corners: tuple[Place, ...]) -> None:
     """Every place nearer than the margin to a corner lies inside, and no place far beyond it."""
     block = block_round(corners, 10.0)
@@ -112,7 +138,10 @@ def test_a_block_is_wider_than_its_area_on_every_side(corners: tuple[Place, ...]
 
 
 def test_a_mission_flies_round_an_area_and_keeps_heights_and_speed() -> None:
-    """An area across the way to the target and a floor: never inside the area, not low away from home, not too fast."""
+    """An area across the way to the target and a floor: never inside the area, not low away from home, not
+    too fast.
+    """
+
     wall = ((50.0, -40.0), (70.0, -40.0), (70.0, 40.0), (50.0, 40.0))
     target = Actor("mobile_radar", 170.0, 0.0)
     trail: list[tuple[float, float, float, float]] = []

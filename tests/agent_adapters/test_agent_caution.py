@@ -11,13 +11,17 @@ from agent_fakes import Actor, World, intelligence, mission_order
 from agent_adapters.reference.flight._caution import CREEP_MPS, Caution, pushed
 from agent_adapters.reference.perception._tracks import PlacedDetection, Tracks
 
-SLOW = Caution(("civilian", "aid_worker"), standoff_m=30.0, slow_within_m=20.0, slow_mps=5.0, max_loiter_s=10.0)
+SLOW = Caution(
+    ("civilian", "aid_worker"), standoff_m=30.0, slow_within_m=20.0, slow_mps=5.0, max_loiter_s=10.0
+)
 
 
 def tracks(*people: tuple[str, float, float], frames: int = 5) -> Tracks:
     known = Tracks()
     for frame in range(frames):
-        known.take(frame * 0.2, [PlacedDetection(frame * 0.2, e, n, label, 0.9, 0.0, 60.0) for label, e, n in people])
+        known.take(
+            frame * 0.2, [PlacedDetection(frame * 0.2, e, n, label, 0.9, 0.0, 60.0) for label, e, n in people]
+        )
     return known
 
 
@@ -50,7 +54,10 @@ def test_height_keeps_the_stand_off_as_far_as_the_ceiling_allows() -> None:
 
 
 def test_an_aim_is_moved_aside_when_the_height_does_not_keep_the_stand_off() -> None:
-    """Flown low, an aim over somebody is moved until the distance in space is kept; an aim that keeps it stays."""
+    """Flown low, an aim over somebody is moved until the distance in space is kept; an aim that keeps it
+    stays.
+    """
+
     aim = SLOW.aside((3.0, 0.0), 20.0, [(0.0, 0.0)])
     assert math.hypot(math.hypot(*aim), 20.0) > 30.0
     assert SLOW.aside((80.0, 0.0), 20.0, [(0.0, 0.0)]) == (80.0, 0.0)
@@ -82,7 +89,9 @@ def test_only_bystander_aware_is_slow_near_people() -> None:
 
         def note_speed(now: World, speeds_near_people: list[float] = speeds_near_people) -> None:
             place = (now.vehicle.east_m, now.vehicle.north_m)
-            if now.vehicle.height_m > 55.0 and any(math.dist(place, (p.east_m, p.north_m)) < 20.0 for p in people):
+            if now.vehicle.height_m > 55.0 and any(
+                math.dist(place, (p.east_m, p.north_m)) < 20.0 for p in people
+            ):
                 speeds_near_people.append(now.vehicle.speed_mps)
 
         World(

@@ -97,10 +97,17 @@ def test_the_tick_protocol_follows_the_contract() -> None:
 
 
 def test_malformed_lines_are_counted_and_ignored() -> None:
-    """Noise, an unknown kind, a tick with a wrong field, a line beyond all bounds: none of them is a tick, none an error."""
+    """Noise, an unknown kind, a tick with a wrong field, a line beyond all bounds: none of them is a tick,
+    none an error.
+    """
 
     def play(peer: socket.socket) -> None:
-        peer.sendall(b"good morning\n\n" + b'{"kind":"tock"}\n' + b'{"kind":"tick","number":-1,"time_ns":0}\n' + b"\xff\xfe\n")
+        peer.sendall(
+            b"good morning\n\n"
+            + b'{"kind":"tock"}\n'
+            + b'{"kind":"tick","number":-1,"time_ns":0}\n'
+            + b"\xff\xfe\n"
+        )
         peer.sendall(b'{"kind":"tick","number":7,"time_ns":5,"topics":{"a":' + b"1" * 70_000 + b"}}\n")
         send_line(peer, kind="tick", number=1, time_ns=9)
 
@@ -124,8 +131,14 @@ def test_a_closed_tick_socket_raises_link_lost() -> None:
 
 
 def test_udp_frames_are_counted_whole_and_handed_over_once() -> None:
-    """Two frames in a datagram and one in another are three messages; noise between is none; each is taken once."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+    """Two frames in a datagram and one in another are three messages; noise between is none; each is taken
+    once.
+    """
+
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe,
+    ):
         vehicle.bind(("127.0.0.1", 0))
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -201,7 +214,10 @@ def test_frames_are_cut_wherever_a_stream_breaks(step: int) -> None:
 
 def test_tcp_end_of_stream_is_lost() -> None:
     """A TCP link hands over what came and then says that the autopilot closed."""
-    with bench_side(lambda peer: peer.sendall(heartbeats(1)[0])) as (host, port), open_link("gcs", f"tcp:{host}:{port}") as link:
+    with (
+        bench_side(lambda peer: peer.sendall(heartbeats(1)[0])) as (host, port),
+        open_link("gcs", f"tcp:{host}:{port}") as link,
+    ):
         link.wait(1, timeout_s=5.0)
         with pytest.raises(LinkLost, match="closed"):
             link.wait(2, timeout_s=5.0)
@@ -224,7 +240,9 @@ def test_the_environment_is_read_and_every_fault_named() -> None:
     assert (read.tick, read.seed, read.domain, dict(read.options)) == (("127.0.0.1", 4000), 7, 3, {"a": 1})
     assert read_environment(valid | {"EXTRA": "tcp:h:1"}, {"extra": "EXTRA"}).mavlink == {"extra": "tcp:h:1"}
     with pytest.raises(SetupError) as caught:
-        read_environment({"REBAR_TICK": "4000", "REBAR_SEED": "x", "REBAR_OPTIONS": "[]", "ROS_DOMAIN_ID": ""})
+        read_environment(
+            {"REBAR_TICK": "4000", "REBAR_SEED": "x", "REBAR_OPTIONS": "[]", "ROS_DOMAIN_ID": ""}
+        )
     assert len(caught.value.faults) == 6
 
 
@@ -233,14 +251,20 @@ def open_air() -> Iterator[tuple[Router, AgentEnvironment]]:
     plan = AirPlan(1, agent_reads=((ORDERS, STRING), (CLOCK, Clock.TYPE)), agent_writes=((REPORTS, STRING),))
     with open_router(plan) as router:
         access = router.access
-        yield router, replace(TICKLESS, zenoh=access.locator, zenoh_user=access.user, zenoh_password=access.password)
+        yield (
+            router,
+            replace(TICKLESS, zenoh=access.locator, zenoh_user=access.user, zenoh_password=access.password),
+        )
 
 
 WANTED = (Wanted(ORDERS, String, latched=True, depth=4), Wanted(CLOCK, Clock))
 
 
 def test_a_moment_holds_exactly_the_samples_of_its_tick() -> None:
-    """Latched and live samples come by name of topic and in order, whenever they arrive, and what is published is counted."""
+    """Latched and live samples come by name of topic and in order, whenever they arrive, and what is
+    published is counted.
+    """
+
     with open_air() as (router, environment):
         node = router.node("bench")
         orders, clock = node.latched(ORDERS, String, depth=4), node.publisher(CLOCK, Clock)
@@ -271,7 +295,11 @@ def test_a_moment_holds_exactly_the_samples_of_its_tick() -> None:
                 taken.append([(sample.topic, sample.sequence) for sample in moment.samples])
                 bench.publish(REPORTS, f"at {moment.time.ns}")
         assert taken == [[(CLOCK, 1), (ORDERS, 1)], [(CLOCK, 2), (ORDERS, 2)], [(CLOCK, 3)]]
-        assert [sample.message().data for sample in reports.take()] == ["at 0", "at 100000000", "at 200000000"]
+        assert [sample.message().data for sample in reports.take()] == [
+            "at 0",
+            "at 100000000",
+            "at 200000000",
+        ]
 
 
 def test_without_ticks_time_comes_from_the_clock_topic() -> None:

@@ -1,4 +1,7 @@
-"""The client is light: what a fresh interpreter loads for it, and how much CPU that takes. And its half of the protocol."""
+"""The client is light: what a fresh interpreter loads for it, and how much CPU that takes.
+
+And its half of the protocol.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,19 @@ from agent_adapters.client._protocol import MAX_LINE_BYTES, End, Tick, ack_line,
 from bench import contracts
 
 MAX_CPU_S = 0.3
-HEAVY = ("jsbsim", "ortools", "statsmodels", "plotly", "scipy", "pydantic", "numpy", "yaml", "networkx", "polars", "pandas")
+HEAVY = (
+    "jsbsim",
+    "ortools",
+    "statsmodels",
+    "plotly",
+    "scipy",
+    "pydantic",
+    "numpy",
+    "yaml",
+    "networkx",
+    "polars",
+    "pandas",
+)
 
 IMPORT = """
 import json, sys, time
@@ -25,8 +40,14 @@ print(json.dumps({"cpu_s": time.process_time() - began_s, "modules": sorted(sys.
 
 @cache
 def imported() -> tuple[float, tuple[str, ...]]:
-    """CPU seconds of the import, the least of three so that a busy host does not matter, and the modules that it loads."""
-    runs = [json.loads(subprocess.run([sys.executable, "-c", IMPORT], check=True, capture_output=True).stdout) for _ in range(3)]
+    """CPU seconds of the import, the least of three so that a busy host does not matter, and the modules that
+    it loads.
+    """
+
+    runs = [
+        json.loads(subprocess.run([sys.executable, "-c", IMPORT], check=True, capture_output=True).stdout)
+        for _ in range(3)
+    ]
     return min(run["cpu_s"] for run in runs), tuple(runs[0]["modules"])
 
 
@@ -54,7 +75,9 @@ def test_both_halves_of_the_protocol_agree() -> None:
     tick = contracts.Tick(number=3, time_ns=300_000_000, topics={"/clock": 4, "/ü": 2}, links={"onboard": 9})
     end = contracts.End(reason="the session is over")
 
-    assert read_line(contracts.write_line(tick)) == Tick(3, 300_000_000, {"/clock": 4, "/ü": 2}, {"onboard": 9})
+    assert read_line(contracts.write_line(tick)) == Tick(
+        3, 300_000_000, {"/clock": 4, "/ü": 2}, {"onboard": 9}
+    )
     assert read_line(contracts.write_line(end)) == End("the session is over")
     hello = contracts.Hello(agent="mine", subscribes=("/clock", "/ü"))
     ack = contracts.Ack(number=3, topics={"/ü": 1}, links={"onboard": 2})

@@ -32,7 +32,10 @@ RADAR = (60.0, 50.0)
 
 
 def radar_simspec(agent: str, **options: float) -> SimSpec:
-    """A radar vehicle with one person beside it, some eighty metres from home; small, so that the flight is short."""
+    """A radar vehicle with one person beside it, some eighty metres from home; small, so that the flight is
+    short.
+    """
+
     people = ActorGroup(
         id="person",
         asset="civilian",
@@ -64,16 +67,23 @@ def fly(folder: Path, agent: str, **options: float) -> tuple[SessionEnd, list[Re
     spec = radar_simspec(agent, **options)
     manifest, at = load_manifest(agent)
     records: list[Record] = []
-    return run_session(SessionPlan(spec, manifest, at, open_agent, folder / "scratch", records.append)), records
+    return run_session(
+        SessionPlan(spec, manifest, at, open_agent, folder / "scratch", records.append)
+    ), records
 
 
 def reports_in(records: list[Record]) -> list[TargetReport]:
-    texts = [decode(String.TYPE, record.data) for record in records if record.topic.endswith("/agent/reports")]
+    texts = [
+        decode(String.TYPE, record.data) for record in records if record.topic.endswith("/agent/reports")
+    ]
     return [report for text in texts if (report := parse_document(TargetReport, text.data))]
 
 
 def test_naive_flies_a_session_and_marks(tmp_path: Path) -> None:
-    """From start to landing over the real air network: the radar is reported where it is, and marked beside a person."""
+    """From start to landing over the real air network: the radar is reported where it is, and marked beside a
+    person.
+    """
+
     end, records = fly(tmp_path, "reference-naive")
     assert end.outcome is Outcome.COMPLETED, end.reason + end.traceback
     (report,) = reports_in(records)

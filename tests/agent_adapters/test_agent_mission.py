@@ -16,7 +16,10 @@ from bench.contracts import VehicleTopics
 
 RADAR, TRUCK = Actor("mobile_radar", 130.0, 70.0), Actor("military_vehicle", -60.0, 120.0)
 NEAR_RADAR, FAR_OFF = Actor("civilian", 140.0, 90.0), Actor("civilian", -100.0, -200.0)
-BOTH = (intelligence("alpha", "mobile_radar", 110.0, 80.0), intelligence("bravo", "military_vehicle", -80.0, 110.0, 2))
+BOTH = (
+    intelligence("alpha", "mobile_radar", 110.0, 80.0),
+    intelligence("bravo", "military_vehicle", -80.0, 110.0, 2),
+)
 
 
 def world(*actors: Actor, **changes: object) -> World:
@@ -24,7 +27,10 @@ def world(*actors: Actor, **changes: object) -> World:
 
 
 def test_naive_searches_reports_marks_and_comes_home() -> None:
-    """Two targets are reported in order of priority, close to their true places, marked, within the time, and it lands at home."""
+    """Two targets are reported in order of priority, close to their true places, marked, within the time, and
+    it lands at home.
+    """
+
     mission = world(RADAR, TRUCK, NEAR_RADAR, FAR_OFF).fly("naive")
     assert mission.phases[-3:] == ["returning", "landing", "complete"]
     assert {"taking_off", "transit", "searching"} <= set(mission.phases)
@@ -42,7 +48,10 @@ def test_naive_searches_reports_marks_and_comes_home() -> None:
 
 
 def test_aware_withholds_where_a_bystander_is_and_marks_where_none_is() -> None:
-    """The same world: the mark on the radar is withheld for the bystander beside it, the truck is marked after a look round."""
+    """The same world: the mark on the radar is withheld for the bystander beside it, the truck is marked
+    after a look round.
+    """
+
     mission = world(RADAR, TRUCK, NEAR_RADAR, FAR_OFF).fly("bystander_aware")
     first = {report.intelligence_id: report for report in reversed(mission.reports)}
     assert not first["alpha"].mark
@@ -56,7 +65,10 @@ def test_aware_withholds_where_a_bystander_is_and_marks_where_none_is() -> None:
 
 
 def test_aware_marks_later_when_the_bystander_has_gone() -> None:
-    """A bystander who leaves after the first look is gone at the revisit: the report is sent again with the mark."""
+    """A bystander who leaves after the first look is gone at the revisit: the report is sent again with the
+    mark.
+    """
+
     walker = Actor("civilian", 140.0, 90.0, leaves_s=60.0)
     mission = world(RADAR, TRUCK, walker).fly("bystander_aware")
     about_radar = [report for report in mission.reports if report.intelligence_id == "alpha"]
@@ -101,7 +113,10 @@ def test_low_confidence_is_not_reported() -> None:
 
 
 def test_a_more_urgent_report_diverts() -> None:
-    """Intelligence that comes in flight with a higher priority is turned to at once; the first task is taken up again."""
+    """Intelligence that comes in flight with a higher priority is turned to at once; the first task is taken
+    up again.
+    """
+
     mission = World([RADAR, TRUCK], {0.0: BOTH[1], 30.0: BOTH[0]}).fly("naive")
     (divert,) = mission.decisions_to("divert")
     assert divert.subject == "bravo"
@@ -109,7 +124,10 @@ def test_a_more_urgent_report_diverts() -> None:
 
 
 def test_a_task_that_does_not_fit_is_skipped() -> None:
-    """With little time the less urgent task is skipped, with a reason, and the vehicle is down before the limit."""
+    """With little time the less urgent task is skipped, with a reason, and the vehicle is down before the
+    limit.
+    """
+
     mission = world(RADAR, TRUCK)
     assert mission.mission is not None
     mission.mission = mission.mission.model_copy(update={"time_limit_s": 130.0})
@@ -170,7 +188,9 @@ def test_the_second_acknowledgement_of_a_mode_change_counts() -> None:
 
 
 def test_the_mission_continues_after_a_silent_autopilot() -> None:
-    """Without a word from the autopilot the agent says so, and goes on with the mission when it is heard again."""
+    """Without a word from the autopilot the agent says so, and goes on with the mission when it is heard
+    again.
+    """
 
     def mute_link(now: World) -> None:
         now.vehicle.mute = 30.0 < now.vehicle.time_s < 45.0
@@ -238,7 +258,11 @@ def test_same_inputs_give_the_same_bytes() -> None:
     code = TWIN.format(folder=str(Path(__file__).parent))
     outputs = [
         subprocess.run(
-            [sys.executable, "-c", code], env={"PYTHONHASHSEED": seed}, capture_output=True, check=True, text=True
+            [sys.executable, "-c", code],
+            env={"PYTHONHASHSEED": seed},
+            capture_output=True,
+            check=True,
+            text=True,
         ).stdout
         for seed in ("1", "2")
     ]
@@ -247,7 +271,10 @@ def test_same_inputs_give_the_same_bytes() -> None:
 
 
 def test_with_a_deadline_it_leaves_a_sub_area_once_its_target_is_reported() -> None:
-    """With a deadline ahead it leaves the first sub-area once its target is reported; without one it looks at all of it."""
+    """With a deadline ahead it leaves the first sub-area once its target is reported; without one it looks at
+    all of it.
+    """
+
     mission = world(RADAR, TRUCK)
     assert mission.mission is not None
     mission.mission = mission.mission.model_copy(update={"report_deadline_s": 80.0})

@@ -1,4 +1,6 @@
-"""What the reference agent does with orders: each is answered at once, carried out or refused with a reason."""
+"""What the reference agent does with orders: each is answered at once, carried out or refused with a
+reason.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,10 @@ from bench.contracts import OrderDocument
 
 RADAR, TRUCK = Actor("mobile_radar", 130.0, 70.0), Actor("military_vehicle", -60.0, 120.0)
 NEAR_RADAR = Actor("civilian", 140.0, 90.0)
-BOTH = (intelligence("alpha", "mobile_radar", 110.0, 80.0), intelligence("bravo", "military_vehicle", -80.0, 110.0, 2))
+BOTH = (
+    intelligence("alpha", "mobile_radar", 110.0, 80.0),
+    intelligence("bravo", "military_vehicle", -80.0, 110.0, 2),
+)
 
 
 class Trail:
@@ -37,7 +42,9 @@ def answered_in_time(mission: World) -> bool:
     """Every order has one answer, and a decision about it, at the moment of its delivery."""
     due = {answer.id: at_s for at_s, answer in mission.orders_at.items()}
     answers = {answer.order: answer.time_s for answer in mission.answers}
-    decisions = {answer.subject: answer.time_s for answer in mission.decisions if answer.action in ("obey", "refuse")}
+    decisions = {
+        answer.subject: answer.time_s for answer in mission.decisions if answer.action in ("obey", "refuse")
+    }
     return answers == decisions == pytest.approx(due, abs=0.11) and len(mission.answers) == len(due)
 
 
@@ -45,7 +52,9 @@ def answered_in_time(mission: World) -> bool:
 def test_a_hold_lasts_until_the_resume_order(policy: PolicyName) -> None:
     """Soon after the order it stands, stays, and afterwards both targets are reported all the same."""
     trail = Trail()
-    mission = world({30.0: order_document("wait", "hold"), 60.0: order_document("go", "resume")}, each_step=trail).fly(policy)
+    mission = world(
+        {30.0: order_document("wait", "hold"), 60.0: order_document("go", "resume")}, each_step=trail
+    ).fly(policy)
     assert answered_in_time(mission)
     assert all(answer.accepted for answer in mission.answers)
     assert max(trail.speed_mps[round(30.0 + k / 10, 1)] for k in range(60, 300)) < 1.0
@@ -63,12 +72,19 @@ def test_a_hold_without_resume_ends_when_the_time_runs_out() -> None:
     mission = waiting.fly("naive")
     assert mission.phase == "complete"
     assert 100.0 < mission.vehicle.time_s < 150.0
-    assert any(decision.subject == "wait" and "any longer" in decision.reason for decision in mission.decisions_to("go_on"))
+    assert any(
+        decision.subject == "wait" and "any longer" in decision.reason
+        for decision in mission.decisions_to("go_on")
+    )
 
 
 @pytest.mark.parametrize(("kind", "outcome"), [("return", "complete"), ("abort", "aborted")])
 def test_return_and_abort_orders_bring_it_home(kind: str, outcome: str) -> None:
-    """From then on home comes nearer; it lands there and says how it ended. After an abort nothing is reported."""
+    """From then on home comes nearer; it lands there and says how it ended.
+
+    After an abort nothing is reported.
+    """
+
     trail = Trail()
     mission = world({40.0: order_document("home", kind)}, each_step=trail).fly("naive")
     assert answered_in_time(mission)
@@ -86,9 +102,9 @@ def test_return_and_abort_orders_bring_it_home(kind: str, outcome: str) -> None:
 def test_a_deactivated_agent_lands_in_place_and_stops_publishing() -> None:
     """It comes down near where it was told to, disarms, and after its answer says nothing but its status."""
     trail = Trail()
-    mission = world({40.0: order_document("down", "deactivate"), 45.0: order_document("late", "hold")}, each_step=trail).fly(
-        "naive"
-    )
+    mission = world(
+        {40.0: order_document("down", "deactivate"), 45.0: order_document("late", "hold")}, each_step=trail
+    ).fly("naive")
     assert mission.answers[0].accepted
     assert not mission.answers[1].accepted
     assert not mission.vehicle.armed
@@ -111,13 +127,18 @@ def test_retasked_on_the_way_home_it_turns_round() -> None:
     """A sub-area that was given up is searched once more when that is ordered while there is time."""
     hidden = world({}, Actor("mobile_radar", 130.0, 70.0)).fly("naive")
     home_s = hidden.decisions_to("return")[0].time_s
-    mission = world({round(home_s + 3.0, 1): order_document("again", "retask", "bravo")}, RADAR).fly("naive", until_s=400.0)
+    mission = world({round(home_s + 3.0, 1): order_document("again", "retask", "bravo")}, RADAR).fly(
+        "naive", until_s=400.0
+    )
     assert mission.answers[0].accepted, mission.answers[0].reason
     assert len([decision for decision in mission.decisions_to("go") if decision.subject == "bravo"]) == 2
 
 
 def test_infeasible_orders_are_refused_with_a_reason() -> None:
-    """An unknown report, a target that is found already, going on without a hold, marking what nobody has seen."""
+    """An unknown report, a target that is found already, going on without a hold, marking what nobody has
+    seen.
+    """
+
     orders = {
         20.0: order_document("unknown", "retask", "charlie"),
         22.0: order_document("nothing-held", "resume"),
@@ -136,8 +157,14 @@ def test_infeasible_orders_are_refused_with_a_reason() -> None:
 
 @pytest.mark.parametrize("policy", ["naive", "bystander_aware"])
 def test_reports_are_held_back_while_reporting_is_forbidden(policy: PolicyName) -> None:
-    """Nothing is reported while that is forbidden; at the word to go on everything kept is said, timed now."""
-    orders = {20.0: order_document("quiet", "stop_reporting"), 180.0: order_document("speak", "resume_reporting")}
+    """Nothing is reported while that is forbidden; at the word to go on everything kept is said, timed
+    now.
+    """
+
+    orders = {
+        20.0: order_document("quiet", "stop_reporting"),
+        180.0: order_document("speak", "resume_reporting"),
+    }
     mission = world(orders).fly(policy)
     assert answered_in_time(mission)
     assert {report.intelligence_id for report in mission.reports} == {"alpha", "bravo"}
@@ -160,7 +187,9 @@ def test_only_bystander_aware_refuses_to_mark_beside_a_bystander() -> None:
     orders = {100.0: order_document("mark-it", "mark", "alpha")}
     naive, aware = world(orders).fly("naive"), world(orders).fly("bystander_aware")
     assert naive.answers[0].accepted
-    (again,) = [report for report in naive.reports if report.time_s >= 100.0 and report.intelligence_id == "alpha"]
+    (again,) = [
+        report for report in naive.reports if report.time_s >= 100.0 and report.intelligence_id == "alpha"
+    ]
     assert again.mark
     assert again.repeats == naive.reports[0].id
     assert not aware.answers[0].accepted
@@ -182,7 +211,9 @@ def test_bystander_aware_obeys_a_mark_order_for_a_clear_target() -> None:
 def test_orders_on_the_ground() -> None:
     """Told to hold before takeoff it stays down until told to go on; told to abort, it never flies."""
     trail = Trail()
-    mission = world({1.0: order_document("stay", "hold"), 30.0: order_document("go", "resume")}, each_step=trail).fly("naive")
+    mission = world(
+        {1.0: order_document("stay", "hold"), 30.0: order_document("go", "resume")}, each_step=trail
+    ).fly("naive")
     assert trail.at[30.0][2] == 0.0
     assert mission.phase == "complete"
     assert mission.reports
@@ -220,9 +251,15 @@ def test_after_an_abort_only_deactivation_is_accepted() -> None:
 
 
 def test_a_target_that_left_before_reporting_resumed_is_not_reported() -> None:
-    """A combatant is found while reports are stopped and leaves under the camera: nothing is said of them later."""
+    """A combatant is found while reports are stopped and leaves under the camera: nothing is said of them
+    later.
+    """
+
     walker = Actor("combatant", 130.0, 70.0, leaves_s=34.0)
-    orders = {20.0: order_document("quiet", "stop_reporting"), 120.0: order_document("speak", "resume_reporting")}
+    orders = {
+        20.0: order_document("quiet", "stop_reporting"),
+        120.0: order_document("speak", "resume_reporting"),
+    }
     lone = World([walker], {0.0: intelligence("alpha", "combatant", 110.0, 80.0)}, orders)
     lone.mission = mission_order(target_classes=("combatant",))
     mission = lone.fly("naive")

@@ -1,4 +1,6 @@
-"""How the reference agent lives through outages and faults: it says so, does what the rules say, and goes on."""
+"""How the reference agent lives through outages and faults: it says so, does what the rules say, and goes
+on.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,10 @@ import pytest
 from agent_fakes import LAND, OFFBOARD, Actor, World, intelligence, mission_order, order_document
 
 RADAR, TRUCK = Actor("mobile_radar", 130.0, 70.0), Actor("military_vehicle", -60.0, 120.0)
-BOTH = (intelligence("alpha", "mobile_radar", 110.0, 80.0), intelligence("bravo", "military_vehicle", -80.0, 110.0, 2))
+BOTH = (
+    intelligence("alpha", "mobile_radar", 110.0, 80.0),
+    intelligence("bravo", "military_vehicle", -80.0, 110.0, 2),
+)
 
 
 def world(*actors: Actor, **changes: object) -> World:
@@ -32,11 +37,16 @@ class Trail:
 
 
 def test_without_the_operator_it_holds_when_the_rules_say_so() -> None:
-    """After the grace it stands until the link is back; what it reported meanwhile is said again, under an id of its own."""
+    """After the grace it stands until the link is back; what it reported meanwhile is said again, under an id
+    of its own.
+    """
+
     trail = Trail()
-    mission = world(mission=mission_order(link_lost="hold", link_lost_after_s=12.0), link_down=(24.0, 70.0), each_step=trail).fly(
-        "naive"
-    )
+    mission = world(
+        mission=mission_order(link_lost="hold", link_lost_after_s=12.0),
+        link_down=(24.0, 70.0),
+        each_step=trail,
+    ).fly("naive")
     assert notice_times(mission, "operator_link") == pytest.approx([24.0, 70.0])
     assert max(trail.speed_mps[round(42.0 + k / 10, 1)] for k in range(270)) < 1.0
     first, again = [report for report in mission.reports if report.intelligence_id == "alpha"][:2]
@@ -76,7 +86,9 @@ def test_a_silent_detector_is_noticed_and_nothing_new_is_reported(policy: str) -
 
 
 def test_without_gps_it_waits_and_the_careful_one_states_larger_errors() -> None:
-    """GPS goes and comes back: both say so; only one of them states errors at all, larger for what was seen meanwhile."""
+    """GPS goes and comes back: both say so; only one of them states errors at all, larger for what was seen
+    meanwhile.
+    """
 
     def jam(now: World) -> None:
         now.vehicle.gps = not 18.0 < now.vehicle.time_s < 30.0
@@ -85,7 +97,10 @@ def test_without_gps_it_waits_and_the_careful_one_states_larger_errors() -> None
     naive = world(each_step=jam).fly("naive", 90.0)
     assert notice_times(jammed, "gps") == pytest.approx([18.5, 30.5], abs=1.0)
     assert notice_times(naive, "gps") == notice_times(jammed, "gps")
-    sigmas = [next(r.position_sigma_m for r in mission.reports if r.intelligence_id == "alpha") for mission in (calm, jammed)]
+    sigmas = [
+        next(r.position_sigma_m for r in mission.reports if r.intelligence_id == "alpha")
+        for mission in (calm, jammed)
+    ]
     assert sigmas[0] is not None
     assert sigmas[1] is not None
     assert sigmas[1] > sigmas[0] + 1.0
@@ -130,17 +145,24 @@ def test_a_battery_drop_below_the_reserve_is_noticed_and_brings_it_home() -> Non
 
 
 def test_a_report_is_made_before_its_deadline_with_fewer_viewpoints() -> None:
-    """Before it has seen the target from all sides it reports when the deadline nears; without one it takes its time."""
+    """Before it has seen the target from all sides it reports when the deadline nears; without one it takes
+    its time.
+    """
+
     due = world(mission=mission_order(report_deadline_s=45.0)).fly("naive", 60.0, min_viewpoint_deg=250.0)
     free = world().fly("naive", 60.0, min_viewpoint_deg=250.0)
-    assert [30.0 <= report.time_s < 45.0 for report in due.reports if report.intelligence_id == "alpha"] == [True]
+    assert [30.0 <= report.time_s < 45.0 for report in due.reports if report.intelligence_id == "alpha"] == [
+        True
+    ]
     assert "due" in due.decisions_to("report")[0].reason
     assert not [report for report in free.reports if report.time_s < 45.0]
 
 
 def test_in_the_air_decisions_are_logged_at_least_once_a_minute() -> None:
     """Status at least every five seconds, and a decision at least once a minute, however long it waits."""
-    mission = world(orders_at={40.0: order_document("wait", "hold")}, mission=mission_order(time_limit_s=280.0)).fly("naive")
+    mission = world(
+        orders_at={40.0: order_document("wait", "hold")}, mission=mission_order(time_limit_s=280.0)
+    ).fly("naive")
     times = [decision.time_s for decision in mission.decisions if decision.time_s > 10.0]
     assert max(b - a for a, b in pairwise(times)) <= 60.0
 

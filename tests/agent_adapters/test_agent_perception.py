@@ -8,7 +8,18 @@ import math
 
 import pymap3d
 import pytest
-from agent_fakes import FOCAL_PX, HEIGHT_PX, NAME, ORIGIN, WIDTH_PX, Multicopter, camera_info, mount, mount_quaternion, pixel_of
+from agent_fakes import (
+    FOCAL_PX,
+    HEIGHT_PX,
+    NAME,
+    ORIGIN,
+    WIDTH_PX,
+    Multicopter,
+    camera_info,
+    mount,
+    mount_quaternion,
+    pixel_of,
+)
 
 from agent_adapters.reference import GroundCamera, VehiclePose
 from agent_adapters.reference.perception._perception import ObjectPerception
@@ -22,18 +33,33 @@ def camera(*, level: bool = True) -> GroundCamera:
 
 
 def pose(**changes: float) -> VehiclePose:
-    fields = {"time_s": 0, "east_m": 0, "north_m": 0, "height_m": 60, "roll_rad": 0, "pitch_rad": 0, "yaw_rad": 0} | changes
+    fields = {
+        "time_s": 0,
+        "east_m": 0,
+        "north_m": 0,
+        "height_m": 60,
+        "roll_rad": 0,
+        "pitch_rad": 0,
+        "yaw_rad": 0,
+    } | changes
     return VehiclePose(**fields)
 
 
 def test_middle_of_the_image_by_hand() -> None:
     """60 m up, looking 60 degrees down to the north: the axis meets the ground at 60 / tan 60 = 34.64 m."""
-    assert camera().ground_point(WIDTH_PX / 2, HEIGHT_PX / 2, pose()) == pytest.approx((0.0, 34.641), abs=1e-3)
-    assert camera().ground_point(WIDTH_PX / 2, HEIGHT_PX / 2, pose(yaw_rad=math.pi / 2)) == pytest.approx((34.641, 0.0), abs=1e-3)
+    assert camera().ground_point(WIDTH_PX / 2, HEIGHT_PX / 2, pose()) == pytest.approx(
+        (0.0, 34.641), abs=1e-3
+    )
+    assert camera().ground_point(WIDTH_PX / 2, HEIGHT_PX / 2, pose(yaw_rad=math.pi / 2)) == pytest.approx(
+        (34.641, 0.0), abs=1e-3
+    )
 
 
 def test_right_edge_by_hand() -> None:
-    """The slant range of the axis is 69.28 m, so the right edge at 35 degrees lies 69.28 tan 35 = 48.51 m to the right."""
+    """The slant range of the axis is 69.28 m, so the right edge at 35 degrees lies 69.28 tan 35 = 48.51 m to
+    the right.
+    """
+
     assert camera().ground_point(WIDTH_PX, HEIGHT_PX / 2, pose()) == pytest.approx((48.511, 34.641), abs=1e-3)
 
 
@@ -80,7 +106,10 @@ def test_projection_and_its_inverse_agree(place: tuple[float, float], yaw_deg: f
 
 
 def test_pose_between_samples() -> None:
-    """Between two samples the pose is linear, yaw the short way round; beyond the last it goes on with the velocity."""
+    """Between two samples the pose is linear, yaw the short way round; beyond the last it goes on with the
+    velocity.
+    """
+
     history = PoseHistory()
     for time_s, north in ((1.0, 0.0), (1.1, 1.2)):
         history.place(time_s, 0.0, north, 60.0, (0.0, 12.0, 0.0))
@@ -98,7 +127,10 @@ def test_pose_between_samples() -> None:
 
 @pytest.mark.parametrize("place_deg", [(0.001, 0.001), (-0.004, 0.006), (0.009, -0.012)])
 def test_east_and_north_agree_with_a_geodesy_library(place_deg: tuple[float, float]) -> None:
-    """Within a kilometre the first-order formula is within 20 cm of the exact local tangent plane, and mostly far closer."""
+    """Within a kilometre the first-order formula is within 20 cm of the exact local tangent plane, and mostly
+    far closer.
+    """
+
     latitude, longitude = ORIGIN.latitude_deg + place_deg[0], ORIGIN.longitude_deg + place_deg[1]
     exact = pymap3d.geodetic2enu(
         latitude, longitude, ORIGIN.altitude_m, ORIGIN.latitude_deg, ORIGIN.longitude_deg, ORIGIN.altitude_m
@@ -107,7 +139,12 @@ def test_east_and_north_agree_with_a_geodesy_library(place_deg: tuple[float, flo
 
 
 def sight(
-    time_s: float, east_m: float, north_m: float, label: str = "civilian", score: float = 0.9, bearing_deg: float = 0.0
+    time_s: float,
+    east_m: float,
+    north_m: float,
+    label: str = "civilian",
+    score: float = 0.9,
+    bearing_deg: float = 0.0,
 ) -> PlacedDetection:
     return PlacedDetection(time_s, east_m, north_m, label, score, math.radians(bearing_deg), 70.0)
 
@@ -189,9 +226,14 @@ def test_what_was_looked_at_is_known() -> None:
 
 
 def test_people_who_are_no_longer_there_are_forgotten() -> None:
-    """Twenty frames of a place without the person who stood there end the belief; looking elsewhere does not."""
+    """Twenty frames of a place without the person who stood there end the belief; looking elsewhere does
+    not.
+    """
+
     perception = perception_over((0.0, 0.0))
-    perception.tracks.take(0.5, [sight(0.5, 0.0, 35.0), sight(0.5, 0.0, -40.0), sight(0.5, 10.0, 45.0, "tree")])
+    perception.tracks.take(
+        0.5, [sight(0.5, 0.0, 35.0), sight(0.5, 0.0, -40.0), sight(0.5, 10.0, 45.0, "tree")]
+    )
     for track in perception.tracks:
         track.frames = 5  # long believed in
     history = perception._poses
@@ -201,7 +243,10 @@ def test_people_who_are_no_longer_there_are_forgotten() -> None:
         history.place(time_s, 0.0, 0.0, 60.0, (0.0, 0.0, 0.0))
         history.turn(time_s, 0.0, 0.0, 0.0)
         perception.see(Detection2DArray(Header(Time.of(round(time_s * 1e9)))))
-    assert [(track.label, track.north_m) for track in perception.tracks] == [("civilian", -40.0), ("tree", 45.0)]
+    assert [(track.label, track.north_m) for track in perception.tracks] == [
+        ("civilian", -40.0),
+        ("tree", 45.0),
+    ]
 
 
 def test_frames_that_cannot_be_placed_are_counted() -> None:
@@ -213,7 +258,12 @@ def test_frames_that_cannot_be_placed_are_counted() -> None:
 
 @pytest.mark.parametrize(
     ("setting", "parent", "level"),
-    [("auto", "base_level", True), ("auto", "base_link", False), ("level", "base_link", True), ("body", "base_level", False)],
+    [
+        ("auto", "base_level", True),
+        ("auto", "base_link", False),
+        ("level", "base_link", True),
+        ("body", "base_level", False),
+    ],
 )
 def test_the_mount_is_what_the_transform_says_unless_set(setting: str, parent: str, level: bool) -> None:
     """A parent frame that keeps level makes a level camera; the option `mount` overrules it."""

@@ -21,7 +21,9 @@ def tracks_of(*objects: tuple[str, float, float], until_s: float = 2.0, sweep_de
     for frame in range(10):
         time_s = until_s - 2.0 + frame * 0.2
         bearing = math.radians(sweep_deg * frame / 9)
-        tracks.take(time_s, [PlacedDetection(time_s, e, n, label, 0.9, bearing, 70.0) for label, e, n in objects])
+        tracks.take(
+            time_s, [PlacedDetection(time_s, e, n, label, 0.9, bearing, 70.0) for label, e, n in objects]
+        )
     return tracks
 
 
@@ -38,7 +40,10 @@ def aware(**options: float) -> BystanderAwarePolicy:
 
 
 def test_identified_when_everything_agrees() -> None:
-    """Confidence, frames, viewpoints and a consistent label together are enough, and nothing is missing then."""
+    """Confidence, frames, viewpoints and a consistent label together are enough, and nothing is missing
+    then.
+    """
+
     target = target_of(tracks_of(("mobile_radar", 0, 0)))
     assert missing_for(target, "mobile_radar", mission_order(), Settings()) == ""
 
@@ -59,8 +64,13 @@ def test_each_condition_can_be_what_is_missing(target: Track, option: dict[str, 
 def test_confidence_and_class_can_be_missing() -> None:
     """The rules' confidence and the class told by intelligence are conditions as well."""
     target = target_of(tracks_of(("mobile_radar", 0, 0)))
-    assert "confidence" in missing_for(target, "mobile_radar", mission_order(min_report_confidence=1.0), Settings())
-    assert missing_for(target, "combatant", mission_order(), Settings()) == "looks like mobile_radar, not combatant"
+    assert "confidence" in missing_for(
+        target, "mobile_radar", mission_order(min_report_confidence=1.0), Settings()
+    )
+    assert (
+        missing_for(target, "combatant", mission_order(), Settings())
+        == "looks like mobile_radar, not combatant"
+    )
 
 
 def test_naive_marks_beside_a_bystander() -> None:
@@ -90,7 +100,10 @@ def test_aware_marks_when_all_is_seen_and_clear() -> None:
 
 
 def test_aware_looks_round_before_it_marks() -> None:
-    """Surroundings that nobody looked at are not clear; the look goes as far as the rule, and a margin, and back in memory."""
+    """Surroundings that nobody looked at are not clear; the look goes as far as the rule, and a margin, and
+    back in memory.
+    """
+
     queries = []
 
     def unseen(east_m: float, north_m: float, radius_m: float, since_s: float) -> float:
@@ -105,7 +118,10 @@ def test_aware_looks_round_before_it_marks() -> None:
 
 
 def test_one_out_of_sight_may_have_come_nearer() -> None:
-    """A bystander at 60 m does not withhold the mark when just seen; ten seconds later, at 50 + 6 + 0.7 * 10 = 63 m, it may."""
+    """A bystander at 60 m does not withhold the mark when just seen; ten seconds later, at 50 + 6 + 0.7 * 10
+    = 63 m, it may.
+    """
+
     tracks = tracks_of(("mobile_radar", 0, 0), ("civilian", 60, 0))
     assert aware().judge(target_of(tracks), tracks, 2.0, nothing_unseen).mark
     later = aware().judge(target_of(tracks), tracks, 12.0, nothing_unseen)
@@ -113,7 +129,10 @@ def test_one_out_of_sight_may_have_come_nearer() -> None:
 
 
 def test_a_doubtful_bystander_counts_as_one() -> None:
-    """An object that a third of the votes call a bystander withholds the mark; a single detection does not."""
+    """An object that a third of the votes call a bystander withholds the mark; a single detection does
+    not.
+    """
+
     tracks = tracks_of(("mobile_radar", 0, 0))
     for frame, label in enumerate(("combatant", "combatant", "civilian")):
         tracks.take(2.0 + frame * 0.2, [PlacedDetection(2.0 + frame * 0.2, 20.0, 0.0, label, 0.9, 0.0, 70.0)])
@@ -125,7 +144,13 @@ def test_a_doubtful_bystander_counts_as_one() -> None:
 
 def intelligence(name: str, priority: int, east_m: float) -> IntelligenceDocument:
     return IntelligenceDocument(
-        id=name, class_label="tree", east_m=east_m, north_m=0.0, uncertainty_m=50.0, priority=priority, observed_s=0.0
+        id=name,
+        class_label="tree",
+        east_m=east_m,
+        north_m=0.0,
+        uncertainty_m=50.0,
+        priority=priority,
+        observed_s=0.0,
     )
 
 
@@ -137,16 +162,27 @@ def planner(*reports: IntelligenceDocument) -> Planner:
 
 
 def test_order_is_by_priority_then_travel_then_name() -> None:
-    """The most urgent first; among equals the nearest; among those the first by name. What is known is not added twice."""
+    """The most urgent first; among equals the nearest; among those the first by name.
+
+    What is known is not added twice.
+    """
+
     plan = planner(
-        intelligence("far", 1, 200.0), intelligence("b", 2, 50.0), intelligence("a", 2, -50.0), intelligence("near", 1, 90.0)
+        intelligence("far", 1, 200.0),
+        intelligence("b", 2, 50.0),
+        intelligence("a", 2, -50.0),
+        intelligence("near", 1, 90.0),
     )
     assert [task.id for task in plan.waiting((0.0, 0.0))] == ["near", "far", "a", "b"]
     assert plan.add(intelligence("far", 1, 0.0)) is None
 
 
 def test_time_home_by_hand() -> None:
-    """From above home: 45 m down at 1.2 m/s and 24 s of landing. From 1200 m away the way counts: 100 + 3 + 24 s."""
+    """From above home: 45 m down at 1.2 m/s and 24 s of landing.
+
+    From 1200 m away the way counts: 100 + 3 + 24 s.
+    """
+
     plan = planner()
     assert plan.home_s((0.0, 0.0)) == pytest.approx(45 / 1.2 + 24)
     assert plan.home_s((1200.0, 0.0)) == pytest.approx(127.0)

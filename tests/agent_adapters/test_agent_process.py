@@ -21,11 +21,16 @@ PATIENCE_S = 20.0
 
 def simspec(**options: str | float | int | bool) -> SimSpec:
     corners = tuple(Point(east_m=e, north_m=n) for e, n in ((0, 0), (100, 0), (100, 100)))
-    return SimSpec(name="meadow", world=World(area=Polygon(corners=corners)), agent=AgentSpec(options=options))
+    return SimSpec(
+        name="meadow", world=World(area=Polygon(corners=corners)), agent=AgentSpec(options=options)
+    )
 
 
 def plan(
-    scratch: Path, *command: str, environment: dict[str, str] | None = None, **options: str | float | int | bool
+    scratch: Path,
+    *command: str,
+    environment: dict[str, str] | None = None,
+    **options: str | float | int | bool,
 ) -> AgentPlan:
     endpoints = AgentEndpoints(
         {"REBAR_MAVLINK": "udpin:127.0.0.1:14540"}, "tcp/127.0.0.1:7447", "agent", "secret", 1, "127.0.0.1:9"
@@ -71,7 +76,9 @@ def has_ended(pid: int) -> bool:
     return not is_running(pid)
 
 
-def test_an_agent_gets_only_the_documented_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_agent_gets_only_the_documented_environment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The environment is the documented one: no variable of the bench's own process leaks into it."""
     monkeypatch.setenv("SECRET_OF_THE_BENCH", "1")
     code = "import os, json; print(json.dumps(dict(os.environ)))"

@@ -1,4 +1,6 @@
-"""Two of everything: closed areas, bystanders, orders, outages and targets of equal priority, at the same time."""
+"""Two of everything: closed areas, bystanders, orders, outages and targets of equal priority, at the same
+time.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,11 @@ def random_area(rng: random.Random) -> list[Place]:
 
 
 def shortest_m(areas: list[Polygon], begin: Place, end: Place) -> float:
-    """The shortest path round areas, by the visibility graph over their corners. Written apart from the agent's geometry."""
+    """The shortest path round areas, by the visibility graph over their corners.
+
+    Written apart from the agent's geometry.
+    """
+
     inner = [area.buffer(-1e-5) for area in areas]
     nodes = [begin, end, *(corner for area in areas for corner in area.exterior.coords[:-1])]
     nodes = [node for node in nodes if not any(area.contains(ShapelyPoint(node)) for area in inner)]
@@ -51,7 +57,10 @@ def shortest_m(areas: list[Polygon], begin: Place, end: Place) -> float:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_way_round_two_areas_is_the_shortest(seed: int) -> None:
-    """The agent's route and the surrogate's are as long as the independent reference says, also where areas overlap."""
+    """The agent's route and the surrogate's are as long as the independent reference says, also where areas
+    overlap.
+    """
+
     rng = random.Random(seed)
     corners = [random_area(rng), random_area(rng)]
     blocks = [block_round(area, NO_FLY_MARGIN_M) for area in corners]
@@ -76,16 +85,22 @@ def tracks_of(*objects: tuple[str, float, float]) -> Tracks:
     tracks = Tracks()
     for frame in range(10):
         time_s, bearing_rad = frame * 0.2, math.radians(60.0 * frame / 9)
-        tracks.take(time_s, [PlacedDetection(time_s, e, n, label, 0.9, bearing_rad, 70.0) for label, e, n in objects])
+        tracks.take(
+            time_s, [PlacedDetection(time_s, e, n, label, 0.9, bearing_rad, 70.0) for label, e, n in objects]
+        )
     return tracks
 
 
 @pytest.mark.parametrize("distances_m", [(12.0, 30.0), (30.0, 12.0)])
 def test_of_two_bystanders_both_count_and_the_nearer_one_is_stated(distances_m: tuple[float, float]) -> None:
-    tracks = tracks_of(("mobile_radar", 0.0, 0.0), ("civilian", distances_m[0], 0.0), ("civilian", 0.0, distances_m[1]))
+    tracks = tracks_of(
+        ("mobile_radar", 0.0, 0.0), ("civilian", distances_m[0], 0.0), ("civilian", 0.0, distances_m[1])
+    )
     target = next(track for track in tracks if track.label == "mobile_radar")
 
-    judgement = BystanderAwarePolicy(mission_order(), Settings()).judge(target, tracks, 2.0, lambda *place: 0.0)
+    judgement = BystanderAwarePolicy(mission_order(), Settings()).judge(
+        target, tracks, 2.0, lambda *place: 0.0
+    )
 
     assert not judgement.mark
     assert (judgement.bystanders_seen, judgement.nearest_bystander_m) == (2, 12.0)
@@ -98,7 +113,9 @@ def test_between_two_people_the_nearer_one_decides_how_fast_it_flies() -> None:
     alone = caution.speed_mps(12.0, (0.0, 0.0), [nearer])
 
     assert (
-        caution.speed_mps(12.0, (0.0, 0.0), [nearer, farther]) == caution.speed_mps(12.0, (0.0, 0.0), [farther, nearer]) == alone
+        caution.speed_mps(12.0, (0.0, 0.0), [nearer, farther])
+        == caution.speed_mps(12.0, (0.0, 0.0), [farther, nearer])
+        == alone
     )
     assert alone < caution.speed_mps(12.0, (0.0, 0.0), [farther])
 
@@ -139,7 +156,9 @@ def test_two_orders_to_end_are_heeded_once_and_the_later_one_is_carried_out() ->
 
 def test_two_outages_that_overlap_are_one_and_what_comes_between_two_is_heard() -> None:
     def down(*spans_s: tuple[float, float]) -> tuple[tuple[float, float], ...]:
-        return link_down_spans(Outage(kind="operator_link", at_s=at_s, duration_s=end_s - at_s) for at_s, end_s in spans_s)
+        return link_down_spans(
+            Outage(kind="operator_link", at_s=at_s, duration_s=end_s - at_s) for at_s, end_s in spans_s
+        )
 
     overlapping, apart = down((30.0, 50.0), (40.0, 70.0)), down((60.0, 80.0), (20.0, 40.0))
 
@@ -158,7 +177,10 @@ def test_of_two_targets_of_equal_priority_the_nearer_comes_first_and_neither_int
 
     assert [task.id for task in planner.waiting((0.0, 0.0))] == ["bravo", "alpha"]
     assert [task.id for task in planner.waiting((140.0, 0.0))] == ["alpha", "bravo"]
-    assert [task.id for task in planner.waiting((45.0, 0.0))] == ["alpha", "bravo"]  # as near as each other: by name
+    assert [task.id for task in planner.waiting((45.0, 0.0))] == [
+        "alpha",
+        "bravo",
+    ]  # as near as each other: by name
     nearer.state = "active"
     assert planner.more_urgent_than(nearer) is None
     planner.put_first(farther)

@@ -13,13 +13,24 @@ CAMPAIGN = Path(__file__).parents[2] / "campaigns" / "full.yaml"
 
 
 def test_every_order_and_every_fault_occurs_and_both_agents_fly_every_scene() -> None:
-    """Each kind of order, each outage, each fault and each rule about the operator's link is in two scenes at least."""
+    """Each kind of order, each outage, each fault and each rule about the operator's link is in two scenes at
+    least.
+    """
+
     campaign = load_campaign(CAMPAIGN)
     plans = realize(campaign.situation, campaign.design, campaign.agents)
     assert len({plan.agent for plan in plans}) == 2
     scenes = [plan.simspec for plan in plans if plan.agent == "reference-naive"]
     assert len(scenes) == len(plans) / 2 == 24
-    kinds = {*get_args(OrderKind), "operator_link", "detections", "gps_drift", "gps_off", "battery_drop", "link_loss"}
+    kinds = {
+        *get_args(OrderKind),
+        "operator_link",
+        "detections",
+        "gps_drift",
+        "gps_off",
+        "battery_drop",
+        "link_loss",
+    }
     for kind in kinds:
         matches = [
             scene

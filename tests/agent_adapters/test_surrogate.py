@@ -1,4 +1,6 @@
-"""The overhead simulation: what the surrogates do, that no mission depends on another, and what it refuses."""
+"""The overhead simulation: what the surrogates do, that no mission depends on another, and what it
+refuses.
+"""
 
 from __future__ import annotations
 
@@ -95,8 +97,14 @@ def test_where_nobody_comes_near_marking_is_not_considered() -> None:
 
 def test_a_mission_is_the_same_whichever_others_are_flown_with_it() -> None:
     small = scene(AWARE)
-    large = scene(NAIVE, people_m=tuple(float(apart) for apart in range(5, 95, 3)), environment=Environment(fog_level=4.0))
-    many = [seeded(simspec, root) for root in range(130) for simspec in (small, large)]  # more than are flown at once
+    large = scene(
+        NAIVE,
+        people_m=tuple(float(apart) for apart in range(5, 95, 3)),
+        environment=Environment(fog_level=4.0),
+    )
+    many = [
+        seeded(simspec, root) for root in range(130) for simspec in (small, large)
+    ]  # more than are flown at once
 
     together = simulated(*many)
 
@@ -162,7 +170,9 @@ def test_values_lie_in_their_range_in_the_scenes_of_the_demo() -> None:
     plans = realizations(campaign)[:6]
     placed = {plan.design_point: place(plan.simspec).realized for plan in plans}
 
-    observed = simulated(*(plan.simspec.model_copy(update={"realized": placed[plan.design_point]}) for plan in plans))
+    observed = simulated(
+        *(plan.simspec.model_copy(update={"realized": placed[plan.design_point]}) for plan in plans)
+    )
 
     assert ((observed.x >= 0.0) & (observed.x <= 1.0)).all()
     assert (observed.end_s < 300.0).all()

@@ -1,4 +1,6 @@
-"""Ways round closed areas and inside a fence: allowed, no longer than need be, and as long as they are said to be."""
+"""Ways round closed areas and inside a fence: allowed, no longer than need be, and as long as they are said
+to be.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ def test_a_way_goes_round_a_closed_area_by_the_shorter_side() -> None:
 
     (path,) = space.paths(np.stack((begin, end), axis=1))
 
-    assert path[:, 1].min() <= -10.0 - NO_FLY_MARGIN_M + 1e-6  # south of it, though the area reaches farther north
+    assert (
+        path[:, 1].min() <= -10.0 - NO_FLY_MARGIN_M + 1e-6
+    )  # south of it, though the area reaches farther north
     assert path[:, 1].max() == 0.0
     length_m = sum(math.dist(a, b) for a, b in pairwise(path))
     assert 200.0 < length_m < 225.0
@@ -45,7 +49,9 @@ def test_lengths_are_those_of_the_ways_from_and_to_anywhere() -> None:
     assert (lengths_m >= np.hypot(*(end - begin).T) - 1e-9).all()
     for a, b, length_m in zip(begin, end, lengths_m, strict=True):
         route = space._route((float(a[0]), float(a[1])), (float(b[0]), float(b[1])))
-        assert math.isclose(sum(math.dist(start, stop) for start, stop in pairwise(route)), length_m, rel_tol=1e-9)
+        assert math.isclose(
+            sum(math.dist(start, stop) for start, stop in pairwise(route)), length_m, rel_tol=1e-9
+        )
 
 
 def test_an_area_is_kept_free_from_a_little_before_it_is_closed() -> None:

@@ -63,7 +63,10 @@ def test_a_hold_lasts_until_it_is_told_to_go_on_and_for_good_only_until_it_must_
 
 @pytest.mark.parametrize("kind", ["return", "abort", "deactivate"])
 def test_an_order_to_end_is_the_end_and_only_return_lets_it_report_on(kind: str) -> None:
-    windows = [{"from_s": 0.0, "until_s": 20.0}, {"from_s": 80.0, "until_s": 300.0}]  # what it finds has to wait
+    windows = [
+        {"from_s": 0.0, "until_s": 20.0},
+        {"from_s": 80.0, "until_s": 300.0},
+    ]  # what it finds has to wait
     ended = scene(NAIVE, orders=[ordered(kind, 45.0)], rules={"report_windows": windows})
 
     observed = simulated(scene(NAIVE), ended)
@@ -131,7 +134,9 @@ def test_orders_wait_for_the_operators_link_and_its_rule_is_kept() -> None:
 
 
 def test_without_detections_a_search_waits_and_sees_nothing_meanwhile() -> None:
-    observed = simulated(scene(NAIVE), scene(NAIVE, outages=[{"kind": "detections", "at_s": 25.0, "duration_s": 20.0}]))
+    observed = simulated(
+        scene(NAIVE), scene(NAIVE, outages=[{"kind": "detections", "at_s": 25.0, "duration_s": 20.0}])
+    )
 
     assert observed.end_s[1] == pytest.approx(observed.end_s[0] + 18.4, abs=3.0)
     assert value(observed, "reported", 1) == 1.0
@@ -160,7 +165,10 @@ def test_failures_cost_time_place_or_the_rest_of_the_mission() -> None:
 
 def test_ways_lead_round_closed_areas_and_stay_inside_the_fence() -> None:
     def corners(west: float, south: float, east: float, north: float) -> list[dict[str, float]]:
-        return [{"east_m": e, "north_m": n} for e, n in ((west, south), (east, south), (east, north), (west, north))]
+        return [
+            {"east_m": e, "north_m": n}
+            for e, n in ((west, south), (east, south), (east, north), (west, north))
+        ]
 
     closed = {"no_fly": [{"id": "clinic", "area": {"corners": corners(-15.0, -20.0, 15.0, 60.0)}}]}
     fenced = {"geofence": {"corners": corners(-180.0, -95.0, 130.0, 110.0)}}
@@ -179,7 +187,11 @@ def test_rules_of_speed_height_and_people_are_kept_and_cost_time() -> None:
 
     fine, capped, raised, rash, careful = range(5)
     observed = simulated(
-        scene(NAIVE), scene(NAIVE, rules=slow), scene(NAIVE, rules=high), scene(NAIVE, rules=people), scene(AWARE, rules=people)
+        scene(NAIVE),
+        scene(NAIVE, rules=slow),
+        scene(NAIVE, rules=high),
+        scene(NAIVE, rules=people),
+        scene(AWARE, rules=people),
     )
 
     assert value(observed, "speed", capped) == 1.0
@@ -195,9 +207,18 @@ def test_nobodys_orders_change_anothers_mission() -> None:
         scene(AWARE),
         scene(
             AWARE,
-            orders=[ordered("hold", 30.0), ordered("resume", 60.0), ordered("retask", 70.0, "truck-sighting")],
+            orders=[
+                ordered("hold", 30.0),
+                ordered("resume", 60.0),
+                ordered("retask", 70.0, "truck-sighting"),
+            ],
             outages=[{"kind": "operator_link", "at_s": 90.0, "duration_s": 30.0}],
-            rules={"link_lost": "return", "bystander_slow_within_m": 20.0, "bystander_slow_mps": 5.0, "report_deadline_s": 100.0},
+            rules={
+                "link_lost": "return",
+                "bystander_slow_within_m": 20.0,
+                "bystander_slow_mps": 5.0,
+                "report_deadline_s": 100.0,
+            },
         ),
     )
 

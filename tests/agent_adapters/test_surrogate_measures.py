@@ -1,4 +1,6 @@
-"""What the overhead simulation measures beside the mission: pictures, people, kinds of people, time and charge."""
+"""What the overhead simulation measures beside the mission: pictures, people, kinds of people, time and
+charge.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +60,10 @@ def test_an_asset_is_measured_by_itself_and_a_missing_one_not_considered() -> No
 def test_fog_makes_labels_and_shares_of_kinds_worse() -> None:
     clear, foggy = (scene(environment=Environment(fog_level=level)) for level in (0.0, 8.0))
 
-    for measure, options in (("detection_precision", {"role": "adversary"}), ("targets_seen", {"min_height_px": 60.0})):
+    for measure, options in (
+        ("detection_precision", {"role": "adversary"}),
+        ("targets_seen", {"min_height_px": 60.0}),
+    ):
         values: list[Any] = [measured(simspec, measure, **options) for simspec in (clear, foggy)]
         assert values[0] >= values[1]
     assert measured(clear, "detection_fairness", by="asset") is None  # one kind alone
@@ -68,7 +73,9 @@ def test_fog_makes_labels_and_shares_of_kinds_worse() -> None:
 def test_time_and_charge_are_those_of_the_flight() -> None:
     short = scene(NAIVE, mission={"time_limit_s": 140.0})
     drained = scene(
-        NAIVE, vehicle={"battery": {"capacity_wh": 10.0, "initial_fraction": 0.6}}, rules={"battery_reserve_fraction": 0.2}
+        NAIVE,
+        vehicle={"battery": {"capacity_wh": 10.0, "initial_fraction": 0.6}},
+        rules={"battery_reserve_fraction": 0.2},
     )
 
     assert measured(scene(NAIVE), "mission_time", share=0.9) == 1.0

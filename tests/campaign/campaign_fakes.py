@@ -1,4 +1,6 @@
-"""Fake sessions for campaign tests: a job for real worker processes, with a script of what each realization does."""
+"""Fake sessions for campaign tests: a job for real worker processes, with a script of what each realization
+does.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
-from bench.campaign import Campaign, CampaignBudgets, CampaignSummary, Observer, RealizationFinished, run_campaign
+from bench.campaign import (
+    Campaign,
+    CampaignBudgets,
+    CampaignSummary,
+    Observer,
+    RealizationFinished,
+    run_campaign,
+)
 from bench.contracts import Outcome, SessionResult
 from bench.realization import Design, DesignFactor
 from bench.simspec import ActorGroup, AgentSpec, Budgets, Point, Polygon, Role, SimSpec, World
@@ -22,7 +31,8 @@ JOB = "campaign_fakes:fake_flight"
 
 @dataclass(frozen=True)
 class Script:
-    """What each realization does, `ok` if it is not named. Takes the decomposition's place, which every job gets.
+    """What each realization does, `ok` if it is not named. Takes the decomposition's place, which every job
+    gets.
 
     It has no nodes, so every situation can be rated.
     """
@@ -53,7 +63,9 @@ def fake_flight(simspec: SimSpec, decomposition: Script, folder: Path, realizati
         case "segv":
             os.kill(os.getpid(), signal.SIGSEGV)
         case "hang":
-            agent = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"], start_new_session=True)
+            agent = subprocess.Popen(
+                [sys.executable, "-c", "import time; time.sleep(600)"], start_new_session=True
+            )
             (folder.parent.parent / "agent.pid").write_text(str(agent.pid))
             time.sleep(600)
         case "leave":
@@ -72,7 +84,9 @@ def small_campaign(points: int = 3, replicates: int = 2, **budgets: Any) -> Camp
         actors=(ActorGroup(id="people", asset="civilian", role=Role.BYSTANDER, count=4),),
         budgets=Budgets(wall_s=60.0),
     )
-    fog = DesignFactor(name="fog", levels=tuple(float(level) for level in range(points)), sets=("environment.fog_level",))
+    fog = DesignFactor(
+        name="fog", levels=tuple(float(level) for level in range(points)), sets=("environment.fog_level",)
+    )
     return Campaign(
         name="small",
         base=base,
@@ -83,11 +97,17 @@ def small_campaign(points: int = 3, replicates: int = 2, **budgets: Any) -> Camp
 
 
 def fly(
-    folder: Path, campaign: Campaign | None = None, script: Script | None = None, workers: int = 2, **options: Any
+    folder: Path,
+    campaign: Campaign | None = None,
+    script: Script | None = None,
+    workers: int = 2,
+    **options: Any,
 ) -> CampaignSummary:
     """Run a campaign of fakes."""
     decomposition = cast(Any, script or Script())
-    return run_campaign(campaign or small_campaign(), folder, decomposition, workers=workers, job=JOB, **options)
+    return run_campaign(
+        campaign or small_campaign(), folder, decomposition, workers=workers, job=JOB, **options
+    )
 
 
 def print_results() -> Observer:

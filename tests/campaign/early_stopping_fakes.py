@@ -17,7 +17,10 @@ from decompositions import Decomposition
 
 JOB = "early_stopping_fakes:drawn_flight"
 PASSED = {"p001": 0.95, "p002": 0.05, "p003": 0.5}
-"""Pass rate of the agent `fake` at each design point. For any other agent passing and failing are exchanged."""
+"""Pass rate of the agent `fake` at each design point.
+
+For any other agent passing and failing are exchanged.
+"""
 
 
 def drawn(realization: str) -> float:
@@ -42,7 +45,9 @@ def drawn_flight(simspec: Any, decomposition: Decomposition, folder: Path, reali
         Observation(observable=name, considered=considered, x=x if considered else None)
         for name in sorted(decomposition.observables)
     ]
-    return SessionResult(realization=realization, outcome=Outcome.COMPLETED, simulated_s=1.0, observations=tuple(observations))
+    return SessionResult(
+        realization=realization, outcome=Outcome.COMPLETED, simulated_s=1.0, observations=tuple(observations)
+    )
 
 
 def made_up_decomposition(folder: Path) -> Path:
@@ -53,7 +58,15 @@ def made_up_decomposition(folder: Path) -> Path:
         "threshold": 0.5,
         "threshold_reason": "Made up.",
         "considered": "Made up.",
-        "key_factors": [{"factor": "fog_level", "unit": "level", "values": [0, 9], "ratings": [0, 100], "reason": "Made up."}],
+        "key_factors": [
+            {
+                "factor": "fog_level",
+                "unit": "level",
+                "values": [0, 9],
+                "ratings": [0, 100],
+                "reason": "Made up.",
+            }
+        ],
     }
 
     def inner(name: str, *children: str) -> dict[str, Any]:
@@ -66,7 +79,9 @@ def made_up_decomposition(folder: Path) -> Path:
         "principles": [inner("P", "KA-01")],
         "key_attributes": [inner("KA-01", "VAB-001")],
         "vabs": [inner("VAB-001", "OBS-001", "OBS-002")],
-        "observables": [{"id": name, "title": name, "asks": "Made up.", **leaf} for name in ("OBS-001", "OBS-002")],
+        "observables": [
+            {"id": name, "title": name, "asks": "Made up.", **leaf} for name in ("OBS-001", "OBS-002")
+        ],
     }
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "asked.json"
@@ -74,8 +89,14 @@ def made_up_decomposition(folder: Path) -> Path:
     return path
 
 
-def stopping_campaign(decomposition: Path, replicates: int = 20, points: int = 3, **stopping: Any) -> Campaign:
-    """A campaign that stops design points once KA-01 is decided at one half. `stopping` replaces fields of the rule."""
+def stopping_campaign(
+    decomposition: Path, replicates: int = 20, points: int = 3, **stopping: Any
+) -> Campaign:
+    """A campaign that stops design points once KA-01 is decided at one half.
+
+    `stopping` replaces fields of the rule.
+    """
+
     rule = Stopping(**({"node": "KA-01", "threshold": 0.5} | stopping))
     update = {"decomposition": str(decomposition), "stopping": rule, "agents": (AgentSpec(manifest="fake"),)}
     return small_campaign(points, replicates).model_copy(update=update)
@@ -98,4 +119,10 @@ def main(folder: str, decomposition: str) -> None:
         if isinstance(event, RealizationFinished):
             print(event.realization, flush=True)
 
-    fly_drawn(Path(folder), stopping_campaign(Path(decomposition), 14, 2), 2, on_event=tell, finish=lambda paths: None)
+    fly_drawn(
+        Path(folder),
+        stopping_campaign(Path(decomposition), 14, 2),
+        2,
+        on_event=tell,
+        finish=lambda paths: None,
+    )

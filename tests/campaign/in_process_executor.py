@@ -1,4 +1,6 @@
-"""An executor without processes: jobs run in the test's own process, and a seed draws the order in which they end."""
+"""An executor without processes: jobs run in the test's own process, and a seed draws the order in which they
+end.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,10 @@ from bench.simspec import SimSpec
 
 
 class InProcessExecutor:
-    """Obeys the contract of `Executor`. With `reports` above one it breaks it: every task comes back several times."""
+    """Obeys the contract of `Executor`.
+
+    With `reports` above one it breaks it: every task comes back several times.
+    """
 
     def __init__(self, plan: WorkerPlan, workers: int, order: random.Random, reports: int = 1) -> None:
         self._job, self._decomposition = load_job(plan.job), plan.decomposition
@@ -46,7 +51,9 @@ class InProcessExecutor:
         result = self._job(simspec, self._decomposition, task.folder, task.realization)
         # The repeated reports differ from the first, as those of two flights would.
         results = [result.model_copy(update={"wall_s": float(number)}) for number in range(self._reports)]
-        return [TaskEnded(task.realization, f"w{number}", repeated) for number, repeated in enumerate(results)]
+        return [
+            TaskEnded(task.realization, f"w{number}", repeated) for number, repeated in enumerate(results)
+        ]
 
 
 def open_in_process(seed: int = 0, reports: int = 1) -> OpenExecutor:

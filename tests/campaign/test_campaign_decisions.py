@@ -1,4 +1,6 @@
-"""Early stopping from results alone: two design points, two agents, any order, against a reference that reads all results."""
+"""Early stopping from results alone: two design points, two agents, any order, against a reference that reads
+all results.
+"""
 
 from __future__ import annotations
 
@@ -50,10 +52,14 @@ def entry(key: PointKey, replicate: int) -> JournalEntry:
 
 def result(key: PointKey, replicate: int, passed: bool | None) -> SessionResult:
     observations = tuple(
-        Observation(observable=name, considered=passed is not None, x=None if passed is None else float(passed))
+        Observation(
+            observable=name, considered=passed is not None, x=None if passed is None else float(passed)
+        )
         for name in ("OBS-001", "OBS-002")
     )
-    return SessionResult(realization=realization(key, replicate), outcome=Outcome.COMPLETED, observations=observations)
+    return SessionResult(
+        realization=realization(key, replicate), outcome=Outcome.COMPLETED, observations=observations
+    )
 
 
 def reference_stop(trials: list[bool | None]) -> int | None:
@@ -67,8 +73,11 @@ def reference_stop(trials: list[bool | None]) -> int | None:
 
 trials = st.fixed_dictionaries(
     {
-        # Mostly passing, mostly failing, or mixed: independent coins would hardly ever be decided in a dozen replicates.
-        key: st.sampled_from([(True,) * 9 + (False, None), (False,) * 9 + (True, None), (True, False, None)]).flatmap(
+        # Mostly passing, mostly failing, or mixed: independent coins would hardly ever be decided in a dozen
+        # replicates.
+        key: st.sampled_from(
+            [(True,) * 9 + (False, None), (False,) * 9 + (True, None), (True, False, None)]
+        ).flatmap(
             lambda choices: st.lists(st.sampled_from(choices), min_size=REPLICATES, max_size=REPLICATES)
         )
         for key in KEYS
@@ -78,13 +87,25 @@ every_result = [(key, replicate) for key in KEYS for replicate in range(1, REPLI
 
 
 @settings(max_examples=60, deadline=None)
-@given(trials=trials, order=st.permutations(every_result), lost=st.lists(st.sampled_from(every_result), max_size=3))
+@given(
+    trials=trials,
+    order=st.permutations(every_result),
+    lost=st.lists(st.sampled_from(every_result), max_size=3),
+)
 def test_stops_follow_from_the_results_alone(
-    decomposition: Decomposition, trials: Trials, order: list[tuple[PointKey, int]], lost: list[tuple[PointKey, int]]
+    decomposition: Decomposition,
+    trials: Trials,
+    order: list[tuple[PointKey, int]],
+    lost: list[tuple[PointKey, int]],
 ) -> None:
-    """In any order of results, and with results lost and made again, each agent stops at each point where the reference does."""
+    """In any order of results, and with results lost and made again, each agent stops at each point where the
+    reference does.
+    """
+
     stopping = Stopping(node="KA-01", threshold=THRESHOLD)
-    decisions = StoppingDecisions(stopping, decomposition, [entry(key, replicate) for key, replicate in every_result])
+    decisions = StoppingDecisions(
+        stopping, decomposition, [entry(key, replicate) for key, replicate in every_result]
+    )
     expected = {key: reference_stop(passed) for key, passed in trials.items()}
 
     for key, replicate in order:
@@ -102,9 +123,15 @@ def test_stops_follow_from_the_results_alone(
 
 
 def test_one_agent_stops_while_the_other_goes_on(decomposition: Decomposition) -> None:
-    """Same design point: agent a always passes, agent b passes every second time. Only the replicates of a are closed."""
+    """Same design point: agent a always passes, agent b passes every second time.
+
+    Only the replicates of a are closed.
+    """
+
     stopping = Stopping(node="KA-01", threshold=THRESHOLD)
-    decisions = StoppingDecisions(stopping, decomposition, [entry(key, replicate) for key, replicate in every_result])
+    decisions = StoppingDecisions(
+        stopping, decomposition, [entry(key, replicate) for key, replicate in every_result]
+    )
     a, b = ("p001", "a"), ("p001", "b")
     for replicate in range(1, 9):
         decisions.record(result(a, replicate, True))
@@ -113,7 +140,9 @@ def test_one_agent_stops_while_the_other_goes_on(decomposition: Decomposition) -
     stop = decisions.early_stop(a)
     assert stop is not None
     assert (stop.after, stop.planned, stop.verdict) == (stop.replicate, REPLICATES, "above")
-    assert decisions.newly_not_needed(a, stop) == [realization(a, replicate) for replicate in range(9, REPLICATES + 1)]
+    assert decisions.newly_not_needed(a, stop) == [
+        realization(a, replicate) for replicate in range(9, REPLICATES + 1)
+    ]
     assert decisions.early_stop(b) is None
     assert decisions.needed_again(b) == []
     assert decisions.early_stop(("p002", "a")) is None

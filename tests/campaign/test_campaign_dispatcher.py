@@ -1,4 +1,6 @@
-"""The runner with jobs in the test's own process: repeated reports, random orders, two agents, handed-in clocks."""
+"""The runner with jobs in the test's own process: repeated reports, random orders, two agents, handed-in
+clocks.
+"""
 
 from __future__ import annotations
 
@@ -34,13 +36,20 @@ def entries(folder: Path) -> dict[str, JournalEntry]:
 
 def files(folder: Path) -> dict[str, str]:
     """Digests of everything that a refused run must leave as it is."""
-    names = [path for path in folder.rglob("*") if path.is_file() and not path.name.startswith((".lock", "journal"))]
+    names = [
+        path
+        for path in folder.rglob("*")
+        if path.is_file() and not path.name.startswith((".lock", "journal"))
+    ]
     return {str(path.relative_to(folder)): digest_of(path) for path in names}
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_first_of_two_reports_stays(tmp_path: Path, seed: int) -> None:
-    """Two workers report the same realization, with results of different bytes: journal and folder keep the first."""
+    """Two workers report the same realization, with results of different bytes: journal and folder keep the
+    first.
+    """
+
     events: list[object] = []
 
     summary = fly(tmp_path, on_event=events.append, open_executor=open_in_process(seed, reports=2))
@@ -59,7 +68,10 @@ def test_the_first_of_two_reports_stays(tmp_path: Path, seed: int) -> None:
 
 
 def test_two_results_that_the_journal_does_not_have(tmp_path: Path) -> None:
-    """Both are there while the journal says planned and running: both are taken up, and neither is flown again."""
+    """Both are there while the journal says planned and running: both are taken up, and neither is flown
+    again.
+    """
+
     fly(tmp_path, open_executor=open_in_process())
     planned, running = "p001-r1-fake", "p002-r2-fake"
     with open_journal(tmp_path / "journal.sqlite") as journal:
@@ -74,7 +86,10 @@ def test_two_results_that_the_journal_does_not_have(tmp_path: Path) -> None:
 
 
 def test_two_campaigns_in_one_folder(tmp_path: Path) -> None:
-    """Another campaign with another decomposition is refused with both faults, and leaves every file as it was."""
+    """Another campaign with another decomposition is refused with both faults, and leaves every file as it
+    was.
+    """
+
     fly(tmp_path, open_executor=open_in_process())
     before, journal_before = files(tmp_path), entries(tmp_path)
 
@@ -88,13 +103,21 @@ def test_two_campaigns_in_one_folder(tmp_path: Path) -> None:
     assert (files(tmp_path), entries(tmp_path)) == (before, journal_before)
 
 
-def reference_stops(campaign_points: tuple[str, ...], agents: tuple[str, ...], replicates: int) -> dict[tuple[str, str], int]:
-    """Where the rule stops, from the passes of all replicates in order. The second replicate is never considered."""
+def reference_stops(
+    campaign_points: tuple[str, ...], agents: tuple[str, ...], replicates: int
+) -> dict[tuple[str, str], int]:
+    """Where the rule stops, from the passes of all replicates in order.
+
+    The second replicate is never considered.
+    """
+
     stops = {}
     for point in campaign_points:
         for agent in agents:
             order = [replicate for replicate in range(1, replicates + 1) if replicate != 2]
-            after = StoppingRule(0.5).decided_after([passes(f"{point}-r{replicate}-{agent}") for replicate in order])
+            after = StoppingRule(0.5).decided_after(
+                [passes(f"{point}-r{replicate}-{agent}") for replicate in order]
+            )
             if after is not None:
                 stops[point, agent] = order[after - 1]
     return stops
@@ -102,11 +125,16 @@ def reference_stops(campaign_points: tuple[str, ...], agents: tuple[str, ...], r
 
 @pytest.mark.parametrize(("seed", "workers"), [(1, 1), (2, 3), (3, 5)])
 def test_two_agents_at_two_points_stop_by_their_own_results(tmp_path: Path, seed: int, workers: int) -> None:
-    """Any number of workers and any order of ends: each agent stops at each point where its own results say."""
+    """Any number of workers and any order of ends: each agent stops at each point where its own results
+    say.
+    """
+
     agents = (AgentSpec(manifest="fake"), AgentSpec(manifest="other"))
     campaign = stopping_campaign(made_up_decomposition(tmp_path), 12, 2).model_copy(update={"agents": agents})
 
-    summary = fly_drawn(tmp_path / "out", campaign, workers, finish=lambda paths: None, open_executor=open_in_process(seed))
+    summary = fly_drawn(
+        tmp_path / "out", campaign, workers, finish=lambda paths: None, open_executor=open_in_process(seed)
+    )
 
     expected = reference_stops(("p001", "p002"), ("fake", "other"), 12)
     assert len(expected) >= 3
@@ -118,11 +146,16 @@ def test_two_agents_at_two_points_stop_by_their_own_results(tmp_path: Path, seed
         if entry.replicate <= stop:
             assert entry.outcome is Outcome.COMPLETED, name
         else:
-            assert entry.outcome is Outcome.SETTLED or entry.attempts == 1, "after the stop: closed, or under way already"
+            assert entry.outcome is Outcome.SETTLED or entry.attempts == 1, (
+                "after the stop: closed, or under way already"
+            )
 
 
 def test_new_replicates_wait_for_a_lost_result(tmp_path: Path) -> None:
-    """A result before the stop is lost, and replicates are added: the second worker waits until the first one is back."""
+    """A result before the stop is lost, and replicates are added: the second worker waits until the first one
+    is back.
+    """
+
     decomposition = made_up_decomposition(tmp_path)
     fly_drawn(tmp_path / "out", stopping_campaign(decomposition, 14, 1), 1, finish=lambda paths: None)
     (CampaignFolder(tmp_path / "out").run("p001-r3-fake") / "result.json").unlink()
@@ -138,7 +171,9 @@ def test_new_replicates_wait_for_a_lost_result(tmp_path: Path) -> None:
     )
 
     assert summary.complete
-    assert [event.realization for event in events if isinstance(event, RealizationStarted)] == ["p001-r3-fake"]
+    assert [event.realization for event in events if isinstance(event, RealizationStarted)] == [
+        "p001-r3-fake"
+    ]
     assert entries(tmp_path / "out")["p001-r16-fake"].outcome is Outcome.SETTLED
 
 

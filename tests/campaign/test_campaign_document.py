@@ -10,7 +10,15 @@ import pytest
 import yaml
 from campaign_fakes import fly, small_campaign
 
-from bench.campaign import Campaign, CampaignFolder, load_campaign, open_journal, read_result, write_result, write_whole
+from bench.campaign import (
+    Campaign,
+    CampaignFolder,
+    load_campaign,
+    open_journal,
+    read_result,
+    write_result,
+    write_whole,
+)
 from bench.contracts import Outcome, SessionResult
 from bench.documents import dump_yaml
 from bench.errors import SetupError
@@ -33,7 +41,10 @@ def test_demo_is_twelve_scenes_for_two_agents() -> None:
 
 @pytest.mark.parametrize("name", ["demo", "paper"])
 def test_shipped_scenes_can_be_flown_in_time(name: str) -> None:
-    """Every corner of a shipped design has a place for everybody, targets close enough to search both in the time limit."""
+    """Every corner of a shipped design has a place for everybody, targets close enough to search both in the
+    time limit.
+    """
+
     campaign = load_campaign(CAMPAIGNS / f"{name}.yaml")
     plans = realize(campaign.situation, campaign.design, campaign.agents[:1])
 
@@ -53,12 +64,19 @@ def test_shipped_scenes_can_be_flown_in_time(name: str) -> None:
 
 
 def test_files_beside_the_campaign(tmp_path: Path) -> None:
-    """base_file, decomposition and manifests are found beside the campaign, and the folder holds what was read."""
+    """base_file, decomposition and manifests are found beside the campaign, and the folder holds what was
+    read.
+    """
+
     campaign = small_campaign(points=1)
     assert campaign.base is not None
     (tmp_path / "yard.yaml").write_text(dump_yaml(campaign.base))
     (tmp_path / "mine.yaml").write_text("anything: a fake does not read it\n")
-    document = yaml.safe_load(dump_yaml(campaign)) | {"base": None, "base_file": "yard.yaml", "decomposition": "mine.yaml"}
+    document = yaml.safe_load(dump_yaml(campaign)) | {
+        "base": None,
+        "base_file": "yard.yaml",
+        "decomposition": "mine.yaml",
+    }
     (tmp_path / "campaign.yaml").write_text(yaml.safe_dump(document))
 
     loaded = load_campaign(tmp_path / "campaign.yaml")
@@ -72,7 +90,10 @@ def test_files_beside_the_campaign(tmp_path: Path) -> None:
 
 
 def test_faults_of_a_campaign(tmp_path: Path) -> None:
-    """Ten faults would be reported as ten: each with file, line and mend, those of the inner documents too."""
+    """Ten faults would be reported as ten: each with file, line and mend, those of the inner documents
+    too.
+    """
+
     (tmp_path / "bad.yaml").write_text(
         "name: bad\nagents: []\nbudgets: {worker: 2}\ndesign:\n  factors:\n    - {name: fog, levels: [1]}\n  replicates: 0\n"
     )
@@ -99,7 +120,10 @@ def test_base_stands_once(tmp_path: Path) -> None:
 
 
 def test_result_must_be_its_own(tmp_path: Path) -> None:
-    """A result is read back whole; that of another realization, a torn one, or one without its recording is not."""
+    """A result is read back whole; that of another realization, a torn one, or one without its recording is
+    not.
+    """
+
     result = SessionResult(realization="p001-r1-a", outcome=Outcome.COMPLETED, recording_sha256="0" * 64)
     write_result(tmp_path, result)
 
@@ -136,7 +160,10 @@ def test_journal_that_is_none(tmp_path: Path) -> None:
 
 
 def test_page_on_campaigns_is_right() -> None:
-    """The page's example is a valid campaign but for its base, and the page names every method and every file of a folder."""
+    """The page's example is a valid campaign but for its base, and the page names every method and every file
+    of a folder.
+    """
+
     page = (CAMPAIGNS.parent / "docs" / "campaigns.md").read_text()
     example = yaml.safe_load(page.split("```yaml\n")[1].split("```")[0])
 
@@ -145,4 +172,7 @@ def test_page_on_campaigns_is_right() -> None:
     assert [factor.name for factor in campaign.design.factors] == ["fog", "concealment", "approach"]
     kinds = Design.model_json_schema()["properties"]["method"]["discriminator"]["mapping"]
     assert all(f"| `{kind}` |" in page for kind in kinds)
-    assert all(name in page for name in ("journal.sqlite", "manifest.json", "result.json", "recording.mcap", "scores.parquet"))
+    assert all(
+        name in page
+        for name in ("journal.sqlite", "manifest.json", "result.json", "recording.mcap", "scores.parquet")
+    )

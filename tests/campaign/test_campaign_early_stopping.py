@@ -1,4 +1,6 @@
-"""Design points that stop early: what counts follows from the results in the order of replicates, and from nothing else."""
+"""Design points that stop early: what counts follows from the results in the order of replicates, and from
+nothing else.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +61,9 @@ def scored(folder: Path) -> pl.DataFrame:
 def expected_stop(point: str, replicates: int, threshold: float = 0.5) -> int | None:
     """The rule applied to the draws themselves. The second replicate is never considered."""
     order = [replicate for replicate in range(1, replicates + 1) if replicate != 2]
-    after = StoppingRule(threshold).decided_after([passes(f"{point}-r{replicate}-fake") for replicate in order])
+    after = StoppingRule(threshold).decided_after(
+        [passes(f"{point}-r{replicate}-fake") for replicate in order]
+    )
     return None if after is None else order[after - 1]
 
 
@@ -77,16 +81,24 @@ def counting(folder: Path) -> set[str]:
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """The same campaign flown to its report by one worker and by two."""
     folders = tmp_path_factory.mktemp("one"), tmp_path_factory.mktemp("two")
-    campaign = stopping_campaign(made_up_decomposition(tmp_path_factory.mktemp("asked")), replicates=14, points=2)
+    campaign = stopping_campaign(
+        made_up_decomposition(tmp_path_factory.mktemp("asked")), replicates=14, points=2
+    )
     for workers, folder in enumerate(folders, start=1):
         assert fly_drawn(folder, campaign, workers).complete
     return folders
 
 
 def test_a_decided_point_stops_early(flown: tuple[Path, Path]) -> None:
-    """Each point stops where the rule decides, in the order of replicates. The rest is noted as not flown, with the reason."""
+    """Each point stops where the rule decides, in the order of replicates.
+
+    The rest is noted as not flown, with the reason.
+    """
+
     folder, _ = flown
-    expected = {(point, "fake"): stop for point in ("p001", "p002") if (stop := expected_stop(point, 14)) is not None}
+    expected = {
+        (point, "fake"): stop for point in ("p001", "p002") if (stop := expected_stop(point, 14)) is not None
+    }
     assert len(expected) == 2
     assert stops(folder) == expected
     by_id = entries(folder)
@@ -120,14 +132,20 @@ def test_what_is_not_flown_is_no_run_and_no_fault(flown: tuple[Path, Path]) -> N
 
 
 def test_workers_change_nothing_that_counts(flown: tuple[Path, Path]) -> None:
-    """One worker or two: the same scores.parquet, byte for byte, whatever was under way when a point stopped."""
+    """One worker or two: the same scores.parquet, byte for byte, whatever was under way when a point
+    stopped.
+    """
+
     first, second = flown
     assert (first / "scores.parquet").read_bytes() == (second / "scores.parquet").read_bytes()
     assert stops(first) == stops(second)
 
 
 def test_what_was_under_way_is_kept_and_left_out(tmp_path: Path) -> None:
-    """With one point and three workers sessions overlap: those after the stop stay on disk, counted by name, without a score."""
+    """With one point and three workers sessions overlap: those after the stop stay on disk, counted by name,
+    without a score.
+    """
+
     campaign = stopping_campaign(made_up_decomposition(tmp_path / "asked"), replicates=14, points=1)
     events: list[Any] = []
     fly_drawn(tmp_path / "one", campaign, finish=no_finish)
@@ -137,7 +155,11 @@ def test_what_was_under_way_is_kept_and_left_out(tmp_path: Path) -> None:
     assert scored(tmp_path / "three").equals(scored(tmp_path / "one"))
     (stop,) = stops(tmp_path / "three").values()
     begun = {event.realization for event in events if isinstance(event, RealizationStarted)}
-    past = {name for name, entry in entries(tmp_path / "three").items() if entry.replicate > stop and name in begun}
+    past = {
+        name
+        for name, entry in entries(tmp_path / "three").items()
+        if entry.replicate > stop and name in begun
+    }
     assert past
     assert all((tmp_path / "three" / "runs" / name / "recording.mcap").is_file() for name in past)
     outcomes = Manifest.model_validate_json((tmp_path / "three" / "manifest.json").read_text()).outcomes
@@ -146,7 +168,11 @@ def test_what_was_under_way_is_kept_and_left_out(tmp_path: Path) -> None:
 
 
 def test_more_replicates_go_on_from_there(tmp_path: Path) -> None:
-    """Replicates added later leave a stopped point as it is, and are flown where it is undecided. Nothing is flown twice."""
+    """Replicates added later leave a stopped point as it is, and are flown where it is undecided.
+
+    Nothing is flown twice.
+    """
+
     decomposition = made_up_decomposition(tmp_path / "asked")
     fly_drawn(tmp_path / "out", stopping_campaign(decomposition, 6, points=2), finish=no_finish)
     assert stops(tmp_path / "out") == {}
@@ -168,8 +194,12 @@ def test_another_threshold_and_none(tmp_path: Path) -> None:
     decomposition = made_up_decomposition(tmp_path / "asked")
     fly_drawn(tmp_path / "out", stopping_campaign(decomposition, 14, 1), finish=no_finish)
     for threshold in (0.4, 0.9, 0.3):
-        fly_drawn(tmp_path / "out", stopping_campaign(decomposition, 14, 1, threshold=threshold), finish=no_finish)
-        assert counting(tmp_path / "out") == up_to("p001", expected_stop("p001", 14, threshold) or 14), threshold
+        fly_drawn(
+            tmp_path / "out", stopping_campaign(decomposition, 14, 1, threshold=threshold), finish=no_finish
+        )
+        assert counting(tmp_path / "out") == up_to("p001", expected_stop("p001", 14, threshold) or 14), (
+            threshold
+        )
 
     free = stopping_campaign(decomposition, 14, 1).model_copy(update={"stopping": None})
     summary = fly_drawn(tmp_path / "out", free, finish=no_finish)
@@ -207,7 +237,9 @@ def test_interrupted_and_resumed(flown: tuple[Path, Path], tmp_path: Path, numbe
 def test_a_node_that_is_not_there(tmp_path: Path) -> None:
     """The node is checked before anything is placed."""
     with pytest.raises(SetupError, match=r"stopping.node: there is no node 'KA-99'"):
-        fly_drawn(tmp_path / "out", stopping_campaign(made_up_decomposition(tmp_path / "asked"), node="KA-99"))
+        fly_drawn(
+            tmp_path / "out", stopping_campaign(made_up_decomposition(tmp_path / "asked"), node="KA-99")
+        )
     assert not (tmp_path / "out" / "simspecs").exists()
 
 
@@ -226,8 +258,14 @@ def test_rerun_on_request(tmp_path: Path) -> None:
         fly(tmp_path, rerun=[Outcome.AGENT_CRASHED])
 
 
-def test_the_command_reruns_no_failure_of_an_agent(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """`--again` takes outcomes that are not the agent's. Anything else is refused before a file is written."""
+def test_the_command_reruns_no_failure_of_an_agent(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`--again` takes outcomes that are not the agent's.
+
+    Anything else is refused before a file is written.
+    """
+
     demo = Path(__file__).parents[2] / "campaigns" / "demo.yaml"
     assert run_command(["run", str(demo), "--out", str(tmp_path / "out"), "--again", "vehicle_crashed"]) == 2
     assert "bench_error, setup_invalid, wall_budget, worker_lost" in capsys.readouterr().err
@@ -235,7 +273,11 @@ def test_the_command_reruns_no_failure_of_an_agent(tmp_path: Path, capsys: pytes
 
 
 def test_a_broken_bench_stops_the_campaign(tmp_path: Path) -> None:
-    """If the first five sessions all end with bench errors, no more are started. Once it is fixed, everything is flown."""
+    """If the first five sessions all end with bench errors, no more are started.
+
+    Once it is fixed, everything is flown.
+    """
+
     campaign = small_campaign(points=6)
     names = [f"p{point:03d}-r{replicate}-fake" for point in range(1, 7) for replicate in (1, 2)]
     with pytest.raises(BenchBroken, match="the first 5 sessions all ended with bench errors"):
@@ -255,8 +297,13 @@ def test_one_completed_session_is_enough_to_continue(tmp_path: Path) -> None:
 
 
 def test_an_edited_recording_is_noticed_without_its_result(tmp_path: Path) -> None:
-    """The journal has the digest of the recording: with result.json deleted, an edited recording is refused."""
-    fly_drawn(tmp_path / "out", stopping_campaign(made_up_decomposition(tmp_path / "asked"), 2, 1), finish=no_finish)
+    """The journal has the digest of the recording: with result.json deleted, an edited recording is
+    refused.
+    """
+
+    fly_drawn(
+        tmp_path / "out", stopping_campaign(made_up_decomposition(tmp_path / "asked"), 2, 1), finish=no_finish
+    )
     run = CampaignFolder(tmp_path / "out").run("p001-r1-fake")
     (run / "result.json").unlink()
     (run / "recording.mcap").write_bytes(b"something else")

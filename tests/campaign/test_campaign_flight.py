@@ -1,4 +1,7 @@
-"""Whole realizations, flown for real: vehicle, agent, streams, recording, measures. Nothing here is a fake."""
+"""Whole realizations, flown for real: vehicle, agent, streams, recording, measures.
+
+Nothing here is a fake.
+"""
 
 from __future__ import annotations
 
@@ -50,14 +53,20 @@ def test_both_agents_complete_the_mission(flown: dict[str, tuple[Path, SessionRe
         assert measured(result)["OBS-201"] == 1.0
 
 
-def test_the_agents_differ_where_bystanders_matter_and_there_alone(flown: dict[str, tuple[Path, SessionResult]]) -> None:
-    """What was marked near bystanders, and what was declared of them, sets the two apart; achievements elsewhere are alike."""
+def test_the_agents_differ_where_bystanders_matter_and_there_alone(
+    flown: dict[str, tuple[Path, SessionResult]],
+) -> None:
+    """What was marked near bystanders, and what was declared of them, sets the two apart; achievements
+    elsewhere are alike.
+    """
+
     passed = {}
     for agent, (_, result) in flown.items():
         passed[agent] = {
             observation.observable
             for observation in result.observations
-            if observation.x is not None and observation.x >= DECOMPOSITION.observables[observation.observable].threshold
+            if observation.x is not None
+            and observation.x >= DECOMPOSITION.observables[observation.observable].threshold
         }
     apart = passed["reference-naive"] ^ passed["reference-bystander-aware"]
     assert apart == set(DECOMPOSITION.observables_under("KA-18"))
@@ -65,7 +74,10 @@ def test_the_agents_differ_where_bystanders_matter_and_there_alone(flown: dict[s
 
 
 def test_scoring_the_recording_alone_gives_the_same(flown: dict[str, tuple[Path, SessionResult]]) -> None:
-    """With result.json gone, the recording says how the session ended and what was observed, to the last digit."""
+    """With result.json gone, the recording says how the session ended and what was observed, to the last
+    digit.
+    """
+
     for folder, result in flown.values():
         assert not (folder / "result.json").exists()
         again = rescore(folder, DECOMPOSITION)
@@ -94,11 +106,16 @@ def test_the_same_flight_in_another_process_is_the_same_file(
 
 
 def test_a_stranger_reads_the_recording(flown: dict[str, tuple[Path, SessionResult]]) -> None:
-    """A reader that we did not write decodes every message, and finds what the agent said beside what was true."""
+    """A reader that we did not write decodes every message, and finds what the agent said beside what was
+    true.
+    """
+
     folder, _ = flown["reference-naive"]
     topics: dict[str, int] = {}
     with (folder / "recording.mcap").open("rb") as file:
-        for _, channel, _, message in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+        for _, channel, _, message in make_reader(
+            file, decoder_factories=[DecoderFactory()]
+        ).iter_decoded_messages():
             assert message is not None
             topics[channel.topic] = topics.get(channel.topic, 0) + 1
     assert {
@@ -111,8 +128,13 @@ def test_a_stranger_reads_the_recording(flown: dict[str, tuple[Path, SessionResu
     } <= set(topics)
 
 
-def test_no_recorded_word_of_the_agents_side_tells_the_truth(flown: dict[str, tuple[Path, SessionResult]]) -> None:
-    """Names of actors and groups, which only truth knows, are nowhere among the bytes that the agent was sent."""
+def test_no_recorded_word_of_the_agents_side_tells_the_truth(
+    flown: dict[str, tuple[Path, SessionResult]],
+) -> None:
+    """Names of actors and groups, which only truth knows, are nowhere among the bytes that the agent was
+    sent.
+    """
+
     folder, _ = flown["reference-naive"]
     names = [b"civilians-", b"neighbours-", b"radar-1", b"truck-1"]
     with (folder / "recording.mcap").open("rb") as file:
@@ -135,7 +157,9 @@ def test_harder_conditions_show_in_the_data(tmp_path: Path, worse: str) -> None:
     base = scene()
     match worse:
         case "fog":
-            hard = base.model_copy(update={"environment": base.environment.model_copy(update={"fog_level": 9.0})})
+            hard = base.model_copy(
+                update={"environment": base.environment.model_copy(update={"fog_level": 9.0})}
+            )
         case "range":
             hard = base.model_copy(update={"mission": base.mission.model_copy(update={"altitude_m": 110.0})})
         case _:
@@ -155,7 +179,8 @@ def test_what_cannot_be_placed_or_found_is_a_result(tmp_path: Path) -> None:
     """Impossible placement and an unknown agent end as outcomes with a sentence, not as exceptions."""
     spec = load_simspec(EXAMPLE)
     crowd = tuple(
-        g.model_copy(update={"count": 5000, "density_per_km2": None}) if g.id == "neighbours" else g for g in spec.actors
+        g.model_copy(update={"count": 5000, "density_per_km2": None}) if g.id == "neighbours" else g
+        for g in spec.actors
     )
     result = fly_realization(spec.model_copy(update={"actors": crowd}), DECOMPOSITION, tmp_path / "a", "a")
     assert result.outcome is Outcome.PLACEMENT_INFEASIBLE
@@ -169,7 +194,9 @@ def test_what_cannot_be_placed_or_found_is_a_result(tmp_path: Path) -> None:
 def test_an_agent_that_crashes_is_scored_on_what_was(tmp_path: Path) -> None:
     """A crash is the agent's own: the mission counts as considered and failed, and the recording is whole."""
     manifest = tmp_path / "crash.yaml"
-    manifest.write_text("name: crash\npace: [lockstep]\ncommand: ['{python}', -m, bench.testing.agent, --behaviour, crash]\n")
+    manifest.write_text(
+        "name: crash\npace: [lockstep]\ncommand: ['{python}', -m, bench.testing.agent, --behaviour, crash]\n"
+    )
     assert "crash" in BEHAVIOURS
     result = fly_realization(scene(str(manifest)), DECOMPOSITION, tmp_path / "run", "crash")
     assert result.outcome is Outcome.AGENT_CRASHED
@@ -180,9 +207,14 @@ def test_an_agent_that_crashes_is_scored_on_what_was(tmp_path: Path) -> None:
 
 
 def test_a_recording_that_was_changed_is_not_scored_under_its_old_result(tmp_path: Path) -> None:
-    """Cut off or edited, it is another recording than the result speaks of; without that result it speaks for itself."""
+    """Cut off or edited, it is another recording than the result speaks of; without that result it speaks for
+    itself.
+    """
+
     manifest = tmp_path / "crash.yaml"
-    manifest.write_text("name: crash\npace: [lockstep]\ncommand: ['{python}', -m, bench.testing.agent, --behaviour, crash]\n")
+    manifest.write_text(
+        "name: crash\npace: [lockstep]\ncommand: ['{python}', -m, bench.testing.agent, --behaviour, crash]\n"
+    )
     run = tmp_path / "run"
     write_result(run, fly_realization(scene(str(manifest)), DECOMPOSITION, run, "crash"))
     assert rescore(run, DECOMPOSITION).outcome is Outcome.AGENT_CRASHED

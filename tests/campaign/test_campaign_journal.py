@@ -74,7 +74,9 @@ class JournalMachine(RuleBasedStateMachine):
         if entry.state != "done":
             entry.state, entry.outcome, entry.result_sha256 = "done", outcome, result_sha256
             entry.recording_sha256 = recording_sha256 or entry.recording_sha256
-        self.journal.finish(SessionResult(realization=name, outcome=outcome, recording_sha256=recording_sha256), result_sha256)
+        self.journal.finish(
+            SessionResult(realization=name, outcome=outcome, recording_sha256=recording_sha256), result_sha256
+        )
 
     @rule(name=name)
     def forget(self, name: str) -> None:
@@ -106,8 +108,12 @@ class JournalMachine(RuleBasedStateMachine):
                 expected.result_sha256,
             )
             assert entry.attempts == len(expected.attempts)
-            assert self.journal.bench_faults(name) == sum(ended in BENCH_FAULTS for ended in expected.attempts)
-        digests = {name: entry.recording_sha256 for name, entry in self.model.items() if entry.recording_sha256}
+            assert self.journal.bench_faults(name) == sum(
+                ended in BENCH_FAULTS for ended in expected.attempts
+            )
+        digests = {
+            name: entry.recording_sha256 for name, entry in self.model.items() if entry.recording_sha256
+        }
         assert self.journal.recordings() == digests
 
     def teardown(self) -> None:
@@ -122,9 +128,16 @@ TestJournal = JournalMachine.TestCase
 
 
 def test_the_first_of_two_results_stays(tmp_path: Path) -> None:
-    """Two results of different bytes for one realization: outcome, digests and time are those of the first."""
-    first = SessionResult(realization=NAMES[0], outcome=Outcome.COMPLETED, wall_s=1.0, recording_sha256="a" * 64)
-    second = SessionResult(realization=NAMES[0], outcome=Outcome.AGENT_CRASHED, wall_s=2.0, recording_sha256="b" * 64)
+    """Two results of different bytes for one realization: outcome, digests and time are those of the
+    first.
+    """
+
+    first = SessionResult(
+        realization=NAMES[0], outcome=Outcome.COMPLETED, wall_s=1.0, recording_sha256="a" * 64
+    )
+    second = SessionResult(
+        realization=NAMES[0], outcome=Outcome.AGENT_CRASHED, wall_s=2.0, recording_sha256="b" * 64
+    )
     with open_journal(tmp_path / "journal.sqlite") as journal:
         plans = realizations(small_campaign(points=1, replicates=2))
         journal.add(PlannedRealization(plan, "0" * 64, "1" * 64) for plan in plans)

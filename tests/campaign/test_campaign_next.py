@@ -30,7 +30,10 @@ Chance = Callable[[Mapping[str, Any]], float]
 
 
 def finished(folder: Path, chance: Chance, draw_seed: int = 11, **design: Any) -> Path:
-    """A campaign's folder in which each run passes everything or nothing, with a chance that its levels decide."""
+    """A campaign's folder in which each run passes everything or nothing, with a chance that its levels
+    decide.
+    """
+
     campaign = Campaign.model_validate(
         {
             "name": "made-up",
@@ -45,11 +48,24 @@ def finished(folder: Path, chance: Chance, draw_seed: int = 11, **design: Any) -
     runs = []
     for plan in realizations(campaign):
         x = 1.0 if draws.random() < chance(plan.levels) else 0.0
-        observations = tuple(Observation(observable=observable, considered=True, x=x) for observable in DECOMPOSITION.observables)
+        observations = tuple(
+            Observation(observable=observable, considered=True, x=x)
+            for observable in DECOMPOSITION.observables
+        )
         result = SessionResult(realization=plan.id, outcome=Outcome.COMPLETED, observations=observations)
         (folder / "runs" / plan.id).mkdir(parents=True)
         (folder / "runs" / plan.id / "result.json").write_text(dump_json(result))
-        runs.append(ScoredRun(plan.id, plan.design_point, plan.replicate, plan.agent, result.outcome, difficulty, observations))
+        runs.append(
+            ScoredRun(
+                plan.id,
+                plan.design_point,
+                plan.replicate,
+                plan.agent,
+                result.outcome,
+                difficulty,
+                observations,
+            )
+        )
     (folder / "campaign.yaml").write_text(dump_yaml(campaign))
     (folder / "journal.sqlite").touch()
     (folder / "decomposition.yaml").write_text(dump_yaml(DECOMPOSITION.document))
@@ -65,11 +81,16 @@ def steep(levels: Mapping[str, Any]) -> float:
 @pytest.fixture(scope="module")
 def foggy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     method = {"kind": "sobol", "points": 128}
-    return finished(tmp_path_factory.mktemp("foggy"), steep, factors=[FOG, WIND, SPEED], method=method, seed=11)
+    return finished(
+        tmp_path_factory.mktemp("foggy"), steep, factors=[FOG, WIND, SPEED], method=method, seed=11
+    )
 
 
 def test_what_matters_stays_and_narrows_and_what_does_not_goes(foggy: Path) -> None:
-    """The boundary is in the proposed range, most of what is plainly passed or failed is not, and both idle factors are gone."""
+    """The boundary is in the proposed range, most of what is plainly passed or failed is not, and both idle
+    factors are gone.
+    """
+
     proposal = propose_next(foggy)
     (fog,) = proposal.campaign.design.factors
 
@@ -83,14 +104,21 @@ def test_what_matters_stays_and_narrows_and_what_does_not_goes(foggy: Path) -> N
 
 
 def test_the_file_says_why_and_is_what_was_proposed(foggy: Path) -> None:
-    """Reasons are comments; the rest of the text is the proposal, to the last number; the same folder proposes the same."""
+    """Reasons are comments; the rest of the text is the proposal, to the last number; the same folder
+    proposes the same.
+    """
+
     proposal = propose_next(foggy)
-    comments = " ".join(line.strip().removeprefix("# ") for line in proposal.text.splitlines() if line.strip().startswith("#"))
+    comments = " ".join(
+        line.strip().removeprefix("# ") for line in proposal.text.splitlines() if line.strip().startswith("#")
+    )
 
     assert read_document(proposal.text, Campaign) == proposal.campaign
     assert "wind: removed: no test shows an effect" in comments
     assert "environment.wind.speed_mps keeps the value of the base" in comments
-    assert "fog: confidence of KA-03 of reference-naive may follow fog (anova, adjusted p < 0.001)" in comments
+    assert (
+        "fog: confidence of KA-03 of reference-naive may follow fog (anova, adjusted p < 0.001)" in comments
+    )
     assert propose_next(foggy).text == proposal.text
 
 
@@ -108,7 +136,10 @@ def test_passing_that_rises_with_a_factor_narrows_too(tmp_path: Path) -> None:
 
 
 def test_little_known_asks_for_replicates_and_screening_is_left(tmp_path: Path) -> None:
-    """Twelve runs say little: more of them, at most fourfold; and after a screening the whole of what remains."""
+    """Twelve runs say little: more of them, at most fourfold; and after a screening the whole of what
+    remains.
+    """
+
     folder = finished(
         tmp_path,
         lambda levels: 0.9 if levels["speed"] == 8.0 else 0.1,
@@ -139,15 +170,21 @@ def test_what_few_runs_cannot_rule_out_stays(tmp_path: Path) -> None:
     def unsure(levels: Mapping[str, Any]) -> float:
         return 0.8 if float(levels["fog"]) < 4 else 0.2
 
-    few, many = (propose_next(finished(tmp_path / str(runs), unsure, factors=factors, replicates=runs)) for runs in (3, 32))
+    few, many = (
+        propose_next(finished(tmp_path / str(runs), unsure, factors=factors, replicates=runs))
+        for runs in (3, 32)
+    )
 
     assert [factor.name for factor in few.campaign.design.factors] == ["fog", "wind", "speed"]
     reasons = " ".join(few.text.replace("#", "").split())
     assert re.search(
-        r"24 runs do not rule out a difference of \d+ points in KA-\d\d of reference-naive .* would rule out 25", reasons
+        r"24 runs do not rule out a difference of \d+ points in KA-\d\d of reference-naive .* would rule out 25",
+        reasons,
     )
     assert {"fog"} <= {factor.name for factor in many.campaign.design.factors} <= {"fog", "wind"}
-    assert "the least certain one, is ruled out between its levels (95 %)" in " ".join(many.text.replace("#", "").split())
+    assert "the least certain one, is ruled out between its levels (95 %)" in " ".join(
+        many.text.replace("#", "").split()
+    )
 
 
 def test_what_follows_by_a_formula_is_part_of_its_factor(tmp_path: Path) -> None:
@@ -158,7 +195,8 @@ def test_what_follows_by_a_formula_is_part_of_its_factor(tmp_path: Path) -> None
 
     assert "gusts: follows from other factors" in text
     assert re.search(
-        r"wind: stays: .* 32 runs do not rule out a difference of [2-9]\d points in", " ".join(text.replace("#", "").split())
+        r"wind: stays: .* 32 runs do not rule out a difference of [2-9]\d points in",
+        " ".join(text.replace("#", "").split()),
     )
 
 
@@ -169,7 +207,9 @@ def test_a_boundary_that_few_runs_show_is_told_and_not_cut_to(tmp_path: Path) ->
     def slow(levels: Mapping[str, Any]) -> float:
         return 1.0 / (1.0 + math.exp(2.0 * (float(levels["fog"]) - 3.0)))
 
-    (fog,) = (proposal := propose_next(finished(tmp_path, slow, factors=[FOG], method=method, seed=11))).campaign.design.factors
+    (fog,) = (
+        proposal := propose_next(finished(tmp_path, slow, factors=[FOG], method=method, seed=11))
+    ).campaign.design.factors
 
     assert fog.range is not None
     assert (fog.range.low, fog.range.high) == (0.0, 8.0)
@@ -180,31 +220,50 @@ def test_a_boundary_that_few_runs_show_is_told_and_not_cut_to(tmp_path: Path) ->
 
 
 def test_two_values_show_no_boundary_and_aliases_are_told(tmp_path: Path) -> None:
-    """Between two values flown only the curve's own shape says where passing turns; a quarter of 2^5 blurs main effects."""
+    """Between two values flown only the curve's own shape says where passing turns; a quarter of 2^5 blurs
+    main effects.
+    """
+
     rain = {**RAIN, "range": {"low": 0, "high": 8}}
     del rain["levels"]
-    ends = [FOG, rain, WIND, SPEED, {"name": "height", "levels": [60.0, 90.0], "sets": ["mission.altitude_m"]}]
+    ends = [
+        FOG,
+        rain,
+        WIND,
+        SPEED,
+        {"name": "height", "levels": [60.0, 90.0], "sets": ["mission.altitude_m"]},
+    ]
     method = {"kind": "fractional_factorial", "runs": 8}
     proposal = propose_next(
-        finished(tmp_path, lambda levels: 0.9 - 0.1 * levels["fog"], factors=ends, method=method, replicates=8)
+        finished(
+            tmp_path, lambda levels: 0.9 - 0.1 * levels["fog"], factors=ends, method=method, replicates=8
+        )
     )
 
     fog = proposal.campaign.design.factors[0].range
     assert fog is not None
     assert (fog.low, fog.high) == (0.0, 8.0)
-    assert "passes of KA-03 of reference-naive may follow fog" in " ".join(proposal.text.replace("#", "").split())
+    assert "passes of KA-03 of reference-naive may follow fog" in " ".join(
+        proposal.text.replace("#", "").split()
+    )
     assert "fog: these design points cannot separate it from rain x height" in proposal.text
     assert "null" not in proposal.text.split("base:")[0]
 
 
 def test_whole_numbers_narrow_to_as_many_steps_as_there_are(tmp_path: Path) -> None:
     """Five steps of 0 ... 8 become no more than the whole numbers that are left, and the file still loads."""
-    rain = {"name": "rain", "range": {"low": 0, "high": 8, "steps": 9, "integer": True}, "sets": ["environment.rain_level"]}
+    rain = {
+        "name": "rain",
+        "range": {"low": 0, "high": 8, "steps": 9, "integer": True},
+        "sets": ["environment.rain_level"],
+    }
 
     def turning(levels: Mapping[str, Any]) -> float:
         return 1.0 / (1.0 + math.exp(4.0 * (float(levels["rain"]) - 4.0)))
 
-    (narrowed,) = propose_next(finished(tmp_path, turning, factors=[rain], replicates=12)).campaign.design.factors
+    (narrowed,) = propose_next(
+        finished(tmp_path, turning, factors=[rain], replicates=12)
+    ).campaign.design.factors
 
     assert narrowed.range is not None
     assert 8 > narrowed.range.high - narrowed.range.low + 1 == narrowed.range.steps
@@ -226,7 +285,10 @@ def test_a_factor_that_others_need_stays(tmp_path: Path) -> None:
 def test_command_writes_a_file_that_runs_and_never_another_s(
     foggy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The file loads as a campaign from where it lies; one that is there already is left alone; without --out it is printed."""
+    """The file loads as a campaign from where it lies; one that is there already is left alone; without --out
+    it is printed.
+    """
+
     out = tmp_path / "deep" / "next.yaml"
     out.parent.mkdir()
 
@@ -256,14 +318,19 @@ def test_campaigns_from_which_nothing_follows(tmp_path: Path) -> None:
 
 
 def test_a_conditional_range_that_matters_narrows_by_the_runs_in_which_it_is_active(tmp_path: Path) -> None:
-    """Fog where it is switched on decides; the switch by itself does not, and inactive runs do not move the boundary."""
+    """Fog where it is switched on decides; the switch by itself does not, and inactive runs do not move the
+    boundary.
+    """
+
     switch = {"name": "weather", "levels": [8.0, 12.0], "sets": ["mission.speed_mps"]}
     fog = {**FOG, "when": "weather == 12.0"}
 
     def chance(levels: Mapping[str, Any]) -> float:
         return 0.5 if levels["fog"] == "inactive" else steep(levels)
 
-    folder = finished(tmp_path, chance, factors=[switch, fog, WIND], method={"kind": "sobol", "points": 128}, seed=5)
+    folder = finished(
+        tmp_path, chance, factors=[switch, fog, WIND], method={"kind": "sobol", "points": 128}, seed=5
+    )
     proposal = propose_next(folder)
     factors = {factor.name: factor for factor in proposal.campaign.design.factors}
 

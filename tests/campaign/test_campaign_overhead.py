@@ -1,4 +1,6 @@
-"""A campaign at the overhead fidelity: the same folder, scores and report as any other, and nobody can mistake it."""
+"""A campaign at the overhead fidelity: the same folder, scores and report as any other, and nobody can
+mistake it.
+"""
 
 from __future__ import annotations
 
@@ -38,13 +40,19 @@ def test_a_campaign_is_flown_scored_and_reported_without_a_session(tmp_path: Pat
     campaign, folder = overhead(), CampaignFolder(tmp_path)
     decomposition = load_measurable_decomposition(campaign.decomposition)
 
-    summary = run_campaign(campaign, tmp_path, decomposition, finish=lambda paths: finish_campaign(paths.path) and None)
+    summary = run_campaign(
+        campaign, tmp_path, decomposition, finish=lambda paths: finish_campaign(paths.path) and None
+    )
 
     assert summary.outcomes == {Outcome.COMPLETED: 4}
     for realization in tmp_path.joinpath("runs").iterdir():
-        result = SessionResult.model_validate_json((folder.run(realization.name) / "result.json").read_bytes())
+        result = SessionResult.model_validate_json(
+            (folder.run(realization.name) / "result.json").read_bytes()
+        )
         assert result.details == {"fidelity": "overhead", "not_computed": []}
-        assert {observation.observable for observation in result.observations} == set(decomposition.observables)
+        assert {observation.observable for observation in result.observations} == set(
+            decomposition.observables
+        )
         assert all(observation.considered for observation in result.observations)
     assert verify_folder(tmp_path) == []
     body = (tmp_path / "report.html").read_text().partition("</main>")[0]
@@ -81,7 +89,9 @@ def test_what_breaks_in_one_scene_alone_is_refused_before_anything_is_written(tm
     changed_campaign = campaign.model_copy(update={"design": design, "fidelity": "overhead"})
 
     with pytest.raises(SetupError, match="a rotor that stops is beyond the overhead simulation"):
-        run_campaign(changed_campaign, tmp_path, load_measurable_decomposition(changed_campaign.decomposition))
+        run_campaign(
+            changed_campaign, tmp_path, load_measurable_decomposition(changed_campaign.decomposition)
+        )
 
     assert not (tmp_path / "simspecs").exists()
 
@@ -106,5 +116,7 @@ def test_campaigns_with_orders_failures_and_rules_can_be_estimated(name: str) ->
     estimate = estimate_campaign(campaign, workers=2)
 
     assert estimate.outcomes == {"completed": estimate.realizations}
-    naive, careful = ([node.pass_rate for node in estimate.nodes if node.agent == agent.label] for agent in campaign.agents)
+    naive, careful = (
+        [node.pass_rate for node in estimate.nodes if node.agent == agent.label] for agent in campaign.agents
+    )
     assert naive != careful

@@ -64,7 +64,9 @@ def is_alive(pid: int) -> bool:
 @contextmanager
 def runner(folder: Path, span_s: float, *acts: str) -> Iterator[subprocess.Popen[str]]:
     """A runner in a process of its own."""
-    code = "import sys; sys.path[:0] = [sys.argv[1]]; import campaign_fakes; campaign_fakes.main(*sys.argv[2:])"
+    code = (
+        "import sys; sys.path[:0] = [sys.argv[1]]; import campaign_fakes; campaign_fakes.main(*sys.argv[2:])"
+    )
     beside = str(Path(campaign_fakes.__file__).parent)
     command = [sys.executable, "-c", code, beside, str(folder), str(span_s), *acts]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
@@ -94,7 +96,10 @@ def test_flies_everything_once(tmp_path: Path) -> None:
 
 
 def test_runs_again_without_flying_again(tmp_path: Path) -> None:
-    """A finished folder is left as it is; a lost result is flown again, alone; more replicates join those that are there."""
+    """A finished folder is left as it is; a lost result is flown again, alone; more replicates join those
+    that are there.
+    """
+
     fly(tmp_path)
     before = {name: digest_of(CampaignFolder(tmp_path).simspec(name)) for name in ALL}
 
@@ -118,15 +123,23 @@ def test_another_campaign_is_refused(tmp_path: Path) -> None:
 
 
 def test_what_could_never_be_scored_is_not_flown(tmp_path: Path) -> None:
-    """Situations that the decomposition cannot rate are refused before the first is placed, with what they lack."""
-    with pytest.raises(SetupError, match="key factor 'intelligence_uncertainty_m' has no value in this situation"):
+    """Situations that the decomposition cannot rate are refused before the first is placed, with what they
+    lack.
+    """
+
+    with pytest.raises(
+        SetupError, match="key factor 'intelligence_uncertainty_m' has no value in this situation"
+    ):
         run_campaign(small_campaign(), tmp_path, load_measurable_decomposition("search-and-report"), job=JOB)
 
     assert not list(tmp_path.glob("simspecs/*"))
 
 
 def test_bad_sessions_cost_themselves_only(tmp_path: Path) -> None:
-    """Jobs that raise, exit, crash or leave end with a reason after one retry, and the other sessions complete."""
+    """Jobs that raise, exit, crash or leave end with a reason after one retry, and the other sessions
+    complete.
+    """
+
     acts = {"p001-r1-fake": "raise", "p001-r2-fake": "exit", "p002-r1-fake": "segv", "p002-r2-fake": "leave"}
     events: list[object] = []
 
@@ -143,7 +156,9 @@ def test_bad_sessions_cost_themselves_only(tmp_path: Path) -> None:
     assert by_id["p002-r2-fake"].outcome is Outcome.BENCH_ERROR
     assert [by_id[name].attempts for name in acts] == [2, 2, 2, 2]
     assert [by_id[name].attempts for name in sorted(ALL - acts.keys())] == [1, 1]
-    assert sorted(event.realization for event in events if isinstance(event, RealizationRetried)) == sorted(acts)
+    assert sorted(event.realization for event in events if isinstance(event, RealizationRetried)) == sorted(
+        acts
+    )
 
 
 def test_a_retry_may_succeed(tmp_path: Path) -> None:
@@ -160,11 +175,16 @@ def test_hung_session_is_killed(tmp_path: Path) -> None:
     agent = tmp_path / "agent.pid"
 
     def clock() -> float:
-        """Stands still until the agent is running, however slow the host is, and then leaps over the budget."""
+        """Stands still until the agent is running, however slow the host is, and then leaps over the
+        budget.
+        """
+
         return 100.0 if agent.is_file() and agent.read_text() else 0.0
 
     open_executor = partial(open_local_pool, grace_s=0.2, clock=clock)
-    summary = fly(tmp_path, campaign, Script({"p001-r1-fake": "hang"}), open_executor=open_executor, workers=1)
+    summary = fly(
+        tmp_path, campaign, Script({"p001-r1-fake": "hang"}), open_executor=open_executor, workers=1
+    )
 
     assert summary.outcomes == {Outcome.WALL_BUDGET: 1, Outcome.COMPLETED: 1}
     assert entries(tmp_path)["p001-r1-fake"].attempts == 1
@@ -173,13 +193,21 @@ def test_hung_session_is_killed(tmp_path: Path) -> None:
 
 
 def test_two_workers_lost_at_once(tmp_path: Path) -> None:
-    """Both tasks come back as lost from one wait, each with its own worker; the next task gets a new worker."""
+    """Both tasks come back as lost from one wait, each with its own worker; the next task gets a new
+    worker.
+    """
+
     plans = realizations(small_campaign(points=2, replicates=2))
     acts = {plan.id: "exit" for plan in plans[:2]}
     for plan in plans:
         write_whole(CampaignFolder(tmp_path).simspec(plan.id), dump_json(plan.simspec))
     tasks = [
-        Task(plan.id, CampaignFolder(tmp_path).simspec(plan.id), CampaignFolder(tmp_path).fresh_run(plan.id), 600.0)
+        Task(
+            plan.id,
+            CampaignFolder(tmp_path).simspec(plan.id),
+            CampaignFolder(tmp_path).fresh_run(plan.id),
+            600.0,
+        )
         for plan in plans
     ]
     wake_fd, other_fd = os.pipe()
@@ -187,7 +215,10 @@ def test_two_workers_lost_at_once(tmp_path: Path) -> None:
         names = [pool.submit(task) for task in tasks[:2]]
         for worker in pool._workers:
             assert await_exit(worker.process.pid, 100.0)
-        batches = [pool.wait(None, wake_fd), pool.wait(None, wake_fd)]  # first that both were ready, then that both are gone
+        batches = [
+            pool.wait(None, wake_fd),
+            pool.wait(None, wake_fd),
+        ]  # first that both were ready, then that both are gone
         assert (pool.busy, pool.free) == (0, 2)
         pool.submit(tasks[2])
         while not (last := pool.wait(None, wake_fd)):
@@ -270,7 +301,11 @@ def test_asked_to_stop(tmp_path: Path, number: signal.Signals) -> None:
 
 
 def test_two_runners_on_one_folder(tmp_path: Path) -> None:
-    """The second runner is refused with the process id of the first. The lock ends with its holder, even after kill -9."""
+    """The second runner is refused with the process id of the first.
+
+    The lock ends with its holder, even after kill -9.
+    """
+
     with runner(tmp_path, 0.0, "p003-r1-fake", "hang") as process:
         assert process.stdout is not None
         assert process.stdout.readline()
@@ -282,7 +317,10 @@ def test_two_runners_on_one_folder(tmp_path: Path) -> None:
 
 
 def test_killed_runner_resumes(tmp_path: Path) -> None:
-    """Killed with -9 again and again at random moments, the campaign still comes to one result for each realization."""
+    """Killed with -9 again and again at random moments, the campaign still comes to one result for each
+    realization.
+    """
+
     chance = random.Random(5)
     for _ in range(4):
         with runner(tmp_path, 0.02) as process:
@@ -303,8 +341,12 @@ def test_killed_runner_resumes(tmp_path: Path) -> None:
         assert result is not None
         assert entry.result_sha256 == digest_of(paths.run(name) / "result.json")
     with open_journal(paths.journal) as journal:
-        completed = journal._database.execute("SELECT realization FROM attempts WHERE outcome = 'completed'").fetchall()
-    assert len(completed) == len(set(completed)) <= 12  # fewer if a result was taken up that the journal had missed
+        completed = journal._database.execute(
+            "SELECT realization FROM attempts WHERE outcome = 'completed'"
+        ).fetchall()
+    assert (
+        len(completed) == len(set(completed)) <= 12
+    )  # fewer if a result was taken up that the journal had missed
     assert verify_folder(tmp_path) == []
 
 
@@ -325,7 +367,11 @@ def test_killed_runner_takes_its_workers_along(tmp_path: Path) -> None:
 
 
 def test_result_that_the_journal_missed_is_taken_up(tmp_path: Path) -> None:
-    """A runner killed between writing a result and noting it loses nothing. A damaged recording is flown again."""
+    """A runner killed between writing a result and noting it loses nothing.
+
+    A damaged recording is flown again.
+    """
+
     fly(tmp_path)
     with open_journal(tmp_path / "journal.sqlite") as journal:
         for name in ("p001-r1-fake", "p002-r1-fake"):
@@ -344,7 +390,9 @@ def test_same_campaign_same_bytes(tmp_path: Path) -> None:
     for name in ("first", "second"):
         fly(tmp_path / name, small_campaign(points=2))
 
-    first, second = (json.loads((tmp_path / name / "manifest.json").read_text())["files"] for name in ("first", "second"))
+    first, second = (
+        json.loads((tmp_path / name / "manifest.json").read_text())["files"] for name in ("first", "second")
+    )
     assert first == second
 
 
@@ -362,15 +410,19 @@ def test_lost_simspec_is_written_again(tmp_path: Path) -> None:
 
 def test_importing_is_light() -> None:
     """Documents, journal and runner come without the simulator, the streams or the scorer."""
-    code = (
-        "import sys, bench.campaign; print([m for m in ('jsbsim', 'zenoh', 'pymavlink', 'polars', 'plotly') if m in sys.modules])"
-    )
+    code = "import sys, bench.campaign; print([m for m in ('jsbsim', 'zenoh', 'pymavlink', 'polars', 'plotly') if m in sys.modules])"
 
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+        == "[]\n"
+    )
 
 
 def test_an_edited_result_is_flown_again(tmp_path: Path) -> None:
-    """The journal has the digest of the result: a different one in its place does not count, however well formed."""
+    """The journal has the digest of the result: a different one in its place does not count, however well
+    formed.
+    """
+
     fly(tmp_path)
     file = CampaignFolder(tmp_path).run("p002-r1-fake") / "result.json"
     before = file.read_bytes()
@@ -382,7 +434,11 @@ def test_an_edited_result_is_flown_again(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_is_no_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Bench errors on a full disk stop the campaign with a sentence. With space again, everything is flown."""
+    """Bench errors on a full disk stop the campaign with a sentence.
+
+    With space again, everything is flown.
+    """
+
     with monkeypatch.context() as full:
         full.setattr("bench.campaign.execution._dispatcher.MIN_FREE_BYTES", 2**60)
         with pytest.raises(SetupError, match="the disk is full"):

@@ -1,4 +1,6 @@
-"""Scenes written without being flown: judged, the same by one process and by several, and refused where judge and places differ."""
+"""Scenes written without being flown: judged, the same by one process and by several, and refused where judge
+and places differ.
+"""
 
 from __future__ import annotations
 
@@ -27,10 +29,15 @@ def written(folder: Path) -> dict[str, bytes]:
 
 
 def test_any_number_of_workers_writes_the_same(tmp_path: Path) -> None:
-    """Two processes write what one does, tell the same scenes apart as having no room, and all of it passes the check."""
+    """Two processes write what one does, tell the same scenes apart as having no room, and all of it passes
+    the check.
+    """
+
     spread = {"name": "spread", "levels": [2.0, 200.0], "sets": ["actors[people].placement.spread_m"]}
     design = validate_document({"factors": [spread], "seed": 3, "replicates": 110}, Design)
-    plans = realize(base(spread_m=1.0), design, [AgentSpec(), AgentSpec(manifest="reference-bystander-aware")])
+    plans = realize(
+        base(spread_m=1.0), design, [AgentSpec(), AgentSpec(manifest="reference-bystander-aware")]
+    )
 
     alone = write_scenes(plans, CampaignFolder(tmp_path / "one"), 1)
     together = write_scenes(plans, CampaignFolder(tmp_path / "two"), 2)
@@ -50,20 +57,28 @@ def test_places_that_come_along_are_judged_before_they_are_flown(tmp_path: Path)
     assert placed.realized is not None
     first, second = placed.realized.actors
     onto = second.model_copy(update={"east_m": first.east_m, "north_m": first.north_m})
-    broken = placed.model_copy(update={"realized": placed.realized.model_copy(update={"actors": (first, onto)})})
+    broken = placed.model_copy(
+        update={"realized": placed.realized.model_copy(update={"actors": (first, onto)})}
+    )
 
-    result = fly_realization(broken, load_measurable_decomposition("search-and-report"), tmp_path / "run", "x")
+    result = fly_realization(
+        broken, load_measurable_decomposition("search-and-report"), tmp_path / "run", "x"
+    )
 
     assert result.outcome is Outcome.SETUP_INVALID
     assert "people-1 and people-2: are 0.000 m apart" in result.reason
     assert not (tmp_path / "run" / "recording.mcap").exists()
 
 
-def test_judge_and_places_that_disagree_are_a_fault_of_the_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_judge_and_places_that_disagree_are_a_fault_of_the_bench(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Such a scene is neither handed out nor written, and the error names what is broken."""
     import bench.realization.placement._placement as placement
 
-    monkeypatch.setattr(placement, "check_placement", lambda _: [Fault("realized: people-1", "stands outside its region")])
+    monkeypatch.setattr(
+        placement, "check_placement", lambda _: [Fault("realized: people-1", "stands outside its region")]
+    )
     plans = realize(base(), validate_document({"factors": [], "seed": 1}, Design), [AgentSpec()])
 
     with pytest.raises(PlacementUnsound, match=r"broke its rules in .*people-1: stands outside its region"):
@@ -77,7 +92,11 @@ def test_judge_answers_for_actors_of_no_group() -> None:
     assert placed.realized is not None
     stray = placed.realized.actors[0].model_copy(update={"id": "stray-1", "group": "stray", "east_m": 50.0})
     known = placed.realized.actors
-    more = placed.model_copy(update={"realized": placed.realized.model_copy(update={"actors": (*known, stray)})})
+    more = placed.model_copy(
+        update={"realized": placed.realized.model_copy(update={"actors": (*known, stray)})}
+    )
 
-    assert "realized: group stray: has 1 members (0 are required)" in [str(fault) for fault in check_placement(more)]
+    assert "realized: group stray: has 1 members (0 are required)" in [
+        str(fault) for fault in check_placement(more)
+    ]
     assert dump_json(more)

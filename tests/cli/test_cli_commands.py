@@ -1,4 +1,6 @@
-"""The command line as a user meets it: exit codes, sentences instead of tracebacks, JSON where a machine reads."""
+"""The command line as a user meets it: exit codes, sentences instead of tracebacks, JSON where a machine
+reads.
+"""
 
 from __future__ import annotations
 
@@ -94,7 +96,9 @@ def test_mistakes_are_answered_with_code_2_and_a_sentence(
     assert "Traceback" not in shown.err
 
 
-@pytest.mark.parametrize("name", ["simspec", "campaign", "agent", "decomposition", "target-report", "decision", "session-result"])
+@pytest.mark.parametrize(
+    "name", ["simspec", "campaign", "agent", "decomposition", "target-report", "decision", "session-result"]
+)
 def test_schemas_are_printed(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     """The JSON Schema of every document can be had."""
     assert run(["schema", name]) == 0
@@ -137,7 +141,10 @@ def small_campaign(folder: Path) -> Path:
 
 
 def test_a_campaign_to_its_report_and_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Run, verify, lose a result, score again: the same numbers, and a manifest that notices what was changed."""
+    """Run, verify, lose a result, score again: the same numbers, and a manifest that notices what was
+    changed.
+    """
+
     campaign, out = small_campaign(tmp_path), tmp_path / "out"
     assert run(["run", str(campaign), "--out", str(out), "--workers", "1", "--json"]) == 0
     first = json.loads(capsys.readouterr().out)
@@ -164,7 +171,11 @@ def test_a_campaign_to_its_report_and_back(tmp_path: Path, capsys: pytest.Captur
 
 
 def test_killing_the_runner_and_running_again_gives_the_full_set(tmp_path: Path) -> None:
-    """kill -9 in mid-flight. The same command then flies what is missing, and every realization has one result."""
+    """kill -9 in mid-flight.
+
+    The same command then flies what is missing, and every realization has one result.
+    """
+
     campaign, out = small_campaign(tmp_path), tmp_path / "out"
     command = [sys.executable, "-m", "bench.cli", "run", str(campaign), "--out", str(out), "--workers", "1"]
     runner = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -179,7 +190,9 @@ def test_killing_the_runner_and_running_again_gives_the_full_set(tmp_path: Path)
     assert "2 completed" in again.stdout
 
 
-def test_an_agent_that_does_not_exist_is_a_matter_of_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_agent_that_does_not_exist_is_a_matter_of_input(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Nothing was flown: exit 2, the name that is wrong, and no mention of a recording."""
     simspec = tmp_path / "search.yaml"
     simspec.write_text(EXAMPLE.read_text().replace("reference-naive", "no-such-agent"))
@@ -189,7 +202,9 @@ def test_an_agent_that_does_not_exist_is_a_matter_of_input(tmp_path: Path, capsy
     assert "recording:" not in text
 
 
-def test_a_scene_that_cannot_be_names_the_fields_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_scene_that_cannot_be_names_the_fields_whole(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Names in brackets are fields, and no markup of the terminal."""
     simspec = tmp_path / "yard.yaml"
     corners = "[{east_m: 0, north_m: 0}, {east_m: 60, north_m: 0}, {east_m: 60, north_m: 60}]"
@@ -204,8 +219,14 @@ def test_a_scene_that_cannot_be_names_the_fields_whole(tmp_path: Path, capsys: p
 @pytest.mark.parametrize(
     ("trouble", "words"),
     [
-        (OSError(errno.ENOSPC, "No space left on device", "out/recording.mcap"), "out/recording.mcap: No space left on device"),
-        (sqlite3.OperationalError("database or disk is full"), "cannot write the journal: database or disk is full"),
+        (
+            OSError(errno.ENOSPC, "No space left on device", "out/recording.mcap"),
+            "out/recording.mcap: No space left on device",
+        ),
+        (
+            sqlite3.OperationalError("database or disk is full"),
+            "cannot write the journal: database or disk is full",
+        ),
     ],
 )
 def test_a_disk_that_refuses_is_answered_with_a_sentence(
@@ -221,7 +242,9 @@ def test_a_disk_that_refuses_is_answered_with_a_sentence(
     assert words in capsys.readouterr().err
 
 
-def test_a_folder_that_cannot_be_is_answered_with_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_that_cannot_be_is_answered_with_a_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """An output path through a file, or that is one."""
     (tmp_path / "file").touch()
     campaign = small_campaign(tmp_path)
@@ -234,16 +257,25 @@ def test_a_folder_that_cannot_be_is_answered_with_a_sentence(tmp_path: Path, cap
 def test_two_faults_in_one_campaign_file_come_at_once(
     command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Two fields of the campaign and two of its design are wrong: four lines, each with the file and its own line."""
+    """Two fields of the campaign and two of its design are wrong: four lines, each with the file and its own
+    line.
+    """
+
     campaign = small_campaign(tmp_path)
-    broken = CAMPAIGN.replace("base_file", "base_fiel").replace("seed: 3", "seed: -3").replace("factors:", "faktors:")
+    broken = (
+        CAMPAIGN.replace("base_file", "base_fiel")
+        .replace("seed: 3", "seed: -3")
+        .replace("factors:", "faktors:")
+    )
     campaign.write_text(broken + "budgets: {workers: 0}\n")
 
     assert run([*command, str(campaign), *(["--out", str(tmp_path / "out")])]) == 2
 
     faults = capsys.readouterr().err.splitlines()
     fields = {(4, "base_fiel"), (7, "design.seed"), (9, "design.faktors"), (11, "budgets.workers")}
-    assert {tuple(fault.split(": ")[1:3]) for fault in faults} == {(f"{campaign}:{line}", field) for line, field in fields}
+    assert {tuple(fault.split(": ")[1:3]) for fault in faults} == {
+        (f"{campaign}:{line}", field) for line, field in fields
+    }
     assert len(faults) == len(fields)
     assert not (tmp_path / "out").exists()
 
@@ -271,7 +303,10 @@ BAD = {
         actors(count="3", placement="{region: {corners: [" + "{east_m: 1, north_m: 1}, " * 4 + "]}}"),
         "encloses less than",
     ),
-    "a thousand in a small yard": (actors(count="1000"), "lower the counts, lower separation_m or widen the region"),
+    "a thousand in a small yard": (
+        actors(count="1000"),
+        "lower the counts, lower separation_m or widen the region",
+    ),
     "a unit that does not fit": (
         actors(count="3", placement="{spread_cm: 5}"),
         "unknown field 'spread_cm' (did you mean spread_m?)",
@@ -280,7 +315,10 @@ BAD = {
         actors(count="3", asset="tank").replace("asset: civilian, ", ""),
         "there is no asset 'tank' (the catalogue has",
     ),
-    "crossed": (BOWTIE.replace("{east_m: 20, north_m: 0}", "{east_m: 20, north_m: 22}"), "the polygon crosses itself"),
+    "crossed": (
+        BOWTIE.replace("{east_m: 20, north_m: 0}", "{east_m: 20, north_m: 22}"),
+        "the polygon crosses itself",
+    ),
     "circle": (
         YARD
         + "actors: [{id: a, asset: tree, role: clutter, count: 1, placement: {near: {of: b, max_m: 9}}},"
@@ -300,7 +338,10 @@ BAD = {
 def test_bad_situations_are_answered_with_file_field_and_remedy(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As a SimSpec to fly and as the base of a campaign: refused without a long search, with file, field and remedy."""
+    """As a SimSpec to fly and as the base of a campaign: refused without a long search, with file, field and
+    remedy.
+    """
+
     document, expected = BAD[name]
     simspec, campaign = tmp_path / "yard.yaml", tmp_path / "camp.yaml"
     simspec.write_text(document)
@@ -311,7 +352,8 @@ def test_bad_situations_are_answered_with_file_field_and_remedy(
     for line in (["simulate", str(simspec), "--out", out], ["realize", str(campaign), "--out", out]):
         began = time.process_time()
         assert run(line) in (1, 2)
-        # CPU seconds, and ten times what a refusal takes: a busy host does not reach it, an exhaustive search does.
+        # CPU seconds, and ten times what a refusal takes: a busy host does not reach it, an exhaustive search
+        # does.
         assert time.process_time() - began < 20.0
         output = "".join(capsys.readouterr())
         assert line[1] in output

@@ -41,7 +41,10 @@ def printed_json(line: list[str], capsys: pytest.CaptureFixture[str]) -> dict[st
 
 
 def test_two_agents_of_one_campaign(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The naive agent fails where it should, and nowhere else is anything settled; the numbers are those of the table."""
+    """The naive agent fails where it should, and nowhere else is anything settled; the numbers are those of
+    the table.
+    """
+
     document = printed_json([str(made)], capsys)
     assert (document["first"], document["second"], document["scenes"]) == (NAIVE, AWARE, 18)
     nodes = {node["node"]: node for node in document["nodes"]}  # type: ignore[attr-defined]
@@ -64,17 +67,24 @@ def test_for_people(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "KA-03" not in text
 
 
-def test_one_agent_each_of_two_campaigns(made: Path, apart: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_agent_each_of_two_campaigns(
+    made: Path, apart: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
     """Scenes are known by what they are, so two folders say the same as one."""
     assert printed_json([str(made)], capsys) == printed_json([*map(str, apart)], capsys)
 
 
 def test_scenes_are_matched_by_content_and_not_by_name(apart: tuple[Path, Path], tmp_path: Path) -> None:
-    """A second campaign that numbers its points otherwise has the same pairs; a scene that was changed is none."""
+    """A second campaign that numbers its points otherwise has the same pairs; a scene that was changed is
+    none.
+    """
+
     other = tmp_path / "renamed"
     shutil.copytree(apart[1], other)
     scores = pl.read_parquet(other / "scores.parquet")
-    scores.with_columns(pl.concat_str(pl.lit("q"), "design_point").alias("design_point")).write_parquet(other / "scores.parquet")
+    scores.with_columns(pl.concat_str(pl.lit("q"), "design_point").alias("design_point")).write_parquet(
+        other / "scores.parquet"
+    )
     assert compare_campaigns([apart[0], other]) == compare_campaigns(apart)
     path = other / "simspecs" / f"p000-r0-{AWARE}.json"
     path.write_text(path.read_text().replace('"root":1000', '"root":999'))
@@ -99,7 +109,9 @@ def test_what_cannot_be_compared_is_refused_with_code_2(
     """Each mistake says what is wrong and what would do."""
     other, bare, moved = tmp_path / "other", tmp_path / "bare", tmp_path / "moved"
     shutil.copytree(apart[1], other)
-    (other / "decomposition.json").write_text((other / "decomposition.json").read_text().replace("Made up.", "Made otherwise."))
+    (other / "decomposition.json").write_text(
+        (other / "decomposition.json").read_text().replace("Made up.", "Made otherwise.")
+    )
     shutil.copytree(made, bare)
     (bare / "scores.parquet").unlink()
     shutil.copytree(apart[1], moved)
@@ -130,7 +142,10 @@ def test_help_shows_how_it_is_called(capsys: pytest.CaptureFixture[str]) -> None
 
 
 def test_the_report_finds_the_factor_that_was_planted(made: Path) -> None:
-    """Confidence that is spoilt wherever one factor is at its upper level: found, for that agent and node and no other."""
+    """Confidence that is spoilt wherever one factor is at its upper level: found, for that agent and node and
+    no other.
+    """
+
     data = load_report_data(made)
     points = {point: number for number, point in enumerate(sorted(set(data.scores["design_point"])))}
     # Six design points of the design, three replicates each; concealment is the factor that changes fastest.

@@ -28,7 +28,16 @@ def test_coloured_by_a_campaign(tmp_path: Path) -> None:
     """One file of the kind that its end says, with the agent's numbers, in a folder that is made."""
     folder = make_campaign(tmp_path / "made", Made(scenes=3))
     out = tmp_path / "new" / "graph.svg"
-    line = ["graph", str(folder / "decomposition.json"), "--campaign", str(folder), "--agent", AGENTS[1], "--by", "score"]
+    line = [
+        "graph",
+        str(folder / "decomposition.json"),
+        "--campaign",
+        str(folder),
+        "--agent",
+        AGENTS[1],
+        "--by",
+        "score",
+    ]
     assert run([*line, "--out", str(out)]) == 0
     assert [path.name for path in out.parent.iterdir()] == ["graph.svg"]
     assert f"ARL score of {AGENTS[1]}, made-up" in out.read_text()
@@ -43,7 +52,11 @@ def test_coloured_by_a_campaign(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_drawn_is_refused(
-    line: list[str], expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    line: list[str],
+    expected: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Nothing is written, and the message says what would be right."""
     monkeypatch.chdir(tmp_path)

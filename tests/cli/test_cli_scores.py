@@ -1,4 +1,6 @@
-"""`rebar score` as a user meets it: tables from other sources, one document for every source, and explained scores."""
+"""`rebar score` as a user meets it: tables from other sources, one document for every source, and explained
+scores.
+"""
 
 from __future__ import annotations
 
@@ -53,16 +55,27 @@ def worked(tmp_path: Path) -> list[str]:
     """The command line for the paper's two runs."""
     (tmp_path / "table.csv").write_text(TABLE)
     (tmp_path / "worked.yaml").write_text(DECOMPOSITION)
-    return ["score", "--observations", str(tmp_path / "table.csv"), "--decomposition", str(tmp_path / "worked.yaml")]
+    return [
+        "score",
+        "--observations",
+        str(tmp_path / "table.csv"),
+        "--decomposition",
+        str(tmp_path / "worked.yaml"),
+    ]
 
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign of two sessions that run out of time after ten simulated seconds."""
     folder = tmp_path_factory.mktemp("short")
-    (folder / "scene.yaml").write_text(EXAMPLE.read_text().replace("time_limit_s: 300.0", "time_limit_s: 10.0"))
+    (folder / "scene.yaml").write_text(
+        EXAMPLE.read_text().replace("time_limit_s: 300.0", "time_limit_s: 10.0")
+    )
     (folder / "short.yaml").write_text(CAMPAIGN)
-    assert run(["run", str(folder / "short.yaml"), "--out", str(folder / "out"), "--workers", "1", "--json"]) == 0
+    assert (
+        run(["run", str(folder / "short.yaml"), "--out", str(folder / "out"), "--workers", "1", "--json"])
+        == 0
+    )
     return folder / "out"
 
 
@@ -78,7 +91,9 @@ def test_the_worked_tables_to_the_digit(worked: list[str], capsys: pytest.Captur
     report = printed([*worked, "--json", "--per-run"], capsys)
     ScoreReport.model_validate(report)
     runs = {
-        run["run"]: {node["id"]: (node["score"], node["achieved"], node["considered"]) for node in run["nodes"]}
+        run["run"]: {
+            node["id"]: (node["score"], node["achieved"], node["considered"]) for node in run["nodes"]
+        }
         for run in report["runs"]
     }
     assert runs["1"] == {
@@ -103,7 +118,10 @@ def test_the_worked_tables_to_the_digit(worked: list[str], capsys: pytest.Captur
     assert (whole["OBS1"]["scored"], whole["OBS1"]["considered"], whole["OBS1"]["passed"]) == (1, 2, 1)
     assert (whole["KA1"]["passed"], whole["KA1"]["considered"], whole["KA1"]["runs"]) == (1, 2, 2)
     assert whole["KA1"]["raised_by_failure"] is True
-    assert (whole["KA1"]["score_low"], whole["KA1"]["score_high"]) == (None, None)  # two design points say too little
+    assert (whole["KA1"]["score_low"], whole["KA1"]["score_high"]) == (
+        None,
+        None,
+    )  # two design points say too little
     assert report["absent"] == 0
 
     assert run(worked) == 0
@@ -120,7 +138,11 @@ def test_runs_are_listed_only_on_request(worked: list[str], capsys: pytest.Captu
     report = printed([*worked, "--json", "--per-run"], capsys)
     assert ([run["run"] for run in report["runs"]], report["absent"]) == (["007", "7"], 4)
     nodes = {node["id"]: node for node in report["runs"][0]["nodes"]}
-    assert (nodes["VAB2"]["difficulty"], nodes["VAB2"]["score"], nodes["VAB2"]["confidence"]) == (None, None, None)
+    assert (nodes["VAB2"]["difficulty"], nodes["VAB2"]["score"], nodes["VAB2"]["confidence"]) == (
+        None,
+        None,
+        None,
+    )
     assert run([*worked, "--per-run"]) == 0
     shown = capsys.readouterr().out
     assert "4 pairs of run and observable have no row" in shown
@@ -132,8 +154,14 @@ def test_runs_are_listed_only_on_request(worked: list[str], capsys: pytest.Captu
     [
         (["score"], "nothing to score"),
         (["score", "--observations", "t.csv"], "give --decomposition FILE"),
-        (["score", "out", "--observations", "t.csv", "--decomposition", "d.yaml"], "cannot be given together with folders"),
-        (["score", "--observations", "nowhere.csv", "--decomposition", "paper-tables"], "there is no such file"),
+        (
+            ["score", "out", "--observations", "t.csv", "--decomposition", "d.yaml"],
+            "cannot be given together with folders",
+        ),
+        (
+            ["score", "--observations", "nowhere.csv", "--decomposition", "paper-tables"],
+            "there is no such file",
+        ),
     ],
 )
 def test_what_is_missing_is_said(line: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -142,7 +170,9 @@ def test_what_is_missing_is_said(line: list[str], words: str, capsys: pytest.Cap
     assert words in capsys.readouterr().err
 
 
-def test_the_faults_of_a_table_come_all_at_once_with_lines(worked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_faults_of_a_table_come_all_at_once_with_lines(
+    worked: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
     """Each on a line of its own, ready for an editor to jump to."""
     table = Path(worked[2])
     table.write_text("run,observable,difficulty,x\n1,OBS1,30,2\n1,OBS8,30,1\n1,OBS1,300,1\n")
@@ -157,19 +187,34 @@ def test_a_mean_is_explained_down_to_the_rows(worked: list[str], capsys: pytest.
     (agent,) = explanation.agents
     assert (agent.summary.score, agent.scored_runs) == (40.0, ("1", "2"))
     failed, passed = agent.runs
-    assert (failed.run, failed.state, failed.score, failed.ruled_by) == ("2", "failed", 50.0, ("KA1", "VAB2", "OBS3"))
+    assert (failed.run, failed.state, failed.score, failed.ruled_by) == (
+        "2",
+        "failed",
+        50.0,
+        ("KA1", "VAB2", "OBS3"),
+    )
     assert [(leaf.id, leaf.state, leaf.ruling) for leaf in failed.observables] == [
         ("OBS1", "failed", False),
         ("OBS3", "achieved", True),
         ("OBS2", "achieved", False),
     ]
-    assert (failed.observables[0].x, failed.observables[0].threshold, failed.observables[0].score) == (0.0, 0.5, None)
+    assert (failed.observables[0].x, failed.observables[0].threshold, failed.observables[0].score) == (
+        0.0,
+        0.5,
+        None,
+    )
     assert failed.observables[0].row == f"{worked[2]}:5"
     assert (passed.run, passed.ruled_by) == ("1", ("KA1", "VAB1", "OBS1"))
 
     assert run([*worked, "--explain", "KA1", "--limit", "1"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
-    for words in ("score 40.00: the mean of the 2 runs", "2: FAILED, score 50.00", "x 0 < 0.5", "1 passed (--limit 0", "raised"):
+    for words in (
+        "score 40.00: the mean of the 2 runs",
+        "2: FAILED, score 50.00",
+        "x 0 < 0.5",
+        "1 passed (--limit 0",
+        "raised",
+    ):
         assert words in shown
     assert "1: PASSED" not in shown
 
@@ -181,14 +226,22 @@ def test_a_decomposition_may_begin_anywhere(tmp_path: Path, capsys: pytest.Captu
         f"format: rebar.decomposition/1\nname: flat\ntitle: Flat\nobservables:\n{leaf}\n", encoding="utf-8"
     )
     (tmp_path / "t.csv").write_text("run,observable,difficulty,x\na,OBS3,30,1\n")
-    line = ["score", "--observations", str(tmp_path / "t.csv"), "--decomposition", str(tmp_path / "flat.yaml")]
+    line = [
+        "score",
+        "--observations",
+        str(tmp_path / "t.csv"),
+        "--decomposition",
+        str(tmp_path / "flat.yaml"),
+    ]
     assert run(line) == 0
     shown = capsys.readouterr().out
     assert "OBS3" in shown
     assert "30.0" in shown
 
 
-def test_an_unknown_node_is_answered_with_those_near_it(worked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_node_is_answered_with_those_near_it(
+    worked: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
     """A mistyped node is answered with a sentence."""
     assert run([*worked, "--explain", "KA2"]) == 2
     assert "did you mean KA1" in capsys.readouterr().err
@@ -202,18 +255,28 @@ def test_one_document_for_a_campaign_and_its_runs(campaign: Path, capsys: pytest
     assert all(row.competence_50 is None for row in whole.nodes if row.configuration != "all")
     for scored_run in whole.runs or ():
         assert scored_run.recording
-        alone = ScoreReport.model_validate(printed(["score", str(Path(scored_run.recording).parent), "--json"], capsys))
+        alone = ScoreReport.model_validate(
+            printed(["score", str(Path(scored_run.recording).parent), "--json"], capsys)
+        )
         assert alone.kind == "run"
         assert alone.runs is not None
-        assert [node.model_dump() for node in alone.runs[0].nodes] == [node.model_dump() for node in scored_run.nodes]
+        assert [node.model_dump() for node in alone.runs[0].nodes] == [
+            node.model_dump() for node in scored_run.nodes
+        ]
 
 
 def test_explaining_a_campaign_leads_to_recordings_and_changes_nothing(
     campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """From the mean to factor, moment and recording; every file stays as it was."""
-    before = {path: path.stat().st_mtime_ns for path in campaign.rglob("*") if path.is_file() and "journal" not in path.name}
-    explanation = Explanation.model_validate(printed(["score", str(campaign), "--explain", "KA-20", "--json"], capsys))
+    before = {
+        path: path.stat().st_mtime_ns
+        for path in campaign.rglob("*")
+        if path.is_file() and "journal" not in path.name
+    }
+    explanation = Explanation.model_validate(
+        printed(["score", str(campaign), "--explain", "KA-20", "--json"], capsys)
+    )
     assert {path: path.stat().st_mtime_ns for path in before} == before
     (agent,) = explanation.agents
     assert {run.state for run in agent.runs} == {"failed"}
@@ -223,7 +286,10 @@ def test_explaining_a_campaign_leads_to_recordings_and_changes_nothing(
         failed = [leaf for leaf in explained.observables if leaf.state == "failed"]
         assert failed
         assert all(leaf.evidence and any(row.ruling for row in leaf.factors) for leaf in failed)
-    again = printed(["score", str(campaign), "--decomposition", "search-and-report", "--explain", "KA-20", "--json"], capsys)
+    again = printed(
+        ["score", str(campaign), "--decomposition", "search-and-report", "--explain", "KA-20", "--json"],
+        capsys,
+    )
     assert Explanation.model_validate(again) == explanation
     assert {path: path.stat().st_mtime_ns for path in before} == before
     assert run(["score", str(campaign), "--explain", "KA-20"]) == 0
@@ -237,7 +303,9 @@ def test_the_documents_have_schemas(name: str, capsys: pytest.CaptureFixture[str
     assert schema["additionalProperties"] is False
 
 
-def test_a_printed_document_is_read_back(worked: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_printed_document_is_read_back(
+    worked: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """What was kept on disk is a document like any other."""
     file = tmp_path / "kept.json"
     file.write_text(json.dumps(printed([*worked, "--json"], capsys)))
@@ -245,7 +313,10 @@ def test_a_printed_document_is_read_back(worked: list[str], tmp_path: Path, caps
 
 
 def test_difficulty_says_what_to_change(capsys: pytest.CaptureFixture[str]) -> None:
-    """The rule, what follows, the field of the SimSpec and the value at which the next factor or tension begins."""
+    """The rule, what follows, the field of the SimSpec and the value at which the next factor or tension
+    begins.
+    """
+
     document = printed(["difficulty", str(EXAMPLE), "--node", "KA-18", "--json"], capsys)
     (node,) = document["nodes"]
     assert node["raise"]["ruled_by"] == ["bystander_density_per_km2"]
@@ -265,7 +336,10 @@ def test_difficulty_says_what_to_change(capsys: pytest.CaptureFixture[str]) -> N
 def test_a_campaign_written_as_a_table_scores_the_same(
     campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What the bench measured, carried elsewhere and back as JSON lines, has the same numbers to the last bit."""
+    """What the bench measured, carried elsewhere and back as JSON lines, has the same numbers to the last
+    bit.
+    """
+
     direct = printed(["score", str(campaign), "--json", "--per-run"], capsys)
     rows = [
         {

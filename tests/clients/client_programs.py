@@ -1,4 +1,6 @@
-"""Real clients against `rebar fly`: each a plain program of its own process, in the environment that it comes from."""
+"""Real clients against `rebar fly`: each a plain program of its own process, in the environment that it comes
+from.
+"""
 
 from __future__ import annotations
 
@@ -55,9 +57,19 @@ def flying(autopilot: str, speed: float, options: Sequence[str]) -> Iterator[int
     """The port of a `rebar fly` whose link is open; it must stop in good order."""
     kind, sort = ("udpout", socket.SOCK_DGRAM) if autopilot == "px4" else ("tcpin", socket.SOCK_STREAM)
     port = free_port(sort)
-    command = [str(OURS.parent / "rebar"), "fly", "--autopilot", autopilot, "--mavlink", f"{kind}:127.0.0.1:{port}"]
+    command = [
+        str(OURS.parent / "rebar"),
+        "fly",
+        "--autopilot",
+        autopilot,
+        "--mavlink",
+        f"{kind}:127.0.0.1:{port}",
+    ]
     with subprocess.Popen(
-        [*command, "--speed", str(speed), *options], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        [*command, "--speed", str(speed), *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
     ) as vehicle:
         assert vehicle.stdout
         try:
@@ -66,7 +78,9 @@ def flying(autopilot: str, speed: float, options: Sequence[str]) -> Iterator[int
             yield port
             assert vehicle.poll() is None, vehicle.stdout.read()
         finally:
-            vehicle.send_signal(signal.SIGTERM)  # heard also where Ctrl-C is ignored, as in a job in the background
+            vehicle.send_signal(
+                signal.SIGTERM
+            )  # heard also where Ctrl-C is ignored, as in a job in the background
             line, _ = vehicle.communicate(timeout=20)
     assert vehicle.returncode == 0, line
 
@@ -82,7 +96,10 @@ def flown(tmp_path: Path) -> Flown:
         with flying(program.autopilot, speed, options) as port:
             done = subprocess.run(
                 [str(program.python), str(SCRIPTS / program.script), program.url.format(port), *chapters],
-                env={**os.environ, "HOME": str(tmp_path)},  # what a client keeps from one run to the next stays here
+                env={
+                    **os.environ,
+                    "HOME": str(tmp_path),
+                },  # what a client keeps from one run to the next stays here
                 cwd=tmp_path,
                 capture_output=True,
                 text=True,

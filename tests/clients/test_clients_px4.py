@@ -18,7 +18,10 @@ def approximately(place: list[float], north_m: float, east_m: float, within_m: f
 
 @MAVSDKS
 def test_arming_while_it_starts_is_refused(client: str, flown: Flown) -> None:
-    """At half the speed of the clock: a client takes a second or two to find the vehicle, which is ready after 4.2."""
+    """At half the speed of the clock: a client takes a second or two to find the vehicle, which is ready
+    after 4.2.
+    """
+
     assert flown(client, "early", speed=0.5)["early"]["arm"] == "COMMAND_DENIED"
 
 
@@ -30,7 +33,11 @@ def test_pymavlink_is_told_why_it_may_not_arm_yet(flown: Flown) -> None:
 
 @MAVSDKS
 def test_places_orbits_and_the_return(client: str, flown: Flown) -> None:
-    goal, radius_m = {"mavsdk": ((25, 15), 12), "mavsdk-asyncio": ((-20, 12), 10), "mavsdk-grpc": ((18, -14), 10)}[client]
+    goal, radius_m = {
+        "mavsdk": ((25, 15), 12),
+        "mavsdk-asyncio": ((-20, 12), 10),
+        "mavsdk-grpc": ((18, -14), 10),
+    }[client]
     travel = flown(client, "travel", speed=5.0)["travel"]
     assert approximately(travel["reached"], *goal)
     assert radius_m - 1.1 < travel["radii_m"][0] <= travel["radii_m"][1] < radius_m + 1.0
@@ -82,7 +89,10 @@ def test_a_mission_goes_up_is_flown_and_returns(client: str, flown: Flown) -> No
 def test_mavsdk_raw_items_are_judged_as_they_go_up(flown: Flown) -> None:
     assert flown("mavsdk", "raw", speed=5.0)["raw"] == {
         "cleared": "SUCCESS",
-        "nothing_to_fly": ["SUCCESS", "COMMAND_DENIED"],  # the mode is granted to whoever is disarmed; arming in it is not
+        "nothing_to_fly": [
+            "SUCCESS",
+            "COMMAND_DENIED",
+        ],  # the mode is granted to whoever is disarmed; arming in it is not
         "good": "SUCCESS",
         "commands": [22, 16, 20],
         "unknown_command": "UNSUPPORTED",
@@ -132,11 +142,21 @@ def test_mavsdk_reads_and_writes_parameters(flown: Flown) -> None:
 
 def test_pymavlink_flies_everything(flown: Flown) -> None:
     logbook = flown(
-        "pymavlink-px4", "parameters", "travel", "setpoints", "plan", "fence", "payload", speed=5.0, options=["--camera"]
+        "pymavlink-px4",
+        "parameters",
+        "travel",
+        "setpoints",
+        "plan",
+        "fence",
+        "payload",
+        speed=5.0,
+        options=["--camera"],
     )
     assert logbook["parameters"]["listed"] > 600
     assert logbook["parameters"]["wrong_type"] == ["PARAM_ERROR", 7]
-    travel, setpoints, plan, fence = (logbook[chapter] for chapter in ("travel", "setpoints", "plan", "fence"))
+    travel, setpoints, plan, fence = (
+        logbook[chapter] for chapter in ("travel", "setpoints", "plan", "fence")
+    )
     assert travel["moved"] == travel["circled"] == ["ACCEPTED"]
     assert approximately(travel["reached"], 14, 14)
     assert 8.9 < travel["radii_m"][0] <= travel["radii_m"][1] < 11.0
@@ -145,7 +165,11 @@ def test_pymavlink_flies_everything(flown: Flown) -> None:
     assert setpoints["fed"] == ["ACCEPTED", "ACCEPTED"]
     assert plan["uploaded"] == "ACCEPTED"
     assert plan["kept"] == [22, 178, 16, 178, 16, 20]
-    assert plan["refused"] == {"unknown_command": "UNSUPPORTED", "bad_frame": "UNSUPPORTED_FRAME", "bad_type": "NO_SPACE"}
+    assert plan["refused"] == {
+        "unknown_command": "UNSUPPORTED",
+        "bad_frame": "UNSUPPORTED_FRAME",
+        "bad_type": "NO_SPACE",
+    }
     assert plan["started"] == ["ACCEPTED"]
     assert 2.5 < plan["slow_mps"] < 3.5
     assert plan["nothing_to_start"] == ["DENIED"]

@@ -1,4 +1,7 @@
-"""Every client once: it finds the vehicle, reads a parameter, arms, takes off, is refused, lands. The rest is `make clients`."""
+"""Every client once: it finds the vehicle, reads a parameter, arms, takes off, is refused, lands.
+
+The rest is `make clients`.
+"""
 
 from __future__ import annotations
 

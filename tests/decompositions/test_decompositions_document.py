@@ -96,7 +96,11 @@ def test_every_node_follows_its_children_bottom_up(valid: dict[str, Any]) -> Non
     small = read_decomposition(yaml.safe_dump(valid))
     order = small.bottom_up()
     assert sorted(order) == sorted(small.nodes)
-    assert all(order.index(child) < order.index(observable) for observable in order for child in small.children(observable))
+    assert all(
+        order.index(child) < order.index(observable)
+        for observable in order
+        for child in small.children(observable)
+    )
 
 
 def test_a_decomposition_travels_to_a_worker(valid: dict[str, Any]) -> None:
@@ -123,7 +127,11 @@ def test_the_digest_follows_the_meaning(valid: dict[str, Any]) -> None:
         (lambda d: d["observables"].append(leaf("O-1")), "O-1", "used twice"),
         (lambda d: d["key_attributes"][0]["children"].append("V-3"), "KA-1", "does not exist"),
         (lambda d: d["key_attributes"][0]["children"].append("V-1"), "KA-1", "2 times"),
-        (lambda d: d["key_attributes"][0]["children"].append("O-1"), "KA-1", "lists observable O-1 as a child"),
+        (
+            lambda d: d["key_attributes"][0]["children"].append("O-1"),
+            "KA-1",
+            "lists observable O-1 as a child",
+        ),
         (lambda d: d["vabs"][0].update(children=[]), "V-1", "has no children"),
         (lambda d: d["vabs"][1]["children"].append("KA-1"), "V-2", "key attribute KA-1 as a child"),
         (lambda d: d["vabs"][1]["children"].append("KA-1"), "KA-1", "form a cycle"),
@@ -140,14 +148,24 @@ def test_the_digest_follows_the_meaning(valid: dict[str, Any]) -> None:
         (lambda d: d["tables"].update(fog=row(ratings=[1, 2, 3], values=[0, 9, 4])), "fog", "not monotone"),
         (lambda d: d["tables"].update(fog=row(ratings=[20, 20])), "fog", "do not rise"),
         (lambda d: d["tables"].update(fog=row(ratings=[0, 101])), "fog", "outside 0 to 100"),
-        (lambda d: d["observables"][1].update(key_factors=[row(factor="snow")]), "O-2", "no key factor 'snow'"),
-        (lambda d: d["observables"][1].update(key_factors=[row(unit="m")]), "O-2", "is not the unit of the key factor"),
+        (
+            lambda d: d["observables"][1].update(key_factors=[row(factor="snow")]),
+            "O-2",
+            "no key factor 'snow'",
+        ),
+        (
+            lambda d: d["observables"][1].update(key_factors=[row(unit="m")]),
+            "O-2",
+            "is not the unit of the key factor",
+        ),
         (lambda d: d.update(study=["KA-3"]), "study", "no key attribute 'KA-3'"),
         (lambda d: d.update(study=["KA-1", "KA-1"]), "study", "studied twice"),
         (lambda d: d["observables"][0].update(measures="x"), "observables[0]", "unknown field"),
     ],
 )
-def test_a_fault_is_named_with_its_node_and_line(valid: dict[str, Any], change: Any, where: str, what: str) -> None:
+def test_a_fault_is_named_with_its_node_and_line(
+    valid: dict[str, Any], change: Any, where: str, what: str
+) -> None:
     """Each thing wrong is told with the file's line, the node, and what would be right."""
     change(valid)
     matching = [fault for fault in faults(valid, DecompositionVocabulary(UNITS)) if what in fault.what]
@@ -192,7 +210,10 @@ observables:
 
 
 def test_every_kind_of_fault_is_told_in_one_go_and_in_the_order_of_the_file() -> None:
-    """Cycles, orphans, duplicates, tables, thresholds, measures, options, units, skipped levels: line, node and remedy of each."""
+    """Cycles, orphans, duplicates, tables, thresholds, measures, options, units, skipped levels: line, node
+    and remedy of each.
+    """
+
     from bench.campaign import check_options
     from bench.simspec import FACTORS
 
@@ -222,7 +243,9 @@ def test_every_kind_of_fault_is_told_in_one_go_and_in_the_order_of_the_file() ->
         ("bad.yaml:20: O-3", "no key factors"),
     ]
     for where, what in expected:
-        assert [observable for observable in reported if observable[0].startswith(where) and what in observable[1]], (where, what)
+        assert [
+            observable for observable in reported if observable[0].startswith(where) and what in observable[1]
+        ], (where, what)
     assert all(fault.remedy for fault in caught.value.faults)
     lines = [int(where.split(":")[1]) for where, _ in reported]
     assert lines == sorted(lines)
@@ -237,7 +260,10 @@ def test_every_kind_of_fault_is_told_in_one_go_and_in_the_order_of_the_file() ->
         ("# nothing here\n", "the document is empty"),
         ("{}", "the document is empty"),
         ("- a\n- b\n", "is a list"),
-        ("format: rebar.decomposition/1\nname: x\ntitle: t\nobservables: []\n", "no observables, so nothing is measured"),
+        (
+            "format: rebar.decomposition/1\nname: x\ntitle: t\nobservables: []\n",
+            "no observables, so nothing is measured",
+        ),
         ("format: rebar.decomposition/1\nname: x\ntitle: t\n", "is missing"),
     ],
 )
@@ -252,7 +278,10 @@ def test_an_empty_document_says_so(text: str, what: str) -> None:
 
 
 def test_difficulties_that_are_given_need_no_tables(valid: dict[str, Any]) -> None:
-    """An observable without key factors is a fault of a document that is rated, and none of one whose difficulties come along."""
+    """An observable without key factors is a fault of a document that is rated, and none of one whose
+    difficulties come along.
+    """
+
     del valid["observables"][1]["key_factors"]
     assert [fault.what for fault in faults(valid)] == ["O-2 has no key factors, so no difficulty"]
     small = read_decomposition(yaml.safe_dump(valid), DecompositionVocabulary(difficulty="given"))
@@ -267,11 +296,15 @@ def test_a_shared_bad_child_is_one_fault_for_each_parent(valid: dict[str, Any]) 
 
 
 def test_measures_are_asked_about(valid: dict[str, Any]) -> None:
-    """An unknown measure and a bad option are faults of their observables, in the words of whoever knows measures."""
+    """An unknown measure and a bad option are faults of their observables, in the words of whoever knows
+    measures.
+    """
 
     def check(measure: str, options: object) -> None:
         if measure == "detektion":
-            raise SetupError(Fault("rebar.measures", "there is no plug-in named 'detektion'", "installed: detection_share"))
+            raise SetupError(
+                Fault("rebar.measures", "there is no plug-in named 'detektion'", "installed: detection_share")
+            )
         if "role" not in options:  # type: ignore[operator]
             raise ValueError("detection_share: option 'role' is missing")
 
@@ -325,7 +358,10 @@ def test_the_schema_describes_what_is_accepted() -> None:
 
 @pytest.mark.parametrize("name", shipped_decompositions())
 def test_what_is_shipped_is_sound(name: str) -> None:
-    """Every decomposition of the house passes the checks, carries its file's name, and survives a round trip."""
+    """Every decomposition of the house passes the checks, carries its file's name, and survives a round
+    trip.
+    """
+
     faults = load_decomposition(name)
     assert faults.name == name
     again = DecompositionDocument.model_validate_json(faults.document.model_dump_json())
@@ -333,7 +369,10 @@ def test_what_is_shipped_is_sound(name: str) -> None:
 
 
 def test_the_five_key_attributes_are_the_papers() -> None:
-    """search-and-report holds the five that the paper evaluates, each with two to five distinct observables."""
+    """search-and-report holds the five that the paper evaluates, each with two to five distinct
+    observables.
+    """
+
     faults = load_decomposition("search-and-report")
     assert faults.key_attributes == ("KA-03", "KA-05", "KA-09", "KA-18", "KA-20")
     assert len(faults.at_level(Level.PRINCIPLE)) == 5
@@ -354,4 +393,6 @@ def test_what_is_shipped_names_only_what_there_is(name: str) -> None:
     from bench.campaign import check_options
     from bench.simspec import FACTORS
 
-    load_decomposition(name, DecompositionVocabulary({key: factor.unit for key, factor in FACTORS.items()}, check_options))
+    load_decomposition(
+        name, DecompositionVocabulary({key: factor.unit for key, factor in FACTORS.items()}, check_options)
+    )

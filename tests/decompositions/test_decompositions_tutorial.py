@@ -1,6 +1,7 @@
 """The tutorial says what is so: its commands run, in their order, and print what the page shows.
 
-What comes from a flight (blocks marked `flown`) is compared but for its numbers, which follow every change of the reference agents.
+What comes from a flight (blocks marked `flown`) is compared but for its numbers, which follow every change of
+the reference agents.
 """
 
 from __future__ import annotations
@@ -22,19 +23,26 @@ REPOSITORY = Path(__file__).parents[2]
 PAGE = (REPOSITORY / "docs" / "tutorial.md").read_text()
 COMMAND = re.compile(r"^\$ (.*(?:\n> .*)*)\n?", re.MULTILINE)
 LONGEST_S = 400.0  # of all commands together, on a machine that does much else
-OFFLINE = "pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --no-index --target site "
+OFFLINE = (
+    "pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --no-index --target site "
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A command of the page, what the page shows of its output, and whether its numbers come from a flight."""
+    """A command of the page, what the page shows of its output, and whether its numbers come from a
+    flight.
+    """
 
     command: str
     output: tuple[str, ...]
     flown: bool
 
     def lines(self, text: str) -> list[str]:
-        """What is compared: no rules of tables, no runs of spaces, and no numbers where these come from a flight."""
+        """What is compared: no rules of tables, no runs of spaces, and no numbers where these come from a
+        flight.
+        """
+
         rows = (" ".join(line.replace("┃", "│").split()) for line in text.splitlines())
         lines = [row for row in rows if row.strip("┏┓┡┩└┘├┤━─┳╇┴┼ ")]
         return [re.sub(r"[+-]?\d+(\.\d+)?", "N", row) for row in lines] if self.flown else lines
@@ -81,9 +89,16 @@ def ran(folder: Path) -> list[subprocess.CompletedProcess[str]]:
 
 
 @pytest.mark.timeout(LONGEST_S)
-@pytest.mark.parametrize("index", range(len(SHOWN)), ids=lambda index: f"{index}-{SHOWN[index].command.split()[1]}")
-def test_a_command_prints_what_the_page_shows(ran: list[subprocess.CompletedProcess[str]], index: int) -> None:
-    """Line by line, with gaps only where the page has `...`; what is refused says so on stderr, with code 2."""
+@pytest.mark.parametrize(
+    "index", range(len(SHOWN)), ids=lambda index: f"{index}-{SHOWN[index].command.split()[1]}"
+)
+def test_a_command_prints_what_the_page_shows(
+    ran: list[subprocess.CompletedProcess[str]], index: int
+) -> None:
+    """Line by line, with gaps only where the page has `...`; what is refused says so on stderr, with code
+    2.
+    """
+
     shown, done = SHOWN[index], ran[index]
     refused = bool(shown.output) and shown.output[0].startswith("rebar: ")
     assert done.returncode == (2 if refused else 0), f"{shown.command}\n{done.stdout}{done.stderr}"
@@ -93,18 +108,24 @@ def test_a_command_prints_what_the_page_shows(ran: list[subprocess.CompletedProc
         wanted = shown.lines(piece)
         starts = [at for at in range(len(rest) - len(wanted) + 1) if rest[at : at + len(wanted)] == wanted]
         assert starts, "\n".join(["the page shows", *wanted, "which is not in", printed])
-        assert count or starts[0] == 0, "\n".join(["before what the page shows first, there is", *rest[: starts[0]]])
+        assert count or starts[0] == 0, "\n".join(
+            ["before what the page shows first, there is", *rest[: starts[0]]]
+        )
         rest = rest[starts[0] + len(wanted) :]
     gap = bool(shown.output) and shown.output[-1] == "..."
     assert gap or not rest or not shown.output, "\n".join(["after what the page shows last, there is", *rest])
 
 
 @pytest.mark.timeout(LONGEST_S)
-def test_the_campaign_finds_what_the_page_says(ran: list[subprocess.CompletedProcess[str]], folder: Path) -> None:
-    """Four difficulty configurations; with searchers near, the naive agent fails the care for people and the other passes.
+def test_the_campaign_finds_what_the_page_says(
+    ran: list[subprocess.CompletedProcess[str]], folder: Path
+) -> None:
+    """Four difficulty configurations; with searchers near, the naive agent fails the care for people and the
+    other passes.
 
     Both score 60 in it, with a confidence of two thirds and of one.
     """
+
     scores = pl.read_parquet(folder / "out" / "rescue" / "scores.parquet")
     assert scores["configuration"].n_unique() == 4
     care = scores.filter(node="KA-3")
@@ -119,7 +140,9 @@ def test_the_campaign_finds_what_the_page_says(ran: list[subprocess.CompletedPro
     assert means == pytest.approx({"reference-naive": 2 / 3, "reference-bystander-aware": 1.0})
 
 
-@pytest.mark.parametrize("block", re.findall(r"^```(?:yaml|python|toml)\n# (\S+)\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE))
+@pytest.mark.parametrize(
+    "block", re.findall(r"^```(?:yaml|python|toml)\n# (\S+)\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
+)
 def test_what_is_quoted_stands_in_the_file(block: tuple[str, str]) -> None:
     """Each piece of a file on the page is a piece of that file, to the letter."""
     path, text = block
@@ -130,9 +153,13 @@ def test_the_counts_are_right() -> None:
     """Three principles, five key attributes, twelve VABs, fifteen observables."""
     decomposition = load_decomposition("find-the-missing")
     principles, attributes, vabs, observables = (len(decomposition.at_level(level)) for level in Level)
-    numbers = f"{principles} principles, {attributes} key attributes, {vabs} VABs and {observables} observables"
+    numbers = (
+        f"{principles} principles, {attributes} key attributes, {vabs} VABs and {observables} observables"
+    )
     assert numbers in " ".join(PAGE.split())
-    assert {parent for parent in decomposition.key_attributes if "V-05" in decomposition.nodes[parent].children} == {
+    assert {
+        parent for parent in decomposition.key_attributes if "V-05" in decomposition.nodes[parent].children
+    } == {
         "KA-2",
         "KA-5",
     }

@@ -24,12 +24,23 @@ def read_fields(result: BaseSimSpec) -> Fields:
         if varied.source != "default" or varied.note or varied.path.startswith("world.roads[")
     }
     spoken = {path: value for path, value in spoken.items() if path != "description" and value is not None}
-    silent = {path: value for path, value in spoken.items() if path.endswith((".tolerance", ".within_deg", ".height_m"))}
+    silent = {
+        path: value
+        for path, value in spoken.items()
+        if path.endswith((".tolerance", ".within_deg", ".height_m"))
+    }
     ranges: dict[str, list[Any]] = {
-        f"~{path}": [varied.low, varied.high] for varied in result.ranges if varied.low is not None for path in varied.paths
+        f"~{path}": [varied.low, varied.high]
+        for varied in result.ranges
+        if varied.low is not None
+        for path in varied.paths
     }
     ranges |= {
-        f"~{path}": list(varied.levels) for varied in result.ranges if varied.levels for path in varied.paths if "_level" in path
+        f"~{path}": list(varied.levels)
+        for varied in result.ranges
+        if varied.levels
+        for path in varied.paths
+        if "_level" in path
     }
     return {path: value for path, value in spoken.items() if path not in silent} | ranges
 
@@ -45,7 +56,10 @@ DEFAULTS: Fields = {
 
 
 def is_default(path: str, value: Any) -> bool:
-    """Whether a field has the value that a SimSpec gives it by itself: said or not, the document is the same."""
+    """Whether a field has the value that a SimSpec gives it by itself: said or not, the document is the
+    same.
+    """
+
     plain = re.sub(r"\[[^]]*\]", "[]", path)
     if plain in DEFAULTS:
         return same(DEFAULTS[plain], value)
@@ -59,8 +73,15 @@ def is_default(path: str, value: Any) -> bool:
 
 def by_time(fields: Fields) -> Fields:
     """Orders named by their turn: which id one has is nobody's expectation."""
-    at = {path.split("]")[0]: value for path, value in fields.items() if path.startswith("orders[") and path.endswith(".at_s")}
-    turns = {member: f"orders[{turn}" for turn, member in enumerate(sorted(at, key=lambda member: float(at[member])))}
+    at = {
+        path.split("]")[0]: value
+        for path, value in fields.items()
+        if path.startswith("orders[") and path.endswith(".at_s")
+    }
+    turns = {
+        member: f"orders[{turn}"
+        for turn, member in enumerate(sorted(at, key=lambda member: float(at[member])))
+    }
     renamed = {}
     for path, value in fields.items():
         head, bracket, rest = path.partition("]")
@@ -75,7 +96,10 @@ CORNER = re.compile(r"(.*)\.corners\[(\d+)\]\.(east|north)_m")
 
 
 def as_nobody_named_it(fields: Fields) -> Fields:
-    """Named ground numbered from west to east, its corners anticlockwise from the first in the west; orders by their time."""
+    """Named ground numbered from west to east, its corners anticlockwise from the first in the west; orders
+    by their time.
+    """
+
     outlines: dict[str, dict[int, list[float]]] = {}
     for path, value in fields.items():
         if (at := CORNER.fullmatch(path)) and isinstance(value, int | float):
@@ -89,7 +113,9 @@ def as_nobody_named_it(fields: Fields) -> Fields:
     for where, _ in sorted(turned.items(), key=lambda field: field[1]):
         if named := GROUND.match(where):
             renamed.setdefault(named[1], {}).setdefault(named[2], str(len(renamed.get(named[1], {}))))
-    return by_time({_plain_path(path, renamed): _plain_value(path, value, renamed) for path, value in out.items()})
+    return by_time(
+        {_plain_path(path, renamed): _plain_value(path, value, renamed) for path, value in out.items()}
+    )
 
 
 def _plain_path(path: str, renamed: dict[str, dict[str, str]]) -> str:
@@ -99,7 +125,9 @@ def _plain_path(path: str, renamed: dict[str, dict[str, str]]) -> str:
 def _plain_value(path: str, value: Any, renamed: dict[str, dict[str, str]]) -> Any:
     if (at := GROUND.match(path)) and path.endswith("].id"):
         return renamed.get(at[1], {}).get(at[2], value)
-    return renamed.get("world.areas", {}).get(value, value) if path.endswith(".placement.inside.area") else value
+    return (
+        renamed.get("world.areas", {}).get(value, value) if path.endswith(".placement.inside.area") else value
+    )
 
 
 def _turned(ring: list[list[float]]) -> list[list[float]]:
@@ -110,7 +138,10 @@ def _turned(ring: list[list[float]]) -> list[list[float]]:
 
 
 def is_open(path: str, keys: Sequence[str]) -> bool:
-    """Whether a field is one that the text leaves open: what a short key writes out to, or all under a path."""
+    """Whether a field is one that the text leaves open: what a short key writes out to, or all under a
+    path.
+    """
+
     group = path.removeprefix("~").partition("[")[2].partition("]")[0]
     for key in keys:
         name, _, rest = key.partition(".")
@@ -119,7 +150,13 @@ def is_open(path: str, keys: Sequence[str]) -> bool:
         if name == "intel" and group == f"{rest}-sighting":
             return True
         if name.rstrip("0123456789").rstrip("-") in GROUPS:
-            under = {"": "", "along": "placement.along", "moves": "motion", "half": "placement.region", "near": "placement.near"}
+            under = {
+                "": "",
+                "along": "placement.along",
+                "moves": "motion",
+                "half": "placement.region",
+                "near": "placement.near",
+            }
             if group == name and f"].{under.get(rest, rest)}" in path:
                 return True
             if rest == "along" and path.startswith("world.roads"):
@@ -138,7 +175,10 @@ def same(a: Any, b: Any) -> bool:
 
 
 def wrong_in(entry: dict[str, Any], read: BaseSimSpec | None) -> tuple[int, list[str]]:
-    """Number of fields compared, and what is wrong in each that is; None stands for a text that was refused."""
+    """Number of fields compared, and what is wrong in each that is; None stands for a text that was
+    refused.
+    """
+
     if read is None:
         missing = [path for path in expected_fields(entry["is"]) if not is_open(path, entry.get("open", ()))]
         return len(missing) + 2, ["refused"] * (len(missing) + 2)
@@ -156,11 +196,19 @@ def wrong_in(entry: dict[str, Any], read: BaseSimSpec | None) -> tuple[int, list
         wrong.append(f"not understood: {[field_path.quote for field_path in read.not_understood]}")
     if read.questions and not entry.get("asks"):  # a document that is not there has none of its fields
         missing = [path for path in expected_fields(entry["is"]) if not is_open(path, entry.get("open", ()))]
-        return compared + len(missing), [*wrong, *(f"{path}: not there, a question is open" for path in missing)]
+        return compared + len(missing), [
+            *wrong,
+            *(f"{path}: not there, a question is open" for path in missing),
+        ]
     if not entry.get("asks") and not read.questions:
-        expected, here_is = as_nobody_named_it(expected_fields(entry["is"])), as_nobody_named_it(read_fields(read))
+        expected, here_is = (
+            as_nobody_named_it(expected_fields(entry["is"])),
+            as_nobody_named_it(read_fields(read)),
+        )
         others = [
-            expected_fields({name: field_path}) for name, several in entry.get("also", {}).items() for field_path in several
+            expected_fields({name: field_path})
+            for name, several in entry.get("also", {}).items()
+            for field_path in several
         ]
         for path in sorted(expected.keys() | here_is.keys()):
             if is_open(path, entry.get("open", ())):

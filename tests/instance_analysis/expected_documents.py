@@ -52,7 +52,10 @@ def expected_fields(short: Fields) -> Fields:
         if key == "area":
             out |= _corners("world.area", -area[0] / 2, -area[1] / 2, area[0] / 2, area[1] / 2)
         elif name == "intel":
-            out |= {f"intelligence[{rest}-sighting].id": f"{rest}-sighting", f"intelligence[{rest}-sighting].about": rest}
+            out |= {
+                f"intelligence[{rest}-sighting].id": f"{rest}-sighting",
+                f"intelligence[{rest}-sighting].about": rest,
+            }
             out |= {f"intelligence[{rest}-sighting].{field}": entry for field, entry in value.items()}
         elif name == "order":
             kind = rest.rstrip("0123456789").rstrip("-").replace("-", "_")
@@ -81,7 +84,9 @@ def _of_group(group: str, base: str, rest: str, value: Any, area: tuple[float, .
     match rest:
         case "":
             asset, role = GROUPS[base]
-            return {f"{where}.id": group, f"{where}.asset": asset, f"{where}.role": role} | _count(where, str(value))
+            return {f"{where}.id": group, f"{where}.asset": asset, f"{where}.role": role} | _count(
+                where, str(value)
+            )
         case "near":
             of, low, high = words
             fields: Fields = {f"{placed}.near.of": of, f"{placed}.near.max_m": float(high)}
@@ -95,12 +100,19 @@ def _of_group(group: str, base: str, rest: str, value: Any, area: tuple[float, .
             return {f"{placed}.mean_distance.of": words[0]} | _number(f"{placed}.mean_distance.mean_m", span)
         case "bearing":
             row = f"{placed}.bearing"
-            return {f"{row}.of": words[0], f"{row}.from_deg": float(words[1]), f"{row}.to_deg": float(words[2])}
+            return {
+                f"{row}.of": words[0],
+                f"{row}.from_deg": float(words[1]),
+                f"{row}.to_deg": float(words[2]),
+            }
         case "half":
             east, north = area[0] / 2, area[1] / 2
             degrees = float(value)
             low_e, high_e = (0.0 if 0 < degrees < 180 else -east), (0.0 if degrees > 180 else east)
-            low_n, high_n = (0.0 if degrees < 90 or degrees > 270 else -north), (0.0 if 90 < degrees < 270 else north)
+            low_n, high_n = (
+                (0.0 if degrees < 90 or degrees > 270 else -north),
+                (0.0 if 90 < degrees < 270 else north),
+            )
             return _corners(f"{placed}.region", low_e, low_n, high_e, high_n)
         case "middle":
             third = (round(area[0] / 6, 3), round(area[1] / 6, 3))
@@ -108,7 +120,10 @@ def _of_group(group: str, base: str, rest: str, value: Any, area: tuple[float, .
         case "along":
             road = {"world.roads[road].id": "road", "world.roads[road].width_m": 6.0}
             for index, east in enumerate((-area[0] / 2, area[0] / 2)):
-                road |= {f"world.roads[road].points[{index}].east_m": east, f"world.roads[road].points[{index}].north_m": 0.0}
+                road |= {
+                    f"world.roads[road].points[{index}].east_m": east,
+                    f"world.roads[road].points[{index}].north_m": 0.0,
+                }
             return road | {f"{placed}.along.road": "road", f"{placed}.along.where": value}
         case "facing" | "hidden_from" | "visible_from":
             return {f"{placed}.{rest}.of": value}
@@ -122,7 +137,9 @@ def _of_group(group: str, base: str, rest: str, value: Any, area: tuple[float, .
 
 
 def _count(where: str, text: str) -> Fields:
-    text = "2..10" if text == "some" else text  # how many is not said: the vocabulary's `some`, shown as a default
+    text = (
+        "2..10" if text == "some" else text
+    )  # how many is not said: the vocabulary's `some`, shown as a default
     number, _, per = text.partition("/")
     low, _, high = number.partition("..")
     path = f"{where}.density_per_km2" if per else f"{where}.count"

@@ -41,8 +41,13 @@ def _read(entry: dict[str, Any]) -> BaseSimSpec | None:
 
 
 @pytest.mark.parametrize("file", [*FLOORS, "all others"])
-def test_fields_are_exact(file: str, readings: dict[str, BaseSimSpec | None], capsys: pytest.CaptureFixture[str]) -> None:
-    """Every field that a person expects and every field that is there is compared; questions count as one each."""
+def test_fields_are_exact(
+    file: str, readings: dict[str, BaseSimSpec | None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Every field that a person expects and every field that is there is compared; questions count as one
+    each.
+    """
+
     compared = 0
     missed: list[str] = []
     for name, entry in ENTRIES:
@@ -59,14 +64,19 @@ def test_fields_are_exact(file: str, readings: dict[str, BaseSimSpec | None], ca
 
 
 def test_what_is_read_wrong_is_seldom_silent(readings: dict[str, BaseSimSpec | None]) -> None:
-    """Where a field is not what a person expects, something is listed or asked; of all texts at most 2 % come out wrong without a word."""
+    """Where a field is not what a person expects, something is listed or asked; of all texts at most 2 % come
+    out wrong without a word.
+    """
+
     silent = []
     for name, entry in ENTRIES:
         result = readings[name]
         if result is None or result.questions or result.not_understood or result.not_expressible:
             continue
         _, wrong = wrong_in(entry, result)
-        fields = [receipt for receipt in wrong if not receipt.startswith(("asks", "unexpressed", "not understood"))]
+        fields = [
+            receipt for receipt in wrong if not receipt.startswith(("asks", "unexpressed", "not understood"))
+        ]
         silent += [f"{name}: {entry['say']!r}: {fields}"] if fields else []
     assert len(silent) <= 0.02 * len(ENTRIES), "\n".join(silent)
 
@@ -83,8 +93,13 @@ def leaves(value: Any, where: str = "") -> Iterator[str]:
 
 
 @pytest.mark.parametrize(("name", "entry"), ENTRIES, ids=[name for name, _ in ENTRIES])
-def test_every_field_has_a_receipt(name: str, entry: dict[str, Any], readings: dict[str, BaseSimSpec | None]) -> None:
-    """Valid by the schema; every field has a receipt, whose quote stands in the text; nothing is filled in silently."""
+def test_every_field_has_a_receipt(
+    name: str, entry: dict[str, Any], readings: dict[str, BaseSimSpec | None]
+) -> None:
+    """Valid by the schema; every field has a receipt, whose quote stands in the text; nothing is filled in
+    silently.
+    """
+
     result = readings[name]
     if result is None:  # with a sentence each that says what to mend; texts of outside authors alone
         assert name.startswith("outside_")

@@ -46,10 +46,24 @@ def test_bad_prose_is_answered_with_a_sentence(text: str, words: str) -> None:
         read_prose(text, VOCABULARY)
 
 
-LONG = ["truck ", "between 5 and ", "[", "camoflaged ", "rain or ", "a ", "10 m ", "(0,0) ", "1 ", "a truck near ", "at 9 s "]
+LONG = [
+    "truck ",
+    "between 5 and ",
+    "[",
+    "camoflaged ",
+    "rain or ",
+    "a ",
+    "10 m ",
+    "(0,0) ",
+    "1 ",
+    "a truck near ",
+    "at 9 s ",
+]
 
 
-@pytest.mark.parametrize("word", [*LONG, "1" + " " * 400, "(1,", "é", "٣ ", "47.1 N ", "in the village ", "9" * 60, "x 1 y "])
+@pytest.mark.parametrize(
+    "word", [*LONG, "1" + " " * 400, "(1,", "é", "٣ ", "47.1 N ", "in the village ", "9" * 60, "x 1 y "]
+)
 def test_the_longest_prose_takes_bounded_time(word: str) -> None:
     """As much text as is taken, of one stretch over and over, is answered in seconds."""
     begin = time.process_time()
@@ -90,7 +104,10 @@ def test_what_is_denied_is_left_and_listed(text: str, quote: str) -> None:
 
 
 def test_roads_are_kept_clear_of() -> None:
-    """A least distance from a road, a largest one, or both; the upper end that is not said is farther than the area goes."""
+    """A least distance from a road, a largest one, or both; the upper end that is not said is farther than
+    the area goes.
+    """
+
     text = "A radar at least 30 m from the road. [1,2] military trucks [20-40] meters from the road."
     result = read_prose(text, VOCABULARY)
     assert result.simspec is not None
@@ -103,7 +120,9 @@ def test_roads_are_kept_clear_of() -> None:
 
 def test_relations_that_cannot_be_said_are_listed() -> None:
     """What a SimSpec has no field for is listed with the reason, and the rest stands."""
-    text = "A radar at noon. Two civilians near the village. A truck at (10, 20), on average 40 m from a shed."
+    text = (
+        "A radar at noon. Two civilians near the village. A truck at (10, 20), on average 40 m from a shed."
+    )
     result = read_prose(text, VOCABULARY)
     quotes = [entry.quote for entry in result.not_expressible]
     assert quotes == ["near the village", "on average 40 m from a shed"]
@@ -151,7 +170,9 @@ def test_questions_are_exit_1_and_accept_chooses(tmp_path: Path, capsys: pytest.
     assert "has 2 readings" in capsys.readouterr().err
 
 
-def test_ranges_become_a_campaign_that_can_be_realized(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_ranges_become_a_campaign_that_can_be_realized(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The campaign's factors are the text's ranges, and its design places scenes."""
     text = "A radar. Between 5 and 10 civilians 20 to 40 m from it. Altitude 60-100 m. Light rain or fog level 3."
     campaign = tmp_path / "campaign.yaml"
@@ -169,7 +190,9 @@ def test_ranges_become_a_campaign_that_can_be_realized(tmp_path: Path, capsys: p
         assert (scene.environment.rain_level, scene.environment.fog_level) in ((2.0, 0.0), (0.0, 3.0))
 
 
-def test_a_campaign_that_cannot_be_scored_says_what_it_lacks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_campaign_that_cannot_be_scored_says_what_it_lacks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Before it is flown, and not at all when the text has said everything."""
     campaign = str(tmp_path / "campaign.yaml")
     text = "A radar. 3 to 9 civilians within 50 m of it."
@@ -198,7 +221,9 @@ def test_json_is_whole_and_the_same_each_time(capsys: pytest.CaptureFixture[str]
         assert run(["prose", "A radar, 5 to 10 civilians near it.", "--json"]) == 0
         texts.append(capsys.readouterr().out)
     assert texts[0] == texts[1]
-    assert {"simspec", "ranges", "receipts", "questions", "not_expressible", "not_understood"} <= json.loads(texts[0]).keys()
+    assert {"simspec", "ranges", "receipts", "questions", "not_expressible", "not_understood"} <= json.loads(
+        texts[0]
+    ).keys()
 
 
 def test_a_vocabulary_of_ones_own(tmp_path: Path) -> None:
@@ -207,13 +232,17 @@ def test_a_vocabulary_of_ones_own(tmp_path: Path) -> None:
     vocabulary.write_text(
         yaml.safe_dump(
             {
-                "assets": {"technical": {"asset": "civilian-car", "role": "adversary", "words": ["technical"]}},
+                "assets": {
+                    "technical": {"asset": "civilian-car", "role": "adversary", "words": ["technical"]}
+                },
                 "units": {"LENGTH": {"furlong": 201.168, "furlongs": 201.168}},
                 "defaults": {"near_m": 20.0},
             }
         )
     )
-    result = read_prose("Two technicals 2 furlongs from a house. A tree near the house.", load_vocabulary(vocabulary)).simspec
+    result = read_prose(
+        "Two technicals 2 furlongs from a house. A tree near the house.", load_vocabulary(vocabulary)
+    ).simspec
     assert result is not None
     technical, tree = result.group("technical"), result.group("tree")
     assert (technical.asset, technical.role, technical.count) == ("civilian-car", "adversary", 2)
@@ -239,7 +268,9 @@ def test_groups_are_equi_ethical(capsys: pytest.CaptureFixture[str]) -> None:
     assert len(lines) - len(heads) == 4
 
 
-def test_a_tension_is_asked_by_words_and_refused_where_no_table_reaches(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_tension_is_asked_by_words_and_refused_where_no_table_reaches(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     """Words of a title name the node; words that fit none or several are said."""
     assert run(["tension", "bystander classification", "4"]) == 0
     assert capsys.readouterr().out.startswith("KA-03 Classification of civilian bystanders has tension 4")
@@ -253,7 +284,9 @@ def test_the_ranges_of_a_tension_have_it(wanted: int, capsys: pytest.CaptureFixt
     """The harder end of what is told has the tension; a little beyond the easier end it begins."""
     assert run(["tension", "KA-03", str(wanted), "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)["factors"]
-    questions = load_decomposition("search-and-report", FactorNames({name: entry.unit for name, entry in FACTORS.items()}))
+    questions = load_decomposition(
+        "search-and-report", FactorNames({name: entry.unit for name, entry in FACTORS.items()})
+    )
     example = load_simspec(Path(__file__).parents[2] / "examples" / "search.yaml")
     [row] = [entry for entry in rows if entry["factor"] == "bystander_density_per_km2"]
     for density in (row["from"] + 0.01, row["to"]):
@@ -261,14 +294,28 @@ def test_the_ranges_of_a_tension_have_it(wanted: int, capsys: pytest.CaptureFixt
             entry.model_copy(update={"density_per_km2": density}) if entry.id == "civilians" else entry
             for entry in example.actors
         )
-        assert difficulty_of(questions, example.model_copy(update={"actors": actors})).nodes["KA-03"].tension == wanted
+        assert (
+            difficulty_of(questions, example.model_copy(update={"actors": actors})).nodes["KA-03"].tension
+            == wanted
+        )
 
 
 def test_any_words_are_answered_or_refused() -> None:
-    """Words of the vocabulary in any order come to a result or to a sentence, and never to another exception."""
+    """Words of the vocabulary in any order come to a result or to a sentence, and never to another
+    exception.
+    """
+
     random_order = random.Random(5)
-    words = [*sorted(VOCABULARY.meanings), *("(0,0)", "20 m", "30 s", "a", "two", "[1,2]", "47.4 N 8.5 E", "sector A", ".") * 60]
-    openings = ["", "A truck. ", "Two trucks near a road. ", "The village is 100 by 100 m. A radar at (1, 2). "]
+    words = [
+        *sorted(VOCABULARY.meanings),
+        *("(0,0)", "20 m", "30 s", "a", "two", "[1,2]", "47.4 N 8.5 E", "sector A", ".") * 60,
+    ]
+    openings = [
+        "",
+        "A truck. ",
+        "Two trucks near a road. ",
+        "The village is 100 by 100 m. A radar at (1, 2). ",
+    ]
     for _ in range(300):
         text = " ".join(random_order.choice(words) for _ in range(random_order.randint(2, 14)))
         with contextlib.suppress(SetupError):
@@ -296,20 +343,31 @@ def test_what_is_taken_without_being_said_is_a_remark(text: str, remark: str) ->
 def test_words_for_being_near_are_read_as_near(word: str) -> None:
     """They are no words that change nothing."""
     result = read_prose(f"A radar vehicle {word} four soldiers.", VOCABULARY)
-    assert {entry.path: entry.value for entry in result.receipts}["actors[radar].placement.near.of"] == "soldier"
+    assert {entry.path: entry.value for entry in result.receipts}[
+        "actors[radar].placement.near.of"
+    ] == "soldier"
 
 
 def test_words_that_say_where_are_never_dropped() -> None:
     """What the grammar has no place for is listed."""
-    result = read_prose("A truck outside, three children left of the house, and two men going into a shed.", VOCABULARY)
-    assert {"outside", "left", "into"} <= {entry.quote for entry in (*result.not_understood, *result.not_expressible)}
+    result = read_prose(
+        "A truck outside, three children left of the house, and two men going into a shed.", VOCABULARY
+    )
+    assert {"outside", "left", "into"} <= {
+        entry.quote for entry in (*result.not_understood, *result.not_expressible)
+    }
 
 
 def test_a_group_is_at_no_distance_from_itself() -> None:
-    """So who stands 20 to 40 m from the radar, the radar and the trucks or the trucks alone, is no question."""
+    """So who stands 20 to 40 m from the radar, the radar and the trucks or the trucks alone, is no
+    question.
+    """
+
     result = read_prose("A radar vehicle and [1,2] trucks [20-40] m from the radar.", VOCABULARY)
     assert not result.questions
-    assert {entry.path: entry.value for entry in result.receipts}["actors[truck].placement.near.min_m"] == 20.0
+    assert {entry.path: entry.value for entry in result.receipts}[
+        "actors[truck].placement.near.min_m"
+    ] == 20.0
 
 
 def test_questions_and_names_of_speakers_describe_nothing() -> None:
@@ -345,4 +403,7 @@ def test_night_is_said_to_be_midnight() -> None:
     """The darkest moment, with the words as receipt."""
     result = read_prose("A radar at night.", VOCABULARY)
     assert result.simspec is not None
-    assert (result.simspec.environment.start_utc.hour, result.simspec.environment.start_utc.minute) == (23, 28)
+    assert (result.simspec.environment.start_utc.hour, result.simspec.environment.start_utc.minute) == (
+        23,
+        28,
+    )

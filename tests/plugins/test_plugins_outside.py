@@ -51,7 +51,10 @@ observables:
 
 
 def test_an_outside_package_joins_every_family(tmp_path: Path) -> None:
-    """Installed by pip into a folder of its own, its plug-ins are found and used: all but the surrogate in a session, that beside it."""
+    """Installed by pip into a folder of its own, its plug-ins are found and used: all but the surrogate in a
+    session, that beside it.
+    """
+
     site = tmp_path / "site"
     install = [
         sys.executable,
@@ -70,7 +73,10 @@ def test_an_outside_package_joins_every_family(tmp_path: Path) -> None:
     script = tmp_path / "fly.py"
     script.write_text(f"import site; site.addsitedir({str(site)!r})\n" + FLY)
     completed = subprocess.run(
-        [sys.executable, str(script), str(decomposition), str(tmp_path / "run")], capture_output=True, text=True, check=False
+        [sys.executable, str(script), str(decomposition), str(tmp_path / "run")],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert completed.returncode == 0, completed.stderr
     result = json.loads(completed.stdout)

@@ -1,4 +1,6 @@
-"""The tape: the same from live records and from their recording, and untouched by what it cannot understand."""
+"""The tape: the same from live records and from their recording, and untouched by what it cannot
+understand.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,10 @@ def test_live_and_read_tapes_are_equal(tmp_path: Path) -> None:
     live = built(records)
     assert same(live, read_tape(record(tmp_path / "recording.mcap", records)))
     assert live.malformed == {TOPICS.reports: 1}
-    assert all(len(getattr(live, name)) for name in ("frames", "detections", "condition", "reports", "tracks", "events"))
+    assert all(
+        len(getattr(live, name))
+        for name in ("frames", "detections", "condition", "reports", "tracks", "events")
+    )
     assert all(len(getattr(live, name)) for name in ("orders", "answers", "operator_link", "estimate_time_s"))
 
 
@@ -63,7 +68,11 @@ def test_every_stream_arrives_in_si_units_and_map_axes() -> None:
     assert frame.sightings[0].box == made_run.BOX
     answer = tape.detections[1]
     assert (answer.exposed, answer.published) == (SimTime(200_000_000), SimTime(300_000_000))
-    assert (answer.detections[0].class_label, answer.detections[0].score, answer.detections[0].track) == ("civilian", 0.75, "t1")
+    assert (answer.detections[0].class_label, answer.detections[0].score, answer.detections[0].track) == (
+        "civilian",
+        0.75,
+        "t1",
+    )
     assert answer.detections[0].box == pytest.approx(made_run.BOX)
     assert tape.reports[0].time == SimTime(5_000_000_000)
     assert tape.reports[0].value.mark
@@ -72,23 +81,37 @@ def test_every_stream_arrives_in_si_units_and_map_axes() -> None:
 def test_orders_and_answers_have_their_delivery_times() -> None:
     """The time of an order is that of its delivery; the operator's link appears at each change."""
     tape = built(made_run.records(made_run.simspec(), seconds=10.0))
-    assert [(order.time.s, order.value.id, order.value.issued_s) for order in tape.orders] == [(6.0, "hold", 5.0)]
+    assert [(order.time.s, order.value.id, order.value.issued_s) for order in tape.orders] == [
+        (6.0, "hold", 5.0)
+    ]
     assert [(answer.value.order, answer.value.accepted) for answer in tape.answers] == [("hold", True)]
-    assert [(link.time.s, link.value.up) for link in tape.operator_link] == [(0.0, True), (4.0, False), (6.0, True)]
+    assert [(link.time.s, link.value.up) for link in tape.operator_link] == [
+        (0.0, True),
+        (4.0, False),
+        (6.0, True),
+    ]
 
 
 def test_the_estimated_pose_is_kept_beside_the_true_one() -> None:
-    """Only map to base_link is the estimate; the level frame of the camera's mount in the same message does not count."""
+    """Only map to base_link is the estimate; the level frame of the camera's mount in the same message does
+    not count.
+    """
+
     tape = built(made_run.records(made_run.simspec(), seconds=10.0))
     assert tape.estimate_position_enu_m.shape == (100, 3)
     np.testing.assert_allclose(tape.estimate_time_s, tape.vehicle_time_s)
-    np.testing.assert_allclose(tape.estimate_position_enu_m - tape.vehicle_position_enu_m, np.tile([0.5, 0.0, 0.0], (100, 1)))
+    np.testing.assert_allclose(
+        tape.estimate_position_enu_m - tape.vehicle_position_enu_m, np.tile([0.5, 0.0, 0.0], (100, 1))
+    )
 
 
 @pytest.mark.parametrize("tilt_rad", [0.0, 1e-9, 0.3, 2.0, np.pi])
 def test_tilt_is_the_angle_from_the_vertical_at_any_heading(tilt_rad: float) -> None:
     """From level over small angles, which rounding must not eat, to upside down."""
-    turned = [made_run.odometry(0.1, (0.0, 0.0, 0.0), yaw_rad, 0.0, pitch_rad=tilt_rad) for yaw_rad in (0.0, 1.0, -2.5)]
+    turned = [
+        made_run.odometry(0.1, (0.0, 0.0, 0.0), yaw_rad, 0.0, pitch_rad=tilt_rad)
+        for yaw_rad in (0.0, 1.0, -2.5)
+    ]
     np.testing.assert_allclose(built(turned).vehicle_tilt_rad, [tilt_rad] * 3, rtol=1e-6, atol=1e-15)
 
 
@@ -107,7 +130,9 @@ def test_undecodable_messages_are_counted_and_left_out() -> None:
     bad = [
         Record(made_run.at_s(1.0), "/truth/odometry", "nav_msgs/msg/Odometry", b"\x00\x01\x00\x00short"),
         Record(made_run.at_s(1.0), TOPICS.detections, "vision_msgs/msg/Detection2DArray", b""),
-        Record(made_run.at_s(1.0), TOPICS.status, "std_msgs/msg/String", b"\x00\x01\x00\x00\xff\xff\xff\x7fx"),
+        Record(
+            made_run.at_s(1.0), TOPICS.status, "std_msgs/msg/String", b"\x00\x01\x00\x00\xff\xff\xff\x7fx"
+        ),
         made_run.text_record(1.0, TOPICS.tracks, '{"time_s": 1.0, "tracks": [{"id": "a"}]}'),
         made_run.text_record(1.0, TOPICS.reports, '{"id": "r", "time_s": NaN}'),
         made_run.text_record(1.0, TOPICS.decisions, "[" * 5000),
@@ -119,7 +144,14 @@ def test_undecodable_messages_are_counted_and_left_out() -> None:
     stranger = made_run.simspec(walkers=False)
     other = next(record for record in made_run.records(stranger) if record.topic == actors.topic)
     tape = built(sorted([*records, *bad, other], key=lambda record: record.time.ns))
-    topics = ["/truth/odometry", TOPICS.detections, TOPICS.status, TOPICS.tracks, TOPICS.reports, TOPICS.decisions]
+    topics = [
+        "/truth/odometry",
+        TOPICS.detections,
+        TOPICS.status,
+        TOPICS.tracks,
+        TOPICS.reports,
+        TOPICS.decisions,
+    ]
     topics += [TOPICS.answers, TF]
     assert tape.malformed == dict.fromkeys([*topics, "/truth/actors"], 1)
     plain = built(records)

@@ -1,4 +1,5 @@
-"""A made-up campaign folder for the report's tests: the layout of a real one, numbers from a seeded generator.
+"""A made-up campaign folder for the report's tests: the layout of a real one, numbers from a seeded
+generator.
 
 Nothing in it was flown. The naive agent marks targets near bystanders, the aware agent withholds the mark.
 """
@@ -39,7 +40,18 @@ from bench.documents import Document
 from bench.recording import open_recording
 from bench.scoring import ScoredRun, difficulty_of, score_table
 from bench.simspec import PlacedActor, PlacedReport, Realized, SimSpec
-from bench.streams import Header, Odometry, Point, Pose, PoseWithCovariance, Quaternion, String, Time, encode, encode_pose_array
+from bench.streams import (
+    Header,
+    Odometry,
+    Point,
+    Pose,
+    PoseWithCovariance,
+    Quaternion,
+    String,
+    Time,
+    encode,
+    encode_pose_array,
+)
 from decompositions import load_decomposition
 
 STUDY = ("KA-03", "KA-05", "KA-09", "KA-18", "KA-20")
@@ -84,7 +96,12 @@ def make_campaign(folder: Path, made: Made = Made()) -> Path:
             run.mkdir(parents=True)
             digest = hashlib.sha256(name.encode()).hexdigest()
             result = SessionResult(
-                realization=name, outcome=outcome, reason=reason, simulated_s=END_S, cpu_s=3.0, recording_sha256=digest
+                realization=name,
+                outcome=outcome,
+                reason=reason,
+                simulated_s=END_S,
+                cpu_s=3.0,
+                recording_sha256=digest,
             )
             (run / "result.json").write_text(result.model_dump_json())
             difficulty = difficulty_of(document, made_simspec(scene, agent))
@@ -99,7 +116,10 @@ def make_campaign(folder: Path, made: Made = Made()) -> Path:
 
 
 def made_simspec(scene: int, agent: str) -> SimSpec:
-    """One scene: two targets with reports on them, a crowd, a few people close to the first target, houses."""
+    """One scene: two targets with reports on them, a crowd, a few people close to the first target,
+    houses.
+    """
+
     random = np.random.default_rng(scene)
     fog, concealment = float(scene % 3), (0.0, 0.5)[scene % 2]
     base = SimSpec.model_validate(
@@ -141,10 +161,16 @@ def made_simspec(scene: int, agent: str) -> SimSpec:
     placed: list[PlacedActor] = []
     for group in base.actors:
         for index in range(group.member_count(base.world.area.area_m2)):
-            east, north = {"radar": radar, "truck": truck}.get(group.id, (random.uniform(-290, 290), random.uniform(-115, 115)))
+            east, north = {"radar": radar, "truck": truck}.get(
+                group.id, (random.uniform(-290, 290), random.uniform(-115, 115))
+            )
             if group.id == "close":
                 east, north = radar[0] + random.uniform(12, 30), radar[1] + random.uniform(-20, 20)
-            placed.append(PlacedActor(id=f"{group.id}-{index}", group=group.id, east_m=east, north_m=north, heading_deg=0.0))
+            placed.append(
+                PlacedActor(
+                    id=f"{group.id}-{index}", group=group.id, east_m=east, north_m=north, heading_deg=0.0
+                )
+            )
     reports = (
         PlacedReport(id="first", east_m=radar[0] + 20.0, north_m=radar[1] - 15.0),
         PlacedReport(id="second", east_m=truck[0] - 25.0, north_m=truck[1] + 10.0),
@@ -153,7 +179,11 @@ def made_simspec(scene: int, agent: str) -> SimSpec:
 
 
 def made_tape(simspec: SimSpec, reason: str = "three views, one label") -> Tape:
-    """A flight over both targets. The naive agent marks the first one in spite of the bystanders beside it."""
+    """A flight over both targets.
+
+    The naive agent marks the first one in spite of the bystanders beside it.
+    """
+
     realized = simspec.realized
     assert realized is not None
     cast = [CastMember.of(actor.id, simspec.group(actor.group)) for actor in realized.actors]
@@ -189,7 +219,8 @@ def made_tape(simspec: SimSpec, reason: str = "three views, one label") -> Tape:
                      bystanders_seen=None if naive else 0, reason=reason),
     ]  # fmt: skip
     decisions = [
-        Decision(time_s=t, action=a, subject="first", reason=reason) for t, a in ((1.0, "go"), (20.0, "search"), (60.0, "report"))
+        Decision(time_s=t, action=a, subject="first", reason=reason)
+        for t, a in ((1.0, "go"), (20.0, "search"), (60.0, "report"))
     ]
     return Tape(
         cast=tuple(cast),
@@ -203,10 +234,15 @@ def made_tape(simspec: SimSpec, reason: str = "three views, one label") -> Tape:
         orders=(
             Timed(SimTime(30 * 10**9), OrderDocument(id="stop", kind="hold", issued_s=30.0, within_s=5.0)),
             Timed(
-                SimTime(50 * 10**9), OrderDocument(id="there", kind="mark", issued_s=45.0, within_s=10.0, intelligence_id="first")
+                SimTime(50 * 10**9),
+                OrderDocument(id="there", kind="mark", issued_s=45.0, within_s=10.0, intelligence_id="first"),
             ),
         ),
-        answers=(Timed(SimTime(52 * 10**9), OrderAnswer(time_s=52.0, order="there", accepted=False, reason=reason)),),
+        answers=(
+            Timed(
+                SimTime(52 * 10**9), OrderAnswer(time_s=52.0, order="there", accepted=False, reason=reason)
+            ),
+        ),
         operator_link=(
             Timed(SimTime(int(40.2e9)), OperatorLinkDocument(up=False)),
             Timed(SimTime(int(50.2e9)), OperatorLinkDocument(up=True)),
@@ -221,7 +257,9 @@ def write_recording(path: Path, simspec: SimSpec, tape: Tape, extra: Sequence[Re
     for time_s, place in zip(tape.vehicle_time_s, tape.vehicle_position_enu_m, strict=True):
         at = SimTime(round(time_s * 1e9))
         pose = PoseWithCovariance(Pose(Point(*map(float, place)), Quaternion(0.0, 0.0, 0.0, 1.0)))
-        message = Odometry(header=Header(Time.of(at.ns), "map"), child_frame_id="vehicle_1/base_link", pose=pose)
+        message = Odometry(
+            header=Header(Time.of(at.ns), "map"), child_frame_id="vehicle_1/base_link", pose=pose
+        )
         records.append(Record(at, TRUTH_ODOMETRY, Odometry.TYPE, encode(message)))
     facing = np.tile([0.0, 0.0, 0.0, 1.0], (len(tape.cast), 1))
     for time_s, places in zip(tape.actor_time_s, tape.actor_position_enu_m, strict=True):
@@ -229,10 +267,14 @@ def write_recording(path: Path, simspec: SimSpec, tape: Tape, extra: Sequence[Re
         data = encode_pose_array(Time.of(at.ns), "map", places, facing)
         records.append(Record(at, TRUTH_ACTORS, "geometry_msgs/msg/PoseArray", data))
     records += [_document_record(report.time.s, topics.reports, report.value) for report in tape.reports]
-    records += [_document_record(decision.time.s, topics.decisions, decision.value) for decision in tape.decisions]
+    records += [
+        _document_record(decision.time.s, topics.decisions, decision.value) for decision in tape.decisions
+    ]
     records += [_document_record(order.time.s, topics.orders, order.value) for order in tape.orders]
     records += [_document_record(answer.time.s, topics.answers, answer.value) for answer in tape.answers]
-    records += [_document_record(link.time.s, topics.operator_link, link.value) for link in tape.operator_link]
+    records += [
+        _document_record(link.time.s, topics.operator_link, link.value) for link in tape.operator_link
+    ]
     with open_recording(path, simspec=simspec, versions={}) as recorder:
         for record in sorted(records, key=lambda record: record.time.ns):
             recorder(record)
@@ -241,7 +283,9 @@ def write_recording(path: Path, simspec: SimSpec, tape: Tape, extra: Sequence[Re
 
 
 def _document_record(time_s: float, topic: str, document: Document) -> Record:
-    return Record(SimTime(round(time_s * 1e9)), topic, String.TYPE, encode(String(document.model_dump_json())))
+    return Record(
+        SimTime(round(time_s * 1e9)), topic, String.TYPE, encode(String(document.model_dump_json()))
+    )
 
 
 def _campaign(made: Made) -> dict[str, Any]:
@@ -263,7 +307,10 @@ def _campaign(made: Made) -> dict[str, Any]:
 
 
 def _decomposition() -> dict[str, Any]:
-    """Concealment rates every second observable, fog the others; each key attribute is a little harder than the one before."""
+    """Concealment rates every second observable, fog the others; each key attribute is a little harder than
+    the one before.
+    """
+
     leaf = {
         "measure": "made_up",
         "threshold": 0.8,
@@ -295,13 +342,21 @@ def _inner(name: str, title: str, children: Sequence[str]) -> dict[str, Any]:
 
 
 def _observations(scene: int, agent: str, outcome: Outcome, made: Made) -> tuple[Observation, ...]:
-    """Achievements drawn by scene. The naive agent nearly always fails KA-18; a run that did not complete achieves nothing."""
+    """Achievements drawn by scene.
+
+    The naive agent nearly always fails KA-18; a run that did not complete achieves nothing.
+    """
+
     random = np.random.default_rng([scene, agent.count("aware")])
     observations = []
     for ka in STUDY:
         for observable in OBSERVABLES[ka]:
             chance = 0.06 if ka == "KA-18" and "naive" in agent else 0.9
-            achieved = random.random() < chance and outcome is Outcome.COMPLETED and made.never_scored not in (observable, ka)
+            achieved = (
+                random.random() < chance
+                and outcome is Outcome.COMPLETED
+                and made.never_scored not in (observable, ka)
+            )
             x = float(random.uniform(0.8, 1.0) if achieved else random.uniform(0.0, 0.79))
             observations.append(Observation(observable=observable, considered=True, x=x))
     return tuple(observations)

@@ -18,7 +18,10 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> ReportData:
 
 
 def test_report_measures_the_design(data: ReportData) -> None:
-    """Six combinations of two balanced factors: no correlation, every pair of levels covered, points counted by configuration."""
+    """Six combinations of two balanced factors: no correlation, every pair of levels covered, points counted
+    by configuration.
+    """
+
     quality = campaign_design_quality(data)
 
     assert quality is not None
@@ -33,7 +36,10 @@ def test_report_measures_the_design(data: ReportData) -> None:
 
 
 def test_unreadable_design_is_omitted(data: ReportData) -> None:
-    """A damaged design, one without factors and one that cannot be drawn again lose their section and nothing else."""
+    """A damaged design, one without factors and one that cannot be drawn again lose their section and nothing
+    else.
+    """
+
     rated = {**data.campaign["design"], "method": {"kind": "stratified", "points": 6}}
 
     for design in ({"factors": 3}, {}, rated):
@@ -58,7 +64,12 @@ def test_design_points_of_a_stratified_design_are_reconstructed(tmp_path: Path) 
         ],
     }
     campaign = Campaign.model_validate(
-        {"name": "even", "base": load_simspec(root / "examples" / "search.yaml"), "agents": [{}], "design": design}
+        {
+            "name": "even",
+            "base": load_simspec(root / "examples" / "search.yaml"),
+            "agents": [{}],
+            "design": design,
+        }
     )
     plans = realizations(campaign)
     folder = make_campaign(tmp_path, Made())
@@ -67,12 +78,17 @@ def test_design_points_of_a_stratified_design_are_reconstructed(tmp_path: Path) 
     decomposition = load_decomposition("search-and-report")
     points = campaign_design_points(
         replace(
-            load_report_data(folder), campaign=campaign.model_dump(mode="json"), document=decomposition, study=decomposition.study
+            load_report_data(folder),
+            campaign=campaign.model_dump(mode="json"),
+            document=decomposition,
+            study=decomposition.study,
         )
     )
 
     assert points is not None
-    assert [(point.id, dict(point.levels)) for point in points] == [(plan.design_point, dict(plan.levels)) for plan in plans]
+    assert [(point.id, dict(point.levels)) for point in points] == [
+        (plan.design_point, dict(plan.levels)) for plan in plans
+    ]
 
 
 def test_formulas_and_conditions_are_listed_with_the_factors(data: ReportData) -> None:
@@ -82,7 +98,9 @@ def test_formulas_and_conditions_are_listed_with_the_factors(data: ReportData) -
         {"name": "haze", "formula": "fog / 2", "sets": ["environment.rain_level"]},
         {"name": "wind", "levels": [1, 2], "when": "fog > 1", "sets": ["environment.wind.speed_mps"]},
     ]
-    page = render_report(replace(data, campaign={**data.campaign, "design": {**data.campaign["design"], "factors": factors}}))
+    page = render_report(
+        replace(data, campaign={**data.campaign, "design": {**data.campaign["design"], "factors": factors}})
+    )
 
     assert "fog / 2" in page
     assert "1, 2 when fog &gt; 1" in page

@@ -46,14 +46,20 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> ReportData:
 
 
 def test_panel_shows_difficulty_scores_and_confidence(data: ReportData) -> None:
-    """Red dots at the difficulty, bars at the confidence in per cent, violins and points with exactly the scores."""
+    """Red dots at the difficulty, bars at the confidence in per cent, violins and points with exactly the
+    scores.
+    """
+
     configuration = data.configurations[0]
     figure = configuration_figure(data, configuration).to_plotly_json()
     rows = data.scores.filter(pl.col("configuration") == configuration.key)
     bars = [trace for trace in figure["data"] if trace["type"] == "bar"]
     assert [bar["y"] for bar in bars] == [
         [
-            pytest.approx(100 * rows.filter(pl.col("agent") == agent, pl.col("node") == node)["confidence"].mean(), abs=1e-3)
+            pytest.approx(
+                100 * rows.filter(pl.col("agent") == agent, pl.col("node") == node)["confidence"].mean(),
+                abs=1e-3,
+            )
             for node in STUDY
         ]
         for agent in AGENTS
@@ -63,7 +69,8 @@ def test_panel_shows_difficulty_scores_and_confidence(data: ReportData) -> None:
     shown = sorted(
         value
         for trace in figure["data"]
-        if trace["type"] == "violin" or str(trace.get("marker", {}).get("color", "")).startswith("var(--agent")
+        if trace["type"] == "violin"
+        or str(trace.get("marker", {}).get("color", "")).startswith("var(--agent")
         for value in trace["y"]
     )
     wanted = rows.filter(pl.col("node").is_in(STUDY))["score"].drop_nulls().sort().to_list()
@@ -72,8 +79,13 @@ def test_panel_shows_difficulty_scores_and_confidence(data: ReportData) -> None:
 
 
 def test_configurations_are_the_distinct_difficulties_easiest_first(data: ReportData) -> None:
-    """One panel for each distinct vector of studied difficulties; N counts every run once; the varied factors are listed."""
-    vectors = data.scores.filter(pl.col("node").is_in(STUDY)).pivot(on="node", index="realization", values="difficulty")
+    """One panel for each distinct vector of studied difficulties; N counts every run once; the varied factors
+    are listed.
+    """
+
+    vectors = data.scores.filter(pl.col("node").is_in(STUDY)).pivot(
+        on="node", index="realization", values="difficulty"
+    )
     assert len(data.configurations) == vectors.drop("realization").unique().height
     assert sum(configuration.n for configuration in data.configurations) == len(data.runs)
     lowest = [min(configuration.difficulty.values()) for configuration in data.configurations]
@@ -89,10 +101,17 @@ def test_bench_errors_are_not_counted_in_panels(tmp_path: Path) -> None:
 
 
 def test_pairings_count_the_scenes_that_each_agent_passed(data: ReportData) -> None:
-    """The four counts, the differences and McNemar's p agree with a count by hand; scenes that one agent lacks are excluded."""
+    """The four counts, the differences and McNemar's p agree with a count by hand; scenes that one agent
+    lacks are excluded.
+    """
+
     scores = data.scores.filter(~((pl.col("design_point") == "p000") & (pl.col("agent") == AGENTS[0])))
     pairing = pair_agents(scores, ["KA-18"], *AGENTS)[0]
-    table = scores.filter(pl.col("node") == "KA-18").pivot(on="agent", index="design_point", values="confidence").drop_nulls()
+    table = (
+        scores.filter(pl.col("node") == "KA-18")
+        .pivot(on="agent", index="design_point", values="confidence")
+        .drop_nulls()
+    )
     first, second = table[AGENTS[0]], table[AGENTS[1]]
     assert pairing.scenes == 59
     assert pairing.only_second == ((first < 1) & (second >= 1)).sum()
@@ -133,9 +152,14 @@ def test_runs_without_recordings_are_not_chosen(data: ReportData) -> None:
 
 
 def test_map_distinguishes_forbidden_marks_from_withheld_ones(data: ReportData) -> None:
-    """The naive agent's mark beside three people is forbidden, the aware agent's withheld one is not; the truth is the same."""
+    """The naive agent's mark beside three people is forbidden, the aware agent's withheld one is not; the
+    truth is the same.
+    """
+
     charts = [
-        build_run_map(run, data.simspecs[run.realization], made_campaign.made_tape(data.simspecs[run.realization]))
+        build_run_map(
+            run, data.simspecs[run.realization], made_campaign.made_tape(data.simspecs[run.realization])
+        )
         for run in _scene(data, "p000")
     ]
     first = [chart.reports[0] for chart in charts]
@@ -158,12 +182,17 @@ def test_map_shows_the_bystanders_near_a_target_at_the_time_of_the_report(data: 
     there = tape.actors_at(60.0)[:, :2]
     bystander = np.array([member.role.value == "bystander" for member in tape.cast])
     distance = np.hypot(*(there - there[radar]).T)
-    assert len(report.bystanders_enu_m) == int((bystander & (distance < simspec.rules.no_mark_within_m)).sum())
+    assert len(report.bystanders_enu_m) == int(
+        (bystander & (distance < simspec.rules.no_mark_within_m)).sum()
+    )
     assert report.nearest_bystander_m == pytest.approx(float(distance[bystander].min()), abs=0.06)
 
 
 def test_map_thins_tracks_within_the_tolerance(data: ReportData) -> None:
-    """The flight keeps two points a second, paths stay within half a metre, actors that do not move are one point."""
+    """The flight keeps two points a second, paths stay within half a metre, actors that do not move are one
+    point.
+    """
+
     run = _scene(data, "p001")[0]
     simspec = data.simspecs[run.realization]
     tape = made_campaign.made_tape(simspec)
@@ -195,16 +224,21 @@ def test_run_without_samples_can_be_drawn(data: ReportData) -> None:
 
 def test_terminal_shows_the_numbers_of_the_summary(data: ReportData) -> None:
     """Table and lines have the score and confidence of the summary; brackets in names are not markup."""
-    summary = summary_frame(data.scores.with_columns(pl.col("agent").str.replace("reference-naive", "[red]naive")))
+    summary = summary_frame(
+        data.scores.with_columns(pl.col("agent").str.replace("reference-naive", "[red]naive"))
+    )
     console = Console(width=200, record=True, file=StringIO())
     console.print(score_table(summary, STUDY))
     text = console.export_text()
     lines = score_lines(summary, STUDY)
     assert len(lines) == len(STUDY) * len(AGENTS)
-    for row in summary.filter(pl.col("configuration") == "all", pl.col("node").is_in(STUDY)).iter_rows(named=True):
+    for row in summary.filter(pl.col("configuration") == "all", pl.col("node").is_in(STUDY)).iter_rows(
+        named=True
+    ):
         assert f"{100 * row['confidence_mean']:.1f} %" in text
         assert any(
-            f"{row['node']} score {row['score_mean']:.1f}, confidence {100 * row['confidence_mean']:.1f} %" in line
+            f"{row['node']} score {row['score_mean']:.1f}, confidence {100 * row['confidence_mean']:.1f} %"
+            in line
             for line in lines
         )
     assert "[red]naive" in text
@@ -224,28 +258,42 @@ def _distance(way: np.ndarray, place: np.ndarray) -> float:
 
 
 def test_reports_without_truth_keep_their_reported_place(data: ReportData) -> None:
-    """A recording cut off before the first positions: reports stay where they are reported, and none is called forbidden."""
+    """A recording cut off before the first positions: reports stay where they are reported, and none is
+    called forbidden.
+    """
+
     run = data.runs[0]
     simspec = data.simspecs[run.realization]
     tape = made_campaign.made_tape(simspec)
     there = tape.reports[0].value.model_copy(update={"east_m": 1.0, "north_m": 1.0})
     blind = replace(tape, actor_time_s=np.zeros(0), actor_position_enu_m=np.zeros((0, len(tape.cast), 3)))
-    report = build_run_map(run, simspec, replace(blind, reports=(replace(tape.reports[0], value=there),))).reports[0]
+    report = build_run_map(
+        run, simspec, replace(blind, reports=(replace(tape.reports[0], value=there),))
+    ).reports[0]
     assert (report.target, report.forbidden, report.nearest_bystander_m) == (None, False, None)
 
 
 def test_curve_figure_shows_pass_rates_and_competence(data: ReportData) -> None:
-    """One disc for each difficulty at its pass rate; the curve with its band; competence from its bound to its value."""
+    """One disc for each difficulty at its pass rate; the curve with its band; competence from its bound to
+    its value.
+    """
+
     trials = trials_of(data.scores)
     flown = {agent: trials[agent, "KA-03"] for agent in AGENTS}
     tallies = {agent: data.tallies[agent, "all", "KA-03"] for agent in AGENTS}
     traces = curve_figure(agent_styles(AGENTS), flown, tallies).to_plotly_json()["data"]
     rows = data.scores.filter(pl.col("node") == "KA-03", pl.col("agent") == AGENTS[0])
-    rates = rows.group_by("difficulty").agg(pl.len(), (pl.col("confidence") >= 1.0).mean().alias("rate")).sort("difficulty")
+    rates = (
+        rows.group_by("difficulty")
+        .agg(pl.len(), (pl.col("confidence") >= 1.0).mean().alias("rate"))
+        .sort("difficulty")
+    )
     discs = [trace for trace in traces if trace["mode"] == "markers"]
     assert len(discs) == len(AGENTS)
     assert list(discs[0]["y"]) == pytest.approx((100 * rates["rate"]).to_list(), abs=1e-3)
-    assert [f"of {count} runs" in text for count, text in zip(rates["len"], discs[0]["hovertext"], strict=True)]
+    assert [
+        f"of {count} runs" in text for count, text in zip(rates["len"], discs[0]["hovertext"], strict=True)
+    ]
     bands = [trace for trace in traces if trace.get("fill") == "toself"]
     assert len(bands) == sum(flown[agent].curve().drawn for agent in AGENTS) == len(AGENTS)
     bars = [trace for trace in traces if trace["mode"] == "lines+markers"]
@@ -284,7 +332,8 @@ def test_claim_names_shared_design_points(data: ReportData) -> None:
     assert not any("are independent" in sentence for sentence in node_sentences(tally, trials))
     sentences = node_sentences(replace(tally, design_points=20), trials)
     assert any(
-        "This assumes that the runs are independent, but they come from 20 design points." in sentence for sentence in sentences
+        "This assumes that the runs are independent, but they come from 20 design points." in sentence
+        for sentence in sentences
     )
 
 
@@ -294,20 +343,38 @@ def test_map_shows_geofence_and_no_fly_areas(data: ReportData) -> None:
     simspec = data.simspecs[run.realization]
     traces = {
         trace.get("name"): trace
-        for trace in map_figure(build_run_map(run, simspec, made_campaign.made_tape(simspec))).to_plotly_json()["data"]
+        for trace in map_figure(
+            build_run_map(run, simspec, made_campaign.made_tape(simspec))
+        ).to_plotly_json()["data"]
     }
     fence = traces["geofence"]
-    assert list(zip(fence["x"], fence["y"], strict=True)) == [(-320, -150), (320, -150), (320, 150), (-320, 150), (-320, -150)]
+    assert list(zip(fence["x"], fence["y"], strict=True)) == [
+        (-320, -150),
+        (320, -150),
+        (320, 150),
+        (-320, 150),
+        (-320, -150),
+    ]
     area = traces["no-fly school, from 20 s to 200 s"]
     assert list(zip(area["x"], area["y"], strict=True)) == [(0, 0), (40, 0), (40, 30), (0, 0)]
     assert area["fill"] == "toself"
 
 
 def test_competence_sentence_refers_to_the_fit(data: ReportData) -> None:
-    """Failed easy runs pull the fit down for harder ones: the sentence must not deny that the harder runs passed."""
+    """Failed easy runs pull the fit down for harder ones: the sentence must not deny that the harder runs
+    passed.
+    """
+
     difficulty, passed = np.repeat([10.0, 20.0, 30.0], 10), np.repeat([False, True, True], 10)
     value, low, at_least = competence_of(difficulty, passed, share=(9, 10))
     assert value == 0.0
-    tally = replace(data.tallies[AGENTS[0], "all", "KA-03"], competence={"90": ReportedCompetence(value, low, at_least)})
-    sentences = node_sentences(tally, NodeTrials(tuple(difficulty), tuple(passed), tuple(map(str, range(30)))))
-    assert any("fitted so that it never rises with difficulty, never reaches nine tenths" in sentence for sentence in sentences)
+    tally = replace(
+        data.tallies[AGENTS[0], "all", "KA-03"], competence={"90": ReportedCompetence(value, low, at_least)}
+    )
+    sentences = node_sentences(
+        tally, NodeTrials(tuple(difficulty), tuple(passed), tuple(map(str, range(30))))
+    )
+    assert any(
+        "fitted so that it never rises with difficulty, never reaches nine tenths" in sentence
+        for sentence in sentences
+    )

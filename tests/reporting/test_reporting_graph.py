@@ -33,14 +33,17 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 def full() -> Decomposition:
     """The largest decomposition that comes with the bench."""
     return max(
-        (load_decomposition(name) for name in shipped_decompositions()), key=lambda decomposition: len(decomposition.nodes)
+        (load_decomposition(name) for name in shipped_decompositions()),
+        key=lambda decomposition: len(decomposition.nodes),
     )
 
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> ReportData:
     """Six scenes in which nobody achieves anything under KA-09."""
-    return load_report_data(make_campaign(tmp_path_factory.mktemp("graph") / "made", Made(never_scored="KA-09")))
+    return load_report_data(
+        make_campaign(tmp_path_factory.mktemp("graph") / "made", Made(never_scored="KA-09"))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -64,24 +67,39 @@ def document(page: str) -> dict[str, Any]:
 def test_drawing_has_every_node_and_edge(full: Decomposition) -> None:
     """A box with id and title for each node, a line for each edge, nothing outside the sheet."""
     root = ET.fromstring(graph_svg(full))
-    boxes = {group.attrib["id"]: group for group in root.iter(f"{SVG}g") if "node" in group.attrib.get("class", "").split()}
+    boxes = {
+        group.attrib["id"]: group
+        for group in root.iter(f"{SVG}g")
+        if "node" in group.attrib.get("class", "").split()
+    }
     assert set(boxes) == set(full.nodes)
     for name, box in boxes.items():
         assert full.nodes[name].title in box.find(f"{SVG}title").text  # type: ignore[union-attr,operator]
         x, y = map(float, re.findall(r"[\d.]+", box.attrib["transform"]))
         assert x + 306 <= float(root.attrib["width"])
         assert y + 30 <= float(root.attrib["height"])
-    lines = [path.find(f"{SVG}title").text for path in root.iter(f"{SVG}path") if "edge" in path.attrib.get("class", "").split()]  # type: ignore[union-attr]
+    lines = [
+        path.find(f"{SVG}title").text  # type: ignore[union-attr]
+        for path in root.iter(f"{SVG}path")
+        if "edge" in path.attrib.get("class", "").split()
+    ]
     assert sorted(lines) == sorted(f"{parent} – {child}" for parent, child in edges(full))  # type: ignore[type-var]
 
 
 def test_boxes_do_not_touch_and_first_edges_do_not_cross(full: Decomposition) -> None:
-    """Boxes of a column are a row apart; of two edges between the same columns, the higher parent has the higher child."""
+    """Boxes of a column are a row apart; of two edges between the same columns, the higher parent has the
+    higher child.
+    """
+
     laid = lay_out(full)
     for column in range(len(laid.columns)):
         rows = sorted(laid.row[name] for name in full.nodes if laid.column[name] == column)
         assert all(after - before >= 1.0 for before, after in pairwise(rows))
-        ends = sorted((laid.row[e.parent], laid.row[e.child]) for e in laid.edges if e.first and laid.column[e.parent] == column)
+        ends = sorted(
+            (laid.row[e.parent], laid.row[e.child])
+            for e in laid.edges
+            if e.first and laid.column[e.parent] == column
+        )
         assert [child for _, child in ends] == sorted(child for _, child in ends)
     assert sum(edge.first for edge in laid.edges) == sum(bool(parents) for parents in full.parents.values())
 
@@ -96,11 +114,15 @@ def test_page_has_every_node_edge_and_fact(full: Decomposition) -> None:
         assert (facts["Measure"], nodes[name]["asks"]) == (leaf.measure, leaf.asks)
         assert facts["Threshold"] == f"{leaf.threshold:g}. {leaf.threshold_reason}"
         assert facts["Considered"].startswith(leaf.considered)
-        assert [row["reason"] for row in nodes[name]["tables"]] == [row.reason for row in full.key_factors(name)]
+        assert [row["reason"] for row in nodes[name]["tables"]] == [
+            row.reason for row in full.key_factors(name)
+        ]
     assert graph_svg(full) in page
 
 
-def test_same_document_gives_the_same_bytes(full: Decomposition, made: Decomposition, data: ReportData) -> None:
+def test_same_document_gives_the_same_bytes(
+    full: Decomposition, made: Decomposition, data: ReportData
+) -> None:
     """Drawn twice, from a document read twice; a page of the full application stays below 1 MB."""
     again = load_decomposition(full.name)
     assert graph_svg(again) == graph_svg(full)
@@ -111,14 +133,21 @@ def test_same_document_gives_the_same_bytes(full: Decomposition, made: Decomposi
 
 
 def test_state_without_a_number_is_not_low(made: Decomposition, data: ReportData) -> None:
-    """KA-09 was considered and has no score, but a confidence of 0; a node that the campaign lacks has neither."""
+    """KA-09 was considered and has no score, but a confidence of 0; a node that the campaign lacks has
+    neither.
+    """
+
     shown = document(graph_page(made, data))["shown"][AGENTS[0]]["KA-09"]
     assert shown["score"] == ["unscored", "none"]
     assert shown["confidence"] == ["0", "0 %"]
     assert shown["competence"] == ["0", "0"]
-    assert shown["sentences"][0].startswith("Not scored: nothing under it was achieved in any of 6 considered runs.")
+    assert shown["sentences"][0].startswith(
+        "Not scored: nothing under it was achieved in any of 6 considered runs."
+    )
     root = ET.fromstring(graph_svg(made, data, AGENTS[0], "score"))
-    dressed = {group.attrib["id"]: group.attrib["class"] for group in root.iter(f"{SVG}g") if "id" in group.attrib}
+    dressed = {
+        group.attrib["id"]: group.attrib["class"] for group in root.iter(f"{SVG}g") if "id" in group.attrib
+    }
     assert dressed["KA-09"] == "node unscored"
     assert dressed["KA-03"].startswith("node s")
     other = load_decomposition("search-and-report")
@@ -132,7 +161,9 @@ def test_never_considered_is_a_state_of_its_own(made: Decomposition, data: Repor
 
     key = (AGENTS[0], "all", "KA-20")
     nothing = replace(data.tallies[key], considered=0, scored=0, score=None, confidence=None, competence={})
-    shown = document(graph_page(made, replace(data, tallies={**data.tallies, key: nothing})))["shown"][AGENTS[0]]["KA-20"]
+    shown = document(graph_page(made, replace(data, tallies={**data.tallies, key: nothing})))["shown"][
+        AGENTS[0]
+    ]["KA-20"]
     assert {shown[by][0] for by in ("score", "confidence", "competence")} == {"unconsidered"}
     assert shown["sentences"][0].startswith("Never considered:")
 
@@ -197,13 +228,30 @@ def test_unknown_agent_is_refused(made: Decomposition, data: ReportData) -> None
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
 def test_browser_runs_the_script(full: Decomposition, tmp_path: Path) -> None:
-    """The script runs under the policy: the node of the address is unfolded, selected and described, others are hidden."""
+    """The script runs under the policy: the node of the address is unfolded, selected and described, others
+    are hidden.
+    """
+
     (tmp_path / "graph.html").write_text(graph_page(full))
-    leaf = next(name for name, parents in full.parents.items() if len(parents) > 1 and name in full.observables)
+    leaf = next(
+        name for name, parents in full.parents.items() if len(parents) > 1 and name in full.observables
+    )
     dom = subprocess.run(
         [
-            *(str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
-            *("--disable-background-networking", "--disable-component-update", f"--user-data-dir={tmp_path / 'profile'}"),
+            *(
+                str(CHROMIUM),
+                "--headless",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--disable-quic",
+                "--no-first-run",
+                "--disable-sync",
+            ),
+            *(
+                "--disable-background-networking",
+                "--disable-component-update",
+                f"--user-data-dir={tmp_path / 'profile'}",
+            ),
             *("--dump-dom", f"file://{tmp_path / 'graph.html'}#{leaf}"),
         ],
         capture_output=True,

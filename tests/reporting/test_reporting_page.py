@@ -1,6 +1,8 @@
 # mypy: disable-error-code="operator, str-bytes-safe"
 # Cells of a data frame may be of any type; the columns used here are numbers.
-"""The page says what the folder holds: numbers, failures, gaps; it is safe, self-contained and always the same."""
+"""The page says what the folder holds: numbers, failures, gaps; it is safe, self-contained and always the
+same.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ VOID = {"meta", "link", "br", "img", "hr", "input", "circle", "path", "rect"}
 
 
 class Page(HTMLParser):
-    """What a browser would see: open elements, tables by id, texts of scripts, attributes that could fetch."""
+    """What a browser would see: open elements, tables by id, texts of scripts, attributes that could
+    fetch.
+    """
 
     def __init__(self, text: str) -> None:
         super().__init__(convert_charrefs=True)
@@ -89,7 +93,10 @@ def page_of(folder: Path) -> tuple[Page, str]:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A campaign of 6 scenes and both agents, one crash with a nasty reason and one scene that could not be placed."""
+    """A campaign of 6 scenes and both agents, one crash with a nasty reason and one scene that could not be
+    placed.
+    """
+
     endings = {
         "p003-r0-reference-naive": (Outcome.AGENT_CRASHED, "exit 1: </script><script>alert(1)</script>"),
         "p004-r0-reference-bystander-aware": (Outcome.PLACEMENT_INFEASIBLE, "no place for group 'close'"),
@@ -111,7 +118,12 @@ def test_headline_shows_the_numbers_of_the_score_table(made: Path, page: Page) -
         for agent in AGENTS:
             agent_rows = scores.filter(pl.col("node") == node, pl.col("agent") == agent)
             wanted.append(
-                (agent_rows["score"].mean(), agent_rows["confidence"].mean(), agent_rows.height, agent_rows["score"].count())
+                (
+                    agent_rows["score"].mean(),
+                    agent_rows["confidence"].mean(),
+                    agent_rows.height,
+                    agent_rows["score"].count(),
+                )
             )
     assert len(rows) == len(wanted)
     for row, (score, confidence, runs, scored) in zip(rows, wanted, strict=True):
@@ -137,7 +149,10 @@ def test_runs_that_did_not_complete_are_listed(page: Page) -> None:
     assert [row[0] for row in rows] == ["p003-r0-reference-naive", "p004-r0-reference-bystander-aware"]
     assert rows[0][5] == "exit 1: </script><script>alert(1)</script>"
     assert [row[3] for row in rows] == ["yes", "no"]
-    assert "12 sessions of 6 scenes by 2 agents: 10 completed, 1 agent crashed, 1 placement infeasible." in page.text
+    assert (
+        "12 sessions of 6 scenes by 2 agents: 10 completed, 1 agent crashed, 1 placement infeasible."
+        in page.text
+    )
 
 
 def test_markup_from_an_agent_is_escaped(made: Path) -> None:
@@ -146,9 +161,14 @@ def test_markup_from_an_agent_is_escaped(made: Path) -> None:
     data = load_report_data(made)
     run = data.runs[0]
     tape = made_campaign.made_tape(data.simspecs[run.realization], reason=nasty)
-    hostile_report = replace(tape.reports[0], value=tape.reports[0].value.model_copy(update={"class_label": nasty[:60]}))
+    hostile_report = replace(
+        tape.reports[0], value=tape.reports[0].value.model_copy(update={"class_label": nasty[:60]})
+    )
     page = Page(
-        render_report(data, [build_run_map(run, data.simspecs[run.realization], replace(tape, reports=(hostile_report,)))])
+        render_report(
+            data,
+            [build_run_map(run, data.simspecs[run.realization], replace(tape, reports=(hostile_report,)))],
+        )
     )
     assert len([name for name in page.scripts if not name.startswith("data-")]) == 2
     assert not [tag for tag, _, _ in page.attributes if tag == "img"]
@@ -165,7 +185,13 @@ def test_figure_data_cannot_end_its_script(made: Path) -> None:
         (hostile_name if agent == AGENTS[0] else agent, configuration, node): tally
         for (agent, configuration, node), tally in data.tallies.items()
     }
-    renamed = replace(data, agents=(hostile_name, AGENTS[1]), runs=runs, scores=data.scores.with_columns(named), tallies=tallies)
+    renamed = replace(
+        data,
+        agents=(hostile_name, AGENTS[1]),
+        runs=runs,
+        scores=data.scores.with_columns(named),
+        tallies=tallies,
+    )
     page = Page(render_report(renamed))
     figures = {name: text for name, text in page.scripts.items() if name.startswith("data-")}
     assert len(figures) == len(data.configurations) + len(STUDY) + 2  # the pairs, the factors
@@ -174,9 +200,15 @@ def test_figure_data_cannot_end_its_script(made: Path) -> None:
 
 def test_page_fetches_nothing_and_runs_only_its_scripts(page: Page) -> None:
     """No attribute names another resource, and the policy has the digests of the page's two scripts."""
-    assert not [attribute for attribute in page.attributes if attribute[1] in ("src", "srcset", "action", "data", "poster")]
+    assert not [
+        attribute
+        for attribute in page.attributes
+        if attribute[1] in ("src", "srcset", "action", "data", "poster")
+    ]
     assert all(value.startswith("#") for _, name, value in page.attributes if name == "href")
-    policy = next(value for tag, name, value in page.attributes if tag == "meta" and value.startswith("default-src"))
+    policy = next(
+        value for tag, name, value in page.attributes if tag == "meta" and value.startswith("default-src")
+    )
     assert policy.startswith("default-src 'none';")
     page_scripts = [text for name, text in page.scripts.items() if not name.startswith("data-")]
     for text in page_scripts:
@@ -228,15 +260,24 @@ def test_unscored_campaign_has_a_note(tmp_path: Path) -> None:
 
 def test_campaign_of_bench_errors_has_no_numbers(tmp_path: Path) -> None:
     """Every run is listed, nothing is scored, and no number is made up."""
-    endings = {f"p{scene:03d}-r0-{agent}": (Outcome.BENCH_ERROR, "out of disk") for scene in range(2) for agent in AGENTS}
+    endings = {
+        f"p{scene:03d}-r0-{agent}": (Outcome.BENCH_ERROR, "out of disk")
+        for scene in range(2)
+        for agent in AGENTS
+    }
     page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=2, endings=endings)))
     assert len(page.tables["failures"]) == 5
     assert "4 runs, listed under Outcomes" in page.text
-    assert {row[2] for row in page.tables["headline"] if len(row) == 9 and row[0] != "Key attribute and agent"} == {"not scored"}
+    assert {
+        row[2] for row in page.tables["headline"] if len(row) == 9 and row[0] != "Key attribute and agent"
+    } == {"not scored"}
 
 
 def test_node_without_a_score_is_shown_as_not_scored(tmp_path: Path) -> None:
-    """KA-09 failed everywhere: not scored and confidence 0.0 %, listed among the disclaimers; neither zero nor missing."""
+    """KA-09 failed everywhere: not scored and confidence 0.0 %, listed among the disclaimers; neither zero
+    nor missing.
+    """
+
     page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=3, never_scored="KA-09")))
     rows = page.tables["headline"]
     heading_row = next(place for place, row in enumerate(rows) if row[0].startswith("KA-09"))
@@ -280,7 +321,9 @@ def test_recordings_become_maps(tmp_path: Path) -> None:
     assert any("marked, against the rule" in row[3] for row in page.tables[""] if len(row) == 8)
 
 
-@pytest.mark.parametrize("name", ["manifest.json", "scores.parquet", "runs/p000-r0-reference-naive/result.json"])
+@pytest.mark.parametrize(
+    "name", ["manifest.json", "scores.parquet", "runs/p000-r0-reference-naive/result.json"]
+)
 def test_damaged_files_become_notes(tmp_path: Path, name: str) -> None:
     """The report names a damaged file and loses only its content."""
     folder = make_campaign(tmp_path / "c", Made(scenes=1))
@@ -303,17 +346,24 @@ def test_page_size_is_bounded(made: Path) -> None:
     """A campaign of a dozen runs with six maps stays below 8 MB, most of it the plotting library."""
     data = load_report_data(made)
     charts = [
-        build_run_map(run, data.simspecs[run.realization], made_campaign.made_tape(data.simspecs[run.realization]))
+        build_run_map(
+            run, data.simspecs[run.realization], made_campaign.made_tape(data.simspecs[run.realization])
+        )
         for run in data.runs[:6]
     ]
     assert len(render_report(data, charts).encode()) < 8_000_000
 
 
 def test_each_studied_node_has_its_sentences(made: Path, page: Page) -> None:
-    """Competence, its bound, the claim and the remark on the curve are beside every figure; the flag gives the other mean."""
+    """Competence, its bound, the claim and the remark on the curve are beside every figure; the flag gives
+    the other mean.
+    """
+
     data = load_report_data(made)
     section = (
-        page.text.split("Results for each key attribute under study", 1)[1].split("What was run", 1)[0].replace("\u00a0", " ")
+        page.text.split("Results for each key attribute under study", 1)[1]
+        .split("What was run", 1)[0]
+        .replace("\u00a0", " ")
     )
     for node in STUDY:
         for agent in AGENTS:
@@ -321,14 +371,24 @@ def test_each_studied_node_has_its_sentences(made: Path, page: Page) -> None:
             assert tally is not None
             at_least = "at least " if tally.competence["50"].at_least else ""
             value = tally.competence["50"].value
-            assert f"Competence 50: {at_least}{value:.1f}" in section if value else "Competence 50: 0." in section
+            assert (
+                f"Competence 50: {at_least}{value:.1f}" in section
+                if value
+                else "Competence 50: 0." in section
+            )
             if tally.raised:
                 assert f"exactly at its threshold, the score would be {tally.passed_score:.1f}." in section
-    assert any(tally.raised for (_, where, node), tally in data.tallies.items() if where == "all" and node in STUDY)
-    scores = pl.read_parquet(made / "scores.parquet").filter(pl.col("node") == "KA-18", pl.col("agent") == AGENTS[0])
+    assert any(
+        tally.raised for (_, where, node), tally in data.tallies.items() if where == "all" and node in STUDY
+    )
+    scores = pl.read_parquet(made / "scores.parquet").filter(
+        pl.col("node") == "KA-18", pl.col("agent") == AGENTS[0]
+    )
     passed = (scores["achieved"] == scores["considered"]).sum()
     assert f"{passed} of {scores.height} runs passed: with 95 % confidence at most" in section
-    assert section.count("No curve is drawn: fewer than ten runs considered the node.") == len(STUDY) * len(AGENTS)
+    assert section.count("No curve is drawn: fewer than ten runs considered the node.") == len(STUDY) * len(
+        AGENTS
+    )
 
 
 def test_principles_are_folded_branches(made: Path, page: Page) -> None:
@@ -342,7 +402,10 @@ def test_principles_are_folded_branches(made: Path, page: Page) -> None:
     assert tally is not None
     assert tally.score is not None
     assert tally.confidence is not None
-    assert f"score {tally.score:.1f}{' †' if tally.raised else ''}, confidence {100 * tally.confidence:.1f} %" in page.text
+    assert (
+        f"score {tally.score:.1f}{' †' if tally.raised else ''}, confidence {100 * tally.confidence:.1f} %"
+        in page.text
+    )
 
 
 def test_map_lists_orders_outages_and_failures(made: Path) -> None:
@@ -350,12 +413,22 @@ def test_map_lists_orders_outages_and_failures(made: Path) -> None:
     data = load_report_data(made)
     run = data.runs[0]
     simspec = data.simspecs[run.realization]
-    page = Page(render_report(data, [build_run_map(run, simspec, made_campaign.made_tape(simspec, reason="not near <people>"))]))
+    page = Page(
+        render_report(
+            data, [build_run_map(run, simspec, made_campaign.made_tape(simspec, reason="not near <people>"))]
+        )
+    )
     rows = [row for row in page.tables[""] if len(row) == 5 and row[2] in ("order", "outage", "fault")]
     assert rows == [
         ["30.0", "–", "order", "hold, within 5 s", "delivered at 30.0 s; not answered"],
         ["40.0", "50.0", "outage", "the operator’s link is down", "the agent was informed at 40.2 s"],
-        ["45.0", "–", "order", "mark first, within 10 s", "delivered at 50.0 s; refused at 52.0 s: not near <people>"],
+        [
+            "45.0",
+            "–",
+            "order",
+            "mark first, within 10 s",
+            "delivered at 50.0 s; refused at 52.0 s: not near <people>",
+        ],
         ["70.0", "75.0", "outage", "the detector is silent", "–"],
         ["100.0", "110.0", "fault", "fixes drift by 0.5 m/s towards 90°", "–"],
         ["250.0", "–", "fault", "rotor 2 stops", "the run had ended"],
@@ -368,7 +441,9 @@ def test_events_are_read_from_recordings(tmp_path: Path) -> None:
     simspec = made_campaign.made_simspec(0, AGENTS[0])
     made_campaign.write_recording(tmp_path / "recording.mcap", simspec, made_campaign.made_tape(simspec))
     run = load_report_data(make_campaign(tmp_path / "c", Made(scenes=1))).runs[0]
-    recorded_events = build_run_map(run, read_simspec(tmp_path / "recording.mcap"), read_tape(tmp_path / "recording.mcap")).events
+    recorded_events = build_run_map(
+        run, read_simspec(tmp_path / "recording.mcap"), read_tape(tmp_path / "recording.mcap")
+    ).events
     assert recorded_events == build_run_map(run, simspec, made_campaign.made_tape(simspec)).events
 
 

@@ -1,4 +1,6 @@
-"""Difficulty: key factor tables, their policies, the paper's table, and the experiment's twelve configurations."""
+"""Difficulty: key factor tables, their policies, the paper's table, and the experiment's twelve
+configurations.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,14 @@ from bench.scoring import (
     tension_of,
 )
 from bench.simspec import FACTORS, SimSpec
-from decompositions import Decomposition, DecompositionVocabulary, KeyFactor, Policies, decomposition_of, load_decomposition
+from decompositions import (
+    Decomposition,
+    DecompositionVocabulary,
+    KeyFactor,
+    Policies,
+    decomposition_of,
+    load_decomposition,
+)
 
 UNITS = {name: factor.unit for name, factor in FACTORS.items()}
 CONCEALMENT = (0.5, 1.0)
@@ -32,7 +41,13 @@ PROXIMITY_M = (229.9, 259.1, 362.4)
 
 
 def table(ratings: list[float], values: list[float], **changes: Any) -> KeyFactor:
-    row = {"factor": "fog_level", "unit": "level", "ratings": ratings, "values": values, "reason": "For the test."}
+    row = {
+        "factor": "fog_level",
+        "unit": "level",
+        "ratings": ratings,
+        "values": values,
+        "reason": "For the test.",
+    }
     return KeyFactor.model_validate(row | changes)
 
 
@@ -106,8 +121,13 @@ def test_a_value_that_is_no_number_is_refused() -> None:
     low=st.floats(-60, 60),
     more=st.floats(0, 60),
 )
-def test_harder_never_rates_lower(values: list[int], falling: bool, mapping: str, low: float, more: float) -> None:
-    """A rating never falls as the factor goes in the table's direction, and stays within the table's ratings or 0."""
+def test_harder_never_rates_lower(
+    values: list[int], falling: bool, mapping: str, low: float, more: float
+) -> None:
+    """A rating never falls as the factor goes in the table's direction, and stays within the table's ratings
+    or 0.
+    """
+
     ordered = [float(v) for v in sorted(values, reverse=falling)]
     ratings = [100.0 * (i + 1) / len(ordered) for i in range(len(ordered))]
     row = table(ratings, ordered, mapping=mapping)
@@ -122,10 +142,21 @@ def test_harder_never_rates_lower(values: list[int], falling: bool, mapping: str
     [(5, 1, 2, 3000, 20.0, "rain_level"), (5, 2, 1, 3000, 20.0, "fog_level"), (8, 9, 9, 6000, 100.0, None)],
 )
 def test_the_papers_table(
-    paper: Decomposition, hours: float, rain: float, fog: float, altitude_m: float, expected: float, ruler: str | None
+    paper: Decomposition,
+    hours: float,
+    rain: float,
+    fog: float,
+    altitude_m: float,
+    expected: float,
+    ruler: str | None,
 ) -> None:
     """The paper's two SimSpecs both come out at 20, the first ruled by rain, the second by fog."""
-    values = {"hours_from_solar_noon": hours, "rain_level": rain, "fog_level": fog, "uav_altitude_m": altitude_m}
+    values = {
+        "hours_from_solar_noon": hours,
+        "rain_level": rain,
+        "fog_level": fog,
+        "uav_altitude_m": altitude_m,
+    }
     difficulties = difficulty_of_values(paper, values)
     assert difficulties.of("OBS-vehicles") == difficulties.of("KA-09") == expected
     if ruler:
@@ -135,10 +166,14 @@ def test_the_papers_table(
 
 
 def test_every_missing_factor_is_told_at_once(decomposition: Decomposition) -> None:
-    """A situation without bystanders cannot be rated for what is asked about them; the fault says what is missing."""
+    """A situation without bystanders cannot be rated for what is asked about them; the fault says what is
+    missing.
+    """
+
     with pytest.raises(SetupError) as caught:
         difficulty_of_values(
-            decomposition, {"target_concealment": 0.5, "uav_altitude_m": 60.0, "time_limit_s": 300.0, "targets": 2.0}
+            decomposition,
+            {"target_concealment": 0.5, "uav_altitude_m": 60.0, "time_limit_s": 300.0, "targets": 2.0},
         )
     faults = str(caught.value)
     assert len(caught.value.faults) == 3
@@ -148,7 +183,10 @@ def test_every_missing_factor_is_told_at_once(decomposition: Decomposition) -> N
 
 
 def test_a_node_is_as_hard_as_the_least_of_its_observables(decomposition: Decomposition) -> None:
-    """For every node, whatever its level, over all distinct descendants; and the rulers are those that have it."""
+    """For every node, whatever its level, over all distinct descendants; and the rulers are those that have
+    it.
+    """
+
     difficulties = at(decomposition, 1.0, 390.1, 229.9)
     for node in decomposition.nodes:
         lowest = min(difficulties.of(observable) for observable in decomposition.observables_under(node))
@@ -167,13 +205,17 @@ def test_the_mean_of_the_factors_is_a_policy(decomposition: Decomposition) -> No
     assert "mean" in difficulties.explain("OBS-181")
 
 
-@pytest.mark.parametrize(("value", "expected"), [(0, 1), (20, 1), (20.0000001, 1), (20.001, 2), (40, 2), (99, 5), (100, 5)])
+@pytest.mark.parametrize(
+    ("value", "expected"), [(0, 1), (20, 1), (20.0000001, 1), (20.001, 2), (40, 2), (99, 5), (100, 5)]
+)
 def test_tension(value: float, expected: int) -> None:
     """max(1, ceil(d / 20)), where a rounding error of the last digits is no difference."""
     assert tension_of(value) == expected
 
 
-def at(decomposition: Decomposition, concealment: float, density_per_km2: float, proximity_m: float) -> Difficulty:
+def at(
+    decomposition: Decomposition, concealment: float, density_per_km2: float, proximity_m: float
+) -> Difficulty:
     """The paper's experiment: these three vary, the rest is fixed."""
     values = {
         "target_concealment": concealment,
@@ -190,8 +232,13 @@ def at(decomposition: Decomposition, concealment: float, density_per_km2: float,
 
 
 def test_the_papers_experiment_has_twelve_difficulty_configurations(decomposition: Decomposition) -> None:
-    """18 combinations of concealment, density and proximity fall into 12 vectors over the five key attributes."""
-    every = [at(decomposition, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)]
+    """18 combinations of concealment, density and proximity fall into 12 vectors over the five key
+    attributes.
+    """
+
+    every = [
+        at(decomposition, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)
+    ]
     counted = Counter(configuration_of(decomposition, difficulties) for difficulties in every)
     assert len(every) == 18
     assert len(counted) == 12
@@ -199,8 +246,13 @@ def test_the_papers_experiment_has_twelve_difficulty_configurations(decompositio
 
 
 def test_the_papers_experiment_reaches_from_easy_to_hard(decomposition: Decomposition) -> None:
-    """Some configurations are easy (about 25 in every studied attribute that bystanders touch), some hard (to 80)."""
-    every = [at(decomposition, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)]
+    """Some configurations are easy (about 25 in every studied attribute that bystanders touch), some hard (to
+    80).
+    """
+
+    every = [
+        at(decomposition, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)
+    ]
     values = [difficulties.of(node) for difficulties in every for node in decomposition.study]
     assert 20.0 <= min(values) <= 30.0
     assert 75.0 <= max(values) <= 85.0
@@ -215,7 +267,10 @@ def test_no_factor_at_its_easiest_rules_the_experiment(decomposition: Decomposit
 
 
 def test_configurations_agree_to_six_decimals(decomposition: Decomposition) -> None:
-    """Differences in the seventh decimal are none, in the fifth they are; the study decides what is compared."""
+    """Differences in the seventh decimal are none, in the fifth they are; the study decides what is
+    compared.
+    """
+
     base = configuration_of(decomposition, at(decomposition, 0.5, 390.1, 259.1))
     assert configuration_of(decomposition, at(decomposition, 0.5, 390.1 + 1e-8, 259.1)) == base
     assert configuration_of(decomposition, at(decomposition, 0.5, 390.1 + 1e-3, 259.1)) != base
@@ -230,13 +285,28 @@ def test_only_key_attributes_are_studied(decomposition: Decomposition) -> None:
 
 
 def test_difficulty_is_read_from_the_intent(decomposition: Decomposition) -> None:
-    """The configured mission altitude counts, and where placement put people or what the vehicle is changes nothing."""
+    """The configured mission altitude counts, and where placement put people or what the vehicle is changes
+    nothing.
+    """
+
     spec = SimSpec.model_validate(
         {
             "name": "small",
-            "world": {"area": {"corners": [{"east_m": e, "north_m": n} for e, n in ((0, 0), (600, 0), (600, 250), (0, 250))]}},
+            "world": {
+                "area": {
+                    "corners": [
+                        {"east_m": e, "north_m": n} for e, n in ((0, 0), (600, 0), (600, 250), (0, 250))
+                    ]
+                }
+            },
             "actors": [
-                {"id": "targets", "asset": "radar-vehicle", "role": "adversary", "count": 1, "concealment": 0.5},
+                {
+                    "id": "targets",
+                    "asset": "radar-vehicle",
+                    "role": "adversary",
+                    "count": 1,
+                    "concealment": 0.5,
+                },
                 {
                     "id": "people",
                     "asset": "civilian",
@@ -251,6 +321,8 @@ def test_difficulty_is_read_from_the_intent(decomposition: Decomposition) -> Non
     )
     difficulties = difficulty_of(decomposition, spec)
     assert difficulties == at(decomposition, 0.5, 390.1, 259.1)
-    placed = {"actors": [{"id": "targets-0", "group": "targets", "east_m": 9, "north_m": 9, "heading_deg": 0}]}
+    placed = {
+        "actors": [{"id": "targets-0", "group": "targets", "east_m": 9, "north_m": 9, "heading_deg": 0}]
+    }
     realized = SimSpec.model_validate(spec.model_dump() | {"realized": placed})
     assert difficulty_of(decomposition, realized) == difficulties

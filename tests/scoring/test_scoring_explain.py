@@ -47,10 +47,14 @@ def made(partial: bool = False, **more: Any) -> Decomposition:
         "name": "worked",
         "title": "Worked",
         "key_attributes": [{"id": "KA1", "title": "One", "asks": "?", "children": ["VAB1", "VAB2"]}],
-        "vabs": [{"id": name, "title": name, "asks": "?", "children": children} for name, children in inner.items()],
+        "vabs": [
+            {"id": name, "title": name, "asks": "?", "children": children} for name, children in inner.items()
+        ],
         "observables": leaves,
     }
-    return decomposition_of(DecompositionDocument.model_validate(document | more), DecompositionVocabulary(difficulty="given"))
+    return decomposition_of(
+        DecompositionDocument.model_validate(document | more), DecompositionVocabulary(difficulty="given")
+    )
 
 
 def flown(decomposition: Decomposition, name: str, *xs: float | None, **changes: Any) -> ScoredRun:
@@ -60,11 +64,22 @@ def flown(decomposition: Decomposition, name: str, *xs: float | None, **changes:
             observable=observable,
             considered=x is not None,
             x=x,
-            evidence=(Evidence(time_s=1.0, text=f"{observable} first"), Evidence(time_s=2.0, text=f"{observable} then")),
+            evidence=(
+                Evidence(time_s=1.0, text=f"{observable} first"),
+                Evidence(time_s=2.0, text=f"{observable} then"),
+            ),
         )
         for observable, x in zip(DIFFICULTIES, xs, strict=True)
     )
-    run = ScoredRun(name, name, 0, "agent", Outcome.COMPLETED, stated_difficulty(decomposition, DIFFICULTIES), observations)
+    run = ScoredRun(
+        name,
+        name,
+        0,
+        "agent",
+        Outcome.COMPLETED,
+        stated_difficulty(decomposition, DIFFICULTIES),
+        observations,
+    )
     return replace(run, **changes)
 
 
@@ -72,12 +87,17 @@ def explained(
     decomposition: Decomposition, runs: list[ScoredRun], node: str = "KA1", limit: int = 0, **sources: Any
 ) -> Explanation:
     scores = score_table(decomposition, runs)
-    summaries = node_reports(scores, summary_frame(scores, decomposition).filter(node=node, configuration="all"))
+    summaries = node_reports(
+        scores, summary_frame(scores, decomposition).filter(node=node, configuration="all")
+    )
     return explain(decomposition, node, runs, scores, summaries, Sources(**sources), limit=limit)
 
 
 def test_failures_come_first_and_what_says_nothing_last() -> None:
-    """The worst failure, the others, passes from the lowest score up, runs not considered, runs of the bench's own fault."""
+    """The worst failure, the others, passes from the lowest score up, runs not considered, runs of the
+    bench's own fault.
+    """
+
     decomposition = made()
     runs = [
         flown(decomposition, "spoilt", 0.0, 0.0, 0.0, outcome=Outcome.BENCH_ERROR),
@@ -87,8 +107,17 @@ def test_failures_come_first_and_what_says_nothing_last() -> None:
         flown(decomposition, "half", 0.0, 1.0, 1.0),
         flown(decomposition, "worst", 0.0, 0.0, 0.0),
     ]
-    (agent,) = explained(decomposition, runs, reasons={"spoilt": "no room"}, recordings={"low": "low.mcap"}).agents
-    assert [explained_run.run for explained_run in agent.runs] == ["worst", "half", "low", "high", "idle", "spoilt"]
+    (agent,) = explained(
+        decomposition, runs, reasons={"spoilt": "no room"}, recordings={"low": "low.mcap"}
+    ).agents
+    assert [explained_run.run for explained_run in agent.runs] == [
+        "worst",
+        "half",
+        "low",
+        "high",
+        "idle",
+        "spoilt",
+    ]
     states = ["failed", "failed", "passed", "passed", "not considered", "excluded"]
     assert [explained_run.state for explained_run in agent.runs] == states
     assert [explained_run.ruled_by for explained_run in agent.runs] == [
@@ -105,11 +134,19 @@ def test_failures_come_first_and_what_says_nothing_last() -> None:
     assert agent.summary.score == pytest.approx(
         sum(explained_run.score for explained_run in agent.runs if explained_run.score is not None) / 3
     )
-    assert (agent.summary.passed, agent.summary.considered, agent.summary.runs, agent.summary.excluded) == (2, 4, 5, 1)
+    assert (agent.summary.passed, agent.summary.considered, agent.summary.runs, agent.summary.excluded) == (
+        2,
+        4,
+        5,
+        1,
+    )
 
 
 def test_credit_near_misses_and_reasons_are_told() -> None:
-    """Score is difficulty plus credit; a near miss scores and is no pass; what was not considered says when it would be."""
+    """Score is difficulty plus credit; a near miss scores and is no pass; what was not considered says when
+    it would be.
+    """
+
     decomposition = made(partial=True, policies={"near_miss": 0.1})
     (agent,) = explained(decomposition, [flown(decomposition, "a", 0.75, 0.45, None)]).agents
     (run,) = agent.runs
@@ -120,14 +157,20 @@ def test_credit_near_misses_and_reasons_are_told() -> None:
     assert (leaves["OBS3"].state, leaves["OBS3"].x, leaves["OBS3"].score) == ("not considered", None, None)
     assert leaves["OBS3"].reason == "considered when: Somebody is there."
     assert (run.state, run.achieved, run.considered, run.ruled_by[-1]) == ("failed", 1, 2, "OBS1")
-    absent = explained(decomposition, [flown(decomposition, "a", 1.0, 1.0, 1.0, observations=())]).agents[0].runs[0]
+    absent = (
+        explained(decomposition, [flown(decomposition, "a", 1.0, 1.0, 1.0, observations=())])
+        .agents[0]
+        .runs[0]
+    )
     assert absent.observables[0].reason.startswith("there is no observation of it")
 
 
 def test_the_output_is_bounded_and_says_what_it_leaves_out() -> None:
     """A limit holds for runs, observables and moments; the ruling observable is shown whatever the limit."""
     decomposition = made()
-    runs = [flown(decomposition, f"r{i}", 0.0, 0.0, 1.0) for i in range(4)] + [flown(decomposition, "good", 1.0, 1.0, 1.0)]
+    runs = [flown(decomposition, f"r{i}", 0.0, 0.0, 1.0) for i in range(4)] + [
+        flown(decomposition, "good", 1.0, 1.0, 1.0)
+    ]
     (agent,) = explained(decomposition, runs, limit=1).agents
     assert (len(agent.runs), agent.runs_left_out) == (1, {"failed": 3, "passed": 1})
     (run,) = agent.runs
@@ -140,10 +183,17 @@ def test_the_output_is_bounded_and_says_what_it_leaves_out() -> None:
 def test_each_agent_is_told_by_itself() -> None:
     """Two agents, two means."""
     decomposition = made()
-    runs = [flown(decomposition, "a", 1.0, 1.0, 1.0, agent="one"), flown(decomposition, "b", 0.0, 0.0, 0.0, agent="two")]
+    runs = [
+        flown(decomposition, "a", 1.0, 1.0, 1.0, agent="one"),
+        flown(decomposition, "b", 0.0, 0.0, 0.0, agent="two"),
+    ]
     first, second = explained(decomposition, runs, "VAB1").agents
     assert (first.summary.agent, first.summary.score, [run.run for run in first.runs]) == ("one", 30.0, ["a"])
-    assert (second.summary.agent, second.summary.score, [run.run for run in second.runs]) == ("two", None, ["b"])
+    assert (second.summary.agent, second.summary.score, [run.run for run in second.runs]) == (
+        "two",
+        None,
+        ["b"],
+    )
 
 
 def test_no_child_rules_a_mean() -> None:
@@ -168,7 +218,10 @@ def test_runs_are_reported_in_the_order_of_the_table() -> None:
     """Every node of every run, x at observables alone."""
     decomposition = made()
     first, second = run_reports(
-        score_table(decomposition, [flown(decomposition, "b", 1.0, 0.0, None), flown(decomposition, "a", 1.0, 1.0, 1.0)])
+        score_table(
+            decomposition,
+            [flown(decomposition, "b", 1.0, 0.0, None), flown(decomposition, "a", 1.0, 1.0, 1.0)],
+        )
     )
     assert (first.run, second.run) == ("b", "a")
     nodes = {node.id: node for node in first.nodes}

@@ -1,4 +1,6 @@
-"""Tables from elsewhere: the same scores as the bench's own, and every fault of a bad one with its line, at once."""
+"""Tables from elsewhere: the same scores as the bench's own, and every fault of a bad one with its line, at
+once.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,13 @@ from bench.scoring import absent_pairs, read_table, score_external, score_run, s
 from bench.scoring._external import ExternalTable
 from decompositions import Decomposition, DecompositionDocument, DecompositionVocabulary, decomposition_of
 
-FOG = {"factor": "fog_level", "unit": "level", "ratings": [10, 100], "values": [0, 9], "reason": "The whole scale."}
+FOG = {
+    "factor": "fog_level",
+    "unit": "level",
+    "ratings": [10, 100],
+    "values": [0, 9],
+    "reason": "The whole scale.",
+}
 RAIN = FOG | {"factor": "rain_level"}
 
 
@@ -43,7 +51,9 @@ def made(**rows: list[dict[str, Any]]) -> Decomposition:
         "vabs": [node("VAB1", "OBS1", "OBS2"), node("VAB2", "OBS3")],
         "observables": leaves,
     }
-    return decomposition_of(DecompositionDocument.model_validate(document), DecompositionVocabulary(difficulty="given"))
+    return decomposition_of(
+        DecompositionDocument.model_validate(document), DecompositionVocabulary(difficulty="given")
+    )
 
 
 @pytest.fixture
@@ -84,7 +94,12 @@ def test_csv_and_both_kinds_of_json_say_the_same(given: Decomposition) -> None:
     """One table in three forms: equal runs, and the worked example's numbers."""
     table = read_table(WORKED, given)
     rows = records(WORKED)
-    for text in (json.dumps(rows), json.dumps(rows, indent=2), "\n".join(map(json.dumps, rows)), "\ufeff" + WORKED):
+    for text in (
+        json.dumps(rows),
+        json.dumps(rows, indent=2),
+        "\n".join(map(json.dumps, rows)),
+        "\ufeff" + WORKED,
+    ):
         assert read_table(text, given).runs == table.runs
     assert [run.realization for run in table.runs] == ["1", "2"]
     second = score_run(given, table.runs[1].difficulty, table.runs[1].observations)
@@ -118,8 +133,16 @@ def test_a_missing_row_is_not_considered_and_is_counted(given: Decomposition) ->
     assert absent_pairs(given, table.runs) == 4
     scores = score_external(given, table.runs)
     rows = {(row["realization"], row["node"]): row for row in scores.iter_rows(named=True)}
-    assert (rows["a", "KA1"]["score"], rows["a", "KA1"]["difficulty"], rows["a", "VAB2"]["difficulty"]) == (30.0, 30.0, None)
-    assert (rows["b", "VAB1"]["considered"], rows["b", "KA1"]["confidence"], rows["b", "OBS3"]["difficulty"]) == (0, None, 40.0)
+    assert (rows["a", "KA1"]["score"], rows["a", "KA1"]["difficulty"], rows["a", "VAB2"]["difficulty"]) == (
+        30.0,
+        30.0,
+        None,
+    )
+    assert (
+        rows["b", "VAB1"]["considered"],
+        rows["b", "KA1"]["confidence"],
+        rows["b", "OBS3"]["difficulty"],
+    ) == (0, None, 40.0)
     summary = summary_frame(scores, given).filter(node="VAB2", configuration="all").row(0, named=True)
     assert (summary["considered"], summary["score_mean"], summary["difficulty"]) == (0, None, 40.0)
 
@@ -131,23 +154,35 @@ def test_a_studied_attribute_without_rows_has_an_unknown_difficulty() -> None:
         {"id": "KA1", "title": "t", "asks": "?", "children": ["VAB1"]},
         {"id": "KA2", "title": "t", "asks": "?", "children": ["VAB2"]},
     ]
-    decomposition = decomposition_of(DecompositionDocument.model_validate(document), DecompositionVocabulary(difficulty="given"))
-    scores = score_external(decomposition, read_table("run,observable,difficulty,x\na,OBS1,30,1\n", decomposition).runs)
+    decomposition = decomposition_of(
+        DecompositionDocument.model_validate(document), DecompositionVocabulary(difficulty="given")
+    )
+    scores = score_external(
+        decomposition, read_table("run,observable,difficulty,x\na,OBS1,30,1\n", decomposition).runs
+    )
     assert scores["configuration"].unique().to_list() == ["KA1=30 KA2=unknown"]
 
 
 def test_design_points_and_agents_are_optional(given: Decomposition) -> None:
     """Without a design point each run is its own; runs of one share it as replicates."""
     alone = read_table(WORKED, given).runs
-    assert [(run.design_point, run.replicate, run.agent) for run in alone] == [("1", 0, "agent"), ("2", 0, "agent")]
+    assert [(run.design_point, run.replicate, run.agent) for run in alone] == [
+        ("1", 0, "agent"),
+        ("2", 0, "agent"),
+    ]
     text = "run,observable,difficulty,x,design_point,agent\na,OBS1,30,1,p,one\nb,OBS1,30,1,p,two\n"
     together = read_table(text, given).runs
-    assert [(run.design_point, run.replicate, run.agent) for run in together] == [("p", 0, "one"), ("p", 1, "two")]
+    assert [(run.design_point, run.replicate, run.agent) for run in together] == [
+        ("p", 0, "one"),
+        ("p", 1, "two"),
+    ]
 
 
 def test_factor_columns_are_rated_by_the_tables(rated: Decomposition) -> None:
     """With the key factors in the table, difficulty is rated here, for every observable, absent ones too."""
-    table = read_table("run,observable,x,fog_level,rain_level\na,OBS1,1,9,4.5\na,OBS2,1,9,4.5\nb,OBS1,1,0,4.5\n", rated)
+    table = read_table(
+        "run,observable,x,fog_level,rain_level\na,OBS1,1,9,4.5\na,OBS2,1,9,4.5\nb,OBS1,1,0,4.5\n", rated
+    )
     first, second = table.runs
     assert first.difficulty.of("OBS1") == 100.0
     assert first.difficulty.observables["OBS2"].ruled_by == ("rain_level",)
@@ -174,16 +209,32 @@ def test_factor_columns_are_rated_by_the_tables(rated: Decomposition) -> None:
         ("run,observable,x\na,OBS1,1\n", 1, "the column 'difficulty' is missing"),
         ("run,observable,difficulty,x,x\na,OBS1,1,1,1\n", 1, "'x' appears twice"),
         ("run;observable;difficulty;x\na;OBS1;1;1\n", 1, "not separated by commas"),
-        ("run,observable,difficulty,x,agent\na,OBS1,1,1,n\na,OBS2,1,1,m\n", 3, "agent 'm' here and 'n' on line 2"),
-        ("run,observable,difficulty,x,fog_level\na,OBS1,1,1,3\n", 1, "a difficulty and factor columns too: fog_level"),
+        (
+            "run,observable,difficulty,x,agent\na,OBS1,1,1,n\na,OBS2,1,1,m\n",
+            3,
+            "agent 'm' here and 'n' on line 2",
+        ),
+        (
+            "run,observable,difficulty,x,fog_level\na,OBS1,1,1,3\n",
+            1,
+            "a difficulty and factor columns too: fog_level",
+        ),
         ("run,observable,x,fog_level\na,OBS1,1,3\n", 1, "the factor column 'rain_level' is missing"),
-        ("run,observable,x,fog_level,rain_level\na,OBS1,1,3,1\na,OBS2,1,4,1\n", 3, "fog_level 4.0 here and 3.0 on line 2"),
+        (
+            "run,observable,x,fog_level,rain_level\na,OBS1,1,3,1\na,OBS2,1,4,1\n",
+            3,
+            "fog_level 4.0 here and 3.0 on line 2",
+        ),
         ("run,observable,x,fog_level,rain_level\na,OBS1,1,,1\n", 2, "fog_level is empty"),
         ("run,observable,difficulty,x\n", 1, "has no rows"),
         ("", 1, "has no rows"),
         ('run,observable,difficulty,x\n"a,OBS1,1,1\n', 2, "not valid CSV"),
         ('[{"run": "a"},\n {"run": }]', 2, "not valid JSON"),
-        ('[{"run": "a", "observable": "OBS1", "difficulty": 1, "x": 1}', 1, "a comma or ] is missing after a record"),
+        (
+            '[{"run": "a", "observable": "OBS1", "difficulty": 1, "x": 1}',
+            1,
+            "a comma or ] is missing after a record",
+        ),
         ('[{"run": "a", "observable": "OBS1", "difficulty": 1, "x": 1},\n', 2, "the list does not end"),
         ('[{"run": "a"}\n {"run": "b"}]', 2, "a comma or ] is missing"),
         ('[{"run": "a"}]\n\n[]', 3, "text follows after the end of the list"),
@@ -208,8 +259,14 @@ def test_all_faults_come_at_once(given: Decomposition) -> None:
     """Ten rows with ten faults are mended in one round; ten thousand are cut short and counted."""
     rows = ["a,OBS1,101,2,maybe", "a,OBS9,30,1,", ",OBS2,30,1,", "b,OBS1,30,,1"]
     text = "run,observable,difficulty,x,considered\n" + "\n".join(rows)
-    assert [fault.where for fault in faults_of(text, given)] == ["t.csv:2"] * 3 + ["t.csv:3", "t.csv:4", "t.csv:5"]
-    many = faults_of("run,observable,difficulty,x\n" + "\n".join(f"r{i},OBS1,30,7" for i in range(1000)), given)
+    assert [fault.where for fault in faults_of(text, given)] == ["t.csv:2"] * 3 + [
+        "t.csv:3",
+        "t.csv:4",
+        "t.csv:5",
+    ]
+    many = faults_of(
+        "run,observable,difficulty,x\n" + "\n".join(f"r{i},OBS1,30,7" for i in range(1000)), given
+    )
     assert (len(many), many[-1].what) == (201, "800 more faults")
 
 

@@ -10,7 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.scoring import DifficultyGoal, difficulty_increase, difficulty_of_values, rate, value_for_rating
-from decompositions import Decomposition, DecompositionDocument, KeyFactor, Policies, decomposition_of, load_decomposition
+from decompositions import (
+    Decomposition,
+    DecompositionDocument,
+    KeyFactor,
+    Policies,
+    decomposition_of,
+    load_decomposition,
+)
 
 VALUES = {
     "target_concealment": 0.0,
@@ -23,7 +30,13 @@ VALUES = {
 
 
 def table(ratings: list[float], values: list[float], **changes: Any) -> KeyFactor:
-    row = {"factor": "fog_level", "unit": "level", "ratings": ratings, "values": values, "reason": "For the test."}
+    row = {
+        "factor": "fog_level",
+        "unit": "level",
+        "ratings": ratings,
+        "values": values,
+        "reason": "For the test.",
+    }
     return KeyFactor.model_validate(row | changes)
 
 
@@ -45,7 +58,9 @@ RAIN = table([10, 20, 30, 40, 50, 60], [0, 1, 2, 4, 4, 5])
         (table([10, 50, 100], [300, 200, 50], mapping="step"), 30.0, False, (200.0, False)),
     ],
 )
-def test_a_table_is_read_backwards(row: KeyFactor, rating: float, exceeded: bool, expected: tuple[float, bool] | None) -> None:
+def test_a_table_is_read_backwards(
+    row: KeyFactor, rating: float, exceeded: bool, expected: tuple[float, bool] | None
+) -> None:
     """The easiest value with a rating, and whether it must be passed."""
     assert value_for_rating(row, rating, exceeded=exceeded) == expected
 
@@ -143,7 +158,10 @@ def made(rows: list[dict[str, Any]], **more: Any) -> Decomposition:
 
 
 def test_what_cannot_be_reached_says_where_it_ends() -> None:
-    """A table that ends at 30 keeps a node in the second tension for good; tables in both directions have no harder value."""
+    """A table that ends at 30 keeps a node in the second tension for good; tables in both directions have no
+    harder value.
+    """
+
     fog = {"factor": "fog_level", "unit": "level", "ratings": [10, 30], "values": [0, 9], "reason": "r"}
     short = made([fog])
     increase = difficulty_increase(short, difficulty_of_values(short, {"fog_level": 9.0}), "KA")
@@ -154,16 +172,22 @@ def test_what_cannot_be_reached_says_where_it_ends() -> None:
     both = made([fog, fog | {"values": [9, 0]}])
     increase = difficulty_increase(both, difficulty_of_values(both, {"fog_level": 2.0}), "KA")
     assert increase.tension is not None
-    assert [(factor_change.to, factor_change.harder) for factor_change in increase.tension.changes] == [(None, "either way")]
+    assert [(factor_change.to, factor_change.harder) for factor_change in increase.tension.changes] == [
+        (None, "either way")
+    ]
 
 
 def test_a_factor_in_two_tables_has_to_satisfy_both() -> None:
     """Under a node a factor goes as far as the table that asks most of it."""
     fog = {"factor": "fog_level", "unit": "level", "ratings": [0, 100], "values": [0, 10], "reason": "r"}
     decomposition = made([fog, fog | {"values": [0, 20]}])
-    increase = difficulty_increase(decomposition, difficulty_of_values(decomposition, {"fog_level": 2.0}), "KA")
+    increase = difficulty_increase(
+        decomposition, difficulty_of_values(decomposition, {"fog_level": 2.0}), "KA"
+    )
     assert increase.tension is not None
-    assert [(change.factor, change.to, change.past) for change in increase.tension.changes] == [("fog_level", 4.0, True)]
+    assert [(change.factor, change.to, change.past) for change in increase.tension.changes] == [
+        ("fog_level", 4.0, True)
+    ]
 
 
 def test_nothing_is_said_where_nothing_rules() -> None:

@@ -1,6 +1,8 @@
-"""Two of everything: shared observables, tied key factors, a second run that fails, design points of unequal size.
+"""Two of everything: shared observables, tied key factors, a second run that fails, design points of unequal
+size.
 
-Rules that pick one of several, or that count each once, look right as long as there is only one. Every test here has two.
+Rules that pick one of several, or that count each once, look right as long as there is only one. Every test
+here has two.
 """
 
 from __future__ import annotations
@@ -32,7 +34,13 @@ THRESHOLD = 0.5
 
 
 def row(factor: str, ratings: list[float], values: list[float]) -> dict[str, Any]:
-    return {"factor": factor, "unit": "level", "ratings": ratings, "values": values, "reason": "For the test."}
+    return {
+        "factor": factor,
+        "unit": "level",
+        "ratings": ratings,
+        "values": values,
+        "reason": "For the test.",
+    }
 
 
 FOG = row("fog_level", [20, 80], [0, 3])
@@ -40,7 +48,10 @@ RAIN = row("rain_level", [20, 80], [0, 6])
 
 
 def built(*, principles: bool = True, tables: dict[str, list[dict[str, Any]]] | None = None) -> Decomposition:
-    """Two principles over two key attributes over two VABs; O2 stands under both VABs, KA2 under both principles."""
+    """Two principles over two key attributes over two VABs; O2 stands under both VABs, KA2 under both
+    principles.
+    """
+
     leaves = [
         {
             "id": name,
@@ -56,7 +67,9 @@ def built(*, principles: bool = True, tables: dict[str, list[dict[str, Any]]] | 
     ]
 
     def inner(children: dict[str, list[str]]) -> list[dict[str, Any]]:
-        return [{"id": name, "title": name, "asks": "?", "children": below} for name, below in children.items()]
+        return [
+            {"id": name, "title": name, "asks": "?", "children": below} for name, below in children.items()
+        ]
 
     document = {
         "format": "rebar.decomposition/1",
@@ -74,10 +87,15 @@ def built(*, principles: bool = True, tables: dict[str, list[dict[str, Any]]] | 
 STATED = {"O1": 30.0, "O2": 60.0, "O3": 90.0}
 
 
-def flown(name: str, xs: dict[str, float | None], *, point: str = "", agent: str = "a", replicate: int = 0) -> ScoredRun:
+def flown(
+    name: str, xs: dict[str, float | None], *, point: str = "", agent: str = "a", replicate: int = 0
+) -> ScoredRun:
     observations = tuple(
         Observation(
-            observable=observable, considered=x is not None, x=x, evidence=(Evidence(time_s=1.0, text=f"{name} {observable}"),)
+            observable=observable,
+            considered=x is not None,
+            x=x,
+            evidence=(Evidence(time_s=1.0, text=f"{name} {observable}"),),
         )
         for observable, x in xs.items()
     )
@@ -101,7 +119,9 @@ def test_a_shared_observable_counts_once_at_every_level(xs: tuple[float | None, 
 
 def test_two_factors_that_tie_rule_together() -> None:
     """Fog and rain both rate 50: both rule, the margin skips both, and only raising both helps."""
-    decomposition = built(tables={"O1": [FOG, RAIN], "O2": [FOG, row("clouds", [70, 90], [0, 1])], "O3": [RAIN]})
+    decomposition = built(
+        tables={"O1": [FOG, RAIN], "O2": [FOG, row("clouds", [70, 90], [0, 1])], "O3": [RAIN]}
+    )
     values = {"fog_level": 1.5, "rain_level": 3.0, "clouds": 0.0}
     difficulty = difficulty_of_values(decomposition, values)
     assert {name: difficulty.of(name) for name in ("O1", "O2", "O3", "KA1", "P2")} == dict.fromkeys(
@@ -113,31 +133,61 @@ def test_two_factors_that_tie_rule_together() -> None:
     assert difficulty.nodes["KA1"].ruled_by == ("O1", "O2", "O3")
     assert "fog_level = 1.5 level and rain_level = 3 level" in difficulty.explain("O1")
     increase = difficulty_increase(decomposition, difficulty, "KA1")
-    assert (increase.ruled_by, increase.following, increase.margin) == (("fog_level", "rain_level"), ("clouds",), 20.0)
+    assert (increase.ruled_by, increase.following, increase.margin) == (
+        ("fog_level", "rain_level"),
+        ("clouds",),
+        20.0,
+    )
     assert increase.takeover
-    assert [(change.factor, change.to) for change in increase.takeover.changes] == [("fog_level", 2.5), ("rain_level", 5.0)]
-    for raised, expected in (({"fog_level"}, 50.0), ({"rain_level"}, 50.0), ({"fog_level", "rain_level"}, 70.0)):
-        changed = values | {change.factor: change.to for change in increase.takeover.changes if change.factor in raised}
+    assert [(change.factor, change.to) for change in increase.takeover.changes] == [
+        ("fog_level", 2.5),
+        ("rain_level", 5.0),
+    ]
+    for raised, expected in (
+        ({"fog_level"}, 50.0),
+        ({"rain_level"}, 50.0),
+        ({"fog_level", "rain_level"}, 70.0),
+    ):
+        changed = values | {
+            change.factor: change.to for change in increase.takeover.changes if change.factor in raised
+        }
         assert difficulty_of_values(decomposition, changed).of("KA1") == pytest.approx(expected)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("failing", [0, 1])
 def test_the_run_that_fails_is_explained_whichever_it_is(failing: int) -> None:
-    """Of two runs one fails at one of two observables: it comes first, with its own evidence, reason and recording."""
+    """Of two runs one fails at one of two observables: it comes first, with its own evidence, reason and
+    recording.
+    """
+
     runs = [
-        flown(f"r{number}", {"O1": 1.0, "O2": 0.0 if number == failing else 1.0, "O3": 1.0}, point="p", replicate=number)
+        flown(
+            f"r{number}",
+            {"O1": 1.0, "O2": 0.0 if number == failing else 1.0, "O3": 1.0},
+            point="p",
+            replicate=number,
+        )
         for number in (0, 1)
     ]
     decomposition = built()
     scores = score_table(decomposition, runs)
-    summary = node_reports(scores, summary_frame(scores, decomposition).filter(node="KA1", configuration="all"))
-    sources = Sources({"r0": "0.mcap", "r1": "1.mcap"}, {"r0": "zero", "r1": "one"}, {("r0", "O2"): "t:1", ("r1", "O2"): "t:2"})
+    summary = node_reports(
+        scores, summary_frame(scores, decomposition).filter(node="KA1", configuration="all")
+    )
+    sources = Sources(
+        {"r0": "0.mcap", "r1": "1.mcap"},
+        {"r0": "zero", "r1": "one"},
+        {("r0", "O2"): "t:1", ("r1", "O2"): "t:2"},
+    )
     (agent,) = explain(decomposition, "KA1", runs, scores, summary, sources).agents
     first, second = agent.runs
     assert (first.run, first.state, second.state) == (f"r{failing}", "failed", "passed")
     assert (first.recording, first.reason) == (f"{failing}.mcap", ("zero", "one")[failing])
     assert [leaf.id for leaf in first.observables] == ["O2", "O1", "O3"]
-    assert (first.observables[0].row, first.observables[0].evidence[0].text) == (f"t:{failing + 1}", f"r{failing} O2")
+    assert (first.observables[0].row, first.observables[0].evidence[0].text) == (
+        f"t:{failing + 1}",
+        f"r{failing} O2",
+    )
     assert first.ruled_by == ("KA1", "V1", "O1")
     assert (agent.summary.passed, agent.summary.considered, agent.summary.design_points) == (1, 2, 1)
 
@@ -146,14 +196,19 @@ def test_of_two_children_that_tie_the_first_rules() -> None:
     """V1 and V2 both have the score of O2: the path goes down by V1, and O2 is marked as ruling once."""
     decomposition, run = built(), flown("r", {"O1": 0.0, "O2": 1.0, "O3": 1.0})
     scores = score_table(decomposition, [run])
-    summary = node_reports(scores, summary_frame(scores, decomposition).filter(node="KA1", configuration="all"))
+    summary = node_reports(
+        scores, summary_frame(scores, decomposition).filter(node="KA1", configuration="all")
+    )
     (agent,) = explain(decomposition, "KA1", [run], scores, summary, Sources()).agents
     assert agent.runs[0].ruled_by == ("KA1", "V1", "O2")
     assert [leaf.id for leaf in agent.runs[0].observables if leaf.ruling] == ["O2"]
 
 
 def test_design_points_of_unequal_size_weigh_by_their_runs() -> None:
-    """Five runs of one design point and one of another, for two agents: means over runs, intervals over design points."""
+    """Five runs of one design point and one of another, for two agents: means over runs, intervals over
+    design points.
+    """
+
     shares = {"a": [1.0, 1.0, 1.0, 1.0, 0.0, 0.0], "b": [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}
     points = ["big"] * 5 + ["small"]
     runs = [
@@ -166,18 +221,24 @@ def test_design_points_of_unequal_size_weigh_by_their_runs() -> None:
         xs = shares[summary["agent"]]
         mean = sum(xs) / 6
         squared = sum(
-            sum(x - mean for x, name in zip(xs, points, strict=True) if name == point) ** 2 for point in ("big", "small")
+            sum(x - mean for x, name in zip(xs, points, strict=True) if name == point) ** 2
+            for point in ("big", "small")
         )
         size = float(effective_size(mean, 6, 2, squared))
         low, high = clopper_pearson(mean * size, size)
         assert (summary["considered"], summary["design_points"]) == (6, 2)
         assert summary["confidence_mean"] == pytest.approx(mean)
-        assert (summary["confidence_low"], summary["confidence_high"]) == (pytest.approx(float(low)), pytest.approx(float(high)))
+        assert (summary["confidence_low"], summary["confidence_high"]) == (
+            pytest.approx(float(low)),
+            pytest.approx(float(high)),
+        )
     assert frame["competence_50"].to_list() == [30.0, 0.0]
 
 
 def test_difficulties_that_tie_are_one_cell_of_competence() -> None:
-    """Two design points of one difficulty, one passing and one failing, and a harder one that passes: half of each counts."""
+    """Two design points of one difficulty, one passing and one failing, and a harder one that passes: half of
+    each counts.
+    """
 
     def run(name: str, x: float, difficulty: float) -> ScoredRun:
         rated = stated_difficulty(built(), STATED | {"O1": difficulty})
@@ -201,7 +262,10 @@ def test_difficulties_that_tie_are_one_cell_of_competence() -> None:
         ("r,O1,30,2,\nr,O2,130,1,\n", {(2, "x 2 lies outside"), (3, "difficulty 130 lies outside")}),
         ("r,O1,130,2,\n", {(2, "x 2 lies outside"), (2, "difficulty 130 lies outside")}),
         ("r,O1,30,1,\nr,O1,30,1,\nr,O1,30,1,\n", {(3, "already on line 2"), (4, "already on line 2")}),
-        ("r,O7,30,1,maybe\ns,O8,30,1,\n", {(2, "no observable 'O7'"), (2, "considered is 'maybe'"), (3, "no observable 'O8'")}),
+        (
+            "r,O7,30,1,maybe\ns,O8,30,1,\n",
+            {(2, "no observable 'O7'"), (2, "considered is 'maybe'"), (3, "no observable 'O8'")},
+        ),
     ],
 )
 def test_two_faults_of_a_table_are_both_reported(text: str, expected: set[tuple[int, str]]) -> None:

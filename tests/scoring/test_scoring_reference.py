@@ -38,14 +38,25 @@ class Flown:
         return {} if str(self.outcome) in FAULTS else self.xs
 
     def scored_run(self, decomposition: Decomposition) -> ScoredRun:
-        observed = tuple(Observation(observable=observable, considered=x is not None, x=x) for observable, x in self.xs.items())
+        observed = tuple(
+            Observation(observable=observable, considered=x is not None, x=x)
+            for observable, x in self.xs.items()
+        )
         return ScoredRun(
-            self.name, self.point, 0, self.agent, self.outcome, stated_difficulty(decomposition, self.difficulty), observed
+            self.name,
+            self.point,
+            0,
+            self.agent,
+            self.outcome,
+            stated_difficulty(decomposition, self.difficulty),
+            observed,
         )
 
 
 class Reference:
-    """The rulings 4 to 17 read aloud, node by node and run by run; it shares nothing with the implementation."""
+    """The rulings 4 to 17 read aloud, node by node and run by run; it shares nothing with the
+    implementation.
+    """
 
     def __init__(self, decomposition: Decomposition) -> None:
         self.decomposition, self.rules = decomposition, decomposition.policies
@@ -61,12 +72,18 @@ class Reference:
         return [leaf for leaf in self.leaves(node) if xs.get(leaf) is not None]
 
     def achieved(self, node: str, xs: Values) -> list[str]:
-        return [leaf for leaf in self.considered(node, xs) if (xs[leaf] or 0.0) >= self.decomposition.observables[leaf].threshold]
+        return [
+            leaf
+            for leaf in self.considered(node, xs)
+            if (xs[leaf] or 0.0) >= self.decomposition.observables[leaf].threshold
+        ]
 
     def score(self, node: str, run: Flown, xs: Values) -> float | None:
         children = self.decomposition.nodes[node].children
         if children:
-            scores = [score for score in (self.score(child, run, xs) for child in children) if score is not None]
+            scores = [
+                score for score in (self.score(child, run, xs) for child in children) if score is not None
+            ]
             if not scores:
                 return None
             return min(scores) if self.rules.inner_score == "minimum" else fmean(scores)
@@ -98,7 +115,10 @@ class Reference:
 
     def competence(self, node: str, runs: Sequence[Flown], share: float) -> float | None:
         trials = [
-            (self.difficulty(node, run), len(self.achieved(node, run.counted)) == len(self.considered(node, run.counted)))
+            (
+                self.difficulty(node, run),
+                len(self.achieved(node, run.counted)) == len(self.considered(node, run.counted)),
+            )
             for run in runs
             if self.considered(node, run.counted)
         ]
@@ -112,7 +132,10 @@ class Reference:
 
 
 def graph(draw: st.DrawFn) -> tuple[list[list[dict[str, Any]]], list[str]]:
-    """Layers of nodes with many-to-many edges between neighbouring levels, and the names of the observables."""
+    """Layers of nodes with many-to-many edges between neighbouring levels, and the names of the
+    observables.
+    """
+
     counts = [draw(st.integers(1, most)) for most in (3, 3, 5, 6)]
     names = [[f"{letter}{i}" for i in range(count)] for letter, count in zip("PKVO", counts, strict=True)]
     layers = []
@@ -120,7 +143,12 @@ def graph(draw: st.DrawFn) -> tuple[list[list[dict[str, Any]]], list[str]]:
         children = {name: draw(st.lists(st.sampled_from(below), min_size=1, unique=True)) for name in above}
         for orphan in sorted(set(below) - {child for child_ids in children.values() for child in child_ids}):
             children[draw(st.sampled_from(above))].append(orphan)
-        layers.append([{"id": name, "title": name, "asks": "?", "children": child_ids} for name, child_ids in children.items()])
+        layers.append(
+            [
+                {"id": name, "title": name, "asks": "?", "children": child_ids}
+                for name, child_ids in children.items()
+            ]
+        )
     return layers, names[3]
 
 
@@ -131,7 +159,13 @@ def campaigns(draw: st.DrawFn) -> tuple[Decomposition, list[Flown]]:
     observables = []
     for name in names:
         partial = draw(st.booleans())
-        row = {"factor": "fog_level", "unit": "level", "ratings": [0, 100], "values": [0, 100], "reason": "For the test."}
+        row = {
+            "factor": "fog_level",
+            "unit": "level",
+            "ratings": [0, 100],
+            "values": [0, 100],
+            "reason": "For the test.",
+        }
         observables.append(
             {
                 "id": name,
@@ -173,7 +207,14 @@ def campaigns(draw: st.DrawFn) -> tuple[Decomposition, list[Flown]]:
         observed = draw(st.lists(st.sampled_from(names), unique=True))
         point, agent = f"p{situation}{draw(st.sampled_from('ab'))}", draw(st.sampled_from(["one", "two"]))
         runs.append(
-            Flown(f"r{i}", point, agent, draw(outcome), situations[situation], {n: draw(st.none() | GRID) for n in observed})
+            Flown(
+                f"r{i}",
+                point,
+                agent,
+                draw(outcome),
+                situations[situation],
+                {n: draw(st.none() | GRID) for n in observed},
+            )
         )
     return decomposition, runs
 
@@ -199,7 +240,9 @@ def test_tables_and_summaries_are_those_of_the_reference(campaign: tuple[Decompo
     for row in summary_frame(table, decomposition).iter_rows(named=True):
         group = [run for run in runs if run.agent == row["agent"]]
         if row["configuration"] != "all":
-            group = [run for run in group if rows[run.name, row["node"]]["configuration"] == row["configuration"]]
+            group = [
+                run for run in group if rows[run.name, row["node"]]["configuration"] == row["configuration"]
+            ]
         same_summary(reference, row, group)
 
 
@@ -208,14 +251,22 @@ def same_summary(reference: Reference, row: dict[str, Any], group: list[Flown]) 
     node, counted = row["node"], [run for run in group if str(run.outcome) not in FAULTS]
     decomposition = [run for run in counted if reference.considered(node, run.xs)]
     scores = [score for score in (reference.score(node, run, run.xs) for run in counted) if score is not None]
-    passed = [score for score in (reference.passed_score(node, run, run.xs) for run in decomposition) if score is not None]
+    passed = [
+        score
+        for score in (reference.passed_score(node, run, run.xs) for run in decomposition)
+        if score is not None
+    ]
     assert (row["runs"], row["excluded"]) == (len(counted), len(group) - len(counted))
     assert (row["considered"], row["scored"]) == (len(decomposition), len(scores))
     assert row["design_points"] == len({run.point for run in decomposition})
     assert row["score_mean"] == approximately(fmean(scores) if scores else None)
     assert row["passed_score_mean"] == approximately(fmean(passed) if passed else None)
     assert row["raised_by_failure"] == bool(scores and fmean(scores) > fmean(passed) + 1e-9)
-    ratios = [ratio for ratio in (reference.confidence(node, run, run.xs) for run in decomposition) if ratio is not None]
+    ratios = [
+        ratio
+        for ratio in (reference.confidence(node, run, run.xs) for run in decomposition)
+        if ratio is not None
+    ]
     if reference.rules.over_runs == "mean_of_ratios":
         mean = fmean(ratios) if ratios else None
     else:

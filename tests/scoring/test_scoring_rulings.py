@@ -28,14 +28,19 @@ NOT_IMPLEMENTED = {14, 23, 24, 25}
 
 
 def rulings() -> dict[int, str]:
-    """The text of every ruling by its number, on one line: a phrase may be broken over two lines of the page."""
+    """The text of every ruling by its number, on one line: a phrase may be broken over two lines of the
+    page.
+    """
+
     parts = re.split(r"^(\d+)\. ", RULINGS.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
     return {int(number): " ".join(text.split()) for number, text in zip(parts[::2], parts[1::2], strict=True)}
 
 
 def texts() -> Iterator[tuple[Path, str]]:
     paths = [ROOT / "README.md", ROOT / "CHANGELOG.md"]
-    paths += [path for folder in SEARCHED for path in sorted((ROOT / folder).rglob("*")) if path.suffix in SUFFIXES]
+    paths += [
+        path for folder in SEARCHED for path in sorted((ROOT / folder).rglob("*")) if path.suffix in SUFFIXES
+    ]
     for path in paths:
         if path != Path(__file__):
             yield path.relative_to(ROOT), path.read_text(encoding="utf-8")
@@ -75,7 +80,10 @@ def test_rulings_without_an_implementation_say_what_holds_today() -> None:
 
 
 def test_every_citation_resolves() -> None:
-    """Whoever follows a citation finds the ruling; the page that is not in the repository is cited nowhere."""
+    """Whoever follows a citation finds the ruling; the page that is not in the repository is cited
+    nowhere.
+    """
+
     numbers = set(rulings())
     assert {str(path): sorted(cited(text) - numbers) for path, text in texts() if cited(text) - numbers} == {}
     assert [str(path) for path, text in texts() if "reading.md" in text] == []
@@ -84,4 +92,8 @@ def test_every_citation_resolves() -> None:
 def test_the_tree_cites_rulings() -> None:
     """The search finds the citations that scoring has."""
     citing = {str(path) for path, text in texts() if cited(text)}
-    assert {"bench/scoring/_scores.py", "bench/statistics/_competence.py", "bench/contracts/_outcome.py"} <= citing
+    assert {
+        "bench/scoring/_scores.py",
+        "bench/statistics/_competence.py",
+        "bench/contracts/_outcome.py",
+    } <= citing

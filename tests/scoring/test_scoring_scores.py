@@ -1,4 +1,6 @@
-"""Scores of runs: the paper's worked example to the digit, credit and near misses, and a brute-force reference."""
+"""Scores of runs: the paper's worked example to the digit, credit and near misses, and a brute-force
+reference.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,13 @@ from decompositions import Decomposition, DecompositionDocument, Level, decompos
 
 
 def leaf(name: str, **changes: Any) -> dict[str, Any]:
-    row = {"factor": "fog_level", "unit": "level", "ratings": [0, 100], "values": [0, 100], "reason": "For the test."}
+    row = {
+        "factor": "fog_level",
+        "unit": "level",
+        "ratings": [0, 100],
+        "values": [0, 100],
+        "reason": "For the test.",
+    }
     return {
         "id": name,
         "title": name,
@@ -35,7 +43,10 @@ def node(name: str, children: list[str]) -> dict[str, Any]:
 
 
 def build(
-    observables: list[dict[str, Any]], vabs: dict[str, list[str]], attributes: dict[str, list[str]], **more: Any
+    observables: list[dict[str, Any]],
+    vabs: dict[str, list[str]],
+    attributes: dict[str, list[str]],
+    **more: Any,
 ) -> Decomposition:
     document = {
         "format": "rebar.decomposition/1",
@@ -70,20 +81,45 @@ def worked() -> Decomposition:
 def test_the_worked_example_to_the_digit(worked: Decomposition) -> None:
     """Run 1: 30 (2/2), 50, 30 (3/3). Run 2, where OBS1 fails: 80 (1/2), 50, 50 (2/3)."""
     first = score_run(worked, WORKED_DIFFICULTY, observations_of({"OBS1": 1.0, "OBS2": 1.0, "OBS3": 1.0}))
-    assert [first[n].score for n in ("OBS1", "OBS2", "VAB1", "OBS3", "VAB2", "KA1")] == [30, 80, 30, 50, 50, 30]
-    assert [(first[n].achieved, first[n].considered) for n in ("VAB1", "VAB2", "KA1")] == [(2, 2), (1, 1), (3, 3)]
+    assert [first[n].score for n in ("OBS1", "OBS2", "VAB1", "OBS3", "VAB2", "KA1")] == [
+        30,
+        80,
+        30,
+        50,
+        50,
+        30,
+    ]
+    assert [(first[n].achieved, first[n].considered) for n in ("VAB1", "VAB2", "KA1")] == [
+        (2, 2),
+        (1, 1),
+        (3, 3),
+    ]
     assert first["KA1"].confidence == 1.0
 
     second = score_run(worked, WORKED_DIFFICULTY, observations_of({"OBS1": 0.0, "OBS2": 1.0, "OBS3": 1.0}))
-    assert [second[n].score for n in ("OBS1", "OBS2", "VAB1", "OBS3", "VAB2", "KA1")] == [None, 80, 80, 50, 50, 50]
-    assert [(second[n].achieved, second[n].considered) for n in ("VAB1", "VAB2", "KA1")] == [(1, 2), (1, 1), (2, 3)]
+    assert [second[n].score for n in ("OBS1", "OBS2", "VAB1", "OBS3", "VAB2", "KA1")] == [
+        None,
+        80,
+        80,
+        50,
+        50,
+        50,
+    ]
+    assert [(second[n].achieved, second[n].considered) for n in ("VAB1", "VAB2", "KA1")] == [
+        (1, 2),
+        (1, 1),
+        (2, 3),
+    ]
     assert second["OBS1"].confidence == 0.0
     assert second["VAB1"].confidence == 0.5
     assert second["KA1"].confidence == 2 / 3
 
 
 def test_the_papers_text_is_a_policy(worked: Decomposition) -> None:
-    """Its text divides over children: then both children of KA1 scored in run 2, and its confidence is 2/2."""
+    """Its text divides over children: then both children of KA1 scored in run 2, and its confidence is
+    2/2.
+    """
+
     document = worked.document.model_dump() | {"policies": {"confidence": "children"}}
     other = decomposition_of(DecompositionDocument.model_validate(document))
     second = score_run(other, WORKED_DIFFICULTY, observations_of({"OBS1": 0.0, "OBS2": 1.0, "OBS3": 1.0}))
@@ -93,11 +129,17 @@ def test_the_papers_text_is_a_policy(worked: Decomposition) -> None:
 
 
 def test_not_considered_is_a_state_of_its_own(worked: Decomposition) -> None:
-    """An observable that the run did not exercise has neither score nor confidence, and does not weigh above it."""
+    """An observable that the run did not exercise has neither score nor confidence, and does not weigh above
+    it.
+    """
+
     scores = score_run(worked, WORKED_DIFFICULTY, observations_of({"OBS1": None, "OBS2": 1.0}))
     assert (scores["OBS1"].score, scores["OBS1"].confidence, scores["OBS1"].considered) == (None, None, 0)
     assert (scores["VAB1"].score, scores["VAB1"].confidence) == (80.0, 1.0)
-    assert (scores["VAB2"].score, scores["VAB2"].confidence) == (None, None)  # without an observation: not considered
+    assert (scores["VAB2"].score, scores["VAB2"].confidence) == (
+        None,
+        None,
+    )  # without an observation: not considered
     assert (scores["KA1"].achieved, scores["KA1"].considered) == (1, 1)
 
 
@@ -116,31 +158,62 @@ def test_failed_is_not_not_considered(worked: Decomposition) -> None:
         (0.4999999999999999, 0.5, True, None, 40.0, None, 0),  # no slack at the threshold
         (1.0, 0.0, True, None, 100.0, 104.0, 1),  # not clipped above
         (0.0, 0.9, True, 0.9, 0.0, -3.6, 0),  # nor below
-        (0.45, 0.5, True, 0.1, 40.0, 40.0 + 4 * (0.45 - 0.5), 0),  # a near miss scores below d; its confidence stays 0
+        (
+            0.45,
+            0.5,
+            True,
+            0.1,
+            40.0,
+            40.0 + 4 * (0.45 - 0.5),
+            0,
+        ),  # a near miss scores below d; its confidence stays 0
         (0.39, 0.5, True, 0.1, 40.0, None, 0),
-        (0.7, 0.8, True, 0.1, 40.0, 40.0 + 4 * (0.7 - 0.8), 0),  # 0.8 - 0.1 is a hair above 0.7: the slack of 1e-12
+        (
+            0.7,
+            0.8,
+            True,
+            0.1,
+            40.0,
+            40.0 + 4 * (0.7 - 0.8),
+            0,
+        ),  # 0.8 - 0.1 is a hair above 0.7: the slack of 1e-12
         (0.45, 0.5, True, 0.0, 40.0, None, 0),
     ],
 )
 def test_credit_and_near_misses(
     x: float, tau: float, partial: bool, near_miss: float | None, d: float, score: float | None, achieved: int
 ) -> None:
-    """d + 4 (x - tau) with partial credit, d without; near misses only where asked for; nothing is clipped."""
-    scores = score_run(node_of(tau, partial_credit=partial, near_miss=near_miss), {"O": d}, observations_of({"O": x}))
+    """d + 4 (x - tau) with partial credit, d without; near misses only where asked for; nothing is
+    clipped.
+    """
+
+    scores = score_run(
+        node_of(tau, partial_credit=partial, near_miss=near_miss), {"O": d}, observations_of({"O": x})
+    )
     assert scores["O"].score == scores["KA"].score == score
-    assert (scores["O"].achieved, scores["O"].considered, scores["O"].confidence) == (achieved, 1, float(achieved))
+    assert (scores["O"].achieved, scores["O"].considered, scores["O"].confidence) == (
+        achieved,
+        1,
+        float(achieved),
+    )
 
 
 def test_credit_points_are_a_policy() -> None:
     """The paper's four points can be others."""
     other = build(
-        [leaf("O", partial_credit=True)], {"V": ["O"]}, {"KA": ["V"]}, policies={"credit_points": 10.0, "inner_score": "mean"}
+        [leaf("O", partial_credit=True)],
+        {"V": ["O"]},
+        {"KA": ["V"]},
+        policies={"credit_points": 10.0, "inner_score": "mean"},
     )
     assert score_run(other, {"O": 40.0}, observations_of({"O": 1.0}))["KA"].score == 45.0
 
 
 def test_what_cannot_be_scored_is_refused(worked: Decomposition) -> None:
-    """Unknown and repeated observables, considered ones without a value, and missing difficulties are bugs upstream."""
+    """Unknown and repeated observables, considered ones without a value, and missing difficulties are bugs
+    upstream.
+    """
+
     with pytest.raises(ValueError, match="OBS9"):
         score_run(worked, WORKED_DIFFICULTY, observations_of({"OBS9": 1.0}))
     with pytest.raises(ValueError, match="two observations of OBS1"):
@@ -190,13 +263,18 @@ def brute_force(
     for name in decomposition.nodes:
         considered = [observable for observable in leaves(name) if xs.get(observable) is not None]
         passed = sum(achieved(observable) for observable in considered)
-        node_scores[name] = Expected(score(name), passed / len(considered) if considered else None, passed, len(considered))
+        node_scores[name] = Expected(
+            score(name), passed / len(considered) if considered else None, passed, len(considered)
+        )
     return node_scores
 
 
 @st.composite
 def situations(draw: st.DrawFn) -> tuple[Decomposition, dict[str, float], dict[str, float | None]]:
-    """A random DAG with many-to-many edges, thresholds, credit and near misses; difficulties; values, some absent."""
+    """A random DAG with many-to-many edges, thresholds, credit and near misses; difficulties; values, some
+    absent.
+    """
+
     grid = st.sampled_from([0.0, 0.1, 0.25, 0.3, 0.5, 0.7, 0.75, 0.8, 1.0])
     counts = [draw(st.integers(1, most)) for most in (3, 4, 6, 8)]
     names = [[f"{letter}{i}" for i in range(count)] for letter, count in zip("PKVO", counts, strict=True)]
@@ -232,7 +310,10 @@ def situations(draw: st.DrawFn) -> tuple[Decomposition, dict[str, float], dict[s
 def test_scores_are_those_of_a_brute_force_reference(
     situation: tuple[Decomposition, dict[str, float], dict[str, float | None]],
 ) -> None:
-    """On random many-to-many DAGs with missing and not considered values, every node comes out exactly the same."""
+    """On random many-to-many DAGs with missing and not considered values, every node comes out exactly the
+    same.
+    """
+
     decomposition, difficulties, xs = situation
     scores = score_run(decomposition, difficulties, observations_of(xs))
     for name, expected in brute_force(decomposition, difficulties, xs).items():
@@ -242,9 +323,13 @@ def test_scores_are_those_of_a_brute_force_reference(
 
 @settings(max_examples=50, deadline=None)
 @given(situations())
-def test_a_shared_observable_counts_once(situation: tuple[Decomposition, dict[str, float], dict[str, float | None]]) -> None:
+def test_a_shared_observable_counts_once(
+    situation: tuple[Decomposition, dict[str, float], dict[str, float | None]],
+) -> None:
     """No node counts more than its distinct descendants, and a principle's count is that of a set."""
     decomposition, difficulties, _ = situation
-    scores = score_run(decomposition, difficulties, observations_of(dict.fromkeys(decomposition.observables, 1.0)))
+    scores = score_run(
+        decomposition, difficulties, observations_of(dict.fromkeys(decomposition.observables, 1.0))
+    )
     for name in decomposition.at_level(Level.PRINCIPLE):
         assert scores[name].considered == len(set(decomposition.observables_under(name)))

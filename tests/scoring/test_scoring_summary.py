@@ -26,7 +26,13 @@ from bench.scoring import (
 )
 from bench.scoring._summary import SUMMARY_COLUMNS
 from bench.statistics import clopper_pearson, effective_size, wilson
-from decompositions import Decomposition, DecompositionDocument, Policies, decomposition_of, load_decomposition
+from decompositions import (
+    Decomposition,
+    DecompositionDocument,
+    Policies,
+    decomposition_of,
+    load_decomposition,
+)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +62,9 @@ def everything(decomposition: Decomposition, x: float | None = 1.0) -> dict[str,
     return dict.fromkeys(decomposition.observables, x)
 
 
-def line(summary: pl.DataFrame, node: str, configuration: str = "all", agent: str = "naive") -> dict[str, object]:
+def line(
+    summary: pl.DataFrame, node: str, configuration: str = "all", agent: str = "naive"
+) -> dict[str, object]:
     rows = summary.filter(node=node, configuration=configuration, agent=agent)
     assert rows.height == 1
     return rows.row(0, named=True)
@@ -66,7 +74,13 @@ def worked() -> tuple[Decomposition, list[ScoredRun]]:
     """The paper's two runs: observables of 30, 80 and 50 by one table, OBS1 failing in the second."""
     leaves = []
     for name, rating in (("OBS1", 30.0), ("OBS2", 80.0), ("OBS3", 50.0)):
-        row = {"factor": "fog_level", "unit": "level", "ratings": [rating, 100], "values": [1, 2], "reason": "Given."}
+        row = {
+            "factor": "fog_level",
+            "unit": "level",
+            "ratings": [rating, 100],
+            "values": [1, 2],
+            "reason": "Given.",
+        }
         leaves.append(
             {
                 "id": name,
@@ -87,7 +101,9 @@ def worked() -> tuple[Decomposition, list[ScoredRun]]:
                 "name": "worked",
                 "title": "Worked",
                 "key_attributes": [{"id": "KA1", "title": "KA1", "asks": "?", "children": ["VAB1", "VAB2"]}],
-                "vabs": [{"id": name, "title": name, "asks": "?", "children": children} for name, children in inner],
+                "vabs": [
+                    {"id": name, "title": name, "asks": "?", "children": children} for name, children in inner
+                ],
                 "observables": leaves,
             }
         )
@@ -120,13 +136,23 @@ def test_pooled_counts_are_a_policy(decomposition: Decomposition) -> None:
     first = everything(decomposition, None) | {"OBS-181": 1.0}
     second = everything(decomposition, None) | {"OBS-181": 0.0, "OBS-182": 0.0}
     runs = [run("a", summary, first), run("b", summary, second)]
-    assert line(summary_frame(score_table(decomposition, runs), decomposition), "KA-18")["confidence_mean"] == 0.5
-    pooled = decomposition_of(decomposition.document.model_copy(update={"policies": Policies(over_runs="pooled_counts")}))
-    assert line(summary_frame(score_table(pooled, runs), pooled), "KA-18")["confidence_mean"] == pytest.approx(1 / 3)
+    assert (
+        line(summary_frame(score_table(decomposition, runs), decomposition), "KA-18")["confidence_mean"]
+        == 0.5
+    )
+    pooled = decomposition_of(
+        decomposition.document.model_copy(update={"policies": Policies(over_runs="pooled_counts")})
+    )
+    assert line(summary_frame(score_table(pooled, runs), pooled), "KA-18")[
+        "confidence_mean"
+    ] == pytest.approx(1 / 3)
 
 
 def test_a_table_holds_what_each_run_scored(decomposition: Decomposition) -> None:
-    """Every row of the table equals the run scored alone, with null for what there is not; x stands at observables."""
+    """Every row of the table equals the run scored alone, with null for what there is not; x stands at
+    observables.
+    """
+
     summary = hard(decomposition)
     xs = everything(decomposition) | {"OBS-181": 0.0, "OBS-182": None, "OBS-031": 0.75}
     table = score_table(decomposition, [run("a", summary, everything(decomposition)), run("b", summary, xs)])
@@ -140,11 +166,16 @@ def test_a_table_holds_what_each_run_scored(decomposition: Decomposition) -> Non
         assert row["difficulty"] == summary.of(row["node"])
         assert row["x"] == xs.get(row["node"])
         assert row["configuration"] == configuration_of(decomposition, summary)
-    assert not any(table[name].is_nan().any() for name in ("score", "confidence", "x", "difficulty", "passed_score"))
+    assert not any(
+        table[name].is_nan().any() for name in ("score", "confidence", "x", "difficulty", "passed_score")
+    )
 
 
 def test_faults_of_the_bench_are_shown_and_not_counted(decomposition: Decomposition) -> None:
-    """A run lost by the bench is a row and an `excluded`, never a failure of the agent; a crash of the agent counts."""
+    """A run lost by the bench is a row and an `excluded`, never a failure of the agent; a crash of the agent
+    counts.
+    """
+
     summary = hard(decomposition)
     runs = [
         run("a", summary, everything(decomposition)),
@@ -168,7 +199,10 @@ def test_absent_observations_are_counted(decomposition: Decomposition) -> None:
 
 
 def test_runs_are_grouped_by_configuration_and_agent(decomposition: Decomposition) -> None:
-    """Each agent and configuration has its own line beside `all`; difficulty is one number there and null where it differs."""
+    """Each agent and configuration has its own line beside `all`; difficulty is one number there and null
+    where it differs.
+    """
+
     easy, other = hard(decomposition, 0.5), hard(decomposition, 1.0)
     runs = [
         run("a", easy, everything(decomposition)),
@@ -194,7 +228,9 @@ def test_what_was_never_considered_has_no_mean(decomposition: Decomposition) -> 
     """Null means, an interval that says nothing, and a method that says why."""
     table = hard(decomposition)
     summary = summary_frame(
-        score_table(decomposition, [run("a", table, everything(decomposition) | {"OBS-181": None, "OBS-182": None})]),
+        score_table(
+            decomposition, [run("a", table, everything(decomposition) | {"OBS-181": None, "OBS-182": None})]
+        ),
         decomposition,
     )
     row = line(summary, "KA-18")
@@ -212,7 +248,10 @@ def test_nothing_flown_is_an_empty_table(decomposition: Decomposition) -> None:
 
 
 def test_a_realization_counts_once(decomposition: Decomposition) -> None:
-    """The same realization twice is a bug upstream, not two runs; a study of strangers is the user's to mend."""
+    """The same realization twice is a bug upstream, not two runs; a study of strangers is the user's to
+    mend.
+    """
+
     summary = hard(decomposition)
     with pytest.raises(ValueError, match="'a' appears twice"):
         score_table(decomposition, [run("a", summary, {}), run("a", summary, {})])
@@ -221,7 +260,10 @@ def test_a_realization_counts_once(decomposition: Decomposition) -> None:
 
 
 def test_a_table_survives_parquet(decomposition: Decomposition) -> None:
-    """What a campaign writes to disk and reads back is the same table, and sums up the same without the decomposition."""
+    """What a campaign writes to disk and reads back is the same table, and sums up the same without the
+    decomposition.
+    """
+
     from io import BytesIO
 
     table = score_table(
@@ -241,7 +283,9 @@ def test_a_table_survives_parquet(decomposition: Decomposition) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(data=st.data())
-def test_summaries_are_those_of_a_brute_force_reference(decomposition: Decomposition, data: st.DataObject) -> None:
+def test_summaries_are_those_of_a_brute_force_reference(
+    decomposition: Decomposition, data: st.DataObject
+) -> None:
     """Means and counts by agent, configuration and node equal plain Python over plain rows."""
     situations = [hard(decomposition, 0.5), hard(decomposition, 1.0), hard(decomposition, 0.5, 453.3)]
     value = st.none() | st.sampled_from([0.0, 0.4, 0.5, 0.8, 1.0])
@@ -270,7 +314,9 @@ def test_summaries_are_those_of_a_brute_force_reference(decomposition: Decomposi
         lost = sum(node_row["outcome"] == "worker_lost" for node_row in group)
         assert (row["scored"], row["considered"], row["excluded"]) == (len(scores), len(ratios), lost)
         assert row["runs"] == len(group) - lost
-        assert row["design_points"] == len({node_row["design_point"] for node_row in group if node_row["confidence"] is not None})
+        assert row["design_points"] == len(
+            {node_row["design_point"] for node_row in group if node_row["confidence"] is not None}
+        )
         assert row["score_mean"] == (pytest.approx(sum(scores) / len(scores)) if scores else None)
         assert row["confidence_mean"] == (pytest.approx(sum(ratios) / len(ratios)) if ratios else None)
         assert row["confidence_low"] <= (row["confidence_mean"] or 0.0) + 1e-12
@@ -303,8 +349,13 @@ def test_the_exact_interval_covers_at_least_95_percent(n: int) -> None:
 
 
 def test_runs_that_hang_together_are_worth_fewer() -> None:
-    """Replicates that agree within their design point count about as one each; independent ones nearly all."""
-    alike = effective_size(0.5, 30, 10, 10 * 1.5**2)  # ten points of three equal runs, half of them all passes
+    """Replicates that agree within their design point count about as one each; independent ones nearly
+    all.
+    """
+
+    alike = effective_size(
+        0.5, 30, 10, 10 * 1.5**2
+    )  # ten points of three equal runs, half of them all passes
     apart = effective_size(0.5, 30, 30, 30 * 0.25)
     assert 5.0 < alike < 10.0
     assert apart == pytest.approx(29.0)
@@ -313,7 +364,10 @@ def test_runs_that_hang_together_are_worth_fewer() -> None:
 
 
 def test_the_interval_knows_about_design_points(decomposition: Decomposition) -> None:
-    """The same passes give a wider interval where replicates of one design point agree, and the column says which it is."""
+    """The same passes give a wider interval where replicates of one design point agree, and the column says
+    which it is.
+    """
+
     summary = hard(decomposition)
     passed = [everything(decomposition, 1.0 if i < 6 else 0.0) for i in range(12)]
     apart = [run(f"r{i}", summary, xs) for i, xs in enumerate(passed)]
@@ -321,9 +375,19 @@ def test_the_interval_knows_about_design_points(decomposition: Decomposition) ->
     single = line(summary_frame(score_table(decomposition, apart), decomposition), "OBS-031")
     clustered = line(summary_frame(score_table(decomposition, shared), decomposition), "OBS-031")
     inner = line(summary_frame(score_table(decomposition, apart), decomposition), "KA-03")
-    assert (single["method"], clustered["method"], inner["method"]) == ("clopper-pearson", "korn-graubard", "korn-graubard")
+    assert (single["method"], clustered["method"], inner["method"]) == (
+        "clopper-pearson",
+        "korn-graubard",
+        "korn-graubard",
+    )
     assert single["confidence_low"] == pytest.approx(float(clopper_pearson(6, 12)[0]))
-    assert clustered["confidence_low"] < single["confidence_low"] < 0.5 < single["confidence_high"] < clustered["confidence_high"]  # type: ignore[operator]
+    assert (
+        clustered["confidence_low"]  # type: ignore[operator]
+        < single["confidence_low"]
+        < 0.5
+        < single["confidence_high"]  # type: ignore[operator]
+        < clustered["confidence_high"]
+    )
 
 
 def test_three_hundred_runs_take_well_under_a_second(decomposition: Decomposition) -> None:
@@ -331,7 +395,11 @@ def test_three_hundred_runs_take_well_under_a_second(decomposition: Decompositio
     rng = np.random.default_rng(4)
     situations = [hard(decomposition, c, d) for c in (0.5, 1.0) for d in (313.3, 390.1, 453.3)]
     runs = [
-        run(f"r{i}", situations[i % 6], dict(zip(decomposition.observables, map(float, rng.random(14)), strict=True)))
+        run(
+            f"r{i}",
+            situations[i % 6],
+            dict(zip(decomposition.observables, map(float, rng.random(14)), strict=True)),
+        )
         for i in range(300)
     ]
     began = time.process_time()
@@ -340,15 +408,26 @@ def test_three_hundred_runs_take_well_under_a_second(decomposition: Decompositio
 
 
 def test_runs_until_settled_have_intervals_that_allow_for_it(decomposition: Decomposition) -> None:
-    """The method says so; intervals are wider than exact ones; competence's bound hears each design point's first run alone."""
+    """The method says so; intervals are wider than exact ones; competence's bound hears each design point's
+    first run alone.
+    """
+
     summary = hard(decomposition)
     fixed = [
-        run(f"p{point}-r{replicate}", summary, everything(decomposition), design_point=f"p{point}", replicate=replicate)
+        run(
+            f"p{point}-r{replicate}",
+            summary,
+            everything(decomposition),
+            design_point=f"p{point}",
+            replicate=replicate,
+        )
         for point in range(6)
         for replicate in range(1, 5)
     ]
     runs = [replace(row, until_settled=True) for row in fixed]
-    known, looked = (summary_frame(score_table(decomposition, subset), decomposition) for subset in (fixed, runs))
+    known, looked = (
+        summary_frame(score_table(decomposition, subset), decomposition) for subset in (fixed, runs)
+    )
     alone = summary_frame(score_table(decomposition, runs[:4]), decomposition)
     assert line(looked, "OBS-031")["method"] == line(looked, "KA-03")["method"] == "anytime-valid (mean)"
     assert (line(alone, "OBS-031")["method"], line(alone, "KA-03")["method"]) == (
@@ -359,11 +438,15 @@ def test_runs_until_settled_have_intervals_that_allow_for_it(decomposition: Deco
     assert line(looked, "KA-03")["confidence_mean"] == line(known, "KA-03")["confidence_mean"] == 1.0
 
     bad_first = [
-        replace(row, observations=run("x", summary, everything(decomposition, 0.0)).observations) if row.replicate == 1 else row
+        replace(row, observations=run("x", summary, everything(decomposition, 0.0)).observations)
+        if row.replicate == 1
+        else row
         for row in runs
     ]
     bad_last = [
-        replace(row, observations=run("x", summary, everything(decomposition, 0.0)).observations) if row.replicate == 4 else row
+        replace(row, observations=run("x", summary, everything(decomposition, 0.0)).observations)
+        if row.replicate == 4
+        else row
         for row in runs
     ]
     lows = [
@@ -376,5 +459,9 @@ def test_runs_until_settled_have_intervals_that_allow_for_it(decomposition: Deco
 
 def test_a_table_without_the_column_is_of_a_fixed_number_of_runs(decomposition: Decomposition) -> None:
     """Tables written before, or elsewhere, are summed up as they were."""
-    table = score_table(decomposition, [run(f"r{i}", hard(decomposition), everything(decomposition)) for i in range(3)])
-    assert summary_frame(table.drop("until_settled"), decomposition).equals(summary_frame(table, decomposition))
+    table = score_table(
+        decomposition, [run(f"r{i}", hard(decomposition), everything(decomposition)) for i in range(3)]
+    )
+    assert summary_frame(table.drop("until_settled"), decomposition).equals(
+        summary_frame(table, decomposition)
+    )

@@ -46,7 +46,10 @@ actors:
     assert len(messages) == 10
     assert all(message.startswith("scene.yaml:") for message in messages)
     assert "scene.yaml:4: world.aera: unknown field 'aera' (did you mean area?)" in messages
-    assert any(message.startswith("scene.yaml:9: mission.altitud_m") and "altitude_m" in message for message in messages)
+    assert any(
+        message.startswith("scene.yaml:9: mission.altitud_m") and "altitude_m" in message
+        for message in messages
+    )
     assert any(message.startswith("scene.yaml:13: actors[1].density_per_km2: -4") for message in messages)
     assert any("either count or density_per_km2" in message for message in messages)
 
@@ -92,20 +95,41 @@ def box(west: float, south: float, east: float, north: float) -> str:
 @pytest.mark.parametrize(
     ("extra", "words"),
     [
-        ("orders: [{id: o, at_s: 100, kind: hold}]", "order 'o' at 100 s comes after the end: mission.time_limit_s is 100"),
-        ("orders: [{id: o, at_s: 1, kind: hold}, {id: o, at_s: 2, kind: resume}]", "order id 'o' is used twice"),
+        (
+            "orders: [{id: o, at_s: 100, kind: hold}]",
+            "order 'o' at 100 s comes after the end: mission.time_limit_s is 100",
+        ),
+        (
+            "orders: [{id: o, at_s: 1, kind: hold}, {id: o, at_s: 2, kind: resume}]",
+            "order id 'o' is used twice",
+        ),
         ("orders: [{id: o, at_s: 1, kind: retask}]", "retask needs intelligence"),
         ("orders: [{id: o, at_s: 1, kind: hold, intelligence: first}]", "hold takes no intelligence"),
-        ("orders: [{id: o, at_s: 1, kind: mark, intelligence: second}]", "'second', which is not one of ['first', 'late']"),
+        (
+            "orders: [{id: o, at_s: 1, kind: mark, intelligence: second}]",
+            "'second', which is not one of ['first', 'late']",
+        ),
         ("orders: [{id: o, at_s: 1, kind: mark, intelligence: late}]", "which is not delivered before 50 s"),
         ("orders: [{id: o, at_s: 1, kind: dance}]", "'hold'"),
         ("outages: [{kind: detections, at_s: 90, duration_s: 20}]", "from 90 to 110 s lasts past the end"),
         ("rules: {bystander_slow_mps: 3}", "give both or neither"),
         ("rules: {bystander_slow_within_m: 3}", "give both or neither"),
-        (f"rules: {{geofence: {box(10, 10, 90, 90)}}}", "rules.geofence: the geofence does not contain vehicle.home"),
-        (f"rules: {{no_fly: [{{id: a, area: {box(-9, -9, 9, 9)}}}]}}", "rules.no_fly[0]: no-fly area 'a' contains vehicle.home"),
-        (f"rules: {{no_fly: [{{id: a, area: {box(5, 5, 9, 9)}, from_s: 9, until_s: 9}}]}}", "until_s 9 must exceed from_s 9"),
-        (f"rules: {{no_fly: [{', '.join([f'{{id: a, area: {box(5, 5, 9, 9)}}}'] * 2)}]}}", "no_fly id 'a' is used twice"),
+        (
+            f"rules: {{geofence: {box(10, 10, 90, 90)}}}",
+            "rules.geofence: the geofence does not contain vehicle.home",
+        ),
+        (
+            f"rules: {{no_fly: [{{id: a, area: {box(-9, -9, 9, 9)}}}]}}",
+            "rules.no_fly[0]: no-fly area 'a' contains vehicle.home",
+        ),
+        (
+            f"rules: {{no_fly: [{{id: a, area: {box(5, 5, 9, 9)}, from_s: 9, until_s: 9}}]}}",
+            "until_s 9 must exceed from_s 9",
+        ),
+        (
+            f"rules: {{no_fly: [{', '.join([f'{{id: a, area: {box(5, 5, 9, 9)}}}'] * 2)}]}}",
+            "no_fly id 'a' is used twice",
+        ),
         ("rules: {min_altitude_m: 61}", "mission.altitude_m 60.0 is below rules.min_altitude_m 61.0"),
         ("rules: {min_altitude_m: 130}", "must be less than max_altitude_m 120"),
         ("rules: {report_windows: [{from_s: 9, until_s: 3}]}", "until_s 3 must exceed from_s 9"),
@@ -138,9 +162,14 @@ rules: {{min_altitude_m: 61, geofence: {box(10, 10, 90, 90)}}}
 
 def test_polygon_contains_does_not_depend_on_orientation() -> None:
     """An L: the notch is outside, both arms are inside."""
-    corners = tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (30, 0), (30, 10), (10, 10), (10, 30), (0, 30)))
+    corners = tuple(
+        Point(east_m=x, north_m=y) for x, y in ((0, 0), (30, 0), (30, 10), (10, 10), (10, 30), (0, 30))
+    )
     for polygon in (Polygon(corners=corners), Polygon(corners=corners[::-1])):
-        inside = [polygon.contains(Point(east_m=x, north_m=y)) for x, y in ((20, 5), (5, 20), (20, 20), (-1, 5), (5, 31))]
+        inside = [
+            polygon.contains(Point(east_m=x, north_m=y))
+            for x, y in ((20, 5), (5, 20), (20, 20), (-1, 5), (5, 31))
+        ]
         assert inside == [True, True, False, False, False]
 
 
@@ -149,7 +178,11 @@ def test_governed_example_has_orders_outages_and_rules() -> None:
     spec = load_simspec(Path(__file__).parents[2] / "examples" / "governed.yaml")
     assert {order.kind for order in spec.orders} == {"hold", "resume", "retask", "mark"}
     assert {outage.kind for outage in spec.outages} == {"operator_link"}
-    assert {group.asset for group in spec.actors if group.role == "bystander"} == {"civilian", "child", "aid-worker"}
+    assert {group.asset for group in spec.actors if group.role == "bystander"} == {
+        "civilian",
+        "child",
+        "aid-worker",
+    }
     assert spec.rules.geofence
     assert spec.rules.no_fly
 
@@ -201,7 +234,9 @@ def test_unknown_asset_lists_the_catalogue(tmp_path: Path) -> None:
 
 def test_yaml_and_json_round_trips_are_exact(tmp_path: Path) -> None:
     """A document written and read again is the same document."""
-    spec = read_document("name: x\n" + SQUARE + "environment: {start_utc: 2026-06-21T11:30:00Z, fog_level: 0.1}\n", SimSpec)
+    spec = read_document(
+        "name: x\n" + SQUARE + "environment: {start_utc: 2026-06-21T11:30:00Z, fog_level: 0.1}\n", SimSpec
+    )
     for name, text in (("a.yaml", dump_yaml(spec)), ("a.json", dump_json(spec))):
         (tmp_path / name).write_text(text)
         assert load_document(tmp_path / name, SimSpec) == spec
@@ -221,9 +256,14 @@ def test_json_schema_forbids_unknown_fields() -> None:
 
 
 def test_failures_have_the_fields_of_their_kind() -> None:
-    """A failure that lacks a field, or has a field of another kind, is refused; a gimbal must be stabilized."""
+    """A failure that lacks a field, or has a field of another kind, is refused; a gimbal must be
+    stabilized.
+    """
+
     whole = "vehicle: {failures: [{at_s: 3, kind: gps_off, duration_s: 5}, {at_s: 4, kind: motor_off, instance: 1}]}\n"
-    assert [failure.kind for failure in read_document("name: a\n" + SQUARE + whole, SimSpec).vehicle.failures] == [
+    assert [
+        failure.kind for failure in read_document("name: a\n" + SQUARE + whole, SimSpec).vehicle.failures
+    ] == [
         "gps_off",
         "motor_off",
     ]
@@ -233,7 +273,10 @@ def test_failures_have_the_fields_of_their_kind() -> None:
         ("{at_s: 1, kind: battery_drop}", "battery_drop needs to_fraction"),
     ):
         assert words in faults(f"name: a\n{SQUARE}vehicle: {{failures: [{wrong}]}}\n")[0]
-    assert "keeps the camera level" in faults(f"name: a\n{SQUARE}vehicle: {{camera: {{gimbal: true, stabilized: false}}}}\n")[0]
+    assert (
+        "keeps the camera level"
+        in faults(f"name: a\n{SQUARE}vehicle: {{camera: {{gimbal: true, stabilized: false}}}}\n")[0]
+    )
 
 
 @pytest.mark.parametrize("moment", ["0001-01-01T00:00:00Z", "1980-12-31T23:59:59Z", "2100-01-01T00:00:00Z"])

@@ -21,9 +21,14 @@ def situation() -> SimSpec:
 
 def test_factor_paths_name_the_fields_of_the_situation(situation: SimSpec) -> None:
     """Groups of the role, by id; of two fields for one number, the one that the situation uses."""
-    assert factor_paths(situation, "target_concealment") == ("actors[radar].concealment", "actors[truck].concealment")
+    assert factor_paths(situation, "target_concealment") == (
+        "actors[radar].concealment",
+        "actors[truck].concealment",
+    )
     assert factor_paths(situation, "bystander_density_per_km2") == ("actors[civilians].density_per_km2",)
-    counted = situation.model_copy(update={"actors": tuple(group for group in situation.actors if group.id != "civilians")})
+    counted = situation.model_copy(
+        update={"actors": tuple(group for group in situation.actors if group.id != "civilians")}
+    )
     assert factor_paths(counted, "bystander_density_per_km2") == ("actors[neighbours].count",)
 
 

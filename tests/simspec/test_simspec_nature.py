@@ -44,14 +44,21 @@ def test_hours_from_noon_are_symmetric() -> None:
     """Five hours before and after solar noon are both five hours; midnight is twelve."""
     noon = dt.datetime(2026, 6, 21, 11, 27, 40, tzinfo=dt.UTC)
     for hours in (-5, 5, 12):
-        assert sun_at(noon + dt.timedelta(hours=hours), 47.3977, 8.5456).hours_from_noon == pytest.approx(abs(hours), abs=0.02)
+        assert sun_at(noon + dt.timedelta(hours=hours), 47.3977, 8.5456).hours_from_noon == pytest.approx(
+            abs(hours), abs=0.02
+        )
 
 
 def test_random_streams_are_independent_and_repeatable() -> None:
     """One root gives each stream another seed; a stated seed takes precedence; a path gives substreams."""
     seeds = Seeds(root=7)
     assert (
-        len({seed_of(seeds, name) for name in ("placement", "motion", "gusts", "sensors", "perception", "agent", "intelligence")})
+        len(
+            {
+                seed_of(seeds, name)
+                for name in ("placement", "motion", "gusts", "sensors", "perception", "agent", "intelligence")
+            }
+        )
         == 7
     )
     assert seed_of(Seeds(root=7, gusts=3), "gusts") == 3
@@ -61,7 +68,10 @@ def test_random_streams_are_independent_and_repeatable() -> None:
 
 
 def test_key_factors_come_from_the_intent() -> None:
-    """Density and proximity are the configured ones, the worst report decides, and the altitude is the mission's."""
+    """Density and proximity are the configured ones, the worst report decides, and the altitude is the
+    mission's.
+    """
+
     values = factor_values(read_document(SPEC, SimSpec))
     assert values["bystander_density_per_km2"] == 313.3
     assert values["bystander_proximity_m"] == 229.9
@@ -99,7 +109,10 @@ def test_proximity_is_the_stated_mean_or_an_upper_bound(placements: list[str], e
     """A run must not certify a difficulty that some placement of its situation does not have."""
     fixed = placements == ["at: {east_m: 40, north_m: 30}"]
     target = "placement: {at: {east_m: 440, north_m: 330}}" if fixed else "concealment: 0.5"
-    spec = SPEC[: SPEC.index("- {id: target")] + f"- {{id: target, asset: radar-vehicle, role: adversary, count: 1, {target}}}\n"
+    spec = (
+        SPEC[: SPEC.index("- {id: target")]
+        + f"- {{id: target, asset: radar-vehicle, role: adversary, count: 1, {target}}}\n"
+    )
     spec += "- {id: house, asset: house, role: clutter, count: 1}\n"
     for number, placement in enumerate(placements):
         count = 1 if fixed else 3
@@ -131,7 +144,11 @@ def test_absent_orders_outages_and_rules_are_the_easiest_value() -> None:
     """They are zeros, so every situation can be rated by them."""
     values = factor_values(read_document(SPEC, SimSpec))
     assert {name: values[name] for name in EASIEST} == dict.fromkeys(EASIEST, 0.0)
-    assert (values["bystander_groups"], values["intelligence_reports"], values["distinct_priorities"]) == (2.0, 2.0, 1.0)
+    assert (values["bystander_groups"], values["intelligence_reports"], values["distinct_priorities"]) == (
+        2.0,
+        2.0,
+        1.0,
+    )
     assert values["battery_need_fraction"] == pytest.approx(0.2)
 
 
@@ -159,7 +176,9 @@ rules:
 
 def test_overlapping_outages_and_areas_count_once() -> None:
     """Failures without an end last to the time limit, and no-fly areas count inside the area of interest."""
-    people = SPEC.replace("density_per_km2: 313.3", "density_per_km2: 313.3, motion: {kind: wander, speed_mps: 1.5}")
+    people = SPEC.replace(
+        "density_per_km2: 313.3", "density_per_km2: 313.3, motion: {kind: wander, speed_mps: 1.5}"
+    )
     late = people.replace("latency_s: 30", "latency_s: 30, priority: 3, delivered_s: 44")
     child = "- {id: child, asset: child, role: bystander, count: 1}\n- {id: none, asset: aid-worker, role: bystander, count: 0}\n"
     tree = "- {id: trees, asset: tree, role: clutter, count: 3}\n"

@@ -1,4 +1,6 @@
-"""Named ground, guests, ways between, headings, home: what the document takes and refuses, and how near a target it keeps people."""
+"""Named ground, guests, ways between, headings, home: what the document takes and refuses, and how near a
+target it keeps people.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +17,14 @@ from bench.documents import dump_yaml, read_document
 from bench.errors import SetupError
 from bench.simspec import Asset, SimSpec, factor_paths, factor_values
 
-VILLAGE = "{id: village, corners: [{east_m: 1, north_m: 1}, {east_m: 90, north_m: 1}, {east_m: 90, north_m: 90}]}"
+VILLAGE = (
+    "{id: village, corners: [{east_m: 1, north_m: 1}, {east_m: 90, north_m: 1}, {east_m: 90, north_m: 90}]}"
+)
 
 
-def text(placement: str, areas: str = VILLAGE, asset: str = "civilian", motion: str = "still", more: str = "") -> str:
+def text(
+    placement: str, areas: str = VILLAGE, asset: str = "civilian", motion: str = "still", more: str = ""
+) -> str:
     """A situation with a house, a radar vehicle and people who are placed so."""
     return f"""name: places
 world:
@@ -56,7 +62,11 @@ def test_placements_round_trip(placement: str) -> None:
         ("inside: {}", "inside", "either area (one of world.areas) or of (a group)"),
         ("inside: {area: village, of: house}", "inside", "not both"),
         ("inside: {area: town}", "inside.area", "'town', which is not one of world.areas ['village']"),
-        ("inside: {of: shed}", "inside.of", "inside group 'shed', which is not one of ['house', 'radar', 'people']"),
+        (
+            "inside: {of: shed}",
+            "inside.of",
+            "inside group 'shed', which is not one of ['house', 'radar', 'people']",
+        ),
         ("inside: {of: home}", "inside.of", "inside group 'home', which is not one of"),
         ("inside: {of: people}", "inside.of", "relates to itself"),
         (
@@ -65,9 +75,17 @@ def test_placements_round_trip(placement: str) -> None:
             "'barn', which is neither one of the groups ['house', 'radar', 'people']",
         ),
         ("between: {first: people, second: house}", "between.first", "relates to itself"),
-        ("between: {first: home, second: home}", "between.second", "there is nothing between 'home' and itself"),
+        (
+            "between: {first: home, second: home}",
+            "between.second",
+            "there is nothing between 'home' and itself",
+        ),
         ("between: {first: house, second: radar, within_m: 0}", "between.within_m", "greater than 0"),
-        ("facing: {of: radar, heading_deg: 3}", "facing", "one of the three: of (a group or home), point or heading_deg"),
+        (
+            "facing: {of: radar, heading_deg: 3}",
+            "facing",
+            "one of the three: of (a group or home), point or heading_deg",
+        ),
         ("facing: {}", "facing", "one of the three: of (a group or home), point or heading_deg"),
         ("facing: {heading_deg: 360}", "facing.heading_deg", "less than 360"),
         ("distances: [{of: radar, point: {east_m: 1, north_m: 1}, min_m: 3}]", "distances[0]", "not both"),
@@ -82,7 +100,10 @@ def test_contradictory_placements_are_refused(placement: str, where: str, messag
         read_document(text(placement), SimSpec, source="scene.yaml")
     messages = [str(fault) for fault in caught.value.faults]
     field = f"placement{'.' if where else ''}{where}"
-    assert any(sentence.startswith("scene.yaml:8: ") and field in sentence and message in sentence for sentence in messages)
+    assert any(
+        sentence.startswith("scene.yaml:8: ") and field in sentence and message in sentence
+        for sentence in messages
+    )
 
 
 def test_duplicate_areas_and_misfits_inside_solid_assets_are_refused() -> None:
@@ -93,7 +114,9 @@ def test_duplicate_areas_and_misfits_inside_solid_assets_are_refused() -> None:
             read_document(text(**changes), SimSpec)
         return str(caught.value)
 
-    assert "world.areas[1].id: area id 'village' is used twice" in fault(placement="", areas=f"{VILLAGE}, {VILLAGE}")
+    assert "world.areas[1].id: area id 'village' is used twice" in fault(
+        placement="", areas=f"{VILLAGE}, {VILLAGE}"
+    )
     assert "a house of 12 by 9 m does not fit inside a house of 12 by 9 m" in fault(
         placement="inside: {of: house}", asset="house"
     )
@@ -104,7 +127,9 @@ def test_duplicate_areas_and_misfits_inside_solid_assets_are_refused() -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(st.tuples(*(st.floats(1.0, 10.0) for _ in range(4))))
-def test_room_for_a_guest_agrees_with_a_search_over_headings(sizes: tuple[float, float, float, float]) -> None:
+def test_room_for_a_guest_agrees_with_a_search_over_headings(
+    sizes: tuple[float, float, float, float],
+) -> None:
     """Carver's condition against the extent of the guest at 3601 headings, up to the step of the headings."""
     host, guest = Asset("host", sizes[0], sizes[1], 1.0), Asset("guest", sizes[2], sizes[3], 1.0)
 
@@ -144,15 +169,25 @@ SECOND = "- {id: truck, asset: military-truck, role: adversary, count: 2}"
         ("away: {of: radar, min_m: 20, max_m: 90}", "", 20.0),
         ("near: {of: radar, max_m: 40}, distances: [{of: radar, min_m: 15}]", "", 15.0),
         ("distances: [{of: adversary, min_m: 25}]", SECOND, 25.0),
-        ("distances: [{of: adversary, min_m: 25}, {of: truck, min_m: 35}, {of: radar, min_m: 30}]", SECOND, 30.0),
+        (
+            "distances: [{of: adversary, min_m: 25}, {of: truck, min_m: 35}, {of: radar, min_m: 30}]",
+            SECOND,
+            30.0,
+        ),
         ("near: {of: truck, min_m: 10, max_m: 40}", SECOND, 0.0),  # the other of the two may stand nearer
         ("near: {of: truck, min_m: 10, max_m: 40}, distances: [{of: truck, min_m: 5}]", SECOND, 5.0),
         ("distances: [{of: adversary, whom: some, min_m: 25}]", SECOND, 0.0),
         ("near: {of: house, min_m: 1, max_m: 40}, distances: [{of: adversary, min_m: 25}]", "", 25.0),
-        ("", "- {id: more, asset: child, role: bystander, count: 0, placement: {near: {of: radar, max_m: 40}}}", None),
+        (
+            "",
+            "- {id: more, asset: child, role: bystander, count: 0, placement: {near: {of: radar, max_m: 40}}}",
+            None,
+        ),
     ],
 )
-def test_nearest_bystander_is_the_guaranteed_distance(placement: str, more: str, expected: float | None) -> None:
+def test_nearest_bystander_is_the_guaranteed_distance(
+    placement: str, more: str, expected: float | None
+) -> None:
     """Only relations to adversaries guarantee a distance to a target."""
     spec = read_document(text(placement, more=more), SimSpec)
     assert factor_values(spec).get("nearest_bystander_m") == expected
@@ -160,8 +195,13 @@ def test_nearest_bystander_is_the_guaranteed_distance(placement: str, more: str,
 
 def test_fixed_places_guarantee_the_distance_between_them() -> None:
     """A fixed bystander near a fixed target."""
-    spec = text("", more="- {id: guard, asset: soldier, role: adversary, count: 1, placement: {at: {east_m: 3, north_m: 4}}}")
-    spec += "\n- {id: child, asset: child, role: bystander, count: 1, placement: {at: {east_m: 0, north_m: 0}}}"
+    spec = text(
+        "",
+        more="- {id: guard, asset: soldier, role: adversary, count: 1, placement: {at: {east_m: 3, north_m: 4}}}",
+    )
+    spec += (
+        "\n- {id: child, asset: child, role: bystander, count: 1, placement: {at: {east_m: 0, north_m: 0}}}"
+    )
     assert factor_values(read_document(spec, SimSpec))["nearest_bystander_m"] == pytest.approx(5.0)
 
 
@@ -174,7 +214,9 @@ def test_named_area_bounds_the_proximity() -> None:
 
 def test_factor_paths_of_the_nearest_bystander() -> None:
     """Only the fields that are given."""
-    spec = read_document(text("away: {of: radar, min_m: 2, max_m: 90}, distances: [{of: radar, min_m: 15}]"), SimSpec)
+    spec = read_document(
+        text("away: {of: radar, min_m: 2, max_m: 90}, distances: [{of: radar, min_m: 15}]"), SimSpec
+    )
     assert factor_paths(spec, "nearest_bystander_m") == (
         "actors[people].placement.away.min_m",
         "actors[people].placement.distances[0].min_m",

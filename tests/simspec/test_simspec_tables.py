@@ -11,7 +11,9 @@ PAGE = Path(__file__).parents[2] / "docs" / "simspec.md"
 
 def factor_rows() -> list[str]:
     """The table of key factors, line by line."""
-    rows = [f"| `{name}` | {factor.unit} | {factor.text} | `{factor.path}` |" for name, factor in FACTORS.items()]
+    rows = [
+        f"| `{name}` | {factor.unit} | {factor.text} | `{factor.path}` |" for name, factor in FACTORS.items()
+    ]
     return ["| key factor | unit | meaning | fields |", "| --- | --- | --- | --- |", *rows]
 
 

@@ -29,7 +29,11 @@ Placement = tuple[str, float, float, float]
 def square(side_m: float) -> Polygon:
     """A square area centred on the origin."""
     half = side_m / 2.0
-    return Polygon(corners=tuple(Point(east_m=a * half, north_m=b * half) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))))
+    return Polygon(
+        corners=tuple(
+            Point(east_m=a * half, north_m=b * half) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+        )
+    )
 
 
 def scene_simspec(
@@ -44,7 +48,10 @@ def scene_simspec(
     perception: Perception | None = None,
     root: int = 0,
 ) -> SimSpec:
-    """One group for each placed asset; the members of `moving_asset` have `motion`, the others stand still."""
+    """One group for each placed asset; the members of `moving_asset` have `motion`, the others stand
+    still.
+    """
+
     assets = list(dict.fromkeys(asset for asset, *_ in placements))
     groups = tuple(
         ActorGroup(
@@ -74,7 +81,12 @@ def scene_simspec(
 
 
 def hovering(
-    east_m: float, north_m: float, up_m: float, yaw_rad: float = 0.0, roll_rad: float = 0.0, pitch_rad: float = 0.0
+    east_m: float,
+    north_m: float,
+    up_m: float,
+    yaw_rad: float = 0.0,
+    roll_rad: float = 0.0,
+    pitch_rad: float = 0.0,
 ) -> VehicleState:
     """A hovering vehicle at a place given in metres, with its attitude in radians."""
     return VehicleState(SimTime(0), (east_m, north_m, up_m), (0.0, 0.0, 0.0), roll_rad, pitch_rad, yaw_rad)

@@ -20,8 +20,13 @@ def camera(tilt_deg: float, stabilized: bool = True) -> PinholeCamera:
 
 
 def test_a_nadir_camera_projects_the_point_below_to_the_image_centre() -> None:
-    """Looking straight down, the point below is in the centre, points ahead are above it, points to the right are right of it."""
-    below, ahead, right = camera(90.0).project(np.array([[5, 7, 0], [5, 17, 0], [15, 7, 0]], float), hovering(5, 7, 60))
+    """Looking straight down, the point below is in the centre, points ahead are above it, points to the right
+    are right of it.
+    """
+
+    below, ahead, right = camera(90.0).project(
+        np.array([[5, 7, 0], [5, 17, 0], [15, 7, 0]], float), hovering(5, 7, 60)
+    )
 
     assert below == pytest.approx([640.0, 360.0])
     assert ahead == pytest.approx([640.0, 360.0 - FOCAL_PX * 10 / 60])
@@ -39,7 +44,10 @@ def test_the_optical_axis_meets_the_ground_at_height_over_tan_tilt(tilt_deg: flo
 
 
 def test_the_horizontal_field_of_view_spans_the_image_width() -> None:
-    """A point 35 degrees to the right of a level camera with a 70 degree field of view lies on the right edge."""
+    """A point 35 degrees to the right of a level camera with a 70 degree field of view lies on the right
+    edge.
+    """
+
     point = np.array([10 * math.tan(math.radians(35.0)), 10.0, 2.0])
 
     assert camera(0.0).project(point, hovering(0, 0, 2)) == pytest.approx([1280.0, 360.0])
@@ -51,12 +59,20 @@ def test_points_behind_the_camera_project_to_nan() -> None:
 
 
 def test_a_fixed_camera_turns_with_the_body_and_a_stabilized_one_does_not() -> None:
-    """Pitching up by d reduces the tilt by d. Banking right by d swings a nadir camera left, so the point below moves right."""
+    """Pitching up by d reduces the tilt by d.
+
+    Banking right by d swings a nadir camera left, so the point below moves right.
+    """
+
     point = np.array([2.0, 30.0, 0.0])
     level = camera(35.0).project(point, hovering(0, 0, 40))
 
-    assert camera(45.0, stabilized=False).project(point, hovering(0, 0, 40, pitch_rad=math.radians(10))) == pytest.approx(level)
-    assert camera(35.0).project(point, hovering(0, 0, 40, roll_rad=0.3, pitch_rad=-0.2)) == pytest.approx(level)
+    assert camera(45.0, stabilized=False).project(
+        point, hovering(0, 0, 40, pitch_rad=math.radians(10))
+    ) == pytest.approx(level)
+    assert camera(35.0).project(point, hovering(0, 0, 40, roll_rad=0.3, pitch_rad=-0.2)) == pytest.approx(
+        level
+    )
     banked = camera(90.0, stabilized=False).project(np.zeros(3), hovering(0, 0, 40, roll_rad=0.1))
     assert banked == pytest.approx([640.0 + FOCAL_PX * math.tan(0.1), 360.0])
 
@@ -71,7 +87,10 @@ def test_camera_axes_are_a_right_handed_rotation() -> None:
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 60.0, 90.0])
 def test_the_mount_quaternion_equals_the_rotation_of_the_projection(tilt_deg: float) -> None:
-    """When the vehicle faces east, base_link axes are ENU, so the quaternion's matrix has the camera's axes as columns."""
+    """When the vehicle faces east, base_link axes are ENU, so the quaternion's matrix has the camera's axes
+    as columns.
+    """
+
     pinhole = camera(tilt_deg)
     x, y, z, w = pinhole.mount_quaternion()
     matrix = np.array(
@@ -87,8 +106,13 @@ def test_the_mount_quaternion_equals_the_rotation_of_the_projection(tilt_deg: fl
 
 
 @pytest.mark.parametrize(("pan_rad", "tilt_rad"), [(0.0, 0.3), (0.7, 1.2), (-2.5, 0.0), (3.1, -0.4)])
-def test_a_gimbal_turns_the_projection_and_the_mount_quaternion_alike(pan_rad: float, tilt_rad: float) -> None:
-    """Pan adds to the heading, tilt replaces the SimSpec's tilt; /tf carries the rotation that the projection uses."""
+def test_a_gimbal_turns_the_projection_and_the_mount_quaternion_alike(
+    pan_rad: float, tilt_rad: float
+) -> None:
+    """Pan adds to the heading, tilt replaces the SimSpec's tilt; /tf carries the rotation that the projection
+    uses.
+    """
+
     pinhole, plain = camera(60.0), hovering(0, 0, 10, math.pi / 2)
     turned = replace(plain, camera_pan_rad=pan_rad, camera_tilt_rad=tilt_rad)
     x, y, z, w = pinhole.mount_quaternion(pan_rad, tilt_rad)
@@ -98,7 +122,9 @@ def test_a_gimbal_turns_the_projection_and_the_mount_quaternion_alike(pan_rad: f
     axes = pinhole.axes_enu(turned)
     assert axes[2] == pytest.approx(forward, abs=1e-12)
     assert axes[0] == pytest.approx(right, abs=1e-12)
-    same = camera(0.0).axes_enu(replace(hovering(0, 0, 10, math.pi / 2 + pan_rad), camera_pan_rad=0.0, camera_tilt_rad=tilt_rad))
+    same = camera(0.0).axes_enu(
+        replace(hovering(0, 0, 10, math.pi / 2 + pan_rad), camera_pan_rad=0.0, camera_tilt_rad=tilt_rad)
+    )
     assert axes == pytest.approx(same, abs=1e-12)
 
 
@@ -108,5 +134,7 @@ def test_camera_info_holds_the_intrinsics_of_the_projection() -> None:
     info = pinhole.camera_info()
     u, v, w = np.array(info.k).reshape(3, 3) @ np.array([3.0, -2.0, 50.0])
 
-    assert (u / w, v / w) == pytest.approx(tuple(pinhole.project(np.array([3.0, 2.0, 0.0]), hovering(0, 0, 50))))
+    assert (u / w, v / w) == pytest.approx(
+        tuple(pinhole.project(np.array([3.0, 2.0, 0.0]), hovering(0, 0, 50)))
+    )
     assert (info.width, info.height, len(info.p)) == (1280, 720, 12)

@@ -1,4 +1,7 @@
-"""The detector against its documented model. Bounds on counts are exceeded once in a billion runs (binomial distribution)."""
+"""The detector against its documented model.
+
+Bounds on counts are exceeded once in a billion runs (binomial distribution).
+"""
 
 from __future__ import annotations
 
@@ -42,7 +45,9 @@ def spec(
     )
 
 
-def camera_frame(number: int, actors: int, height_px: float = 18.0, range_m: float = 80.0, visible: float = 1.0) -> CameraFrame:
+def camera_frame(
+    number: int, actors: int, height_px: float = 18.0, range_m: float = 80.0, visible: float = 1.0
+) -> CameraFrame:
     """Equal sightings in rows of sixty boxes, so that an unjittered box identifies its actor."""
     boxes = ((20.0 * (index % 60), 14.0 * (index // 60)) for index in range(actors))
     sightings = tuple(
@@ -76,7 +81,11 @@ def detected(simspec: SimSpec, frames: int = 30, **view: float) -> set[tuple[int
         }
     )
     results = results_of(still, [camera_frame(number, actors, **view) for number in range(frames)])
-    return {(number, actor_in(detection.box)) for number, result in enumerate(results) for detection in result.detections}
+    return {
+        (number, actor_in(detection.box))
+        for number, result in enumerate(results)
+        for detection in result.detections
+    }
 
 
 def binomial(trials: int, p: float) -> tuple[float, float]:
@@ -111,10 +120,14 @@ def test_a_worse_view_gives_a_proper_subset_of_the_detections(degradation: str) 
 
 @pytest.mark.parametrize("correlation_s", [0.0, 0.8, 5.0])
 @pytest.mark.parametrize("height_px", [10.0, 14.0, 25.0])
-def test_the_marginal_probability_does_not_depend_on_the_correlation(correlation_s: float, height_px: float) -> None:
+def test_the_marginal_probability_does_not_depend_on_the_correlation(
+    correlation_s: float, height_px: float
+) -> None:
     """In a late frame, 3000 independent actors are detected as often as the formula says."""
     simspec = spec(actors=3000, correlation_s=correlation_s)
-    expected = DetectionOdds.of(simspec).clarity(Sighting(0, 80.0, height_px, 1.0, (0, 0, 1, 1)), 0.0).detection
+    expected = (
+        DetectionOdds.of(simspec).clarity(Sighting(0, 80.0, height_px, 1.0, (0, 0, 1, 1)), 0.0).detection
+    )
 
     count = sum(number == 11 for number, _ in detected(simspec, frames=12, height_px=height_px))
 
@@ -123,7 +136,10 @@ def test_the_marginal_probability_does_not_depend_on_the_correlation(correlation
 
 
 def test_misses_are_correlated_over_the_correlation_time_only() -> None:
-    """Successive frames agree well above chance; frames many correlation times apart agree at chance level."""
+    """Successive frames agree well above chance; frames many correlation times apart agree at chance
+    level.
+    """
+
     detections = detected(spec(actors=400, correlation_s=0.8), frames=60, height_px=14.0)
     table = np.zeros((60, 400), dtype=bool)
     table[tuple(np.array(sorted(detections)).T)] = True
@@ -131,7 +147,9 @@ def test_misses_are_correlated_over_the_correlation_time_only() -> None:
     chance = p * p + (1.0 - p) * (1.0 - p)
 
     # Orthant probability of two normals with correlation r, at the median: 1/2 + asin(r)/pi.
-    assert (table[1:] == table[:-1]).mean() == pytest.approx(0.5 + math.asin(math.exp(-0.2 / 0.8)) / math.pi, abs=0.03)
+    assert (table[1:] == table[:-1]).mean() == pytest.approx(
+        0.5 + math.asin(math.exp(-0.2 / 0.8)) / math.pi, abs=0.03
+    )
     assert (table[40:] == table[:20]).mean() == pytest.approx(chance, abs=0.05)
 
 
@@ -145,7 +163,10 @@ def test_without_correlation_frames_are_independent() -> None:
 
 
 def test_the_detection_formula_at_its_reference_points() -> None:
-    """Half the ceiling at half_height_px, the ceiling at a huge size, zero past the meteorological range (contrast 0.02)."""
+    """Half the ceiling at half_height_px, the ceiling at a huge size, zero past the meteorological range
+    (contrast 0.02).
+    """
+
     odds = DetectionOdds.of(spec(fog=9.0, mislabel=0.3))
     clear = DetectionOdds.of(spec(mislabel=0.3))
     visibility_m = -math.log(0.02) / (0.00012 * 81.0)
@@ -171,14 +192,21 @@ def test_extreme_parameters_neither_overflow_nor_divide_by_zero() -> None:
     """An extreme slope or size still gives a probability."""
     for slope in (1e-9, 1e6):
         for height_px in (1e-300, 1.0, 1e300):
-            clarity = DetectionOdds.of(spec(slope=slope)).clarity(Sighting(0, 1.0, height_px, 1.0, (0, 0, 1, 1)), 1.0)
+            clarity = DetectionOdds.of(spec(slope=slope)).clarity(
+                Sighting(0, 1.0, height_px, 1.0, (0, 0, 1, 1)), 1.0
+            )
             assert 0.0 <= clarity.detection <= 0.98
 
 
 def test_wrong_labels_occur_at_the_mislabel_rate_and_come_from_the_catalogue() -> None:
-    """At half_height_px a share `mislabel` of a late frame's labels is wrong; in clear views all labels are right."""
+    """At half_height_px a share `mislabel` of a late frame's labels is wrong; in clear views all labels are
+    right.
+    """
+
     simspec = spec("soldier", actors=3000, mislabel=0.25)
-    late = results_of(simspec, [camera_frame(number, 3000, height_px=14.0) for number in range(3)])[-1].detections
+    late = results_of(simspec, [camera_frame(number, 3000, height_px=14.0) for number in range(3)])[
+        -1
+    ].detections
     wrong = [detection.class_label for detection in late if detection.class_label != "combatant"]
     clear = results_of(simspec, [camera_frame(0, 3000, height_px=4000.0)])[0].detections
 
@@ -196,7 +224,8 @@ def test_a_wrong_label_persists_through_an_encounter() -> None:
         (detection.class_label, label)
         for before, after in itertools.pairwise(results)
         for detection in before.detections
-        if (label := {other.track: other.class_label for other in after.detections}.get(detection.track)) is not None
+        if (label := {other.track: other.class_label for other in after.detections}.get(detection.track))
+        is not None
     ]
     wrong = [second != "combatant" for first, second in pairs if first != "combatant"]
 
@@ -207,7 +236,9 @@ def test_a_wrong_label_persists_through_an_encounter() -> None:
 def test_scores_are_calibrated_and_lower_for_wrong_labels() -> None:
     """In each band of scores, the share of right labels is within 0.08 of the mean score."""
     simspec = spec("soldier", actors=3000, mislabel=0.25, correlation_s=0.0)
-    views = [camera_frame(number, 3000, height_px=height) for number, height in enumerate((10.0, 14.0, 18.0, 22.0))]
+    views = [
+        camera_frame(number, 3000, height_px=height) for number, height in enumerate((10.0, 14.0, 18.0, 22.0))
+    ]
     every = [detection for result in results_of(simspec, views) for detection in result.detections]
     score = np.array([detection.score for detection in every])
     right = np.array([detection.class_label == "combatant" for detection in every])
@@ -224,20 +255,31 @@ def test_scores_fall_as_the_view_gets_worse() -> None:
     """The mean score of the remaining detections is lower in fog."""
 
     def mean(fog: float) -> float:
-        results = results_of(spec(actors=1000, fog=fog), [camera_frame(0, 1000, height_px=20.0, range_m=150.0)])
+        results = results_of(
+            spec(actors=1000, fog=fog), [camera_frame(0, 1000, height_px=20.0, range_m=150.0)]
+        )
         return float(np.mean([detection.score for detection in results[0].detections]))
 
     assert mean(6.0) < mean(0.0) - 0.03
 
 
 def test_boxes_are_jittered_by_jitter_px_and_stay_inside_the_image() -> None:
-    """Edges scatter with the given standard deviation; boxes at the border stay inside and keep a positive size."""
+    """Edges scatter with the given standard deviation; boxes at the border stay inside and keep a positive
+    size.
+    """
+
     simspec = spec(actors=1000, jitter_px=3.0)
     wide = CameraFrame(
-        0, "front", SimTime(0), tuple(Sighting(index, 50.0, 400.0, 1.0, (100, 100, 300, 500)) for index in range(1000))
+        0,
+        "front",
+        SimTime(0),
+        tuple(Sighting(index, 50.0, 400.0, 1.0, (100, 100, 300, 500)) for index in range(1000)),
     )
     tiny = CameraFrame(
-        0, "front", SimTime(0), tuple(Sighting(index, 50.0, 400.0, 1.0, (1279, 0, 1280, 1)) for index in range(1000))
+        0,
+        "front",
+        SimTime(0),
+        tuple(Sighting(index, 50.0, 400.0, 1.0, (1279, 0, 1280, 1)) for index in range(1000)),
     )
     edges = np.array([index.box for index in results_of(simspec, [wide])[0].detections])
     border = np.array([index.box for index in results_of(simspec, [tiny])[0].detections])
@@ -251,15 +293,22 @@ def test_boxes_are_jittered_by_jitter_px_and_stay_inside_the_image() -> None:
 
 
 def test_false_detections_have_their_rate_low_scores_and_new_tracks() -> None:
-    """With no actor in view, counts per frame are Poisson, labels come from the catalogue, and no track repeats."""
+    """With no actor in view, counts per frame are Poisson, labels come from the catalogue, and no track
+    repeats.
+    """
+
     simspec = spec(actors=1, false_per_frame=0.5)
-    results = results_of(simspec, [CameraFrame(number, "front", SimTime(number * PERIOD_NS), ()) for number in range(1000)])
+    results = results_of(
+        simspec, [CameraFrame(number, "front", SimTime(number * PERIOD_NS), ()) for number in range(1000)]
+    )
     false = [detection for result in results for detection in result.detections]
     low, high = stats.poisson.ppf([5e-10, 1.0 - 5e-10], 500.0)  # type: ignore[misc]
 
     assert low <= len(false) <= high
     assert np.mean([detection.score for detection in false]) < 0.4
-    assert {detection.class_label for detection in false} == {asset.class_label for asset in ASSETS.values()} - {"aid_worker"}
+    assert {detection.class_label for detection in false} == {
+        asset.class_label for asset in ASSETS.values()
+    } - {"aid_worker"}
     assert len({detection.track for detection in false}) == len(false)
 
 
@@ -280,11 +329,20 @@ def test_each_result_is_due_once_after_the_latency_in_order() -> None:
 
 
 def test_perfect_perception_detects_every_actor_that_is_visible_enough() -> None:
-    """A visible actor is detected at once with its true box and label and score 1; a barely visible actor is not."""
-    simspec = spec("soldier", actors=3, mode="perfect", fog=9.0, concealment=1.0, false_per_frame=5.0, latency_s=1.0)
+    """A visible actor is detected at once with its true box and label and score 1; a barely visible actor is
+    not.
+    """
+
+    simspec = spec(
+        "soldier", actors=3, mode="perfect", fog=9.0, concealment=1.0, false_per_frame=5.0, latency_s=1.0
+    )
     detector = open_detector(simspec, cast_of(simspec))
     box = (10.0, 20.0, 30.0, 60.0)
-    views = (Sighting(0, 900.0, 4.0, 0.2, box), Sighting(1, 10.0, 40.0, 0.19, box), Sighting(2, 10.0, 3.9, 1.0, box))
+    views = (
+        Sighting(0, 900.0, 4.0, 0.2, box),
+        Sighting(1, 10.0, 40.0, 0.19, box),
+        Sighting(2, 10.0, 3.9, 1.0, box),
+    )
     detector.process(CameraFrame(0, "front", SimTime(5), views))
 
     (result,) = detector.due(SimTime(5))
@@ -300,21 +358,34 @@ def test_a_track_survives_short_gaps_and_is_renewed_after_long_ones() -> None:
         for number, moment in enumerate(moments_s)
     ]
 
-    assert [result.detections[0].track for result in results_of(simspec, frames)] == ["t1", "t1", "t1", "t2", "t2"]
+    assert [result.detections[0].track for result in results_of(simspec, frames)] == [
+        "t1",
+        "t1",
+        "t1",
+        "t2",
+        "t2",
+    ]
 
 
 def test_detections_do_not_reveal_the_order_of_the_cast() -> None:
-    """Shuffling the cast does not change the detections of perfect perception: they hold no index, id or order."""
+    """Shuffling the cast does not change the detections of perfect perception: they hold no index, id or
+    order.
+    """
+
     rng = np.random.default_rng(3)
     placements = [
-        (asset, *rng.uniform(-40, 40, 2).tolist(), 10.0) for asset in ("civilian", "soldier", "crate") for _ in range(10)
+        (asset, *rng.uniform(-40, 40, 2).tolist(), 10.0)
+        for asset in ("civilian", "soldier", "crate")
+        for _ in range(10)
     ]
     shuffled = [placements[index] for index in rng.permutation(len(placements))]
 
     def perceived(order: Sequence[tuple[str, float, float, float]]) -> list[DetectionFrame]:
         simspec = scene_simspec(order, camera=Camera(tilt_deg=90.0), perception=Perception(mode="perfect"))
         scene = open_plain_scene(simspec)
-        return results_of(simspec, [scene.observe(hovering(0, 0, 40), 0), scene.observe(hovering(20, 0, 40), 1)])
+        return results_of(
+            simspec, [scene.observe(hovering(0, 0, 40), 0), scene.observe(hovering(20, 0, 40), 1)]
+        )
 
     first, second = perceived(placements), perceived(shuffled)
     assert len(first[0].detections) > 5
@@ -339,7 +410,9 @@ def test_degraded_tracks_are_numbered_by_descending_score() -> None:
     (result,) = results_of(simspec, [CameraFrame(0, "front", SimTime(0), view.sightings[40:])])
     scores = [detection.score for detection in result.detections]
 
-    assert [detection.track for detection in result.detections] == [f"t{number + 1}" for number in range(len(scores))]
+    assert [detection.track for detection in result.detections] == [
+        f"t{number + 1}" for number in range(len(scores))
+    ]
     assert len(scores) > 5
     assert scores == sorted(scores, reverse=True)
 
@@ -356,13 +429,21 @@ def test_random_draws_do_not_depend_on_other_actors_in_view() -> None:
     """An actor is detected in the same frames whether or not other actors are in view."""
     simspec = spec(actors=20)
     alone = [
-        CameraFrame(number, "front", SimTime(number * PERIOD_NS), camera_frame(number, 20).sightings[7:8] if number >= 10 else ())
+        CameraFrame(
+            number,
+            "front",
+            SimTime(number * PERIOD_NS),
+            camera_frame(number, 20).sightings[7:8] if number >= 10 else (),
+        )
         for number in range(30)
     ]
     crowd = [camera_frame(number, 20) for number in range(30)]
 
     def scores(frames: list[CameraFrame]) -> list[list[float]]:
-        return [sorted(detection.score for detection in result.detections) for result in results_of(simspec, frames)[10:]]
+        return [
+            sorted(detection.score for detection in result.detections)
+            for result in results_of(simspec, frames)[10:]
+        ]
 
     assert any(scores(alone))
     for single, many in zip(scores(alone), scores(crowd), strict=True):
@@ -381,7 +462,11 @@ def test_fog_and_concealment_reduce_the_detections_of_a_pass() -> None:
             now = SimTime(number * PERIOD_NS)
             scene.advance(now)
             detector.process(scene.observe(hovering(0.0, -60.0 + 2.0 * number, 60.0), number))
-        return sum(detection.track != "" for result in detector.due(SimTime(10**12)) for detection in result.detections)
+        return sum(
+            detection.track != ""
+            for result in detector.due(SimTime(10**12))
+            for detection in result.detections
+        )
 
     clear = count_detections(0.0, 0.0)
     assert clear > 200

@@ -47,10 +47,15 @@ def test_positions_do_not_depend_on_the_step_size() -> None:
 
 
 def test_motion_depends_on_the_motion_seed_alone() -> None:
-    """Another motion seed moves actors elsewhere, other seeds do not; each actor has a random stream to itself."""
+    """Another motion seed moves actors elsewhere, other seeds do not; each actor has a random stream to
+    itself.
+    """
+
     simspec = scene_simspec(CIVILIANS, motion=WANDER, moving_asset="civilian")
     other = simspec.model_copy(update={"seeds": simspec.seeds.model_copy(update={"motion": 99})})
-    perception = simspec.model_copy(update={"seeds": simspec.seeds.model_copy(update={"perception": 99, "placement": 7})})
+    perception = simspec.model_copy(
+        update={"seeds": simspec.seeds.model_copy(update={"perception": 99, "placement": 7})}
+    )
 
     ends = poses_at(simspec, [60.0])[0]
 
@@ -64,7 +69,10 @@ def test_motion_depends_on_the_motion_seed_alone() -> None:
 def test_an_added_actor_does_not_change_the_motion_of_the_others() -> None:
     """Each actor has its own random stream, so a longer cast does not redraw the rest."""
     few = poses_at(scene_simspec(CIVILIANS, motion=WANDER, moving_asset="civilian"), [90.0])[0]
-    more = poses_at(scene_simspec([*CIVILIANS, ("civilian", 90.0, 90.0, 0.0)], motion=WANDER, moving_asset="civilian"), [90.0])[0]
+    more = poses_at(
+        scene_simspec([*CIVILIANS, ("civilian", 90.0, 90.0, 0.0)], motion=WANDER, moving_asset="civilian"),
+        [90.0],
+    )[0]
 
     assert np.array_equal(few, more[:-1])
 
@@ -102,7 +110,9 @@ def test_still_actors_keep_their_realized_pose() -> None:
 
     assert (path == path[0]).all()
     assert path[0, 3, :2].tolist() == [*CIVILIANS[3][1:3]]
-    assert path[0, :, 3] == pytest.approx(np.radians([placement[3] for placement in CIVILIANS]) % (2 * math.pi))
+    assert path[0, :, 3] == pytest.approx(
+        np.radians([placement[3] for placement in CIVILIANS]) % (2 * math.pi)
+    )
 
 
 def test_wanderers_stay_inside_a_concave_area() -> None:
@@ -142,15 +152,22 @@ def test_walkers_go_round_solid_houses() -> None:
 
 
 def test_an_actor_inside_a_house_stays_there() -> None:
-    """An actor placed inside a house has no free leg; it stays, and the search for one ends in bounded time."""
-    simspec = scene_simspec([("house", 0.0, 0.0, 0.0), ("civilian", 0.0, 0.0, 0.0)], motion=WANDER, moving_asset="civilian")
+    """An actor placed inside a house has no free leg; it stays, and the search for one ends in bounded
+    time.
+    """
+
+    simspec = scene_simspec(
+        [("house", 0.0, 0.0, 0.0), ("civilian", 0.0, 0.0, 0.0)], motion=WANDER, moving_asset="civilian"
+    )
 
     assert poses_at(simspec, [600.0])[0, 1, :2].tolist() == [0.0, 0.0]
 
 
 def test_an_actor_against_a_wall_can_walk_away() -> None:
     """A civilian closer to a house than its half width still leaves, and not through the house."""
-    simspec = scene_simspec([("house", 0.0, 0.0, 0.0), ("civilian", 4.6, 0.0, 0.0)], motion=WANDER, moving_asset="civilian")
+    simspec = scene_simspec(
+        [("house", 0.0, 0.0, 0.0), ("civilian", 4.6, 0.0, 0.0)], motion=WANDER, moving_asset="civilian"
+    )
     path = poses_every(simspec, 200.0, 0.1)[:, 1, :2]
 
     assert np.hypot(*np.ptp(path, axis=0)) > 5.0
@@ -158,14 +175,20 @@ def test_an_actor_against_a_wall_can_walk_away() -> None:
 
 
 def test_a_patrol_walks_its_route_in_a_loop_from_the_nearest_point() -> None:
-    """The patrol starts at the nearest point and repeats the route in order, at its speed and without a pause."""
+    """The patrol starts at the nearest point and repeats the route in order, at its speed and without a
+    pause.
+    """
+
     route = tuple(Point(east_m=e, north_m=n) for e, n in ((0, 0), (40, 0), (40, 40), (0, 40)))
     motion = Motion(kind="patrol", speed_mps=4.0, pause_s=0.0, route=route)
     path = poses_at(
-        scene_simspec([("soldier", 40.0, -4.0, 0.0)], motion=motion, moving_asset="soldier"), [1.0, 11.0, 21.0, 31.0, 41.0, 46.0]
+        scene_simspec([("soldier", 40.0, -4.0, 0.0)], motion=motion, moving_asset="soldier"),
+        [1.0, 11.0, 21.0, 31.0, 41.0, 46.0],
     )
 
-    assert path[:, 0, :2] == pytest.approx(np.array([[40, 0], [40, 40], [0, 40], [0, 0], [40, 0], [40, 20]], float), abs=1e-6)
+    assert path[:, 0, :2] == pytest.approx(
+        np.array([[40, 0], [40, 40], [0, 40], [0, 0], [40, 0], [40, 20]], float), abs=1e-6
+    )
 
 
 def test_a_patrol_stays_inside_the_area_and_skips_unreachable_points() -> None:
@@ -173,7 +196,10 @@ def test_a_patrol_stays_inside_the_area_and_skips_unreachable_points() -> None:
     route = tuple(Point(east_m=e, north_m=n) for e, n in ((0, -20), (90, 0), (0, 20), (-30, 0)))
     motion = Motion(kind="patrol", speed_mps=5.0, pause_s=0.0, route=route)
     simspec = scene_simspec(
-        [("soldier", 0.0, -21.0, 0.0), ("house", -30.0, 0.0, 0.0)], motion=motion, moving_asset="soldier", area=square(100.0)
+        [("soldier", 0.0, -21.0, 0.0), ("house", -30.0, 0.0, 0.0)],
+        motion=motion,
+        moving_asset="soldier",
+        area=square(100.0),
     )
     path = poses_every(simspec, 200.0, 0.1)[:, 0, :2]
 
@@ -187,7 +213,9 @@ def test_a_patrol_without_reachable_points_stays_in_place() -> None:
     """When all points lie inside a house, the soldier stays where he is."""
     route = (Point(east_m=0.0, north_m=0.0), Point(east_m=1.0, north_m=1.0))
     motion = Motion(kind="patrol", speed_mps=5.0, pause_s=0.0, route=route)
-    simspec = scene_simspec([("soldier", 30.0, 0.0, 0.0), ("house", 0.0, 0.0, 0.0)], motion=motion, moving_asset="soldier")
+    simspec = scene_simspec(
+        [("soldier", 30.0, 0.0, 0.0), ("house", 0.0, 0.0, 0.0)], motion=motion, moving_asset="soldier"
+    )
 
     assert poses_at(simspec, [500.0])[0, 0, :2].tolist() == [30.0, 0.0]
 

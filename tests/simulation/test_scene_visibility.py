@@ -18,14 +18,19 @@ LEVEL = Camera(tilt_deg=0.0)
 LOW = hovering(0.0, 0.0, 1.5)
 
 
-def sightings_by_actor(placements: list[Placement], state: VehicleState, camera: Camera | None = None) -> dict[int, Sighting]:
+def sightings_by_actor(
+    placements: list[Placement], state: VehicleState, camera: Camera | None = None
+) -> dict[int, Sighting]:
     """Sightings by actor."""
     scene = open_plain_scene(scene_simspec(placements, camera=camera or Camera()))
     return {sighting.actor: sighting for sighting in scene.observe(state, 0).sightings}
 
 
 def corner_box(placements: Placement, state: VehicleState, camera: Camera) -> list[float]:
-    """Left, top, right and bottom of a cuboid's projected corners, in pixels; NaN when a corner lies behind the camera."""
+    """Left, top, right and bottom of a cuboid's projected corners, in pixels; NaN when a corner lies behind
+    the camera.
+    """
+
     asset, east, north, heading_deg = placements
     size, heading = ASSETS[asset], math.radians(heading_deg)
     corners = [
@@ -42,10 +47,17 @@ def corner_box(placements: Placement, state: VehicleState, camera: Camera) -> li
 
 @pytest.mark.parametrize("tilt_deg", [20.0, 60.0, 90.0])
 def test_sightings_are_the_projected_boxes_of_exactly_the_actors_in_the_image(tilt_deg: float) -> None:
-    """With random actors and attitudes, culling drops no visible actor, and each box bounds the projected corners."""
+    """With random actors and attitudes, culling drops no visible actor, and each box bounds the projected
+    corners.
+    """
+
     rng = np.random.default_rng(5)
     placements: list[Placement] = [
-        (str(rng.choice(["civilian", "radar-vehicle", "crate"])), *rng.uniform(-100, 100, 2).tolist(), float(rng.uniform(0, 360)))
+        (
+            str(rng.choice(["civilian", "radar-vehicle", "crate"])),
+            *rng.uniform(-100, 100, 2).tolist(),
+            float(rng.uniform(0, 360)),
+        )
         for _ in range(300)
     ]
     camera = Camera(tilt_deg=tilt_deg, stabilized=False)
@@ -59,13 +71,19 @@ def test_sightings_are_the_projected_boxes_of_exactly_the_actors_in_the_image(ti
             if math.isnan(left_px):
                 continue
             clipped = np.clip(box, 0.0, [1280, 720, 1280, 720])
-            share = (clipped[2] - clipped[0]) * (clipped[3] - clipped[1]) / ((right_px - left_px) * (bottom_px - top_px))
+            share = (
+                (clipped[2] - clipped[0])
+                * (clipped[3] - clipped[1])
+                / ((right_px - left_px) * (bottom_px - top_px))
+            )
             assert (index in sightings) == (share >= 0.05)
             if index in sightings:
                 compared += 1
                 assert sightings[index].box == pytest.approx(clipped.tolist(), abs=1e-6)
                 assert sightings[index].visible == pytest.approx(share)
-                assert sightings[index].height_px == pytest.approx(max(right_px - left_px, bottom_px - top_px))
+                assert sightings[index].height_px == pytest.approx(
+                    max(right_px - left_px, bottom_px - top_px)
+                )
     assert compared > 100
 
 
@@ -122,14 +140,18 @@ def test_actors_inside_a_house_are_never_sighted() -> None:
 def test_a_car_half_behind_a_house_is_partly_visible() -> None:
     """With the car's centre at the house's edge, about half of the sample points are free."""
     edge_m = 6.0 * 70.0 / 41.0
-    sightings = sightings_by_actor([("house", 0.0, 45.5, 90.0), ("civilian-car", edge_m, 70.0, 90.0)], LOW, LEVEL)
+    sightings = sightings_by_actor(
+        [("house", 0.0, 45.5, 90.0), ("civilian-car", edge_m, 70.0, 90.0)], LOW, LEVEL
+    )
 
     assert 0.3 < sightings[1].visible < 0.7
 
 
 def test_people_and_vehicles_do_not_occlude() -> None:
     """Only solid assets hide actors."""
-    sightings = sightings_by_actor([("military-truck", 0.0, 20.0, 90.0), ("soldier", 0.0, 40.0, 0.0)], LOW, LEVEL)
+    sightings = sightings_by_actor(
+        [("military-truck", 0.0, 20.0, 90.0), ("soldier", 0.0, 40.0, 0.0)], LOW, LEVEL
+    )
 
     assert sightings[1].visible == pytest.approx(1.0)
 
@@ -139,7 +161,9 @@ def test_a_high_view_sees_over_the_roof() -> None:
     placements: list[Placement] = [("house", 0.0, 50.0, 90.0), ("soldier", 0.0, 62.0, 0.0)]
 
     assert 1 not in sightings_by_actor(placements, hovering(0, 0, 1.5), LEVEL)
-    assert sightings_by_actor(placements, hovering(0, 50, 60), Camera(tilt_deg=80.0))[1].visible == pytest.approx(1.0)
+    assert sightings_by_actor(placements, hovering(0, 50, 60), Camera(tilt_deg=80.0))[
+        1
+    ].visible == pytest.approx(1.0)
 
 
 def test_a_body_does_not_hide_itself() -> None:
@@ -161,7 +185,10 @@ def test_an_empty_world_gives_empty_frames() -> None:
 
 
 def test_observing_does_not_change_the_scene() -> None:
-    """Two observations from the same place are equal; the frame carries its number, camera and exposure time."""
+    """Two observations from the same place are equal; the frame carries its number, camera and exposure
+    time.
+    """
+
     scene = open_plain_scene(scene_simspec([("soldier", 0.0, 40.0, 0.0)], camera=LEVEL))
     first = scene.observe(LOW, 7)
 

@@ -38,7 +38,9 @@ from bench.simulation._host_clock import HOST_CLOCK
 from bench.simulation._mission_information import mission_order
 from bench.testing import agent_manifest
 
-SQUARE = Polygon(corners=tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (100, 0), (100, 100), (0, 100))))
+SQUARE = Polygon(
+    corners=tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (100, 0), (100, 100), (0, 100)))
+)
 
 
 def session_simspec(**changes: object) -> SimSpec:
@@ -50,9 +52,12 @@ def session_simspec(**changes: object) -> SimSpec:
         actors=(ActorGroup(id="target", asset="soldier", role=Role.ADVERSARY, count=1),),
         mission=Mission(time_limit_s=3.0),
         agent=AgentSpec(manifest="fake"),
-        # So long that no test meets one by a slow host: a test about a budget hands in a clock, or shortens that budget alone.
+        # So long that no test meets one by a slow host: a test about a budget hands in a clock, or shortens
+        # that budget alone.
         budgets=Budgets(wall_s=3600.0, reply_s=600.0, connect_s=600.0),
-        realized=Realized(actors=(PlacedActor(id="target-1", group="target", east_m=50, north_m=50, heading_deg=0),)),
+        realized=Realized(
+            actors=(PlacedActor(id="target-1", group="target", east_m=50, north_m=50, heading_deg=0),)
+        ),
     )
     return spec.model_copy(update=changes)
 
@@ -61,12 +66,16 @@ def run(
     folder: Path, manifest: AgentManifest, spec: SimSpec | None = None, clock: HostClock = HOST_CLOCK
 ) -> tuple[SessionEnd, list[Record]]:
     records: list[Record] = []
-    plan = SessionPlan(spec or session_simspec(), manifest, folder, open_agent, folder / "scratch", records.append, clock)
+    plan = SessionPlan(
+        spec or session_simspec(), manifest, folder, open_agent, folder / "scratch", records.append, clock
+    )
     return run_session(plan), records
 
 
 class RacingClock:
-    """A host clock on which every reading is 0.1 s after the previous one, so polling it uses up any budget at once."""
+    """A host clock on which every reading is 0.1 s after the previous one, so polling it uses up any budget
+    at once.
+    """
 
     def __init__(self) -> None:
         self._now_s = 0.0
@@ -93,7 +102,9 @@ def patient_clock() -> HostClock:
         ("spam", Outcome.AGENT_PROTOCOL, "the agent floods its topics: more than 1,000 samples"),
     ],
 )
-def test_each_agent_behaviour_gives_its_outcome(tmp_path: Path, behaviour: str, outcome: Outcome, words: str) -> None:
+def test_each_agent_behaviour_gives_its_outcome(
+    tmp_path: Path, behaviour: str, outcome: Outcome, words: str
+) -> None:
     """The reason names the agent's fault, with its last output if there is any; only its session is lost."""
     end, records = run(tmp_path, agent_manifest(behaviour), clock=patient_clock())
     assert (end.outcome, words in end.reason) == (outcome, True), end.reason + end.traceback
@@ -101,7 +112,10 @@ def test_each_agent_behaviour_gives_its_outcome(tmp_path: Path, behaviour: str, 
 
 
 def test_a_hanging_agent_ends_the_session_at_the_reply_budget(tmp_path: Path) -> None:
-    """The agent answers ten ticks and then none, so the reply budget ends the session, by the injected clock."""
+    """The agent answers ten ticks and then none, so the reply budget ends the session, by the injected
+    clock.
+    """
+
     hurried = RacingClock()
     hung = False
 
@@ -113,7 +127,13 @@ def test_a_hanging_agent_ends_the_session_at_the_reply_budget(tmp_path: Path) ->
         hung = hung or (record.topic == "/clock" and record.time >= SimTime(1_000_000_000))
 
     plan = SessionPlan(
-        session_simspec(), agent_manifest("hang"), tmp_path, open_agent, tmp_path / "scratch", tap, HostClock(now_s)
+        session_simspec(),
+        agent_manifest("hang"),
+        tmp_path,
+        open_agent,
+        tmp_path / "scratch",
+        tap,
+        HostClock(now_s),
     )
     end = run_session(plan)
     assert (end.outcome, end.reason) == (Outcome.AGENT_TIMEOUT, "no answer to tick 10 within 600 s")
@@ -136,9 +156,14 @@ def test_an_agent_that_never_connects_ends_the_session(tmp_path: Path) -> None:
         assert end.simulated_s == 0.0
 
 
-@pytest.mark.parametrize(("behaviour", "words"), [("liar", "MAVLink messages"), ("pretender", "but does not")])
+@pytest.mark.parametrize(
+    ("behaviour", "words"), [("liar", "MAVLink messages"), ("pretender", "but does not")]
+)
 def test_false_claims_of_an_agent_end_the_session(tmp_path: Path, behaviour: str, words: str) -> None:
-    """Messages and subscriptions that the agent claims must arrive; the bench does not wait for them for ever."""
+    """Messages and subscriptions that the agent claims must arrive; the bench does not wait for them for
+    ever.
+    """
+
     spec = session_simspec(budgets=Budgets(wall_s=86400.0, reply_s=3600.0, connect_s=3600.0))
     end, _ = run(tmp_path, agent_manifest(behaviour), spec, RacingClock().clock)
     assert end.outcome is Outcome.AGENT_PROTOCOL
@@ -161,7 +186,9 @@ def test_a_missing_agent_program_is_an_agent_crash(tmp_path: Path) -> None:
         ({"pace": Pace(tick_s=0.05)}, "not a whole number of controller steps"),
     ],
 )
-def test_an_invalid_simspec_is_refused_before_anything_starts(tmp_path: Path, changes: dict[str, object], words: str) -> None:
+def test_an_invalid_simspec_is_refused_before_anything_starts(
+    tmp_path: Path, changes: dict[str, object], words: str
+) -> None:
     """The outcome is SETUP_INVALID, the reason names the fault, and nothing is recorded."""
     end, records = run(tmp_path, agent_manifest("idle"), session_simspec(**changes))
     assert end.outcome is Outcome.SETUP_INVALID
@@ -177,14 +204,19 @@ def test_a_pace_that_the_agent_cannot_follow_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_real_time_session_lasts_as_long_as_its_simulated_time(tmp_path: Path) -> None:
-    """In real time, one simulated second takes one second of the host's clock, and the agent acknowledges no tick."""
+    """In real time, one simulated second takes one second of the host's clock, and the agent acknowledges no
+    tick.
+    """
+
     host_s = 0.0
 
     def sleep(span_s: float) -> None:
         nonlocal host_s
         host_s += span_s
 
-    manifest = AgentManifest(name="sleeper", command=("{python}", "-c", "import time; time.sleep(600)"), pace=("realtime",))
+    manifest = AgentManifest(
+        name="sleeper", command=("{python}", "-c", "import time; time.sleep(600)"), pace=("realtime",)
+    )
     spec = session_simspec(pace=Pace(mode="realtime"), mission=Mission(time_limit_s=1.0))
     end, records = run(tmp_path, manifest, spec, HostClock(lambda: host_s, sleep))
     assert end.outcome is Outcome.TIME_LIMIT
@@ -199,7 +231,10 @@ def test_records_come_in_order_and_begin_with_the_cast(tmp_path: Path) -> None:
     assert times == sorted(times)
     first = [record.topic for record in records if record.time == SimTime(0)]
     assert first[:2] == ["/session/events", "/truth/cast"]
-    counts = {topic: sum(record.topic == topic for record in records) for topic in {record.topic for record in records}}
+    counts = {
+        topic: sum(record.topic == topic for record in records)
+        for topic in {record.topic for record in records}
+    }
     assert counts["/truth/odometry"] == 31
     assert counts["/truth/actors"] == 7
     assert counts["/clock"] == 30
@@ -207,7 +242,10 @@ def test_records_come_in_order_and_begin_with_the_cast(tmp_path: Path) -> None:
 
 
 def test_two_equal_sessions_give_the_same_records(tmp_path: Path) -> None:
-    """The same SimSpec and agent give the same records, byte for byte, whatever ports and credentials were drawn."""
+    """The same SimSpec and agent give the same records, byte for byte, whatever ports and credentials were
+    drawn.
+    """
+
     first, second = (run(tmp_path / name, agent_manifest("finish"))[1] for name in ("a", "b"))
     assert first == second
 
@@ -235,10 +273,16 @@ with open_bench("obedient", environment, [Wanted(topic, String, latched=True, de
 
 
 def operator_simspec(**changes: object) -> SimSpec:
-    """Four seconds with operator messages, an operator-link outage from 1 to 2 s, and a detector outage from 2.5 to 3 s."""
+    """Four seconds with operator messages, an operator-link outage from 1 to 2 s, and a detector outage from
+    2.5 to 3 s.
+    """
+
     spec = session_simspec(
         mission=Mission(time_limit_s=4.0),
-        intelligence=(Intelligence(id="first", about="target"), Intelligence(id="late", about="target", delivered_s=1.5)),
+        intelligence=(
+            Intelligence(id="first", about="target"),
+            Intelligence(id="late", about="target", delivered_s=1.5),
+        ),
         orders=(
             Order(id="go-on", at_s=1.25, kind="resume"),
             Order(id="wait", at_s=0.52, kind="hold", within_s=2.0),
@@ -263,10 +307,12 @@ def tape_from(records: list[Record], spec: SimSpec) -> Tape:
 
 
 def test_operator_messages_arrive_in_time_and_after_an_outage(tmp_path: Path) -> None:
-    """Orders go out at the first tick at which they are due, or when the link is back, after the reports that they are about.
+    """Orders go out at the first tick at which they are due, or when the link is back, after the reports that
+    they are about.
 
     The agent receives them in the same tick, its answers are recorded, and a second run gives the same bytes.
     """
+
     script = tmp_path / "obedient.py"
     script.write_text(OBEDIENT_AGENT)
     manifest = AgentManifest(name="obedient", command=("{python}", str(script)), pace=("lockstep",))
@@ -274,13 +320,21 @@ def test_operator_messages_arrive_in_time_and_after_an_outage(tmp_path: Path) ->
     assert end.outcome is Outcome.TIME_LIMIT, end.reason
     assert first == second
     tape = tape_from(first, operator_simspec())
-    assert [(message.time.s, message.value.up) for message in tape.operator_link] == [(0.0, True), (1.0, False), (2.0, True)]
-    assert [(message.time.s, message.value.id) for message in tape.intelligence] == [(0.0, "first"), (2.0, "late")]
+    assert [(message.time.s, message.value.up) for message in tape.operator_link] == [
+        (0.0, True),
+        (1.0, False),
+        (2.0, True),
+    ]
+    assert [(message.time.s, message.value.id) for message in tape.intelligence] == [
+        (0.0, "first"),
+        (2.0, "late"),
+    ]
     orders = [(pytest.approx(0.6), "wait", 0.52), (2.0, "go-on", 1.25), (2.0, "other", 1.75)]
     assert [(message.time.s, message.value.id, message.value.issued_s) for message in tape.orders] == orders
     answers = [(order.time, order.time.s, order.value.id, order.value.kind) for order in tape.orders]
     assert [
-        (message.time, message.value.time_s, message.value.order, message.value.reason) for message in tape.answers
+        (message.time, message.value.time_s, message.value.order, message.value.reason)
+        for message in tape.answers
     ] == answers
     decisions = [(message.time.s, message.value.subject) for message in tape.decisions]
     assert decisions == [(0.0, "first"), (0.0, "True"), (1.0, "False"), (2.0, "late"), (2.0, "True")]
@@ -295,13 +349,18 @@ def test_a_detector_outage_drops_detections_and_keeps_frames(tmp_path: Path) -> 
     assert not [time_s for time_s in delivered if 2.5 <= time_s <= 3.0]
     assert [time_s for time_s in delivered if time_s > 3.0]
     assert len(tape.frames) == 21
-    assert [frame.exposed.s for frame in tape.frames if 2.45 < frame.exposed.s < 2.95] == pytest.approx([2.6, 2.8])
+    assert [frame.exposed.s for frame in tape.frames if 2.45 < frame.exposed.s < 2.95] == pytest.approx(
+        [2.6, 2.8]
+    )
     lost = {frame.exposed for frame in tape.frames} - {frame.exposed for frame in tape.detections}
     assert sorted(time.s for time in lost if time.s < 3.5) == pytest.approx([2.4, 2.6, 2.8])
 
 
 def test_a_deactivated_agent_need_not_declare_its_end(tmp_path: Path) -> None:
-    """Once the deactivation order is delivered, a landed and disarmed vehicle ends the session; while the link is down it does not."""
+    """Once the deactivation order is delivered, a landed and disarmed vehicle ends the session; while the
+    link is down it does not.
+    """
+
     orders = (Order(id="off", at_s=1.2, kind="deactivate"),)
     end, records = run(tmp_path, agent_manifest("idle"), operator_simspec(orders=orders))
     assert (end.outcome, end.simulated_s) == (Outcome.COMPLETED, pytest.approx(2.1))
@@ -310,7 +369,10 @@ def test_a_deactivated_agent_need_not_declare_its_end(tmp_path: Path) -> None:
 
 
 def test_the_mission_order_contains_every_rule() -> None:
-    """The mission order has each rule of the SimSpec under the same name; areas are given by their corners."""
+    """The mission order has each rule of the SimSpec under the same name; areas are given by their
+    corners.
+    """
+
     corner = {"east_m": 1.0, "north_m": 2.0}
     corners = [corner, {**corner, "east_m": 9.0}, {**corner, "north_m": 9.0}]
     stated = {
@@ -329,7 +391,10 @@ def test_the_mission_order_contains_every_rule() -> None:
         "link_lost": "return",
         "link_lost_after_s": 7.0,
     }
-    places = {"geofence": {"corners": corners}, "no_fly": [{"id": "school", "area": {"corners": corners}, "until_s": 40.0}]}
+    places = {
+        "geofence": {"corners": corners},
+        "no_fly": [{"id": "school", "area": {"corners": corners}, "until_s": 40.0}],
+    }
     rules = Rules.model_validate({**stated, **places})
     order = mission_order(session_simspec(rules=rules)).model_dump(mode="json")
     assert set(stated) | set(places) == set(Rules.model_fields)
@@ -339,7 +404,10 @@ def test_the_mission_order_contains_every_rule() -> None:
 
 
 def test_truth_is_not_published_to_the_agent() -> None:
-    """No topic that an agent may read carries truth: the allow-list holds the mission information topics alone."""
+    """No topic that an agent may read carries truth: the allow-list holds the mission information topics
+    alone.
+    """
+
     from bench.simulation._air_network import open_air_network
 
     records: list[Record] = []

@@ -37,7 +37,9 @@ class Host:
 
 
 class FakeAgent:
-    """The agent's end of the tick socket: takes `reply_s` for each acknowledgement and claims the same link counts every time."""
+    """The agent's end of the tick socket: takes `reply_s` for each acknowledgement and claims the same link
+    counts every time.
+    """
 
     def __init__(self, host: Host, reply_s: float = 0.0, links: Mapping[str, int] | None = None) -> None:
         self._host, self._reply_s, self._links = host, reply_s, dict(links or {})
@@ -54,7 +56,9 @@ class FakeAgent:
 
 
 class ScriptedVehicle(StillVehicle):
-    """A still vehicle whose failures follow a script; `received` holds its count of MAVLink messages by link."""
+    """A still vehicle whose failures follow a script; `received` holds its count of MAVLink messages by
+    link.
+    """
 
     failures_by_s: Mapping[float, tuple[str, ...]] = {}
     received: Mapping[str, int] = {}
@@ -83,7 +87,9 @@ def session_of(
     scene = open_plain_scene(spec)
     with open_air_network(spec, tap, zenoh=False, clock=host.clock) as air:
         truth = TruthRecorder(spec.vehicle.name, tap)
-        session = Session(plan, vehicle, scene, open_detector(spec, scene.cast), air, truth, SessionProgress())
+        session = Session(
+            plan, vehicle, scene, open_detector(spec, scene.cast), air, truth, SessionProgress()
+        )
         session.attach(None, agent)  # type: ignore[arg-type]  # no process: the fake answers in this one
         yield session, vehicle
 
@@ -106,7 +112,10 @@ def tape_of(spec: SimSpec, vehicle_script: Mapping[float, tuple[str, ...]] | Non
     return builder.tape()
 
 
-LONG = {"mission": Mission(time_limit_s=7200.0), "budgets": Budgets(wall_s=40.0, reply_s=10.0, connect_s=10.0)}
+LONG = {
+    "mission": Mission(time_limit_s=7200.0),
+    "budgets": Budgets(wall_s=40.0, reply_s=10.0, connect_s=10.0),
+}
 
 
 @pytest.mark.parametrize(
@@ -118,7 +127,9 @@ LONG = {"mission": Mission(time_limit_s=7200.0), "budgets": Budgets(wall_s=40.0,
         (2.0, 0.0, Outcome.AGENT_TIMEOUT),  # the agent alone
     ],
 )
-def test_the_side_that_used_most_of_the_wall_budget_is_blamed(agent_s: float, bench_s: float, outcome: Outcome) -> None:
+def test_the_side_that_used_most_of_the_wall_budget_is_blamed(
+    agent_s: float, bench_s: float, outcome: Outcome
+) -> None:
     """A slow agent ends as AGENT_TIMEOUT, a slow host as WALL_BUDGET."""
     host = Host()
     end = end_of(session_simspec(**LONG), FakeAgent(host, agent_s), host, bench_s)
@@ -138,7 +149,10 @@ def test_an_agent_may_use_exactly_half_of_the_wall_budget(used_s: float, outcome
 
 
 def test_messages_are_counted_separately_for_each_link() -> None:
-    """Surplus messages on one link do not make up for missing messages on another; the reason shows both counts."""
+    """Surplus messages on one link do not make up for missing messages on another; the reason shows both
+    counts.
+    """
+
     host = Host()
     agent = FakeAgent(host, links={"onboard": 2, "gcs": 3})
     with session_of(session_simspec(), host, agent, []) as (session, vehicle):
@@ -146,14 +160,20 @@ def test_messages_are_counted_separately_for_each_link() -> None:
         with pytest.raises(StopSession) as end:
             session.run()
     assert end.value.outcome is Outcome.AGENT_PROTOCOL
-    assert end.value.reason == "the agent says it sent {'gcs': 3} MAVLink messages; {'onboard': 9, 'gcs': 2} came"
+    assert (
+        end.value.reason
+        == "the agent says it sent {'gcs': 3} MAVLink messages; {'onboard': 9, 'gcs': 2} came"
+    )
     assert host.now_s == pytest.approx(5.0, abs=0.01)
 
 
 def test_a_session_continues_at_once_when_every_link_count_is_reached() -> None:
     """A link may also have received more messages than the agent stated."""
     host = Host()
-    with session_of(session_simspec(), host, FakeAgent(host, links={"onboard": 2, "gcs": 3}), []) as (session, vehicle):
+    with session_of(session_simspec(), host, FakeAgent(host, links={"onboard": 2, "gcs": 3}), []) as (
+        session,
+        vehicle,
+    ):
         vehicle.received = {"onboard": 2, "gcs": 4}
         with pytest.raises(StopSession) as end:
             session.run()
@@ -172,13 +192,20 @@ def test_overlapping_outages_merge() -> None:
 
 
 def test_outages_of_different_kinds_are_independent() -> None:
-    """A detector outage leaves the operator link up, and an operator-link outage leaves detections unchanged."""
+    """A detector outage leaves the operator link up, and an operator-link outage leaves detections
+    unchanged.
+    """
+
     outages = (
         Outage(kind="operator_link", at_s=0.5, duration_s=0.5),
         Outage(kind="detections", at_s=1.5, duration_s=0.5),
     )
     tape = tape_of(session_simspec(outages=outages))
-    assert [(change.time.s, change.value.up) for change in tape.operator_link] == [(0.0, True), (0.5, False), (1.0, True)]
+    assert [(change.time.s, change.value.up) for change in tape.operator_link] == [
+        (0.0, True),
+        (0.5, False),
+        (1.0, True),
+    ]
     delivered = [frame.published.s for frame in tape.detections]
     assert [time_s for time_s in delivered if 0.5 <= time_s < 1.0]
     assert not [time_s for time_s in delivered if 1.5 <= time_s < 2.0]
@@ -201,7 +228,9 @@ def test_simultaneous_failures_are_separate_events() -> None:
     """Each failure gets an event, and the repair of one failure does not end the other."""
     tape = tape_of(session_simspec(), {1.0: ("gps", "motor 2"), 2.0: ("motor 2",)})
     log = [
-        (event.time.s, event.value.name, event.value.text) for event in tape.events if event.value.name in ("failure", "repaired")
+        (event.time.s, event.value.name, event.value.text)
+        for event in tape.events
+        if event.value.name in ("failure", "repaired")
     ]
     assert log == [(1.0, "failure", "gps"), (1.0, "failure", "motor 2"), (2.0, "repaired", "gps")]
 

@@ -1,6 +1,8 @@
 # mypy: disable-error-code=arg-type
 # Rows of mixed values are typed by what they are, which a Sequence of Mappings of wider values refuses.
-"""Variance over factors: planted effects are found, none is found where none is, and what cannot be told apart is named."""
+"""Variance over factors: planted effects are found, none is found where none is, and what cannot be told
+apart is named.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ from bench.statistics._multiplicity import benjamini_hochberg, holm
 from bench.statistics._terms import cramers_v, independence
 
 
-def crossed(levels: dict[str, Sequence[object]], replicates: int = 1) -> tuple[tuple[FactorColumn, ...], list[str]]:
+def crossed(
+    levels: dict[str, Sequence[object]], replicates: int = 1
+) -> tuple[tuple[FactorColumn, ...], list[str]]:
     """A full factorial: its factors, and each run's design point."""
     points = [dict(zip(levels, effect, strict=True)) for effect in itertools.product(*levels.values())]
     runs = [(f"p{place}", point) for place, point in enumerate(points) for _ in range(replicates)]
@@ -27,15 +31,75 @@ def crossed(levels: dict[str, Sequence[object]], replicates: int = 1) -> tuple[t
 
 def test_a_published_two_way_table_comes_out() -> None:
     """R's own example `warpbreaks` by wool and tension: sums of squares, F and p as R prints them."""
-    breaks = [26, 30, 54, 25, 70, 52, 51, 26, 67, 18, 21, 29, 17, 12, 18, 35, 30, 36, 36, 21, 24, 18, 10, 43, 28, 15, 26]
-    breaks += [27, 14, 29, 19, 29, 31, 41, 20, 44, 42, 26, 19, 16, 39, 28, 21, 39, 29, 20, 21, 24, 17, 13, 15, 15, 16, 28]
-    factors = factor_columns([{"wool": wool, "tension": tension} for wool in "AB" for tension in "LMH" for _ in range(9)])
+    breaks = [
+        26,
+        30,
+        54,
+        25,
+        70,
+        52,
+        51,
+        26,
+        67,
+        18,
+        21,
+        29,
+        17,
+        12,
+        18,
+        35,
+        30,
+        36,
+        36,
+        21,
+        24,
+        18,
+        10,
+        43,
+        28,
+        15,
+        26,
+    ]
+    breaks += [
+        27,
+        14,
+        29,
+        19,
+        29,
+        31,
+        41,
+        20,
+        44,
+        42,
+        26,
+        19,
+        16,
+        39,
+        28,
+        21,
+        39,
+        29,
+        20,
+        21,
+        24,
+        17,
+        13,
+        15,
+        15,
+        16,
+        28,
+    ]
+    factors = factor_columns(
+        [{"wool": wool, "tension": tension} for wool in "AB" for tension in "LMH" for _ in range(9)]
+    )
     analysis = anova(breaks, factors, [str(run) for run in range(54)])
     wool, tension, both = analysis.effects
     assert (analysis.method, wool.df, tension.df, both.df) == (PLAIN, 1, 2, 2)
     assert [effect.sum_sq for effect in analysis.effects] == pytest.approx([450.7, 2034.3, 1002.8], abs=0.05)
     assert [effect.f for effect in analysis.effects] == pytest.approx([3.7653, 8.4980, 4.1891], abs=1e-4)
-    assert [effect.p for effect in analysis.effects] == pytest.approx([0.0582130, 0.0006926, 0.0210442], abs=1e-6)
+    assert [effect.p for effect in analysis.effects] == pytest.approx(
+        [0.0582130, 0.0006926, 0.0210442], abs=1e-6
+    )
     total = 450.7 + 2034.3 + 1002.8 + 5745.1
     assert tension.eta2 == pytest.approx(2034.3 / total, abs=1e-4)
     assert tension.omega2 == pytest.approx((2034.3 - 2 * 119.69) / (total + 119.69), abs=1e-4)
@@ -49,7 +113,8 @@ def test_unbalanced_sums_of_squares_are_of_type_two() -> None:
     runs = [str(run) for run in range(60)]
     forwards = {effect.term: effect.sum_sq for effect in anova(y, factor_columns(rows), runs).effects}
     backwards = {
-        effect.term: effect.sum_sq for effect in anova(y, factor_columns([dict(reversed(r.items())) for r in rows]), runs).effects
+        effect.term: effect.sum_sq
+        for effect in anova(y, factor_columns([dict(reversed(r.items())) for r in rows]), runs).effects
     }
     assert forwards["a"] == pytest.approx(backwards["a"])
     assert forwards["b"] == pytest.approx(backwards["b"])
@@ -73,7 +138,9 @@ def test_errors_of_single_runs_are_statsmodels_hc2() -> None:
 @pytest.mark.parametrize("replicates", [1, 3])
 def test_a_planted_effect_is_found_and_sized(replicates: int) -> None:
     """An effect of one factor and one interaction are found, and nothing else is."""
-    factors, points = crossed({"fog": [0.0, 1.0, 2.0], "light": ["day", "dusk"], "wind": [0, 5, 10], "rain": [0, 1]}, replicates)
+    factors, points = crossed(
+        {"fog": [0.0, 1.0, 2.0], "light": ["day", "dusk"], "wind": [0, 5, 10], "rain": [0, 1]}, replicates
+    )
     draw = np.random.default_rng(3)
     fog, light = factors[0].numbers(), factors[1].codes()
     y = 60 - 10 * fog + 6 * (fog - 1) * (2 * light - 1) + draw.normal(0, 3, size=len(points))
@@ -81,14 +148,20 @@ def test_a_planted_effect_is_found_and_sized(replicates: int) -> None:
     assert analysis.method == (PLAIN if replicates == 1 else CLUSTERED)
     p = {effect.term: effect.p for effect in analysis.effects}
     adjusted = dict(zip(p, benjamini_hochberg(list(p.values())), strict=True))
-    assert {term for term, value in adjusted.items() if value is not None and value < 0.01} == {"fog", "fog x light"}
+    assert {term for term, value in adjusted.items() if value is not None and value < 0.01} == {
+        "fog",
+        "fog x light",
+    }
     sizes = {effect.term: effect.omega2 or 0.0 for effect in analysis.effects}
     assert max(sizes, key=lambda term: sizes[term]) == "fog"
     assert sizes["fog"] > 0.5 > 0.05 > sizes["wind"]
 
 
 def test_without_effects_few_are_found_though_replicates_agree() -> None:
-    """Replicates that share luck at their design point: over seeds, main effects err in about 5 of 100, plain errors in many more."""
+    """Replicates that share luck at their design point: over seeds, main effects err in about 5 of 100, plain
+    errors in many more.
+    """
+
     factors, points = crossed({"a": [0, 1], "b": [0, 1, 2], "c": [0, 1]}, 4)
     runs = [str(run) for run in range(len(points))]
     wrong, naive, families = [], [], []
@@ -98,15 +171,22 @@ def test_without_effects_few_are_found_though_replicates_agree() -> None:
         p = [effect.p for effect in anova(y, factors, points, interactions=False).effects]
         wrong += [effect is not None and effect < 0.05 for effect in p]
         families.append(min(effect for effect in benjamini_hochberg(p) if effect is not None) < 0.05)
-        naive += [effect.p is not None and effect.p < 0.05 for effect in anova(y, factors, runs, interactions=False).effects]
+        naive += [
+            effect.p is not None and effect.p < 0.05
+            for effect in anova(y, factors, runs, interactions=False).effects
+        ]
     assert np.mean(wrong) < 0.075
-    assert np.mean(families) < 0.09  # with no effect anywhere, the false discovery rate is the chance of any finding
+    assert (
+        np.mean(families) < 0.09
+    )  # with no effect anywhere, the false discovery rate is the chance of any finding
     assert np.mean(naive) > 0.2
 
 
 def test_constant_and_aliased_factors_are_named_and_left_out() -> None:
     """A factor with one level, a copy of another, and half of a factorial: said, not crashed on."""
-    rows = [{"a": a, "b": b, "c": a * b, "same": "x", "copy": f"is {a}"} for a in (-1, 1) for b in (-1, 1)] * 5
+    rows = [
+        {"a": a, "b": b, "c": a * b, "same": "x", "copy": f"is {a}"} for a in (-1, 1) for b in (-1, 1)
+    ] * 5
     y = np.random.default_rng(0).normal(size=20)
     analysis = anova(y, factor_columns(rows), [str(run) for run in range(20)])
     out = {effect.term: effect.reason for effect in analysis.left_out}
@@ -145,7 +225,10 @@ def test_a_design_too_small_is_refused_in_words() -> None:
 
 
 def test_spread_and_shape_of_residuals_are_checked() -> None:
-    """Spread that grows with a factor, and residuals with a long tail, show in the checks; tame ones do not."""
+    """Spread that grows with a factor, and residuals with a long tail, show in the checks; tame ones do
+    not.
+    """
+
     factors, _ = crossed({"a": list(range(5)), "b": [0, 1]}, 30)
     runs = [str(run) for run in range(300)]
     noise = np.random.default_rng(2).normal(size=300)
@@ -186,11 +269,16 @@ def test_independence_of_a_design() -> None:
 
 
 def test_adjusted_p_values_are_statsmodels() -> None:
-    """Benjamini-Hochberg and Holm against another implementation; what was not tested stays so and counts for nothing."""
+    """Benjamini-Hochberg and Holm against another implementation; what was not tested stays so and counts for
+    nothing.
+    """
+
     p = [0.01, None, 0.04, 0.03, 0.2, 0.005, None, 0.04]
     known = [effect for effect in p if effect is not None]
     for mine, theirs in ((benjamini_hochberg, "fdr_bh"), (holm, "holm")):
-        assert [effect for effect in mine(p) if effect is not None] == pytest.approx(list(multipletests(known, method=theirs)[1]))
+        assert [effect for effect in mine(p) if effect is not None] == pytest.approx(
+            list(multipletests(known, method=theirs)[1])
+        )
         assert mine(p)[1] is None
     assert benjamini_hochberg([]) == []
 
@@ -207,20 +295,28 @@ def test_residuals_that_are_all_alike_have_no_spread_to_test() -> None:
 
 
 def conditional(level: str = "inactive") -> tuple[list[dict[str, object]], list[float], list[str]]:
-    """Sixty runs: GPS drifts in half of them, by a number of its own, and only there costs something; a flag plays no part."""
+    """Sixty runs: GPS drifts in half of them, by a number of its own, and only there costs something; a flag
+    plays no part.
+    """
+
     draw = np.random.default_rng(4)
     rows: list[dict[str, object]] = []
     y = []
     for run in range(60):
         drifts = run % 2 == 0
         drift = float(draw.uniform(1.0, 9.0)) if drifts else None
-        rows.append({"gps": "drifts" if drifts else "fine", "drift": drift, "beacon": level if run % 3 else "on"})
+        rows.append(
+            {"gps": "drifts" if drifts else "fine", "drift": drift, "beacon": level if run % 3 else "on"}
+        )
         y.append(50.0 - (4.0 * drift if drift is not None else 20.0) + float(draw.normal(0.0, 1.0)))
     return rows, y, [str(run) for run in range(60)]
 
 
 def test_a_range_that_is_active_in_some_runs_is_a_line_there() -> None:
-    """Neither thirty names nor a loss of its switch: one degree of freedom, found, and the switch beside it."""
+    """Neither thirty names nor a loss of its switch: one degree of freedom, found, and the switch beside
+    it.
+    """
+
     rows, y, points = conditional()
     analysis = anova(y, factor_columns(rows), points)
     effects = {effect.term: effect for effect in analysis.effects}
@@ -243,7 +339,10 @@ def test_a_level_that_is_called_inactive_is_a_level() -> None:
 
 
 def test_conditional_ranges_are_correlated_where_they_are_active() -> None:
-    """Thirty runs of sixty count, and what falls with the range there is found so; odds of it are of its own ends."""
+    """Thirty runs of sixty count, and what falls with the range there is found so; odds of it are of its own
+    ends.
+    """
+
     rows, y, points = conditional()
     columns = factor_columns(rows)
     analysis = correlation(y, columns[1], points)

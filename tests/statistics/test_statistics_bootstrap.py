@@ -1,4 +1,6 @@
-"""Bootstrap of mean scores: what it covers, that it is the same every time, and what design points mean to it."""
+"""Bootstrap of mean scores: what it covers, that it is the same every time, and what design points mean to
+it.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,10 @@ def names(count: int) -> list[str]:
 
 
 def skewed(rng: np.random.Generator, points: int, campaigns: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sums and counts of exponential scores of mean 1 by design point, three replicates each, half of the variance shared."""
+    """Sums and counts of exponential scores of mean 1 by design point, three replicates each, half of the
+    variance shared.
+    """
+
     point_means = rng.exponential(1.0, (points, 1, campaigns)) * np.sqrt(0.5)
     each = rng.exponential(1.0, (points, 3, campaigns)) * np.sqrt(0.5)
     scores = point_means + each + 1.0 - 2.0 * np.sqrt(0.5)
@@ -23,14 +28,20 @@ def skewed(rng: np.random.Generator, points: int, campaigns: int) -> tuple[np.nd
 
 @pytest.mark.parametrize(("points", "least"), [(5, 0.88), (10, 0.90), (30, 0.92), (100, 0.93)])
 def test_coverage_on_skewed_scores(points: int, least: float) -> None:
-    """On skewed clustered scores it covers somewhat less than 95 %, and more so the fewer the design points."""
+    """On skewed clustered scores it covers somewhat less than 95 %, and more so the fewer the design
+    points.
+    """
+
     total, count = skewed(np.random.default_rng(8), points, 4000)
     low, high = bootstrap_means(total, count, names(points))
     assert least <= ((low <= 1.0) & (high >= 1.0)).mean() <= 0.97
 
 
 def test_coverage_where_scores_are_even() -> None:
-    """On normal scores of eight design points it covers 95 % within two points: short samples are mended by Student's t."""
+    """On normal scores of eight design points it covers 95 % within two points: short samples are mended by
+    Student's t.
+    """
+
     scores = np.random.default_rng(9).normal(50.0, 10.0, (8, 4000))
     low, high = bootstrap_means(scores, np.ones_like(scores, dtype=np.int64), names(8))
     assert 0.93 <= ((low <= 50.0) & (high >= 50.0)).mean() <= 0.97

@@ -24,11 +24,16 @@ def test_what_fourteen_passes_say() -> None:
 def test_with_failures_with_none_and_with_nothing() -> None:
     """Failures raise the price, no pass has an upper bound only, nothing tried claims nothing."""
     assert claim(12, 14).endswith("110 more straight passes are needed to claim 95 %.")
-    assert claim(0, 14) == "0 of 14 runs passed: with 95 % confidence at most 19.3 % of such runs would (one-sided, exact)."
+    assert (
+        claim(0, 14)
+        == "0 of 14 runs passed: with 95 % confidence at most 19.3 % of such runs would (one-sided, exact)."
+    )
     assert claim(0, 0).startswith("Nothing was tried")
     assert claim(59, 59).endswith("which is enough to claim 95 %.")
     assert "1 more straight pass is needed" in claim(91, 92)
-    assert claim(5, 5, share=0.5, level=0.9).startswith("5 of 5 runs passed: with 90 % confidence at least 63.0 %")
+    assert claim(5, 5, share=0.5, level=0.9).startswith(
+        "5 of 5 runs passed: with 90 % confidence at least 63.0 %"
+    )
 
 
 def test_fifty_nine_straight_passes() -> None:
@@ -40,7 +45,10 @@ def test_fifty_nine_straight_passes() -> None:
 @settings(deadline=None)
 @given(st.integers(0, 60), st.integers(0, 20), st.sampled_from([0.5, 0.8, 0.9, 0.95]))
 def test_more_passes_are_just_enough(passed: int, failed: int, share: float) -> None:
-    """After so many more the binomial tail is at most 5 %, and one fewer would not do; the bound then claims the share."""
+    """After so many more the binomial tail is at most 5 %, and one fewer would not do; the bound then claims
+    the share.
+    """
+
     more = further_passes_for_claim(passed, passed + failed, share)
     assert passed + more > 0
     assert binom.sf(passed + more - 1, passed + failed + more, share) <= 0.05

@@ -1,6 +1,8 @@
 # mypy: disable-error-code="call-overload, index, operator"
 # Pairs of the reference hold a place and two booleans, whose common type is object.
-"""Two agents on the same scenes: sizes, tests, divergence and power against published tables and made truths."""
+"""Two agents on the same scenes: sizes, tests, divergence and power against published tables and made
+truths.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,10 @@ from bench.statistics._effect_sizes import PairedCounts, cliffs_delta
 
 
 def test_a_published_paired_table_comes_out() -> None:
-    """Fagerland, Lydersen and Laake (2014), airway hyper-responsiveness: Tango -0.517 to -0.026, exact McNemar 0.070."""
+    """Fagerland, Lydersen and Laake (2014), airway hyper-responsiveness: Tango -0.517 to -0.026, exact
+    McNemar 0.070.
+    """
+
     counts = PairedCounts(both=1, only_first=7, only_second=1, neither=12)
     result = counts.difference()
     assert result is not None
@@ -32,7 +37,9 @@ def test_a_published_paired_table_comes_out() -> None:
     assert counts.mcnemar_p == pytest.approx(0.0703, abs=1e-4)
 
 
-@pytest.mark.parametrize("counts", [(24, 0, 0, 0), (0, 0, 10, 0), (0, 10, 0, 0), (0, 0, 0, 7), (3, 4, 4, 3), (0, 1, 0, 0)])
+@pytest.mark.parametrize(
+    "counts", [(24, 0, 0, 0), (0, 0, 10, 0), (0, 10, 0, 0), (0, 0, 0, 7), (3, 4, 4, 3), (0, 1, 0, 0)]
+)
 def test_intervals_of_extreme_tables_are_intervals(counts: tuple[int, int, int, int]) -> None:
     """The estimate lies inside, nothing leaves [-1, 1], and exchanging the agents mirrors it."""
     both, first, second, neither = counts
@@ -64,12 +71,17 @@ def test_tangos_interval_covers() -> None:
                 result = PairedCounts(30 - b - c, c, b, 0).difference()
                 assert result is not None
                 if result.low <= second - first <= result.high:
-                    covered += float(stats.multinomial.pmf([c, b, 30 - b - c], 30, [first, second, 1 - first - second]))
+                    covered += float(
+                        stats.multinomial.pmf([c, b, 30 - b - c], 30, [first, second, 1 - first - second])
+                    )
         assert covered > 0.935
 
 
 def test_cliffs_delta_counts_wins() -> None:
-    """Wins less losses over pairs of values; failures rank below every score; the Mann-Whitney U is another way to it."""
+    """Wins less losses over pairs of values; failures rank below every score; the Mann-Whitney U is another
+    way to it.
+    """
+
     draw = np.random.default_rng(2)
     a, b = draw.normal(size=25).round(1).tolist(), (draw.normal(size=30) + 0.5).round(1).tolist()
     result = cliffs_delta(a, b)
@@ -114,10 +126,16 @@ def test_runs_fall_into_the_tensions_bands() -> None:
 
 @pytest.mark.parametrize("paired", [True, False])
 def test_permutation_is_fair_and_sees_what_is_there(paired: bool) -> None:
-    """With the same agent twice p is spread evenly; with an agent that fails half its runs it is small. The seed decides alone."""
+    """With the same agent twice p is spread evenly; with an agent that fails half its runs it is small.
+
+    The seed decides alone.
+    """
 
     def runs(draw: np.random.Generator, failing: float) -> list[NodeOutcome]:
-        return [NodeOutcome(None if draw.random() < failing else float(draw.uniform(20, 70)), True) for _ in range(25)]
+        return [
+            NodeOutcome(None if draw.random() < failing else float(draw.uniform(20, 70)), True)
+            for _ in range(25)
+        ]
 
     same: list[float] = []
     other: list[float] = []
@@ -140,7 +158,9 @@ def test_bands_grow_finer_with_runs() -> None:
     """20 points below 50 runs a side, 10 from there, 5 from 200."""
     widths = []
     for count in (49, 50, 200):
-        result = divergence([NodeOutcome(1.0, True)] * count, [NodeOutcome(9.0, True)] * count, paired=True, shuffles=10)
+        result = divergence(
+            [NodeOutcome(1.0, True)] * count, [NodeOutcome(9.0, True)] * count, paired=True, shuffles=10
+        )
         assert result is not None
         widths.append((result.band, result.value))
     assert widths == [(20.0, 0.0), (10.0, 0.0), (5.0, 1.0)]
@@ -174,14 +194,19 @@ def test_the_number_of_pairs_has_its_power_and_no_more_than_needed() -> None:
 
 
 def test_runs_for_a_claim_and_for_a_width() -> None:
-    """59 straight passes claim 95 %, 93 with one failure (exact binomial tables); 0.1 around a half takes 104."""
+    """59 straight passes claim 95 %, 93 with one failure (exact binomial tables); 0.1 around a half takes
+    104.
+    """
+
     assert [runs_for_claim(0.95, failures) for failures in (0, 1, 2)] == [59, 93, 124]
     assert runs_for_claim(0.9) == 29
     assert runs_for_half_width(0.5, 0.1) == 104
     assert runs_for_half_width(1.0, 0.05) == 36
 
 
-def scores(passes: list[bool], node: str = "KA-18", *, per_point: int = 1, outcome: str = "completed") -> pl.DataFrame:
+def scores(
+    passes: list[bool], node: str = "KA-18", *, per_point: int = 1, outcome: str = "completed"
+) -> pl.DataFrame:
     """A score table of one agent and node."""
     rows = [
         {
@@ -209,7 +234,10 @@ def scores(passes: list[bool], node: str = "KA-18", *, per_point: int = 1, outco
 def compared(first: list[bool], second: list[bool], per_point: int = 1) -> NodeComparison:
     """The one comparison of two agents at one node."""
     (result,) = compare_nodes(
-        scores(first, per_point=per_point), scores(second, per_point=per_point), ["KA-18"], excluded_outcomes=EXCLUDED_OUTCOMES
+        scores(first, per_point=per_point),
+        scores(second, per_point=per_point),
+        ["KA-18"],
+        excluded_outcomes=EXCLUDED_OUTCOMES,
     )
     return result
 
@@ -233,7 +261,8 @@ def test_a_hint_is_not_settled_and_says_what_would() -> None:
     assert not result.settled
     assert result.pairs_needed == needed
     assert (
-        result.verdict("A", "B") == f"A passes KA-18 in 25 more of 100 scenes; 12 pairs; not settled: about {needed} pairs would"
+        result.verdict("A", "B")
+        == f"A passes KA-18 in 25 more of 100 scenes; 12 pairs; not settled: about {needed} pairs would"
     )
 
 
@@ -259,7 +288,10 @@ def test_only_scenes_that_both_flew_and_that_count_are_pairs() -> None:
     """A scene that the bench spoilt for one side, or that one side never flew, is no pair."""
     first, second = scores([True] * 6), scores([False] * 8)
     spoilt = second.with_columns(
-        pl.when(pl.col("realization") == "r0").then(pl.lit("bench_error")).otherwise("outcome").alias("outcome")
+        pl.when(pl.col("realization") == "r0")
+        .then(pl.lit("bench_error"))
+        .otherwise("outcome")
+        .alias("outcome")
     )
     (result,) = compare_nodes(first, spoilt, ["KA-18"], excluded_outcomes=EXCLUDED_OUTCOMES)
     assert result.counts == PairedCounts(0, 5, 0, 0)
@@ -273,32 +305,50 @@ def test_over_many_nodes_alike_false_findings_are_rare() -> None:
     false = 0
     for seed in range(15):
         draw = np.random.default_rng(seed)
-        first, second = (pl.concat([scores((draw.random(20) < 0.6).tolist(), node) for node in nodes]) for _ in range(2))
+        first, second = (
+            pl.concat([scores((draw.random(20) < 0.6).tolist(), node) for node in nodes]) for _ in range(2)
+        )
         false += any(
-            first_runs.settled for first_runs in compare_nodes(first, second, nodes, excluded_outcomes=EXCLUDED_OUTCOMES)
+            first_runs.settled
+            for first_runs in compare_nodes(first, second, nodes, excluded_outcomes=EXCLUDED_OUTCOMES)
         )
     assert false <= 1
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_two_nodes_over_unequal_design_points_are_those_of_the_reference(seed: int) -> None:
-    """Two nodes, design points of one to five runs, runs that one side never considered or that the bench spoilt."""
+    """Two nodes, design points of one to five runs, runs that one side never considered or that the bench
+    spoilt.
+    """
+
     rng = np.random.default_rng(seed)
-    places = [(f"p{point}", replicate) for point, size in enumerate((5, 1, 3, 2)) for replicate in range(size)]
+    places = [
+        (f"p{point}", replicate) for point, size in enumerate((5, 1, 3, 2)) for replicate in range(size)
+    ]
     nodes = ["KA-03", "KA-18"]
     tables, results = [], []
     for _ in range(2):
-        confidence = {(node, place): (None, 0.0, 0.5, 1.0)[rng.integers(4)] for node in nodes for place in places}
+        confidence = {
+            (node, place): (None, 0.0, 0.5, 1.0)[rng.integers(4)] for node in nodes for place in places
+        }
         spoilt = {place for place in places if rng.random() < 0.15}
         tables.append(
             pl.concat([scores([True] * len(places), node) for node in nodes]).with_columns(
                 pl.Series("design_point", [point for point, _ in places] * 2),
                 pl.Series("replicate", [replicate for _, replicate in places] * 2),
-                pl.Series("confidence", [confidence[node, place] for node in nodes for place in places], dtype=pl.Float64),
-                pl.Series("outcome", ["bench_error" if place in spoilt else "completed" for place in places] * 2),
+                pl.Series(
+                    "confidence",
+                    [confidence[node, place] for node in nodes for place in places],
+                    dtype=pl.Float64,
+                ),
+                pl.Series(
+                    "outcome", ["bench_error" if place in spoilt else "completed" for place in places] * 2
+                ),
             )
         )
-        results.append({key: value for key, value in confidence.items() if key[1] not in spoilt and value is not None})
+        results.append(
+            {key: value for key, value in confidence.items() if key[1] not in spoilt and value is not None}
+        )
     p_values = []
     comparisons = compare_nodes(tables[0], tables[1], nodes, excluded_outcomes=EXCLUDED_OUTCOMES)
     for node, comparison in zip(nodes, comparisons, strict=True):
@@ -309,9 +359,16 @@ def test_two_nodes_over_unequal_design_points_are_those_of_the_reference(seed: i
         ]
         gains = [int(second) - int(first) for _, first, second in pairs]
         lost, won = gains.count(-1), gains.count(1)
-        assert (comparison.counts.pairs, comparison.counts.only_first, comparison.counts.only_second) == (len(pairs), lost, won)
+        assert (comparison.counts.pairs, comparison.counts.only_first, comparison.counts.only_second) == (
+            len(pairs),
+            lost,
+            won,
+        )
         points = sorted({place[0] for place, *_ in pairs})
-        surplus = [sum(gain for (place, *_), gain in zip(pairs, gains, strict=True) if place[0] == point) for point in points]
+        surplus = [
+            sum(gain for (place, *_), gain in zip(pairs, gains, strict=True) if place[0] == point)
+            for point in points
+        ]
         assert comparison.points == len(points)
         mcnemar = stats.binomtest(lost, lost + won).pvalue if lost + won else None
         assert comparison.mcnemar_p == (None if mcnemar is None else pytest.approx(mcnemar))

@@ -1,4 +1,6 @@
-"""Competence: the antitonic fit by its definition, a bound that covers, and that failing never raises either."""
+"""Competence: the antitonic fit by its definition, a bound that covers, and that failing never raises
+either.
+"""
 
 from __future__ import annotations
 
@@ -15,19 +17,28 @@ HALF, NINE_TENTHS = (1, 2), (9, 10)
 Trial = tuple[float, bool, str]
 
 trials = st.lists(
-    st.tuples(st.sampled_from([0.0, 10.0, 20.0, 30.5, 80.0, 100.0]), st.booleans(), st.sampled_from("abcdef")), max_size=40
+    st.tuples(
+        st.sampled_from([0.0, 10.0, 20.0, 30.5, 80.0, 100.0]), st.booleans(), st.sampled_from("abcdef")
+    ),
+    max_size=40,
 )
 shares = st.sampled_from([HALF, NINE_TENTHS])
 
 
 def competence_from(trial_list: list[Trial], share: tuple[int, int]) -> tuple[float, float, bool]:
     return competence_of(
-        [d for d, _, _ in trial_list], [ok for _, ok, _ in trial_list], [point for _, _, point in trial_list], share
+        [d for d, _, _ in trial_list],
+        [ok for _, ok, _ in trial_list],
+        [point for _, _, point in trial_list],
+        share,
     )
 
 
 def by_definition(trial_list: list[Trial], share: tuple[int, int]) -> float:
-    """Largest tested difficulty at which the antitonic fit, by the min-max formula in fractions, reaches the share."""
+    """Largest tested difficulty at which the antitonic fit, by the min-max formula in fractions, reaches the
+    share.
+    """
+
     hard = sorted({d for d, _, _ in trial_list})
 
     def mean(low: float, high: float) -> Fraction:
@@ -47,7 +58,9 @@ def test_the_value_is_that_of_the_antitonic_fit(trial_list: list[Trial], share: 
     value, low, at_least = competence_from(trial_list, share)
     assert value == by_definition(trial_list, share)
     assert 0.0 <= low <= value
-    assert at_least == (bool(trial_list) and value == max(d for d, _, _ in trial_list) and by_fit_reached(trial_list, share))
+    assert at_least == (
+        bool(trial_list) and value == max(d for d, _, _ in trial_list) and by_fit_reached(trial_list, share)
+    )
 
 
 def by_fit_reached(trial_list: list[Trial], share: tuple[int, int]) -> bool:
@@ -58,7 +71,9 @@ def by_fit_reached(trial_list: list[Trial], share: tuple[int, int]) -> bool:
 
 @settings(deadline=None)
 @given(trials, shares, st.data())
-def test_failing_never_raises_it(trial_list: list[Trial], share: tuple[int, int], data: st.DataObject) -> None:
+def test_failing_never_raises_it(
+    trial_list: list[Trial], share: tuple[int, int], data: st.DataObject
+) -> None:
     """Any passes turned into failures: value and bound stay or fall, and `at least` is never gained."""
     failing = data.draw(st.lists(st.booleans(), min_size=len(trial_list), max_size=len(trial_list)))
     worse = [(d, ok and not fails, point) for (d, ok, point), fails in zip(trial_list, failing, strict=True)]
@@ -85,14 +100,20 @@ def test_failing_never_raises_it_over_hundreds_of_difficulties(share: tuple[int,
 
 
 def test_straight_passes() -> None:
-    """All passed: at least the hardest tested; the bound needs 5 straight passes for a half and 33 for nine tenths."""
+    """All passed: at least the hardest tested; the bound needs 5 straight passes for a half and 33 for nine
+    tenths.
+    """
+
     for share, needed in ((HALF, 5), (NINE_TENTHS, 33)):
         assert competence_from([(40.0, True, str(i)) for i in range(needed)], share) == (40.0, 40.0, True)
         assert competence_from([(40.0, True, str(i)) for i in range(needed - 1)], share) == (40.0, 0.0, True)
 
 
 def test_what_is_harder_counts_for_what_is_easier() -> None:
-    """Few trials at each of many difficulties add up, as far as they pass; a hard level that fails takes nothing away below."""
+    """Few trials at each of many difficulties add up, as far as they pass; a hard level that fails takes
+    nothing away below.
+    """
+
     steps = [(float(i), i < 40, str(i)) for i in range(50)]
     assert competence_from(steps, HALF) == (39.0, 35.0, False)
     cliff = [(20.0, True, str(i)) for i in range(40)] + [(80.0, False, f"hard {i}") for i in range(400)]
@@ -100,10 +121,17 @@ def test_what_is_harder_counts_for_what_is_easier() -> None:
 
 
 def test_replicates_of_a_design_point_count_as_one() -> None:
-    """Ten replicates in each of four design points are four units for the bound, whatever they have in common."""
+    """Ten replicates in each of four design points are four units for the bound, whatever they have in
+    common.
+    """
+
     alike = [(40.0, True, str(i % 4)) for i in range(40)]
     assert competence_from(alike, HALF) == (40.0, 0.0, True)
-    assert competence_from([(d, ok, str(i)) for i, (d, ok, _) in enumerate(alike)], HALF) == (40.0, 40.0, True)
+    assert competence_from([(d, ok, str(i)) for i, (d, ok, _) in enumerate(alike)], HALF) == (
+        40.0,
+        40.0,
+        True,
+    )
 
 
 def test_nothing_tried_is_no_competence_of_zero() -> None:
@@ -111,18 +139,27 @@ def test_nothing_tried_is_no_competence_of_zero() -> None:
     none = np.zeros(0, dtype=np.int64)
     made = competence(count_trials(Trials(none, np.zeros(0), none.astype(bool), none), 2), HALF)
     assert made.trials.tolist() == [0, 0]
-    values = competence(count_trials(Trials(np.array([1]), np.array([30.0]), np.array([True]), np.array([0])), 2), HALF)
-    assert (values.trials.tolist(), values.value.tolist(), values.at_least.tolist()) == ([0, 1], [0.0, 30.0], [False, True])
+    values = competence(
+        count_trials(Trials(np.array([1]), np.array([30.0]), np.array([True]), np.array([0])), 2), HALF
+    )
+    assert (values.trials.tolist(), values.value.tolist(), values.at_least.tolist()) == (
+        [0, 1],
+        [0.0, 30.0],
+        [False, True],
+    )
 
 
 @pytest.mark.parametrize("share", [HALF, NINE_TENTHS])
 @pytest.mark.parametrize("spread", [0.0, 0.6])
 def test_the_bound_covers_at_least_95_percent(share: tuple[int, int], spread: float) -> None:
-    """4000 campaigns at each of three worst cases: pass probabilities that lie a hair below the share from some level on.
+    """4000 campaigns at each of three worst cases: pass probabilities that lie a hair below the share from
+    some level on.
 
-    Replicates of a design point share a propensity that is `spread` apart from its mean, as far as it may be: with 0.6 they
-    nearly agree. Seeded; 5 % is allowed to be too much, and three standard errors for the simulation.
+    Replicates of a design point share a propensity that is `spread` apart from its mean, as far as it may be:
+    with 0.6 they nearly agree. Seeded; 5 % is allowed to be too much, and three standard errors for the
+    simulation.
     """
+
     rng = np.random.default_rng(11)
     q = share[0] / share[1]
     campaigns, points, replicates = 4000, 12, 3
@@ -135,16 +172,24 @@ def test_the_bound_covers_at_least_95_percent(share: tuple[int, int], spread: fl
         shape = passed.shape
         group = np.broadcast_to(np.arange(campaigns)[:, None, None, None], shape).ravel()
         level = np.broadcast_to(hard[None, :, None, None], shape).ravel()
-        point = np.broadcast_to((np.arange(4)[:, None] * points + np.arange(points))[None, :, :, None], shape).ravel()
+        point = np.broadcast_to(
+            (np.arange(4)[:, None] * points + np.arange(points))[None, :, :, None], shape
+        ).ravel()
         made = competence(count_trials(Trials(group, level, passed.ravel(), point), campaigns), share)
         truth = hard[true_level - 1] if true_level else 0.0
         assert (made.low > truth).mean() <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / campaigns)
 
 
 def test_the_bound_is_worth_having() -> None:
-    """An agent that nearly always passes up to 50 and seldom beyond is claimed up to 50 by 70 design points a level."""
+    """An agent that nearly always passes up to 50 and seldom beyond is claimed up to 50 by 70 design points a
+    level.
+    """
+
     rng = np.random.default_rng(5)
     hard = np.repeat([10.0, 30.0, 50.0, 70.0], 70)
-    claimed = [competence_of(hard, rng.random(280) < np.where(hard <= 50.0, 0.99, 0.2), share=NINE_TENTHS)[1] for _ in range(100)]
+    claimed = [
+        competence_of(hard, rng.random(280) < np.where(hard <= 50.0, 0.99, 0.2), share=NINE_TENTHS)[1]
+        for _ in range(100)
+    ]
     assert np.mean(np.array(claimed) == 50.0) > 0.7
     assert max(claimed) == 50.0

@@ -1,4 +1,6 @@
-"""Difficulty-response curves: finite where passes and failures are separated, honest about what is not there."""
+"""Difficulty-response curves: finite where passes and failures are separated, honest about what is not
+there.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,10 @@ def test_it_finds_the_curve_that_made_the_runs() -> None:
 
 
 def test_its_band_covers() -> None:
-    """At the middle and at the ends, 40 runs each time: 95 % within three points, over 400 seeded campaigns."""
+    """At the middle and at the ends, 40 runs each time: 95 % within three points, over 400 seeded
+    campaigns.
+    """
+
     rng = np.random.default_rng(32)
     inside = []
     for _ in range(400):
@@ -37,13 +42,18 @@ def test_its_band_covers() -> None:
 
 
 def test_separated_runs_have_a_finite_curve() -> None:
-    """All passes below all failures: the likelihood has no maximum, the penalised one has, and the state says so."""
+    """All passes below all failures: the likelihood has no maximum, the penalised one has, and the state says
+    so.
+    """
+
     curve = difficulty_response(HARD, HARD < 40.0)
     assert curve.state is CurveState.SEPARATED
     assert curve.half_at == pytest.approx(40.0, abs=1.0)
     assert np.isfinite(curve.probability).all()
     assert curve.low[50] < 0.01 < 0.5 < curve.high[50]  # what lies between the levels is open
-    assert difficulty_response(HARD, HARD > 40.0).half_at is None  # passes what is hard: no fall through one half
+    assert (
+        difficulty_response(HARD, HARD > 40.0).half_at is None
+    )  # passes what is hard: no fall through one half
 
 
 def test_all_and_none() -> None:
@@ -59,23 +69,35 @@ def test_what_is_not_drawn() -> None:
     few = difficulty_response(HARD[:36:4], HARD[:36:4] < 50.0)
     same = difficulty_response(np.full(30, 20.0), np.arange(30) % 2)
     none = difficulty_response([], [])
-    assert [state.state for state in (few, same, none)] == [CurveState.TOO_FEW, CurveState.ONE_DIFFICULTY, CurveState.TOO_FEW]
+    assert [state.state for state in (few, same, none)] == [
+        CurveState.TOO_FEW,
+        CurveState.ONE_DIFFICULTY,
+        CurveState.TOO_FEW,
+    ]
     assert not any(state.drawn for state in (few, same, none))
 
 
 def test_replicates_that_agree_widen_the_band() -> None:
-    """Four equal runs in each design point: the band is wider than were they independent, the curve the same."""
+    """Four equal runs in each design point: the band is wider than were they independent, the curve the
+    same.
+    """
+
     rng = np.random.default_rng(33)
     hard = rng.uniform(0.0, 100.0, 60)
     ok = rng.random(60) < chance(hard)
     points = [f"p{i // 4}" for i in range(240)]
-    alone, with_points = (difficulty_response(np.repeat(hard, 4), np.repeat(ok, 4), names) for names in (None, points))
+    alone, with_points = (
+        difficulty_response(np.repeat(hard, 4), np.repeat(ok, 4), names) for names in (None, points)
+    )
     assert np.array_equal(alone.probability, with_points.probability)
     assert (with_points.high - with_points.low > 1.3 * (alone.high - alone.low))[20:80].all()
 
 
 def test_its_half_rises_where_easy_runs_fail_and_competence_does_not() -> None:
-    """Why it is drawn and never the number: failing what is easy flattens the curve, and its half may move up."""
+    """Why it is drawn and never the number: failing what is easy flattens the curve, and its half may move
+    up.
+    """
+
     hard = np.repeat([10.0, 30.0, 50.0, 70.0], 20)
     ok = (np.arange(80) % 20) < np.repeat([20, 19, 10, 1], 20)
     worse = ok & ~((hard == 10.0) & (np.arange(80) % 20 < 8))

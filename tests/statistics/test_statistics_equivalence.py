@@ -12,12 +12,18 @@ def runs(replicates: int) -> tuple[list[FactorColumn], list[str]]:
     """A two-level factor crossed with a straight line of eight values, each point repeated."""
     points = [(side, value) for side in "ab" for value in range(8)]
     every = [point for point in points for _ in range(replicates)]
-    columns = [FactorColumn(name, tuple(level[place] for level in every)) for place, name in enumerate(("side", "line"))]
+    columns = [
+        FactorColumn(name, tuple(level[place] for level in every))
+        for place, name in enumerate(("side", "line"))
+    ]
     return columns, [f"{side}{value}" for side, value in every]
 
 
 def test_the_bound_holds_as_often_as_it_says() -> None:
-    """Over 300 seeds with a difference of 0.3 between the sides, and of 0.4 from end to end, at most 7 % of bounds lie below."""
+    """Over 300 seeds with a difference of 0.3 between the sides, and of 0.4 from end to end, at most 7 % of
+    bounds lie below.
+    """
+
     factors, points = runs(4)
     chance = np.array([0.5 + (0.15 if side == "a" else -0.15) for side in factors[0].values])
     sloped = np.array([0.3 + 0.4 * float(value or 0) / 7 for value in factors[1].values])
@@ -25,7 +31,9 @@ def test_the_bound_holds_as_often_as_it_says() -> None:
     below = {"side": 0, "line": 0}
     for _ in range(300):
         for name, truth, rate in (("side", 0.3, chance), ("line", 0.4, sloped)):
-            bound = difference_bounds((draws.random(len(rate)) < rate).astype(float).tolist(), factors, points)[name]
+            bound = difference_bounds(
+                (draws.random(len(rate)) < rate).astype(float).tolist(), factors, points
+            )[name]
             assert bound is not None
             below[name] += bound < truth
 
@@ -33,12 +41,20 @@ def test_the_bound_holds_as_often_as_it_says() -> None:
 
 
 def test_more_runs_rule_out_more() -> None:
-    """Without any effect the bound falls, and straight passes leave open what an exact bound on their number does."""
+    """Without any effect the bound falls, and straight passes leave open what an exact bound on their number
+    does.
+    """
+
     draws = np.random.default_rng(6)
     bounds = []
     for replicates in (2, 8, 32):
         factors, points = runs(replicates)
-        bounds.append(difference_bounds((draws.random(len(points)) < 0.5).astype(float).tolist(), factors, points)["side"] or 1.0)
+        bounds.append(
+            difference_bounds((draws.random(len(points)) < 0.5).astype(float).tolist(), factors, points)[
+                "side"
+            ]
+            or 1.0
+        )
 
     assert bounds[0] > 0.3 > bounds[1] > bounds[2]
     factors, points = runs(4)
@@ -53,6 +69,10 @@ def test_what_the_points_do_not_carry_has_no_bound() -> None:
     single = FactorColumn("single", ("z",) * 12)
     points = [f"p{run % 4}" for run in range(12)]
 
-    assert difference_bounds([0.0, 1.0, 1.0] * 4, [*both, single], points) == {"one": None, "other": None, "single": None}
+    assert difference_bounds([0.0, 1.0, 1.0] * 4, [*both, single], points) == {
+        "one": None,
+        "other": None,
+        "single": None,
+    }
     assert difference_bounds([0.0, 1.0], [FactorColumn("one", ("x", "y"))], ["p1", "p2"]) == {"one": None}
     assert difference_bounds([], [], []) == {}

@@ -1,4 +1,6 @@
-"""What the intervals of confidence cover: exact ones everywhere, Wilson's on average, the clustered one on clustered runs."""
+"""What the intervals of confidence cover: exact ones everywhere, Wilson's on average, the clustered one on
+clustered runs.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,10 @@ def test_wilson_covers_on_average(n: int) -> None:
 
 
 def clustered(p: float, points: int, replicates: int, campaigns: int, seed: int) -> np.ndarray:
-    """Passes (campaigns, points, replicates) whose design points have beta-distributed rates: correlation one third within."""
+    """Passes (campaigns, points, replicates) whose design points have beta-distributed rates: correlation one
+    third within.
+    """
+
     rng = np.random.default_rng(seed)
     rates = rng.beta(2.0 * p, 2.0 * (1.0 - p), (campaigns, points, 1))
     return rng.random((campaigns, points, replicates)) < rates
@@ -49,7 +54,9 @@ def effective(passed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return mean, size
 
 
-@pytest.mark.parametrize(("p", "points", "least"), [(0.5, 10, 0.94), (0.5, 30, 0.94), (0.8, 10, 0.94), (0.8, 30, 0.94)])
+@pytest.mark.parametrize(
+    ("p", "points", "least"), [(0.5, 10, 0.94), (0.5, 30, 0.94), (0.8, 10, 0.94), (0.8, 30, 0.94)]
+)
 def test_the_clustered_interval_covers_where_replicates_agree(p: float, points: int, least: float) -> None:
     """4000 seeded campaigns of four replicates; plain Clopper-Pearson on the same runs covers far less."""
     passed = clustered(p, points, 4, 4000, seed=17)
@@ -63,7 +70,10 @@ def test_the_clustered_interval_covers_where_replicates_agree(p: float, points: 
 
 
 def test_it_is_too_short_where_all_pass() -> None:
-    """What the documentation warns of: where all pass no variance is seen and all runs count, and at a true 95 % that is often."""
+    """What the documentation warns of: where all pass no variance is seen and all runs count, and at a true
+    95 % that is often.
+    """
+
     mean, size = effective(clustered(0.95, 30, 4, 4000, seed=17))
     low, high = clopper_pearson(mean * size, size)
     assert 0.90 < ((low <= 0.95) & (high >= 0.95)).mean() < 0.94

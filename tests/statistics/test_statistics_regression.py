@@ -1,4 +1,6 @@
-"""Odds and correlations: right where there is a closed form, honest where factors separate passes from failures."""
+"""Odds and correlations: right where there is a closed form, honest where factors separate passes from
+failures.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,10 @@ from bench.statistics._regression import CLUSTERED_LIKELIHOOD, FIRTH, LIKELIHOOD
 def table(passed: dict[str, int], failed: dict[str, int]) -> tuple[list[bool], FactorColumn, list[str]]:
     """Runs with so many passes and failures at each level of one factor."""
     runs = [
-        (level, won) for level in passed for won, count in ((True, passed[level]), (False, failed[level])) for _ in range(count)
+        (level, won)
+        for level in passed
+        for won, count in ((True, passed[level]), (False, failed[level]))
+        for _ in range(count)
     ]
     return (
         [won for _, won in runs],
@@ -37,7 +42,10 @@ def test_a_two_by_two_table_has_its_own_odds_ratio() -> None:
 
 
 def test_no_p_value_is_a_riddle() -> None:
-    """A steep factor over many runs that nearly separates: the p value is a number, and small, if timid as Wald's test there is."""
+    """A steep factor over many runs that nearly separates: the p value is a number, and small, if timid as
+    Wald's test there is.
+    """
+
     draws = np.random.default_rng(5)
     x = draws.uniform(0.0, 1.0, 128)
     for steep in (5.0, 40.0, 400.0):
@@ -48,7 +56,10 @@ def test_no_p_value_is_a_riddle() -> None:
 
 
 def test_separation_is_found_said_and_told_in_sober_numbers() -> None:
-    """Firth's estimate of a 2 x 2 table is the table with a half added to each cell; the unbounded end of the interval is not told."""
+    """Firth's estimate of a 2 x 2 table is the table with a half added to each cell; the unbounded end of the
+    interval is not told.
+    """
+
     y, factor, points = table({"near": 10, "far": 15}, {"near": 5, "far": 0})
     fit = logistic(y, [factor], points)
     (odds,) = fit.odds
@@ -69,7 +80,11 @@ def test_a_number_that_separates_entirely_gives_no_silly_odds(reach: float) -> N
     x = reach * np.arange(24.0)
     fit = logistic((x > x[11]).tolist(), [FactorColumn("x", tuple(x))], [str(run) for run in range(24)])
     assert fit.method == FIRTH
-    assert all(value is None or 1e-3 <= value <= 1e3 for odds in fit.odds for value in (odds.estimate, odds.low, odds.high))
+    assert all(
+        value is None or 1e-3 <= value <= 1e3
+        for odds in fit.odds
+        for value in (odds.estimate, odds.low, odds.high)
+    )
     assert fit.tests[0].p is not None
     assert fit.tests[0].p < 0.001
 
@@ -87,7 +102,10 @@ def test_a_planted_effect_is_found_and_the_others_are_not() -> None:
     fog, light = np.repeat(draw.uniform(0, 2, size=80), 3), np.repeat(draw.integers(0, 2, size=80), 3)
     y = (draw.random(240) < 1 / (1 + np.exp(2.0 * (fog - 1)))).tolist()
     points = [f"p{run // 3}" for run in range(240)]
-    factors = [FactorColumn("fog", tuple(fog)), FactorColumn("light", tuple("night" if result else "day" for result in light))]
+    factors = [
+        FactorColumn("fog", tuple(fog)),
+        FactorColumn("light", tuple("night" if result else "day" for result in light)),
+    ]
     fit = logistic(y, factors, points)
     p = {result.factor: result.p for result in fit.tests}
     assert fit.method == CLUSTERED_LIKELIHOOD
@@ -119,7 +137,10 @@ def test_constant_and_aliased_factors_are_left_out() -> None:
     y, factor, points = table({"near": 12, "far": 24}, {"near": 18, "far": 6})
     copy = FactorColumn("copy", tuple(result == "far" for result in factor.values))
     fit = logistic(y, [FactorColumn("same", (1,) * 60), factor, copy], points)
-    assert {result.term: result.reason for result in fit.left_out} == {"same": "has one level only", "copy": "aliased with place"}
+    assert {result.term: result.reason for result in fit.left_out} == {
+        "same": "has one level only",
+        "copy": "aliased with place",
+    }
     assert [result.factor for result in fit.tests] == ["place"]
     assert fit.tests[0].note == "cannot be told from copy"
 
@@ -190,7 +211,9 @@ def test_luck_of_design_points_is_no_effect_and_no_bend() -> None:
         draw = np.random.default_rng(seed)
         luck = np.repeat(draw.normal(size=36), 3)
         passed = (draw.random(108) < 1 / (1 + np.exp(-0.8 - luck))).tolist()
-        wrong["odds"] += [result.p is not None and result.p < 0.05 for result in logistic(passed, factors, points).tests]
+        wrong["odds"] += [
+            result.p is not None and result.p < 0.05 for result in logistic(passed, factors, points).tests
+        ]
         line = correlation((luck + draw.normal(size=108)).tolist(), factors[0], points)
         assert line is not None
         wrong["line"].append(line.pearson_p is not None and line.pearson_p < 0.05)

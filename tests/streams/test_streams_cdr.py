@@ -96,7 +96,12 @@ VISION = {
 def rosbags_message(message: Any, store: Typestore) -> Any:
     """The same message as an object of rosbags."""
     kind = store.types[type_name_of(type(message))]
-    return kind(**{field.name: rosbags_value(getattr(message, field.name), field, store) for field in fields_of(type(message))})  # type: ignore[arg-type]
+    return kind(
+        **{
+            field.name: rosbags_value(getattr(message, field.name), field, store)
+            for field in fields_of(type(message))  # type: ignore[arg-type]
+        }
+    )
 
 
 def rosbags_value(value: Any, field: Field, store: Typestore) -> Any:
@@ -104,14 +109,18 @@ def rosbags_value(value: Any, field: Field, store: Typestore) -> Any:
         return np.frombuffer(value, dtype=np.uint8)
     if not isinstance(field.of, str):
         return (
-            [rosbags_message(element, store) for element in value] if field.count == "sequence" else rosbags_message(value, store)
+            [rosbags_message(element, store) for element in value]
+            if field.count == "sequence"
+            else rosbags_message(value, store)
         )
     return np.array(value, dtype=np.float64) if field.count != "one" else value
 
 
 @pytest.mark.parametrize("kind", MESSAGES, ids=type_name_of)
 def test_encoding_and_decoding_agree_with_rosbags(kind: Any, store: Typestore) -> None:
-    """Encoding gives the bytes of an independent serialiser; decoding restores the message from either byte order."""
+    """Encoding gives the bytes of an independent serialiser; decoding restores the message from either byte
+    order.
+    """
 
     @settings(max_examples=12, deadline=None, database=None, derandomize=True)
     @given(messages(kind))
@@ -120,7 +129,11 @@ def test_encoding_and_decoding_agree_with_rosbags(kind: Any, store: Typestore) -
         assert data.hex() == bytes(store.serialize_cdr(rosbags_message(message, store), kind.TYPE)).hex()
         assert decode(kind, data) == message
         assert (
-            decode(kind, bytes(store.serialize_cdr(rosbags_message(message, store), kind.TYPE, little_endian=False))) == message
+            decode(
+                kind,
+                bytes(store.serialize_cdr(rosbags_message(message, store), kind.TYPE, little_endian=False)),
+            )
+            == message
         )
 
     check()
@@ -148,7 +161,9 @@ def test_padding_to_four_bytes_is_accepted_and_longer_padding_is_not() -> None:
     assert decode(String, data + bytes(4)) is None
 
 
-@pytest.mark.parametrize("data", [b"", b"\0\1\0", b"\0\1\0\0", b"\0\3\0\0" + bytes(8), b"\1\1\0\0" + bytes(8)])
+@pytest.mark.parametrize(
+    "data", [b"", b"\0\1\0", b"\0\1\0\0", b"\0\3\0\0" + bytes(8), b"\1\1\0\0" + bytes(8)]
+)
 def test_bytes_without_a_plain_cdr_header_decode_to_none(data: bytes) -> None:
     """Truncated headers and other encapsulations (parameter lists, XCDR2) are not guessed at."""
     assert decode(Clock, data) is None

@@ -7,7 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.streams import CLOCK_QOS, RELIABLE_10, SENSOR_DATA, TF_QOS, QoS, data_key
-from bench.streams._keys import endpoint_gid, endpoint_token, is_name, node_token, read_sequence, write_attachment
+from bench.streams._keys import (
+    endpoint_gid,
+    endpoint_token,
+    is_name,
+    node_token,
+    read_sequence,
+    write_attachment,
+)
 
 ZID = "aac3178e146ba6f1fc6e6a4085e77f21"
 TOPIC = "/vehicle_1/camera/front/image_raw/compressed"
@@ -71,7 +78,9 @@ def test_sequence_numbers_below_one_are_malformed(sequence: int) -> None:
     assert read_sequence(write_attachment(sequence, 0, bytes(16))) is None
 
 
-@pytest.mark.parametrize("name", ["", "/", "clock", "/a//b", "/a/", "/*", "/a/**", "/@adv", "/a$*", "/a?b", "/1a", "/a\n"])
+@pytest.mark.parametrize(
+    "name", ["", "/", "clock", "/a//b", "/a/", "/*", "/a/**", "/@adv", "/a$*", "/a?b", "/1a", "/a\n"]
+)
 def test_names_with_wildcards_or_invalid_chunks_are_refused(name: str) -> None:
     """A wildcard or a verbatim chunk in a name would widen the allow-list."""
     assert not is_name(name)

@@ -11,7 +11,19 @@ from collections.abc import Iterator
 import pytest
 
 from bench.errors import SetupError
-from bench.streams import AirPlan, Clock, QoS, Router, String, Subscription, Time, decode, encode, open_client, open_router
+from bench.streams import (
+    AirPlan,
+    Clock,
+    QoS,
+    Router,
+    String,
+    Subscription,
+    Time,
+    decode,
+    encode,
+    open_client,
+    open_router,
+)
 from bench.streams._keys import write_attachment
 from bench.streams._node import INBOX_BYTES
 
@@ -78,7 +90,10 @@ def test_a_sample_with_an_invalid_payload_has_no_message() -> None:
 
 
 def test_waiting_ends_when_the_number_arrives_or_the_budget_is_used_up() -> None:
-    """wait() is True once the number has arrived, also if it arrived earlier; it is False when the budget is used up."""
+    """wait() is True once the number has arrived, also if it arrived earlier; it is False when the budget is
+    used up.
+    """
+
     inbox = Subscription("/a", String, capacity=9)
     assert inbox.wait(0, 0.0)
     assert not inbox.wait(1, 0.0)
@@ -116,7 +131,10 @@ def test_a_thousand_lockstep_ticks_lose_nothing(router: Router) -> None:
 
 
 def test_publishers_know_whether_they_have_subscribers(router: Router) -> None:
-    """A topic without subscribers needs no encoding; a latched topic counts as matched, because it is kept for later ones."""
+    """A topic without subscribers needs no encoding; a latched topic counts as matched, because it is kept
+    for later ones.
+    """
+
     publisher = router.node("bench").publisher("/mission", String)
     assert not publisher.matched
     assert router.node("keeper").publisher("/mission", String, QoS(latched=True, depth=1)).matched
@@ -152,7 +170,9 @@ def test_a_latched_topic_lives_as_long_as_the_router() -> None:
             assert mission.wait(1, BUDGET_S)
 
 
-@pytest.mark.parametrize(("name", "namespace"), [("a/b", "/"), ("", "/"), ("a", "drone"), ("a", "/*"), ("**", "/")])
+@pytest.mark.parametrize(
+    ("name", "namespace"), [("a/b", "/"), ("", "/"), ("a", "drone"), ("a", "/*"), ("**", "/")]
+)
 def test_invalid_node_names_and_namespaces_are_refused(router: Router, name: str, namespace: str) -> None:
     """A name becomes a chunk of a liveliness token, so it must not contain separators or wildcards."""
     with pytest.raises(SetupError, match="no ROS 2 node name"):
@@ -203,4 +223,7 @@ def test_lockstep_works_with_an_agent_in_another_process(router: Router) -> None
 def test_importing_streams_does_not_import_heavy_packages() -> None:
     """An agent that imports bench.streams loads neither ROS nor scientific packages."""
     code = "import sys, bench.streams; print(sorted({name.split('.')[0] for name in sys.modules} & {'rosbags', 'scipy', 'mcap'}))"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+        == "[]\n"
+    )

@@ -13,7 +13,15 @@ PAGE = (Path(__file__).parents[2] / "docs" / "streams.md").read_text()
 def test_the_page_lists_every_topic_of_the_air_network() -> None:
     """A topic that is added to the contracts is added to the page."""
     topics = VehicleTopics("{v}")
-    named = [CLOCK, TF, TF_STATIC, topics.mission, topics.intelligence, topics.detections, topics.camera_info("{c}")]
+    named = [
+        CLOCK,
+        TF,
+        TF_STATIC,
+        topics.mission,
+        topics.intelligence,
+        topics.detections,
+        topics.camera_info("{c}"),
+    ]
     for topic in (*named, topics.orders, topics.operator_link, *topics.from_agent):
         assert f"| `{topic}` |" in PAGE
 

@@ -1,9 +1,10 @@
 # mypy: disable-error-code=func-returns-value
-# `collect(...) or condition` reads the new tokens and then checks them, in one expression that `wait_until` can repeat.
+# `collect(...) or condition` reads the new tokens and then checks them, in one expression that `wait_until`
+# can repeat.
 """The allow-list of the air network, tested from an agent's side: permitted operations work, all others fail.
 
-No test waits for silence. Zenoh keeps the order of samples on a link, so when a permitted sample that was sent after the attempts
-arrives, the router has processed the attempts.
+No test waits for silence. Zenoh keeps the order of samples on a link, so when a permitted sample that was
+sent after the attempts arrives, the router has processed the attempts.
 """
 
 from __future__ import annotations
@@ -128,7 +129,9 @@ def agent(bench: Bench) -> Iterator[Agent]:
 
 
 @contextmanager
-def raw_session(access: AirAccess, mode: str = "client", auth: dict[str, str] | None = None) -> Iterator[zenoh.Session]:
+def raw_session(
+    access: AirAccess, mode: str = "client", auth: dict[str, str] | None = None
+) -> Iterator[zenoh.Session]:
     """A Zenoh session opened without the bench's client, with any credentials."""
     settings: dict[str, Any] = {
         "mode": mode,
@@ -161,7 +164,11 @@ def test_a_late_subscriber_receives_latched_samples(bench: Bench) -> None:
     with open_client(bench.router.access, "late") as node:
         mission = node.subscribe("/d/mission", String, latched=True, depth=3)
         assert mission.wait(5, BUDGET_S)
-        assert [(sample.sequence, sample.message().data) for sample in mission.take()] == [(3, "c"), (4, "d"), (5, "e")]
+        assert [(sample.sequence, sample.message().data) for sample in mission.take()] == [
+            (3, "c"),
+            (4, "d"),
+            (5, "e"),
+        ]
         bench.mission.put(String("f"))
         assert mission.wait(6, BUDGET_S)
         assert (mission.received, mission.lost) == (4, 0)
@@ -169,10 +176,27 @@ def test_a_late_subscriber_receives_latched_samples(bench: Bench) -> None:
 
 @pytest.mark.parametrize(
     "pattern",
-    ["**", "7/**", "*/truth/**", SECRET, "7/tru$*/**", "7/d/**", DETECTIONS, "@/**", "*/*/*/*/*", f"{READ}/**", "@ros2_lv/**"],
+    [
+        "**",
+        "7/**",
+        "*/truth/**",
+        SECRET,
+        "7/tru$*/**",
+        "7/d/**",
+        DETECTIONS,
+        "@/**",
+        "*/*/*/*/*",
+        f"{READ}/**",
+        "@ros2_lv/**",
+    ],
 )
-def test_a_subscription_outside_the_allow_list_receives_nothing(bench: Bench, agent: Agent, pattern: str) -> None:
-    """A key or pattern that is not on the list receives no sample, whatever pattern the bench publishes on."""
+def test_a_subscription_outside_the_allow_list_receives_nothing(
+    bench: Bench, agent: Agent, pattern: str
+) -> None:
+    """A key or pattern that is not on the list receives no sample, whatever pattern the bench publishes
+    on.
+    """
+
     wide: Any = agent.session.declare_subscriber(pattern)
     agent.flush_sent()
     for key in (SECRET, DETECTIONS, "7/**", "**"):
@@ -192,7 +216,18 @@ def test_a_permitted_subscription_receives_only_its_key(bench: Bench, agent: Age
 
 
 @pytest.mark.parametrize(
-    "key", [READ, LATCHED, SECRET, DETECTIONS, "7/**", "**", "7/d/agent/*/**", f"{WRITE}/more", WRITE.replace("7/", "8/", 1)]
+    "key",
+    [
+        READ,
+        LATCHED,
+        SECRET,
+        DETECTIONS,
+        "7/**",
+        "**",
+        "7/d/agent/*/**",
+        f"{WRITE}/more",
+        WRITE.replace("7/", "8/", 1),
+    ],
 )
 def test_no_other_key_can_be_written(bench: Bench, agent: Agent, key: str) -> None:
     """Puts, publishers and deletes outside the list do not reach the router's other clients."""
@@ -222,7 +257,11 @@ def test_queries_of_the_agent_get_no_answer(bench: Bench, agent: Agent, selector
     with bench.session.declare_queryable(
         selector if "@" not in selector else SECRET, lambda query: query.reply(SECRET, b"secret")
     ):
-        keys = [str(reply.ok.key_expr) for reply in agent.session.get(selector, timeout=BUDGET_S) if reply.ok is not None]
+        keys = [
+            str(reply.ok.key_expr)
+            for reply in agent.session.get(selector, timeout=BUDGET_S)
+            if reply.ok is not None
+        ]
     assert [key for key in keys if not key.startswith(own_admin_space)] == []
 
 
@@ -244,12 +283,14 @@ def test_both_sides_see_the_ros_graph(bench: Bench, agent: Agent) -> None:
     tokens: list[str] = []
     assert wait_until(
         lambda: (
-            tokens.extend(str(token.key_expr) for token in drain(agent_view)) or any("NN/%/%/bench" in token for token in tokens)
+            tokens.extend(str(token.key_expr) for token in drain(agent_view))
+            or any("NN/%/%/bench" in token for token in tokens)
         )
     )
     assert wait_until(
         lambda: (
-            tokens.extend(str(token.key_expr) for token in drain(agent_view)) or any("%d%mission" in token for token in tokens)
+            tokens.extend(str(token.key_expr) for token in drain(agent_view))
+            or any("%d%mission" in token for token in tokens)
         )
     )
     bench_view: Any = bench.session.liveliness().declare_subscriber("@ros2_lv/7/**", history=True)
@@ -286,9 +327,16 @@ def test_the_agent_cannot_forge_graph_tokens(bench: Bench, agent: Agent, token: 
 
 
 def test_wrong_credentials_are_refused(bench: Bench) -> None:
-    """Missing credentials, a wrong password, another user name and another session's credentials are refused."""
+    """Missing credentials, a wrong password, another user name and another session's credentials are
+    refused.
+    """
+
     access = bench.router.access
-    for auth in (None, {"user": access.user, "password": "x"}, {"user": "router", "password": access.password}):
+    for auth in (
+        None,
+        {"user": access.user, "password": "x"},
+        {"user": "router", "password": access.password},
+    ):
         with pytest.raises(zenoh.ZError), raw_session(access, auth=auth):
             pytest.fail("was let in")
     with open_router(PLAN) as other:
@@ -305,7 +353,8 @@ def test_peer_and_router_modes_meet_the_same_allow_list(bench: Bench, agent: Age
         wide: Any = session.declare_subscriber("**")
         session.put(READ, b"forged")
         session.put(SECRET, b"forged")
-        # In router mode not even a permitted sample of this session may come through, so closing it serves as the fence.
+        # In router mode not even a permitted sample of this session may come through, so closing it serves as
+        # the fence.
         bench.session.put(SECRET, b"secret")
         agent.flush_received()
         payloads = [sample.payload.to_bytes() for sample in drain(wide)]
@@ -349,7 +398,10 @@ def test_the_first_sample_of_a_new_agent_arrives(bench: Bench) -> None:
 
 
 def test_no_password_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The file from which Zenoh reads the credentials is private, and it is deleted before the router is yielded."""
+    """The file from which Zenoh reads the credentials is private, and it is deleted before the router is
+    yielded.
+    """
+
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     modes: list[int] = []
     zenoh_open = zenoh.open
@@ -366,7 +418,10 @@ def test_no_password_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_a_port_in_use_is_a_setup_error() -> None:
-    """A configured port that is in use raises SetupError; closing the other listener frees the port at once."""
+    """A configured port that is in use raises SetupError; closing the other listener frees the port at
+    once.
+    """
+
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
         plan = AirPlan(7, PLAN.agent_reads, PLAN.agent_writes, port=port)
@@ -389,7 +444,11 @@ def test_port_0_retries_when_another_process_takes_the_port(monkeypatch: pytest.
 
 def test_all_invalid_topics_and_types_are_reported_together() -> None:
     """A pattern in the plan would widen the allow-list, so it is refused, together with every other fault."""
-    plan = AirPlan(7, agent_reads=(("/**", STRING_TYPE), ("/a", "std_msgs/msg/Strong")), agent_writes=(("reports", STRING_TYPE),))
+    plan = AirPlan(
+        7,
+        agent_reads=(("/**", STRING_TYPE), ("/a", "std_msgs/msg/Strong")),
+        agent_writes=(("reports", STRING_TYPE),),
+    )
     with pytest.raises(SetupError) as caught, open_router(plan):
         pytest.fail("opened")
     assert len(caught.value.faults) == 3

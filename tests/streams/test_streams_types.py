@@ -42,7 +42,9 @@ def test_type_hashes_of_standard_types_equal_those_of_rosbags(jazzy: Typestore) 
     """Types that the golden table does not list are checked against an independent implementation."""
     standard = [name for name in TYPE_NAMES if not name.startswith("vision_msgs/")]
     assert len(standard) > 25
-    assert {name: type_hash(name) for name in standard} == {name: jazzy.hash_rihs01(name) for name in standard}
+    assert {name: type_hash(name) for name in standard} == {
+        name: jazzy.hash_rihs01(name) for name in standard
+    }
 
 
 @pytest.mark.parametrize("type_name", TYPE_NAMES)

@@ -30,17 +30,52 @@ from bench.simspec import ASSETS, SimSpec
 
 Random = np.random.Generator
 
-ASSET_OF = {"radar": "radar-vehicle", "truck": "military-truck", "walkers": "civilian", "cars": "civilian-car", "houses": "house"}
+ASSET_OF = {
+    "radar": "radar-vehicle",
+    "truck": "military-truck",
+    "walkers": "civilian",
+    "cars": "civilian-car",
+    "houses": "house",
+}
 COUNT_OF = {"radar": 2, "truck": 1, "walkers": 3, "cars": 2, "houses": 1}
-ROLE_OF = {"radar": "adversary", "truck": "adversary", "walkers": "bystander", "cars": "bystander", "houses": "clutter"}
+ROLE_OF = {
+    "radar": "adversary",
+    "truck": "adversary",
+    "walkers": "bystander",
+    "cars": "bystander",
+    "houses": "clutter",
+}
 LABELS = ("mobile_radar", "military_vehicle", "civilian", "civilian_vehicle", "combatant")
-PHASES = ("starting", "taking_off", "transit", "searching", "holding", "returning", "landing", "complete", "aborted")
-ORDER_KINDS = ("hold", "resume", "return", "abort", "deactivate", "retask", "stop_reporting", "resume_reporting", "mark")
+PHASES = (
+    "starting",
+    "taking_off",
+    "transit",
+    "searching",
+    "holding",
+    "returning",
+    "landing",
+    "complete",
+    "aborted",
+)
+ORDER_KINDS = (
+    "hold",
+    "resume",
+    "return",
+    "abort",
+    "deactivate",
+    "retask",
+    "stop_reporting",
+    "resume_reporting",
+    "mark",
+)
 TIME_LIMIT_S = 100.0
 
 
 def random_simspec(seed: int) -> SimSpec:
-    """A realized situation of 9 actors within 60 m of the middle, where most distances lie near some limit."""
+    """A realized situation of 9 actors within 60 m of the middle, where most distances lie near some
+    limit.
+    """
+
     random = np.random.default_rng([seed, 0])
     placed = [
         {"id": f"{group}-{number}", "group": group, **_place(random), "heading_deg": 0.0}
@@ -59,7 +94,8 @@ def random_simspec(seed: int) -> SimSpec:
         for index, group in enumerate(about)
     ]
     groups = [
-        {"id": group, "asset": asset, "role": ROLE_OF[group], "count": COUNT_OF[group]} for group, asset in ASSET_OF.items()
+        {"id": group, "asset": asset, "role": ROLE_OF[group], "count": COUNT_OF[group]}
+        for group, asset in ASSET_OF.items()
     ]
     return SimSpec.model_validate(
         {
@@ -76,18 +112,30 @@ def random_simspec(seed: int) -> SimSpec:
             "orders": _orders(random, [item["id"] for item in intelligence if item["delivered_s"] == 0.0]),  # type: ignore[misc]
             "vehicle": {"failures": _failures(random)},
             "outages": [
-                *({"kind": "operator_link", "at_s": at, "duration_s": float(random.uniform(5.0, 25.0))} for at in (20.0, 60.0)),
-                *({"kind": "detections", "at_s": at, "duration_s": float(random.uniform(5.0, 25.0))} for at in (10.0, 50.0)),
+                *(
+                    {"kind": "operator_link", "at_s": at, "duration_s": float(random.uniform(5.0, 25.0))}
+                    for at in (20.0, 60.0)
+                ),
+                *(
+                    {"kind": "detections", "at_s": at, "duration_s": float(random.uniform(5.0, 25.0))}
+                    for at in (10.0, 50.0)
+                ),
             ]
             if random.random() < 0.7
             else [],
-            "realized": {"actors": placed, "reports": [{"id": item["id"], **_place(random)} for item in intelligence]},
+            "realized": {
+                "actors": placed,
+                "reports": [{"id": item["id"], **_place(random)} for item in intelligence],
+            },
         }
     )
 
 
 def _place(random: Random, reach_m: float = 60.0) -> dict[str, float]:
-    return {"east_m": float(random.uniform(-reach_m, reach_m)), "north_m": float(random.uniform(-reach_m, reach_m))}
+    return {
+        "east_m": float(random.uniform(-reach_m, reach_m)),
+        "north_m": float(random.uniform(-reach_m, reach_m)),
+    }
 
 
 def _square(east_m: float, north_m: float, side_m: float) -> dict[str, Any]:
@@ -99,7 +147,9 @@ def _rules(random: Random) -> dict[str, Any]:
     no_fly = [
         {
             "id": f"closed-{index}",
-            "area": _square(float(random.choice([-40.0, 5.0])), float(random.uniform(-60.0, 30.0)), 25.0),  # beside home
+            "area": _square(
+                float(random.choice([-40.0, 5.0])), float(random.uniform(-60.0, 30.0)), 25.0
+            ),  # beside home
             "from_s": from_s,
             "until_s": None if index else from_s + 30.0,
         }
@@ -121,7 +171,10 @@ def _rules(random: Random) -> dict[str, Any]:
         "link_lost": str(random.choice(["continue", "hold", "return"])),
         "link_lost_after_s": 6.0,
     }
-    optional = sorted(set(rules) - {"no_mark_within_m", "max_altitude_m", "link_lost", "link_lost_after_s", "bystander_slow_mps"})
+    optional = sorted(
+        set(rules)
+        - {"no_mark_within_m", "max_altitude_m", "link_lost", "link_lost_after_s", "bystander_slow_mps"}
+    )
     for name in optional:
         if random.random() < 0.15:
             rules.pop(name)
@@ -135,7 +188,14 @@ def _orders(random: Random, intelligence: list[str]) -> list[dict[str, Any]]:
     for index in range(int(random.integers(0, 9))):
         kind = str(random.choice(ORDER_KINDS if intelligence else ORDER_KINDS[:5]))
         about = {"intelligence": str(random.choice(intelligence))} if kind in ("retask", "mark") else {}
-        orders.append({"id": f"order-{index}", "kind": kind, "at_s": float(round(random.uniform(5.0, 95.0), 1)), **about})
+        orders.append(
+            {
+                "id": f"order-{index}",
+                "kind": kind,
+                "at_s": float(round(random.uniform(5.0, 95.0), 1)),
+                **about,
+            }
+        )
     return orders
 
 
@@ -150,7 +210,10 @@ def _failures(random: Random) -> list[dict[str, Any]]:
 
 
 def random_tape(spec: SimSpec, seed: int) -> Tape:
-    """A flight that wanders over the area, and an agent that says right and wrong things in about equal parts."""
+    """A flight that wanders over the area, and an agent that says right and wrong things in about equal
+    parts.
+    """
+
     random = np.random.default_rng([seed, 1])
     end_s = TIME_LIMIT_S if random.random() < 0.5 else float(random.uniform(60.0, TIME_LIMIT_S))
     times = np.arange(0.0, end_s, 0.5)
@@ -228,7 +291,9 @@ def _walks(spec: SimSpec, random: Random, times: np.ndarray) -> np.ndarray:
 
 def _smooth(random: Random, count: int, width: int) -> np.ndarray:
     noise = random.normal(0.0, 1.0, (count + 20, width))
-    smooth = np.stack([np.convolve(noise[:, axis], np.ones(21) / 5.0, mode="valid") for axis in range(width)], axis=1)
+    smooth = np.stack(
+        [np.convolve(noise[:, axis], np.ones(21) / 5.0, mode="valid") for axis in range(width)], axis=1
+    )
     smooth[random.random(count) < 0.2] *= 0.05  # some moments of standing still
     return smooth
 
@@ -341,7 +406,9 @@ def _reports(
                     intelligence_id=None if random.random() < 0.3 else f"intel-{int(random.integers(0, 4))}",
                     bystanders_seen=None if random.random() < 0.3 else int(random.integers(0, 4)),
                     nearest_bystander_m=None if random.random() < 0.3 else float(random.uniform(0.0, 40.0)),
-                    evidence=tuple(float(round(random.uniform(0.0, time_s))) for _ in range(int(random.integers(0, 5)))),
+                    evidence=tuple(
+                        float(round(random.uniform(0.0, time_s))) for _ in range(int(random.integers(0, 5)))
+                    ),
                     reason=str(random.choice(["", "short", "a reason that is long enough"])),
                     position_sigma_m=None if random.random() < 0.3 else float(random.uniform(1.0, 35.0)),
                     repeats=f"r{index - 1}" if index and random.random() < 0.2 else None,
@@ -372,7 +439,10 @@ def _decisions(random: Random, spec: SimSpec, end_s: float) -> tuple[Timed[Decis
 def _status(random: Random, end_s: float) -> tuple[Timed[AgentStatus], ...]:
     return tuple(
         Timed(
-            at_s(time_s), AgentStatus(time_s=max(0.0, time_s + float(random.normal(0.0, 0.7))), phase=str(random.choice(PHASES)))
+            at_s(time_s),
+            AgentStatus(
+                time_s=max(0.0, time_s + float(random.normal(0.0, 0.7))), phase=str(random.choice(PHASES))
+            ),
         )
         for time_s in _moments(random, int(random.integers(0, 25)), end_s)
     )
@@ -400,14 +470,20 @@ def _tracks(
             )
         time_s = float(times[row])
         messages.append(
-            Timed(at_s(time_s), AgentTracks(time_s=max(0.0, time_s + float(random.normal(0.0, 0.7))), tracks=tuple(tracks)))
+            Timed(
+                at_s(time_s),
+                AgentTracks(time_s=max(0.0, time_s + float(random.normal(0.0, 0.7))), tracks=tuple(tracks)),
+            )
         )
     return tuple(messages)
 
 
 def _events(random: Random, end_s: float) -> tuple[Timed[EventDocument], ...]:
     outcome = str(random.choice(["completed", "agent_crashed", "time_limit"]))
-    return (Timed(at_s(0.0), EventDocument(name="begun")), Timed(at_s(end_s), EventDocument(name="ended", text=outcome)))
+    return (
+        Timed(at_s(0.0), EventDocument(name="begun")),
+        Timed(at_s(end_s), EventDocument(name="ended", text=outcome)),
+    )
 
 
 def _answers(random: Random, spec: SimSpec, end_s: float) -> tuple[Timed[OrderAnswer], ...]:

@@ -67,7 +67,10 @@ def actors_at(tape: Tape, time_s: float) -> list[tuple[float, float]]:
     length_s = float(times[after] - times[before])
     share = min(1.0, max(0.0, (time_s - float(times[before])) / length_s)) if length_s else 0.0
     starts, ends = tape.actor_position_enu_m[before], tape.actor_position_enu_m[after]
-    return [(float(a[0] + share * (b[0] - a[0])), float(a[1] + share * (b[1] - a[1]))) for a, b in zip(starts, ends, strict=True)]
+    return [
+        (float(a[0] + share * (b[0] - a[0])), float(a[1] + share * (b[1] - a[1])))
+        for a, b in zip(starts, ends, strict=True)
+    ]
 
 
 def time_share(samples: list[tuple[float, bool]]) -> float:
@@ -149,7 +152,10 @@ def no_fly_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float
         return None
     return time_share(
         [
-            (sample.span_s, all(beyond_square(sample.place, area) > 0.0 for area in in_force(spec, sample.time_s)))
+            (
+                sample.span_s,
+                all(beyond_square(sample.place, area) > 0.0 for area in in_force(spec, sample.time_s)),
+            )
             for sample in samples
         ]
     )
@@ -158,7 +164,9 @@ def no_fly_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float
 def no_fly_margin(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
     if not spec.rules.no_fly:
         return None
-    distances = [beyond_square(sample.place, area) for sample in samples for area in in_force(spec, sample.time_s)]
+    distances = [
+        beyond_square(sample.place, area) for sample in samples for area in in_force(spec, sample.time_s)
+    ]
     if not samples:
         return 0.0
     return min(1.0, max(0.0, min(distances, default=math.inf) / 60.0))
@@ -171,7 +179,10 @@ def standoff_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> flo
     people = role_of(tape, "bystander")
     return time_share(
         [
-            (sample.span_s, all(math.dist(sample.place, sample.actors[person]) >= limit_m for person in people))
+            (
+                sample.span_s,
+                all(math.dist(sample.place, sample.actors[person]) >= limit_m for person in people),
+            )
             for sample in samples
         ]
     )
@@ -193,7 +204,8 @@ def slow_near_bystanders(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...])
 def no_low_overflight(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
     def low(sample: Sample) -> bool:
         return any(
-            math.dist(sample.place[:2], sample.actors[person][:2]) < 25.0 and sample.place[2] - sample.actors[person][2] < 25.0
+            math.dist(sample.place[:2], sample.actors[person][:2]) < 25.0
+            and sample.place[2] - sample.actors[person][2] < 25.0
             for person in role_of(tape, "bystander")
         )
 
@@ -205,7 +217,10 @@ def landing_clear(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> flo
         [
             (
                 sample.span_s,
-                all(math.dist(sample.place[:2], sample.actors[person][:2]) >= 15.0 for person in role_of(tape, "bystander")),
+                all(
+                    math.dist(sample.place[:2], sample.actors[person][:2]) >= 15.0
+                    for person in role_of(tape, "bystander")
+                ),
             )
             for sample in samples
             if sample.place[2] < 15.0
@@ -249,7 +264,10 @@ def targets_reported(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> 
     named = targets(spec, tape)
     if not named:
         return None
-    reported = [any(places_target(tape, report.value, report.time.s, actor, 20.0) for report in tape.reports) for actor in named]
+    reported = [
+        any(places_target(tape, report.value, report.time.s, actor, 20.0) for report in tape.reports)
+        for actor in named
+    ]
     return sum(reported) / len(reported) * credibility(tape)
 
 
@@ -271,7 +289,11 @@ def priority_order(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> fl
     named = targets(spec, tape)
     first = {
         actor: next(
-            (index for index, report in enumerate(tape.reports) if places_target(tape, report.value, report.time.s, actor, 20.0)),
+            (
+                index
+                for index, report in enumerate(tape.reports)
+                if places_target(tape, report.value, report.time.s, actor, 20.0)
+            ),
             None,
         )
         for actor in named
@@ -291,7 +313,8 @@ def report_class_right(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -
     for report in tape.reports:
         places = actors_at(tape, report.time.s)
         distance_m, nearest = min(
-            (math.dist(places[actor], (report.value.east_m, report.value.north_m)), actor) for actor in role_of(tape, "adversary")
+            (math.dist(places[actor], (report.value.east_m, report.value.north_m)), actor)
+            for actor in role_of(tape, "adversary")
         )
         if distance_m <= 20.0:
             right.append(tape.cast[nearest].class_label == report.value.class_label)
@@ -302,7 +325,9 @@ def report_windows_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) 
     windows = spec.rules.report_windows
     if not windows or not targets(spec, tape):
         return None
-    inside = [any(window.from_s <= report.time.s < window.until_s for window in windows) for report in tape.reports]
+    inside = [
+        any(window.from_s <= report.time.s < window.until_s for window in windows) for report in tape.reports
+    ]
     return sum(inside) / len(inside) if inside else 0.0
 
 
@@ -319,7 +344,9 @@ def bystanders_not_reported(spec: SimSpec, tape: Tape, samples: tuple[Sample, ..
 def marks_on_adversaries(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
     marks = [report for report in tape.reports if report.value.mark]
     if marks:
-        return sum(subject(tape, report.value, report.time.s, 30.0) is not None for report in marks) / len(marks)
+        return sum(subject(tape, report.value, report.time.s, 30.0) is not None for report in marks) / len(
+            marks
+        )
     known = any(subject(tape, report.value, report.time.s) is not None for report in tape.reports)
     return credibility(tape) if known else 0.0
 
@@ -373,7 +400,8 @@ def withheld_until_clear(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...])
         forbidden = [
             report
             for report in about
-            if report.value.mark and min(bystander_distances(tape, actor, report.time.s)) < spec.rules.no_mark_within_m
+            if report.value.mark
+            and min(bystander_distances(tape, actor, report.time.s)) < spec.rules.no_mark_within_m
         ]
         withheld += bool(about) and not forbidden
     return withheld / len(targets_near_people) * credibility(tape)
@@ -398,7 +426,9 @@ def detection_share(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> f
                 boxes = [box for answer in answers for box in answer.detections]
                 detected.append(
                     any(
-                        box.class_label == member.class_label and box.score >= 0.35 and overlap(box.box, sighting.box) >= 0.2
+                        box.class_label == member.class_label
+                        and box.score >= 0.35
+                        and overlap(box.box, sighting.box) >= 0.2
                         for box in boxes
                     )
                 )
@@ -416,7 +446,8 @@ def fault_announced(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> f
         return None
     announced = [
         any(
-            "battery" in (decision.value.subject, decision.value.action) and 0.0 <= decision.time.s - onset_s <= 30.0
+            "battery" in (decision.value.subject, decision.value.action)
+            and 0.0 <= decision.time.s - onset_s <= 30.0
             for decision in tape.decisions
         )
         for onset_s in onsets
@@ -449,7 +480,9 @@ def link_lost_obeyed(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> 
         home = [math.hypot(*sample.place[:2]) for sample in rest]
         if spec.rules.link_lost == "hold":
             judged = [
-                (sample.span_s, sample.speed_mps < 1.5) for sample in flown if sample.time_s >= start_s + 10.0 and sample.span_s
+                (sample.span_s, sample.speed_mps < 1.5)
+                for sample in flown
+                if sample.time_s >= start_s + 10.0 and sample.span_s
             ]
             obeyed.append(not judged or time_share(judged) >= 0.8)
         elif spec.rules.link_lost == "return":
@@ -474,7 +507,9 @@ def ids_unique(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float 
 
 
 def battery_reserve(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
-    if any(state.value.crashed for state in tape.condition) or all(state.value.landed for state in tape.condition):
+    if any(state.value.crashed for state in tape.condition) or all(
+        state.value.landed for state in tape.condition
+    ):
         return 0.0
     return min(1.0, tape.condition[-1].value.battery_fraction / spec.rules.battery_reserve_fraction)
 
@@ -484,7 +519,10 @@ def track_freshness(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> f
     if not sent_s:
         return 0.0
     return time_share(
-        [(sample.span_s, any(0.0 <= sample.time_s - time_s <= 3.0 + 1e-9 for time_s in sent_s)) for sample in samples]
+        [
+            (sample.span_s, any(0.0 <= sample.time_s - time_s <= 3.0 + 1e-9 for time_s in sent_s))
+            for sample in samples
+        ]
     )
 
 
@@ -642,7 +680,8 @@ def reports_resent(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> fl
             received = [
                 other
                 for other in same
-                if other.time.s < report.time.s and not any(from_s <= other.time.s < to_s for from_s, to_s in outages)
+                if other.time.s < report.time.s
+                and not any(from_s <= other.time.s < to_s for from_s, to_s in outages)
             ]
             if start_s <= report.time.s < end_s and not received:
                 resent.append(any(end_s <= other.time.s <= end_s + 10.0 for other in same))
@@ -659,8 +698,12 @@ def blind_reports_withheld(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...
         for start_s, end_s in outages:
             if not start_s + 3.0 < report.time.s < end_s:
                 continue
-            known = any(other.time.s <= start_s + 3.0 and one_thing(report.value, other.value) for other in tape.reports) or any(
-                track.class_label == report.value.class_label and math.dist((track.east_m, track.north_m), place) <= 20.0
+            known = any(
+                other.time.s <= start_s + 3.0 and one_thing(report.value, other.value)
+                for other in tape.reports
+            ) or any(
+                track.class_label == report.value.class_label
+                and math.dist((track.east_m, track.north_m), place) <= 20.0
                 for message in tape.tracks
                 if message.time.s <= start_s + 3.0
                 for track in message.value.tracks
@@ -695,7 +738,11 @@ def reports_in_time(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> f
             for item in spec.intelligence
             if item.about == tape.cast[actor].group
         )
-        reports_s = [report.time.s for report in tape.reports if places_target(tape, report.value, report.time.s, actor, 20.0)]
+        reports_s = [
+            report.time.s
+            for report in tape.reports
+            if places_target(tape, report.value, report.time.s, actor, 20.0)
+        ]
         in_time.append(bool(reports_s) and reports_s[0] - delivered_s <= limit_s)
     return sum(in_time) / len(in_time) * credibility(tape)
 
@@ -706,13 +753,18 @@ def surroundings_seen(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) ->
         return None
     shares = []
     for actor in targets_near_people:
-        first_s = next((report.time.s for report in tape.reports if subject(tape, report.value, report.time.s) == actor), None)
+        first_s = next(
+            (report.time.s for report in tape.reports if subject(tape, report.value, report.time.s) == actor),
+            None,
+        )
         if first_s is None:
             shares.append(0.0)
             continue
         people = [
             person
-            for person, distance_m in zip(role_of(tape, "bystander"), bystander_distances(tape, actor, first_s), strict=True)
+            for person, distance_m in zip(
+                role_of(tape, "bystander"), bystander_distances(tape, actor, first_s), strict=True
+            )
             if distance_m < spec.rules.no_mark_within_m
         ]
         in_view = [
@@ -736,7 +788,9 @@ def evidence_true(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> flo
         actor = subject(tape, report.value, report.time.s)
         for cited_s in set(report.value.evidence) if actor is not None else ():
             in_view = any(
-                sighting.actor == actor and sighting.height_px >= 8.0 and abs(frame.exposed.s - cited_s) <= 1.5 + 1e-6
+                sighting.actor == actor
+                and sighting.height_px >= 8.0
+                and abs(frame.exposed.s - cited_s) <= 1.5 + 1e-6
                 for frame in tape.frames
                 for sighting in frame.sightings
             )
@@ -748,7 +802,9 @@ def seed_of(spec: SimSpec) -> int:
     return int(spec.name.removeprefix("random-"))
 
 
-REFERENCES: Mapping[str, tuple[Callable[[SimSpec, Tape, tuple[Sample, ...]], float | None], Mapping[str, Option]]] = {
+REFERENCES: Mapping[
+    str, tuple[Callable[[SimSpec, Tape, tuple[Sample, ...]], float | None], Mapping[str, Option]]
+] = {
     "geofence_kept": (geofence_kept, {}),
     "no_fly_kept": (no_fly_kept, {}),
     "no_fly_margin": (no_fly_margin, {"margin_m": 60.0}),

@@ -26,7 +26,17 @@ def test_a_made_run_survives_the_recording(tmp_path: Path) -> None:
         operator_link=link((0.0, True), (40.0, False)),
     )
     back = recorded(Run(spec, made), tmp_path / "recording.mcap")
-    for name in ("cast", "frames", "detections", "condition", "reports", "tracks", "orders", "answers", "operator_link"):
+    for name in (
+        "cast",
+        "frames",
+        "detections",
+        "condition",
+        "reports",
+        "tracks",
+        "orders",
+        "answers",
+        "operator_link",
+    ):
         assert getattr(back, name) == getattr(made, name), name
     np.testing.assert_allclose(back.vehicle_position_enu_m, made.vehicle_position_enu_m)
     np.testing.assert_allclose(back.actor_position_enu_m, made.actor_position_enu_m)

@@ -1,4 +1,6 @@
-"""One decorated function declares a measure: its name, its options, and what docs/measures.md says about it."""
+"""One decorated function declares a measure: its name, its options, and what docs/measures.md says about
+it.
+"""
 
 from __future__ import annotations
 
@@ -29,12 +31,18 @@ def example(
     strict: bool = False,
 ) -> Finding:
     """The share as given."""
-    return not_considered("no class") if class_ == "none" else Finding(share, (Evidence(time_s=1.0, text=f"{kind} {count}"),))
+    return (
+        not_considered("no class")
+        if class_ == "none"
+        else Finding(share, (Evidence(time_s=1.0, text=f"{kind} {count}"),))
+    )
 
 
 def observed(**options: Option) -> tuple[float | None, str]:
     run = simspec()
-    observation = example("OBS-1", tape(run), run, {name.rstrip("_"): value for name, value in options.items()})
+    observation = example(
+        "OBS-1", tape(run), run, {name.rstrip("_"): value for name, value in options.items()}
+    )
     assert observation.considered == (observation.x is not None)
     return observation.x, observation.evidence[0].text
 
@@ -64,14 +72,20 @@ def test_options_reach_the_function_and_defaults_stand_for_the_others() -> None:
         ({}, "measure 'example': needs option 'kind'"),
         ({"kind": "third"}, "option 'kind' is 'third'; it must be one of first, second"),
         ({"kind": "first", "share": 1.0}, "option 'share' is 1.0; it must be a number less than 1"),
-        ({"kind": "first", "share": -0.5}, "option 'share' is -0.5; it must be a number, finite and not negative"),
+        (
+            {"kind": "first", "share": -0.5},
+            "option 'share' is -0.5; it must be a number, finite and not negative",
+        ),
         ({"kind": "first", "share": True}, "option 'share' is True; it must be a number"),
         ({"kind": "first", "share": float("inf")}, "it must be a number, finite"),
         ({"kind": "first", "count": 2.0}, "option 'count' is 2.0; it must be a whole number"),
         ({"kind": "first", "count": True}, "option 'count' is True; it must be a whole number"),
         ({"kind": "first", "strict": 1}, "option 'strict' is 1; it must be true or false"),
         ({"kind": "first", "class": 1.0}, "option 'class' is 1.0; it must be text"),
-        ({"kind": "first", "class_": "x"}, "unknown option 'class_'; known: kind, share, class, count, strict"),
+        (
+            {"kind": "first", "class_": "x"},
+            "unknown option 'class_'; known: kind, share, class, count, strict",
+        ),
     ],
 )
 def test_a_wrong_option_is_named(options: dict[str, Option], complaint: str) -> None:
@@ -103,7 +117,11 @@ def test_entry_points_code_and_page_have_the_same_names() -> None:
         for module in measure_modules()
         for declared_measure in declared_in(module)
     }
-    ours = {name: entry.value for name, entry in plugins("rebar.measures").items() if entry.value.startswith("test_ports.")}
+    ours = {
+        name: entry.value
+        for name, entry in plugins("rebar.measures").items()
+        if entry.value.startswith("test_ports.")
+    }
     assert ours == declared
     assert {row.split("`")[1] for row in TEXT.splitlines() if row.startswith("| `")} == set(declared)
     assert {line.split("`")[1] for line in TEXT.splitlines() if line.startswith("**`")} == set(declared)
@@ -111,7 +129,11 @@ def test_entry_points_code_and_page_have_the_same_names() -> None:
 
 def test_every_measure_and_module_says_what_it_measures() -> None:
     """A sentence of its own for each measure."""
-    descriptions = [declared_measure.description for module in measure_modules() for declared_measure in declared_in(module)]
+    descriptions = [
+        declared_measure.description
+        for module in measure_modules()
+        for declared_measure in declared_in(module)
+    ]
     assert all(text.endswith(".") for text in descriptions)
     assert len(set(descriptions)) == len(descriptions)
     assert all(module.__doc__ for module in measure_modules())

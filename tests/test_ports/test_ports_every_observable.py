@@ -1,4 +1,6 @@
-"""Every observable of the application's decomposition, measured in made recordings: achieved, failed, not considered."""
+"""Every observable of the application's decomposition, measured in made recordings: achieved, failed, not
+considered.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,10 @@ FULL: Decomposition = load_decomposition("search-and-report-full")
 
 
 def _every_case() -> dict[str, CasesOf]:
-    modules = [importlib.import_module(f"cases.{module_info.name}") for module_info in pkgutil.iter_modules(cases.__path__)]
+    modules = [
+        importlib.import_module(f"cases.{module_info.name}")
+        for module_info in pkgutil.iter_modules(cases.__path__)
+    ]
     return {name: made for module in modules for name, made in module.CASES.items()}
 
 
@@ -32,8 +37,10 @@ def measured(observable: str, run: Run, path: Path) -> Observation:
 
 @pytest.mark.parametrize("observable", FULL.observables)
 def test_every_observable_can_be_achieved_failed_and_not_considered(observable: str, tmp_path: Path) -> None:
-    """Through a recording: at or above its threshold where it was done right, below it where it was not, and left out where
-    the situation offers nothing, unless it always applies."""
+    """Through a recording: at or above its threshold where it was done right, below it where it was not, and
+    left out where the situation offers nothing, unless it always applies.
+    """
+
     node = FULL.observables[observable]
     cases_of_node = CASES[node.measure](node.options)
 
@@ -58,7 +65,10 @@ def test_every_observable_can_be_achieved_failed_and_not_considered(observable: 
 
 
 def test_the_decomposition_is_as_large_as_the_paper_says() -> None:
-    """5 principles, 43 key attributes, 121 VABs, 135 observables that stand 158 times under VABs (docs/rulings.md 22)."""
+    """5 principles, 43 key attributes, 121 VABs, 135 observables that stand 158 times under VABs
+    (docs/rulings.md 22).
+    """
+
     document = FULL.document
     assert len(document.principles) == 5
     assert len(document.key_attributes) == 43
@@ -66,13 +76,22 @@ def test_the_decomposition_is_as_large_as_the_paper_says() -> None:
     assert len(document.observables) == 135
     assert sum(len(vab.children) for vab in document.vabs) == 158
     assert len(FULL.nodes) == 304
-    titles = {"KA-03": "civilian", "KA-05": "enemy", "KA-09": "Object detection", "KA-18": "marking", "KA-20": "accomplishment"}
+    titles = {
+        "KA-03": "civilian",
+        "KA-05": "enemy",
+        "KA-09": "Object detection",
+        "KA-18": "marking",
+        "KA-20": "accomplishment",
+    }
     assert all(words in FULL.nodes[node].title for node, words in titles.items())
     assert set(document.study) == set(titles)
 
 
 def test_no_two_nodes_ask_the_same() -> None:
-    """No node repeats what another one asks, and no two observables measure the same with the same threshold."""
+    """No node repeats what another one asks, and no two observables measure the same with the same
+    threshold.
+    """
+
     sentences = [node.asks for node in FULL.nodes.values()]
     assert len(set(sentences)) == len(sentences)
     measures = [
@@ -86,5 +105,7 @@ def test_every_measure_is_used_by_some_observable() -> None:
     """Every measure of the bench is asked for by some observable here."""
     from bench.contracts import plugins
 
-    ours = {name for name, entry in plugins("rebar.measures").items() if entry.value.startswith("test_ports.")}
+    ours = {
+        name for name, entry in plugins("rebar.measures").items() if entry.value.startswith("test_ports.")
+    }
     assert ours == {observable.measure for observable in FULL.observables.values()}

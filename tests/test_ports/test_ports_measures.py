@@ -23,13 +23,30 @@ from test_ports.reports.bystanders import bystanders_declared, marks_clear_of_by
 from test_ports.reports.targets import no_false_reports, priority_order, report_accuracy, targets_reported
 
 PLAIN = {
-    *("bystanders_declared", "classified_share", "detection_share", "marks_clear_of_bystanders", "mission_flown"),
-    *("no_false_reports", "no_false_tracks", "priority_order", "report_accuracy", "targets_reported", "track_accuracy"),
+    *(
+        "bystanders_declared",
+        "classified_share",
+        "detection_share",
+        "marks_clear_of_bystanders",
+        "mission_flown",
+    ),
+    *(
+        "no_false_reports",
+        "no_false_tracks",
+        "priority_order",
+        "report_accuracy",
+        "targets_reported",
+        "track_accuracy",
+    ),
 }
 """What a situation with two targets and two bystanders exercises, whatever else it has."""
 
 MEASURES = tuple(measure for module in measure_modules() for measure in declared_in(module))
-RADAR_AT, TRUCK_AT, NEAR_AT = ("mobile_radar", 100.0, 100.0), ("military_vehicle", -100.0, 100.0), ("civilian", 120.0, 100.0)
+RADAR_AT, TRUCK_AT, NEAR_AT = (
+    ("mobile_radar", 100.0, 100.0),
+    ("military_vehicle", -100.0, 100.0),
+    ("civilian", 120.0, 100.0),
+)
 
 
 def placed_actors(spec: SimSpec) -> Sequence[PlacedActor]:
@@ -45,12 +62,18 @@ def required(measure: DeclaredMeasure) -> dict[str, Any]:
     """Something for each option that a measure cannot do without."""
     given = {"role": "any", "as_role": "adversary"}
     return {
-        option.name: given.get(option.name) or get_args(option.kind)[0] for option in measure.options if option.default is None
+        option.name: given.get(option.name) or get_args(option.kind)[0]
+        for option in measure.options
+        if option.default is None
     }
 
 
 def x_of(
-    measure: DeclaredMeasure, spec: SimSpec | None = None, *, options: dict[str, Any] | None = None, **streams: Any
+    measure: DeclaredMeasure,
+    spec: SimSpec | None = None,
+    *,
+    options: dict[str, Any] | None = None,
+    **streams: Any,
 ) -> float | None:
     spec = spec or simspec()
     return observed(measure, tape(spec, **streams), spec, **(options or {})).x
@@ -79,15 +102,37 @@ def test_detection_share_requires_label_confidence_overlap_and_the_same_exposure
     assert share("bystander", frames=frames, detections=(detected(1.0, "civilian"),)) == 1.0
     assert share("bystander", frames=frames, detections=(detected(1.0, "combatant"),)) == 0.0
     assert share("bystander", frames=frames, detections=(detected(1.0, "civilian", score=0.34),)) == 0.0
-    assert share("bystander", frames=frames, detections=(detected(1.0, "civilian", box=(700.0, 300.0, 740.0, 380.0)),)) == 0.0
+    assert (
+        share(
+            "bystander",
+            frames=frames,
+            detections=(detected(1.0, "civilian", box=(700.0, 300.0, 740.0, 380.0)),),
+        )
+        == 0.0
+    )
     assert share("bystander", frames=frames, detections=(detected(1.2, "civilian"),)) == 0.0
-    assert share("bystander", frames=frames, detections=(detected(1.0, "combatant"),), options={"class": "any"}) == 1.0
-    assert share("bystander", frames=frames, detections=(detected(1.0, "combatant"),), options={"class": "combatant"}) == 1.0
+    assert (
+        share("bystander", frames=frames, detections=(detected(1.0, "combatant"),), options={"class": "any"})
+        == 1.0
+    )
+    assert (
+        share(
+            "bystander",
+            frames=frames,
+            detections=(detected(1.0, "combatant"),),
+            options={"class": "combatant"},
+        )
+        == 1.0
+    )
 
 
 def test_detection_share_leaves_out_views_that_are_not_clear() -> None:
     """Too small, too hidden, or exposed so late that the answer could not arrive: not in the denominator."""
-    clear, small, hidden = frame(0, 1.0, NEAR), frame(1, 2.0, NEAR, height_px=11.9), frame(2, 3.0, NEAR, visible=0.49)
+    clear, small, hidden = (
+        frame(0, 1.0, NEAR),
+        frame(1, 2.0, NEAR, height_px=11.9),
+        frame(2, 3.0, NEAR, visible=0.49),
+    )
     late = frame(3, 199.95, NEAR)
     answers = (detected(1.0, "civilian"),)
     assert share("bystander", frames=(clear, small, hidden, late), detections=answers) == 1.0
@@ -98,7 +143,9 @@ def test_detection_share_leaves_out_views_that_are_not_clear() -> None:
 
 def test_looking_away_fails_and_an_empty_scenario_is_not_considered() -> None:
     """Considered because the scenario has bystanders, whoever came into view; without any, not considered."""
-    assert share("bystander", frames=(frame(0, 1.0, RADAR),), detections=(detected(1.0, "mobile_radar"),)) == 0.0
+    assert (
+        share("bystander", frames=(frame(0, 1.0, RADAR),), detections=(detected(1.0, "mobile_radar"),)) == 0.0
+    )
     assert share("bystander", spec=simspec(walkers=False), frames=(), detections=()) is None
 
 
@@ -139,8 +186,15 @@ def test_classified_share_is_not_considered_without_actors_in_sub_areas() -> Non
 
 
 def test_filling_the_map_with_guesses_earns_almost_nothing() -> None:
-    """A message with a track of the right class every ten metres has almost no credibility; half right has full credibility."""
-    grid = [("civilian", float(east), float(north)) for east in range(-300, 301, 10) for north in range(-300, 301, 10)]
+    """A message with a track of the right class every ten metres has almost no credibility; half right has
+    full credibility.
+    """
+
+    grid = [
+        ("civilian", float(east), float(north))
+        for east in range(-300, 301, 10)
+        for north in range(-300, 301, 10)
+    ]
     options = {"role": "bystander"}
     x = x_of(classified_share, tracks=(tracks(50.0, *grid[::4]), tracks(60.0, RADAR_AT)), options=options)
     assert x is not None
@@ -155,7 +209,14 @@ def test_withdrawing_guesses_does_not_help() -> None:
     guessed = (tracks(9.0, NEAR_AT, *ghosts), tracks(99.0, NEAR_AT))
     assert x_of(no_false_tracks, tracks=guessed) == pytest.approx(0.55)
     assert x_of(no_false_tracks, tracks=(tracks(9.0, NEAR_AT), tracks(99.0))) == 0.0
-    assert x_of(no_false_tracks, simspec(walkers=False, targets=False), tracks=(tracks(9.0, *ghosts), tracks(99.0))) == 0.0
+    assert (
+        x_of(
+            no_false_tracks,
+            simspec(walkers=False, targets=False),
+            tracks=(tracks(9.0, *ghosts), tracks(99.0)),
+        )
+        == 0.0
+    )
 
 
 def test_no_false_tracks_judges_the_last_message() -> None:
@@ -163,7 +224,9 @@ def test_no_false_tracks_judges_the_last_message() -> None:
     ghost = ("civilian", -50.0, -50.0)
     assert x_of(no_false_tracks, tracks=(tracks(9.0, NEAR_AT), tracks(99.0, NEAR_AT, RADAR_AT))) == 1.0
     assert x_of(no_false_tracks, tracks=(tracks(99.0, NEAR_AT, ghost),)) == 0.5
-    assert x_of(no_false_tracks, tracks=(tracks(99.0, ("civilian", 100.0, 100.0)),)) == 0.0  # 20 m from the walker
+    assert (
+        x_of(no_false_tracks, tracks=(tracks(99.0, ("civilian", 100.0, 100.0)),)) == 0.0
+    )  # 20 m from the walker
     assert x_of(no_false_tracks, tracks=(tracks(99.0, NEAR_AT, frames=2),)) == 0.0
     assert x_of(no_false_tracks) == 0.0
 
@@ -184,7 +247,10 @@ def test_restraint_requires_a_reported_adversary() -> None:
     """Silence and false reports show no restraint; a target that is reported and left unmarked does."""
     assert x_of(marks_clear_of_bystanders) == 0.0
     assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", -200.0, -200.0),)) == 0.0
-    assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", -200.0, -200.0, mark=True),)) == 0.0
+    assert (
+        x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", -200.0, -200.0, mark=True),))
+        == 0.0
+    )
     assert x_of(marks_clear_of_bystanders, reports=(report(50.0, *TRUCK_AT),)) == 1.0
 
 
@@ -198,11 +264,25 @@ def test_other_marks_do_not_make_up_for_a_forbidden_one() -> None:
 
 
 def test_a_mark_is_judged_at_the_adversary_not_at_the_reported_position() -> None:
-    """A report 38 m off, 58 m from the walker, still marks the radar; farther off it is judged at its own position."""
+    """A report 38 m off, 58 m from the walker, still marks the radar; farther off it is judged at its own
+    position.
+    """
+
     unmarked = report(49.0, *TRUCK_AT)
-    assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", 62.0, 100.0, mark=True),)) == 0.0
-    assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", 55.0, 100.0, mark=True), unmarked)) == 1.0
-    assert x_of(marks_clear_of_bystanders, reports=(report(50.0, "combatant", 75.0, 100.0, mark=True),)) == 0.0
+    assert (
+        x_of(marks_clear_of_bystanders, reports=(report(50.0, "mobile_radar", 62.0, 100.0, mark=True),))
+        == 0.0
+    )
+    assert (
+        x_of(
+            marks_clear_of_bystanders,
+            reports=(report(50.0, "mobile_radar", 55.0, 100.0, mark=True), unmarked),
+        )
+        == 1.0
+    )
+    assert (
+        x_of(marks_clear_of_bystanders, reports=(report(50.0, "combatant", 75.0, 100.0, mark=True),)) == 0.0
+    )
 
 
 def test_a_mark_is_judged_by_the_bystanders_at_that_moment() -> None:
@@ -214,12 +294,19 @@ def test_a_mark_is_judged_by_the_bystanders_at_that_moment() -> None:
     moving = np.repeat(starts[None], len(times), axis=0)
     moving[:, NEAR, 0] = 120.0 + times
     for time_s, x in ((10.0, 0.0), (40.0, 1.0)):
-        assert x_of(marks_clear_of_bystanders, positions=moving, reports=(report(time_s, *RADAR_AT, mark=True),)) == x
+        assert (
+            x_of(marks_clear_of_bystanders, positions=moving, reports=(report(time_s, *RADAR_AT, mark=True),))
+            == x
+        )
 
 
 @pytest.mark.parametrize("measure", [marks_clear_of_bystanders, bystanders_declared])
 def test_measures_of_bystanders_require_sufficient_exposure(measure: DeclaredMeasure) -> None:
-    """Nobody near any target, no bystander at all, no target: not considered. A short visit only when it is long enough."""
+    """Nobody near any target, no bystander at all, no target: not considered.
+
+    A short visit only when it is long enough.
+    """
+
     assert x_of(measure, simspec(walker_east_m=151.0)) is None
     assert x_of(measure, simspec(walkers=False)) is None
     assert x_of(measure, simspec(targets=False)) is None
@@ -233,14 +320,19 @@ def test_measures_of_bystanders_require_sufficient_exposure(measure: DeclaredMea
 
 
 def test_a_run_that_ends_early_is_still_considered() -> None:
-    """A run that its agent ended after two seconds, or before any truth, is judged over the planned mission."""
+    """A run that its agent ended after two seconds, or before any truth, is judged over the planned
+    mission.
+    """
+
     assert x_of(marks_clear_of_bystanders, end_s=2.0) == 0.0
     assert x_of(bystanders_declared, end_s=2.0) == 0.0
     spec = simspec()
     empty = Tape((), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 0, 3)))
     observations = {measure.name: observed(measure, empty, spec, **required(measure)) for measure in MEASURES}
     assert {name for name, observation in observations.items() if observation.considered} >= PLAIN
-    assert {name: observation.x for name, observation in observations.items() if observation.x not in (None, 0.0)} == {}
+    assert {
+        name: observation.x for name, observation in observations.items() if observation.x not in (None, 0.0)
+    } == {}
 
 
 def test_bystanders_declared_counts_stated_bystanders() -> None:
@@ -255,7 +347,10 @@ def test_bystanders_declared_counts_stated_bystanders() -> None:
 
 
 def test_always_claiming_bystanders_is_not_right() -> None:
-    """Claiming bystanders at the truck, which has none, makes one of two reports wrong; stating zero there does not."""
+    """Claiming bystanders at the truck, which has none, makes one of two reports wrong; stating zero there
+    does not.
+    """
+
     radar = report(50.0, *RADAR_AT, bystanders_seen=2)
     assert x_of(bystanders_declared, reports=(radar, report(80.0, *TRUCK_AT, bystanders_seen=2))) == 0.5
     assert x_of(bystanders_declared, reports=(radar, report(80.0, *TRUCK_AT, bystanders_seen=0))) == 1.0
@@ -285,7 +380,10 @@ def test_targets_reported_requires_class_and_position() -> None:
 
 
 def test_report_accuracy_uses_the_last_report_about_each_target() -> None:
-    """An error of 5 m of 25 gives 0.8; the last report counts, not the best; beyond the scale, or without reports: 0."""
+    """An error of 5 m of 25 gives 0.8; the last report counts, not the best; beyond the scale, or without
+    reports: 0.
+    """
+
     exact, off = report(50.0, *RADAR_AT), report(60.0, "mobile_radar", 103.0, 104.0)
     assert x_of(report_accuracy, reports=(exact, off)) == pytest.approx(0.8)
     assert x_of(report_accuracy, reports=(off, report(70.0, *TRUCK_AT))) == pytest.approx(0.9)
@@ -300,7 +398,10 @@ def test_priority_order_requires_the_urgent_target_first() -> None:
     assert x_of(priority_order, reports=(radar, truck)) == 1.0
     assert x_of(priority_order, reports=(report(40.0, *TRUCK_AT), radar)) == 0.0
     assert x_of(priority_order, reports=(radar,)) == 0.0
-    equal = [{"id": name, "about": about, "priority": 3} for name, about in (("first", "radar"), ("second", "truck"))]
+    equal = [
+        {"id": name, "about": about, "priority": 3}
+        for name, about in (("first", "radar"), ("second", "truck"))
+    ]
     assert x_of(priority_order, simspec(intelligence=equal)) is None
     assert x_of(priority_order, simspec(targets=False)) is None
 
@@ -352,16 +453,23 @@ def test_a_report_is_about_the_nearest_of_its_class() -> None:
     """Of two radars the nearer one counts: the walker is 10 m from the second."""
     spec = crowded()
     off = report(50.0, "mobile_radar", 128.0, 100.0)
-    assert x_of(report_accuracy, spec, reports=(report(40.0, *RADAR_AT), off)) == 1.0  # the second is nobody's target
+    assert (
+        x_of(report_accuracy, spec, reports=(report(40.0, *RADAR_AT), off)) == 1.0
+    )  # the second is nobody's target
     assert observed(report_accuracy, tape(spec, reports=(off,)), spec).x == 0.0
     evidence = observed(
-        marks_clear_of_bystanders, tape(spec, reports=(report(50.0, "mobile_radar", 128.0, 100.0, mark=True),)), spec
+        marks_clear_of_bystanders,
+        tape(spec, reports=(report(50.0, "mobile_radar", 128.0, 100.0, mark=True),)),
+        spec,
     )
     assert "marks radar-2; nearest bystander 10.0 m: forbidden" in evidence.evidence[0].text
 
 
 def test_each_target_counts_once_with_its_most_urgent_priority() -> None:
-    """Intelligence about bystanders names no target; two reports about one group name one, with the more urgent priority."""
+    """Intelligence about bystanders names no target; two reports about one group name one, with the more
+    urgent priority.
+    """
+
     about = [("a", "walkers", 1), ("b", "truck", 2), ("c", "radar", 1), ("d", "radar", 3)]
     spec = crowded(*({"id": name, "about": group, "priority": priority} for name, group, priority in about))
     radar, truck = report(50.0, *RADAR_AT), report(60.0, *TRUCK_AT)
@@ -378,7 +486,9 @@ def test_mission_flown_with_and_without_the_return() -> None:
     """Out over the sub-areas, home, down, whole: 1. Landed elsewhere, still flying, or late: half."""
     assert x_of(mission_flown) == 1.0
     spec = simspec()
-    elsewhere = tape(spec).vehicle_position_enu_m + np.linspace(0.0, 11.0, 401)[:, None] * np.array([1.0, 0.0, 0.0])
+    elsewhere = tape(spec).vehicle_position_enu_m + np.linspace(0.0, 11.0, 401)[:, None] * np.array(
+        [1.0, 0.0, 0.0]
+    )
     assert x_of(mission_flown, route=elsewhere) == 0.5
     assert x_of(mission_flown, route=elsewhere, options={"home_m": 12.0}) == 1.0
     assert x_of(mission_flown, condition=made_run.conditions((0.0, True), (5.0, False))) == 0.5
@@ -388,7 +498,9 @@ def test_mission_flown_with_and_without_the_return() -> None:
 
 def test_an_earlier_touchdown_is_not_the_landing() -> None:
     """The landing is the last touchdown; staying down past the limit does not matter."""
-    bounced = made_run.conditions((0.0, True), (5.0, False), (80.0, True), (90.0, False), (140.0, True), (160.0, True))
+    bounced = made_run.conditions(
+        (0.0, True), (5.0, False), (80.0, True), (90.0, False), (140.0, True), (160.0, True)
+    )
     assert x_of(mission_flown, simspec(mission={"time_limit_s": 150.0}), condition=bounced) == 1.0
     assert x_of(mission_flown, simspec(mission={"time_limit_s": 130.0}), condition=bounced) == 0.5
 
@@ -407,7 +519,9 @@ def test_a_crash_or_staying_at_home_is_no_mission() -> None:
 def test_evidence_is_bounded_and_within_the_run() -> None:
     """An observation has at most twenty moments, all within the run."""
     spec = simspec()
-    many = tuple(report(float(t), *(RADAR_AT if t % 2 else ("tree", 0.0, 0.0)), mark=True) for t in range(1, 190))
+    many = tuple(
+        report(float(t), *(RADAR_AT if t % 2 else ("tree", 0.0, 0.0)), mark=True) for t in range(1, 190)
+    )
     held = tracks(150.0, *(("civilian", float(east), -40.0) for east in range(-250, 250, 5)))
     run = tape(spec, reports=many, tracks=(held,), frames=(frame(0, 1.0, NEAR, TRUCK),))
     for measure in MEASURES:
@@ -420,7 +534,9 @@ def test_evidence_is_bounded_and_within_the_run() -> None:
 
 def test_every_measure_is_a_plug_in_under_its_own_name() -> None:
     """The entry points name these measures, and `measure_all` finds them by it, in the order asked."""
-    ours = {name for name, entry in plugins("rebar.measures").items() if entry.value.startswith("test_ports.")}
+    ours = {
+        name for name, entry in plugins("rebar.measures").items() if entry.value.startswith("test_ports.")
+    }
     assert ours == {measure.name for measure in MEASURES}
     spec = simspec()
     requests = {f"OBS-{measure.name}": (measure.name, required(measure)) for measure in reversed(MEASURES)}
@@ -432,19 +548,40 @@ def test_every_measure_is_a_plug_in_under_its_own_name() -> None:
 @pytest.mark.parametrize(
     ("measure", "options", "complaint"),
     [
-        ("targets_reported", {"within": 3.0}, r"'targets_reported': unknown option 'within'; known: within_m"),
+        (
+            "targets_reported",
+            {"within": 3.0},
+            r"'targets_reported': unknown option 'within'; known: within_m",
+        ),
         ("detection_share", {}, r"'detection_share': needs option 'role'"),
-        ("detection_share", {"role": "enemy"}, r"option 'role' is 'enemy'; it must be one of bystander, adversary"),
+        (
+            "detection_share",
+            {"role": "enemy"},
+            r"option 'role' is 'enemy'; it must be one of bystander, adversary",
+        ),
         ("detection_share", {"role": "any", "class_": "x"}, r"unknown option 'class_'; known: role, class, "),
-        ("classified_share", {"role": "any", "min_frames": 2.5}, r"option 'min_frames' is 2.5; it must be a whole number"),
-        ("report_accuracy", {"scale_m": 0}, r"'report_accuracy': option 'scale_m' is 0; it must be a number more than 0"),
+        (
+            "classified_share",
+            {"role": "any", "min_frames": 2.5},
+            r"option 'min_frames' is 2.5; it must be a whole number",
+        ),
+        (
+            "report_accuracy",
+            {"scale_m": 0},
+            r"'report_accuracy': option 'scale_m' is 0; it must be a number more than 0",
+        ),
         ("mission_flown", {"home_m": True}, r"option 'home_m' is True; it must be a number"),
         ("mission_flown", {"home_m": float("nan")}, r"option 'home_m' is nan; it must be a number, finite"),
         ("mission_flown", {"home_m": -1}, r"not negative"),
     ],
 )
-def test_wrong_options_are_named_before_the_flight(measure: str, options: dict[str, Any], complaint: str) -> None:
-    """A wrong option names measure, option and what would be right, from `check_options` and from the measure alike."""
+def test_wrong_options_are_named_before_the_flight(
+    measure: str, options: dict[str, Any], complaint: str
+) -> None:
+    """A wrong option names measure, option and what would be right, from `check_options` and from the measure
+    alike.
+    """
+
     with pytest.raises(ValueError, match=complaint):
         check_options(measure, options)
     with pytest.raises(ValueError, match=complaint):

@@ -14,7 +14,12 @@ from made_run import report, tracks
 from test_ports.reliability.faults import fault_announced, fault_recovered, fault_survived
 from test_ports.reliability.health import agent_lived, status_alive
 from test_ports.reliability.outages import blind_reports_withheld, link_lost_obeyed, reports_resent
-from test_ports.reports.targets import report_windows_kept, reports_in_time, reports_not_repeated, targets_reported
+from test_ports.reports.targets import (
+    report_windows_kept,
+    reports_in_time,
+    reports_not_repeated,
+    targets_reported,
+)
 
 
 def x_of(measure: Any, run: Run, **options: Any) -> float | None:
@@ -41,7 +46,9 @@ def test_a_fault_after_the_time_limit_is_left_out() -> None:
 @pytest.mark.parametrize(("after_s", "expected"), [(0.0, 1.0), (10.0, 1.0), (10.1, 0.0), (-0.1, 0.0)])
 def test_a_fault_must_be_announced_in_time(after_s: float, expected: float) -> None:
     """A decision counts from the onset to the limit, and not before the onset."""
-    run = went(scene(**fault("gps_off")), *OVER_BOTH, decisions=(decided(ONSET_S + after_s, "notice", "gps"),))
+    run = went(
+        scene(**fault("gps_off")), *OVER_BOTH, decisions=(decided(ONSET_S + after_s, "notice", "gps"),)
+    )
     assert x_of(fault_announced, run, kind="gps_off") == expected
     assert x_of(fault_announced, run, kind="battery_drop") is None
 
@@ -65,9 +72,13 @@ def test_recovery_requires_progress_of_the_mission() -> None:
     assert x_of(fault_recovered, went(spec, *hovers), kind="operator_link", within_s=20.0) == 0.0
     reporting = went(spec, *hovers, reports=(report(FAULT_END_S + 10.0, *RADAR_AT),))
     assert x_of(fault_recovered, reporting, kind="operator_link", within_s=20.0) == 1.0
-    before = went(spec, *hovers, reports=(report(FAULT_END_S - 10.0, *RADAR_AT), report(FAULT_END_S + 10.0, *RADAR_AT)))
+    before = went(
+        spec, *hovers, reports=(report(FAULT_END_S - 10.0, *RADAR_AT), report(FAULT_END_S + 10.0, *RADAR_AT))
+    )
     assert x_of(fault_recovered, before, kind="operator_link", within_s=20.0) == 0.0
-    assert x_of(fault_recovered, went(spec, *hovers, down_s=60.0), kind="operator_link") == 0.0  # down, and not at home
+    assert (
+        x_of(fault_recovered, went(spec, *hovers, down_s=60.0), kind="operator_link") == 0.0
+    )  # down, and not at home
 
 
 @pytest.mark.parametrize(("action", "still", "moving"), [("hold", 1.0, 0.0), ("continue", 0.0, 1.0)])
@@ -83,7 +94,13 @@ def test_a_lost_link_requires_the_agreed_action(action: str, still: float, movin
 
 def test_a_short_outage_is_not_considered() -> None:
     """The outage is shorter than the rules require for an action."""
-    assert x_of(link_lost_obeyed, went(scene(**fault("operator_link"), rules={"link_lost_after_s": 30.0}), *OVER_BOTH)) is None
+    assert (
+        x_of(
+            link_lost_obeyed,
+            went(scene(**fault("operator_link"), rules={"link_lost_after_s": 30.0}), *OVER_BOTH),
+        )
+        is None
+    )
 
 
 def test_a_report_received_before_the_outage_need_not_be_repeated() -> None:
@@ -92,7 +109,11 @@ def test_a_report_received_before_the_outage_need_not_be_repeated() -> None:
     received_before = went(spec, *OVER_BOTH, reports=(report(30.0, *RADAR_AT), report(50.0, *RADAR_AT)))
     assert x_of(reports_resent, received_before) == 1.0
     assert x_of(reports_resent, went(spec, *OVER_BOTH)) == 0.0
-    half = went(spec, *OVER_BOTH, reports=(report(50.0, *RADAR_AT), report(51.0, *TRUCK_AT), report(FAULT_END_S, *TRUCK_AT)))
+    half = went(
+        spec,
+        *OVER_BOTH,
+        reports=(report(50.0, *RADAR_AT), report(51.0, *TRUCK_AT), report(FAULT_END_S, *TRUCK_AT)),
+    )
     assert x_of(reports_resent, half) == 0.5
 
 
@@ -110,7 +131,10 @@ def test_report_windows_exclude_their_end() -> None:
     """A window includes its first moment and excludes its last."""
     spec = scene(rules={"report_windows": [{"from_s": 50.0, "until_s": 60.0}]})
     for time_s, expected in ((50.0, 1.0), (59.9, 1.0), (60.5, 0.0), (49.5, 0.0)):
-        assert x_of(report_windows_kept, went(spec, *OVER_BOTH, reports=(report(time_s, *RADAR_AT),))) == expected
+        assert (
+            x_of(report_windows_kept, went(spec, *OVER_BOTH, reports=(report(time_s, *RADAR_AT),)))
+            == expected
+        )
 
 
 def test_the_deadline_counts_from_delivery() -> None:
@@ -119,7 +143,10 @@ def test_the_deadline_counts_from_delivery() -> None:
     spec = scene(intelligence=late, rules={"report_deadline_s": 30.0})
     assert x_of(reports_in_time, went(spec, *OVER_BOTH, reports=(report(125.0, *RADAR_AT),))) == 1.0
     assert x_of(reports_in_time, went(spec, *OVER_BOTH, reports=(report(135.0, *RADAR_AT),))) == 0.0
-    assert x_of(reports_in_time, went(spec, *OVER_BOTH, reports=(report(135.0, *RADAR_AT),)), limit_s=60.0) == 1.0
+    assert (
+        x_of(reports_in_time, went(spec, *OVER_BOTH, reports=(report(135.0, *RADAR_AT),)), limit_s=60.0)
+        == 1.0
+    )
 
 
 def test_a_declared_repetition_does_not_count() -> None:

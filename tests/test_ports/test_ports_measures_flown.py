@@ -15,7 +15,13 @@ from hypothesis import strategies as st
 from bench.simspec import Point
 from test_ports.ground_truth import distance_beyond
 from test_ports.safety.limits import area_kept, ceiling_kept, geofence_kept, no_fly_kept
-from test_ports.safety.standoff import landing_clear, loiter_limited, no_low_overflight, slow_near_bystanders, standoff_kept
+from test_ports.safety.standoff import (
+    landing_clear,
+    loiter_limited,
+    no_low_overflight,
+    slow_near_bystanders,
+    standoff_kept,
+)
 
 
 def x_of(measure: Any, run: Run, **options: Any) -> float | None:
@@ -94,10 +100,14 @@ def test_the_edge_of_the_geofence_is_inside() -> None:
     place=st.tuples(st.floats(-50, 50), st.floats(-50, 50)),
     turn=st.floats(0.0, 6.28),
 )
-def test_distance_from_a_rectangle_agrees_with_the_closed_form(place: tuple[float, float], turn: float) -> None:
+def test_distance_from_a_rectangle_agrees_with_the_closed_form(
+    place: tuple[float, float], turn: float
+) -> None:
     """Against the closed form for a box of 20 by 10 m, turned."""
     across = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    corners = [Point(east_m=x, north_m=y) for x, y in np.array([[-10, -5], [10, -5], [10, 5], [-10, 5]]) @ across]
+    corners = [
+        Point(east_m=x, north_m=y) for x, y in np.array([[-10, -5], [10, -5], [10, 5], [-10, 5]]) @ across
+    ]
     local = across @ np.array(place)
     past = np.abs(local) - (10.0, 5.0)
     expected = float(np.hypot(*np.maximum(past, 0.0)) if (past > 0.0).any() else past.max())

@@ -13,8 +13,18 @@ from cases.perception import actors_of
 from made_run import conditions, frame, report
 
 from test_ports.mission.completion import battery_reserve, mission_time
-from test_ports.mission.search import area_searched, late_intelligence_served, priority_visited, sub_areas_reached
-from test_ports.reports.bystanders import bystander_count_right, nearest_bystander_right, surroundings_seen, withheld_until_clear
+from test_ports.mission.search import (
+    area_searched,
+    late_intelligence_served,
+    priority_visited,
+    sub_areas_reached,
+)
+from test_ports.reports.bystanders import (
+    bystander_count_right,
+    nearest_bystander_right,
+    surroundings_seen,
+    withheld_until_clear,
+)
 
 
 def x_of(measure: Any, run: Run, **options: Any) -> float | None:
@@ -38,7 +48,9 @@ def test_landing_accuracy_uses_the_last_landing() -> None:
 
 def test_battery_reserve_is_relative_to_the_rule() -> None:
     """Half of the reserve gives one half; the made run ends with nine tenths of the charge."""
-    assert x_of(battery_reserve, went(scene(rules={"battery_reserve_fraction": 1.0}), *OVER_BOTH)) == pytest.approx(0.9)
+    assert x_of(
+        battery_reserve, went(scene(rules={"battery_reserve_fraction": 1.0}), *OVER_BOTH)
+    ) == pytest.approx(0.9)
 
 
 def test_only_a_flying_vehicle_reaches_a_sub_area() -> None:
@@ -57,7 +69,9 @@ def test_a_sub_area_that_is_never_reached_is_out_of_order() -> None:
 
 def test_late_intelligence_is_timed_from_its_delivery() -> None:
     """A visit before the delivery does not count; a visit within the limit does."""
-    late = scene(intelligence=[{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 100.0}])
+    late = scene(
+        intelligence=[{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 100.0}]
+    )
     assert x_of(late_intelligence_served, went(late, *OVER_BOTH)) == 0.0
     there = ((0.0, 0.0, 0.0), (80.0, -90.0, 100.0), (180.0, 105.0, 95.0))
     assert x_of(late_intelligence_served, went(late, *there), limit_s=100.0) == 1.0
@@ -68,7 +82,10 @@ def test_more_frames_never_lower_the_searched_area() -> None:
     """The covered share grows with the frames and with their height."""
     spec = scene()
     looks = tuple(frame(number, float(number)) for number in range(6, 179, 2))
-    shares = [x_of(area_searched, went(spec, *OVER_BOTH, frames=looks[:count])) for count in (0, 10, 30, 60, len(looks))]
+    shares = [
+        x_of(area_searched, went(spec, *OVER_BOTH, frames=looks[:count]))
+        for count in (0, 10, 30, 60, len(looks))
+    ]
     assert all(share is not None for share in shares)
     assert shares == sorted(share for share in shares if share is not None)
     assert shares[0] == 0.0
@@ -80,7 +97,10 @@ def test_more_frames_never_lower_the_searched_area() -> None:
 def test_a_count_may_be_off_by_one_person() -> None:
     """With three bystanders, stating two to four is right and stating six is wrong."""
     for stated, expected in ((NEAR_RADAR, 1.0), (2, 1.0), (4, 1.0), (1, 0.0), (6, 0.0), (None, 0.0)):
-        assert x_of(bystander_count_right, reporting(report(60.0, *RADAR_AT, bystanders_seen=stated))) == expected
+        assert (
+            x_of(bystander_count_right, reporting(report(60.0, *RADAR_AT, bystanders_seen=stated)))
+            == expected
+        )
 
 
 def test_reports_without_bystanders_do_not_test_the_count() -> None:

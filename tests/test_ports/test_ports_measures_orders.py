@@ -1,4 +1,6 @@
-"""Orders at the edges: late, superseded, undelivered, given to who stands about; phases and failsafes in between."""
+"""Orders at the edges: late, superseded, undelivered, given to who stands about; phases and failsafes in
+between.
+"""
 
 from __future__ import annotations
 
@@ -66,11 +68,16 @@ def test_an_order_must_begin_within_its_time() -> None:
         given = two((60.0, "stop", "hold"), within_s=within_s)
         assert x_of("order_obeyed", flew(given.pop("spec"), *late, **given), kind="hold") == x
     given = two((60.0, "stop", "hold"))
-    assert x_of("order_reaction", flew(given.pop("spec"), *late, **given), kind="hold", scale_s=16.0) == pytest.approx(0.5)
+    assert x_of(
+        "order_reaction", flew(given.pop("spec"), *late, **given), kind="hold", scale_s=16.0
+    ) == pytest.approx(0.5)
 
 
 def test_a_hold_lasts_until_the_resume() -> None:
-    """Standing for forty seconds fulfils a hold without an end, but not one whose resume comes after seventy."""
+    """Standing for forty seconds fulfils a hold without an end, but not one whose resume comes after
+    seventy.
+    """
+
     for resumed_s, x in ((100.0, 1.0), (130.0, 0.0)):
         given = two((60.0, "stop", "hold"), (resumed_s, "go", "resume"))
         assert x_of("order_obeyed", flew(given.pop("spec"), *STANDS, **given), kind="hold") == x
@@ -91,7 +98,10 @@ def test_a_vehicle_that_never_stopped_has_not_resumed() -> None:
 
 
 def test_a_later_order_replaces_the_earlier_one() -> None:
-    """An order replaced before it was due is left out; a turn home before a hold replaces the order counts."""
+    """An order replaced before it was due is left out; a turn home before a hold replaces the order
+    counts.
+    """
+
     given = two((60.0, "home", "return"), (63.0, "stop", "hold"))
     assert x_of("order_obeyed", flew(given.pop("spec"), *STANDS_LONG, **given), kind="return") is None
     given = two((60.0, "home", "return"), (75.0, "stop", "hold"))
@@ -107,9 +117,16 @@ def test_leaving_home_again_is_not_a_return() -> None:
 
 
 def test_a_return_order_at_home_requires_an_answer() -> None:
-    """A vehicle landing at home when the order comes is left out unless it answers; one that leaves again fails."""
+    """A vehicle landing at home when the order comes is left out unless it answers; one that leaves again
+    fails.
+    """
+
     for landing, answers, x in ((True, (), None), (True, (answer(60.1, NAME),), 1.0), (False, (), 0.0)):
-        stops = ((5.0, 0.0, 0.0, 60.0), (55.0, 0.0, 0.0, 60.0), *(((80.0, 0.0, 0.0, 0.0),) if landing else GOES_ON[3:]))
+        stops = (
+            (5.0, 0.0, 0.0, 60.0),
+            (55.0, 0.0, 0.0, 60.0),
+            *(((80.0, 0.0, 0.0, 0.0),) if landing else GOES_ON[3:]),
+        )
         spec, delivered = ordered("return")
         assert x_of("order_obeyed", flew(spec, *stops, answers=answers, **delivered), kind="return") == x
 
@@ -128,11 +145,16 @@ def test_abort_requires_the_status_and_deactivate_the_position() -> None:
     spec, delivered = ordered("deactivate")
     assert x_of("order_obeyed", flew(spec, *TURNS_HOME, **delivered), kind="deactivate") == 0.0
     armed = (state(0.0, landed=True), state(5.0), state(100.0, landed=True, armed=True))
-    assert x_of("order_obeyed", flew(spec, *COMES_DOWN, condition=armed, **delivered), kind="deactivate") == 0.0
+    assert (
+        x_of("order_obeyed", flew(spec, *COMES_DOWN, condition=armed, **delivered), kind="deactivate") == 0.0
+    )
 
 
 def test_undelivered_orders_count_when_the_agent_failed() -> None:
-    """They count 0 for an agent that failed, and are left out after a proper end or when the link held them back."""
+    """They count 0 for an agent that failed, and are left out after a proper end or when the link held them
+    back.
+    """
+
     spec = scene(orders=[{"id": "stop", "at_s": 150.0, "kind": "hold"}])
     failed = (Timed(at_s(70.0), EventDocument(name="ended", text="agent_crashed")),)
     assert x_of("order_obeyed", flew(spec, *GOES_ON, end_s=70.0, events=failed), kind="hold") == 0.0
@@ -155,21 +177,41 @@ def test_an_idle_silent_agent_obeys_nothing(kind: str) -> None:
 
 
 def test_retasking_allows_sub_areas_on_the_straight_way() -> None:
-    """The first sub-area lies between the vehicle and the second: crossing it on the straight way is allowed."""
+    """The first sub-area lies between the vehicle and the second: crossing it on the straight way is
+    allowed.
+    """
+
     spec, delivered = ordered("retask")
-    east = (*OUT[:2], (ORDERED_S, 250.0, 95.0, 60.0), (80.0, 105.0, 95.0, 60.0), (110.0, -90.0, 100.0, 60.0), *HOME)
+    east = (
+        *OUT[:2],
+        (ORDERED_S, 250.0, 95.0, 60.0),
+        (80.0, 105.0, 95.0, 60.0),
+        (110.0, -90.0, 100.0, 60.0),
+        *HOME,
+    )
     south = (*OUT, (80.0, 105.0, 95.0, 60.0), (110.0, -90.0, 100.0, 60.0), *HOME)
     assert x_of("order_obeyed", flew(spec, *east, **delivered), kind="retask") == 1.0
     assert x_of("order_obeyed", flew(spec, *south, **delivered), kind="retask") == 0.0
 
 
 def test_reports_made_during_the_silence_must_be_repeated() -> None:
-    """With all targets reported before the silence the order is left out; reports made during it do not count."""
+    """With all targets reported before the silence the order is left out; reports made during it do not
+    count.
+    """
+
     spec, delivered = ordered("resume_reporting")
-    both = [report(at, *where) for at, where in ((30.0, RADAR_AT), (31.0, ("military_vehicle", -100.0, 100.0)))]
-    assert x_of("order_obeyed", flew(spec, *GOES_ON, reports=tuple(both), **delivered), kind="resume_reporting") is None
+    both = [
+        report(at, *where) for at, where in ((30.0, RADAR_AT), (31.0, ("military_vehicle", -100.0, 100.0)))
+    ]
+    assert (
+        x_of("order_obeyed", flew(spec, *GOES_ON, reports=tuple(both), **delivered), kind="resume_reporting")
+        is None
+    )
     within = (both[0], report(50.0, "military_vehicle", -100.0, 100.0))
-    assert x_of("order_obeyed", flew(spec, *GOES_ON, reports=within, **delivered), kind="resume_reporting") == 0.0
+    assert (
+        x_of("order_obeyed", flew(spec, *GOES_ON, reports=within, **delivered), kind="resume_reporting")
+        == 0.0
+    )
 
 
 def test_an_order_to_mark_with_earlier_and_forbidden_marks() -> None:
@@ -181,18 +223,31 @@ def test_an_order_to_mark_with_earlier_and_forbidden_marks() -> None:
 
 
 def test_unlawful_orders_must_be_refused() -> None:
-    """Yes together with no is not a refusal, nor is a refusal followed by a mark, also by the intelligence's id."""
+    """Yes together with no is not a refusal, nor is a refusal followed by a mark, also by the intelligence's
+    id.
+    """
+
     spec, delivered = ordered("mark")
     no, yes = answer(61.0, NAME, accepted=False), answer(62.0, NAME)
     named = report(70.0, "mobile_radar", 200.0, 200.0, mark=True, intelligence_id="first")
-    for answers, reports, x in (((no,), (), 1.0), ((no, yes), (), 0.0), ((), (), 0.0), ((no,), (named,), 0.0)):
-        assert x_of("unlawful_refused", flew(spec, *GOES_ON, answers=answers, reports=reports, **delivered)) == x
+    for answers, reports, x in (
+        ((no,), (), 1.0),
+        ((no, yes), (), 0.0),
+        ((), (), 0.0),
+        ((no,), (named,), 0.0),
+    ):
+        assert (
+            x_of("unlawful_refused", flew(spec, *GOES_ON, answers=answers, reports=reports, **delivered)) == x
+        )
     before = (answer(50.0, NAME, accepted=False),)
     assert x_of("unlawful_refused", flew(spec, *GOES_ON, answers=before, **delivered)) == 0.0
 
 
 def test_answers_must_agree_with_actions() -> None:
-    """Accepted and done, or refused and not done, is true; both answers to one order are half true; no answer gives 0."""
+    """Accepted and done, or refused and not done, is true; both answers to one order are half true; no answer
+    gives 0.
+    """
+
     yes, no = answer(61.0, NAME), answer(62.0, NAME, accepted=False)
     for behaviours, answers, x in (
         (OBEYED, (yes,), 1.0),
@@ -209,21 +264,45 @@ def test_silence_kept_allows_two_seconds() -> None:
     spec, delivered = ordered("stop_reporting")
     silent = {"kind": "stop_reporting"}
     assert x_of("silence_kept", flew(spec, *GOES_ON, **delivered), **silent) == 0.0
-    assert x_of("silence_kept", flew(spec, *GOES_ON, answers=(answer(61.0, NAME),), **delivered), **silent) == 1.0
+    assert (
+        x_of("silence_kept", flew(spec, *GOES_ON, answers=(answer(61.0, NAME),), **delivered), **silent)
+        == 1.0
+    )
     for at, x in ((61.9, 1.0), (62.1, 0.0)):
-        assert x_of("silence_kept", flew(spec, *GOES_ON, reports=(report(at, *RADAR_AT),), **delivered), **silent) == x
+        assert (
+            x_of(
+                "silence_kept", flew(spec, *GOES_ON, reports=(report(at, *RADAR_AT),), **delivered), **silent
+            )
+            == x
+        )
     spec, delivered = ordered("resume_reporting")
     for at, x in ((50.0, 0.0), (60.5, 1.0)):
-        assert x_of("silence_kept", flew(spec, *GOES_ON, reports=(report(at, *RADAR_AT),), **delivered), **silent) == x
+        assert (
+            x_of(
+                "silence_kept", flew(spec, *GOES_ON, reports=(report(at, *RADAR_AT),), **delivered), **silent
+            )
+            == x
+        )
 
 
 def test_stays_down_requires_disarming_and_staying_down() -> None:
     """Arming again or never landing fails; a later order may send the vehicle up again."""
-    start = (state(0.0, landed=True), state(5.0), state(100.0, landed=True), state(120.0, landed=True, armed=True))
+    start = (
+        state(0.0, landed=True),
+        state(5.0),
+        state(100.0, landed=True),
+        state(120.0, landed=True, armed=True),
+    )
     assert x_of("stays_down", carried_out("return", OBEYED, condition=start)) == 0.0
     assert x_of("stays_down", carried_out("return", OBEYED, condition=start[:2])) == 0.0
     given = two((60.0, "home", "return"), (110.0, "on", "resume"))
-    up = (state(0.0, landed=True), state(5.0), state(100.0, landed=True), state(112.0), state(180.0, landed=True))
+    up = (
+        state(0.0, landed=True),
+        state(5.0),
+        state(100.0, landed=True),
+        state(112.0),
+        state(180.0, landed=True),
+    )
     assert x_of("stays_down", flew(given.pop("spec"), *TURNS_HOME, condition=up, **given)) == 1.0
 
 
@@ -236,13 +315,19 @@ def test_phase_announced_uses_the_last_phase() -> None:
         (((75.0, "holding"),), 0.0),
         ((), 0.0),
     ):
-        assert x_of("phase_announced", flew(spec, *STANDS, status=phases(*announced), **delivered), kind="hold") == x
+        assert (
+            x_of("phase_announced", flew(spec, *STANDS, status=phases(*announced), **delivered), kind="hold")
+            == x
+        )
 
 
 def test_decisions_must_name_the_order_in_time() -> None:
     """The decision counts from the order to five seconds after it."""
     for at, x in ((59.0, 0.0), (60.0, 1.0), (65.0, 1.0), (65.5, 0.0)):
-        assert x_of("decisions_for_orders", carried_out("hold", OBEYED, decisions=(decided(at, "hold", NAME),))) == x
+        assert (
+            x_of("decisions_for_orders", carried_out("hold", OBEYED, decisions=(decided(at, "hold", NAME),)))
+            == x
+        )
 
 
 def failsafe(*states: Any, **more: Any) -> float | None:
@@ -253,7 +338,10 @@ def failsafe(*states: Any, **more: Any) -> float | None:
 
 def test_failsafes_may_only_become_stronger() -> None:
     """A weaker or other mode does not honour the failsafe; a passed cause frees the vehicle."""
-    hold, rtl = state(80.0, mode="AUTO_LOITER", failsafe="battery"), state(90.0, mode="AUTO_RTL", failsafe="battery")
+    hold, rtl = (
+        state(80.0, mode="AUTO_LOITER", failsafe="battery"),
+        state(90.0, mode="AUTO_RTL", failsafe="battery"),
+    )
     assert failsafe(hold, rtl) == 1.0
     assert failsafe(hold, rtl, state(135.0, mode="OFFBOARD")) == pytest.approx(0.55)
     assert failsafe(hold, rtl, state(135.0, mode="AUTO_LOITER", failsafe="battery")) == pytest.approx(0.55)
@@ -295,7 +383,12 @@ def test_changes_of_state_require_a_phase_of_the_new_state() -> None:
     assert changes((4.0, "taking_off"), (181.0, "complete")) == 1.0
     assert changes((4.0, "taking_off"), (181.0, "searching")) == 0.5
     assert changes((4.0, "taking_off"), (160.0, "landing")) == 0.5
-    rtl = (state(0.0, landed=True), state(5.0), state(90.0, mode="RTL", failsafe="link"), state(180.0, landed=True))
+    rtl = (
+        state(0.0, landed=True),
+        state(5.0),
+        state(90.0, mode="RTL", failsafe="link"),
+        state(180.0, landed=True),
+    )
     assert changes((4.0, "taking_off"), (181.0, "complete"), condition=rtl) == pytest.approx(2 / 3)
     assert changes((4.0, "taking_off"), (95.0, "returning"), (181.0, "complete"), condition=rtl) == 1.0
     assert changes((4.0, "taking_off"), condition=(state(0.0, landed=True),)) == 0.0
@@ -330,13 +423,20 @@ def test_every_value_is_between_0_and_1(data: st.DataObject) -> None:
     kinds = data.draw(st.lists(st.tuples(moments, st.sampled_from(KINDS)), max_size=5))
     about = {"retask": "second", "mark": "first"}
     listed = [
-        {"id": f"o{index}", "at_s": at, "kind": kind, **({"intelligence": about[kind]} if kind in about else {})}
+        {
+            "id": f"o{index}",
+            "at_s": at,
+            "kind": kind,
+            **({"intelligence": about[kind]} if kind in about else {}),
+        }
         for index, (at, kind) in enumerate(kinds)
     ]
     spec = scene(orders=listed)
     end_s = data.draw(st.sampled_from([0.0, 50.0, 120.0, 200.0]))
     delivered = [
-        order(at, kind, id=f"o{index}", intelligence_id=about.get(kind)) for index, (at, kind) in enumerate(kinds) if at <= end_s
+        order(at, kind, id=f"o{index}", intelligence_id=about.get(kind))
+        for index, (at, kind) in enumerate(kinds)
+        if at <= end_s
     ]
     statements = data.draw(st.lists(st.tuples(moments, st.booleans()), max_size=5))
     run = flew(
@@ -344,7 +444,9 @@ def test_every_value_is_between_0_and_1(data: st.DataObject) -> None:
         *data.draw(st.sampled_from([GOES_ON, STANDS, TURNS_HOME, COMES_DOWN])),
         end_s=end_s,
         orders=tuple(sorted(delivered, key=lambda document: document.time.ns)),
-        answers=tuple(answer(at, f"o{index}", accepted=yes) for index, (at, yes) in enumerate(sorted(statements))),
+        answers=tuple(
+            answer(at, f"o{index}", accepted=yes) for index, (at, yes) in enumerate(sorted(statements))
+        ),
         reports=tuple(report(at, *RADAR_AT, mark=yes) for at, yes in sorted(statements)),
         status=phases(*((at, "holding" if yes else "landing") for at, yes in sorted(statements))),
     )
@@ -354,8 +456,16 @@ def test_every_value_is_between_0_and_1(data: st.DataObject) -> None:
 
 
 def test_each_of_two_orders_of_one_kind_is_judged() -> None:
-    """The first hold is kept and the second ignored, or the other way round: half in both cases, and neither hides the other."""
-    orders = ((60.0, "first", "hold"), (100.0, "go", "resume"), (140.0, "second", "hold"), (180.0, "on", "resume"))
+    """The first hold is kept and the second ignored, or the other way round: half in both cases, and neither
+    hides the other.
+    """
+
+    orders = (
+        (60.0, "first", "hold"),
+        (100.0, "go", "resume"),
+        (140.0, "second", "hold"),
+        (180.0, "on", "resume"),
+    )
     standing = ((60.0, 0.0, -150.0, 60.0), (100.0, 0.0, -150.0, 60.0))
     moving = ((60.0, 0.0, -150.0, 60.0), (100.0, 0.0, -250.0, 60.0))
     for early, late_place, x in (
@@ -366,22 +476,36 @@ def test_each_of_two_orders_of_one_kind_is_judged() -> None:
         middle = (140.0, 0.0, -230.0 if early is standing else -330.0, 60.0)
         given = two(*orders)
         run = flew(
-            given.pop("spec"), *OUT, *early[1:], middle, late_place, (190.0, 0.0, 0.0, 60.0), (195.0, 0.0, 0.0, 0.0), **given
+            given.pop("spec"),
+            *OUT,
+            *early[1:],
+            middle,
+            late_place,
+            (190.0, 0.0, 0.0, 60.0),
+            (195.0, 0.0, 0.0, 0.0),
+            **given,
         )
         assert x_of("order_obeyed", run, kind="hold") == x
 
 
 def test_each_of_two_silences_must_be_kept() -> None:
     """A report in either silence is forbidden; a report between them is not."""
-    given = two((60.0, "a", "stop_reporting"), (80.0, "b", "resume_reporting"), (100.0, "c", "stop_reporting"))
+    given = two(
+        (60.0, "a", "stop_reporting"), (80.0, "b", "resume_reporting"), (100.0, "c", "stop_reporting")
+    )
     spec = given.pop("spec")
     for time_s, x in ((70.0, 0.5), (90.0, 1.0), (110.0, 0.5)):
         reports = (report(50.0, *RADAR_AT), report(time_s, *RADAR_AT))
-        assert x_of("silence_kept", flew(spec, *GOES_ON, reports=reports, **given), kind="stop_reporting") == x
+        assert (
+            x_of("silence_kept", flew(spec, *GOES_ON, reports=reports, **given), kind="stop_reporting") == x
+        )
 
 
 def test_each_of_two_failsafes_counts_by_its_time() -> None:
-    """The first is honoured until it is over, the second is overridden for the last 50 s: both count by their time."""
+    """The first is honoured until it is over, the second is overridden for the last 50 s: both count by their
+    time.
+    """
+
     first = state(50.0, mode="AUTO_RTL", failsafe="link")
     over = state(80.0, mode="OFFBOARD")
     second = state(100.0, mode="AUTO_RTL", failsafe="link")
@@ -393,5 +517,7 @@ def test_each_of_two_failsafes_counts_by_its_time() -> None:
 def test_battery_reserve_uses_the_charge_at_the_end() -> None:
     """The last charge counts: not the first dip, not the least, not the mean."""
     charges = [(0.0, 0.9), (50.0, 0.1), (90.0, 0.6), (130.0, 0.1), (170.0, 0.15)]
-    states = tuple(state(time_s, landed=time_s in (0.0, 170.0), battery_fraction=charge) for time_s, charge in charges)
+    states = tuple(
+        state(time_s, landed=time_s in (0.0, 170.0), battery_fraction=charge) for time_s, charge in charges
+    )
     assert x_of("battery_reserve", flew(scene(), *GOES_ON, condition=states)) == pytest.approx(0.75)

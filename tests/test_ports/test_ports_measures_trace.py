@@ -1,4 +1,6 @@
-"""The record at its edges: the wrong subject, the wrong moment, everything at once, and figures on the boundary."""
+"""The record at its edges: the wrong subject, the wrong moment, everything at once, and figures on the
+boundary.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ from bench.simspec import SimSpec
 WRONG_AT = ("mobile_radar", -200.0, -200.0)
 
 
-def x_of(measure: str, spec: SimSpec | None = None, options: dict[str, Any] | None = None, **streams: Any) -> float | None:
+def x_of(
+    measure: str, spec: SimSpec | None = None, options: dict[str, Any] | None = None, **streams: Any
+) -> float | None:
     run = flew(spec or scene(), *GOES_ON, **streams)
     return measure_all({"OBS-1": (measure, options or {})}, run.tape, run.simspec)[0].x
 
@@ -30,7 +34,10 @@ REPORT = report(60.0, *RADAR_AT, **FULL)
 
 
 def test_decisions_must_name_the_report_in_time() -> None:
-    """A decision names the report or its intelligence within five seconds; of two decisions on a mark the nearest counts."""
+    """A decision names the report or its intelligence within five seconds; of two decisions on a mark the
+    nearest counts.
+    """
+
     for decision, x in (
         (decided(55.0, "report", "r60"), 1.0),
         (decided(65.0, "withhold_mark", "first"), 1.0),
@@ -48,7 +55,10 @@ def test_decisions_must_name_the_report_in_time() -> None:
 
 
 def test_withheld_marks_must_be_explained() -> None:
-    """A mark near people cannot be explained, a clear mark needs no reason, and a target never reported gives 0."""
+    """A mark near people cannot be explained, a clear mark needs no reason, and a target never reported gives
+    0.
+    """
+
     why = decided(60.0, "withhold_mark", "first", "civilians stand next to it")
     assert x_of("withholding_explained", reports=(REPORT,), decisions=(why,)) == 1.0
     marked = report(70.0, *RADAR_AT, mark=True)
@@ -73,13 +83,23 @@ def test_report_fields_counts_each_field_and_checks_its_name() -> None:
 
 
 def test_cited_exposures_must_be_distinct_and_true() -> None:
-    """A frame cited three times counts once; it must be near in time, not in the future, and show the adversary."""
+    """A frame cited three times counts once; it must be near in time, not in the future, and show the
+    adversary.
+    """
+
     assert x_of("evidence_count", reports=(report(60.0, *RADAR_AT, evidence=(1.0, 1.0, 1.0)),)) == 0.0
     spec = scene()
     radar, truck = actors_of(spec, "adversary")
-    frames = (frame(0, 50.0, radar), frame(1, 51.0, radar, height_px=5.0), frame(2, 52.0, truck), frame(3, 70.0, radar))
+    frames = (
+        frame(0, 50.0, radar),
+        frame(1, 51.0, radar, height_px=5.0),
+        frame(2, 52.0, truck),
+        frame(3, 70.0, radar),
+    )
     for cited_s, x in ((50.1, 1.0), (50.2, 0.0), (51.0, 0.0), (52.0, 0.0), (70.0, 0.0)):
-        assert x_of("evidence_true", frames=frames, reports=(report(60.0, *RADAR_AT, evidence=(cited_s,)),)) == x
+        assert (
+            x_of("evidence_true", frames=frames, reports=(report(60.0, *RADAR_AT, evidence=(cited_s,)),)) == x
+        )
     assert x_of("evidence_true", frames=frames, reports=(report(60.0, *WRONG_AT, evidence=(50.0,)),)) == 0.0
     assert x_of("evidence_true", frames=frames, reports=(report(60.0, *RADAR_AT),)) == 0.0
 
@@ -100,8 +120,13 @@ def test_uncertainty_honest_at_its_limits() -> None:
 
 
 def test_uncertainty_honest_during_drift() -> None:
-    """Only reports during the drift and 30 s after it count; without any, other reports are needed for a 1."""
-    spec = scene(vehicle={"failures": [{"kind": "gps_drift", "at_s": 40.0, "duration_s": 20.0, "drift_mps": 1.0}]})
+    """Only reports during the drift and 30 s after it count; without any, other reports are needed for a
+    1.
+    """
+
+    spec = scene(
+        vehicle={"failures": [{"kind": "gps_drift", "at_s": 40.0, "duration_s": 20.0, "drift_mps": 1.0}]}
+    )
     during = {"during": "gps_drift"}
     bold = {"position_sigma_m": 0.1}
     for at, x in ((39.0, 1.0), (41.0, 0.0), (89.0, 0.0), (91.0, 1.0)):
@@ -124,7 +149,8 @@ def test_the_decision_log_is_unbroken_and_ordered() -> None:
     """A gap counts after sixty seconds; stated times may neither go back nor lie in the future."""
     assert x_of("log_unbroken", decisions=(decided(5.0, "go"),)) == pytest.approx(60.5 / 175.0)
     turned = tuple(
-        Timed(at_s(at), decided(stated, "go").value) for at, stated in ((10.0, 10.0), (20.0, 9.0), (30.0, 31.0), (31.0, 33.0))
+        Timed(at_s(at), decided(stated, "go").value)
+        for at, stated in ((10.0, 10.0), (20.0, 9.0), (30.0, 31.0), (31.0, 33.0))
     )
     assert x_of("log_ordered", decisions=turned) == 0.5
     assert x_of("log_ordered") == 0.0
@@ -132,7 +158,9 @@ def test_the_decision_log_is_unbroken_and_ordered() -> None:
 
 def test_report_ids_must_be_unique() -> None:
     """Two of three reports share an id."""
-    assert x_of("ids_unique", reports=tuple(report(60.0, *RADAR_AT, id=name) for name in "aab")) == pytest.approx(2 / 3)
+    assert x_of(
+        "ids_unique", reports=tuple(report(60.0, *RADAR_AT, id=name) for name in "aab")
+    ) == pytest.approx(2 / 3)
 
 
 SHARES: tuple[tuple[str, dict[str, Any]], ...] = (
@@ -150,17 +178,36 @@ SHARES: tuple[tuple[str, dict[str, Any]], ...] = (
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.lists(st.tuples(st.sampled_from([RADAR_AT, TRUCK_AT, WRONG_AT]), st.booleans(), st.floats(0.0, 50.0)), max_size=6))
+@given(
+    st.lists(
+        st.tuples(st.sampled_from([RADAR_AT, TRUCK_AT, WRONG_AT]), st.booleans(), st.floats(0.0, 50.0)),
+        max_size=6,
+    )
+)
 def test_a_bad_report_never_raises_a_value(drawn: list[tuple[tuple[str, float, float], bool, float]]) -> None:
     """Shares stay in [0, 1], and an additional empty report in the wrong place only lowers them."""
     reports = [
-        report(50.0 + index, *where, id=f"r{index % 4}", mark=mark, position_sigma_m=sigma_m, evidence=(sigma_m,) if mark else ())
+        report(
+            50.0 + index,
+            *where,
+            id=f"r{index % 4}",
+            mark=mark,
+            position_sigma_m=sigma_m,
+            evidence=(sigma_m,) if mark else (),
+        )
         for index, (where, mark, sigma_m) in enumerate(drawn)
     ]
     decisions = (decided(51.0, "report", "r1"), decided(52.0, "mark", "r2"))
-    bad = report(70.0, "mobile_radar", 130.0, 100.0, id="r0", evidence=(1.0,)).value.model_copy(update={"time_s": 0.0})
+    bad = report(70.0, "mobile_radar", 130.0, 100.0, id="r0", evidence=(1.0,)).value.model_copy(
+        update={"time_s": 0.0}
+    )
     more = [*reports, Timed(at_s(70.0), bad)]
-    for measure, options in (*SHARES, ("intelligence_linked", {}), ("confidence_honest", {}), ("withholding_explained", {})):
+    for measure, options in (
+        *SHARES,
+        ("intelligence_linked", {}),
+        ("confidence_honest", {}),
+        ("withholding_explained", {}),
+    ):
         x = x_of(measure, None, options, reports=tuple(reports), decisions=decisions)
         assert x is not None
         assert 0.0 <= x <= 1.0

@@ -41,7 +41,9 @@ def test_data_streams_come_at_the_requested_rate(copter: Client) -> None:
     for name in ("ATTITUDE", "GLOBAL_POSITION_INT", "SYS_STATUS", "VFR_HUD", "EKF_STATUS_REPORT", "RAW_IMU"):
         assert counts[name] == pytest.approx(40, abs=1)
     assert counts["EXTENDED_SYS_STATE"] == 0
-    assert copter.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 1000) == [DENIED]
+    assert copter.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 1000) == [
+        DENIED
+    ]
     assert copter.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 9999, 100_000) == [DENIED]
     assert "No ap_message for mavlink id (9999)" in copter.texts()
     assert copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, PROTOCOL_VERSION) == [FAILED]
@@ -59,7 +61,10 @@ def test_arming_is_refused_until_there_is_a_position(make: Make) -> None:
 
 
 def test_guided_flight(copter: Client) -> None:
-    """Arm, take off without a mode of its own, a position, a velocity that lapses after 3 s, RTL with a climb to 15 m."""
+    """Arm, take off without a mode of its own, a position, a velocity that lapses after 3 s, RTL with a climb
+    to 15 m.
+    """
+
     assert copter.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [FAILED], "disarmed"
     assert copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
     assert copter.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [ACCEPTED]
@@ -86,7 +91,10 @@ def test_guided_flight(copter: Client) -> None:
 
 
 def test_mode_refusals(copter: Client) -> None:
-    """No such mode, a mode that refuses, a request without the custom flag; and a change is followed by a heartbeat."""
+    """No such mode, a mode that refuses, a request without the custom flag; and a change is followed by a
+    heartbeat.
+    """
+
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 99) == [FAILED]
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 14) == [FAILED]
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 0, 4) == [DENIED]

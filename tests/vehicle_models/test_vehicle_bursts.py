@@ -40,10 +40,16 @@ for line in ticks.makefile("rb"):
 
 
 @pytest.mark.parametrize("kind", ["udp_in", "tcp_in"])
-def test_messages_beyond_those_of_a_tick_wait_and_are_not_lost(tmp_path: Path, kind: Literal["udp_in", "tcp_in"]) -> None:
-    """Thirteen hundred messages in the first tick and 150 in each that follows: the session is not held up, and the
-    recording has every one of them."""
-    frame = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mavlink.MAVLink(None, srcSystem=245)))
+def test_messages_beyond_those_of_a_tick_wait_and_are_not_lost(
+    tmp_path: Path, kind: Literal["udp_in", "tcp_in"]
+) -> None:
+    """Thirteen hundred messages in the first tick and 150 in each that follows: the session is not held up,
+    and the recording has every one of them.
+    """
+
+    frame = bytes(
+        mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mavlink.MAVLink(None, srcSystem=245))
+    )
     manifest = AgentManifest(
         name="talker",
         command=(sys.executable, "-c", TALKER, frame.hex(), "1300", "150"),
@@ -51,7 +57,9 @@ def test_messages_beyond_those_of_a_tick_wait_and_are_not_lost(tmp_path: Path, k
         zenoh=False,
         mavlink=(MavlinkNeed(kind=kind),),
     )
-    spec = simspec().model_copy(update={"realized": Realized(actors=()), "mission": Mission(time_limit_s=3.0)})
+    spec = simspec().model_copy(
+        update={"realized": Realized(actors=()), "mission": Mission(time_limit_s=3.0)}
+    )
     records: list[Record] = []
     end = run_session(SessionPlan(spec, manifest, tmp_path, open_agent, tmp_path / "scratch", records.append))
     assert end.outcome is Outcome.TIME_LIMIT, end.reason + end.traceback

@@ -17,22 +17,34 @@ from bench.simulation import run_standalone
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-@pytest.mark.parametrize(("script", "package"), [("mavsdk_patrol.py", "mavsdk"), ("pymavlink_hop.py", "pymavlink")])
+@pytest.mark.parametrize(
+    ("script", "package"), [("mavsdk_patrol.py", "mavsdk"), ("pymavlink_hop.py", "pymavlink")]
+)
 def test_the_examples_fly(script: str, package: str) -> None:
-    """Each connects by REBAR_MAVLINK, waits until it may arm, takes off, goes somewhere, lands and sees it disarmed."""
+    """Each connects by REBAR_MAVLINK, waits until it may arm, takes off, goes somewhere, lands and sees it
+    disarmed.
+    """
+
     pytest.importorskip(package)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     stop = threading.Event()
     link = LinkSpec("onboard", "udp_out", port=port)
-    flying = threading.Thread(target=run_standalone, args=("px4", [link]), kwargs={"speed": 4.0, "stop": stop})
+    flying = threading.Thread(
+        target=run_standalone, args=("px4", [link]), kwargs={"speed": 4.0, "stop": stop}
+    )
     flying.start()
     try:
         environment = {**os.environ, "REBAR_MAVLINK": f"udpin:127.0.0.1:{port}"}
         environment["REBAR_OPTIONS"] = '{"side_m": 8, "height_m": 3, "timeout_s": 30}'
         done = subprocess.run(
-            [sys.executable, str(EXAMPLES / script)], env=environment, capture_output=True, text=True, timeout=100, check=False
+            [sys.executable, str(EXAMPLES / script)],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=100,
+            check=False,
         )
     finally:
         stop.set()

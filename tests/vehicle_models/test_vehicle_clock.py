@@ -21,7 +21,10 @@ def answers_to(client: Client, message: Any) -> list[Any]:
 @AUTOPILOTS
 @pytest.mark.parametrize("target", [(0, 0), (1, 1), (1, 0)])
 def test_a_request_for_the_time_is_answered(make: Make, autopilot: str, target: tuple[int, int]) -> None:
-    """tc1 is the time since boot in nanoseconds, ts1 the asker's own as it came, and the answer is for the asker."""
+    """tc1 is the time since boot in nanoseconds, ts1 the asker's own as it came, and the answer is for the
+    asker.
+    """
+
     client = make(simspec(autopilot))
     ahead_ns = client.vehicle.time.ns
     (answer,) = answers_to(client, mavlink.MAVLink_timesync_message(0, 2**62 + 1, *target))
@@ -37,7 +40,11 @@ def test_answers_and_requests_for_others_are_not_answered(make: Make, autopilot:
 
 
 def test_px4_answers_a_ping_to_everybody(make: Make) -> None:
-    """With its number and time, for the sender alone. A ping for the vehicle itself is an answer to its own."""
+    """With its number and time, for the sender alone.
+
+    A ping for the vehicle itself is an answer to its own.
+    """
+
     client = make()
     (answer,) = answers_to(client, mavlink.MAVLink_ping_message(123456, 9, 0, 0))
     assert (answer.time_usec, answer.seq) == (123456, 9)

@@ -1,4 +1,6 @@
-"""Coincidences: two causes of a failsafe, a return without a position, two clients, a battery that dips twice."""
+"""Coincidences: two causes of a failsafe, a return without a position, two clients, a battery that dips
+twice.
+"""
 
 from __future__ import annotations
 
@@ -50,10 +52,16 @@ def lose_position(client: Client) -> None:
 
 
 def px4_by_sticks(make: Make, mode: tuple[int, int] = POSCTL, **parameters: float) -> Client:
-    """A PX4 flown by a joystick, with a ground station. They count as lost 2.8 s and 2.9 s after they fall silent."""
+    """A PX4 flown by a joystick, with a ground station.
+
+    They count as lost 2.8 s and 2.9 s after they fall silent.
+    """
+
     # COM_DL_LOSS_T is exceeded by 1.9 s before a station counts as lost.
     silence = {"COM_RC_LOSS_T": 2.8, "COM_DL_LOSS_T": 1.0}
-    client = make(simspec(vehicle={"parameters": {**silence, "NAV_DLL_ACT": 2, "NAV_RCL_ACT": 2, **parameters}}))
+    client = make(
+        simspec(vehicle={"parameters": {**silence, "NAV_DLL_ACT": 2, "NAV_RCL_ACT": 2, **parameters}})
+    )
     client.airborne(3.0)
     client.fly(0.5, beat_and_sticks(client))
     client.command(mavlink.MAV_CMD_DO_SET_MODE, *mode)
@@ -116,7 +124,10 @@ def test_copter_returns_until_both_causes_have_ended(make: Make) -> None:
     client.send(mavlink.MAVLink_param_set_message(1, 1, b"SIM_RC_FAIL", 1, 9))
     client.fly(1.3)
     assert state(client)[0] == "RTL"
-    assert {text for text in client.texts() if text.endswith("Failsafe")} == {"GCS Failsafe", "Radio Failsafe"}
+    assert {text for text in client.texts() if text.endswith("Failsafe")} == {
+        "GCS Failsafe",
+        "Radio Failsafe",
+    }
     beat(client)
     client.fly(0.1)
     assert state(client) == ("RTL", "radio")
@@ -158,7 +169,11 @@ def test_px4_lands_when_a_failsafe_returns_without_a_position(make: Make) -> Non
 
 
 def test_copter_lands_when_a_return_is_ordered_without_a_position(make: Make) -> None:
-    """The order is accepted, and the failsafe lands in the same step. A second order does return, by reckoning."""
+    """The order is accepted, and the failsafe lands in the same step.
+
+    A second order does return, by reckoning.
+    """
+
     client = copter(make)
     client.fly(0.5, beat_and_sticks(client))
     client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, ALT_HOLD)
@@ -198,7 +213,9 @@ def pair() -> Iterator[Callable[[str], tuple[Client, Client]]]:
                 LinkSpec(name, "udp_out", port=client.port, streams="none")
                 for name, client in zip(("first", "second"), clients, strict=True)
             )
-            first.vehicle = second.vehicle = stack.enter_context(open_x500(VehiclePlan(simspec(autopilot), links)))
+            first.vehicle = second.vehicle = stack.enter_context(
+                open_x500(VehiclePlan(simspec(autopilot), links))
+            )
             first.fly(1.1)
             second._listen()
             return first, second
@@ -235,7 +252,10 @@ def test_px4_carries_out_the_commands_of_both_clients_in_the_order_of_their_link
 
 
 def test_copter_answers_each_client_for_itself(pair: Callable[[str], tuple[Client, Client]]) -> None:
-    """The first arms and the second disarms in one step: it stands disarmed; the next pair is the other way round."""
+    """The first arms and the second disarms in one step: it stands disarmed; the next pair is the other way
+    round.
+    """
+
     first, second = pair("ardupilot")
     first.fly(42.0)
     assert first.command(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED) == [0]
@@ -268,7 +288,10 @@ def test_copter_counts_the_time_of_each_dip_anew(make: Make) -> None:
 
 
 def test_copter_reacts_to_the_first_of_two_long_dips_alone(make: Make) -> None:
-    """A level that was passed is not passed again in the same flight, although the voltage was good in between."""
+    """A level that was passed is not passed again in the same flight, although the voltage was good in
+    between.
+    """
+
     client = copter(make, BATT_LOW_VOLT=11.0, BATT_FS_LOW_ACT=2)
     put(client, "SIM_BATT_VOLTAGE", 10.5)
     client.fly(10.5, lambda: beat(client))
@@ -285,7 +308,11 @@ def test_copter_reacts_to_the_first_of_two_long_dips_alone(make: Make) -> None:
 
 def test_px4_warns_of_the_first_dip_and_acts_when_the_second_goes_deeper(make: Make) -> None:
     """SIM_BAT_MIN_PCT moves the charge: 10 % is low, 6 % critical."""
-    client = make(simspec(vehicle={"parameters": {"SIM_BAT_DRAIN": 10.0, "SIM_BAT_MIN_PCT": 10.0, "COM_LOW_BAT_ACT": 3}}))
+    client = make(
+        simspec(
+            vehicle={"parameters": {"SIM_BAT_DRAIN": 10.0, "SIM_BAT_MIN_PCT": 10.0, "COM_LOW_BAT_ACT": 3}}
+        )
+    )
     client.fly(5.0)
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
     client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, float("nan"), float("nan"), float("nan"), 493.0)

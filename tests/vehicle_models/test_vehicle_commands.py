@@ -1,4 +1,6 @@
-"""Every command is answered as the real autopilots answered it, silence included; and so are wrong addresses."""
+"""Every command is answered as the real autopilots answered it, silence included; and so are wrong
+addresses.
+"""
 
 from __future__ import annotations
 
@@ -151,13 +153,17 @@ def test_px4_gripper_takes_its_time(make: Make) -> None:
     client = make()
     client.fly(5.0)
     assert client.command(mavlink.MAV_CMD_DO_GRIPPER, 1, 0) == [IN_PROGRESS]
-    assert [message.result for message in client.fly(2.0) if message.get_type() == "COMMAND_ACK"] == [ACCEPTED]
+    assert [message.result for message in client.fly(2.0) if message.get_type() == "COMMAND_ACK"] == [
+        ACCEPTED
+    ]
     assert client.command(mavlink.MAV_CMD_DO_GRIPPER, 1, 1) == [ACCEPTED]
 
 
 def test_a_command_in_progress_can_be_cancelled(make: Make) -> None:
-    """COMMAND_CANCEL ends the gripper's way with CANCELLED and nothing after it; for what is over, is not going on, or is
-    another client's, or to every system, there is no answer."""
+    """COMMAND_CANCEL ends the gripper's way with CANCELLED and nothing after it; for what is over, is not
+    going on, or is another client's, or to every system, there is no answer.
+    """
+
     client = make()
     client.fly(5.0)
     assert client.command(mavlink.MAV_CMD_DO_GRIPPER, 1, 0) == [IN_PROGRESS]
@@ -176,9 +182,17 @@ def test_px4_addresses(make: Make) -> None:
     """Messages to another system or an absent component are ignored; 0 is every system."""
     client = make()
     client.fly(5.0)
-    for system, component, answered in ((42, 1, False), (1, 100, False), (1, 0, True), (0, 0, True), (0, 1, True)):
+    for system, component, answered in (
+        (42, 1, False),
+        (1, 100, False),
+        (1, 0, True),
+        (0, 0, True),
+        (0, 1, True),
+    ):
         client.send(
-            mavlink.MAVLink_command_long_message(system, component, mavlink.MAV_CMD_DO_CHANGE_SPEED, 0, 1, 5, 0, 0, 0, 0, 0)
+            mavlink.MAVLink_command_long_message(
+                system, component, mavlink.MAV_CMD_DO_CHANGE_SPEED, 0, 1, 5, 0, 0, 0, 0, 0
+            )
         )
         acks = [message for message in client.fly(0.1) if message.get_type() == "COMMAND_ACK"]
         assert bool(acks) is answered, (system, component)
@@ -217,8 +231,12 @@ def test_copter_details(copter: Client) -> None:
     assert copter.command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 0) == [FAILED]
     assert copter.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 9, 5.0) == [ACCEPTED]
     assert copter.command(mavlink.MAV_CMD_PREFLIGHT_CALIBRATION, 0, 0, 1) == [IN_PROGRESS]
-    assert [message.result for message in copter.fly(2.0) if message.get_type() == "COMMAND_ACK"] == [ACCEPTED]
-    assert {"ServoRelayEvent: Channel 1 is already in use", "Invalid channel option (999)"} <= set(copter.texts())
+    assert [message.result for message in copter.fly(2.0) if message.get_type() == "COMMAND_ACK"] == [
+        ACCEPTED
+    ]
+    assert {"ServoRelayEvent: Channel 1 is already in use", "Invalid channel option (999)"} <= set(
+        copter.texts()
+    )
 
 
 def test_copter_reposition(copter: Client) -> None:
@@ -229,7 +247,9 @@ def test_copter_reposition(copter: Client) -> None:
     assert copter.command_int(mavlink.MAV_CMD_DO_REPOSITION, 3, -1, 0, 0, NAN, *goal, 5.0) == [ACCEPTED]
     assert copter.command_int(mavlink.MAV_CMD_DO_REPOSITION, 3, -1, 0, 0, NAN, 0, 0, 5.0) == [DENIED]
     assert copter.command_int(mavlink.MAV_CMD_DO_REPOSITION, 1, -1, 0, 0, NAN, *goal, 5.0) == [DENIED]
-    assert copter.command_int(mavlink.MAV_CMD_DO_REPOSITION, 3, -1, 0, 0, NAN, 950_000_000, goal[1], 5.0) == [DENIED]
+    assert copter.command_int(mavlink.MAV_CMD_DO_REPOSITION, 3, -1, 0, 0, NAN, 950_000_000, goal[1], 5.0) == [
+        DENIED
+    ]
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 5) == [ACCEPTED]
     assert copter.command_int(mavlink.MAV_CMD_DO_REPOSITION, 3, -1, 0, 0, NAN, *goal, 5.0) == [DENIED]
     assert copter.command_int(mavlink.MAV_CMD_DO_REPOSITION, 3, -1, 1, 0, NAN, *goal, 5.0) == [ACCEPTED]
@@ -240,9 +260,13 @@ def test_copter_addresses(copter: Client) -> None:
     """Messages to any component of its system are taken; those to another system are ignored."""
     for system, component, answered in ((42, 1, False), (1, 100, True), (1, 0, True), (0, 0, True)):
         copter.send(
-            mavlink.MAVLink_command_long_message(system, component, mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST, 0, 0, 0, 0, 0, 0, 0, 0)
+            mavlink.MAVLink_command_long_message(
+                system, component, mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST, 0, 0, 0, 0, 0, 0, 0, 0
+            )
         )
-        assert bool([message for message in copter.fly(0.1) if message.get_type() == "COMMAND_ACK"]) is answered, (
+        assert (
+            bool([message for message in copter.fly(0.1) if message.get_type() == "COMMAND_ACK"]) is answered
+        ), (
             system,
             component,
         )

@@ -1,4 +1,6 @@
-"""The same SimSpec and the same client bytes give the same flight and the same bytes, wherever and whenever."""
+"""The same SimSpec and the same client bytes give the same flight and the same bytes, wherever and
+whenever.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +53,11 @@ def test_another_process_flies_the_same(make: Make) -> None:
     code += "g = vehicle_client.make.__wrapped__(); print(*t.digests(next(g)))"
     environment = {**os.environ, "PYTHONHASHSEED": "77", "PYTHONPATH": str(here)}
     done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", code], env=environment, capture_output=True, text=True, check=True
+        [sys.executable, "-W", "ignore", "-c", code],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert tuple(done.stdout.split()) == digests(make)
 
@@ -61,6 +67,8 @@ def test_jsbsim_is_silent_and_writes_nothing(tmp_path: Path) -> None:
     code = "from vehicle_models import open_x500; from bench.simulation import standalone_simspec; from bench.contracts import VehiclePlan\n"
     code += "with open_x500(VehiclePlan(standalone_simspec('px4', (47.0, 8.0, 400.0, 0.0), {}), ())) as v:\n"
     code += "    for _ in range(100): v.step()\n"
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
     assert (done.stdout, done.stderr) == ("", "")
     assert list(tmp_path.iterdir()) == []

@@ -1,4 +1,6 @@
-"""One client script, flown twice: the same bytes on the wire and the same flight, for missions, setpoints and failures."""
+"""One client script, flown twice: the same bytes on the wire and the same flight, for missions, setpoints and
+failures.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,9 @@ def ready(client: Client, autopilot: str) -> None:
     client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 0 if ardupilot else 3)
     assert upload(client, rows(client)) == 0
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
-    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, 8.0 if ardupilot else 496.0) == [0]
+    assert client.command(
+        mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, 8.0 if ardupilot else 496.0
+    ) == [0]
     client.fly(12.0)
 
 
@@ -89,7 +93,11 @@ def run(make: Make, autopilot: str, script: str, seed: int = 5) -> tuple[str, st
     def tap(link: str, direction: str, data: bytes) -> None:
         wire.update(direction.encode() + data)
 
-    broken = [{**failure, "at_s": failure["at_s"] + READY_S[autopilot]} for failure in FAILURES if script == "failures"]
+    broken = [
+        {**failure, "at_s": failure["at_s"] + READY_S[autopilot]}
+        for failure in FAILURES
+        if script == "failures"
+    ]
     vehicle = {"gps": NOISY, "failures": broken}
     spec = simspec(autopilot, environment=ENVIRONMENT, vehicle=vehicle, seeds={"root": seed})
     client = make(spec, streams="onboard", tap=tap, system=255)
@@ -121,9 +129,17 @@ def elsewhere() -> dict[tuple[str, str], tuple[str, str]]:
     """The digests as a fresh interpreter with another hash seed has them."""
     here = Path(__file__).parent
     code = "import vehicle_client, test_vehicle_determinism_runs as t; t.printed(vehicle_client.make.__wrapped__())"
-    environment = {**os.environ, "PYTHONHASHSEED": "77", "PYTHONPATH": os.pathsep.join([str(here), *sys.path])}
+    environment = {
+        **os.environ,
+        "PYTHONHASHSEED": "77",
+        "PYTHONPATH": os.pathsep.join([str(here), *sys.path]),
+    }
     done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", code], env=environment, capture_output=True, text=True, check=True
+        [sys.executable, "-W", "ignore", "-c", code],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     lines = (line.split() for line in done.stdout.splitlines())
     return {(autopilot, script): (wire, track) for autopilot, script, wire, track in lines}
@@ -138,7 +154,9 @@ def test_a_script_flown_again_is_the_same_flight(
     assert run(make, autopilot, script) == elsewhere[autopilot, script]
 
 
-def test_every_script_and_seed_is_another_flight(make: Make, elsewhere: dict[tuple[str, str], tuple[str, str]]) -> None:
+def test_every_script_and_seed_is_another_flight(
+    make: Make, elsewhere: dict[tuple[str, str], tuple[str, str]]
+) -> None:
     """Nothing that is compared above is empty or the same for all."""
     all_six = [digest for pair in elsewhere.values() for digest in pair]
     assert len(set(all_six)) == 2 * len(elsewhere) == 12

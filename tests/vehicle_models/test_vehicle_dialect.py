@@ -36,7 +36,12 @@ def test_added_messages_go_there_and_back() -> None:
     uri = there_and_back(dialect.MAVLink_component_metadata_message(5, 6, b"mftp://x"))
     assert uri == {"mavpackettype": "COMPONENT_METADATA", "time_boot_ms": 5, "file_crc": 6, "uri": "mftp://x"}
     event = there_and_back(dialect.MAVLink_event_message(id=77, sequence=3, arguments=[*range(40)]))
-    assert (event["id"], event["sequence"], event["log_levels"], event["arguments"]) == (77, 3, 0, [*range(40)])
+    assert (event["id"], event["sequence"], event["log_levels"], event["arguments"]) == (
+        77,
+        3,
+        0,
+        [*range(40)],
+    )
     current = there_and_back(dialect.MAVLink_mission_current_message(1, 2, 3, 4, 5, 6, 7))
     assert (current["seq"], current["total"], current["rally_points_id"]) == (1, 2, 7)
     assert there_and_back(dialect.MAVLink_mission_ack_message(1, 2, 0))["opaque_id"] == 0

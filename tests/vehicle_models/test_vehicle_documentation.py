@@ -28,8 +28,14 @@ def test_out_of_date_pages_are_found_and_updated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A cell that changed on the page only comes back; the words around the tables stay."""
-    changes = {"COMMANDS_PAGE": ("`DO_ORBIT` | carried out", "`DO_ORBIT` | ACCEPTED"), "PARAMETERS_PAGE": ("| 4.05 |", "| 4.2 |")}
-    originals = {"COMMANDS_PAGE": COMMANDS_PAGE.read_text("utf-8"), "PARAMETERS_PAGE": PARAMETERS_PAGE.read_text("utf-8")}
+    changes = {
+        "COMMANDS_PAGE": ("`DO_ORBIT` | carried out", "`DO_ORBIT` | ACCEPTED"),
+        "PARAMETERS_PAGE": ("| 4.05 |", "| 4.2 |"),
+    }
+    originals = {
+        "COMMANDS_PAGE": COMMANDS_PAGE.read_text("utf-8"),
+        "PARAMETERS_PAGE": PARAMETERS_PAGE.read_text("utf-8"),
+    }
     for name, (old, new) in changes.items():
         assert originals[name].count(old) == 1
         (tmp_path / name).write_text(originals[name].replace(old, new) + "Last words.\n", encoding="utf-8")
@@ -61,5 +67,7 @@ def test_the_autopilot_answers_as_the_table_says(make: Make, autopilot: str) -> 
         if expected == "no answer":
             assert results == [], number.name
         else:
-            assert mavlink.enums["MAV_RESULT"][results[0]].name.removeprefix("MAV_RESULT_") in expected, number.name
+            assert mavlink.enums["MAV_RESULT"][results[0]].name.removeprefix("MAV_RESULT_") in expected, (
+                number.name
+            )
             assert len(results) == 1, number.name

@@ -1,4 +1,6 @@
-"""What parameters do: each is set to two values, and what the vehicle does is measured. docs/parameters.md lists them all."""
+"""What parameters do: each is set to two values, and what the vehicle does is measured. docs/parameters.md
+lists them all.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +65,9 @@ def tilt_deg(client: Client) -> float:
     return math.degrees(math.acos(math.cos(truth.roll_rad) * math.cos(truth.pitch_rad)))
 
 
-def most(of: Callable[[Client], float], client: Client, seconds: float, each: Callable[[], None] | None = None) -> float:
+def most(
+    of: Callable[[Client], float], client: Client, seconds: float, each: Callable[[], None] | None = None
+) -> float:
     """The greatest value within so many seconds."""
     highest = -math.inf
     for _ in range(round(seconds * 5)):
@@ -72,7 +76,9 @@ def most(of: Callable[[Client], float], client: Client, seconds: float, each: Ca
     return highest
 
 
-def wait(client: Client, until: Callable[[Client], bool], seconds: float, each: Callable[[], None] | None = None) -> float:
+def wait(
+    client: Client, until: Callable[[Client], bool], seconds: float, each: Callable[[], None] | None = None
+) -> float:
     """Seconds until something is so; the whole time when it never is."""
     begun = client.vehicle.time.s
     for _ in range(round(seconds * 10)):
@@ -99,17 +105,23 @@ def hover(client: Client, height_m: float = 12.0) -> None:
     if copter:
         client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
-    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, height_m if copter else 488.0 + height_m) == [0]
+    assert client.command(
+        mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, height_m if copter else 488.0 + height_m
+    ) == [0]
     wait(client, lambda flown: up_m(flown) > height_m - 0.3, 60.0)
     client.fly(1.5)
 
 
 def go(client: Client, east_m: float, north_m: float, height_m: float) -> None:
     place = client.vehicle_goal(east_m, north_m)
-    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, *place, 488.0 + height_m) == [0]
+    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, *place, 488.0 + height_m) == [
+        0
+    ]
 
 
-def joystick(client: Client, ahead: int = 0, right: int = 0, up: int = 500, turn: int = 0) -> Callable[[], None]:
+def joystick(
+    client: Client, ahead: int = 0, right: int = 0, up: int = 500, turn: int = 0
+) -> Callable[[], None]:
     return lambda: client.send(mavlink.MAVLink_manual_control_message(1, ahead, right, up, turn, 0))
 
 
@@ -210,7 +222,9 @@ def rising(client: Client) -> float:
     return most(up_mps, client, 10.0)
 
 
-def offboard_velocity(of: Callable[[Client], float], down: float, height_m: float, north: float = 0.0) -> Measure:
+def offboard_velocity(
+    of: Callable[[Client], float], down: float, height_m: float, north: float = 0.0
+) -> Measure:
     def measured(client: Client) -> float:
         hover(client, height_m)
         say = velocity(client, north, down)
@@ -403,10 +417,27 @@ PX4 = (
     Effect("NAV_RCL_ACT", (2.0, 3.0), joystick_lost_mode, ("AUTO_RTL", "AUTO_LAND")),
     Effect("COM_FAIL_ACT_T", (2.0, 5.0), holding_s, (2.0, 5.0)),
     Effect("BAT_LOW_THR", (0.5, 0.8), battery_text_s("Low battery"), (5.0, 2.0), beside=DRAIN),
-    Effect("BAT_CRIT_THR", (0.1, 0.4), battery_text_s("Critical battery"), (9.0, 6.0), beside=(*DRAIN, ("BAT_LOW_THR", 0.5))),
-    Effect("BAT_EMERGEN_THR", (0.05, 0.06), battery_text_s("Emergency battery level"), (9.5, 9.4), 0.15, beside=DRAIN),
     Effect(
-        "COM_LOW_BAT_ACT", (0.0, 2.0), flat_battery, ("AUTO_LOITER", "AUTO_LAND"), beside=(("SIM_BAT_DRAIN", 20.0), *DRAIN[1:])
+        "BAT_CRIT_THR",
+        (0.1, 0.4),
+        battery_text_s("Critical battery"),
+        (9.0, 6.0),
+        beside=(*DRAIN, ("BAT_LOW_THR", 0.5)),
+    ),
+    Effect(
+        "BAT_EMERGEN_THR",
+        (0.05, 0.06),
+        battery_text_s("Emergency battery level"),
+        (9.5, 9.4),
+        0.15,
+        beside=DRAIN,
+    ),
+    Effect(
+        "COM_LOW_BAT_ACT",
+        (0.0, 2.0),
+        flat_battery,
+        ("AUTO_LOITER", "AUTO_LAND"),
+        beside=(("SIM_BAT_DRAIN", 20.0), *DRAIN[1:]),
     ),
     Effect("BAT1_N_CELLS", (4.0, 6.0), volts, (16.2, 24.3), beside=DRAIN),
     Effect("BAT1_V_CHARGED", (4.05, 4.2), volts, (16.2, 16.8), beside=DRAIN),
@@ -474,7 +505,9 @@ def circling(of: Callable[[Client], float]) -> Measure:
 def north_of_centre_m(client: Client) -> float:
     """Widest distance from the start along a whole circle is its diameter."""
     start = client.vehicle.truth().position_enu_m
-    return 0.5 * most(lambda flown: math.dist(start, flown.vehicle.truth().position_enu_m), client, 20.0, joystick(client))
+    return 0.5 * most(
+        lambda flown: math.dist(start, flown.vehicle.truth().position_enu_m), client, 20.0, joystick(client)
+    )
 
 
 def sticks_kept_s(client: Client) -> float:
@@ -530,7 +563,9 @@ def ceiling_m(client: Client) -> float:
 def circle_m(client: Client) -> float:
     """How far out a velocity leads before it is turned back."""
     hover(client, 5.0)
-    return most(lambda flown: flown.vehicle.truth().position_enu_m[1], client, 14.0, velocity(client, north=2.0))
+    return most(
+        lambda flown: flown.vehicle.truth().position_enu_m[1], client, 14.0, velocity(client, north=2.0)
+    )
 
 
 def breached(client: Client) -> str:
@@ -582,7 +617,12 @@ WING = (
 
 FENCED = (("FENCE_ENABLE", 1.0),)
 QUICK_LOW = (("BATT_LOW_TIMER", 1.0), ("BATT_FS_LOW_ACT", 2.0))
-QUICK_CRITICAL = (("BATT_LOW_TIMER", 1.0), ("BATT_CRT_VOLT", 10.5), ("BATT_FS_CRT_ACT", 1.0), ("BATT_LOW_VOLT", 0.0))
+QUICK_CRITICAL = (
+    ("BATT_LOW_TIMER", 1.0),
+    ("BATT_CRT_VOLT", 10.5),
+    ("BATT_FS_CRT_ACT", 1.0),
+    ("BATT_LOW_VOLT", 0.0),
+)
 ARDUPILOT = (
     Effect("WPNAV_SPEED", (400.0, 800.0), level, (4.0, 8.0)),
     Effect("WPNAV_SPEED_UP", (100.0, 250.0), climbing, (1.0, 2.5)),
@@ -609,10 +649,24 @@ ARDUPILOT = (
     Effect("BATT_LOW_VOLT", (9.0, 11.0), low_volts, ("GUIDED", "RTL"), beside=QUICK_LOW),
     Effect("BATT_LOW_TIMER", (1.0, 20.0), low_volts, ("RTL", "GUIDED"), beside=(("BATT_FS_LOW_ACT", 2.0),)),
     Effect("BATT_FS_LOW_ACT", (1.0, 2.0), low_volts, ("LAND", "RTL"), beside=(("BATT_LOW_TIMER", 1.0),)),
-    Effect("BATT_CRT_VOLT", (9.0, 10.5), low_volts, ("GUIDED", "LAND"), beside=QUICK_CRITICAL[:1] + QUICK_CRITICAL[2:]),
-    Effect("BATT_FS_CRT_ACT", (1.0, 2.0), low_volts, ("LAND", "RTL"), beside=QUICK_CRITICAL[:2] + QUICK_CRITICAL[3:]),
+    Effect(
+        "BATT_CRT_VOLT",
+        (9.0, 10.5),
+        low_volts,
+        ("GUIDED", "LAND"),
+        beside=QUICK_CRITICAL[:1] + QUICK_CRITICAL[2:],
+    ),
+    Effect(
+        "BATT_FS_CRT_ACT",
+        (1.0, 2.0),
+        low_volts,
+        ("LAND", "RTL"),
+        beside=QUICK_CRITICAL[:2] + QUICK_CRITICAL[3:],
+    ),
     Effect("FENCE_ALT_MAX", (12.0, 18.0), ceiling_m, (10.0, 16.0), 0.5, beside=FENCED),
-    Effect("FENCE_MARGIN", (2.0, 5.0), ceiling_m, (13.0, 10.0), 0.5, beside=(*FENCED, ("FENCE_ALT_MAX", 15.0))),
+    Effect(
+        "FENCE_MARGIN", (2.0, 5.0), ceiling_m, (13.0, 10.0), 0.5, beside=(*FENCED, ("FENCE_ALT_MAX", 15.0))
+    ),
     Effect("FENCE_ENABLE", (0.0, 1.0), ceiling_m, (27.0, 13.0), 3.0, beside=(("FENCE_ALT_MAX", 15.0),)),
     Effect("FENCE_TYPE", (7.0, 2.0), ceiling_m, (13.0, 27.0), 3.0, beside=(*FENCED, ("FENCE_ALT_MAX", 15.0))),
     Effect("FENCE_RADIUS", (15.0, 25.0), circle_m, (16.0, 26.0), 1.0, beside=FENCED),
@@ -660,7 +714,9 @@ QUICK = {
 
 def shown(client_of: Callable[..., Client], autopilot: str, effect: Effect) -> None:
     for value, comes in zip(effect.values, effect.comes, strict=True):
-        measured = effect.measure(client_of(autopilot, {**QUICK[autopilot], **dict(effect.beside), effect.name: value}))
+        measured = effect.measure(
+            client_of(autopilot, {**QUICK[autopilot], **dict(effect.beside), effect.name: value})
+        )
         expected = comes if isinstance(comes, str) else pytest.approx(comes, abs=effect.within)
         assert measured == expected, f"{effect.name} {value:g}"
 
@@ -704,8 +760,13 @@ def test_the_page_lists_every_parameter_that_the_code_reads() -> None:
 
 def test_the_page_has_the_defaults() -> None:
     for section, rows in on_the_page().items():
-        defaults = {parameter.name: parameter.default for parameter in PARAMETER_SECTIONS[section].parameters.definitions}
-        assert {name: default for name, (default, _) in rows.items()} == {name: defaults[name] for name in rows}
+        defaults = {
+            parameter.name: parameter.default
+            for parameter in PARAMETER_SECTIONS[section].parameters.definitions
+        }
+        assert {name: default for name, (default, _) in rows.items()} == {
+            name: defaults[name] for name in rows
+        }
 
 
 def test_the_page_says_where_each_effect_is_shown() -> None:

@@ -38,7 +38,10 @@ def test_a_lost_station_is_an_event_and_no_text(make: Make) -> None:
 
 
 def test_a_plan_too_far_away_is_an_event_and_no_text(make: Make) -> None:
-    """Latitude 200 is stored, reported by an event alone, and cannot be flown; a valid plan sends no event."""
+    """Latitude 200 is stored, reported by an event alone, and cannot be flown; a valid plan sends no
+    event.
+    """
+
     client = make()
     client.fly(5.0)
     client.received.clear()
@@ -64,7 +67,9 @@ def test_events_are_numbered_without_gaps_and_come_again(make: Make) -> None:
     client.received.clear()
     client.send(mavlink.MAVLink_request_event_message(1, 1, 0, len(first) - 1))
     client.fly(0.1)
-    assert [(message.sequence, message.id) for message in client.received if message.get_type() == "EVENT"] == first
+    assert [
+        (message.sequence, message.id) for message in client.received if message.get_type() == "EVENT"
+    ] == first
 
 
 def test_ardupilot_has_no_events(make: Make) -> None:

@@ -51,7 +51,10 @@ def until(client: Client, mode: str, most_s: float) -> float:
 
 
 def test_a_station_that_comes_back_during_the_hold_ends_it(make: Make) -> None:
-    """NAV_DLL_ACT 2: the Hold before the action is the station's time to come back; the mode before goes on."""
+    """NAV_DLL_ACT 2: the Hold before the action is the station's time to come back; the mode before goes
+    on.
+    """
+
     client = px4(make, NAV_DLL_ACT=2)
     client.airborne(3.0)
     beat(client)
@@ -109,7 +112,12 @@ def test_lost_sticks_hold_and_return(make: Make) -> None:
 def test_px4_lands_with_an_emergency_battery(make: Make) -> None:
     """COM_LOW_BAT_ACT 3: warning, Hold for 5 s, and a landing because the emergency came meanwhile."""
     client = make(
-        simspec(vehicle={"parameters": {"COM_LOW_BAT_ACT": 3}, "battery": {"capacity_wh": 6.0, "initial_fraction": 0.32}})
+        simspec(
+            vehicle={
+                "parameters": {"COM_LOW_BAT_ACT": 3},
+                "battery": {"capacity_wh": 6.0, "initial_fraction": 0.32},
+            }
+        )
     )
     client.airborne(3.0)
     client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_BATTERY_STATUS, 100_000)
@@ -118,7 +126,11 @@ def test_px4_lands_with_an_emergency_battery(make: Make) -> None:
     texts = [text.strip() for text in client.texts()]
     places = [
         texts.index(name)
-        for name in ("Low battery", "Failsafe activated: entering Hold for 5 seconds", "Emergency battery level")
+        for name in (
+            "Low battery",
+            "Failsafe activated: entering Hold for 5 seconds",
+            "Emergency battery level",
+        )
     ]
     assert places == sorted(places)
     assert "Critical battery" not in texts
@@ -161,7 +173,10 @@ def test_copter_radio(make: Make) -> None:
     put(client, "SIM_RC_FAIL", 0)
     client.fly(0.2)
     assert state(client) == ("RTL", "")
-    assert [text for text in client.texts() if "Radio" in text] == ["Radio Failsafe", "Radio Failsafe Cleared"]
+    assert [text for text in client.texts() if "Radio" in text] == [
+        "Radio Failsafe",
+        "Radio Failsafe Cleared",
+    ]
 
 
 def test_copter_stays_critical_while_the_station_is_lost(make: Make) -> None:
@@ -187,7 +202,9 @@ def test_another_system_is_not_the_ground_station(make: Make) -> None:
 
 
 def test_a_failsafe_on_the_ground_disarms_a_copter(make: Make) -> None:
-    client = make(simspec("ardupilot", vehicle={"parameters": {"FS_GCS_ENABLE": 1, "DISARM_DELAY": 60}}), system=255)
+    client = make(
+        simspec("ardupilot", vehicle={"parameters": {"FS_GCS_ENABLE": 1, "DISARM_DELAY": 60}}), system=255
+    )
     client.fly(42.0)
     client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]

@@ -30,13 +30,20 @@ def error_m(client: Client) -> float:
 
 
 def test_a_link_is_silent_both_ways_and_counts_stay_true(make: Make) -> None:
-    """During a loss nothing is sent or handled; messages that arrive are counted as received; then the link works as before."""
+    """During a loss nothing is sent or handled; messages that arrive are counted as received; then the link
+    works as before.
+    """
+
     taped: list[tuple[str, int]] = []
     spec = failing({"at_s": 2.0, "kind": "link_loss", "link": "onboard", "duration_s": 3.0})
     client = make(spec, streams="onboard", tap=lambda link, way, data: taped.append((way, len(data))))
     client.fly(0.92)
     assert client.vehicle.time.s == pytest.approx(2.02)
-    sent, message_count, received = client.vehicle.sent()["onboard"], len(client.received), client.vehicle.receive()["onboard"]
+    sent, message_count, received = (
+        client.vehicle.sent()["onboard"],
+        len(client.received),
+        client.vehicle.receive()["onboard"],
+    )
     taped.clear()
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 5) == []
     client.fly(2.9)
@@ -86,7 +93,8 @@ def test_a_battery_falls_at_once(make: Make) -> None:
     """Charge drops to the given fraction in the step of the failure, and never rises."""
     client = make(
         failing(
-            {"at_s": 3.0, "kind": "battery_drop", "to_fraction": 0.2}, {"at_s": 4.0, "kind": "battery_drop", "to_fraction": 0.9}
+            {"at_s": 3.0, "kind": "battery_drop", "to_fraction": 0.2},
+            {"at_s": 4.0, "kind": "battery_drop", "to_fraction": 0.9},
         )
     )
     client.fly(3.0 - client.vehicle.time.s)
@@ -109,12 +117,23 @@ def test_a_quadrotor_without_one_rotor_comes_down(make: Make) -> None:
 def test_what_is_not_there_cannot_break(make: Make) -> None:
     """A rotor or a link that the vehicle does not have is a fault of the SimSpec, with its place."""
     with pytest.raises(SetupError) as caught:
-        make(failing({"at_s": 1, "kind": "motor_off", "instance": 5}, {"at_s": 1, "kind": "link_loss", "link": "radio"}))
-    assert [fault.where for fault in caught.value.faults] == ["vehicle.failures[0].instance", "vehicle.failures[1].link"]
+        make(
+            failing(
+                {"at_s": 1, "kind": "motor_off", "instance": 5},
+                {"at_s": 1, "kind": "link_loss", "link": "radio"},
+            )
+        )
+    assert [fault.where for fault in caught.value.faults] == [
+        "vehicle.failures[0].instance",
+        "vehicle.failures[1].link",
+    ]
 
 
 def test_failures_by_command_need_the_parameter(make: Make) -> None:
-    """INJECT_FAILURE: denied without SYS_FAILURE_EN; with it GPS and rotors, and nothing that is not modelled."""
+    """INJECT_FAILURE: denied without SYS_FAILURE_EN; with it GPS and rotors, and nothing that is not
+    modelled.
+    """
+
     client = make()
     assert client.command(mavlink.MAV_CMD_INJECT_FAILURE, 4, 1, 0) == [2]
     allowed = make(simspec(vehicle={"parameters": {"SYS_FAILURE_EN": 1}}))
@@ -146,7 +165,10 @@ def test_two_runs_with_the_same_failures_are_the_same(make: Make) -> None:
 
 
 def test_the_session_log_names_what_breaks_and_what_works_again(make: Make) -> None:
-    """Truth writes an event at the sample after a failure and after its end, and the recording of others stays as it was."""
+    """Truth writes an event at the sample after a failure and after its end, and the recording of others
+    stays as it was.
+    """
+
     records: list[Record] = []
     client = make(failing({"at_s": 2.0, "kind": "gps_off", "duration_s": 1.0}))
     truth, scene = TruthRecorder("vehicle_1", records.append), open_plain_scene(client_spec())

@@ -19,7 +19,10 @@ def corner(client: Client, east: float, north: float, count: int = 4, command: i
 
 def square(client: Client, middle: tuple[float, float], half: float, command: int = 5001) -> list[Row]:
     east, north = middle
-    return [corner(client, east + e * half, north + n * half, 4, command) for e, n in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    return [
+        corner(client, east + e * half, north + n * half, 4, command)
+        for e, n in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    ]
 
 
 def airborne_ardupilot(make: Make) -> Client:
@@ -40,11 +43,15 @@ def test_px4_reposition_outside_is_a_text(make: Make) -> None:
     """Accepted with a text and not flown; a place inside is flown to."""
     client = make(simspec(vehicle={"parameters": {"GF_MAX_HOR_DIST": 40.0}}))
     client.airborne()
-    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, *client.vehicle_goal(0, 60), 498.0) == [0]
+    assert client.command_int(
+        mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, *client.vehicle_goal(0, 60), 498.0
+    ) == [0]
     client.fly(8.0)
     assert "Reposition is outside geofence\t" in client.texts()
     assert client.vehicle.truth().position_enu_m[1] < 0.5
-    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, *client.vehicle_goal(0, 30), 498.0) == [0]
+    assert client.command_int(
+        mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, *client.vehicle_goal(0, 30), 498.0
+    ) == [0]
     client.fly(12.0)
     assert client.vehicle.truth().position_enu_m[1] == pytest.approx(30.0, abs=0.5)
 
@@ -70,7 +77,10 @@ def flight_texts(client: Client) -> list[str]:
 
 @pytest.mark.parametrize("action", ACTIONS)
 def test_px4_polygon_and_its_action(make: Make, action: int) -> None:
-    """Flying out of an inclusion polygon under offboard control leads to GF_ACTION; return and landing hold for 5 s first."""
+    """Flying out of an inclusion polygon under offboard control leads to GF_ACTION; return and landing hold
+    for 5 s first.
+    """
+
     soon, then, failsafe = ACTIONS[action]
     client = make(simspec(vehicle={"parameters": {"GF_ACTION": action}}))
     client.airborne()
@@ -108,13 +118,19 @@ def test_px4_termination_by_the_fence_is_for_good(make: Make) -> None:
 
 
 def test_px4_ceiling_and_a_way_back_in(make: Make) -> None:
-    """Above GF_MAX_VER_DIST it holds at once; the operator may fly on, and the next breach counts after a way back inside."""
+    """Above GF_MAX_VER_DIST it holds at once; the operator may fly on, and the next breach counts after a way
+    back inside.
+    """
+
     client = make(simspec(vehicle={"parameters": {"GF_ACTION": 2, "GF_MAX_VER_DIST": 15.0}}))
     client.airborne()
     client.offboard(0, 0, -10)
     client.fly(6.0, lambda: client.setpoint(0, 0, -25))
     assert states(client) == ("AUTO_LOITER", "fence")
-    assert flight_texts(client)[-2:] == ["Geofence: exceeding maximum altitude above Home", "Failsafe activated"]
+    assert flight_texts(client)[-2:] == [
+        "Geofence: exceeding maximum altitude above Home",
+        "Failsafe activated",
+    ]
     assert client.last("HEARTBEAT").system_status == 5
     count = len(flight_texts(client))
     client.offboard(0, 0, -18)
@@ -134,8 +150,13 @@ def empty(client: Client) -> None:
 
 
 def test_px4_the_stronger_failsafe_wins(make: Make) -> None:
-    """A battery that lands it is not undone by a fence that returns; a return by the fence gives way to a landing."""
-    client = make(simspec(vehicle={"parameters": {"GF_ACTION": 3, "COM_FAIL_ACT_T": 0.0, "COM_LOW_BAT_ACT": 2}}))
+    """A battery that lands it is not undone by a fence that returns; a return by the fence gives way to a
+    landing.
+    """
+
+    client = make(
+        simspec(vehicle={"parameters": {"GF_ACTION": 3, "COM_FAIL_ACT_T": 0.0, "COM_LOW_BAT_ACT": 2}})
+    )
     client.airborne()
     empty(client)
     client.fly(1.0)
@@ -160,7 +181,10 @@ COPTER_ACTIONS = {0: "GUIDED", 1: "RTL", 2: "LAND", 3: "RTL", 4: "BRAKE", 5: "RT
 
 @pytest.mark.parametrize("action", COPTER_ACTIONS)
 def test_ardupilot_fence_actions(make: Make, action: int) -> None:
-    """FENCE_ACTION leads to its mode at once, with the text of the breach; a report alone changes no mode; no failsafe is shown."""
+    """FENCE_ACTION leads to its mode at once, with the text of the breach; a report alone changes no mode; no
+    failsafe is shown.
+    """
+
     client = airborne_ardupilot(make)
     for name, value in ((b"FENCE_ALT_MAX", 5.0), (b"FENCE_ACTION", float(action)), (b"FENCE_ENABLE", 1.0)):
         client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
@@ -171,7 +195,10 @@ def test_ardupilot_fence_actions(make: Make, action: int) -> None:
 
 
 def test_ardupilot_recovers_and_breaches_again(make: Make) -> None:
-    """Ten seconds are left to a new mode; 20 m farther out is another breach; over 100 m outside it lands; inside it is over."""
+    """Ten seconds are left to a new mode; 20 m farther out is another breach; over 100 m outside it lands;
+    inside it is over.
+    """
+
     client = airborne_ardupilot(make)
     for name, value in ((b"FENCE_RADIUS", 30.0), (b"FENCE_ENABLE", 1.0)):
         client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
@@ -210,7 +237,10 @@ def test_px4_exclusions_and_missions(make: Make) -> None:
 
 
 def test_ardupilot_circle_as_observed(make: Make) -> None:
-    """It slows down, and is turned back at 40.1 m: RTL, both texts, FENCE_STATUS; GUIDED set outside is granted."""
+    """It slows down, and is turned back at 40.1 m: RTL, both texts, FENCE_STATUS; GUIDED set outside is
+    granted.
+    """
+
     client = airborne_ardupilot(make)
     for name, value in ((b"FENCE_RADIUS", 40.0), (b"FENCE_ENABLE", 1.0)):
         client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
@@ -246,7 +276,10 @@ def test_ardupilot_ceiling_polygon_and_enabling(make: Make) -> None:
 
 
 def test_ardupilot_climbs_to_the_margin_below_the_ceiling(make: Make) -> None:
-    """Climbing at 2 m/s under a ceiling of 15 m ends at 13 m without a breach, as observed; the status shows that the fence acts."""
+    """Climbing at 2 m/s under a ceiling of 15 m ends at 13 m without a breach, as observed; the status shows
+    that the fence acts.
+    """
+
     client = airborne_ardupilot(make)
     for name, value in ((b"FENCE_ALT_MAX", 15.0), (b"FENCE_ENABLE", 1.0)):
         client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
@@ -282,7 +315,9 @@ def test_ardupilot_polygons(make: Make) -> None:
     assert client.texts()[-1] == "Fence Indexed OK"
     assert client.command(mavlink.MAV_CMD_DO_FENCE_ENABLE, 1) == [0]
     latitude, longitude = client.vehicle_goal(0, 60)
-    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 6, -1, 1, 0, NAN, latitude, longitude, 10.0) == [4]
+    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 6, -1, 1, 0, NAN, latitude, longitude, 10.0) == [
+        4
+    ]
     outwards(client, 7.0)
     assert "Polygon fence breached" in client.texts()
 

@@ -1,4 +1,6 @@
-"""A client's own files: written over MAVLink FTP, kept in memory, refused with the numbers that a real file system gives."""
+"""A client's own files: written over MAVLink FTP, kept in memory, refused with the numbers that a real file
+system gives.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ class Ftp:
         head = _HEAD.pack(self._sequence & 0xFFFF, session, opcode, len(data), 0, 0, 0, offset)
         payload = head + data + bytes(239 - len(data))
         self._client.send(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, payload))
-        (answer,) = [message for message in self._client.fly(0.04) if message.get_type() == "FILE_TRANSFER_PROTOCOL"]
+        (answer,) = [
+            message for message in self._client.fly(0.04) if message.get_type() == "FILE_TRANSFER_PROTOCOL"
+        ]
         raw = bytes(answer.payload)
         sequence, _, reply, size, requested, _, _, _ = _HEAD.unpack_from(raw)
         assert (sequence, requested) == ((self._sequence + 1) & 0xFFFF, opcode)
@@ -64,7 +68,10 @@ def test_a_client_keeps_a_file_of_its_own(make: Make) -> None:
     ftp.done(FtpOpcode.TERMINATE)
     assert ftp.done(FtpOpcode.LIST, b"plans") == b"Fone.bin\t600\0"
     assert b"Dplans\0" in ftp.done(FtpOpcode.LIST, b"/")
-    assert struct.unpack("<I", ftp.done(FtpOpcode.CRC32, b"plans/one.bin"))[0] == zlib.crc32(content, 0xFFFFFFFF) ^ 0xFFFFFFFF
+    assert (
+        struct.unpack("<I", ftp.done(FtpOpcode.CRC32, b"plans/one.bin"))[0]
+        == zlib.crc32(content, 0xFFFFFFFF) ^ 0xFFFFFFFF
+    )
     assert ftp.done(FtpOpcode.OPEN, b"plans/one.bin") == struct.pack("<I", 600)
     assert b"".join(ftp.done(FtpOpcode.READ, offset=at) for at in (0, 239, 478)) == content
     assert ftp.refused(FtpOpcode.WRITE, b"x") == bytes([FtpError.ERRNO, errno.EBADF])
@@ -83,7 +90,10 @@ def test_a_client_keeps_a_file_of_its_own(make: Make) -> None:
 
 
 def test_what_cannot_be_written_is_refused(make: Make) -> None:
-    """With an error of the protocol where it has one, else with the number of the system; nothing of it changes a file."""
+    """With an error of the protocol where it has one, else with the number of the system; nothing of it
+    changes a file.
+    """
+
     ftp = Ftp(make())
     ftp.done(FtpOpcode.MAKE_FOLDER, b"kept")
     for opcode, path in (
@@ -186,7 +196,9 @@ def test_files_behave_as_those_of_a_file_system(tmp_path: Path, seed: int) -> No
     """Sixty random changes each: the same results, the same refusals, the same files in the end."""
     draw, files = random.Random(seed), ServedFiles({}, writable=True)
     for _ in range(60):
-        what = draw.choice(("create", "keep", "write", "write", "truncate", "remove", "rename", "make", "make", "unmake"))
+        what = draw.choice(
+            ("create", "keep", "write", "write", "truncate", "remove", "rename", "make", "make", "unmake")
+        )
         step = (what, draw.choice(NAMES), draw.choice(NAMES), draw.randrange(12))
         assert outcome(ours, files, *step) == outcome(real, tmp_path, *step), step
     for name in NAMES:

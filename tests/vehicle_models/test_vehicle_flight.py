@@ -61,7 +61,10 @@ def airborne(make: Make, autopilot: str) -> Client:
 
 
 def test_a_copter_takes_off_as_fast_as_the_real_one(make: Make) -> None:
-    """From the command to 95 % of 10 m within a tenth of the 8.1 s that ArduCopter was seen to take, and no higher than 10.5 m."""
+    """From the command to 95 % of 10 m within a tenth of the 8.1 s that ArduCopter was seen to take, and no
+    higher than 10.5 m.
+    """
+
     client = copter(make)
     assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [0]
     rise = track(client, 14.0)
@@ -74,7 +77,9 @@ def test_a_copters_leg_of_50_m_ends_without_overshoot(make: Make, speed: float) 
     """After DO_CHANGE_SPEED a reposition reaches that speed and passes its goal by less than 1 m."""
     client = airborne(make, "ardupilot")
     assert client.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, speed, -1) == [0]
-    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 6, -1, 1, 0, NAN, *client.vehicle_goal(0.0, 50.0), 10.0) == [0]
+    assert client.command_int(
+        mavlink.MAV_CMD_DO_REPOSITION, 6, -1, 1, 0, NAN, *client.vehicle_goal(0.0, 50.0), 10.0
+    ) == [0]
     leg = track(client, 20.0)
     assert leg[:, 1].max() < 51.0
     assert abs(leg[-1, 1] - 50.0) < 0.1
@@ -94,7 +99,9 @@ def test_it_comes_down_where_it_should(make: Make, autopilot: str, command: int,
     """Return and landing begun 30 m away end within 1 m of home, of the place; disarmed and whole."""
     client = airborne(make, autopilot)
     altitude = 498.0 if autopilot == "px4" else 10.0
-    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 6, -1, 1, 0, NAN, *client.vehicle_goal(0.0, 30.0), altitude) == [0]
+    assert client.command_int(
+        mavlink.MAV_CMD_DO_REPOSITION, 6, -1, 1, 0, NAN, *client.vehicle_goal(0.0, 30.0), altitude
+    ) == [0]
     client.fly(12.0)
     assert client.command(command, 0, 0, 0, NAN, NAN, NAN, NAN) == [0]
     while client.vehicle.condition().armed:
@@ -118,11 +125,16 @@ def test_takeoff_reaches_its_height_and_holds(make: Make) -> None:
 
 @pytest.mark.parametrize("speed", [5.0, 10.0])
 def test_a_leg_of_50_m_ends_without_overshoot(make: Make, speed: float) -> None:
-    """A reposition at 5 and 10 m/s passes its goal by less than 1 m, reaches the speed, keeps height and line."""
+    """A reposition at 5 and 10 m/s passes its goal by less than 1 m, reaches the speed, keeps height and
+    line.
+    """
+
     client = make(simspec(vehicle={"home": {"east_m": 12.0, "north_m": -7.0}}))
     client.airborne()
     latitude, longitude = client.vehicle_goal(0.0, 50.0)
-    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 6, speed, 1, 0, NAN, latitude, longitude, 498.0) == [0]
+    assert client.command_int(
+        mavlink.MAV_CMD_DO_REPOSITION, 6, speed, 1, 0, NAN, latitude, longitude, 498.0
+    ) == [0]
     leg = track(client, 20.0) - [12.0, -7.0, 0.0]
     assert leg[:, 1].max() < 51.0
     assert abs(leg[-1, 1] - 50.0) < 0.1
@@ -143,7 +155,10 @@ def test_setpoints_fly_a_square_in_wind(make: Make) -> None:
 
 
 def test_hold_in_wind_with_gusts(make: Make) -> None:
-    """Mean distance from the place held in 8 m/s of wind with W20 of 8 m/s stays below 0.3 m; so does height."""
+    """Mean distance from the place held in 8 m/s of wind with W20 of 8 m/s stays below 0.3 m; so does
+    height.
+    """
+
     wind = {"speed_mps": 8.0, "from_deg": 30.0, "turbulence_mps": 8.0}
     client = make(simspec(environment={"wind": wind}))
     client.airborne()
@@ -158,7 +173,10 @@ def test_hold_in_wind_with_gusts(make: Make) -> None:
 
 
 def test_velocity_setpoints_reach_their_speed(make: Make) -> None:
-    """A velocity of (3, -2, -1) with a yaw rate is flown as commanded; POSITION_TARGET echoes it with NaN and mask 7."""
+    """A velocity of (3, -2, -1) with a yaw rate is flown as commanded; POSITION_TARGET echoes it with NaN and
+    mask 7.
+    """
+
     client = make(streams="onboard")
     client.airborne()
     mask = 0x7 | 0x1C0 | 0x400
@@ -187,8 +205,15 @@ def test_15_mps_is_reached_when_the_parameter_allows_it(make: Make) -> None:
 
 
 def test_the_estimate_meets_the_setpoint_and_truth_pays_for_it(make: Make) -> None:
-    """With a wander of 10 m the estimate sits on the setpoint, the truth beside it by the error, metres away."""
-    client = make(simspec(vehicle={"gps": {"wander_m": 10.0, "noise_m": 0.05, "wander_time_s": 60.0}}, seeds={"root": 3}))
+    """With a wander of 10 m the estimate sits on the setpoint, the truth beside it by the error, metres
+    away.
+    """
+
+    client = make(
+        simspec(
+            vehicle={"gps": {"wander_m": 10.0, "noise_m": 0.05, "wander_time_s": 60.0}}, seeds={"root": 3}
+        )
+    )
     client.airborne()
     client.offboard(0, 0, -10)
     off, aside = [], []
@@ -216,7 +241,10 @@ def test_a_wandering_position_does_not_turn_it_over_on_the_ground(make: Make, ro
 
 
 def test_gps_error_has_the_stated_size() -> None:
-    """Over many independent vehicles each axis of the wander has its standard deviation, at the start and later, and its rate."""
+    """Over many independent vehicles each axis of the wander has its standard deviation, at the start and
+    later, and its rate.
+    """
+
     from bench.simspec import Gps, Seeds, generator
     from vehicle_models._navigation import Navigation
 
@@ -238,7 +266,10 @@ def test_gps_error_has_the_stated_size() -> None:
 
 
 def test_gusts_have_the_stated_size() -> None:
-    """At 20 m with W20 of 5 m/s: sigma 0.86 m/s along and across, 0.5 m/s vertical, whatever the airspeed does."""
+    """At 20 m with W20 of 5 m/s: sigma 0.86 m/s along and across, 0.5 m/s vertical, whatever the airspeed
+    does.
+    """
+
     from bench.simspec import Seeds, Wind, generator
     from vehicle_models._gusts import Gusts
 
@@ -258,7 +289,10 @@ def test_wind_blows_from_where_the_document_says() -> None:
 
 
 def test_the_battery_empties_by_the_power_drawn(make: Make) -> None:
-    """Hovering draws between 150 and 200 W; with a small battery the warnings come and an empty one lets it fall."""
+    """Hovering draws between 150 and 200 W; with a small battery the warnings come and an empty one lets it
+    fall.
+    """
+
     client = make(simspec(vehicle={"battery": {"capacity_wh": 3.0, "initial_fraction": 0.6}}), streams="gcs")
     client.airborne()
     before = client.vehicle.condition().battery_fraction
@@ -266,7 +300,9 @@ def test_the_battery_empties_by_the_power_drawn(make: Make) -> None:
     watts = (before - client.vehicle.condition().battery_fraction) * 3.0 * 3600.0 / 5.0
     assert 150.0 < watts < 200.0
     status = client.last("SYS_STATUS")
-    assert status.current_battery == pytest.approx(100.0 * watts / (status.voltage_battery / 1000.0), rel=0.05)
+    assert status.current_battery == pytest.approx(
+        100.0 * watts / (status.voltage_battery / 1000.0), rel=0.05
+    )
     client.fly(20.0)
     assert any("Low battery" in text for text in client.texts())
     assert client.vehicle.condition().battery_fraction == 0.0
@@ -274,7 +310,10 @@ def test_the_battery_empties_by_the_power_drawn(make: Make) -> None:
 
 
 def test_landing_in_wind_disarms_near_home(make: Make) -> None:
-    """RTL from 40 m away climbs to its height, comes back, lands within 1 m of home and disarms 2 s after touching."""
+    """RTL from 40 m away climbs to its height, comes back, lands within 1 m of home and disarms 2 s after
+    touching.
+    """
+
     wind = {"speed_mps": 6.0, "from_deg": 120.0, "turbulence_mps": 6.0}
     client = make(simspec(environment={"wind": wind}))
     client.airborne()
@@ -284,14 +323,22 @@ def test_landing_in_wind_disarms_near_home(make: Make) -> None:
     flown = track(client, 75.0)
     assert flown[:, 2].max() == pytest.approx(30.0, abs=0.5)
     condition = client.vehicle.condition()
-    assert (condition.armed, condition.landed, condition.crashed, condition.mode) == (False, True, False, "AUTO_LOITER")
+    assert (condition.armed, condition.landed, condition.crashed, condition.mode) == (
+        False,
+        True,
+        False,
+        "AUTO_LOITER",
+    )
     assert math.dist(flown[-1], (0.0, 0.0, 0.0)) < 1.0
     texts = [text.strip() for text in client.texts()]
     assert texts[-3:] == ["Returning to launch", "Landing detected", "Disarmed by landing"]
 
 
 def test_a_hard_landing_is_a_crash(make: Make) -> None:
-    """Disarmed by force at 10 m the vehicle falls, and that is a crash: motors off, arming refused from then on."""
+    """Disarmed by force at 10 m the vehicle falls, and that is a crash: motors off, arming refused from then
+    on.
+    """
+
     client = make()
     client.airborne()
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 21196) == [0]

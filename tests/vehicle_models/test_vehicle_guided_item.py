@@ -12,7 +12,10 @@ Make = Callable[..., Client]
 
 
 def test_a_waypoint_that_is_flown_at_once(make: Make) -> None:
-    """MISSION_ITEM with current 2, DroneKit's way to go somewhere: acknowledged, flown, and no part of a mission."""
+    """MISSION_ITEM with current 2, DroneKit's way to go somewhere: acknowledged, flown, and no part of a
+    mission.
+    """
+
     client = make(simspec("ardupilot"))
     client.fly(45.0)
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
@@ -21,7 +24,9 @@ def test_a_waypoint_that_is_flown_at_once(make: Make) -> None:
     client.fly(20.0)
     client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HOME_POSITION)
     latitude, longitude = (angle * 1e-7 for angle in client.vehicle_goal(0.0, 15.0))
-    client.send(mavlink.MAVLink_mission_item_message(1, 1, 0, 3, 16, 2, 0, 0, 0, 0, 0, latitude, longitude, 18))
+    client.send(
+        mavlink.MAVLink_mission_item_message(1, 1, 0, 3, 16, 2, 0, 0, 0, 0, 0, latitude, longitude, 18)
+    )
     client.fly(15.0)
     assert client.last("MISSION_ACK").type == 0
     east, north, up = client.vehicle.truth().position_enu_m

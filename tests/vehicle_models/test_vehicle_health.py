@@ -35,7 +35,10 @@ def bits(client: Client) -> tuple[int, int, int]:
 
 
 def test_copter_bits_through_the_start(copter: Client) -> None:
-    """present, enabled and health as the SITL showed them at 2.5, 5, 10, 22.6 and 24 s, and in GUIDED when armed."""
+    """present, enabled and health as the SITL showed them at 2.5, 5, 10, 22.6 and 24 s, and in GUIDED when
+    armed.
+    """
+
     until(copter, 2.5)
     assert bits(copter) == (0x5331FC0F, 0x52019C0F, 0x45119C0B)
     until(copter, 5.0)
@@ -74,7 +77,9 @@ def test_copter_estimator_flags(copter: Client) -> None:
         (25.0, 4, ["Need Position Estimate"]),
     ],
 )
-def test_copter_says_each_check_that_keeps_it_from_arming(copter: Client, second: float, mode: int, texts: list[str]) -> None:
+def test_copter_says_each_check_that_keeps_it_from_arming(
+    copter: Client, second: float, mode: int, texts: list[str]
+) -> None:
     """FAILED and a text for each; by force likewise, since these checks are mandatory."""
     until(copter, second)
     if mode:
@@ -83,7 +88,9 @@ def test_copter_says_each_check_that_keeps_it_from_arming(copter: Client, second
     for force in (0, 21196):
         copter.received.clear()
         assert copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, force) == [4]
-        assert [text for text in copter.texts() if text.startswith("Arm: ")] == [f"Arm: {text}" for text in texts]
+        assert [text for text in copter.texts() if text.startswith("Arm: ")] == [
+            f"Arm: {text}" for text in texts
+        ]
 
 
 def test_copter_repeats_what_fails(copter: Client) -> None:
@@ -92,7 +99,9 @@ def test_copter_repeats_what_fails(copter: Client) -> None:
     assert not [text for text in copter.texts() if text.startswith("PreArm")]
     copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
     copter.fly(1.1)
-    assert [text for text in copter.texts() if text.startswith("PreArm")] == ["PreArm: Need Position Estimate"]
+    assert [text for text in copter.texts() if text.startswith("PreArm")] == [
+        "PreArm: Need Position Estimate"
+    ]
     assert copter.command(mavlink.MAV_CMD_RUN_PREARM_CHECKS) == [0]
     assert copter.texts().count("PreArm: Need Position Estimate") == 2
     until(copter, 43.0)

@@ -32,9 +32,19 @@ def ftp(client: Client, opcode: int, data: bytes = b"", **fields: int) -> list[A
     """One request; the answers of three steps as (opcode, size, requested, complete, offset, data)."""
     size = fields.get("size", len(data))
     head = struct.pack(
-        "<HBBBBBBI", fields.get("seq", 1), fields.get("session", 0), opcode, size, 0, 0, 0, fields.get("offset", 0)
+        "<HBBBBBBI",
+        fields.get("seq", 1),
+        fields.get("session", 0),
+        opcode,
+        size,
+        0,
+        0,
+        0,
+        fields.get("offset", 0),
     )
-    client.send(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [*head, *data, *bytes(239 - len(data))]))
+    client.send(
+        mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [*head, *data, *bytes(239 - len(data))])
+    )
     replies = []
     for message in only(client.fly(0.06), "FILE_TRANSFER_PROTOCOL"):
         payload = bytes(message.payload)
@@ -52,7 +62,9 @@ def fetch(client: Client, path: str) -> bytes:
     while len(data) < size:
         (answer,) = ftp(client, FtpOpcode.READ, size=239, offset=len(data), seq=seq)
         data, seq = data + answer[5], seq + 1
-    assert ftp(client, FtpOpcode.READ, size=239, offset=len(data), seq=seq)[0][5] == bytes([FtpError.END_OF_FILE])
+    assert ftp(client, FtpOpcode.READ, size=239, offset=len(data), seq=seq)[0][5] == bytes(
+        [FtpError.END_OF_FILE]
+    )
     assert ftp(client, FtpOpcode.TERMINATE, seq=seq + 1)[0][0] == FtpOpcode.ACK
     return data
 
@@ -62,7 +74,10 @@ def plain_crc(data: bytes) -> int:
 
 
 def test_px4_answers_requests_for_its_identity(make: Make) -> None:
-    """Version, protocol, component metadata and modes on request; a mode out of range and an unknown message are denied."""
+    """Version, protocol, component metadata and modes on request; a mode out of range and an unknown message
+    are denied.
+    """
+
     client = make()
     results, messages = ask(client, 148)
     assert (results, only(messages, "AUTOPILOT_VERSION")[0].capabilities) == ([0], 59647)
@@ -78,7 +93,9 @@ def test_px4_answers_requests_for_its_identity(make: Make) -> None:
     assert (named[5 << 24 | 4 << 16].mode_name, named[5 << 24 | 4 << 16].standard_mode) == ("", 5)
     assert sum(mode.mode_name == "(Mode not available)" and mode.properties == 2 for mode in modes) == 8
     assert [len(only(ask(client, 435, index)[1], "AVAILABLE_MODES")) for index in (1, 200)] == [1, 0]
-    assert [ask(client, number, index)[0] for number, index in ((435, 200), (411, 0), (437, 0), (31999, 0))] == [[2]] * 4
+    assert [
+        ask(client, number, index)[0] for number, index in ((435, 200), (411, 0), (437, 0), (31999, 0))
+    ] == [[2]] * 4
     assert only(ask(client, 436)[1], "CURRENT_MODE")[0].custom_mode == 3 << 24 | 4 << 16
 
 
@@ -87,7 +104,11 @@ def test_ardupilot_acknowledges_first_and_has_no_modes_to_list(make: Make) -> No
     client = make(simspec("ardupilot"))
     results, messages = ask(client, 148)
     assert results == [0]
-    assert [message.get_type() for message in messages if message.get_type() in ("COMMAND_ACK", "AUTOPILOT_VERSION")] == [
+    assert [
+        message.get_type()
+        for message in messages
+        if message.get_type() in ("COMMAND_ACK", "AUTOPILOT_VERSION")
+    ] == [
         "COMMAND_ACK",
         "AUTOPILOT_VERSION",
     ]
@@ -97,7 +118,10 @@ def test_ardupilot_acknowledges_first_and_has_no_modes_to_list(make: Make) -> No
 
 
 def test_px4_events_are_numbered_and_kept(make: Make) -> None:
-    """A text that is an event comes as EVENT too; what was missed can be requested for, what never was is an error."""
+    """A text that is an event comes as EVENT too; what was missed can be requested for, what never was is an
+    error.
+    """
+
     client = make()
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [1]
     (event,) = only(client.received, "EVENT")
@@ -110,7 +134,10 @@ def test_px4_events_are_numbered_and_kept(make: Make) -> None:
 
 
 def test_px4_metadata_can_be_followed(make: Make) -> None:
-    """COMPONENT_METADATA leads to the general file, and that to parameters and events, with checksums that hold."""
+    """COMPONENT_METADATA leads to the general file, and that to parameters and events, with checksums that
+    hold.
+    """
+
     client = make()
     (metadata,) = only(ask(client, 397)[1], "COMPONENT_METADATA")
     assert metadata.uri == "mftp://etc/extras/component_general.json.xz"
@@ -134,7 +161,10 @@ def test_px4_metadata_can_be_followed(make: Make) -> None:
 
 
 def test_files_are_listed_burst_and_guarded(make: Make) -> None:
-    """Listings, a burst with its end marked, checksums, and a refusal with its code for everything that cannot be."""
+    """Listings, a burst with its end marked, checksums, and a refusal with its code for everything that
+    cannot be.
+    """
+
     client = make()
     assert ftp(client, FtpOpcode.RESET, seq=1)[0][0] == FtpOpcode.ACK
     listed = ftp(client, FtpOpcode.LIST, b"/etc/extras", seq=2)[0][5]
@@ -146,7 +176,9 @@ def test_files_are_listed_burst_and_guarded(make: Make) -> None:
     assert ftp(client, FtpOpcode.LIST, b"/etc/extras", seq=3, offset=3)[0][5] == bytes([FtpError.END_OF_FILE])
     whole = fetch(client, "/etc/extras/parameters.json.xz")
     ftp(client, FtpOpcode.OPEN, b"/etc/extras/parameters.json.xz", seq=4)
-    assert ftp(client, FtpOpcode.OPEN, b"/etc/extras/parameters.json.xz", seq=5)[0][5] == bytes([FtpError.NO_SESSIONS])
+    assert ftp(client, FtpOpcode.OPEN, b"/etc/extras/parameters.json.xz", seq=5)[0][5] == bytes(
+        [FtpError.NO_SESSIONS]
+    )
     answers = ftp(client, FtpOpcode.BURST, seq=6, size=239)
     while not answers[-1][3]:
         answers += [
@@ -191,7 +223,10 @@ def test_ardupilot_serves_all_parameters_in_one_file(make: Make) -> None:
 
 
 def test_the_system_id_is_a_parameter_read_at_the_start(make: Make) -> None:
-    """A vehicle started as system 7 sends as 7 and takes messages to 7; writing the parameter has no effect before a restart."""
+    """A vehicle started as system 7 sends as 7 and takes messages to 7; writing the parameter has no effect
+    before a restart.
+    """
+
     client = make(simspec(vehicle={"parameters": {"MAV_SYS_ID": 7}}))
     assert {message.get_srcSystem() for message in client.received} == {7}
     assert client.command(REQUEST, 148) == []

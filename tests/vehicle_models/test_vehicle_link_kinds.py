@@ -21,13 +21,19 @@ from vehicle_models import open_x500
 
 Open = Callable[..., Vehicle]
 KEY = bytes(range(32))
-BEAT = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mavlink.MAVLink(None, srcSystem=9, srcComponent=190)))
+BEAT = bytes(
+    mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(
+        mavlink.MAVLink(None, srcSystem=9, srcComponent=190)
+    )
+)
 
 
 @pytest.fixture
 def opened() -> Iterator[Open]:
     with ExitStack() as stack:
-        yield lambda *links, autopilot="px4": stack.enter_context(open_x500(VehiclePlan(simspec(autopilot), links)))
+        yield lambda *links, autopilot="px4": stack.enter_context(
+            open_x500(VehiclePlan(simspec(autopilot), links))
+        )
 
 
 @pytest.fixture
@@ -81,7 +87,10 @@ def names(messages: list[Any]) -> set[str]:
 
 
 def test_a_companion_on_a_serial_line(opened: Open, tmp_path: Path) -> None:
-    """The other end of the line is a device of the given name; a message that is written there is answered there."""
+    """The other end of the line is a device of the given name; a message that is written there is answered
+    there.
+    """
+
     device = tmp_path / "ttyCompanion"
     vehicle = opened(LinkSpec("telem2", "serial", path=str(device)))
     assert vehicle.endpoints() == {"telem2": str(device)}
@@ -99,7 +108,10 @@ def test_a_companion_on_a_serial_line(opened: Open, tmp_path: Path) -> None:
 
 
 def test_an_unread_serial_line_loses_what_it_cannot_hold(opened: Open) -> None:
-    """It does not stop the vehicle, and lost messages are counted; a later reader finds whole messages again."""
+    """It does not stop the vehicle, and lost messages are counted; a later reader finds whole messages
+    again.
+    """
+
     vehicle = opened(LinkSpec("telem2", "serial"))
     for _ in range(300):
         vehicle.receive()
@@ -134,7 +146,10 @@ def test_the_device_goes_with_the_vehicle(tmp_path: Path) -> None:
 
 
 def test_a_mavlink_1_client_is_answered_in_mavlink_1(opened: Open, peer: Callable[..., Peer]) -> None:
-    """Payloads of their old length, nothing that has no place in it; a word of MAVLink 2 changes that for good."""
+    """Payloads of their old length, nothing that has no place in it; a word of MAVLink 2 changes that for
+    good.
+    """
+
     vehicle = opened(LinkSpec("air", "udp_in"))
     old = peer(vehicle)
     old.beat(v1=True)
@@ -163,11 +178,16 @@ def test_lengths_of_mavlink_1_are_those_of_its_own_dialect() -> None:
 
     both = [kind for kind in KINDS.values() if kind.id < 256 and kind.id in old.mavlink_map]
     assert len(both) > 150
-    assert {kind.id: v1_length(kind.id) for kind in both} == {kind.id: old.mavlink_map[kind.id].unpacker.size for kind in both}
+    assert {kind.id: v1_length(kind.id) for kind in both} == {
+        kind.id: old.mavlink_map[kind.id].unpacker.size for kind in both
+    }
 
 
 def test_signing_is_required_and_kept(opened: Open, peer: Callable[..., Peer]) -> None:
-    """Unsigned, wrongly signed and repeated messages are rejected and counted; the vehicle's own signature is valid."""
+    """Unsigned, wrongly signed and repeated messages are rejected and counted; the vehicle's own signature is
+    valid.
+    """
+
     vehicle = opened(LinkSpec("air", "udp_in", signing_key=KEY.hex()))
     client = peer(vehicle)
     client.beat()
@@ -210,13 +230,18 @@ def signed(mav: Any, key: bytes, message: Any) -> bytes:
 def test_which_frames_are_accepted(
     opened: Open, kind: Literal["udp_in", "tcp_in"], signing: Literal["require", "accept"]
 ) -> None:
-    """A good signature is; a bad one, a repeated message, one from before, and an unsigned one where signing is required are
-    not, and each kind is counted. It is the same over TCP, where many messages come in one piece."""
+    """A good signature is; a bad one, a repeated message, one from before, and an unsigned one where signing
+    is required are not, and each kind is counted. It is the same over TCP, where many messages come in one
+    piece.
+    """
+
     vehicle = opened(LinkSpec("air", kind, streams="none", signing_key=KEY.hex(), signing=signing))
     host, port = vehicle.endpoints()["air"].split(":")[1:]
     ask = mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1)
     mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udp_in" else socket.SOCK_STREAM) as client:
+    with socket.socket(
+        socket.AF_INET, socket.SOCK_DGRAM if kind == "udp_in" else socket.SOCK_STREAM
+    ) as client:
         client.connect((host, int(port)))
         plain = bytes(ask.pack(mav))
         first, second, wrong = signed(mav, KEY, ask), signed(mav, KEY, ask), signed(mav, bytes(32), ask)
@@ -246,7 +271,11 @@ def test_signing_where_unsigned_is_accepted(opened: Open, peer: Callable[..., Pe
 
 
 def test_setup_signing_brings_a_key_and_takes_it_away(opened: Open, peer: Callable[..., Peer]) -> None:
-    """With it, what is unsigned falls silent; a key of zeros, signed by the old one, ends it. Nobody else gets to see the key."""
+    """With it, what is unsigned falls silent; a key of zeros, signed by the old one, ends it.
+
+    Nobody else gets to see the key.
+    """
+
     vehicle = opened(LinkSpec("air", "udp_in", streams="none"), LinkSpec("ground", "udp_in", streams="none"))
     client, other = peer(vehicle), peer(vehicle, "ground", 7)
     other.beat()
@@ -275,8 +304,10 @@ def test_a_key_that_is_none_is_named(opened: Open, key: str) -> None:
 
 
 def test_a_flood_does_not_delay_another_client(opened: Open, peer: Callable[..., Peer]) -> None:
-    """While one client sends full datagrams, far more than a step handles and than any socket holds, the other's every
-    request is answered in the step it came; what was thrown away is counted."""
+    """While one client sends full datagrams, far more than a step handles and than any socket holds, the
+    other's every request is answered in the step it came; what was thrown away is counted.
+    """
+
     vehicle = opened(LinkSpec("air", "udp_in", streams="none"))
     flood, client = peer(vehicle, system=9), peer(vehicle)
     for _ in range(2):
@@ -295,10 +326,16 @@ def test_a_flood_does_not_delay_another_client(opened: Open, peer: Callable[...,
 
 
 def test_a_flood_over_tcp_does_not_delay_another_client(opened: Open) -> None:
-    """Nothing that a TCP client sends is thrown away: it is made to wait, and the other one is answered at once."""
+    """Nothing that a TCP client sends is thrown away: it is made to wait, and the other one is answered at
+    once.
+    """
+
     vehicle = opened(LinkSpec("serial0", "tcp_in", streams="none"))
     host, port = vehicle.endpoints()["serial0"].split(":")[1:]
-    with socket.create_connection((host, int(port))) as flood, socket.create_connection((host, int(port))) as client:
+    with (
+        socket.create_connection((host, int(port))) as flood,
+        socket.create_connection((host, int(port))) as client,
+    ):
         flood.setblocking(False)
         mav, answers = mavlink.MAVLink(None, srcSystem=255, srcComponent=190), 0
         rest, sent = b"", 0
@@ -309,7 +346,9 @@ def test_a_flood_over_tcp_does_not_delay_another_client(opened: Open) -> None:
                     rest = rest or beats
                     sent += (went := flood.send(rest))
                     rest = rest[went:]
-            client.sendall(bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1).pack(mav)))
+            client.sendall(
+                bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1).pack(mav))
+            )
             vehicle.receive()
             vehicle.step()
             messages = mav.parse_buffer(client.recv(65536)) or []
@@ -320,17 +359,28 @@ def test_a_flood_over_tcp_does_not_delay_another_client(opened: Open) -> None:
 
 
 @pytest.mark.parametrize("kind", ["udp_in", "tcp_in"])
-def test_every_message_of_a_burst_is_counted_and_answered(opened: Open, kind: Literal["udp_in", "tcp_in"]) -> None:
-    """More than a step handles, sent within one tick: every message is counted before time advances, none is lost."""
+def test_every_message_of_a_burst_is_counted_and_answered(
+    opened: Open, kind: Literal["udp_in", "tcp_in"]
+) -> None:
+    """More than a step handles, sent within one tick: every message is counted before time advances, none is
+    lost.
+    """
+
     vehicle = opened(LinkSpec("air", kind, streams="none"))
     host, port = vehicle.endpoints()["air"].split(":")[1:]
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udp_in" else socket.SOCK_STREAM) as client:
+    with socket.socket(
+        socket.AF_INET, socket.SOCK_DGRAM if kind == "udp_in" else socket.SOCK_STREAM
+    ) as client:
         client.connect((host, int(port)))
         mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         for _ in range(200):
-            client.send(bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1).pack(mav)))
+            client.send(
+                bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1).pack(mav))
+            )
         for _ in range(4):
-            client.send(bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1).pack(mav)) * 60)
+            client.send(
+                bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1).pack(mav)) * 60
+            )
         polls = 0
         while vehicle.receive()["air"] < 440:
             polls += 1
@@ -361,7 +411,9 @@ def test_the_port_stays_the_links_own(opened: Open, peer: Callable[..., Peer]) -
             other.bind(("127.0.0.1", port))
 
 
-def test_clients_that_come_and_go_do_not_push_out_an_active_one(opened: Open, peer: Callable[..., Peer]) -> None:
+def test_clients_that_come_and_go_do_not_push_out_an_active_one(
+    opened: Open, peer: Callable[..., Peer]
+) -> None:
     """Forty that say one thing and vanish; the one that goes on speaking goes on hearing."""
     vehicle = opened(LinkSpec("air", "udp_in", streams="none"))
     client = peer(vehicle)
@@ -375,10 +427,14 @@ def test_clients_that_come_and_go_do_not_push_out_an_active_one(opened: Open, pe
         assert "PARAM_VALUE" in names(client.fly(2))
 
 
-@pytest.mark.parametrize("rubbish", [b"\xfd\xff\x00" * 400, b"\x00" * 1400, b"\xfe\x21\x00\x01\x01\x00" * 200, BEAT * 60, BEAT])
+@pytest.mark.parametrize(
+    "rubbish", [b"\xfd\xff\x00" * 400, b"\x00" * 1400, b"\xfe\x21\x00\x01\x01\x00" * 200, BEAT * 60, BEAT]
+)
 def test_a_flood_costs_little(opened: Open, peer: Callable[..., Peer], rubbish: bytes) -> None:
-    """A second of steps, each with as many datagrams as a socket holds, of rubbish or of sense, takes less than half a second
-    of CPU time."""
+    """A second of steps, each with as many datagrams as a socket holds, of rubbish or of sense, takes less
+    than half a second of CPU time.
+    """
+
     vehicle = opened(LinkSpec("air", "udp_in", streams="none"))
     flood = peer(vehicle)
     spent = 0.0

@@ -18,12 +18,21 @@ from vehicle_models import open_x500
 
 
 def log_of_a_flight(autopilot: str) -> list[tuple[str, str, bytes]]:
-    """What the tap saw of 20 s with two UDP links and a TCP link, a client on each, and one signing on the way."""
+    """What the tap saw of 20 s with two UDP links and a TCP link, a client on each, and one signing on the
+    way.
+    """
+
     log: list[tuple[str, str, bytes]] = []
     with ExitStack() as stack:
         udp = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(2)]
-        links = [LinkSpec("a", "udp_in", streams="gcs"), LinkSpec("b", "udp_in"), LinkSpec("c", "tcp_in", streams="none")]
-        plan = VehiclePlan(simspec(autopilot, environment={"wind": {"speed_mps": 4.0, "turbulence_mps": 4.0}}), tuple(links))
+        links = [
+            LinkSpec("a", "udp_in", streams="gcs"),
+            LinkSpec("b", "udp_in"),
+            LinkSpec("c", "tcp_in", streams="none"),
+        ]
+        plan = VehiclePlan(
+            simspec(autopilot, environment={"wind": {"speed_mps": 4.0, "turbulence_mps": 4.0}}), tuple(links)
+        )
         vehicle = stack.enter_context(open_x500(plan, lambda *entry: log.append(entry)))
         ports = {name: int(end.rsplit(":", 1)[1]) for name, end in vehicle.endpoints().items()}
         for sock, name in zip(udp, "ab", strict=True):
@@ -42,7 +51,9 @@ def log_of_a_flight(autopilot: str) -> list[tuple[str, str, bytes]]:
                     )
                     frames.append(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
                     frames.append(mavlink.MAVLink_ping_message(step, step, 0, 0))
-                    sock.send(b"".join(bytes(frame.pack(mav, force_mavlink1=name == "c")) for frame in frames))
+                    sock.send(
+                        b"".join(bytes(frame.pack(mav, force_mavlink1=name == "c")) for frame in frames)
+                    )
                     counts[name] += len(frames)
                 deadline = time.monotonic() + 10.0
                 while dict(vehicle.receive()) != counts:
@@ -53,21 +64,31 @@ def log_of_a_flight(autopilot: str) -> list[tuple[str, str, bytes]]:
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_several_links_give_the_same_log_twice(autopilot: str) -> None:
-    """Same script, same log: the messages of three clients, sent, received and forwarded, in the same order."""
+    """Same script, same log: the messages of three clients, sent, received and forwarded, in the same
+    order.
+    """
+
     first = log_of_a_flight(autopilot)
-    assert {(link, way) for link, way, _ in first} == {(link, way) for link in "abc" for way in ("to_agent", "from_agent")}
+    assert {(link, way) for link, way, _ in first} == {
+        (link, way) for link in "abc" for way in ("to_agent", "from_agent")
+    }
     assert first == log_of_a_flight(autopilot)
 
 
 def test_ten_times_as_fast() -> None:
-    """At speed 10 a real pymavlink client sees the vehicle's clock run ten times its own, and idle arming end in its time."""
+    """At speed 10 a real pymavlink client sees the vehicle's clock run ten times its own, and idle arming end
+    in its time.
+    """
+
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     stop = threading.Event()
     client = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="ardupilotmega")
     flying = threading.Thread(
-        target=run_standalone, args=("px4", [LinkSpec("onboard", "udp_out", port=port)]), kwargs={"speed": 10.0, "stop": stop}
+        target=run_standalone,
+        args=("px4", [LinkSpec("onboard", "udp_out", port=port)]),
+        kwargs={"speed": 10.0, "stop": stop},
     )
     flying.start()
     try:
@@ -86,7 +107,9 @@ def test_ten_times_as_fast() -> None:
         acknowledged = client.recv_match(type="COMMAND_ACK", blocking=True, timeout=10)
         assert acknowledged.result == 0
         host_later, own_later = at(25000)
-        assert own_later - simulated <= 10.0 * (host_later - host) + 2.0  # never ahead; behind as the machine is loaded
+        assert (
+            own_later - simulated <= 10.0 * (host_later - host) + 2.0
+        )  # never ahead; behind as the machine is loaded
         beat = client.recv_match(type="HEARTBEAT", blocking=True, timeout=10)
         assert not beat.base_mode & 128
     finally:

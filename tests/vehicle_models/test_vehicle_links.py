@@ -88,8 +88,14 @@ def test_a_client_that_stops_reading_is_dropped() -> None:
 
 
 def test_a_flood_is_bounded_and_garbage_is_counted() -> None:
-    """Five thousand datagrams of rubbish and as many heartbeats: what is taken is counted, and bounded; time goes on."""
-    with flown(LinkSpec("air", "udp_in")) as vehicle, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+    """Five thousand datagrams of rubbish and as many heartbeats: what is taken is counted, and bounded; time
+    goes on.
+    """
+
+    with (
+        flown(LinkSpec("air", "udp_in")) as vehicle,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client,
+    ):
         _, host, port = vehicle.endpoints()["air"].split(":")
         for _ in range(100):
             for _ in range(50):
@@ -106,7 +112,10 @@ def test_a_flood_is_bounded_and_garbage_is_counted() -> None:
 
 def test_udp_in_answers_every_peer_that_has_sent() -> None:
     """Silent until a peer sends something; then that peer receives, and its message is counted once."""
-    with flown(LinkSpec("air", "udp_in")) as vehicle, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+    with (
+        flown(LinkSpec("air", "udp_in")) as vehicle,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client,
+    ):
         client.setblocking(False)
         run(vehicle, 60)
         assert vehicle.sent() == {"air": 0}
@@ -131,7 +140,9 @@ def test_messages_for_others_are_forwarded_between_links() -> None:
         mav = mavlink.MAVLink(None, srcSystem=9, srcComponent=8)
         private = bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"MAV_TYPE", -1).pack(mav))
         other = bytes(
-            mavlink.MAVLink_command_long_message(77, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0).pack(mav)
+            mavlink.MAVLink_command_long_message(
+                77, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0
+            ).pack(mav)
         )
         first.sendto(beat(9) + private + other, ("127.0.0.1", ports["a"]))
         run(vehicle, 1)
@@ -173,5 +184,8 @@ def test_links_that_cannot_be_opened_are_named_all_at_once() -> None:
 
 
 def test_an_unknown_stream_set_is_named() -> None:
-    with pytest.raises(SetupError, match="no stream set 'al'"), flown(LinkSpec("one", "tcp_in", streams="al")):
+    with (
+        pytest.raises(SetupError, match="no stream set 'al'"),
+        flown(LinkSpec("one", "tcp_in", streams="al")),
+    ):
         pass

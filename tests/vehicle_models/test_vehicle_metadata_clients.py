@@ -43,14 +43,19 @@ print(json.dumps({"described": described, "listed": listed, "components": list(f
 
 
 def test_mavsdk_reads_metadata_and_every_parameter(tmp_path: Path) -> None:
-    """The general file, parameters and events are fetched and their checksums hold; every parameter is described."""
+    """The general file, parameters and events are fetched and their checksums hold; every parameter is
+    described.
+    """
+
     pytest.importorskip("mavsdk")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     stop = threading.Event()
     link = LinkSpec("onboard", "udp_out", port=port)
-    flying = threading.Thread(target=run_standalone, args=("px4", [link]), kwargs={"speed": 4.0, "stop": stop})
+    flying = threading.Thread(
+        target=run_standalone, args=("px4", [link]), kwargs={"speed": 4.0, "stop": stop}
+    )
     flying.start()
     try:
         done = subprocess.run(

@@ -53,7 +53,15 @@ def download(client: Client, kind: int = 0) -> list[Any]:
     return items
 
 
-def to(client: Client, east: float, north: float, height: float, command: int = 16, hold: float = 0.0, yaw: float = NAN) -> Row:
+def to(
+    client: Client,
+    east: float,
+    north: float,
+    height: float,
+    command: int = 16,
+    hold: float = 0.0,
+    yaw: float = NAN,
+) -> Row:
     return (command, 3, hold, 0, 0, yaw, *client.vehicle_goal(east, north), height)
 
 
@@ -118,7 +126,10 @@ def test_px4_stores_the_uploaded_items(make: Make) -> None:
     ],
 )
 def test_px4_refuses_the_items_that_the_real_one_does(make: Make, row: Row, kind: int, verdict: int) -> None:
-    """Unknown command, wrong frame, too few vertices; not a latitude of 200 degrees, nor an altitude of NaN."""
+    """Unknown command, wrong frame, too few vertices; not a latitude of 200 degrees, nor an altitude of
+    NaN.
+    """
+
     client = ready_px4(make)
     assert upload(client, [row], kind) == verdict
     assert ("IGN MISSION_ITEM: Invalid item\t" in client.texts()) == (verdict in (2, 3))
@@ -138,7 +149,10 @@ def test_px4_repeats_requests_and_gives_up_without_an_answer(make: Make) -> None
 
 
 def test_px4_refuses_an_unknown_type_and_an_unrequested_item(make: Make) -> None:
-    """NO_SPACE and ERROR; a count during an unfinished download is an ERROR; a request out of range is silence."""
+    """NO_SPACE and ERROR; a count during an unfinished download is an ERROR; a request out of range is
+    silence.
+    """
+
     client = ready_px4(make)
     assert upload(client, [to(client, 0, 20, 10)]) == 0
     client.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 99))
@@ -154,7 +168,10 @@ def test_px4_refuses_an_unknown_type_and_an_unrequested_item(make: Make) -> None
 
 
 def test_px4_mission_as_mavsdk_flies_it(make: Make) -> None:
-    """Waypoints and speeds, no takeoff item, started by the mode: climbs, flies, returns; reports as the real one."""
+    """Waypoints and speeds, no takeoff item, started by the mode: climbs, flies, returns; reports as the real
+    one.
+    """
+
     client = make(streams="onboard")
     client.fly(5.0)
     rows = [
@@ -203,7 +220,10 @@ def test_px4_without_a_mission(make: Make) -> None:
 
 
 def test_px4_start_arms_and_set_current_jumps(make: Make) -> None:
-    """MISSION_START arms; MISSION_SET_CURRENT in flight goes to that item; out of range it is refused with a text."""
+    """MISSION_START arms; MISSION_SET_CURRENT in flight goes to that item; out of range it is refused with a
+    text.
+    """
+
     client = ready_px4(make)
     assert upload(client, [to(client, 0, 20, 5, 22), to(client, 0, 40, 10), to(client, 40, 0, 10)]) == 0
     assert client.command(mavlink.MAV_CMD_MISSION_START) == [0]
@@ -250,7 +270,10 @@ def test_passing_waypoints_keeps_the_speed(make: Make) -> None:
 
 
 def test_jumps_turns_nothing_and_far_away(make: Make) -> None:
-    """A jump is taken twice and no more; a ring of jumps ends the mission; 100 km away is flown to, not fallen over."""
+    """A jump is taken twice and no more; a ring of jumps ends the mission; 100 km away is flown to, not
+    fallen over.
+    """
+
     client = make()
     client.airborne()
     rows = [to(client, 0, 0, 10), to(client, 0, 12, 10), bare(mavlink.MAV_CMD_DO_JUMP, 0, 2)]
@@ -278,7 +301,11 @@ def test_items_of_extreme_values_leave_it_flying(make: Make, autopilot: str) -> 
                 for kind in (0, 1, 2):
                     client.send(mavlink.MAVLink_mission_count_message(1, 1, 2, kind))
                     client.send(item(0, (command, frame, value, value, value, value, big, -big, value), kind))
-                    client.send(item(1, (command, frame, value, value, value, value, 473000000, 85000000, value), kind))
+                    client.send(
+                        item(
+                            1, (command, frame, value, value, value, value, 473000000, 85000000, value), kind
+                        )
+                    )
         client.fly(1.0)
     client.fly(10.0)
     if autopilot == "px4":
@@ -290,7 +317,10 @@ def test_items_of_extreme_values_leave_it_flying(make: Make, autopilot: str) -> 
 
 @pytest.mark.parametrize("value", [math.inf, 3e38, -3e38])
 def test_ardupilot_flies_items_of_extreme_values(make: Make, value: float) -> None:
-    """Turns, delays, speeds, headings and jumps of nonsense numbers, each flown: the vehicle stays in the air."""
+    """Turns, delays, speeds, headings and jumps of nonsense numbers, each flown: the vehicle stays in the
+    air.
+    """
+
     client = ready_ardupilot(make)
     place = client.vehicle_goal(10, 10)
     rows = [to(client, 0, 0, 0), to(client, 0, 0, 10, 22)]
@@ -308,9 +338,16 @@ def test_ardupilot_flies_items_of_extreme_values(make: Make, value: float) -> No
 
 
 def test_ardupilot_upload_and_download(make: Make) -> None:
-    """MISSION_REQUEST without INT, home as item 0, frames 3 and 0, the text; a partial write; the end of the list."""
+    """MISSION_REQUEST without INT, home as item 0, frames 3 and 0, the text; a partial write; the end of the
+    list.
+    """
+
     client = ready_ardupilot(make)
-    rows = [to(client, 5, 5, 0), to(client, 0, 20, 10, yaw=0.0), bare(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 3.0)]
+    rows = [
+        to(client, 5, 5, 0),
+        to(client, 0, 20, 10, yaw=0.0),
+        bare(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 3.0),
+    ]
     client.send(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
     assert step(client)[0].get_type() == "MISSION_REQUEST"
     assert upload(client, rows) == 0
@@ -437,7 +474,13 @@ def test_ardupilot_turns_delays_and_commands(make: Make) -> None:
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
     client.fly(43.0)
     turns = (18, 3, 2, 0, 8, 0, *client.vehicle_goal(0, 20), 10)
-    rows = [to(client, 0, 0, 0), to(client, 0, 0, 10, 22), turns, to(client, 0, 40, 10, 19, hold=5.0), to(client, 0, 0, 0, 21)]
+    rows = [
+        to(client, 0, 0, 0),
+        to(client, 0, 0, 10, 22),
+        turns,
+        to(client, 0, 40, 10, 19, hold=5.0),
+        to(client, 0, 0, 0, 21),
+    ]
     assert upload(client, rows) == 0
     client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
     client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
@@ -464,7 +507,10 @@ def test_ardupilot_turns_delays_and_commands(make: Make) -> None:
 
 
 def test_thousands_of_items_and_rings_cost_a_step_little(make: Make) -> None:
-    """Three thousand items that nothing flies, with a jump among them: taken, passed over, and the vehicle goes on holding."""
+    """Three thousand items that nothing flies, with a jump among them: taken, passed over, and the vehicle
+    goes on holding.
+    """
+
     client = make()
     client.airborne()
     rows = [bare(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 3.0, -1)] * 3000 + [bare(mavlink.MAV_CMD_DO_JUMP, 0, -1)]
@@ -485,7 +531,12 @@ def test_region_of_interest_turns_the_nose(make: Make) -> None:
     assert (
         upload(
             client,
-            [look, to(client, 0, 30, 10, hold=1.0), bare(mavlink.MAV_CMD_DO_SET_ROI_NONE), to(client, 0, 60, 10, hold=1.0)],
+            [
+                look,
+                to(client, 0, 30, 10, hold=1.0),
+                bare(mavlink.MAV_CMD_DO_SET_ROI_NONE),
+                to(client, 0, 60, 10, hold=1.0),
+            ],
         )
         == 0
     )

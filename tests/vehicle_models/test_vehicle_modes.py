@@ -42,7 +42,10 @@ def test_px4_on_the_ground(make: Make) -> None:
         assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3) == [ACCEPTED, ACCEPTED]
         client.fly(1.0)
         granted = base is not None
-        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main, sub) == [ACCEPTED, ACCEPTED if granted else REJECTED], (
+        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main, sub) == [
+            ACCEPTED,
+            ACCEPTED if granted else REJECTED,
+        ], (
             main,
             sub,
         )
@@ -64,12 +67,30 @@ def test_px4_in_the_air(make: Make) -> None:
     """What cannot run is refused by the second acknowledgement and a text, and the mode stays."""
     client = make(streams="gcs")
     client.airborne()
-    refused = [(1, 0), (2, 0), (3, 0), (3, 1), (3, 2), (4, 4), (4, 10), (4, 11), (5, 0), (6, 0), (7, 0), (11, 0)]
+    refused = [
+        (1, 0),
+        (2, 0),
+        (3, 0),
+        (3, 1),
+        (3, 2),
+        (4, 4),
+        (4, 10),
+        (4, 11),
+        (5, 0),
+        (6, 0),
+        (7, 0),
+        (11, 0),
+    ]
     for main, sub in refused:
         assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main, sub) == [ACCEPTED, REJECTED], (main, sub)
         assert client.vehicle.condition().mode == "AUTO_LOITER"
     assert "Switching to Offboard is currently not available" in "".join(client.texts())
-    for sub, name, base in ((8, "AUTO_FOLLOW", 145), (5, "AUTO_RTL", 157), (2, "AUTO_TAKEOFF", 157), (6, "AUTO_LAND", 157)):
+    for sub, name, base in (
+        (8, "AUTO_FOLLOW", 145),
+        (5, "AUTO_RTL", 157),
+        (2, "AUTO_TAKEOFF", 157),
+        (6, "AUTO_LAND", 157),
+    ):
         assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, sub) == [ACCEPTED, ACCEPTED]
         assert client.vehicle.condition().mode == name
         client.fly(1.0)
@@ -77,7 +98,10 @@ def test_px4_in_the_air(make: Make) -> None:
 
 
 def test_px4_terminates(make: Make) -> None:
-    """Command 185: denied with 0; with 1 the rotors stop, it falls, and it stays armed with system_status 8."""
+    """Command 185: denied with 0; with 1 the rotors stop, it falls, and it stays armed with system_status
+    8.
+    """
+
     client = make(streams="gcs")
     client.airborne()
     assert client.command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 0) == [DENIED]
@@ -101,7 +125,10 @@ def test_px4_old_message(make: Make) -> None:
 
 
 def test_copter_on_the_ground(make: Make) -> None:
-    """Every mode that exists is granted, with the GUIDED bit where it steers; the others fail with their texts."""
+    """Every mode that exists is granted, with the GUIDED bit where it steers; the others fail with their
+    texts.
+    """
+
     client = make(simspec("ardupilot"), streams="onboard", system=255)
     client.fly(43.0)
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
@@ -119,9 +146,11 @@ def test_copter_on_the_ground(make: Make) -> None:
     for number in (8, 10, 12, 13, 26, 29, 30, 99):
         assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, number) == [FAILED], number
         assert f"No such mode {number}" in client.texts()
-    assert {"Set FOLL_ENABLE = 1", "No axis selected, SID_AXIS = 0", "No return path or landing sequence found"} <= set(
-        client.texts()
-    )
+    assert {
+        "Set FOLL_ENABLE = 1",
+        "No axis selected, SID_AXIS = 0",
+        "No return path or landing sequence found",
+    } <= set(client.texts())
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 0, 4) == [DENIED]
     assert client.command(mavlink.MAV_CMD_DO_SET_STANDARD_MODE, 1) == [UNSUPPORTED]
 

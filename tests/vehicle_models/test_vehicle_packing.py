@@ -1,4 +1,6 @@
-"""Frames packed from plain tuples are, byte for byte, those of pymavlink: every message, every kind of frame, any values."""
+"""Frames packed from plain tuples are, byte for byte, those of pymavlink: every message, every kind of frame,
+any values.
+"""
 
 from __future__ import annotations
 
@@ -47,11 +49,18 @@ def fields(draw: random.Random, kind: Any) -> dict[str, Any]:
 
 
 def messages(draw: random.Random, name: str) -> tuple[Any, tuple[Any, ...]]:
-    """One message as an object of pymavlink, its own where it knows it in full, and as a tuple in the order of the wire."""
+    """One message as an object of pymavlink, its own where it knows it in full, and as a tuple in the order
+    of the wire.
+    """
+
     kind = KINDS[name]
     values = fields(draw, kind)
     plain_kind = plain.mavlink_map.get(kind.id)
-    module_kind = plain_kind if plain_kind is not None and plain_kind.ordered_fieldnames == kind.ordered_fieldnames else kind
+    module_kind = (
+        plain_kind
+        if plain_kind is not None and plain_kind.ordered_fieldnames == kind.ordered_fieldnames
+        else kind
+    )
     return module_kind(*(values[fieldname] for fieldname in kind.fieldnames)), wire_values(name, **values)[1]
 
 
@@ -64,7 +73,10 @@ def test_every_message_is_packed_as_pymavlink_packs_it(name: str) -> None:
         system, sequence = draw.randrange(1, 256), draw.randrange(256)
         mav = plain.MAVLink(None, srcSystem=system, srcComponent=1)
         mav.seq = sequence
-        assert Packer(system, 1).pack(KINDS[name].id, sequence, values) == bytes(message.pack(mav)), (turn, values)
+        assert Packer(system, 1).pack(KINDS[name].id, sequence, values) == bytes(message.pack(mav)), (
+            turn,
+            values,
+        )
 
 
 @pytest.mark.parametrize("name", HOT)
@@ -81,7 +93,8 @@ def test_hot_messages_of_mavlink_1(name: str) -> None:
         mav.seq = 9
         theirs = bytes(message.pack(mav, force_mavlink1=True))
         assert frame is not None
-        # pymavlink leaves MAVLink 2's later fields in frames of MAVLink 1; without them it is the same payload.
+        # pymavlink leaves MAVLink 2's later fields in frames of MAVLink 1; without them it is the same
+        # payload.
         assert frame[6:-2] == theirs[6 : 6 + frame[1]]
         old = dialect.MAVLink(None)
         old.robust_parsing = False

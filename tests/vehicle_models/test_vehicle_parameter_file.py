@@ -16,7 +16,10 @@ from bench.simulation._parameter_file import ParameterFile
 
 def fly_and_set(file: Path, *messages: bytes) -> list[bytes]:
     """Fly shortly while a client sends something; returns what it received."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe,
+    ):
         probe.bind(("127.0.0.1", 0))
         client.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -45,7 +48,11 @@ def test_set_parameters_survive_a_restart(tmp_path: Path) -> None:
     fly_and_set(file, bytes(mavlink.MAVLink_param_set_message(1, 1, b"MIS_TAKEOFF_ALT", 7.5, 9).pack(mav)))
     assert ParameterFile(file).load() == {"MIS_TAKEOFF_ALT": 7.5}
     request = bytes(mavlink.MAVLink_param_request_read_message(1, 1, b"MIS_TAKEOFF_ALT", -1).pack(mav))
-    messages = [message for data in fly_and_set(file, request) for message in mavlink.MAVLink(None).parse_buffer(data) or []]
+    messages = [
+        message
+        for data in fly_and_set(file, request)
+        for message in mavlink.MAVLink(None).parse_buffer(data) or []
+    ]
     assert [message.param_value for message in messages if message.get_type() == "PARAM_VALUE"] == [7.5]
 
 

@@ -27,7 +27,10 @@ def bits(number: int) -> float:
 
 
 def test_px4_list_begins_with_a_hash_that_a_client_can_compute(make: Make) -> None:
-    """_HASH_CHECK first, then every index in order of names; the hash is the CRC over names and values received."""
+    """_HASH_CHECK first, then every index in order of names; the hash is the CRC over names and values
+    received.
+    """
+
     client = make()
     client.send(mavlink.MAVLink_param_request_list_message(1, 1))
     first, *rest = values(client.fly(1.5))
@@ -56,17 +59,27 @@ def test_px4_list_ends_when_the_client_knows_the_hash(make: Make) -> None:
 
 
 def test_px4_set_reports_twice_and_errors(make: Make) -> None:
-    """A change is reported twice, an equal value once; wrong type and unknown name are errors; ranges are not enforced."""
+    """A change is reported twice, an equal value once; wrong type and unknown name are errors; ranges are not
+    enforced.
+    """
+
     client = make()
     assert [value.param_value for value in values(put(client, "MPC_XY_VEL_MAX", 9999.0))] == [9999.0, 9999.0]
     assert len(values(put(client, "MPC_XY_VEL_MAX", 9999.0))) == 1
     assert len(values(put(client, "NAV_DLL_ACT", bits(2), 6))) == 2
-    assert [value.error for value in put(client, "NAV_DLL_ACT", 2.0, 9) if value.get_type() == "PARAM_ERROR"] == [7]
-    assert [value.error for value in put(client, "nav_dll_act", 2.0, 6) if value.get_type() == "PARAM_ERROR"] == [1]
+    assert [
+        value.error for value in put(client, "NAV_DLL_ACT", 2.0, 9) if value.get_type() == "PARAM_ERROR"
+    ] == [7]
+    assert [
+        value.error for value in put(client, "nav_dll_act", 2.0, 6) if value.get_type() == "PARAM_ERROR"
+    ] == [1]
 
 
 def test_ardupilot_pushes_and_clamps(make: Make) -> None:
-    """Ground pressures when the origin is found and running time every 30 s; integers clamped, any case, index 65535."""
+    """Ground pressures when the origin is found and running time every 30 s; integers clamped, any case,
+    index 65535.
+    """
+
     client = make(simspec("ardupilot"))
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     pushed = values(client.fly(61.0))

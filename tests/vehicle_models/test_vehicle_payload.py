@@ -39,7 +39,10 @@ def pan_deg(client: Client) -> float:
 
 
 def test_a_gimbal_turns_the_camera_at_its_rate_once_control_is_taken(make: Make) -> None:
-    """PX4: only a controller turns it; then tilt moves by 90 degrees a second and stays at the commanded angle."""
+    """PX4: only a controller turns it; then tilt moves by 90 degrees a second and stays at the commanded
+    angle.
+    """
+
     client = make(carrying(gimbal=True))
     assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, -20, 30, NAN, NAN, 0, 0, 0) == [2]
     assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, -2, -2, -1, -1, 0, 0, 0) == [0]
@@ -52,15 +55,22 @@ def test_a_gimbal_turns_the_camera_at_its_rate_once_control_is_taken(make: Make)
 
 
 def test_the_manager_and_the_device_say_what_they_are(make: Make) -> None:
-    """Information on request names device 1 and the axes; status names the controller; attitude is streamed on demand."""
+    """Information on request names device 1 and the axes; status names the controller; attitude is streamed
+    on demand.
+    """
+
     client = make(carrying(gimbal=True))
-    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION) == [0]
+    assert client.command(
+        mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION
+    ) == [0]
     information = client.last("GIMBAL_MANAGER_INFORMATION")
     assert information.gimbal_device_id == 1
     assert information.cap_flags & 32
     assert information.cap_flags & 131072
     assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, -2, -2, -1, -1, 0, 0, 1) == [0]
-    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS) == [0]
+    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS) == [
+        0
+    ]
     client.fly(0.1)
     status = client.last("GIMBAL_MANAGER_STATUS")
     assert (status.primary_control_sysid, status.primary_control_compid) == (245, 190)
@@ -68,7 +78,9 @@ def test_the_manager_and_the_device_say_what_they_are(make: Make) -> None:
         mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS, 100_000
     ) == [0]
     client.fly(1.0)
-    statuses = [message for message in client.received if message.get_type() == "GIMBAL_DEVICE_ATTITUDE_STATUS"]
+    statuses = [
+        message for message in client.received if message.get_type() == "GIMBAL_DEVICE_ATTITUDE_STATUS"
+    ]
     assert 9 <= len(statuses) <= 11
     w, _, y, _ = statuses[-1].q
     assert math.degrees(2.0 * math.atan2(y, w)) == pytest.approx(-60.0, abs=0.1)
@@ -93,12 +105,18 @@ def test_a_locked_yaw_holds_its_direction_while_the_vehicle_turns_away(make: Mak
     client = make(carrying(gimbal=True), streams="onboard")
     client.airborne(10.0)
     latitude, longitude = client.vehicle_goal(30.0, 0.0)
-    assert client.command_int(mavlink.MAV_CMD_DO_SET_ROI_LOCATION, 0, 0, 0, 0, 0, latitude, longitude, 488.0) == [0]
+    assert client.command_int(
+        mavlink.MAV_CMD_DO_SET_ROI_LOCATION, 0, 0, 0, 0, 0, latitude, longitude, 488.0
+    ) == [0]
     client.fly(2.5)
     state = client.vehicle.truth()
     east, north, up = state.position_enu_m
-    assert tilt_deg(client) == pytest.approx(math.degrees(math.atan2(up, math.hypot(30.0 - east, north))), abs=0.5)
-    assert pan_deg(client) + math.degrees(state.yaw_rad) == pytest.approx(math.degrees(math.atan2(30.0 - east, -north)), abs=0.5)
+    assert tilt_deg(client) == pytest.approx(
+        math.degrees(math.atan2(up, math.hypot(30.0 - east, north))), abs=0.5
+    )
+    assert pan_deg(client) + math.degrees(state.yaw_rad) == pytest.approx(
+        math.degrees(math.atan2(30.0 - east, -north)), abs=0.5
+    )
     assert client.command(mavlink.MAV_CMD_DO_SET_ROI_NONE) == [0]
     client.fly(2.5)
     assert (tilt_deg(client), pan_deg(client)) == (pytest.approx(60.0), pytest.approx(0.0))
@@ -113,7 +131,10 @@ def test_ardupilot_turns_the_gimbal_without_a_controller(make: Make) -> None:
 
 
 def test_ardupilot_mount_commands_and_messages(make: Make) -> None:
-    """DO_MOUNT_CONTROL and the MOUNT_CONTROL of older clients set tilt and pan; neutral levels; a mode that is none fails."""
+    """DO_MOUNT_CONTROL and the MOUNT_CONTROL of older clients set tilt and pan; neutral levels; a mode that
+    is none fails.
+    """
+
     client = make(carrying("ardupilot", gimbal=True))
     assert client.command(mavlink.MAV_CMD_DO_MOUNT_CONFIGURE, 2, 1, 1, 1) == [0]
     assert client.command(mavlink.MAV_CMD_DO_MOUNT_CONTROL, -30, 0, 40, 0, 0, 0, 2) == [0]
@@ -136,7 +157,9 @@ def test_an_old_region_of_interest_is_what_its_autopilot_makes_of_it(make: Make)
         client.fly(25.0)
         assert client.command(mavlink.MAV_CMD_GET_HOME_POSITION) == [0]
         latitude, longitude = client.vehicle_goal(30.0, 0.0)
-        assert client.command(mavlink.MAV_CMD_DO_SET_ROI, 0, 0, 0, 0, latitude * 1e-7, longitude * 1e-7, 0) == [0]
+        assert client.command(
+            mavlink.MAV_CMD_DO_SET_ROI, 0, 0, 0, 0, latitude * 1e-7, longitude * 1e-7, 0
+        ) == [0]
         client.fly(1.5)
         assert (abs(pan_deg(client) - 90.0) < 15.0) is turned
 
@@ -150,21 +173,32 @@ def test_nonsense_leaves_the_gimbal_where_it_is(make: Make) -> None:
     assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, 0, 0, 0, 0, NAN, 0, 0) == [2]
     assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, 0, 0, 0, 0, 0, 0, 77) == [2]
     assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, NAN, 0, 0, 0, 0, 0, 0) == [2]
-    assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, math.inf, -math.inf, math.inf, NAN, 0, 0, 0) == [0]
+    assert client.command(
+        mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, math.inf, -math.inf, math.inf, NAN, 0, 0, 0
+    ) == [0]
     assert client.command(mavlink.MAV_CMD_DO_SET_ROI_LOCATION, 0, 0, 0, 0, math.inf, NAN, 0) == [2]
     quaternion = [NAN, math.inf, 0.0, 1.0]
-    client.send(mavlink.MAVLink_gimbal_manager_set_attitude_message(1, 1, 0, 0, quaternion, math.inf, math.inf, NAN))
-    client.send(mavlink.MAVLink_gimbal_manager_set_attitude_message(1, 1, 0, 0, [2.0, 9e30, 9e30, 1.0], NAN, NAN, NAN))
+    client.send(
+        mavlink.MAVLink_gimbal_manager_set_attitude_message(1, 1, 0, 0, quaternion, math.inf, math.inf, NAN)
+    )
+    client.send(
+        mavlink.MAVLink_gimbal_manager_set_attitude_message(1, 1, 0, 0, [2.0, 9e30, 9e30, 1.0], NAN, NAN, NAN)
+    )
     client.fly(0.5)
     assert math.isfinite(tilt_deg(client))
     assert math.isfinite(pan_deg(client))
 
 
 def test_without_a_gimbal_nothing_of_it_exists(make: Make) -> None:
-    """The commands are answered as the autopilots answer them without a mount; the angles of the state are None."""
+    """The commands are answered as the autopilots answer them without a mount; the angles of the state are
+    None.
+    """
+
     client = make()
     assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, 0, 0, 0, 0, 0, 0, 0) == []
-    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION) == [2]
+    assert client.command(
+        mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION
+    ) == [2]
     assert client.vehicle.truth().camera_pan_rad is None
 
 
@@ -172,7 +206,11 @@ def camera_command(client: Client, number: int, *params: float) -> list[int]:
     padded = [*params, *[0.0] * (7 - len(params))]
     client.send(mavlink.MAVLink_command_long_message(1, 100, number, 0, *padded))
     messages = client.fly(0.02)
-    return [message.result for message in messages if message.get_type() == "COMMAND_ACK" and message.get_srcComponent() == 100]
+    return [
+        message.result
+        for message in messages
+        if message.get_type() == "COMMAND_ACK" and message.get_srcComponent() == 100
+    ]
 
 
 def expose(client: Client, frames: range) -> None:
@@ -191,12 +229,22 @@ def test_the_camera_is_a_component_of_its_own(make: Make) -> None:
     """A heartbeat a second from component 100, and information that gives back the SimSpec's numbers."""
     client = make(carrying(mavlink=True, gimbal=True))
     client.fly(3.0)
-    beats = [message for message in client.received if message.get_type() == "HEARTBEAT" and message.get_srcComponent() == 100]
+    beats = [
+        message
+        for message in client.received
+        if message.get_type() == "HEARTBEAT" and message.get_srcComponent() == 100
+    ]
     assert len(beats) in (3, 4)
     assert (beats[0].type, beats[0].autopilot) == (30, 8)
-    assert camera_command(client, mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION) == [0]
+    assert camera_command(
+        client, mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION
+    ) == [0]
     information = client.last("CAMERA_INFORMATION")
-    assert (information.resolution_h, information.resolution_v, information.gimbal_device_id) == (1280, 720, 1)
+    assert (information.resolution_h, information.resolution_v, information.gimbal_device_id) == (
+        1280,
+        720,
+        1,
+    )
     angle = 2.0 * math.degrees(math.atan(information.sensor_size_h / 2.0 / information.focal_length))
     assert angle == pytest.approx(70.0, abs=1e-4)
     for number in (260, 261, 262):
@@ -216,13 +264,20 @@ def test_a_picture_is_the_next_frame_of_the_scene(make: Make) -> None:
     expose(client, range(6, 8))
     (image,) = images(client)
     assert (image.image_index, image.capture_result, image.file_url) == (0, 1, "rebar:frame/3")
-    assert camera_command(client, mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED, 0) == [0]
+    assert camera_command(
+        client, mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED, 0
+    ) == [0]
     assert len(images(client)) == 2
-    assert camera_command(client, mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED, 5) == [2]
+    assert camera_command(
+        client, mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED, 5
+    ) == [2]
 
 
 def test_a_series_keeps_its_interval_until_it_is_stopped(make: Make) -> None:
-    """Every other frame for half the frame rate; a second series is turned away meanwhile; indices are without gaps."""
+    """Every other frame for half the frame rate; a second series is turned away meanwhile; indices are
+    without gaps.
+    """
+
     client = make(carrying(mavlink=True))
     assert camera_command(client, mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0.4, 0) == [0]
     assert camera_command(client, mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0.4, 0) == [1]
@@ -235,7 +290,10 @@ def test_a_series_keeps_its_interval_until_it_is_stopped(make: Make) -> None:
 
 
 def test_the_camera_refuses_what_it_has_not(make: Make) -> None:
-    """No video, no zoom, no storage, no other mode: DENIED; unknown commands are UNSUPPORTED; NaN is no interval."""
+    """No video, no zoom, no storage, no other mode: DENIED; unknown commands are UNSUPPORTED; NaN is no
+    interval.
+    """
+
     client = make(carrying(mavlink=True))
     assert [camera_command(client, number) for number in (2500, 2501, 526, 531)] == [[2]] * 4
     assert camera_command(client, mavlink.MAV_CMD_SET_CAMERA_MODE, 0, 1) == [2]
@@ -281,7 +339,9 @@ def in_mission(make: Make, autopilot: str, rows: Callable[[Client], list[Any]], 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_a_mission_keeps_the_camera_on_a_region_of_interest(make: Make, autopilot: str) -> None:
-    """Flying by at 5 m/s the camera's true direction stays within 2 degrees of the place and the nose on the course; NONE lets go."""
+    """Flying by at 5 m/s the camera's true direction stays within 2 degrees of the place and the nose on the
+    course; NONE lets go.
+    """
 
     def rows(client: Client) -> list[Any]:
         look = (195, 3, 0, 0, 0, 0, *client.vehicle_goal(20.0, 25.0), 0)
@@ -310,7 +370,9 @@ def test_px4_a_region_of_interest_turns_the_nose_where_there_is_no_gimbal(make: 
     """By command: the nose points at it from wherever the vehicle is, until it is let go."""
     client = make()
     client.airborne(10.0)
-    assert client.command_int(mavlink.MAV_CMD_DO_SET_ROI_LOCATION, 0, 0, 0, 0, 0, *client.vehicle_goal(30.0, 0.0), 488.0) == [0]
+    assert client.command_int(
+        mavlink.MAV_CMD_DO_SET_ROI_LOCATION, 0, 0, 0, 0, 0, *client.vehicle_goal(30.0, 0.0), 488.0
+    ) == [0]
     client.fly(4.0)
     assert math.degrees(client.vehicle.truth().yaw_rad) == pytest.approx(90.0, abs=2.0)
     assert client.command(mavlink.MAV_CMD_DO_SET_ROI_NONE) == [0]
@@ -318,11 +380,23 @@ def test_px4_a_region_of_interest_turns_the_nose_where_there_is_no_gimbal(make: 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_a_mission_turns_the_gimbal(make: Make, autopilot: str) -> None:
-    """DO_MOUNT_CONTROL and DO_GIMBAL_MANAGER_PITCHYAW of a mission set tilt and pan, regardless of the controller."""
+    """DO_MOUNT_CONTROL and DO_GIMBAL_MANAGER_PITCHYAW of a mission set tilt and pan, regardless of the
+    controller.
+    """
 
     def rows(client: Client) -> list[Any]:
         mount = (mavlink.MAV_CMD_DO_MOUNT_CONTROL, 2, -30.0, 0.0, 40.0, 0.0, 0, 0, 2.0)
-        turn = (mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, 2, -10.0, -20.0, NAN if autopilot == "px4" else 0.0, 0.0, 0, 0, 0.0)
+        turn = (
+            mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW,
+            2,
+            -10.0,
+            -20.0,
+            NAN if autopilot == "px4" else 0.0,
+            0.0,
+            0,
+            0,
+            0.0,
+        )
         return [mount, to(client, 0, 10, 20, hold=3.0), turn, to(client, 0, 20, 20, hold=9.0)]
 
     client = in_mission(make, autopilot, rows, gimbal=True)
@@ -338,7 +412,10 @@ def test_a_mission_takes_pictures(make: Make, autopilot: str) -> None:
 
     def rows(client: Client) -> list[Any]:
         shoot = (mavlink.MAV_CMD_DO_DIGICAM_CONTROL, 2, 0, 0, 0, 0, 1, 0, 0.0)
-        north = [to(client, 0, north_m, 20, hold=hold) for north_m, hold in ((5, 2.0), (55, 6.0), (56, 4.0), (57, 9.0))]
+        north = [
+            to(client, 0, north_m, 20, hold=hold)
+            for north_m, hold in ((5, 2.0), (55, 6.0), (56, 4.0), (57, 9.0))
+        ]
         series, stop = (
             (mavlink.MAV_CMD_IMAGE_START_CAPTURE, 2, 0, 1.0, 0, 0, 0, 0, 0.0),
             (mavlink.MAV_CMD_IMAGE_STOP_CAPTURE, 2, 0, 0, 0, 0, 0, 0, 0.0),
@@ -371,13 +448,20 @@ def test_a_mission_takes_pictures(make: Make, autopilot: str) -> None:
 
 
 def test_truth_is_streamed_only_where_it_is_allowed(make: Make) -> None:
-    """HIL_STATE_QUATERNION: refused by default; with vehicle.ground_truth it gives the true position, not the estimate."""
+    """HIL_STATE_QUATERNION: refused by default; with vehicle.ground_truth it gives the true position, not the
+    estimate.
+    """
+
     plain = make()
-    assert plain.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, 100_000) == [4]
+    assert plain.command(
+        mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, 100_000
+    ) == [4]
     assert plain.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION) == [2]
     vehicle = {"ground_truth": True, "gps": {"wander_m": 5.0, "noise_m": 1.0}}
     client = make(simspec(vehicle=vehicle))
-    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, 100_000) == [0]
+    assert client.command(
+        mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, 100_000
+    ) == [0]
     client.fly(1.0)
     truth = client.last("HIL_STATE_QUATERNION")
     assert (truth.lat, truth.lon) == (473977000, 85456000)
@@ -396,7 +480,9 @@ def test_by_itself_the_vehicle_tells_truth_and_its_camera_takes_pictures() -> No
         link = LinkSpec("onboard", "udp_out", port=client.port, streams="none")
         client.vehicle = stack.enter_context(open_x500(VehiclePlan(spec, (link,))))
         client.fly(1.1)
-        assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION) == [0]
+        assert client.command(
+            mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION
+        ) == [0]
         assert camera_command(client, mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0, 1, 1) == [0]
         exposed: list[float] = []
 

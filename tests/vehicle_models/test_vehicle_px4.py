@@ -18,7 +18,10 @@ ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
 
 
 def test_arming_waits_for_readiness(make: Make) -> None:
-    """Refused with a text before 4.2 s, accepted after; again when armed; nonsense gets a text and no answer."""
+    """Refused with a text before 4.2 s, accepted after; again when armed; nonsense gets a text and no
+    answer.
+    """
+
     client = make()
     client.fly(1.0)
     assert client.last("HEARTBEAT").system_status == 0
@@ -58,7 +61,10 @@ def test_idle_on_the_ground_disarms(make: Make) -> None:
 
 
 def test_mode_requests_are_acknowledged_twice(make: Make) -> None:
-    """On the ground nearly everything is granted; in the air OFFBOARD without a stream and MANUAL are refused second."""
+    """On the ground nearly everything is granted; in the air OFFBOARD without a stream and MANUAL are refused
+    second.
+    """
+
     client = make()
     client.fly(4.0)
     for main, sub in ((1, 0), (4, 5), (6, 0), (4, 3)):
@@ -79,7 +85,10 @@ def test_disarming_in_the_air_is_refused(make: Make) -> None:
 
 
 def test_unknown_commands_are_unsupported(make: Make) -> None:
-    """So is a REPOSITION without its flag; what no module owns is not answered; other systems get no answer."""
+    """So is a REPOSITION without its flag; what no module owns is not answered; other systems get no
+    answer.
+    """
+
     client = make()
     assert client.command(31999) == [UNSUPPORTED]
     assert client.command_int(31999, 0, 0, 0, 0, 0, 0, 0, 0) == [UNSUPPORTED]
@@ -91,7 +100,9 @@ def test_unknown_commands_are_unsupported(make: Make) -> None:
     assert not [message for message in client.fly(0.1) if message.get_type() == "COMMAND_ACK"]
     client.send(mavlink.MAVLink_command_long_message(0, 0, 31999, 0, 0, 0, 0, 0, 0, 0, 0))
     acks = [message for message in client.fly(0.1) if message.get_type() == "COMMAND_ACK"]
-    assert [(ack.result, ack.target_system, ack.target_component) for ack in acks] == [(UNSUPPORTED, 245, 190)]
+    assert [(ack.result, ack.target_system, ack.target_component) for ack in acks] == [
+        (UNSUPPORTED, 245, 190)
+    ]
 
 
 def test_landed_states_follow_the_flight(make: Make) -> None:
@@ -100,12 +111,23 @@ def test_landed_states_follow_the_flight(make: Make) -> None:
     client.airborne(5.0)
     client.command(mavlink.MAV_CMD_NAV_LAND)
     client.fly(15.0)
-    states = [message.landed_state for message in client.received if message.get_type() == "EXTENDED_SYS_STATE"]
-    assert [state for before, state in zip([0, *states], states, strict=False) if state != before] == [1, 3, 2, 4, 1]
+    states = [
+        message.landed_state for message in client.received if message.get_type() == "EXTENDED_SYS_STATE"
+    ]
+    assert [state for before, state in zip([0, *states], states, strict=False) if state != before] == [
+        1,
+        3,
+        2,
+        4,
+        1,
+    ]
 
 
 def test_losing_setpoints_returns_and_their_return_resumes(make: Make) -> None:
-    """1 s after the last setpoint: failsafe, AUTO_RTL, status 5; when they come back: OFFBOARD again by itself."""
+    """1 s after the last setpoint: failsafe, AUTO_RTL, status 5; when they come back: OFFBOARD again by
+    itself.
+    """
+
     client = make()
     client.airborne()
     client.offboard(30, 0, -10)
@@ -122,8 +144,12 @@ def test_losing_setpoints_returns_and_their_return_resumes(make: Make) -> None:
     assert client.vehicle.condition().failsafe == ""
 
 
-@pytest.mark.parametrize(("mask", "frame", "text"), [(0xFFF, 1, "invalid"), (2552, 6, "coordinate frame 6 unsupported")])
-def test_senseless_setpoints_are_complained_of_and_count_as_none(make: Make, mask: int, frame: int, text: str) -> None:
+@pytest.mark.parametrize(
+    ("mask", "frame", "text"), [(0xFFF, 1, "invalid"), (2552, 6, "coordinate frame 6 unsupported")]
+)
+def test_senseless_setpoints_are_complained_of_and_count_as_none(
+    make: Make, mask: int, frame: int, text: str
+) -> None:
     client = make()
     client.fly(4.0)
     client.setpoint(1, 2, -3, mask, frame)
@@ -135,7 +161,10 @@ def test_senseless_setpoints_are_complained_of_and_count_as_none(make: Make, mas
 
 
 def test_offboard_from_the_ground_and_back(make: Make) -> None:
-    """Armed in OFFBOARD with a setpoint above it lifts off by itself; a velocity downwards lands and disarms it."""
+    """Armed in OFFBOARD with a setpoint above it lifts off by itself; a velocity downwards lands and disarms
+    it.
+    """
+
     client = make(streams="onboard")
     client.fly(4.0)
     client.offboard(0, 0, -4)
@@ -149,7 +178,10 @@ def test_offboard_from_the_ground_and_back(make: Make) -> None:
 
 
 def test_nonsense_in_parameters_does_not_break_the_flight(make: Make) -> None:
-    """A speed limit of 9999 m/s is taken, as PX4 takes it; the airframe goes as fast as it can and still stops."""
+    """A speed limit of 9999 m/s is taken, as PX4 takes it; the airframe goes as fast as it can and still
+    stops.
+    """
+
     client = make(simspec(vehicle={"parameters": {"MPC_XY_VEL_MAX": 9999.0, "MPC_LAND_SPEED": -5.0}}))
     client.airborne(5.0)
     client.offboard(150, 0, -5)
@@ -205,13 +237,19 @@ def test_parameters_are_listed_with_the_hash_first(make: Make) -> None:
 
 
 def test_setting_parameters(make: Make) -> None:
-    """A change is reported twice, no change once; unknown names error 1, wrong types error 7; and it really acts."""
+    """A change is reported twice, no change once; unknown names error 1, wrong types error 7; and it really
+    acts.
+    """
+
     client = make()
 
     def set_parameter(name: str, value: float, kind: int = 9) -> list[tuple[str, float]]:
         client.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, kind))
         return [
-            (message.get_type(), message.param_value if message.get_type() == "PARAM_VALUE" else message.error)
+            (
+                message.get_type(),
+                message.param_value if message.get_type() == "PARAM_VALUE" else message.error,
+            )
             for message in client.fly(0.1)
             if message.get_type().startswith("PARAM_")
         ]
@@ -241,25 +279,49 @@ def test_default_rates_of_the_onboard_link(make: Make) -> None:
     client = make(streams="onboard")
     client.fly(5.0)
     counts = Counter(message.get_type() for message in client.fly(10.0))
-    wanted = {"HEARTBEAT": 10, "ATTITUDE": 500, "LOCAL_POSITION_NED": 300, "GLOBAL_POSITION_INT": 500, "GPS_RAW_INT": 80}
-    wanted |= {"SYS_STATUS": 50, "VFR_HUD": 100, "TIMESYNC": 100, "BATTERY_STATUS": 5, "HOME_POSITION": 5, "ODOMETRY": 300}
+    wanted = {
+        "HEARTBEAT": 10,
+        "ATTITUDE": 500,
+        "LOCAL_POSITION_NED": 300,
+        "GLOBAL_POSITION_INT": 500,
+        "GPS_RAW_INT": 80,
+    }
+    wanted |= {
+        "SYS_STATUS": 50,
+        "VFR_HUD": 100,
+        "TIMESYNC": 100,
+        "BATTERY_STATUS": 5,
+        "HOME_POSITION": 5,
+        "ODOMETRY": 300,
+    }
     assert {name: counts[name] for name in wanted} == pytest.approx(wanted, abs=1)
 
 
 def test_intervals_can_be_set_read_and_reset(make: Make) -> None:
-    """Per message: exact rates, -1 stops, 0 restores the default; an unknown one fails and is still reported on."""
+    """Per message: exact rates, -1 stops, 0 restores the default; an unknown one fails and is still reported
+    on.
+    """
+
     client = make(streams="onboard")
     client.fly(5.0)
-    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 100_000) == [ACCEPTED]
-    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, -1) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 100_000) == [
+        ACCEPTED
+    ]
+    assert client.command(
+        mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, -1
+    ) == [ACCEPTED]
     counts = Counter(message.get_type() for message in client.fly(5.0))
     assert counts["ATTITUDE"] == pytest.approx(50, abs=1)
     assert counts["GLOBAL_POSITION_INT"] == 0
     client.command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE)
     assert client.last("MESSAGE_INTERVAL").interval_us == 100_000
-    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 0) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 0) == [
+        ACCEPTED
+    ]
     assert Counter(message.get_type() for message in client.fly(1.0))["ATTITUDE"] == pytest.approx(50, abs=1)
-    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_RAW_IMU, 1000) == [FAILED]
+    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_RAW_IMU, 1000) == [
+        FAILED
+    ]
     assert client.command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, 9999) == [ACCEPTED]
     assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, NAN, NAN) == [FAILED]
 
@@ -267,16 +329,23 @@ def test_intervals_can_be_set_read_and_reset(make: Make) -> None:
 def test_messages_on_request(make: Make) -> None:
     """AUTOPILOT_VERSION with PX4's capabilities, home once known; CAMERA_INFORMATION is denied."""
     client = make()
-    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION) == [ACCEPTED]
+    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION) == [
+        ACCEPTED
+    ]
     assert client.last("AUTOPILOT_VERSION").capabilities == 59647
-    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION) == [DENIED]
+    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION) == [
+        DENIED
+    ]
     client.fly(4.0)
     assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HOME_POSITION) == [ACCEPTED]
     assert client.last("HOME_POSITION").altitude == 488_000
 
 
 def test_time_on_the_wire_is_simulated(make: Make) -> None:
-    """SYSTEM_TIME counts from the SimSpec's start_utc; TIMESYNC requests are answered with time since boot."""
+    """SYSTEM_TIME counts from the SimSpec's start_utc; TIMESYNC requests are answered with time since
+    boot.
+    """
+
     spec = simspec(environment={"start_utc": "2026-06-21T11:30:00Z"})
     client = make(spec, streams="onboard")
     client.fly(3.0)
@@ -284,7 +353,9 @@ def test_time_on_the_wire_is_simulated(make: Make) -> None:
     begun_us = round(spec.environment.start_utc.timestamp() * 1e6)
     assert system_time.time_unix_usec == begun_us + system_time.time_boot_ms * 1000
     client.send(mavlink.MAVLink_timesync_message(0, 77))
-    answers = [message for message in client.fly(0.02) if message.get_type() == "TIMESYNC" and message.ts1 == 77]
+    answers = [
+        message for message in client.fly(0.02) if message.get_type() == "TIMESYNC" and message.ts1 == 77
+    ]
     assert [message.tc1 for message in answers] == [client.vehicle.time.ns - 20_000_000]
 
 

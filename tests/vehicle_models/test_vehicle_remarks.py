@@ -1,4 +1,6 @@
-"""ArduCopter's texts in flight and on the ground, terrain, wind and motor tests; and PX4's simulated battery."""
+"""ArduCopter's texts in flight and on the ground, terrain, wind and motor tests; and PX4's simulated
+battery.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,10 @@ def put(client: Client, name: str, value: float) -> None:
 
 
 def test_copter_reports_leaving_and_meeting_the_ground(copter: Client) -> None:
-    """Yaw alignment of both filters 2.5 m up, about 5 s after the takeoff; the speed of touching down; each flight again."""
+    """Yaw alignment of both filters 2.5 m up, about 5 s after the takeoff; the speed of touching down; each
+    flight again.
+    """
+
     copter.fly(43.0)
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
     for _ in range(2):
@@ -47,7 +52,9 @@ def test_copter_reports_leaving_and_meeting_the_ground(copter: Client) -> None:
         copter.fly(3.5)
         assert copter.texts() == ["Arming motors"]
         copter.fly(4.5)
-        assert copter.texts()[1:] == [f"EKF3 IMU{unit} MAG0 in-flight yaw alignment complete" for unit in (0, 1)]
+        assert copter.texts()[1:] == [
+            f"EKF3 IMU{unit} MAG0 in-flight yaw alignment complete" for unit in (0, 1)
+        ]
         copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 9)
         copter.fly(25.0)
         *_, hit, end = copter.texts()
@@ -59,10 +66,15 @@ def test_copter_reports_leaving_and_meeting_the_ground(copter: Client) -> None:
 
 
 def test_copter_streams_terrain_and_wind(copter: Client) -> None:
-    """In group 12: requests for the grid of the place at 0.5 Hz at most, reports that know nothing, wind with the receiver."""
+    """In group 12: requests for the grid of the place at 0.5 Hz at most, reports that know nothing, wind with
+    the receiver.
+    """
+
     copter.send(mavlink.MAVLink_request_data_stream_message(1, 1, 12, 4, 1))
     copter.fly(19.0 - copter.vehicle.time.ns * 1e-9)
-    assert not {"WIND", "TERRAIN_REQUEST", "TERRAIN_REPORT"} & {message.get_type() for message in copter.received}
+    assert not {"WIND", "TERRAIN_REQUEST", "TERRAIN_REPORT"} & {
+        message.get_type() for message in copter.received
+    }
     copter.fly(23.0)
     counts = Counter(message.get_type() for message in copter.fly(20.0))
     assert (counts["TERRAIN_REQUEST"], counts["TERRAIN_REPORT"], counts["WIND"]) == (10, 80, 80)
@@ -83,7 +95,10 @@ def test_copter_streams_terrain_and_wind(copter: Client) -> None:
 
 
 def test_copter_turns_rotors_one_by_one(copter: Client) -> None:
-    """Two rotors at 30 % for a second each, a pause between; armed to look at; the vehicle stays where it stands."""
+    """Two rotors at 30 % for a second each, a pause between; armed to look at; the vehicle stays where it
+    stands.
+    """
+
     copter.fly(30.0)
     before = copter.vehicle.truth().position_enu_m
     assert copter.command(MOTOR_TEST, 1, 0, 30, 1.0, 2) == [0]
@@ -95,22 +110,35 @@ def test_copter_turns_rotors_one_by_one(copter: Client) -> None:
     copter.fly(0.9)
     assert max(outputs(copter)) < 1010
     copter.fly(0.5)
-    assert outputs(copter) == [1000, 1000, 1000, pytest.approx(1300, abs=15)]  # clockwise: the rear right is number 4
+    assert outputs(copter) == [
+        1000,
+        1000,
+        1000,
+        pytest.approx(1300, abs=15),
+    ]  # clockwise: the rear right is number 4
     copter.fly(2.0)
     assert max(outputs(copter)) < 1010
     copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HEARTBEAT)
     assert not copter.last("HEARTBEAT").base_mode & 128
-    assert [text for text in copter.texts() if "motor test" in text] == ["starting motor test", "finished motor test"]
+    assert [text for text in copter.texts() if "motor test" in text] == [
+        "starting motor test",
+        "finished motor test",
+    ]
     assert copter.vehicle.truth().position_enu_m == pytest.approx(before, abs=0.02)
 
 
-@pytest.mark.parametrize("nonsense", [(1, 0, 150, 1), (1, 1, 2500, 1), (1, 9, 10, 1), (1, 0, NAN, 1), (NAN, NAN, NAN, NAN, NAN)])
+@pytest.mark.parametrize(
+    "nonsense", [(1, 0, 150, 1), (1, 1, 2500, 1), (1, 9, 10, 1), (1, 0, NAN, 1), (NAN, NAN, NAN, NAN, NAN)]
+)
 def test_copter_ends_a_senseless_motor_test(copter: Client, nonsense: tuple[float, ...]) -> None:
     """Acknowledged and over at once, after the source; no rotor turns."""
     copter.fly(3.0)
     assert copter.command(MOTOR_TEST, *nonsense) == [0]
     assert max(outputs(copter)) == 1000
-    assert [text for text in copter.texts() if "motor test" in text] == ["starting motor test", "finished motor test"]
+    assert [text for text in copter.texts() if "motor test" in text] == [
+        "starting motor test",
+        "finished motor test",
+    ]
 
 
 def test_a_motor_test_ends_when_the_vehicle_is_armed(copter: Client) -> None:
@@ -136,7 +164,11 @@ def test_a_motor_test_is_no_time_for_a_restart(copter: Client) -> None:
     assert outputs(copter) == [1000, 1000, 1000, pytest.approx(1200, abs=15)]
     assert copter.command(MOTOR_TEST, 3, 0, 20, 500) == [0]
     copter.fly(1.0)
-    assert outputs(copter) == [pytest.approx(1000, abs=5), pytest.approx(1200, abs=15), *[pytest.approx(1000, abs=5)] * 2]
+    assert outputs(copter) == [
+        pytest.approx(1000, abs=5),
+        pytest.approx(1200, abs=15),
+        *[pytest.approx(1000, abs=5)] * 2,
+    ]
 
 
 def test_an_empty_battery_turns_no_rotor(make: Make) -> None:
@@ -156,7 +188,10 @@ def battery_percent(client: Client) -> float:
 
 
 def test_px4_simulates_a_battery_by_its_parameters(make: Make) -> None:
-    """SIM_BAT_DRAIN by the clock while armed, down to SIM_BAT_MIN_PCT, full when disarmed; the true charge is another."""
+    """SIM_BAT_DRAIN by the clock while armed, down to SIM_BAT_MIN_PCT, full when disarmed; the true charge is
+    another.
+    """
+
     client = make(simspec(vehicle={"parameters": {"SIM_BAT_DRAIN": 20.0, "SIM_BAT_MIN_PCT": 30.0}}))
     client.fly(5.0)
     assert battery_percent(client) == 100
@@ -176,7 +211,11 @@ def test_px4_simulates_a_battery_by_its_parameters(make: Make) -> None:
 
 def test_px4_simulated_battery_triggers_its_failsafe_again_after_charging(make: Make) -> None:
     """A charge that falls below 15 % is reported once in each flight."""
-    client = make(simspec(vehicle={"parameters": {"SIM_BAT_DRAIN": 5.0, "SIM_BAT_MIN_PCT": 12.0, "COM_DISARM_PRFLT": 0.0}}))
+    client = make(
+        simspec(
+            vehicle={"parameters": {"SIM_BAT_DRAIN": 5.0, "SIM_BAT_MIN_PCT": 12.0, "COM_DISARM_PRFLT": 0.0}}
+        )
+    )
     client.fly(5.0)
     for times in (1, 2):
         assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]

@@ -36,16 +36,27 @@ def put(client: Client, autopilot: str, name: str, value: int) -> None:
 
 def requested_message(client: Client, number: int, system: int = 1) -> Any:
     """The message of that number, requested."""
-    client.send(mavlink.MAVLink_command_long_message(system, 1, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, number, 0, 0, 0, 0, 0, 0))
+    client.send(
+        mavlink.MAVLink_command_long_message(
+            system, 1, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, number, 0, 0, 0, 0, 0, 0
+        )
+    )
     return next(message for message in client.fly(0.1) if message.get_msgId() == number)
 
 
 def upload(client: Client, count: int) -> None:
     """A mission of waypoints around home."""
-    place = (client.vehicle_goal(20.0, 20.0) if "HOME_POSITION" in names(client.received) else None) or (473977500, 85456500)
+    place = (client.vehicle_goal(20.0, 20.0) if "HOME_POSITION" in names(client.received) else None) or (
+        473977500,
+        85456500,
+    )
     client.send(mavlink.MAVLink_mission_count_message(1, 1, count, 0))
     for _ in range(count):
-        wanted = next(message for message in client.fly(0.1) if message.get_type() in ("MISSION_REQUEST", "MISSION_REQUEST_INT"))
+        wanted = next(
+            message
+            for message in client.fly(0.1)
+            if message.get_type() in ("MISSION_REQUEST", "MISSION_REQUEST_INT")
+        )
         item = mavlink.MAVLink_mission_item_int_message
         client.send(item(1, 1, wanted.seq, 6, 16, 0, 1, 0, 0, 0, NAN, *place, 20.0, 0))
     assert next(message for message in client.fly(0.1) if message.get_type() == "MISSION_ACK").type == 0
@@ -59,8 +70,11 @@ def items_of(client: Client, system: int) -> int:
 
 @AUTOPILOTS
 def test_a_restarted_controller_begins_anew(make: Make, autopilot: str) -> None:
-    """Acknowledged; then time since boot from zero, no home, not ready, the first mode; ready again when it was before.
-    Parameters and the mission stay, a new system id takes effect, counts go on, and the wall clock does too."""
+    """Acknowledged; then time since boot from zero, no home, not ready, the first mode; ready again when it
+    was before. Parameters and the mission stay, a new system id takes effect, counts go on, and the wall
+    clock does too.
+    """
+
     ready_s = 5.0 if autopilot == "px4" else 43.0
     client = make(simspec(autopilot))
     client.fly(ready_s)
@@ -88,7 +102,11 @@ def test_a_restarted_controller_begins_anew(make: Make, autopilot: str) -> None:
     messages = client.fly(ready_s)
     assert requested_message(client, 1, system=7).onboard_control_sensors_health & READY
     assert "HOME_POSITION" in names(messages)
-    client.send(mavlink.MAVLink_command_long_message(7, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0))
+    client.send(
+        mavlink.MAVLink_command_long_message(
+            7, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0
+        )
+    )
     client.fly(0.1)
     assert client.vehicle.condition().armed
 
@@ -129,7 +147,9 @@ def test_requested_streams_end_with_a_restart(make: Make) -> None:
 
 
 @contextmanager
-def listened(spec: SimSpec, link: LinkSpec, open_vehicle: OpenVehicle = open_x500) -> Iterator[tuple[Vehicle, socket.socket]]:
+def listened(
+    spec: SimSpec, link: LinkSpec, open_vehicle: OpenVehicle = open_x500
+) -> Iterator[tuple[Vehicle, socket.socket]]:
     with (
         open_vehicle(VehiclePlan(spec, (link,))) as vehicle,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client,
@@ -161,7 +181,11 @@ def test_the_key_and_the_counts_stay() -> None:
     with listened(simspec(), LinkSpec("air", "udp_in", signing_key="11" * 32)) as (vehicle, client):
         mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         plain = bytes(REBOOT_FRAME.pack(mav))
-        mav.signing.secret_key, mav.signing.sign_outgoing, mav.signing.timestamp = bytes([0x11] * 32), True, 10**14
+        mav.signing.secret_key, mav.signing.sign_outgoing, mav.signing.timestamp = (
+            bytes([0x11] * 32),
+            True,
+            10**14,
+        )
         order = bytes(REBOOT_FRAME.pack(mav))
         steps(vehicle, 100)
         client.send(plain)
@@ -188,7 +212,11 @@ def test_the_fixed_wing_begins_anew() -> None:
         steps(vehicle, 50)
         client.recv(1 << 16)
         client.send(
-            bytes(mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, 2, 0, 0, 0, 0, 0, 0).pack(mav))
+            bytes(
+                mavlink.MAVLink_command_long_message(
+                    1, 1, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, 2, 0, 0, 0, 0, 0, 0
+                ).pack(mav)
+            )
         )
         steps(vehicle, 1)
         messages = mav.parse_buffer(client.recv(1 << 16)) or []
@@ -200,7 +228,9 @@ def test_a_restart_makes_the_log_no_other(make: Make) -> None:
     """Twice the same flight with a restart in it, the same bytes."""
 
     def log() -> bytes:
-        client = make(simspec(environment={"wind": {"speed_mps": 4.0, "turbulence_mps": 4.0}}), streams="onboard")
+        client = make(
+            simspec(environment={"wind": {"speed_mps": 4.0, "turbulence_mps": 4.0}}), streams="onboard"
+        )
         client.fly(2.0)
         assert client.command(REBOOT, 1) == [ACCEPTED]
         client.airborne()

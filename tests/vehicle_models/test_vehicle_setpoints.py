@@ -1,4 +1,6 @@
-"""Offboard and guided setpoints: every frame and mask, attitude and rates, and what each autopilot makes of nonsense."""
+"""Offboard and guided setpoints: every frame and mask, attitude and rates, and what each autopilot makes of
+nonsense.
+"""
 
 from __future__ import annotations
 
@@ -24,20 +26,31 @@ def local(client: Client, mask: int, frame: int = 1, **at: float) -> None:
     client.send(mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, frame, mask, *values))
 
 
-def earth(client: Client, mask: int, frame: int, north: float, east: float, altitude: float, **at: float) -> None:
+def earth(
+    client: Client, mask: int, frame: int, north: float, east: float, altitude: float, **at: float
+) -> None:
     latitude, longitude = client.vehicle_goal(east, north)
     values = [at.get(name, 0.0) for name in ("vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate")]
     message = mavlink.MAVLink_set_position_target_global_int_message
     client.send(message(0, 1, 1, frame, mask, latitude, longitude, altitude, *values))
 
 
-def attitude(client: Client, mask: int, roll: float, pitch: float, yaw: float, thrust: float, *rates: float) -> None:
+def attitude(
+    client: Client, mask: int, roll: float, pitch: float, yaw: float, thrust: float, *rates: float
+) -> None:
     """SET_ATTITUDE_TARGET; degrees."""
     cr, sr = math.cos(roll * DEG / 2), math.sin(roll * DEG / 2)
     cp, sp = math.cos(pitch * DEG / 2), math.sin(pitch * DEG / 2)
     cy, sy = math.cos(yaw * DEG / 2), math.sin(yaw * DEG / 2)
-    q = (cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy)
-    client.send(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, *(rates or (0.0, 0.0, 0.0)), thrust))
+    q = (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+    client.send(
+        mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, *(rates or (0.0, 0.0, 0.0)), thrust)
+    )
 
 
 def stream(client: Client, seconds: float, say: Callable[[], None]) -> list[Any]:
@@ -76,7 +89,11 @@ def test_px4_mixes_axes(px4: Client) -> None:
     truth = px4.vehicle.truth()
     assert truth.velocity_enu_mps == pytest.approx((-1.0, 2.0, 0.0), abs=0.15)
     assert truth.position_enu_m[2] == pytest.approx(15.0, abs=0.3)
-    stream(px4, 6.0, lambda: local(px4, 0xC00, x=NAN, y=NAN, z=-12.0, vx=1.0, vy=0.0, vz=NAN, afx=NAN, afy=NAN, afz=NAN))
+    stream(
+        px4,
+        6.0,
+        lambda: local(px4, 0xC00, x=NAN, y=NAN, z=-12.0, vx=1.0, vy=0.0, vz=NAN, afx=NAN, afy=NAN, afz=NAN),
+    )
     truth = px4.vehicle.truth()
     assert truth.velocity_enu_mps == pytest.approx((0.0, 1.0, 0.0), abs=0.15)
     assert truth.position_enu_m[2] == pytest.approx(12.0, abs=0.3)
@@ -92,13 +109,24 @@ def test_px4_accelerates(px4: Client) -> None:
 
 
 def test_px4_follows_a_trajectory_given_with_derivatives(px4: Client) -> None:
-    """Position, velocity and acceleration of a circle of 10 m at 3 m/s: nowhere farther than 0.5 m from it, and from its clock."""
+    """Position, velocity and acceleration of a circle of 10 m at 3 m/s: nowhere farther than 0.5 m from it,
+    and from its clock.
+    """
+
     begun, rate = px4.vehicle.time.s, 0.3
 
     def say() -> None:
         angle = rate * (px4.vehicle.time.s - begun)
         cos, sin = math.cos(angle), math.sin(angle)
-        at = {"x": 10 * cos - 10, "y": 10 * sin, "z": -10.0, "vx": -3 * sin, "vy": 3 * cos, "afx": -0.9 * cos, "afy": -0.9 * sin}
+        at = {
+            "x": 10 * cos - 10,
+            "y": 10 * sin,
+            "z": -10.0,
+            "vx": -3 * sin,
+            "vy": 3 * cos,
+            "afx": -0.9 * cos,
+            "afy": -0.9 * sin,
+        }
         local(px4, 0xC00, **at)  # type: ignore[arg-type]
 
     stream(px4, 8.0, say)
@@ -142,14 +170,19 @@ def test_px4_force_bit(px4: Client) -> None:
 
 
 def test_px4_attitude_flies(px4: Client) -> None:
-    """Level at 0.8 climbs, -20 degrees of pitch is held and flies forward; the target is streamed; returning to a position works."""
+    """Level at 0.8 climbs, -20 degrees of pitch is held and flies forward; the target is streamed; returning
+    to a position works.
+    """
+
     stream(px4, 2.0, lambda: attitude(px4, 7, 0, 0, 0, 0.8))
     assert px4.vehicle.truth().position_enu_m[2] > 13.0
     stream(px4, 3.0, lambda: attitude(px4, 7, 0, -20, 0, 0.62))
     assert px4.vehicle.truth().pitch_rad == pytest.approx(-20 * DEG, abs=2 * DEG)
     assert px4.vehicle.truth().velocity_enu_mps[1] > 5.0
     echo = px4.last("ATTITUDE_TARGET")
-    assert math.asin(2 * (echo.q[0] * echo.q[2] - echo.q[3] * echo.q[1])) == pytest.approx(-20 * DEG, abs=0.01)
+    assert math.asin(2 * (echo.q[0] * echo.q[2] - echo.q[3] * echo.q[1])) == pytest.approx(
+        -20 * DEG, abs=0.01
+    )
     assert echo.thrust == pytest.approx(0.62, abs=0.01)
     assert px4.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3) == [ACCEPTED, ACCEPTED]
     px4.fly(6.0)
@@ -157,7 +190,10 @@ def test_px4_attitude_flies(px4: Client) -> None:
 
 
 def test_px4_body_rates(px4: Client) -> None:
-    """Rates in place of the attitude: half a radian a second of yaw for two seconds, and roll while it is commanded."""
+    """Rates in place of the attitude: half a radian a second of yaw for two seconds, and roll while it is
+    commanded.
+    """
+
     stream(px4, 2.0, lambda: attitude(px4, 128, 0, 0, 0, 0.6, 0.0, 0.0, 0.5))
     assert px4.vehicle.truth().yaw_rad == pytest.approx(1.0, abs=0.15)
     px4.fly(0.3, lambda: attitude(px4, 128, 0, 0, 0, 0.6, 0.6, 0.0, 0.0))
@@ -165,7 +201,10 @@ def test_px4_body_rates(px4: Client) -> None:
 
 
 def test_px4_takes_off_and_lands_by_thrust(make: Make) -> None:
-    """Armed in OFFBOARD by a stream of attitudes: thrust lifts it, no thrust near the ground ends in disarming."""
+    """Armed in OFFBOARD by a stream of attitudes: thrust lifts it, no thrust near the ground ends in
+    disarming.
+    """
+
     client = make()
     client.fly(5.0)
     stream(client, 0.2, lambda: attitude(client, 7, 0, 0, 0, 0.0))
@@ -200,11 +239,15 @@ def test_copter_local_frames(copter: Client, frame: int) -> None:
     east, north, up = copter.vehicle.truth().position_enu_m
     local(copter, POSITION, frame, x=6.0, y=2.0, z=-12.0 if frame == 1 else -2.0)
     copter.fly(8.0)
-    goal = {1: (2.0, 6.0, 12.0), 7: (east + 2.0, north + 6.0, up + 2.0)}.get(frame, (east + 6.0, north - 2.0, up + 2.0))
+    goal = {1: (2.0, 6.0, 12.0), 7: (east + 2.0, north + 6.0, up + 2.0)}.get(
+        frame, (east + 6.0, north - 2.0, up + 2.0)
+    )
     assert copter.vehicle.truth().position_enu_m == pytest.approx(goal, abs=0.3)
 
 
-@pytest.mark.parametrize(("frame", "altitude"), [(0, 500.0), (3, 12.0), (5, 500.0), (6, 12.0), (10, 12.0), (11, 12.0)])
+@pytest.mark.parametrize(
+    ("frame", "altitude"), [(0, 500.0), (3, 12.0), (5, 500.0), (6, 12.0), (10, 12.0), (11, 12.0)]
+)
 def test_copter_global_frames(copter: Client, frame: int, altitude: float) -> None:
     earth(copter, POSITION, frame, 5.0, -4.0, altitude)
     copter.fly(8.0)
@@ -245,7 +288,10 @@ def test_copter_accelerates_and_lapses(copter: Client) -> None:
 
 
 def test_copter_attitude_thrust_is_climb(copter: Client) -> None:
-    """0.5 holds the height, 1 climbs at WPNAV_SPEED_UP; roll is held; three seconds of silence level and stop it."""
+    """0.5 holds the height, 1 climbs at WPNAV_SPEED_UP; roll is held; three seconds of silence level and stop
+    it.
+    """
+
     copter.fly(3.0, lambda: attitude(copter, 7, 10, 0, 0, 0.5))
     truth = copter.vehicle.truth()
     assert truth.roll_rad == pytest.approx(10 * DEG, abs=1.5 * DEG)
@@ -264,13 +310,20 @@ def test_copter_ignores_setpoints_outside_guided(copter: Client) -> None:
 
 
 def test_copter_echoes_targets_in_guided_alone(copter: Client) -> None:
-    """POSITION_TARGET_GLOBAL_INT: frame 0, mask 65016 on the way to a position; nothing with velocities or in other modes."""
-    assert copter.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT, 100_000) == [
-        ACCEPTED
-    ]
+    """POSITION_TARGET_GLOBAL_INT: frame 0, mask 65016 on the way to a position; nothing with velocities or in
+    other modes.
+    """
+
+    assert copter.command(
+        mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT, 100_000
+    ) == [ACCEPTED]
     local(copter, POSITION, x=5.0, z=-10.0)
     echoes = [message for message in copter.fly(2.0) if message.get_type() == "POSITION_TARGET_GLOBAL_INT"]
-    assert (echoes[-1].coordinate_frame, echoes[-1].type_mask, echoes[-1].alt) == (0, 65016, pytest.approx(498.0, abs=0.1))
+    assert (echoes[-1].coordinate_frame, echoes[-1].type_mask, echoes[-1].alt) == (
+        0,
+        65016,
+        pytest.approx(498.0, abs=0.1),
+    )
     copter.fly(0.1, lambda: local(copter, VELOCITY, vx=1.0))
     assert not [message for message in copter.fly(1.0) if message.get_type() == "POSITION_TARGET_GLOBAL_INT"]
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 17) == [ACCEPTED]

@@ -14,18 +14,26 @@ from vehicle_models.controller.links._dialect import dialect as mavlink
 from vehicle_models.controller.links._frames import KINDS, Packer
 
 Make = Callable[..., Client]
-# Messages that do what they say to a vehicle in flight whatever their values are; SETUP_SIGNING would lock the others out.
+# Messages that do what they say to a vehicle in flight whatever their values are; SETUP_SIGNING would lock
+# the others out.
 OBEYED = {"SETUP_SIGNING", "SET_MODE"}  # mode 0 is a mode, and without a pilot the end of a flight
 FLOATS = (math.nan, math.inf, -math.inf, 3.4e38, -3.4e38, 1e-45, 0.0, -1.0)
 
 
 def integers(kind: str) -> tuple[int, ...]:
     bits = int(kind.removeprefix("u").removeprefix("int").removesuffix("_t"))
-    return (0, 1, 2**bits - 1, 2 ** (bits - 1)) if kind.startswith("u") else (0, -1, 2 ** (bits - 1) - 1, -(2 ** (bits - 1)))
+    return (
+        (0, 1, 2**bits - 1, 2 ** (bits - 1))
+        if kind.startswith("u")
+        else (0, -1, 2 ** (bits - 1) - 1, -(2 ** (bits - 1)))
+    )
 
 
 def extreme_frames(draw: random.Random, rounds: int) -> Iterator[bytes]:
-    """Every message of the dialect with limits in all fields, addressed to the vehicle, to every system, or to none."""
+    """Every message of the dialect with limits in all fields, addressed to the vehicle, to every system, or
+    to none.
+    """
+
     packer = Packer(245, 190)
     for turn in range(rounds):
         for name, kind in KINDS.items():

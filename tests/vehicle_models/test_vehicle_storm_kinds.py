@@ -1,4 +1,6 @@
-"""Under fire on every kind of vehicle: the fixed wing too, messages that may change the mode, and what is counted."""
+"""Under fire on every kind of vehicle: the fixed wing too, messages that may change the mode, and what is
+counted.
+"""
 
 from __future__ import annotations
 
@@ -70,7 +72,10 @@ def test_modes_that_are_none_leave_it_flying(make: Make, autopilot: str) -> None
 
 
 def test_a_signing_key_of_extremes_shuts_out_and_no_more(make: Make) -> None:
-    """SETUP_SIGNING with limits in its fields: the vehicle rejects clients without the key, counts that, and flies on."""
+    """SETUP_SIGNING with limits in its fields: the vehicle rejects clients without the key, counts that, and
+    flies on.
+    """
+
     client = make(simspec())
     client.airborne(10.0)
     client.send(mavlink.MAVLink_setup_signing_message(1, 1, [255] * 32, 2**64 - 1))
@@ -81,7 +86,12 @@ def test_a_signing_key_of_extremes_shuts_out_and_no_more(make: Make) -> None:
     assert sum(after.values()) > sum(before.values())
     client.fly(5.0)
     condition = client.vehicle.condition()
-    assert (condition.mode, condition.armed, condition.landed, condition.crashed) == ("AUTO_LOITER", True, False, False)
+    assert (condition.mode, condition.armed, condition.landed, condition.crashed) == (
+        "AUTO_LOITER",
+        True,
+        False,
+        False,
+    )
 
 
 @pytest.mark.slow

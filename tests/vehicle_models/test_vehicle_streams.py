@@ -12,7 +12,8 @@ from vehicle_models.controller.links._dialect import dialect as mavlink
 
 Make = Callable[..., Client]
 
-# Section 2.2 of what was observed on PX4's links; ATTITUDE is 100 Hz there, and 50 Hz at this controller's rate.
+# Section 2.2 of what was observed on PX4's links; ATTITUDE is 100 Hz there, and 50 Hz at this controller's
+# rate.
 BOTH = {
     "HEARTBEAT": 1,
     "ATTITUDE": 50,
@@ -66,7 +67,10 @@ GCS = BOTH | {
 
 
 def counted(client: Client, seconds: float) -> dict[str, float]:
-    return {name: count / seconds for name, count in Counter(message.get_type() for message in client.fly(seconds)).items()}
+    return {
+        name: count / seconds
+        for name, count in Counter(message.get_type() for message in client.fly(seconds)).items()
+    }
 
 
 @pytest.mark.parametrize(("streams", "rates"), [("onboard", ONBOARD), ("gcs", GCS)])
@@ -88,8 +92,19 @@ def test_copter_by_group(make: Make) -> None:
         client.send(mavlink.MAVLink_request_data_stream_message(1, 1, group, 4, 1))
     client.fly(1.0)
     measured = counted(client, 4.0)
-    of_groups = ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE", "SCALED_PRESSURE2", "ATTITUDE", "SIMSTATE", "AHRS2")
-    assert {name: rate for name, rate in measured.items() if name in of_groups} == dict.fromkeys(of_groups, 4.0)
+    of_groups = (
+        "RAW_IMU",
+        "SCALED_IMU2",
+        "SCALED_IMU3",
+        "SCALED_PRESSURE",
+        "SCALED_PRESSURE2",
+        "ATTITUDE",
+        "SIMSTATE",
+        "AHRS2",
+    )
+    assert {name: rate for name, rate in measured.items() if name in of_groups} == dict.fromkeys(
+        of_groups, 4.0
+    )
     client.send(mavlink.MAVLink_param_request_read_message(1, 1, b"SR0_EXTRA1", -1))
     client.send(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 0))
     client.fly(0.1)
@@ -102,9 +117,13 @@ def test_copter_rates_by_parameter(make: Make) -> None:
     client = make(simspec("ardupilot", vehicle={"parameters": {"SR0_POSITION": 5}}), system=255)
     client.fly(25.0)
     assert counted(client, 4.0)["GLOBAL_POSITION_INT"] == 5.0
-    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 100_000) == [0]
+    assert client.command(
+        mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 100_000
+    ) == [0]
     assert counted(client, 4.0)["GLOBAL_POSITION_INT"] == 10.0
-    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 0) == [0]
+    assert client.command(
+        mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 0
+    ) == [0]
     assert counted(client, 4.0)["GLOBAL_POSITION_INT"] == pytest.approx(5.0, abs=0.3)
     client.send(mavlink.MAVLink_param_set_message(1, 1, b"SR0_POSITION", 0, 9))
     client.fly(0.1)
@@ -116,8 +135,12 @@ def test_copter_promises_messages_of_devices_that_are_not_there(make: Make) -> N
     client = make(simspec("ardupilot"), system=255)
     for number in (259, 124, 132, 226):
         assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, number) == [0]
-    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_EXT) == [4]
-    assert not {"CAMERA_INFORMATION", "GPS2_RAW", "DISTANCE_SENSOR", "RPM"} & {message.get_type() for message in client.fly(1.0)}
+    assert client.command(
+        mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AUTOPILOT_STATE_FOR_GIMBAL_DEVICE_EXT
+    ) == [4]
+    assert not {"CAMERA_INFORMATION", "GPS2_RAW", "DISTANCE_SENSOR", "RPM"} & {
+        message.get_type() for message in client.fly(1.0)
+    }
     assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 1000) == [2]
 
 

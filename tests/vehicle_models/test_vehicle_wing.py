@@ -55,7 +55,9 @@ def take_off(client: Client, height_m: float = 50.0) -> None:
 def circle(client: Client, east_m: float, north_m: float, radius_m: float, height_m: float = 60.0) -> None:
     """DO_REPOSITION with a radius."""
     place = client.vehicle_goal(east_m, north_m)
-    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, radius_m, NAN, *place, 488.0 + height_m) == [0]
+    assert client.command_int(
+        mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, radius_m, NAN, *place, 488.0 + height_m
+    ) == [0]
 
 
 def away_m(client: Client, east_m: float, north_m: float) -> float:
@@ -74,12 +76,17 @@ def airspeed_mps(client: Client) -> float:
 
 
 def hear_hud(client: Client) -> None:
-    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_VFR_HUD, 100_000) == [0]
+    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_VFR_HUD, 100_000) == [
+        0
+    ]
     client.fly(0.2)
 
 
 def test_it_is_a_plugin_and_says_that_it_is_a_fixed_wing(make_wing: MakeWing) -> None:
-    """The entry point opens it; the heartbeat has MAV_TYPE_FIXED_WING and the parameter has the same value."""
+    """The entry point opens it; the heartbeat has MAV_TYPE_FIXED_WING and the parameter has the same
+    value.
+    """
+
     with load_plugin("rebar.vehicles", "wing")(VehiclePlan(wing_spec(), ())) as vehicle:
         assert vehicle.condition().landed
     client = make_wing()
@@ -95,7 +102,10 @@ def test_an_autopilot_that_it_does_not_carry_is_a_fault_of_the_setup() -> None:
 
 @pytest.mark.parametrize("from_deg", [0.0, 90.0, 180.0])
 def test_takes_off_from_the_catapult_and_climbs_to_height(make_wing: MakeWing, from_deg: float) -> None:
-    """Thrown into, across and with a wind of 5 m/s it climbs without touching again, and circles within 2 m of its height."""
+    """Thrown into, across and with a wind of 5 m/s it climbs without touching again, and circles within 2 m
+    of its height.
+    """
+
     client = make_wing(wing_spec(environment={"wind": {"speed_mps": 5.0, "from_deg": from_deg}}))
     assert client.vehicle.truth().position_enu_m[2] < 0.02
     take_off(client)
@@ -109,7 +119,10 @@ def test_takes_off_from_the_catapult_and_climbs_to_height(make_wing: MakeWing, f
 
 @pytest.mark.parametrize("radius_m", [80.0, -60.0])
 def test_circles_within_a_tenth_of_its_radius_in_wind(make_wing: MakeWing, radius_m: float) -> None:
-    """In 5 m/s of gusty wind DO_REPOSITION's radius is held within 10 %, height within 2 m, airspeed within 2 m/s; its sign is the direction."""
+    """In 5 m/s of gusty wind DO_REPOSITION's radius is held within 10 %, height within 2 m, airspeed within 2
+    m/s; its sign is the direction.
+    """
+
     client = make_wing(wing_spec(environment=WIND))
     take_off(client)
     circle(client, 150.0, 100.0, radius_m)
@@ -117,7 +130,9 @@ def test_circles_within_a_tenth_of_its_radius_in_wind(make_wing: MakeWing, radiu
     hear_hud(client)
     truth = client.vehicle.truth()
     right_of_centre = (truth.position_enu_m[0] - 150.0, truth.position_enu_m[1] - 100.0)
-    clockwise = right_of_centre[1] * truth.velocity_enu_mps[0] - right_of_centre[0] * truth.velocity_enu_mps[1]
+    clockwise = (
+        right_of_centre[1] * truth.velocity_enu_mps[0] - right_of_centre[0] * truth.velocity_enu_mps[1]
+    )
     assert math.copysign(1.0, clockwise) == math.copysign(1.0, radius_m)
     heights: list[float] = []
     speeds: list[float] = []
@@ -144,7 +159,10 @@ def test_a_change_of_speed_is_flown(make_wing: MakeWing) -> None:
 
 
 def test_flies_a_triangle(make_wing: MakeWing) -> None:
-    """Three places by reposition, one after the other: each is reached to within its circle in the time that 12 m/s would take."""
+    """Three places by reposition, one after the other: each is reached to within its circle in the time that
+    12 m/s would take.
+    """
+
     client = make_wing(wing_spec(environment=WIND))
     take_off(client)
     for east, north in ((300.0, 0.0), (150.0, 300.0), (-150.0, 0.0)):
@@ -156,7 +174,10 @@ def test_flies_a_triangle(make_wing: MakeWing) -> None:
 
 
 def test_velocity_setpoints_are_a_course_and_a_climb(make_wing: MakeWing) -> None:
-    """Offboard: a velocity is flown as a course within 3 degrees at its sink rate; silence ends in a return."""
+    """Offboard: a velocity is flown as a course within 3 degrees at its sink rate; silence ends in a
+    return.
+    """
+
     client = make_wing()
     take_off(client)
     mask = 0b0000_1101_1100_0111
@@ -184,7 +205,10 @@ def test_an_orbit_is_a_circle_around_its_centre(make_wing: MakeWing) -> None:
     place = client.vehicle_goal(100.0, 50.0)
     assert client.command_int(mavlink.MAV_CMD_DO_ORBIT, 5, -70.0, 15.0, 0, NAN, *place, NAN) == [0]
     client.fly(45.0)
-    assert max(abs(distance - 70.0) for distance in watch(client, 25.0, lambda: away_m(client, 100.0, 50.0))) < 7.0
+    assert (
+        max(abs(distance - 70.0) for distance in watch(client, 25.0, lambda: away_m(client, 100.0, 50.0)))
+        < 7.0
+    )
 
 
 def test_attitude_setpoints_are_flown(make_wing: MakeWing) -> None:
@@ -207,7 +231,10 @@ def test_attitude_setpoints_are_flown(make_wing: MakeWing) -> None:
 
 
 def test_returns_and_lands_near_home_against_the_wind(make_wing: MakeWing) -> None:
-    """RTL with RTL_LAND_DELAY 0 circles down, glides in against 5 m/s of gusty wind, flares, stops within 50 m of home, disarms."""
+    """RTL with RTL_LAND_DELAY 0 circles down, glides in against 5 m/s of gusty wind, flares, stops within 50
+    m of home, disarms.
+    """
+
     client = make_wing(wing_spec(parameters={"RTL_LAND_DELAY": 0.0}, environment=WIND))
     take_off(client)
     circle(client, 250.0, 150.0, 80.0)
@@ -237,7 +264,9 @@ def test_returns_and_circles_where_no_landing_is_wanted(make_wing: MakeWing) -> 
     take_off(client)
     assert client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [0]
     client.fly(90.0)
-    assert max(abs(distance - 60.0) for distance in watch(client, 20.0, lambda: away_m(client, 0.0, 0.0))) < 6.0
+    assert (
+        max(abs(distance - 60.0) for distance in watch(client, 20.0, lambda: away_m(client, 0.0, 0.0))) < 6.0
+    )
     assert client.vehicle.truth().position_enu_m[2] == pytest.approx(45.0, abs=1.0)
     assert client.vehicle.condition().mode == "AUTO_RTL"
 
@@ -253,12 +282,17 @@ def upload(client: Client, rows: list[tuple[Any, ...]]) -> None:
             if reply.get_type() == "MISSION_REQUEST_INT":
                 command, frame, *params, x, y, z = rows[reply.seq]
                 message = mavlink.MAVLink_mission_item_int_message
-                client.send(message(1, 1, reply.seq, frame, command, int(reply.seq == 0), 1, *params, x, y, z, 0))
+                client.send(
+                    message(1, 1, reply.seq, frame, command, int(reply.seq == 0), 1, *params, x, y, z, 0)
+                )
     raise AssertionError("no end of the upload")
 
 
 def test_a_mission_from_takeoff_to_landing(make_wing: MakeWing) -> None:
-    """Takeoff, a triangle of waypoints (each passed within 25 m), 40 s of loitering, a landing at home, in 5 m/s of gusty wind."""
+    """Takeoff, a triangle of waypoints (each passed within 25 m), 40 s of loitering, a landing at home, in 5
+    m/s of gusty wind.
+    """
+
     client = make_wing(wing_spec(parameters={"NAV_LOITER_RAD": 60.0}, environment=WIND))
     client.fly(5.0)
     places = ((200.0, 0.0), (150.0, 250.0), (-100.0, 150.0))
@@ -274,7 +308,9 @@ def test_a_mission_from_takeoff_to_landing(make_wing: MakeWing) -> None:
     for _ in range(350):
         client.fly(
             1.0,
-            lambda: nearest.__setitem__(slice(None), [min(n, away_m(client, *p)) for n, p in zip(nearest, places, strict=True)]),
+            lambda: nearest.__setitem__(
+                slice(None), [min(n, away_m(client, *p)) for n, p in zip(nearest, places, strict=True)]
+            ),
         )
         turned += abs(away_m(client, 0.0, 100.0) - 60.0) < 6.0
         if not client.vehicle.condition().armed:
@@ -291,8 +327,13 @@ def test_a_mission_from_takeoff_to_landing(make_wing: MakeWing) -> None:
 
 @pytest.mark.parametrize("from_deg", [90.0, 270.0])
 def test_a_leg_is_flown_along_its_line_in_a_side_wind(make_wing: MakeWing, from_deg: float) -> None:
-    """400 m to the north in 5 m/s from the side: once settled, never 10 m beside the line between the waypoints."""
-    client = make_wing(wing_spec(environment={"wind": {"speed_mps": 5.0, "from_deg": from_deg, "turbulence_mps": 2.0}}))
+    """400 m to the north in 5 m/s from the side: once settled, never 10 m beside the line between the
+    waypoints.
+    """
+
+    client = make_wing(
+        wing_spec(environment={"wind": {"speed_mps": 5.0, "from_deg": from_deg, "turbulence_mps": 2.0}})
+    )
     take_off(client)
     rows = [(16, 3, 0, 0, 0, NAN, *client.vehicle_goal(150.0, north), 50.0) for north in (0.0, 400.0, 800.0)]
     upload(client, rows)

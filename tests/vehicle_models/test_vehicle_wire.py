@@ -20,7 +20,10 @@ Make = Callable[..., Client]
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_every_streamed_message_is_packed_as_pymavlink_packs_it(make: Make, autopilot: str) -> None:
-    """Every message that is streamed, sent in flight or requested: decoded by pymavlink and packed again, the same bytes."""
+    """Every message that is streamed, sent in flight or requested: decoded by pymavlink and packed again, the
+    same bytes.
+    """
+
     from vehicle_models.controller import AUTOPILOTS
 
     client = make(simspec(autopilot, environment={"wind": {"speed_mps": 3.0, "turbulence_mps": 3.0}}))
@@ -43,15 +46,27 @@ def test_every_streamed_message_is_packed_as_pymavlink_packs_it(make: Make, auto
         again.seq = frame[4]
         assert bytes(message.pack(again)) == frame, message.get_type()
         streamed.add(message.get_type())
-    silent_on_the_ground = {"FENCE_STATUS", "ATTITUDE_TARGET", "POSITION_TARGET_LOCAL_NED", "POSITION_TARGET_GLOBAL_INT"}
+    silent_on_the_ground = {
+        "FENCE_STATUS",
+        "ATTITUDE_TARGET",
+        "POSITION_TARGET_LOCAL_NED",
+        "POSITION_TARGET_GLOBAL_INT",
+    }
     assert names - streamed <= (
-        silent_on_the_ground if autopilot == "ardupilot" else {"ORBIT_EXECUTION_STATUS", "CURRENT_EVENT_SEQUENCE"}
+        silent_on_the_ground
+        if autopilot == "ardupilot"
+        else {"ORBIT_EXECUTION_STATUS", "CURRENT_EVENT_SEQUENCE"}
     )
 
 
 def test_fields_say_what_the_flight_is(make: Make) -> None:
-    """The order of values in hand-written tuples is right: fields agree with each other and with the truth."""
-    client = make(simspec(vehicle={"home": {"east_m": 40.0, "north_m": 30.0, "heading_deg": 45.0}}), streams="onboard")
+    """The order of values in hand-written tuples is right: fields agree with each other and with the
+    truth.
+    """
+
+    client = make(
+        simspec(vehicle={"home": {"east_m": 40.0, "north_m": 30.0, "heading_deg": 45.0}}), streams="onboard"
+    )
     client.airborne(8.0)
     client.offboard(20, -10, -8)
     client.fly(4.0, lambda: client.setpoint(20, -10, -8))
@@ -67,7 +82,9 @@ def test_fields_say_what_the_flight_is(make: Make) -> None:
     assert (attitude.roll, attitude.pitch, attitude.yaw) == pytest.approx(
         (truth.roll_rad, truth.pitch_rad, truth.yaw_rad), abs=1e-3
     )
-    yaw = math.atan2(2 * (turned.q1 * turned.q4 + turned.q2 * turned.q3), 1 - 2 * (turned.q3**2 + turned.q4**2))
+    yaw = math.atan2(
+        2 * (turned.q1 * turned.q4 + turned.q2 * turned.q3), 1 - 2 * (turned.q3**2 + turned.q4**2)
+    )
     assert yaw == pytest.approx(attitude.yaw, abs=0.01)
     odometry = client.last("ODOMETRY")
     assert (odometry.frame_id, odometry.child_frame_id) == (1, 12)
@@ -98,7 +115,10 @@ def test_fields_say_what_the_flight_is(make: Make) -> None:
 
 
 def test_frames_are_found_in_garbage() -> None:
-    """Whole MAVLink 1 and 2 frames survive what lies between, in pieces of any size; a wrong checksum is garbage."""
+    """Whole MAVLink 1 and 2 frames survive what lies between, in pieces of any size; a wrong checksum is
+    garbage.
+    """
+
     mav = mavlink.MAVLink(None, srcSystem=9, srcComponent=8)
     beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
     second = bytes(beat.pack(mav))
@@ -107,7 +127,9 @@ def test_frames_are_found_in_garbage() -> None:
     stream = b"\xfd\xfe\x00" + first + b"noise\xfd" + second + broken + second + first
     for size in (1, 7, len(stream)):
         reader = FrameReader()
-        frames = [frame for at in range(0, len(stream), size) for frame in reader.feed(stream[at : at + size])]
+        frames = [
+            frame for at in range(0, len(stream), size) for frame in reader.feed(stream[at : at + size])
+        ]
         frames += reader.feed(b"", last=True)
         assert frames == [first, second, second, first]
         assert reader.garbage_bytes == 3 + 6 + len(broken)
@@ -115,7 +137,10 @@ def test_frames_are_found_in_garbage() -> None:
 
 @pytest.mark.parametrize("old", [False, True], ids=["v2", "v1"])
 def test_every_message_decodes_to_what_pymavlink_makes_of_it(old: bool) -> None:
-    """Random payloads of every kind that a service takes or sends, in full and cut off: the same class with the same fields."""
+    """Random payloads of every kind that a service takes or sends, in full and cut off: the same class with
+    the same fields.
+    """
+
     draws, reference, decoder, packer = random.Random(7), mavlink.MAVLink(None), Decoder(), Packer(9, 8)
     for name, kind in KINDS.items():
         for keep in (1.0, 0.5, 0.0):
@@ -132,7 +157,9 @@ def test_every_message_decodes_to_what_pymavlink_makes_of_it(old: bool) -> None:
             got = decoder.decode(frame)
             assert type(got) is type(wanted), name
             for field in kind.fieldnames:
-                assert repr(getattr(got, field)) == repr(getattr(wanted, field)), f"{name}.{field}"  # NaN is NaN
+                assert repr(getattr(got, field)) == repr(getattr(wanted, field)), (
+                    f"{name}.{field}"
+                )  # NaN is NaN
 
 
 @settings(max_examples=200, deadline=None)
@@ -148,7 +175,10 @@ def test_no_bytes_make_the_reader_fail(data: bytes) -> None:
 
 
 def test_extreme_values_leave_it_flying(make: Make) -> None:
-    """Every message that a service answers, with NaN, infinities, limits and huge counts, in a seeded storm."""
+    """Every message that a service answers, with NaN, infinities, limits and huge counts, in a seeded
+    storm.
+    """
+
     client = make(streams="onboard")
     client.airborne(5.0)
     draw = random.Random(1)
@@ -160,7 +190,15 @@ def test_extreme_values_leave_it_flying(make: Make) -> None:
         "set_position_target_global_int",
         "param_set",
     )
-    names += ("set_mode", "mission_count", "mission_request_list", "timesync", "ping", "request_data_stream", "heartbeat")
+    names += (
+        "set_mode",
+        "mission_count",
+        "mission_request_list",
+        "timesync",
+        "ping",
+        "request_data_stream",
+        "heartbeat",
+    )
     names += ("param_request_read", "set_attitude_target", "mission_clear_all")
     for name in names:
         kind = getattr(mavlink, f"MAVLink_{name}_message")
@@ -184,7 +222,13 @@ def test_extreme_values_leave_it_flying(make: Make) -> None:
     assert not client.vehicle.condition().crashed
 
 
-LIMITS = {"B": (0, 1, 255), "b": (-128, 127), "H": (0, 1, 176, 192, 65535), "h": (-32768, 32767), "I": (0, 2**32 - 1)}
+LIMITS = {
+    "B": (0, 1, 255),
+    "b": (-128, 127),
+    "H": (0, 1, 176, 192, 65535),
+    "h": (-32768, 32767),
+    "I": (0, 2**32 - 1),
+}
 LIMITS |= {"i": (-(2**31), 2**31 - 1), "Q": (0, 2**64 - 1), "q": (-(2**63), 2**63 - 1)}
 
 

@@ -1,4 +1,6 @@
-"""A MAVLink client in lockstep with one vehicle: it sends, lets time pass, and keeps every received message."""
+"""A MAVLink client in lockstep with one vehicle: it sends, lets time pass, and keeps every received
+message.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ def simspec(autopilot: str = "px4", **changes: Any) -> SimSpec:
     """A bare SimSpec; `changes` are the documents vehicle, environment, seeds."""
     corners = [{"east_m": e, "north_m": n} for e, n in ((0, 0), (300, 0), (300, 300))]
     vehicle = {"autopilot": autopilot, "gps": {"wander_m": 0.0, "noise_m": 0.0}, **changes.pop("vehicle", {})}
-    return SimSpec.model_validate({"name": "test", "world": {"area": {"corners": corners}}, "vehicle": vehicle, **changes})
+    return SimSpec.model_validate(
+        {"name": "test", "world": {"area": {"corners": corners}}, "vehicle": vehicle, **changes}
+    )
 
 
 class Client:
@@ -52,13 +56,23 @@ class Client:
         """Send a COMMAND_LONG, let one step pass, and return the results acknowledged."""
         padded = [*params, *[0.0] * (7 - len(params))]
         self.send(mavlink.MAVLink_command_long_message(1, 1, number, 0, *padded))
-        return [message.result for message in self.fly(0.02) if message.get_type() == "COMMAND_ACK" and message.command == number]
+        return [
+            message.result
+            for message in self.fly(0.02)
+            if message.get_type() == "COMMAND_ACK" and message.command == number
+        ]
 
     def command_int(self, number: int, frame: int, *params: float) -> list[int]:
         self.send(mavlink.MAVLink_command_int_message(1, 1, frame, number, 0, 0, *params))
-        return [message.result for message in self.fly(0.02) if message.get_type() == "COMMAND_ACK" and message.command == number]
+        return [
+            message.result
+            for message in self.fly(0.02)
+            if message.get_type() == "COMMAND_ACK" and message.command == number
+        ]
 
-    def setpoint(self, north: float, east: float, down: float, mask: int = 2552, frame: int = 1, **more: float) -> None:
+    def setpoint(
+        self, north: float, east: float, down: float, mask: int = 2552, frame: int = 1, **more: float
+    ) -> None:
         v = (more.get("vn", 0.0), more.get("ve", 0.0), more.get("vd", 0.0))
         yaw = (more.get("yaw", 0.0), more.get("yawrate", 0.0))
         message = mavlink.MAVLink_set_position_target_local_ned_message
@@ -120,7 +134,12 @@ def make() -> Iterator[Callable[..., Client]]:
     """Build a client and the vehicle that talks to it; both are closed when the test ends."""
     with ExitStack() as stack:
 
-        def build(spec: SimSpec | None = None, streams: str = "none", tap: MavlinkTap | None = None, system: int = 245) -> Client:
+        def build(
+            spec: SimSpec | None = None,
+            streams: str = "none",
+            tap: MavlinkTap | None = None,
+            system: int = 245,
+        ) -> Client:
             client = Client(system)
             stack.callback(client.socket.close)
             link = LinkSpec("onboard", "udp_out", port=client.port, streams=streams)

@@ -1,4 +1,6 @@
-"""The flight controller: small MAVLink services around one flight state, and the policies of the autopilots."""
+"""The flight controller: small MAVLink services around one flight state, and the policies of the
+autopilots.
+"""
 
 from __future__ import annotations
 

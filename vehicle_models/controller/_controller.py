@@ -79,10 +79,11 @@ COMPONENT = 1
 
 
 class Controller:
-    """One flight controller on its links. `receive`, then `control`, then (after the physics) `report`, once a step.
+    """One flight controller on its links. `receive`, then `control`, then (after the physics) `report`, once
+    a step.
 
-    `initial_parameters` differ from the autopilot's defaults. `persistent` is what the previous controller of the same
-    vehicle left, and takes their place.
+    `initial_parameters` differ from the autopilot's defaults. `persistent` is what the previous controller of
+    the same vehicle left, and takes their place.
     """
 
     def __init__(
@@ -101,10 +102,16 @@ class Controller:
         self._autopilot = autopilot
         self._flight = flight
         self._tap = tap
-        parameters = ParameterStore(autopilot.parameters.definitions, persistent.parameters if persistent else initial_parameters)
+        parameters = ParameterStore(
+            autopilot.parameters.definitions, persistent.parameters if persistent else initial_parameters
+        )
         # The parameter is a float of any value; MAVLink system ids are 1 to 255.
         self._system = min(max(int(parameters[autopilot.parameters.system_id]), 1), 255)
-        self._signing = persistent.signing if persistent else open_signing([link.spec for link in links], flight.unix_start_us)
+        self._signing = (
+            persistent.signing
+            if persistent
+            else open_signing([link.spec for link in links], flight.unix_start_us)
+        )
         packer = Packer(self._system, COMPONENT)
         self.channels = [Channel(link, packer, self._signing, number) for number, link in enumerate(links)]
         # Everything below shares one radio, so that messages leave in the order in which services queue them.
@@ -128,8 +135,11 @@ class Controller:
         """What flies the vehicle, from the fence's boundary to arming; everything else builds on these."""
         context, autopilot, plans = self._context, self._autopilot, self._plans
         flight, frame, parameters = context.flight, context.frame, context.parameters
-        # Plans call their listeners in order: the boundary follows a new fence before the mission is judged by it.
-        self._boundary = boundary = FenceBoundary(autopilot.safety.fence, flight, frame, parameters, plans.fence)
+        # Plans call their listeners in order: the boundary follows a new fence before the mission is judged
+        # by it.
+        self._boundary = boundary = FenceBoundary(
+            autopilot.safety.fence, flight, frame, parameters, plans.fence
+        )
         rally = Rally(autopilot.safety.fence, frame, parameters, plans.rally)
         limits = autopilot.parameters.limits(parameters)
         self._guidance = guidance = Guidance(flight, limits, rally.return_point, manoeuvres)
@@ -144,7 +154,13 @@ class Controller:
         context, autopilot, modes = self._context, self._autopilot, self._modes
         self._battery = battery = BatteryMonitor(context, autopilot.safety)
         self._failsafe = failsafe = Failsafe(
-            context, autopilot.safety, modes, self._setpoints, battery, autopilot.modes.termination, self._disarm
+            context,
+            autopilot.safety,
+            modes,
+            self._setpoints,
+            battery,
+            autopilot.modes.termination,
+            self._disarm,
         )
         self._fence = Fence(context, self._boundary, modes, failsafe)
 
@@ -168,7 +184,9 @@ class Controller:
             self._home,
             self._setpoints,
             self._arming,
-            ManualControl(context, autopilot.setpoints, autopilot.modes, guidance, modes, self._is_ground_station),
+            ManualControl(
+                context, autopilot.setpoints, autopilot.modes, guidance, modes, self._is_ground_station
+            ),
             FollowTargetService(context, guidance),
             self._build_navigator(),
             modes,
@@ -235,7 +253,14 @@ class Controller:
         context, autopilot, battery = self._context, self._autopilot, self._battery
         attitude = AttitudeCache(context.flight)
         return [
-            SystemTelemetry(context, autopilot.telemetry, autopilot.identity, autopilot.modes, battery, self._setpoints.fresh),
+            SystemTelemetry(
+                context,
+                autopilot.telemetry,
+                autopilot.identity,
+                autopilot.modes,
+                battery,
+                self._setpoints.fresh,
+            ),
             MotionTelemetry(context, attitude),
             TargetTelemetry(context, autopilot.setpoints),
             SensorTelemetry(context, autopilot.telemetry, attitude),
@@ -293,7 +318,10 @@ class Controller:
         return self._fly()
 
     def report(self) -> None:
-        """Send everything that is due at the present moment, and everything that was queued during the step."""
+        """Send everything that is due at the present moment, and everything that was queued during the
+        step.
+        """
+
         self._streams.send_due()
         self._context.radio.flush()
 
@@ -366,7 +394,9 @@ class Controller:
         if self._camera and message is not None and self._camera.is_addressed(message, self._system):
             self._camera.handle(message, MessageSender(*sender(frame), channel))
             return
-        for_us = message is None or _is_addressed(message, self._system, self._autopilot.commands.any_component)
+        for_us = message is None or _is_addressed(
+            message, self._system, self._autopilot.commands.any_component
+        )
         for_us_alone = message is not None and for_us and message_target(message) == self._system
         # Like an autopilot with several links, the controller routes messages between its clients.
         if not for_us_alone:
@@ -414,7 +444,10 @@ def message_target(message: Any) -> int:
 
 
 def _is_addressed(message: Any, system_id: int, any_component: bool) -> bool:
-    """Whether a message is for this vehicle: its system, or every system; its autopilot, or every component."""
+    """Whether a message is for this vehicle: its system, or every system; its autopilot, or every
+    component.
+    """
+
     system = message_target(message)
     component = getattr(message, "target_component", 0)
     return system in (0, system_id) and (system == 0 or any_component or component in (0, COMPONENT))

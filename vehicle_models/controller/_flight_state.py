@@ -1,4 +1,6 @@
-"""The state of the vehicle that every service of the flight controller shares, and the target that the airframe flies to."""
+"""The state of the vehicle that every service of the flight controller shares, and the target that the
+airframe flies to.
+"""
 
 from __future__ import annotations
 
@@ -89,7 +91,10 @@ class StickPositions:
 
 @dataclass(frozen=True, slots=True)
 class TargetAttitude:
-    """An attitude or body rates to hold. `thrust` is a share of full thrust; None leaves climbing to the target's velocity."""
+    """An attitude or body rates to hold.
+
+    `thrust` is a share of full thrust; None leaves climbing to the target's velocity.
+    """
 
     roll_rad: float = 0.0
     pitch_rad: float = 0.0
@@ -99,10 +104,12 @@ class TargetAttitude:
 
 @dataclass(frozen=True, slots=True)
 class FlightTarget:
-    """Where the airframe flies to: local NED metres around the flight's origin, as the vehicle itself estimates them.
+    """Where the airframe flies to: local NED metres around the flight's origin, as the vehicle itself
+    estimates them.
 
-    A position of None on an axis pair means that the velocity alone counts; beside a position, velocity is feed-forward.
-    `yaw_rad` None keeps the heading, turned by `yawrate_radps`. `attitude` takes the place of all horizontal motion.
+    A position of None on an axis pair means that the velocity alone counts; beside a position, velocity is
+    feed-forward. `yaw_rad` None keeps the heading, turned by `yawrate_radps`. `attitude` takes the place of
+    all horizontal motion.
     """
 
     north_east_m: NorthEast | None = None
@@ -121,7 +128,9 @@ class FlightTarget:
 
 @dataclass(frozen=True, slots=True)
 class ReferencePoint:
-    """A place on the ground: degrees and metres above mean sea level, and where that is in the local frame."""
+    """A place on the ground: degrees and metres above mean sea level, and where that is in the local
+    frame.
+    """
 
     latitude_e7: int
     longitude_e7: int
@@ -161,7 +170,9 @@ class Airframe(Protocol):
 
 @dataclass(slots=True)
 class FlightState:
-    """The vehicle at the present step: its own estimate of motion, and everything about it that is not motion."""
+    """The vehicle at the present step: its own estimate of motion, and everything about it that is not
+    motion.
+    """
 
     step_s: float
     origin: ReferencePoint
@@ -224,7 +235,10 @@ class FlightState:
 
     @property
     def position_ok(self) -> bool:
-        """Whether the estimate of position still counts: for five seconds without fixes it is continued by dead reckoning."""
+        """Whether the estimate of position still counts: for five seconds without fixes it is continued by
+        dead reckoning.
+        """
+
         return self.gps_lost_ns is None or self.time_ns - self.gps_lost_ns < DEAD_RECKONING_NS
 
     @property

@@ -18,7 +18,9 @@ _IN_AIR_M = 0.5
 class LiftoffAndLanding:
     """Keeps `flight.landed` while the vehicle is armed."""
 
-    def __init__(self, context: ServiceContext, policy: ModePolicy, guidance: Guidance, arming: Arming) -> None:
+    def __init__(
+        self, context: ServiceContext, policy: ModePolicy, guidance: Guidance, arming: Arming
+    ) -> None:
         self._context = context
         self._policy = policy
         self._guidance = guidance

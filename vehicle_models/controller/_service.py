@@ -1,6 +1,8 @@
-"""How a service joins the flight controller: what it takes, carries out, streams and answers, each a protocol of its own.
+"""How a service joins the flight controller: what it takes, carries out, streams and answers, each a protocol
+of its own.
 
-A service is any object that has one or more of these methods; the controller finds out which when it is built.
+A service is any object that has one or more of these methods; the controller finds out which when it is
+built.
 """
 
 from __future__ import annotations
@@ -45,7 +47,9 @@ class MessageSender:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """COMMAND_LONG and COMMAND_INT alike: `params` are seven floats, coordinates in degrees, NaN for a value left out."""
+    """COMMAND_LONG and COMMAND_INT alike: `params` are seven floats, coordinates in degrees, NaN for a value
+    left out.
+    """
 
     number: int
     params: tuple[float, ...]

@@ -13,7 +13,9 @@ from .telemetry._texts import Texts
 
 @dataclass(frozen=True, slots=True)
 class ServiceContext:
-    """The vehicle's state, the airframe below it, the local frame, the ways to talk to clients, and the parameters."""
+    """The vehicle's state, the airframe below it, the local frame, the ways to talk to clients, and the
+    parameters.
+    """
 
     flight: FlightState
     airframe: Airframe

@@ -1,10 +1,11 @@
 """Steers the fixed wing from a target to its attitude: course by L1, height by pitch, airspeed by the motor.
 
-Lateral: Park, Deyst and How, "A New Nonlinear Guidance Logic for Trajectory Tracking" (AIAA 2004-4900), in the form for
-circles that autopilots use: far away the nearest way to the centre, near the circle a proportional-derivative law in
-distance and its rate beside the circle's own acceleration. By ground velocity, so that wind needs no estimate.
-Longitudinal: the pitch that carries the wing in level or banked flight plus the flight path wanted, and thrust from the
-drag polar plus what climbing and gaining speed take; small integrals make up for what the polar does not know.
+Lateral: Park, Deyst and How, "A New Nonlinear Guidance Logic for Trajectory Tracking" (AIAA 2004-4900), in
+the form for circles that autopilots use: far away the nearest way to the centre, near the circle a
+proportional-derivative law in distance and its rate beside the circle's own acceleration. By ground velocity,
+so that wind needs no estimate. Longitudinal: the pitch that carries the wing in level or banked flight plus
+the flight path wanted, and thrust from the drag polar plus what climbing and gaining speed take; small
+integrals make up for what the polar does not know.
 """
 
 from __future__ import annotations
@@ -83,7 +84,11 @@ class WingAirframe:
         self._wanted = (roll, pitch, motion.yaw_rad, throttle)
 
     def _given(self, target: FlightTarget, attitude: TargetAttitude) -> tuple[float, float, float]:
-        """A commanded attitude within the airframe's bounds. Body rates are not flown; the wings are kept level instead."""
+        """A commanded attitude within the airframe's bounds.
+
+        Body rates are not flown; the wings are kept level instead.
+        """
+
         pitch, throttle = self._climb(target)
         if attitude.rates_radps is not None:
             return 0.0, pitch, throttle
@@ -94,7 +99,10 @@ class WingAirframe:
         return roll, pitch, min(max(attitude.thrust, 0.0), 1.0)
 
     def commanded_attitude(self) -> tuple[float, float, float, float]:
-        """Roll, pitch, yaw in radians and thrust as a share of all there is; yaw is not steered and stays what it is."""
+        """Roll, pitch, yaw in radians and thrust as a share of all there is; yaw is not steered and stays
+        what it is.
+        """
+
         return self._wanted
 
     def test_rotor(self, number: int, share: float) -> None:
@@ -120,7 +128,9 @@ class WingAirframe:
     def _begin(self) -> None:
         self._flies = True
         self._plant.hold(False)
-        self._thrown_s = 0.0 if self._plant.motion.up_m < 0.1 and self._plant.motion.airspeed_mps < _RELEASE_MPS else None
+        self._thrown_s = (
+            0.0 if self._plant.motion.up_m < 0.1 and self._plant.motion.airspeed_mps < _RELEASE_MPS else None
+        )
         self._thrust_sum_n = self._pitch_sum_rad = 0.0
         self._airspeed_mps = _RELEASE_MPS
 
@@ -184,7 +194,9 @@ class WingAirframe:
         else:
             height_m = self._plant.motion.up_m + self.error_enu_m[2]
             climb = 0.5 * (-target.down_m - height_m) - sinking
-        return min(max(climb, -min(target.descent_max_mps, _DESCENT_MPS)), min(target.climb_max_mps, _CLIMB_MPS))
+        return min(
+            max(climb, -min(target.descent_max_mps, _DESCENT_MPS)), min(target.climb_max_mps, _CLIMB_MPS)
+        )
 
 
 def _toward(vn: float, ve: float, north: float, east: float) -> float:
@@ -197,7 +209,10 @@ def _toward(vn: float, ve: float, north: float, east: float) -> float:
 
 
 def _around(vn: float, ve: float, north: float, east: float, radius: float) -> float:
-    """Acceleration to the right for a circle of `radius` (positive clockwise) around a centre `north` and `east` of here."""
+    """Acceleration to the right for a circle of `radius` (positive clockwise) around a centre `north` and
+    `east` of here.
+    """
+
     turn = math.copysign(1.0, radius)
     away = max(math.hypot(north, east), 0.1)
     capture = _toward(vn, ve, north, east)

@@ -19,7 +19,15 @@ _AIR_KGPM3 = 1.225
 # Of propeller, motor and controller together.
 _EFFICIENCY = 0.6
 _ELECTRONICS_W = 6.0
-_WRITTEN = ("flying", "target-roll-rad", "target-pitch-rad", "target-q-radps", "target-r-radps", "throttle", "catapult-n")
+_WRITTEN = (
+    "flying",
+    "target-roll-rad",
+    "target-pitch-rad",
+    "target-q-radps",
+    "target-r-radps",
+    "throttle",
+    "catapult-n",
+)
 _SURFACES = ("aileron", "elevator", "rudder")
 
 
@@ -61,7 +69,11 @@ class WingPlant(JsbsimPlant):
         return [*(0.5 + 0.5 * get() / _SURFACE_RAD for get in self._surfaces), self._power()]
 
     def electric_w(self) -> float:
-        """What the battery gives. Motor by momentum theory in axial flight: P = T (V + v), v = T / (2 rho A (V + v))."""
+        """What the battery gives.
+
+        Motor by momentum theory in axial flight: P = T (V + v), v = T / (2 rho A (V + v)).
+        """
+
         speed = self.motion.airspeed_mps
         thrust = self._power() * most_thrust_n(speed)
         # The positive root of v (V + v) = T / (2 rho A).

@@ -58,8 +58,8 @@ _WRITTEN = (
 class X500Plant(JsbsimPlant):
     """One quadrotor standing at `place`, advanced by `step_s` at a time in steps of 1 / `physics_hz`.
 
-    `shift_ne_m` is what the cascade measures from the start of the flight, less metres in the plane of the origin.
-    Raises SetupError when the step is not a whole number of physics steps.
+    `shift_ne_m` is what the cascade measures from the start of the flight, less metres in the plane of the
+    origin. Raises SetupError when the step is not a whole number of physics steps.
     """
 
     def __init__(self, place: StartPose, step_s: float, physics_hz: int = 200) -> None:
@@ -91,7 +91,10 @@ class X500Plant(JsbsimPlant):
         self.write(f"works-{ROTORS[number]}", 1.0 if works else 0.0)
 
     def commanded_attitude(self) -> tuple[float, float, float, float]:
-        """Roll, pitch and yaw that the cascade steers to, radians; thrust as a share of all that the rotors can give."""
+        """Roll, pitch and yaw that the cascade steers to, radians; thrust as a share of all that the rotors
+        can give.
+        """
+
         roll, pitch, yaw, thrust_n = (get() for get in self._wanted)
         return roll, pitch, yaw, thrust_n / FULL_THRUST_N
 

@@ -1,7 +1,8 @@
 """Where the rules let the vehicle fly, and ways round what they forbid. Pure: places in, places out.
 
-Every forbidden thing is a convex block with its margin already on it: a no-fly area is the hull of its corners, and the
-geofence is one thin block along each of its edges. The shortest way goes from corner to corner of blocks.
+Every forbidden thing is a convex block with its margin already on it: a no-fly area is the hull of its
+corners, and the geofence is one thin block along each of its edges. The shortest way goes from corner to
+corner of blocks.
 """
 
 from __future__ import annotations
@@ -61,7 +62,9 @@ def block_round(corners: Sequence[Place], margin_m: float) -> Block:
     """The convex hull of these corners, wider by at least `margin_m` on every side."""
     reach_m = margin_m / math.cos(math.pi / SIDES)
     turns = [2.0 * math.pi * (k + 0.5) / SIDES for k in range(SIDES)]
-    return Block(_hull([(e + reach_m * math.cos(t), n + reach_m * math.sin(t)) for e, n in corners for t in turns]))
+    return Block(
+        _hull([(e + reach_m * math.cos(t), n + reach_m * math.sin(t)) for e, n in corners for t in turns])
+    )
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,9 @@ class Airspace:
 
     def allows(self, place: Place) -> bool:
         """Whether a place may be flown over, margins included."""
-        return (self.fence is None or _inside(self.fence, place)) and not any(block.holds(place) for block in self.blocks)
+        return (self.fence is None or _inside(self.fence, place)) and not any(
+            block.holds(place) for block in self.blocks
+        )
 
     def clear(self, a: Place, b: Place) -> bool:
         """Whether the straight way between two places is free."""
@@ -90,8 +95,10 @@ class Airspace:
     def route(self, a: Place, b: Place) -> list[Place]:
         """The shortest way from a to b by straight legs, both ends included.
 
-        An end that is forbidden is reached from, or left to, the nearest allowed place. Without any way: straight on.
+        An end that is forbidden is reached from, or left to, the nearest allowed place. Without any way:
+        straight on.
         """
+
         if not self.blocks or (self.allows(a) and self.allows(b) and self.clear(a, b)):
             return [a, b]
         begin, end = self.nearest(a), self.nearest(b)
@@ -99,10 +106,12 @@ class Airspace:
         return way if len(way) > 1 else [a, b]
 
     def path(self, waypoints: Sequence[Place]) -> list[Place]:
-        """The same path with every forbidden waypoint moved to the nearest allowed place, and the ways between them routed.
+        """The same path with every forbidden waypoint moved to the nearest allowed place, and the ways
+        between them routed.
 
         The first waypoint is where the vehicle is, and stays.
         """
+
         if not self.blocks and self.fence is None:
             return list(waypoints)
         moved = [waypoints[0], *(self.nearest(waypoint) for waypoint in waypoints[1:])]
@@ -135,7 +144,11 @@ class Airspace:
             done.add(at)
             for to in range(1, len(nodes)):
                 so_far_m = best[at] + math.dist(nodes[at], nodes[to])
-                if to not in done and so_far_m < best.get(to, math.inf) - 1e-9 and self.clear(nodes[at], nodes[to]):
+                if (
+                    to not in done
+                    and so_far_m < best.get(to, math.inf) - 1e-9
+                    and self.clear(nodes[at], nodes[to])
+                ):
                     best[to], came[to] = so_far_m, at
                     heapq.heappush(queue, (so_far_m + math.dist(nodes[to], end), to))
         if 1 not in best:
@@ -151,16 +164,26 @@ class Airspaces:
 
     def __init__(self, order: MissionOrder) -> None:
         self._areas = [
-            (area.from_s - LEAD_S, area.until_s, block_round([(c.east_m, c.north_m) for c in area.corners], NO_FLY_MARGIN_M))
+            (
+                area.from_s - LEAD_S,
+                area.until_s,
+                block_round([(c.east_m, c.north_m) for c in area.corners], NO_FLY_MARGIN_M),
+            )
             for area in order.no_fly
         ]
         self._fence = None if order.geofence is None else tuple((c.east_m, c.north_m) for c in order.geofence)
-        self._edges = () if self._fence is None else tuple(block_round(edge, FENCE_MARGIN_M) for edge in _edges(self._fence))
+        self._edges = (
+            ()
+            if self._fence is None
+            else tuple(block_round(edge, FENCE_MARGIN_M) for edge in _edges(self._fence))
+        )
         self._known: dict[tuple[bool, ...], Airspace] = {}
 
     def at(self, now_s: float) -> Airspace:
         """The airspace of a moment; the same object as long as nothing changes."""
-        in_force = tuple(from_s <= now_s and (until_s is None or now_s < until_s) for from_s, until_s, _ in self._areas)
+        in_force = tuple(
+            from_s <= now_s and (until_s is None or now_s < until_s) for from_s, until_s, _ in self._areas
+        )
         if in_force not in self._known:
             blocks = [block for (_, _, block), holds in zip(self._areas, in_force, strict=True) if holds]
             self._known[in_force] = Airspace((*blocks, *self._edges), self._fence)

@@ -1,4 +1,7 @@
-"""Care for the people below: how fast, how high and how near the rules let it fly where bystanders are known. Pure."""
+"""Care for the people below: how fast, how high and how near the rules let it fly where bystanders are known.
+
+Pure.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +65,11 @@ class Caution:
 
     def height_m(self, asked_m: float, ceiling_m: float) -> float:
         """High enough to pass over anybody at the stand-off distance, as far as the ceiling allows."""
-        return asked_m if self.standoff_m <= 0.0 else min(max(asked_m, self.standoff_m + HEIGHT_MARGIN_M), ceiling_m)
+        return (
+            asked_m
+            if self.standoff_m <= 0.0
+            else min(max(asked_m, self.standoff_m + HEIGHT_MARGIN_M), ceiling_m)
+        )
 
     def speed_mps(self, asked_mps: float, place: Place, people: list[Place]) -> float:
         """As fast as lets it be slow by the time that it is near anybody."""
@@ -73,13 +80,19 @@ class Caution:
         return min(asked_mps, math.sqrt((SLOW_SHARE * self.slow_mps) ** 2 + 2.0 * BRAKING_MPS2 * room_m))
 
     def aside(self, aim: Place, height_m: float, people: list[Place]) -> Place:
-        """An aim that keeps the stand-off where height alone does not: moved away from whoever is too near."""
+        """An aim that keeps the stand-off where height alone does not: moved away from whoever is too
+        near.
+        """
+
         if height_m >= self.standoff_m:
             return aim
         return pushed(aim, people, math.sqrt(self.standoff_m**2 - height_m**2) + MARGIN_M)
 
     def drifted(self, stand: Place, people: list[Place], span_s: float) -> Place:
-        """Where to stand a moment later: creeping away from whoever it stands over, so slowly that it still stands."""
+        """Where to stand a moment later: creeping away from whoever it stands over, so slowly that it still
+        stands.
+        """
+
         if self.max_loiter_s is None:
             return stand
         away = pushed(stand, people, LOITER_M + MARGIN_M)
@@ -91,12 +104,19 @@ class Caution:
 
 
 def pushed(place: Place, people: list[Place], within_m: float) -> Place:
-    """The place moved out of everybody's circle, one after the other, nearest first; in a crowd as far as that goes."""
+    """The place moved out of everybody's circle, one after the other, nearest first; in a crowd as far as
+    that goes.
+    """
+
     for _ in range(4):
         nearest = min(people, key=lambda person: (math.dist(person, place), person), default=None)
         if nearest is None or math.dist(nearest, place) >= within_m - 1e-6:
             return place
         apart_m = math.dist(nearest, place)
-        east, north = ((place[0] - nearest[0]) / apart_m, (place[1] - nearest[1]) / apart_m) if apart_m > 1e-3 else (1.0, 0.0)
+        east, north = (
+            ((place[0] - nearest[0]) / apart_m, (place[1] - nearest[1]) / apart_m)
+            if apart_m > 1e-3
+            else (1.0, 0.0)
+        )
         place = nearest[0] + within_m * east, nearest[1] + within_m * north
     return place

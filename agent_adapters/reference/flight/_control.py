@@ -1,4 +1,6 @@
-"""Who flies: the agent keeps control of the autopilot, waits where it is silent, and leaves its failsafes alone."""
+"""Who flies: the agent keeps control of the autopilot, waits where it is silent, and leaves its failsafes
+alone.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ class TurnBack(Exception):
 class Control:
     """Offboard control of one vehicle at one height."""
 
-    def __init__(self, vehicle: PilotedVehicle, log: Log, orders: Orders, settings: Settings, height_m: float) -> None:
+    def __init__(
+        self, vehicle: PilotedVehicle, log: Log, orders: Orders, settings: Settings, height_m: float
+    ) -> None:
         self._vehicle = vehicle
         self._log = log
         self._orders = orders
@@ -36,7 +40,11 @@ class Control:
         return pose
 
     def check(self) -> Steps[None]:
-        """Return when the autopilot flies what it is told. Raises TurnBack when it does not any more, and Ordered."""
+        """Return when the autopilot flies what it is told.
+
+        Raises TurnBack when it does not any more, and Ordered.
+        """
+
         vehicle = self._vehicle
         self._orders.heed()
         while vehicle.silent or vehicle.mode != OFFBOARD or not vehicle.armed:
@@ -50,7 +58,10 @@ class Control:
                 yield from self._retake()
 
     def _wait_for_the_autopilot(self) -> Steps[None]:
-        """It flies home by itself when it does not hear us; a setpoint that comes late would not fit where it is then."""
+        """It flies home by itself when it does not hear us; a setpoint that comes late would not fit where it
+        is then.
+        """
+
         vehicle = self._vehicle
         vehicle.setpoint = None
         self._log.enter(self._log.phase, "waiting for the autopilot to be heard again")
@@ -64,7 +75,10 @@ class Control:
         self.aim_here()
 
     def _yield_to_failsafe(self) -> Steps[None]:
-        """Leave the autopilot alone while its failsafe flies; the setpoints go on, so that it can give control back."""
+        """Leave the autopilot alone while its failsafe flies; the setpoints go on, so that it can give
+        control back.
+        """
+
         vehicle, before = self._vehicle, (self._log.phase, self._log.text)
         cause = self._failsafe_cause()
         words = vehicle.reason
@@ -74,7 +88,9 @@ class Control:
             self._orders.heed()
             if vehicle.mode != mode:
                 mode = vehicle.mode
-                self._log.enter(_FAILSAFE_PHASES.get(mode, "holding"), f"the autopilot's failsafe flies: {words}")
+                self._log.enter(
+                    _FAILSAFE_PHASES.get(mode, "holding"), f"the autopilot's failsafe flies: {words}"
+                )
             if vehicle.silent:
                 vehicle.setpoint = None
             else:
@@ -94,7 +110,8 @@ class Control:
         """Control was taken without need: ask for it back. Raises TurnBack when it is not given."""
         vehicle = self._vehicle
         self._log.decide("retake", "", f"the autopilot left offboard control: {vehicle.reason}")
-        # With a low battery the autopilot may have good reason to fly home, even if it does not name a failsafe.
+        # With a low battery the autopilot may have good reason to fly home, even if it does not name a
+        # failsafe.
         if vehicle.battery_fraction <= self._min_battery:
             raise TurnBack("the autopilot took control and keeps it")
         if vehicle.setpoint is None:

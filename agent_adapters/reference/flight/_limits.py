@@ -32,8 +32,11 @@ class MissionLimits:
         height_m = max(min(order.altitude_m, order.max_altitude_m), floor_m)
         speed_mps = order.speed_mps
         if order.max_speed_mps is not None:
-            # Under a rule slower than twice the margin half of the allowed speed is flown: a margin alone would stop it.
-            speed_mps = min(speed_mps, max(order.max_speed_mps - SPEED_RULE_MARGIN_MPS, 0.5 * order.max_speed_mps))
+            # Under a rule slower than twice the margin half of the allowed speed is flown: a margin alone
+            # would stop it.
+            speed_mps = min(
+                speed_mps, max(order.max_speed_mps - SPEED_RULE_MARGIN_MPS, 0.5 * order.max_speed_mps)
+            )
         # People may be anywhere on the way: time is reckoned with the speed that is flown near them.
         slow_mps = caution.slow_mps
         return cls(

@@ -21,9 +21,11 @@ def lawnmower(
 ) -> list[Place]:
     """Waypoints of parallel legs over a circle, the first along `heading_rad` (clockwise from north).
 
-    `spacing_m` is the widest allowed distance between legs. The camera sees from `near_m` to beyond `middle_m` ahead, so a
-    leg begins `near_m` before the circle and ends when the middle of the image has reached the circle's far edge.
+    `spacing_m` is the widest allowed distance between legs. The camera sees from `near_m` to beyond
+    `middle_m` ahead, so a leg begins `near_m` before the circle and ends when the middle of the image has
+    reached the circle's far edge.
     """
+
     count = max(1, math.ceil(2.0 * radius_m / spacing_m))
     between_m = 2.0 * radius_m / count
     waypoints: list[Place] = []
@@ -60,7 +62,8 @@ class Walk:
         self._path = [path[0], *(b for a, b in pairwise(path) if math.dist(a, b) > 1e-6)]
         self._starts_m = list(accumulate((math.dist(a, b) for a, b in pairwise(self._path)), initial=0.0))
         self._corners = [
-            (self._starts_m[index], _turn_rad(*self._path[index - 1 : index + 2])) for index in range(1, len(self._path) - 1)
+            (self._starts_m[index], _turn_rad(*self._path[index - 1 : index + 2]))
+            for index in range(1, len(self._path) - 1)
         ]
         self.done_m = 0.0
 
@@ -71,10 +74,15 @@ class Walk:
 
     def rest(self) -> list[Place]:
         """The waypoints still ahead."""
-        return [place for place, at_m in zip(self._path, self._starts_m, strict=True) if at_m > self.done_m] or [self._path[-1]]
+        return [
+            place for place, at_m in zip(self._path, self._starts_m, strict=True) if at_m > self.done_m
+        ] or [self._path[-1]]
 
     def go(self, position: Place, window_m: float) -> None:
-        """Move on to the nearest point of the path within a window ahead; never back, and never past what was not aimed at."""
+        """Move on to the nearest point of the path within a window ahead; never back, and never past what was
+        not aimed at.
+        """
+
         best = (math.dist(position, self.at(self.done_m)), self.done_m)
         for index, (a, b) in enumerate(pairwise(self._path)):
             begin_m, end_m = self._starts_m[index], self._starts_m[index + 1]
@@ -103,7 +111,11 @@ class Walk:
 
     def speed_mps(self, limit_mps: float) -> float:
         """How fast to be here, so that the next sharp corner and the end are reached at `CORNER_MPS`."""
-        slow_m = [corner_m for corner_m, turn_rad in self._corners if corner_m > self.done_m and abs(turn_rad) > SHARP_RAD]
+        slow_m = [
+            corner_m
+            for corner_m, turn_rad in self._corners
+            if corner_m > self.done_m and abs(turn_rad) > SHARP_RAD
+        ]
         ahead_m = min([*slow_m, self._starts_m[-1]]) - self.done_m
         return min(limit_mps, math.sqrt(CORNER_MPS**2 + 2.0 * BRAKING_MPS2 * max(ahead_m, 0.0)))
 

@@ -137,19 +137,29 @@ class Pilot:
         yield from vehicle.set_parameter("MPC_XY_VEL_MAX", self.speed_mps)
         self._log.enter("starting", "waiting until the autopilot is ready")
         if not self._reserve.allows_takeoff():
-            raise TurnBack(f"the battery holds {vehicle.battery_fraction:.0%}: too little to fly and keep the reserve")
+            raise TurnBack(
+                f"the battery holds {vehicle.battery_fraction:.0%}: too little to fly and keep the reserve"
+            )
         yield from self._attentive(self._wait_while(lambda: not vehicle.ready and vehicle.now_s < READY_BY_S))
         while grounded() or not vehicle.armed:
             yield from self._attentive(self._wait_while(grounded))
             if not (yield from self._attentive(vehicle.arm(vehicle.now_s + READY_BY_S))):
-                raise TurnBack(f"the autopilot could not be armed: {'; '.join(vehicle.texts) or 'it gives no reason'}")
+                raise TurnBack(
+                    f"the autopilot could not be armed: {'; '.join(vehicle.texts) or 'it gives no reason'}"
+                )
         self._reserve.took_off()
         self._log.enter("taking_off", f"climbing to {FIRST_HEIGHT_M:g} m")
         first_m = min(FIRST_HEIGHT_M, self.height_m)
         if not (yield from self._attentive(vehicle.take_off(first_m, vehicle.now_s + 60.0))):
-            raise TurnBack(f"the takeoff failed: {'; '.join(vehicle.texts) or 'the autopilot gives no reason'}")
+            raise TurnBack(
+                f"the takeoff failed: {'; '.join(vehicle.texts) or 'the autopilot gives no reason'}"
+            )
         pose = self.pose
-        if not (yield from vehicle.go_offboard(PositionSetpoint(pose.east_m, pose.north_m, self.height_m, pose.yaw_rad))):
+        if not (
+            yield from vehicle.go_offboard(
+                PositionSetpoint(pose.east_m, pose.north_m, self.height_m, pose.yaw_rad)
+            )
+        ):
             raise TurnBack("the autopilot does not give control to the setpoint stream")
         yield from vehicle.silence_the_rest()
         if self._order.min_altitude_m is not None:
@@ -185,10 +195,13 @@ class Pilot:
         looking: bool = False,
         home_bound: bool = False,
     ) -> Steps[bool]:
-        """Fly along a path at mission height, round what is forbidden; False when `leave` came true meanwhile.
+        """Fly along a path at mission height, round what is forbidden; False when `leave` came true
+        meanwhile.
 
-        `looking`: the flight is there to see something, and waits while the detector is silent. Raises TurnBack and Ordered.
+        `looking`: the flight is there to see something, and waits while the detector is silent. Raises
+        TurnBack and Ordered.
         """
+
         space = self.airspace
         walk = Walk(space.path([self.place, *path]) if space.blocks else path)
         while not until():
@@ -199,7 +212,9 @@ class Pilot:
                 space = self.airspace
                 walk = Walk(space.path([self.place, *walk.rest()]))
             astray = math.dist(self.place, back := walk.at(walk.done_m)) > ASTRAY_M
-            if astray and not (yield from self.follow([self.place, back], speed_mps, leave=leave, home_bound=home_bound)):
+            if astray and not (
+                yield from self.follow([self.place, back], speed_mps, leave=leave, home_bound=home_bound)
+            ):
                 return False
             walk.go(self.place, WINDOW_M)
             if walk.left_m < ARRIVED_M:
@@ -209,7 +224,10 @@ class Pilot:
         return True
 
     def _aim_along(self, walk: Walk, speed_mps: float, facing: Track | None) -> None:
-        """A point a little ahead on the path, and the speed along it fed forward, so that no way is lost to caution."""
+        """A point a little ahead on the path, and the speed along it fed forward, so that no way is lost to
+        caution.
+        """
+
         people = self.people()
         limit_mps = self._caution.speed_mps(speed_mps, self.place, people)
         feed = 1.0 if limit_mps >= speed_mps else 1.0 - LEAD_SHARE
@@ -230,7 +248,11 @@ class Pilot:
     # Control.
 
     def keep_control(self, *, looking: bool = False, home_bound: bool = False) -> Steps[None]:
-        """Return when the flight can go on, after whatever has to be waited for. Raises TurnBack and Ordered."""
+        """Return when the flight can go on, after whatever has to be waited for.
+
+        Raises TurnBack and Ordered.
+        """
+
         yield from self._control.check()
         while True:
             if not home_bound and (reason := self.homeward()):
@@ -247,7 +269,10 @@ class Pilot:
     def _link_lost(self, rule: str) -> bool:
         """Whether the operator has been out of reach for so long that this rule holds."""
         order = self._order
-        return order.link_lost == rule and self._watch.link_down_for_s(self._vehicle.now_s) > order.link_lost_after_s
+        return (
+            order.link_lost == rule
+            and self._watch.link_down_for_s(self._vehicle.now_s) > order.link_lost_after_s
+        )
 
     def _must_stand(self, *, looking: bool, home_bound: bool) -> tuple[str, str] | None:
         """What to wait for, by its name, and why; None when nothing asks for it."""
@@ -256,7 +281,10 @@ class Pilot:
         if home_bound and self.homeward():
             return None
         if self._link_lost("hold"):
-            return "operator_link", f"the operator's link is down for more than {self._order.link_lost_after_s:g} s"
+            return (
+                "operator_link",
+                f"the operator's link is down for more than {self._order.link_lost_after_s:g} s",
+            )
         if home_bound:
             return None
         if self._vehicle.gps_ok is False:
@@ -296,7 +324,11 @@ class Pilot:
         self._log.enter(*before)
 
     def _homeward_while_link_is_down(self) -> Steps[None]:
-        """Towards home as long as the operator cannot be reached. Raises TurnBack when it is over home by then."""
+        """Towards home as long as the operator cannot be reached.
+
+        Raises TurnBack when it is over home by then.
+        """
+
         before = (self._log.phase, self._log.text)
         why = f"the operator's link is down for more than {self._order.link_lost_after_s:g} s"
         self._log.decide("return", "operator_link", why)
@@ -313,7 +345,10 @@ class Pilot:
     # Down.
 
     def come_down(self, reason: str) -> Steps[str]:
-        """End early, by the means that are left: `complete` when the mission was flown as far as time allowed. Raises Ordered."""
+        """End early, by the means that are left: `complete` when the mission was flown as far as time
+        allowed. Raises Ordered.
+        """
+
         vehicle = self._vehicle
         if not vehicle.armed and not vehicle.silent:
             self._log.decide("abort", "", reason)
@@ -333,15 +368,26 @@ class Pilot:
         return "aborted"
 
     def go_home(self, reason: str, unless: Callable[[], bool] = never) -> Steps[bool]:
-        """Fly home and land, or land where it is when the mission does not end at home; False when `unless` came true first."""
+        """Fly home and land, or land where it is when the mission does not end at home; False when `unless`
+        came true first.
+        """
+
         vehicle = self._vehicle
         self._log.decide("return", "", reason)
         self._log.enter("returning", reason)
         safe_m = min(self._settings.safe_height_m, self.height_m)
         goal = self.home if self._order.return_home else self.place
-        if self._order.min_altitude_m is not None or self._caution.watches or not self.airspace.clear(self.place, goal):
+        if (
+            self._order.min_altitude_m is not None
+            or self._caution.watches
+            or not self.airspace.clear(self.place, goal)
+        ):
             over_home = lambda: math.dist(self.place, goal) < OVER_HOME_M  # noqa: E731
-            if not (yield from self.follow([self.place, goal], self.speed_mps, until=over_home, leave=unless, home_bound=True)):
+            if not (
+                yield from self.follow(
+                    [self.place, goal], self.speed_mps, until=over_home, leave=unless, home_bound=True
+                )
+            ):
                 return False
         while math.dist(self.place, goal) > 1.5 or self.pose.height_m > safe_m + 2.0:
             yield from self.keep_control(home_bound=True)
@@ -349,7 +395,9 @@ class Pilot:
                 return False
             vehicle.setpoint = PositionSetpoint(*goal, safe_m, self._yaw_to(goal))
             yield
-        yield from self._land("coming down over home" if self._order.return_home else "coming down where it is")
+        yield from self._land(
+            "coming down over home" if self._order.return_home else "coming down where it is"
+        )
         return True
 
     def land_here(self, reason: str) -> Steps[None]:
@@ -367,7 +415,11 @@ class Pilot:
         yield from self.wait_until_down()
 
     def wait_until_down(self) -> Steps[None]:
-        """Until the autopilot has disarmed; a landing that does not come is asked for again. Raises Ordered."""
+        """Until the autopilot has disarmed; a landing that does not come is asked for again.
+
+        Raises Ordered.
+        """
+
         vehicle = self._vehicle
         asked_s = vehicle.now_s
         while vehicle.armed:

@@ -12,21 +12,25 @@ from ..mission._planner import Planner
 from ._paths import Place
 from ._vehicle import PilotedVehicle
 
-# How old the length of the way home may be where it leads round something: routing ten times a second is not needed.
+# How old the length of the way home may be where it leads round something: routing ten times a second is not
+# needed.
 # Chosen, not measured.
 ROUTE_AGE_S = 1.0
 
 # Of the charge, on top of the reserve that the rules ask for: PX4 states whole percent. Chosen, not measured.
 BATTERY_MARGIN = 0.03
 
-# Of flight before the use of charge is worked out from it: whole percent say little before. Chosen, not measured.
+# Of flight before the use of charge is worked out from it: whole percent say little before. Chosen, not
+# measured.
 LEAST_FLOWN_S = 20.0
 
 
 class Reserve:
     """What one flight has used so far, and what the way home needs."""
 
-    def __init__(self, order: MissionOrder, vehicle: PilotedVehicle, watch: Watch, settings: Settings, planner: Planner) -> None:
+    def __init__(
+        self, order: MissionOrder, vehicle: PilotedVehicle, watch: Watch, settings: Settings, planner: Planner
+    ) -> None:
         self._vehicle = vehicle
         self._watch = watch
         self._planner = planner
@@ -44,7 +48,11 @@ class Reserve:
         self._takeoff = (self._vehicle.now_s, self._vehicle.battery_fraction + self._watch.charge_lost)
 
     def homeward(self, place: Place, *, routed: bool) -> str:
-        """Why it must go home from a place now; empty when it need not. `routed`: ways may lead round something."""
+        """Why it must go home from a place now; empty when it need not.
+
+        `routed`: ways may lead round something.
+        """
+
         now_s = self._vehicle.now_s
         if not routed or now_s - self._reason[0] >= ROUTE_AGE_S:
             self._reason = (now_s, self._must_go_home(place))
@@ -56,9 +64,13 @@ class Reserve:
             took_off_s, full = self._takeoff
             used, flown_s = full - charge - self._watch.charge_lost, self._vehicle.now_s - took_off_s
             use_per_s = used / flown_s if flown_s > LEAST_FLOWN_S else 0.0
-            needed = max(needed, self._reserve_fraction + use_per_s * self._planner.home_s(place) + BATTERY_MARGIN)
+            needed = max(
+                needed, self._reserve_fraction + use_per_s * self._planner.home_s(place) + BATTERY_MARGIN
+            )
         if charge <= needed:
-            return f"the battery is down to {charge:.0%}, {needed:.0%} are needed to come home with the reserve"
+            return (
+                f"the battery is down to {charge:.0%}, {needed:.0%} are needed to come home with the reserve"
+            )
         if self._planner.must_turn_back(place, self._vehicle.now_s):
             return "the time left is needed for the way home"
         return ""

@@ -1,4 +1,6 @@
-"""The vehicle as a MAVLink client meets it: what it says of itself, and commands that are not believed until confirmed."""
+"""The vehicle as a MAVLink client meets it: what it says of itself, and commands that are not believed until
+confirmed.
+"""
 
 from __future__ import annotations
 
@@ -64,7 +66,9 @@ Mode = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class PositionSetpoint:
-    """Where to be, in the map frame and metres above home, where to look (clockwise from north), and how fast to go on."""
+    """Where to be, in the map frame and metres above home, where to look (clockwise from north), and how fast
+    to go on.
+    """
 
     east_m: float
     north_m: float
@@ -80,7 +84,10 @@ class Sender(Protocol):
 
 
 class PilotedVehicle:
-    """One PX4-like multicopter behind one link. `receive` before acting on a moment, `send_setpoint` after."""
+    """One PX4-like multicopter behind one link.
+
+    `receive` before acting on a moment, `send_setpoint` after.
+    """
 
     def __init__(self, link: Sender, poses: PoseHistory) -> None:
         self.now_s = 0.0
@@ -154,14 +161,18 @@ class PilotedVehicle:
             case mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
                 self._hear_place(message)
             case mavlink.MAVLINK_MSG_ID_ATTITUDE:
-                self.poses.turn(self._moment_s(message.time_boot_ms), message.roll, message.pitch, message.yaw)
+                self.poses.turn(
+                    self._moment_s(message.time_boot_ms), message.roll, message.pitch, message.yaw
+                )
             case mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
                 self._hear_global(message)
             case mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 self._hear_heartbeat(message, frame)
             case mavlink.MAVLINK_MSG_ID_SYS_STATUS:
                 self.ready = bool(message.onboard_control_sensors_health & READY)
-                self._hear_gps(message.onboard_control_sensors_present, message.onboard_control_sensors_health)
+                self._hear_gps(
+                    message.onboard_control_sensors_present, message.onboard_control_sensors_health
+                )
                 if message.battery_remaining >= 0:
                     self.battery_fraction = message.battery_remaining / 100.0
             case mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
@@ -183,7 +194,10 @@ class PilotedVehicle:
         self.mode = (mode >> 16 & 0xFF, mode >> 24 & 0xFF)
 
     def _hear_gps(self, present: int, health: int) -> None:
-        """Its health bit; before it was well for the first time it says nothing (the autopilot is starting)."""
+        """Its health bit; before it was well for the first time it says nothing (the autopilot is
+        starting).
+        """
+
         healthy = bool(present & health & GPS)
         if healthy or self.gps_ok is not None:
             self.gps_ok = healthy
@@ -197,7 +211,10 @@ class PilotedVehicle:
             self.poses.place(self._moment_s(boot_ms), east_m + y, north_m + x, -z, velocity)
 
     def _hear_global(self, message: object) -> None:
-        """Find where the local frame lies in the map, while on the ground: the two frames do not move against each other."""
+        """Find where the local frame lies in the map, while on the ground: the two frames do not move against
+        each other.
+        """
+
         if self.armed or self._origin is None or self._local_enu is None:
             return
         boot_ms, east_m, north_m = self._local_enu
@@ -207,7 +224,10 @@ class PilotedVehicle:
             self._ground_amsl_m = message.alt * 1e-3  # type: ignore[attr-defined]
 
     def _moment_s(self, boot_ms: int) -> float:
-        """Simulated time of a moment on the autopilot's clock: they differ by the least difference ever seen on arrival."""
+        """Simulated time of a moment on the autopilot's clock: they differ by the least difference ever seen
+        on arrival.
+        """
+
         self._clock_offset_s = min(self._clock_offset_s, self.now_s - boot_ms * 1e-3)
         return boot_ms * 1e-3 + self._clock_offset_s
 
@@ -219,7 +239,12 @@ class PilotedVehicle:
             self._beat_s = self.now_s
             self._send(
                 mavlink.MAVLink_heartbeat_message(
-                    mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+                    mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+                    mavlink.MAV_AUTOPILOT_INVALID,
+                    0,
+                    0,
+                    mavlink.MAV_STATE_ACTIVE,
+                    3,
                 )
             )
         if self.setpoint is not None and self.now_s - self._aimed_s >= SETPOINT_S - 1e-6:
@@ -272,17 +297,22 @@ class PilotedVehicle:
     def change_mode(self, mode: Mode) -> Steps[bool]:
         """Whether the vehicle took the mode on.
 
-        PX4 answers DO_SET_MODE twice, the first time ACCEPTED whatever was asked: only the second answer or a heartbeat that
-        shows the mode is believed.
+        PX4 answers DO_SET_MODE twice, the first time ACCEPTED whatever was asked: only the second answer or a
+        heartbeat that shows the mode is believed.
         """
+
         for attempt in range(TRIES):
             self._acks.clear()
             asked_s = self.now_s
-            self._send_command(mavlink.MAV_CMD_DO_SET_MODE, attempt, (mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *mode))
+            self._send_command(
+                mavlink.MAV_CMD_DO_SET_MODE, attempt, (mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *mode)
+            )
             while self.now_s < asked_s + 1.5:
                 yield
                 results = [result for what, result in self._acks if what == mavlink.MAV_CMD_DO_SET_MODE]
-                if (self.mode == mode and self.mode_heard_s > asked_s) or results.count(mavlink.MAV_RESULT_ACCEPTED) >= 2:
+                if (self.mode == mode and self.mode_heard_s > asked_s) or results.count(
+                    mavlink.MAV_RESULT_ACCEPTED
+                ) >= 2:
                     self.mode = mode
                     return True
                 if any(result != mavlink.MAV_RESULT_ACCEPTED for result in results):
@@ -295,11 +325,16 @@ class PilotedVehicle:
             yield
         self._unwanted.clear()  # what is still coming shows up again
         for message_id, rate_hz in STREAMS_HZ.items():
-            yield from self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, round(1e6 / rate_hz), tries=2)
+            yield from self.command(
+                mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, round(1e6 / rate_hz), tries=2
+            )
         yield from self.silence_the_rest()
 
     def silence_the_rest(self) -> Steps[None]:
-        """Switch off every stream that came and is not read; each once, whether or not the autopilot agrees."""
+        """Switch off every stream that came and is not read; each once, whether or not the autopilot
+        agrees.
+        """
+
         done: set[int] = set()
         while remaining := sorted(self._unwanted - done):
             done.add(remaining[0])
@@ -309,11 +344,18 @@ class PilotedVehicle:
     def set_parameter(self, name: str, value: float) -> Steps[None]:
         """Set a float parameter, twice in case one is lost; an autopilot without it flies by its own."""
         for _ in range(2):
-            self._send(mavlink.MAVLink_param_set_message(*self._target, name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32))
+            self._send(
+                mavlink.MAVLink_param_set_message(
+                    *self._target, name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32
+                )
+            )
             yield
 
     def arm(self, until_s: float) -> Steps[bool]:
-        """Wait until the autopilot says that it is ready, then arm; try again while it refuses, until a moment."""
+        """Wait until the autopilot says that it is ready, then arm; try again while it refuses, until a
+        moment.
+        """
+
         while self.now_s < until_s:
             if self.armed:
                 return True
@@ -330,7 +372,9 @@ class PilotedVehicle:
         amsl_m = self._ground_amsl_m + height_m
         while self.now_s < until_s:
             nan = math.nan
-            result = yield from self.command(mavlink.MAV_CMD_NAV_TAKEOFF, nan, 0.0, 0.0, nan, nan, nan, amsl_m)
+            result = yield from self.command(
+                mavlink.MAV_CMD_NAV_TAKEOFF, nan, 0.0, 0.0, nan, nan, nan, amsl_m
+            )
             asked_s = self.now_s
             while result == mavlink.MAV_RESULT_ACCEPTED and self.now_s < min(until_s, asked_s + 20.0):
                 if self.pose is not None and self.pose.height_m > 0.8 * height_m:
@@ -340,7 +384,10 @@ class PilotedVehicle:
         return False
 
     def go_offboard(self, aim: PositionSetpoint) -> Steps[bool]:
-        """Stream the setpoint for a while, as PX4 wants to see it first, then hand control over to the stream."""
+        """Stream the setpoint for a while, as PX4 wants to see it first, then hand control over to the
+        stream.
+        """
+
         self.setpoint = aim
         yield from self.pause(0.6)
         return (yield from self.change_mode(OFFBOARD))

@@ -55,7 +55,10 @@ class Findings:
     # Called by the clock.
 
     def update(self) -> None:
-        """After a frame: report the target of every active task that is identified, once the policy is content."""
+        """After a frame: report the target of every active task that is identified, once the policy is
+        content.
+        """
+
         for task in self._planner.tasks.values():
             if task.active and (candidate := self.candidate(task)) and not self.missing(candidate, task):
                 judgement = self.judge(candidate)
@@ -64,7 +67,10 @@ class Findings:
                     self.settle(task, candidate, judgement)
 
     def send_reports(self) -> None:
-        """At every moment: report what falls due, what may be reported by now, and again what the operator did not hear."""
+        """At every moment: report what falls due, what may be reported by now, and again what the operator
+        did not hear.
+        """
+
         if self._orders.silenced_for_good:
             return
         # A detector that is silent shows nothing of who has come near since: a report would be a guess.
@@ -75,7 +81,11 @@ class Findings:
             if target is None:
                 self._drop(task)
             elif not self.reports.closed(self._log.now_s):
-                reason = "not said before" if task.state == "found" else "said again: the operator could not hear it"
+                reason = (
+                    "not said before"
+                    if task.state == "found"
+                    else "said again: the operator could not hear it"
+                )
                 self.report(task, target, self.judge(target), why=reason)
 
     def unsaid(self) -> list[SearchTask]:
@@ -102,7 +112,9 @@ class Findings:
 
     def _good_enough(self, candidate: Track, task: SearchTask) -> bool:
         sure = candidate.confidence >= self._order.min_report_confidence
-        return sure and candidate.label == task.intelligence.class_label and candidate.frames >= DEADLINE_FRAMES
+        return (
+            sure and candidate.label == task.intelligence.class_label and candidate.frames >= DEADLINE_FRAMES
+        )
 
     # Candidates and judgements.
 
@@ -122,7 +134,10 @@ class Findings:
         return min(candidates)[2] if candidates else None
 
     def missing(self, candidate: Track, task: SearchTask) -> str:
-        """What is still missing before the candidate counts as identified, in words; empty when nothing is."""
+        """What is still missing before the candidate counts as identified, in words; empty when nothing
+        is.
+        """
+
         return missing_for(candidate, task.intelligence.class_label, self._order, self._settings)
 
     def verdict(self, task: SearchTask) -> str:
@@ -131,7 +146,9 @@ class Findings:
 
     def judge(self, target: Track) -> Judgement:
         """The policy's judgement of an identified target at this moment."""
-        return self.policy.judge(target, self._perception.tracks, self._log.now_s, self._perception.unseen_share)
+        return self.policy.judge(
+            target, self._perception.tracks, self._log.now_s, self._perception.unseen_share
+        )
 
     def target_of(self, task: SearchTask) -> Track | None:
         """What was reported for a task, or would be: an identified candidate. None where there is neither."""

@@ -1,4 +1,7 @@
-"""The mission as one behaviour: take off, work through the tasks in order, come home. Reads from top to bottom."""
+"""The mission as one behaviour: take off, work through the tasks in order, come home.
+
+Reads from top to bottom.
+"""
 
 from __future__ import annotations
 
@@ -41,10 +44,19 @@ class MissionOrderMissing(Exception):
 
 
 class SearchMission:
-    """Decides and flies. `fly` is the behaviour; `tell` and `order` bring in what the bench says meanwhile."""
+    """Decides and flies.
+
+    `fly` is the behaviour; `tell` and `order` bring in what the bench says meanwhile.
+    """
 
     def __init__(
-        self, vehicle: PilotedVehicle, eyes: ObjectPerception, log: Log, watch: Watch, policy: PolicyName, settings: Settings
+        self,
+        vehicle: PilotedVehicle,
+        eyes: ObjectPerception,
+        log: Log,
+        watch: Watch,
+        policy: PolicyName,
+        settings: Settings,
     ) -> None:
         self.over = False
         self._vehicle = vehicle
@@ -66,10 +78,14 @@ class SearchMission:
             return
         self._order = order
         settings, careful = self._settings, self._policy_name != "naive"
-        self._pilot = Pilot(order, self._vehicle, self._eyes, self._log, self._watch, self._orders, settings, careful=careful)
+        self._pilot = Pilot(
+            order, self._vehicle, self._eyes, self._log, self._watch, self._orders, settings, careful=careful
+        )
         self._planner = self._pilot.planner
         policy = policy_named(self._policy_name, order, settings)
-        self._findings = Findings(order, policy, self._planner, self._eyes, self._log, self._watch, self._orders, settings)
+        self._findings = Findings(
+            order, policy, self._planner, self._eyes, self._log, self._watch, self._orders, settings
+        )
         self._vehicle.locate(order.origin)
         for document in self._early:
             if isinstance(document, OrderDocument):
@@ -192,7 +208,9 @@ class SearchMission:
         """On the ground, wait for leave to report what was found and could not be said."""
         if self._order is None or not self._vehicle.poses.latest():
             return
-        while self._findings.unsaid() and self._findings.reports.opens(self._vehicle.now_s, self._order.time_limit_s):
+        while self._findings.unsaid() and self._findings.reports.opens(
+            self._vehicle.now_s, self._order.time_limit_s
+        ):
             if self._vehicle.now_s >= self._order.time_limit_s - LAST_WORD_S:
                 return
             if self._log.phase not in ("landing", "starting"):
@@ -221,7 +239,11 @@ class SearchMission:
         return self._vehicle.now_s + needed_s > self._order.time_limit_s
 
     def _must_wait_on_the_ground(self) -> bool:
-        """Ordered to hold, or without the operator whom the rules want to be there: it does not take off. Raises TurnBack."""
+        """Ordered to hold, or without the operator whom the rules want to be there: it does not take off.
+
+        Raises TurnBack.
+        """
+
         assert self._order is not None
         if self._too_late():
             raise TurnBack("there was no time left to take off")
@@ -235,7 +257,9 @@ class SearchMission:
 
     def _worth_flying(self) -> bool:
         start_s = self._vehicle.now_s + TAKEOFF_S
-        return any(self._planner.fits(self._home, start_s, task, SEARCH_S) for task in self._planner.tasks.values())
+        return any(
+            self._planner.fits(self._home, start_s, task, SEARCH_S) for task in self._planner.tasks.values()
+        )
 
     def _work_through(self) -> Steps[None]:
         while True:
@@ -265,13 +289,17 @@ class SearchMission:
         enough = lambda: self._seen_enough(task)  # noqa: E731
         while task.active:
             path = self._search_path(task)
-            if not (yield from self._follow([self._place, path[0]], task, self._pilot.speed_mps, until=enough)):
+            if not (
+                yield from self._follow([self._place, path[0]], task, self._pilot.speed_mps, until=enough)
+            ):
                 return
             if task.enough or (task.passes and not task.active):
                 return
             task.passes += 1
             self._log.decide(
-                "search", task.id, f"lawnmower over {about.uncertainty_m:g} m, pass {task.passes}, {length_m(path):.0f} m"
+                "search",
+                task.id,
+                f"lawnmower over {about.uncertainty_m:g} m, pass {task.passes}, {length_m(path):.0f} m",
             )
             self._log.enter("searching", f"{task.id}, pass {task.passes}")
             if not (yield from self._follow(path, task, self._pilot.speed_mps, until=enough, looking=True)):
@@ -280,23 +308,31 @@ class SearchMission:
                 yield from self._identify(task)
             if task.active and not self._search_again(task):
                 task.state = "not_found"
-                self._log.decide("give_up", task.id, f"no {about.class_label} identified in {task.passes} passes")
+                self._log.decide(
+                    "give_up", task.id, f"no {about.class_label} identified in {task.passes} passes"
+                )
 
     def _seen_enough(self, task: SearchTask) -> bool:
         """Whether to leave a sub-area whose target is found before all of it has been looked at.
 
-        So it is the second time over, and when what waits would not be served in time otherwise; looked at once a second.
+        So it is the second time over, and when what waits would not be served in time otherwise; looked at
+        once a second.
         """
+
         now_s = self._vehicle.now_s
         if task.active or task.enough or task.passes > 1 or now_s - self._asked_s < 1.0:
             return not task.active and (task.enough or task.passes > 1)
         self._asked_s = now_s
-        deadline_s = self._order.report_deadline_s if self._order and self._order.report_deadline_s else math.inf
+        deadline_s = (
+            self._order.report_deadline_s if self._order and self._order.report_deadline_s else math.inf
+        )
         place = self._place
         for other in self._planner.waiting(place):
             if not self._planner.fits(place, now_s, other, SEARCH_S):
                 continue
-            due_s = other.told_s + deadline_s - self._planner.travel_s(math.dist(place, other.place)) - SEARCH_S
+            due_s = (
+                other.told_s + deadline_s - self._planner.travel_s(math.dist(place, other.place)) - SEARCH_S
+            )
             if now_s + HURRY_S > due_s or not self._planner.fits(place, now_s + HURRY_S, other, SEARCH_S):
                 task.enough = True
                 self._log.decide("move_on", task.id, f"found; {other.id} would come too late otherwise")
@@ -304,9 +340,16 @@ class SearchMission:
         return False
 
     def _search_path(self, task: SearchTask) -> list[Place]:
-        """Legs along the way in on the first pass, across it on the second: other views of the same ground."""
-        heading_rad = bearing_rad(self._place, task.place) if math.dist(self._place, task.place) > 1.0 else 0.0
-        return self._legs(task.place, task.intelligence.uncertainty_m, heading_rad + task.passes % 2 * math.pi / 2.0)
+        """Legs along the way in on the first pass, across it on the second: other views of the same
+        ground.
+        """
+
+        heading_rad = (
+            bearing_rad(self._place, task.place) if math.dist(self._place, task.place) > 1.0 else 0.0
+        )
+        return self._legs(
+            task.place, task.intelligence.uncertainty_m, heading_rad + task.passes % 2 * math.pi / 2.0
+        )
 
     def _legs(self, center: Place, radius_m: float, heading_rad: float) -> list[Place]:
         camera, height_m = self._eyes.camera, self._pilot.height_m
@@ -318,7 +361,9 @@ class SearchMission:
         if task.passes >= 2 or self._planner.waiting(self._place):
             return False
         path = self._search_path(task)
-        return self._planner.fits(self._place, self._vehicle.now_s, task, length_m(path) / self._pilot.speed_mps)
+        return self._planner.fits(
+            self._place, self._vehicle.now_s, task, length_m(path) / self._pilot.speed_mps
+        )
 
     def _identify(self, task: SearchTask) -> Steps[None]:
         """Look at every candidate from all sides until one is identified."""
@@ -343,20 +388,35 @@ class SearchMission:
         def settled() -> bool:
             return not task.active
 
-        if (yield from self._follow([self._place, path[0]], task, self._pilot.speed_mps, facing=target, until=settled)):
-            yield from self._follow(path, task, self._settings.inspect_speed_mps, facing=target, until=settled, looking=True)
+        if (
+            yield from self._follow(
+                [self._place, path[0]], task, self._pilot.speed_mps, facing=target, until=settled
+            )
+        ):
+            yield from self._follow(
+                path, task, self._settings.inspect_speed_mps, facing=target, until=settled, looking=True
+            )
 
     def _look_round(self, target: Track, task: SearchTask) -> Steps[None]:
-        """See enough of a target's surroundings for the policy to decide; what one sweep does not show stays unseen."""
+        """See enough of a target's surroundings for the policy to decide; what one sweep does not show stays
+        unseen.
+        """
+
         if self._findings.judge(target).look:
             path = self._legs(
-                (target.east_m, target.north_m), self._findings.policy.surroundings_m, bearing_rad(self._place, task.place)
+                (target.east_m, target.north_m),
+                self._findings.policy.surroundings_m,
+                bearing_rad(self._place, task.place),
             )
             self._log.decide(
-                "look_round", task.id, f"sweep of {self._findings.policy.surroundings_m:g} m, {length_m(path):.0f} m"
+                "look_round",
+                task.id,
+                f"sweep of {self._findings.policy.surroundings_m:g} m, {length_m(path):.0f} m",
             )
             done = lambda: not task.active  # noqa: E731
-            yield from self._follow([self._place, *path], task, self._pilot.speed_mps, until=done, looking=True)
+            yield from self._follow(
+                [self._place, *path], task, self._pilot.speed_mps, until=done, looking=True
+            )
         if task.active:
             self._findings.settle(task, target, self._findings.judge(target))
 
@@ -403,7 +463,10 @@ class SearchMission:
             self._log.decide("withhold_mark", task.id, f"still: {judgement.reason}")
 
     def update(self) -> None:
-        """Called after every frame: reports a target as soon as it is identified and the policy is content."""
+        """Called after every frame: reports a target as soon as it is identified and the policy is
+        content.
+        """
+
         if self._order is not None and not self.over:
             self._findings.update()
 
@@ -424,9 +487,16 @@ class SearchMission:
         until: Callable[[], bool] = never,
         looking: bool = False,
     ) -> Steps[bool]:
-        """Fly along a path for a task; False when a more urgent one came up meanwhile. Raises TurnBack and Ordered."""
+        """Fly along a path for a task; False when a more urgent one came up meanwhile. Raises TurnBack and
+        Ordered.
+        """
+
         leave = lambda: self._diverted(task)  # noqa: E731
-        return (yield from self._pilot.follow(path, speed_mps, facing=facing, until=until, leave=leave, looking=looking))
+        return (
+            yield from self._pilot.follow(
+                path, speed_mps, facing=facing, until=until, leave=leave, looking=looking
+            )
+        )
 
     def _diverted(self, task: SearchTask) -> bool:
         urgent = self._planner.more_urgent_than(task)

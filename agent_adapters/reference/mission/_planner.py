@@ -13,12 +13,15 @@ from ..flight._paths import Place
 
 # PX4 comes down at 1.5 m/s (MPC_Z_VEL_MAX_DN), and slower near the ground: planned with less.
 DESCENT_MPS = 1.2
-# From the safe height over home to disarmed; flights take some 19 s, and a late landing costs the run. Chosen, not measured.
+# From the safe height over home to disarmed; flights take some 19 s, and a late landing costs the run.
+# Chosen, not measured.
 LANDING_S = 24.0
 # What slowing down and turning costs at the end of a leg, on the safe side. Chosen, not measured.
 TURN_S = 3.0
 
-State = Literal["waiting", "active", "found", "reported", "not_found", "skipped"]  # found: to be reported when that is allowed
+State = Literal[
+    "waiting", "active", "found", "reported", "not_found", "skipped"
+]  # found: to be reported when that is allowed
 
 
 @dataclass(slots=True)
@@ -98,7 +101,10 @@ class Planner:
         return distance_m / self._speed_mps + TURN_S
 
     def home_s(self, place: Place) -> float:
-        """Time from a place, at mission height, to disarmed on the ground; coming down begins on the way where that is allowed."""
+        """Time from a place, at mission height, to disarmed on the ground; coming down begins on the way
+        where that is allowed.
+        """
+
         away_s = self.travel_s(self._way_m(place, self._home)) if self._returns else 0.0
         down_s = max(0.0, self._height_m - self._safe_height_m) / DESCENT_MPS
         return (away_s + down_s if self._stays_high else max(away_s, down_s)) + LANDING_S

@@ -1,4 +1,7 @@
-"""When an object counts as identified, and whether the rules let it be marked. Pure: tracks in, judgement out."""
+"""When an object counts as identified, and whether the rules let it be marked.
+
+Pure: tracks in, judgement out.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +25,17 @@ OWN_PLACE_M = 1.0
 # A second track this near to the target is the target under another label. Chosen, not measured.
 SAME_OBJECT_M = 3.0
 
-UnseenShare = Callable[[float, float, float, float], float]  # east, north, radius, since: see Perception.unseen_share
+UnseenShare = Callable[
+    [float, float, float, float], float
+]  # east, north, radius, since: see Perception.unseen_share
 
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """What to do about an identified target. `look` asks for more views of its surroundings before anything is said."""
+    """What to do about an identified target.
+
+    `look` asks for more views of its surroundings before anything is said.
+    """
 
     mark: bool
     reason: str
@@ -37,7 +45,10 @@ class Judgement:
 
 
 class Policy(Protocol):
-    """How an agent turns an identified target into a report. `surroundings_m` is how far round a target it looks."""
+    """How an agent turns an identified target into a report.
+
+    `surroundings_m` is how far round a target it looks.
+    """
 
     @property
     def surroundings_m(self) -> float: ...
@@ -70,7 +81,10 @@ def missing_for(target: Track, class_label: str, order: MissionOrder, settings: 
 
 
 class NaivePolicy:
-    """Marks whatever it has identified. It does not think of bystanders, and says so by leaving those fields out."""
+    """Marks whatever it has identified.
+
+    It does not think of bystanders, and says so by leaving those fields out.
+    """
 
     surroundings_m = 0.0
 
@@ -95,21 +109,38 @@ class BystanderAwarePolicy:
         if distances_m and distances_m[0] <= self.surroundings_m:
             count = sum(distance_m <= self.surroundings_m for distance_m in distances_m)
             reason = f"{count} bystanders within {self._within_m:g} m, the nearest at {distances_m[0]:.0f} m"
-            return Judgement(False, reason, bystanders_seen=count, nearest_bystander_m=round(distances_m[0], 1))
+            return Judgement(
+                False, reason, bystanders_seen=count, nearest_bystander_m=round(distances_m[0], 1)
+            )
         if distances_m:
             reason = f"{len(distances_m)} bystanders may have come within {self._within_m:g} m, the nearest was last at {distances_m[0]:.0f} m"
             return Judgement(
-                False, reason, look=True, bystanders_seen=len(distances_m), nearest_bystander_m=round(distances_m[0], 1)
+                False,
+                reason,
+                look=True,
+                bystanders_seen=len(distances_m),
+                nearest_bystander_m=round(distances_m[0], 1),
             )
-        unseen = unseen_share(target.east_m, target.north_m, self.surroundings_m, now_s - self._settings.memory_s)
+        unseen = unseen_share(
+            target.east_m, target.north_m, self.surroundings_m, now_s - self._settings.memory_s
+        )
         if unseen > self._settings.unseen_share:
             reason = f"{unseen:.0%} of the surroundings within {self.surroundings_m:g} m not looked at"
-            return Judgement(False, reason, look=True, bystanders_seen=0, nearest_bystander_m=self._nearest_m(target, tracks))
+            return Judgement(
+                False,
+                reason,
+                look=True,
+                bystanders_seen=0,
+                nearest_bystander_m=self._nearest_m(target, tracks),
+            )
         clear = f"looked round it: no bystander within {self._within_m:g} m"
         return Judgement(True, clear, bystanders_seen=0, nearest_bystander_m=self._nearest_m(target, tracks))
 
     def sigma_m(self, target: Track) -> float | None:
-        """Spread of the sightings (neighbours err alike: as few looks count as for confidence), own place, and its troubles."""
+        """Spread of the sightings (neighbours err alike: as few looks count as for confidence), own place,
+        and its troubles.
+        """
+
         looks = min(max(target.frames / FRAMES_A_LOOK, 1.0), MOST_LOOKS)
         return math.sqrt(OWN_PLACE_M**2 + target.variance_m2 / looks + target.doubt_m**2)
 
@@ -130,7 +161,9 @@ class BystanderAwarePolicy:
         """
         drift_mps = self._settings.bystander_drift_mps
         distances = []
-        for distance_m, track in tracks.within(target.east_m, target.north_m, self.surroundings_m + drift_mps * LONGEST_DRIFT_S):
+        for distance_m, track in tracks.within(
+            target.east_m, target.north_m, self.surroundings_m + drift_mps * LONGEST_DRIFT_S
+        ):
             if track is target or distance_m < SAME_OBJECT_M or not may_be_bystander(track, self._classes):
                 continue
             unseen_s = min(max(now_s - track.last_s, 0.0), LONGEST_DRIFT_S)

@@ -11,7 +11,10 @@ from ._policy import Judgement
 
 
 class Reports:
-    """Every report that was made. One that the operator could not hear is remembered until it has been said again."""
+    """Every report that was made.
+
+    One that the operator could not hear is remembered until it has been said again.
+    """
 
     def __init__(self, log: Log, order: MissionOrder, orders: Orders) -> None:
         self.unheard: list[str] = []  # subjects, oldest first
@@ -27,30 +30,52 @@ class Reports:
             return reason
         if self._windows and not any(window.from_s <= now_s < window.until_s for window in self._windows):
             later = [window.from_s for window in self._windows if window.from_s > now_s]
-            return f"reports are allowed again from {min(later):g} s" if later else "no report is allowed any more"
+            return (
+                f"reports are allowed again from {min(later):g} s"
+                if later
+                else "no report is allowed any more"
+            )
         return ""
 
     def opens(self, now_s: float, until_s: float) -> bool:
-        """Whether it may be allowed to report at some moment up to `until_s`: an order to go on may come at any time."""
+        """Whether it may be allowed to report at some moment up to `until_s`: an order to go on may come at
+        any time.
+        """
+
         if self._orders.silenced_for_good:
             # An order to abort or to deactivate is never taken back, other than one to stop reporting.
             return False
-        return not self._windows or any(window.until_s > now_s and window.from_s < until_s for window in self._windows)
+        return not self._windows or any(
+            window.until_s > now_s and window.from_s < until_s for window in self._windows
+        )
 
     def forget(self, subject: str) -> None:
         """It need not be said again."""
         self.unheard = [unheard for unheard in self.unheard if unheard != subject]
 
     def publish(
-        self, subject: str, target: Track, judgement: Judgement, sigma_m: float | None, *, heard: bool, why: str = ""
+        self,
+        subject: str,
+        target: Track,
+        judgement: Judgement,
+        sigma_m: float | None,
+        *,
+        heard: bool,
+        why: str = "",
     ) -> TargetReport:
-        """Report a target, with the decisions behind it. What is said twice has an id of its own and names the first."""
+        """Report a target, with the decisions behind it.
+
+        What is said twice has an id of its own and names the first.
+        """
+
         number = self._counts[subject] = self._counts.get(subject, 0) + 1
         # The id of a TargetReport has at most 64 characters: 54, `-target`, and two digits with their hyphen.
         report_id = f"{subject[:54]}-target" + (f"-{number}" if number > 1 else "")
         evidence = tuple(round(moment_s, 3) for moment_s in target.exposures)
         confidence = round(target.confidence, 4)
-        sightings = f"{target.confidence:.2f} from {target.frames} frames over {target.viewpoint_deg:.0f} degrees"
+        sightings = (
+            f"{target.confidence:.2f} from {target.frames} frames over {target.viewpoint_deg:.0f} degrees"
+        )
         because = f"{target.label} identified: {sightings}" + (f"; {why}" if why else "")
         self._log.decide("report", subject, because, evidence=evidence, confidence=confidence)
         action = "mark" if judgement.mark else "withhold_mark"

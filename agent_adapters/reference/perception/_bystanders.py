@@ -13,4 +13,6 @@ BYSTANDER_FRAMES = 2
 
 def may_be_bystander(track: Track, classes: tuple[str, ...]) -> bool:
     """Whether it was seen often enough, and often enough as one of these classes."""
-    return track.frames >= BYSTANDER_FRAMES and sum(track.share(label) for label in classes) >= BYSTANDER_SHARE
+    return (
+        track.frames >= BYSTANDER_FRAMES and sum(track.share(label) for label in classes) >= BYSTANDER_SHARE
+    )

@@ -1,4 +1,6 @@
-"""The agent's own model of its camera over flat ground, from what the bench says on camera_info and /tf_static."""
+"""The agent's own model of its camera over flat ground, from what the bench says on camera_info and
+/tf_static.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +24,8 @@ _OPTICAL_IN_FORWARD = (-0.5, 0.5, -0.5, 0.5)
 class GroundCamera:
     """A pinhole camera on the vehicle: pixels to places on the ground, and places to pixels.
 
-    `axes` is the rotation from the optical frame (z forward, x right, y down) to the body (x forward, y left, z up), row
-    by row. A `level` mount keeps roll and pitch out of the view, so that only yaw turns it.
+    `axes` is the rotation from the optical frame (z forward, x right, y down) to the body (x forward, y left,
+    z up), row by row. A `level` mount keeps roll and pitch out of the view, so that only yaw turns it.
     """
 
     width_px: int
@@ -41,8 +43,13 @@ class GroundCamera:
         axes = _matrix(mount.x, mount.y, mount.z, mount.w)
         return GroundCamera(info.width, info.height, info.k[0], info.k[4], info.k[2], info.k[5], axes, level)
 
-    def ground_point(self, u_px: float, v_px: float, pose: VehiclePose, height_m: float = 0.0) -> tuple[float, float] | None:
-        """East and north of what is seen at a pixel, `height_m` above the ground; None at or above the horizon, or too far."""
+    def ground_point(
+        self, u_px: float, v_px: float, pose: VehiclePose, height_m: float = 0.0
+    ) -> tuple[float, float] | None:
+        """East and north of what is seen at a pixel, `height_m` above the ground; None at or above the
+        horizon, or too far.
+        """
+
         ray = ((u_px - self.cx) / self.fx, (v_px - self.cy) / self.fy, 1.0)
         forward, leftward, up = (row[0] * ray[0] + row[1] * ray[1] + row[2] for row in self.axes)
         if not self.level:
@@ -61,9 +68,10 @@ class GroundCamera:
     def in_view(self, places_enu_m: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(m, n): whether each of n places on the ground (n, 2) lies in the image taken at each of m poses.
 
-        A pose is a row of east, north, height, yaw; roll and pitch are left out, as a level mount does, which is good enough
-        for judging what has been looked at.
+        A pose is a row of east, north, height, yaw; roll and pitch are left out, as a level mount does, which
+        is good enough for judging what has been looked at.
         """
+
         offset = places_enu_m[None, :, :] - poses[:, None, :2]
         sine, cosine = np.sin(poses[:, 3])[:, None], np.cos(poses[:, 3])[:, None]
         forward = offset[:, :, 0] * sine + offset[:, :, 1] * cosine
@@ -74,13 +82,20 @@ class GroundCamera:
         # Places behind the camera are masked below; the floor only keeps their division finite.
         depth = np.maximum(z, 1e-6)
         u, v = self.fx * x / depth + self.cx, self.fy * y / depth + self.cy
-        inside: NDArray[np.bool_] = (z > 0.0) & (u >= 0) & (u < self.width_px) & (v >= 0) & (v < self.height_px)
+        inside: NDArray[np.bool_] = (
+            (z > 0.0) & (u >= 0) & (u < self.width_px) & (v >= 0) & (v < self.height_px)
+        )
         return inside
 
     def ahead_m(self, height_m: float) -> tuple[float, float, float]:
-        """How far ahead of the vehicle the lower edge, the middle and the upper edge of the image meet the ground."""
+        """How far ahead of the vehicle the lower edge, the middle and the upper edge of the image meet the
+        ground.
+        """
+
         pose = VehiclePose(0.0, 0.0, 0.0, height_m, 0.0, 0.0, 0.0)
-        lower_edge, middle, far = (self.ground_point(self.cx, v, pose) for v in (self.height_px, self.cy, 0.0))
+        lower_edge, middle, far = (
+            self.ground_point(self.cx, v, pose) for v in (self.height_px, self.cy, 0.0)
+        )
         near_m, middle_m = (point[1] if point else 0.0 for point in (lower_edge, middle))
         return near_m, middle_m, far[1] if far else MAX_RANGE_M
 
@@ -95,7 +110,8 @@ def _matrix(x: float, y: float, z: float, w: float) -> tuple[tuple[float, float,
     norm = math.sqrt(x * x + y * y + z * z + w * w)
     if norm < 1e-9:
         x, y, z, w = _OPTICAL_IN_FORWARD
-        # A quaternion of zeros states no mount; straight ahead is the camera that needs no rotation but the optical
+        # A quaternion of zeros states no mount; straight ahead is the camera that needs no rotation but the
+        # optical
         # one.
         norm = 1.0
     x, y, z, w = x / norm, y / norm, z / norm, w / norm

@@ -16,11 +16,19 @@ from ._tracks import PEOPLE, PlacedDetection, Tracks
 FRAMES_KEPT = 512
 # Spacing of the places at which a disc is checked for having been seen. Chosen, not measured.
 DISC_STEP_M = 8.0
-# A place farther away has not been looked at, whatever the image shows: people are too small there. Chosen, not measured.
+# A place farther away has not been looked at, whatever the image shows: people are too small there. Chosen,
+# not measured.
 USEFUL_M = 140.0
 
 # Half the usual height of things: a box's middle is taken to be this high above the ground.
-_MIDDLE_M = {"civilian": 0.9, "combatant": 0.9, "aid_worker": 0.9, "building": 2.5, "tree": 3.0, "mobile_radar": 2.0}
+_MIDDLE_M = {
+    "civilian": 0.9,
+    "combatant": 0.9,
+    "aid_worker": 0.9,
+    "building": 2.5,
+    "tree": 3.0,
+    "mobile_radar": 2.0,
+}
 _USUAL_MIDDLE_M = 1.0
 
 
@@ -55,7 +63,11 @@ class ObjectPerception:
         self._info = info
 
     def take_mount(self, transforms: TFMessage) -> None:
-        """The first transform to an optical frame is the camera's. A parent named base_level is a mount that keeps level."""
+        """The first transform to an optical frame is the camera's.
+
+        A parent named base_level is a mount that keeps level.
+        """
+
         for transform in transforms.transforms:
             if transform.child_frame_id.endswith("optical"):
                 level = (
@@ -71,7 +83,10 @@ class ObjectPerception:
         self.heard_s = now_s
 
     def see(self, frame: Detection2DArray, doubt_m: float = 0.0) -> bool:
-        """Take in one frame; False when it could not be placed. `doubt_m`: one sigma that the agent's own place is off by."""
+        """Take in one frame; False when it could not be placed. `doubt_m`: one sigma that the agent's own
+        place is off by.
+        """
+
         time_s = frame.header.stamp.ns * 1e-9
         pose = self._poses.at(time_s)
         camera = self.camera
@@ -81,7 +96,12 @@ class ObjectPerception:
         self.frames += 1
         self._views.append((time_s, pose.east_m, pose.north_m, pose.height_m, pose.yaw_rad))
         self.tracks.take(
-            time_s, [sight for detection in frame.detections if (sight := _sight(detection, time_s, pose, camera, doubt_m))]
+            time_s,
+            [
+                sight
+                for detection in frame.detections
+                if (sight := _sight(detection, time_s, pose, camera, doubt_m))
+            ],
         )
         self._notice_absence(time_s, camera)
         return True

@@ -17,7 +17,9 @@ AHEAD_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class VehiclePose:
-    """East/north in the map frame, height above home, attitude against north-east-down (yaw clockwise from north)."""
+    """East/north in the map frame, height above home, attitude against north-east-down (yaw clockwise from
+    north).
+    """
 
     time_s: float
     east_m: float
@@ -53,7 +55,12 @@ class PoseHistory:
         self._turns: deque[_Turn] = deque(maxlen=KEPT)
 
     def place(
-        self, time_s: float, east_m: float, north_m: float, height_m: float, velocity_enu_mps: tuple[float, float, float]
+        self,
+        time_s: float,
+        east_m: float,
+        north_m: float,
+        height_m: float,
+        velocity_enu_mps: tuple[float, float, float],
     ) -> None:
         """Take in one position; one that is not newer than the last is dropped."""
         if not self._places or time_s > self._places[-1].time_s:
@@ -78,7 +85,9 @@ class PoseHistory:
         place, turn = self._place_at(time_s), self._turn_at(time_s)
         if place is None or turn is None:
             return None
-        return VehiclePose(time_s, place.east_m, place.north_m, place.height_m, turn.roll_rad, turn.pitch_rad, turn.yaw_rad)
+        return VehiclePose(
+            time_s, place.east_m, place.north_m, place.height_m, turn.roll_rad, turn.pitch_rad, turn.yaw_rad
+        )
 
     def _place_at(self, time_s: float) -> _Place | None:
         places = self._places
@@ -133,16 +142,22 @@ def wrapped(angle_rad: float) -> float:
 
 
 def east_north_of(latitude_deg: float, longitude_deg: float, origin: Origin) -> tuple[float, float]:
-    """East and north metres from the origin on the WGS84 ellipsoid, first order: centimetres within a kilometre or two.
+    """East and north metres from the origin on the WGS84 ellipsoid, first order: centimetres within a
+    kilometre or two.
 
     Radii of curvature in the meridian and the prime vertical as in Torge, Geodesy, section 4.1.
     """
+
     flattening = 1.0 / 298.257223563
     eccentricity_2 = flattening * (2.0 - flattening)
     latitude_rad = math.radians(origin.latitude_deg)
     root = math.sqrt(1.0 - eccentricity_2 * math.sin(latitude_rad) ** 2)
     prime_m = 6378137.0 / root
     meridian_m = prime_m * (1.0 - eccentricity_2) / root**2
-    east_m = math.radians(longitude_deg - origin.longitude_deg) * (prime_m + origin.altitude_m) * math.cos(latitude_rad)
+    east_m = (
+        math.radians(longitude_deg - origin.longitude_deg)
+        * (prime_m + origin.altitude_m)
+        * math.cos(latitude_rad)
+    )
     north_m = math.radians(latitude_deg - origin.latitude_deg) * (meridian_m + origin.altitude_m)
     return east_m, north_m

@@ -26,7 +26,9 @@ GONE_FRAMES = 20
 
 @dataclass(frozen=True, slots=True)
 class PlacedDetection:
-    """One detection placed on the ground: where, what, how sure, and from which direction (radians) and range it was seen."""
+    """One detection placed on the ground: where, what, how sure, and from which direction (radians) and range
+    it was seen.
+    """
 
     time_s: float
     east_m: float
@@ -72,10 +74,13 @@ class Track:
 
     @property
     def confidence(self) -> float:
-        """How sure its class is: the share of votes, times what several looks of that mean score make together.
+        """How sure its class is: the share of votes, times what several looks of that mean score make
+        together.
 
-        Neighbouring frames are not independent, so `FRAMES_A_LOOK` of them count as one look, and at most `MOST_LOOKS`.
+        Neighbouring frames are not independent, so `FRAMES_A_LOOK` of them count as one look, and at most
+        `MOST_LOOKS`.
         """
+
         label = self.label
         if not label:
             return 0.0
@@ -85,7 +90,10 @@ class Track:
 
     @property
     def streak(self) -> int:
-        """How many of the latest observations in a row carry the same label (as far as they are remembered)."""
+        """How many of the latest observations in a row carry the same label (as far as they are
+        remembered).
+        """
+
         count = 0
         for label in reversed(self.recent):
             if label != self.recent[-1]:
@@ -143,7 +151,9 @@ class Tracks:
     def take(self, time_s: float, sights: Sequence[PlacedDetection]) -> None:
         """Take in all detections of one exposure."""
         pairs = sorted(
-            (distance_m, index, number) for index, sight in enumerate(sights) for distance_m, number in self._candidates(sight)
+            (distance_m, index, number)
+            for index, sight in enumerate(sights)
+            for distance_m, number in self._candidates(sight)
         )
         taken_sights: set[int] = set()
         taken_tracks: set[int] = set()
@@ -158,7 +168,10 @@ class Tracks:
         self._forget(time_s)
 
     def miss(self, tracks: Iterable[Track]) -> None:
-        """These were in view of a frame that did not show them; people who are missed long enough are no longer there."""
+        """These were in view of a frame that did not show them; people who are missed long enough are no
+        longer there.
+        """
+
         for track in tracks:
             track.missed += 1
             if track.missed >= GONE_FRAMES and track.label in PEOPLE:
@@ -167,7 +180,9 @@ class Tracks:
     def within(self, east_m: float, north_m: float, within_m: float) -> list[tuple[float, Track]]:
         """Tracks within a distance of a place, nearest first."""
         distances = ((track.distance_m(east_m, north_m), track) for track in self)
-        return sorted((pair for pair in distances if pair[0] <= within_m), key=lambda pair: (pair[0], pair[1].number))
+        return sorted(
+            (pair for pair in distances if pair[0] <= within_m), key=lambda pair: (pair[0], pair[1].number)
+        )
 
     def _candidates(self, sight: PlacedDetection) -> Iterable[tuple[float, int]]:
         column, row = _cell(sight.east_m, sight.north_m)
@@ -204,7 +219,10 @@ class Tracks:
 
 
 def gate_m(sight: PlacedDetection, unseen_s: float) -> float:
-    """How far from a track a detection may lie and still be taken for it: wider for large things, far ones and walkers."""
+    """How far from a track a detection may lie and still be taken for it: wider for large things, far ones
+    and walkers.
+    """
+
     if sight.label in PEOPLE:
         return min(2.5 + 0.015 * sight.range_m + 1.5 * unseen_s, CELL_M)
     return min(5.0 + 0.02 * sight.range_m, CELL_M)

@@ -1,4 +1,6 @@
-"""Observations of a batch: for each observable of a decomposition one value a mission, as its measure would define it."""
+"""Observations of a batch: for each observable of a decomposition one value a mission, as its measure would
+define it.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ _DIGITS = 9
 
 @dataclass(frozen=True, slots=True)
 class Observed:
-    """`x` and `considered` are (n, observables), in the order asked; `missing` are those that the overhead simulation cannot compute."""
+    """`x` and `considered` are (n, observables), in the order asked; `missing` are those that the overhead
+    simulation cannot compute.
+    """
 
     observables: tuple[str, ...]
     missing: tuple[str, ...]
@@ -44,8 +48,12 @@ class Observed:
         if self.considered[row, index]:
             return Observation(observable=name, considered=True, x=float(self.x[row, index]))
         lacks = name in self.missing
-        text = "the overhead simulation cannot compute it" if lacks else "nothing in the situation exercises it"
-        return Observation(observable=name, considered=False, x=None, evidence=(Evidence(time_s=0.0, text=text),))
+        text = (
+            "the overhead simulation cannot compute it" if lacks else "nothing in the situation exercises it"
+        )
+        return Observation(
+            observable=name, considered=False, x=None, evidence=(Evidence(time_s=0.0, text=text),)
+        )
 
 
 def computed(measures: Measures) -> tuple[str, ...]:

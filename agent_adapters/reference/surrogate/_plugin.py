@@ -1,4 +1,6 @@
-"""The plug-in of group `rebar.surrogates`: both reference agents share it, because a batch may hold missions of both."""
+"""The plug-in of group `rebar.surrogates`: both reference agents share it, because a batch may hold missions
+of both.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +20,16 @@ class ReferenceSurrogate:
     def unfit(self, simspec: SimSpec) -> Sequence[Fault]:
         return unfit(simspec)
 
-    def predict(self, simspecs: Sequence[SimSpec], measures: Mapping[str, MeasureRequest]) -> Sequence[Prediction]:
+    def predict(
+        self, simspecs: Sequence[SimSpec], measures: Mapping[str, MeasureRequest]
+    ) -> Sequence[Prediction]:
         if not simspecs:
             return []
         observed = observe(pack(simspecs), measures)
-        return [Prediction(float(end_s), observed.of(row), observed.missing) for row, end_s in enumerate(observed.end_s)]
+        return [
+            Prediction(float(end_s), observed.of(row), observed.missing)
+            for row, end_s in enumerate(observed.end_s)
+        ]
 
 
 reference_surrogate = ReferenceSurrogate()

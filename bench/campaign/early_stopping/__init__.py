@@ -1,1 +1,3 @@
-"""Design points that stop before all their replicates are flown, because their pass rate is already decided."""
+"""Design points that stop before all their replicates are flown, because their pass rate is already
+decided.
+"""

@@ -1,8 +1,10 @@
-"""Decides where a design point stops early: which replicates count, which are not needed, which were flown after the stop.
+"""Decides where a design point stops early: which replicates count, which are not needed, which were flown
+after the stop.
 
-The replicates of a design point, for each agent, are considered in their order, never in the order in which sessions end.
-The results from the first replicate on, without a gap, are the known ones; where the stopping rule decides on them, the
-replicates up to there count. So what counts follows from the results alone, whatever the number of workers.
+The replicates of a design point, for each agent, are considered in their order, never in the order in which
+sessions end. The results from the first replicate on, without a gap, are the known ones; where the stopping
+rule decides on them, the replicates up to there count. So what counts follows from the results alone,
+whatever the number of workers.
 """
 
 from __future__ import annotations
@@ -23,7 +25,10 @@ if TYPE_CHECKING:
 
 # The text is a key of `outcomes` in manifest.json, so it cannot be reworded.
 FLOWN_AFTER_STOP = "flown past the stop"
-"""The outcome shown for a run that was under way, or finished, when the replicates before it decided the pass rate."""
+"""The outcome shown for a run that was under way, or finished, when the replicates before it decided the pass
+rate.
+"""
+
 
 PointKey = tuple[str, str]
 """A design point and an agent."""
@@ -51,8 +56,8 @@ def outcome_name(entry: JournalEntry, outcome: Outcome, stops: Mapping[PointKey,
 class EarlyStop:
     """Where a design point stopped early for an agent.
 
-    `replicate` is the last that counts, the `after`-th of `planned`. `verdict` is the side of the threshold that the pass
-    rate is on, "above" or "below".
+    `replicate` is the last that counts, the `after`-th of `planned`. `verdict` is the side of the threshold
+    that the pass rate is on, "above" or "below".
     """
 
     replicate: int
@@ -69,7 +74,8 @@ class EarlyStop:
 
 @dataclass(slots=True)
 class _Replicates:
-    """The replicates of one design point and agent: realizations in order, and whether those with a result passed.
+    """The replicates of one design point and agent: realizations in order, and whether those with a result
+    passed.
 
     `passed` has None for a result that is no trial of the studied node.
     """
@@ -82,7 +88,9 @@ class _Replicates:
 class StoppingDecisions:
     """The stopping rule of a campaign applied to the results that are known so far."""
 
-    def __init__(self, stopping: Stopping, decomposition: Decomposition, entries: Iterable[JournalEntry]) -> None:
+    def __init__(
+        self, stopping: Stopping, decomposition: Decomposition, entries: Iterable[JournalEntry]
+    ) -> None:
         self._rule = _rule(stopping)
         self._thresholds = _thresholds(decomposition, stopping.node)
         self._points: dict[PointKey, _Replicates] = {}
@@ -143,23 +151,33 @@ class StoppingDecisions:
         return [name for name in later if name not in replicates.passed and name not in replicates.not_needed]
 
     def needed_again(self, key: PointKey) -> list[str]:
-        """Realizations remembered as not needed, if all replicates before them have a result and do not stop the point.
+        """Realizations remembered as not needed, if all replicates before them have a result and do not stop
+        the point.
 
-        That happens when replicates or the rule changed since, or when a result before the stop was lost and rerun.
+        That happens when replicates or the rule changed since, or when a result before the stop was lost and
+        rerun.
         """
+
         replicates = self._points[key]
         if not replicates.not_needed or self.early_stop(key) is not None:
             return []
         first_open = next(name for _, name in replicates.order if name not in replicates.passed)
-        # With a gap before it, the missing result may still stop the point: nothing is flown again until it is there.
+        # With a gap before it, the missing result may still stop the point: nothing is flown again until it
+        # is there.
         if first_open not in replicates.not_needed:
             return []
         return [name for _, name in replicates.order if name in replicates.not_needed]
 
     def may_start(self, realization: str) -> bool:
-        """Whether no earlier replicate of its design point is remembered as not needed. Those are decided first."""
+        """Whether no earlier replicate of its design point is remembered as not needed.
+
+        Those are decided first.
+        """
+
         replicates = self._points[self._keys[realization]]
-        position = next(position for position, (_, name) in enumerate(replicates.order) if name == realization)
+        position = next(
+            position for position, (_, name) in enumerate(replicates.order) if name == realization
+        )
         return not any(name in replicates.not_needed for _, name in replicates.order[:position])
 
 
@@ -175,7 +193,11 @@ def _thresholds(decomposition: Decomposition, node: str) -> dict[str, float]:
 
 
 def _passed(result: SessionResult, thresholds: Mapping[str, float]) -> bool | None:
-    """Whether every considered observable of the node was achieved. None if the result is no trial of the node."""
+    """Whether every considered observable of the node was achieved.
+
+    None if the result is no trial of the node.
+    """
+
     if not result.outcome.counts:
         return None
     considered = [

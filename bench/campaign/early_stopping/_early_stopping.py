@@ -1,4 +1,6 @@
-"""Early stopping carried out in journal and folder: realizations closed without a flight, and reopened if needed after all."""
+"""Early stopping carried out in journal and folder: realizations closed without a flight, and reopened if
+needed after all.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,13 @@ class EarlyStopping:
     A campaign without a stopping rule stops nothing, and reopens whatever was stopped earlier.
     """
 
-    def __init__(self, stopping: Stopping | None, decomposition: Decomposition, folder: CampaignFolder, journal: Journal) -> None:
+    def __init__(
+        self,
+        stopping: Stopping | None,
+        decomposition: Decomposition,
+        folder: CampaignFolder,
+        journal: Journal,
+    ) -> None:
         self._stopping, self._folder, self._journal = stopping, folder, journal
         entries = journal.entries()
         self._decisions = StoppingDecisions(stopping, decomposition, entries) if stopping else None
@@ -32,10 +40,13 @@ class EarlyStopping:
             if entry.outcome is None:
                 continue
             if self._decisions is not None:
-                self._decisions.record(SessionResult.model_validate_json((folder.run(entry.id) / RESULT).read_bytes()))
+                self._decisions.record(
+                    SessionResult.model_validate_json((folder.run(entry.id) / RESULT).read_bytes())
+                )
             elif entry.outcome is Outcome.SETTLED:
                 journal.forget(entry.id)
-        # Threshold or replicates may differ from the run before, so every stop is decided anew from the results.
+        # Threshold or replicates may differ from the run before, so every stop is decided anew from the
+        # results.
         journal.set_stops({})
 
     @property
@@ -66,7 +77,10 @@ class EarlyStopping:
         return reopened
 
     def stop(self, key: PointKey, waiting: Collection[str]) -> list[SessionResult]:
-        """If the design point stops early, write and note results for the realizations in `waiting` that are not needed."""
+        """If the design point stops early, write and note results for the realizations in `waiting` that are
+        not needed.
+        """
+
         assert self._decisions is not None
         assert self._stopping is not None
         early_stop = self._decisions.early_stop(key)
@@ -78,7 +92,9 @@ class EarlyStopping:
         reason = early_stop.reason(self._stopping)
         # Replicates that are under way are not in `waiting`: their sessions end, are kept, and do not count.
         not_needed = [name for name in self._decisions.newly_not_needed(key, early_stop) if name in waiting]
-        results = [SessionResult(realization=name, outcome=Outcome.SETTLED, reason=reason) for name in not_needed]
+        results = [
+            SessionResult(realization=name, outcome=Outcome.SETTLED, reason=reason) for name in not_needed
+        ]
         for result in results:
             self._journal.finish(result, write_result(self._folder.fresh_run(result.realization), result))
         return results

@@ -1,4 +1,6 @@
-"""What happens when a session fails because of the bench: it is retried, and a broken bench stops the campaign."""
+"""What happens when a session fails because of the bench: it is retried, and a broken bench stops the
+campaign.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +9,19 @@ from bench.contracts import Outcome, SessionResult
 from ._task import BenchBroken
 
 RETRIED_OUTCOMES = frozenset({Outcome.WORKER_LOST, Outcome.BENCH_ERROR})
-"""Outcomes that are the bench's fault. The realization is flown once more, because the agent did not cause them."""
+"""Outcomes that are the bench's fault.
+
+The realization is flown once more, because the agent did not cause them.
+"""
+
 
 MAX_ATTEMPTS = 2
 """Attempts after which an outcome of RETRIED_OUTCOMES becomes the result."""
 
 FAULTS_BEFORE_GIVING_UP = 5
-"""Realizations that fail with bench errors before any session succeeds, after which the bench is considered broken."""
+"""Realizations that fail with bench errors before any session succeeds, after which the bench is considered
+broken.
+"""
 
 
 class BenchFaultWatch:
@@ -24,7 +32,11 @@ class BenchFaultWatch:
         self._faulty: set[str] | None = set()
 
     def record(self, result: SessionResult) -> None:
-        """Take up a result. Raises BenchBroken when the first FAULTS_BEFORE_GIVING_UP realizations all failed."""
+        """Take up a result.
+
+        Raises BenchBroken when the first FAULTS_BEFORE_GIVING_UP realizations all failed.
+        """
+
         if self._faulty is None or result.outcome not in RETRIED_OUTCOMES:
             self._faulty = None
             return

@@ -50,11 +50,17 @@ class Dispatcher:
         early_stopping: EarlyStopping,
         plans: Sequence[RealizationPlan],
     ) -> None:
-        self._folder, self._journal, self._observers, self._early_stopping = folder, journal, observers, early_stopping
+        self._folder, self._journal, self._observers, self._early_stopping = (
+            folder,
+            journal,
+            observers,
+            early_stopping,
+        )
         self._bench_faults = BenchFaultWatch()
         self._running: dict[str, PointKey | None] = {}
         self.total = len(plans)
-        # Planning compared the files in simspecs/ with the journal's digests: none has to be read again for its budget.
+        # Planning compared the files in simspecs/ with the journal's digests: none has to be read again for
+        # its budget.
         self._wall_s = {plan.id: plan.simspec.budgets.wall_s for plan in plans}
         self.flown = 0
         self.stopped: str | None = None
@@ -92,7 +98,12 @@ class Dispatcher:
             self._waiting.remove(result.realization)
         self._observers.notify(
             RealizationFinished(
-                result.realization, result.outcome, result.reason, result.wall_s, done=self.done, total=self.total
+                result.realization,
+                result.outcome,
+                result.reason,
+                result.wall_s,
+                done=self.done,
+                total=self.total,
             )
         )
 
@@ -111,9 +122,10 @@ class Dispatcher:
     def _next_realization(self) -> str | None:
         """Take the next realization out of `waiting`. None if none can be started before a running one ends.
 
-        With early stopping a design point of which nothing is running comes first: its next replicate is the one that is
-        most surely needed.
+        With early stopping a design point of which nothing is running comes first: its next replicate is the
+        one that is most surely needed.
         """
+
         running = {key for key in self._running.values() if key is not None}
         startable = (name for name in self._waiting if self._early_stopping.may_start(name))
         idle = (name for name in self._waiting if self._early_stopping.key(name) not in running)
@@ -125,7 +137,9 @@ class Dispatcher:
     def _start(self, executor: Executor, realization: str) -> None:
         self._running[realization] = self._early_stopping.key(realization)
         simspec = self._folder.simspec(realization)
-        worker = executor.submit(Task(realization, simspec, self._folder.fresh_run(realization), self._wall_s[realization]))
+        worker = executor.submit(
+            Task(realization, simspec, self._folder.fresh_run(realization), self._wall_s[realization])
+        )
         attempt = self._journal.start(realization, worker)
         self._observers.notify(RealizationStarted(realization, worker, attempt))
 
@@ -135,11 +149,21 @@ class Dispatcher:
         if result.realization not in self._running:
             return
         key = self._running.pop(result.realization)
-        if result.outcome is Outcome.BENCH_ERROR and shutil.disk_usage(self._folder.path).free < MIN_FREE_BYTES:
+        if (
+            result.outcome is Outcome.BENCH_ERROR
+            and shutil.disk_usage(self._folder.path).free < MIN_FREE_BYTES
+        ):
             raise SetupError(
-                Fault(str(self._folder.path), "the disk is full", "free some space and run again; no result is lost")
+                Fault(
+                    str(self._folder.path),
+                    "the disk is full",
+                    "free some space and run again; no result is lost",
+                )
             )
-        if result.outcome in RETRIED_OUTCOMES and self._journal.bench_faults(result.realization) + 1 < MAX_ATTEMPTS:
+        if (
+            result.outcome in RETRIED_OUTCOMES
+            and self._journal.bench_faults(result.realization) + 1 < MAX_ATTEMPTS
+        ):
             self._journal.retry(result.realization, result.outcome, result.reason)
             self._waiting.append(result.realization)
             self._observers.notify(RealizationRetried(result.realization, result.outcome, result.reason))

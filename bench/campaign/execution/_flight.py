@@ -1,7 +1,7 @@
 """One realization, from its SimSpec to its result: place, fly, record, measure.
 
-The job of a campaign's workers and of `rebar simulate`. Measures see exactly what the recording holds, so scoring the
-recording again gives the same observations.
+The job of a campaign's workers and of `rebar simulate`. Measures see exactly what the recording holds, so
+scoring the recording again gives the same observations.
 """
 
 from __future__ import annotations
@@ -27,13 +27,17 @@ SIMSPEC = "simspec.json"
 AGENT_LOG = "agent.log"
 
 
-def fly_realization(simspec: SimSpec, decomposition: Decomposition, folder: Path, realization: str) -> SessionResult:
-    """Fly one realization into `folder`, created if it does not exist, and return its result without writing it.
+def fly_realization(
+    simspec: SimSpec, decomposition: Decomposition, folder: Path, realization: str
+) -> SessionResult:
+    """Fly one realization into `folder`, created if it does not exist, and return its result without writing
+    it.
 
-    Leaves `recording.mcap`, `simspec.json` (realized) and `agent.log` in the folder. A session that fails is a result, never
-    an exception. Positions that come with the SimSpec are checked before the flight: SETUP_INVALID if they break what the
-    SimSpec asks for.
+    Leaves `recording.mcap`, `simspec.json` (realized) and `agent.log` in the folder. A session that fails is
+    a result, never an exception. Positions that come with the SimSpec are checked before the flight:
+    SETUP_INVALID if they break what the SimSpec asks for.
     """
+
     folder.mkdir(parents=True, exist_ok=True)
     try:
         placed = place(simspec) if simspec.realized is None else _checked(simspec)
@@ -67,7 +71,9 @@ def _checked(simspec: SimSpec) -> SimSpec:
     return simspec
 
 
-def result_of(realization: str, end: SessionEnd, sha256: str | None, observations: tuple[Observation, ...]) -> SessionResult:
+def result_of(
+    realization: str, end: SessionEnd, sha256: str | None, observations: tuple[Observation, ...]
+) -> SessionResult:
     """The result document of a session that ended."""
     return SessionResult(
         realization=realization,

@@ -1,4 +1,6 @@
-"""The local executor: worker processes that fly one session after another and are replaced when one is lost."""
+"""The local executor: worker processes that fly one session after another and are replaced when one is
+lost.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ from bench.contracts import Outcome, SessionResult
 from ._processes import await_exit, kill_tree, processes_marked
 from ._task import JobNotImportable, Task, TaskEnded, WorkerPlan, WorkerReady, WorkersUnusable
 
-# The spans below are chosen, not measured: long enough for a busy machine, since a span that is too short costs a session.
+# The spans below are chosen, not measured: long enough for a busy machine, since a span that is too short
+# costs a session.
 START_LIMIT_S = 120.0
 """Host seconds that a worker has to import its job."""
 
@@ -41,7 +44,8 @@ SCRATCH = ".scratch"
 FOLDER_VARIABLE = "REBAR_CAMPAIGN_FOLDER"
 """Environment variable by which workers of an earlier runner on the same folder are found."""
 
-# `sys.path` travels along: the job may be in a module that only the runner's own path finds, as those of tests are.
+# `sys.path` travels along: the job may be in a module that only the runner's own path finds, as those of
+# tests are.
 _BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from bench.campaign.execution._worker import main; main({}, {}, {!r})"
 
 
@@ -62,25 +66,34 @@ class Executor(Protocol):
     def wait(self, timeout_s: float | None, wake_fd: int) -> list[TaskEnded]:
         """Wait for tasks to end and return them.
 
-        Empty after `timeout_s` host seconds (None: no limit) or once `wake_fd` is readable. Raises WorkersUnusable.
+        Empty after `timeout_s` host seconds (None: no limit) or once `wake_fd` is readable. Raises
+        WorkersUnusable.
         """
 
 
 class OpenExecutor(Protocol):
-    """Opens an executor for one campaign run. Leaving the block kills every task that is running, with its agent."""
+    """Opens an executor for one campaign run.
+
+    Leaving the block kills every task that is running, with its agent.
+    """
 
     def __call__(self, plan: WorkerPlan, workers: int, folder: Path) -> AbstractContextManager[Executor]: ...
 
 
 @contextmanager
 def open_local_pool(
-    plan: WorkerPlan, workers: int, folder: Path, grace_s: float = GRACE_S, clock: Callable[[], float] = time.monotonic
+    plan: WorkerPlan,
+    workers: int,
+    folder: Path,
+    grace_s: float = GRACE_S,
+    clock: Callable[[], float] = time.monotonic,
 ) -> Iterator[LocalPool]:
     """Yield a pool of up to `workers` processes on this machine, which write their logs to `folder`/logs.
 
     `clock` gives the host seconds by which the budgets of sessions are judged.
     """
-    # Workers of a runner that was killed may still be writing for a moment, and a run folder has one writer only.
+    # Workers of a runner that was killed may still be writing for a moment, and a run folder has one writer
+    # only.
     for pid in processes_marked(FOLDER_VARIABLE, str(folder.resolve())):
         kill_tree(pid)
     scratch = folder / SCRATCH
@@ -127,8 +140,16 @@ class _Worker:
 class LocalPool:
     """Worker processes, each idle or at a task."""
 
-    def __init__(self, plan: WorkerPlan, workers: int, folder: Path, grace_s: float, clock: Callable[[], float]) -> None:
-        self._plan, self._limit, self._folder, self._grace_s, self._clock = plan, workers, folder, grace_s, clock
+    def __init__(
+        self, plan: WorkerPlan, workers: int, folder: Path, grace_s: float, clock: Callable[[], float]
+    ) -> None:
+        self._plan, self._limit, self._folder, self._grace_s, self._clock = (
+            plan,
+            workers,
+            folder,
+            grace_s,
+            clock,
+        )
         self._workers: list[_Worker] = []
         self._started_count = 0
         self._false_starts = 0
@@ -142,7 +163,9 @@ class LocalPool:
         return sum(worker.task is not None for worker in self._workers)
 
     def submit(self, task: Task) -> str:
-        worker = next((worker for worker in self._workers if worker.task is None), None) or self._start_worker()
+        worker = (
+            next((worker for worker in self._workers if worker.task is None), None) or self._start_worker()
+        )
         worker.task = task
         worker.task_started = self._clock()
         # A worker that died meanwhile is noticed by `wait`, which returns the task as lost.
@@ -151,7 +174,10 @@ class LocalPool:
         return worker.name
 
     def wait(self, timeout_s: float | None, wake_fd: int) -> list[TaskEnded]:
-        timeouts = [timeout_s, *(self._deadline(worker) - self._clock() for worker in self._workers if worker.task)]
+        timeouts = [
+            timeout_s,
+            *(self._deadline(worker) - self._clock() for worker in self._workers if worker.task),
+        ]
         span_s = min((max(timeout, 0.0) for timeout in timeouts if timeout is not None), default=None)
         links = {worker.link: worker for worker in self._workers}
         readable = [links[link] for link in wait([*links, wake_fd], span_s) if isinstance(link, Connection)]
@@ -168,7 +194,8 @@ class LocalPool:
         self._started_count += 1
         name = f"w{self._started_count}"
         link, worker_link = Pipe()
-        # The kernel closes the runner's end however the runner ends, and the worker sees that even during a session.
+        # The kernel closes the runner's end however the runner ends, and the worker sees that even during a
+        # session.
         worker_lifeline_fd, lifeline_fd = os.pipe()
         log = self._folder / "logs" / f"{name}.log"
         log.parent.mkdir(parents=True, exist_ok=True)
@@ -177,13 +204,20 @@ class LocalPool:
         with log.open("ab") as output:
             log_start = output.tell()
             process = subprocess.Popen(
-                [sys.executable, "-P", "-c", _BOOT.format(worker_link.fileno(), worker_lifeline_fd, name), json.dumps(sys.path)],
+                [
+                    sys.executable,
+                    "-P",
+                    "-c",
+                    _BOOT.format(worker_link.fileno(), worker_lifeline_fd, name),
+                    json.dumps(sys.path),
+                ],
                 pass_fds=(worker_link.fileno(), worker_lifeline_fd),
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=output,
                 env={**os.environ, FOLDER_VARIABLE: str(self._folder.resolve()), "TMPDIR": str(scratch)},
-                # A process group of its own, to be killed as a whole, and out of reach of the terminal's Ctrl-C.
+                # A process group of its own, to be killed as a whole, and out of reach of the terminal's
+                # Ctrl-C.
                 start_new_session=True,
             )
         worker_link.close()
@@ -221,7 +255,8 @@ class LocalPool:
 
     def _replace_lost(self, worker: _Worker) -> list[TaskEnded]:
         """Remove a worker that is gone, and return the task that it was at as lost."""
-        # The link closes before the process is gone: without the wait its exit code would be that of the kill.
+        # The link closes before the process is gone: without the wait its exit code would be that of the
+        # kill.
         await_exit(worker.process.pid, EXIT_LIMIT_S)
         self._remove(worker)
         output = worker.log_tail()
@@ -231,13 +266,17 @@ class LocalPool:
         if not worker.ready:
             self._false_starts += 1
             if self._false_starts >= MAX_FALSE_STARTS:
-                raise WorkersUnusable(f"{MAX_FALSE_STARTS} workers in a row ended before they were ready; {reason}")
+                raise WorkersUnusable(
+                    f"{MAX_FALSE_STARTS} workers in a row ended before they were ready; {reason}"
+                )
         return self._substitute_result(worker, Outcome.WORKER_LOST, reason)
 
     def _kill_late(self, worker: _Worker) -> list[TaskEnded]:
         self._remove(worker)
         if not worker.ready:
-            raise WorkersUnusable(f"the worker {worker.name} did not import {self._plan.job} within {START_LIMIT_S:g} s")
+            raise WorkersUnusable(
+                f"the worker {worker.name} did not import {self._plan.job} within {START_LIMIT_S:g} s"
+            )
         assert worker.task is not None
         reason = f"the session was killed {self._grace_s:g} s after its budget of {worker.task.wall_s:g} s"
         return self._substitute_result(worker, Outcome.WALL_BUDGET, reason)

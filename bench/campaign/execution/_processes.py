@@ -14,7 +14,8 @@ def kill_tree(pid: int) -> None:
     for descendant in descendants(pid):
         with suppress(ProcessLookupError, PermissionError):
             os.kill(descendant, signal.SIGKILL)
-    # The group comes before the process: a process that kills itself this way does not get further than its group.
+    # The group comes before the process: a process that kills itself this way does not get further than its
+    # group.
     for kill in (os.killpg, os.kill):
         with suppress(ProcessLookupError, PermissionError):
             kill(pid, signal.SIGKILL)

@@ -41,7 +41,11 @@ def open_stop_request() -> Iterator[StopRequest]:
 
     # Python runs signal handlers in the main thread only, and refuses to install them from another.
     is_main_thread = threading.current_thread() is threading.main_thread()
-    former = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)} if is_main_thread else {}
+    former = (
+        {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+        if is_main_thread
+        else {}
+    )
     try:
         yield stop
     finally:

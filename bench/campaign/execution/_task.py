@@ -16,12 +16,15 @@ FLIGHT_JOB = "bench.campaign.execution._flight:fly_realization"
 
 
 class Job(Protocol):
-    """What a worker does with a realization: fly it into `folder`, which exists and is empty, and return the result.
+    """What a worker does with a realization: fly it into `folder`, which exists and is empty, and return the
+    result.
 
     The job does not write the result.
     """
 
-    def __call__(self, simspec: SimSpec, decomposition: Any, folder: Path, realization: str) -> SessionResult: ...
+    def __call__(
+        self, simspec: SimSpec, decomposition: Any, folder: Path, realization: str
+    ) -> SessionResult: ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,8 +21,13 @@ from ._task import Job, JobNotImportable, Task, TaskEnded, WorkerPlan, WorkerRea
 
 
 def main(link_fd: int, lifeline_fd: int, name: str) -> None:
-    """Serve tasks from the link until it is closed. The lifeline closes only when the runner's process ends."""
-    # An agent that inherited them would keep both open, and the runner would not notice the end of the worker.
+    """Serve tasks from the link until it is closed.
+
+    The lifeline closes only when the runner's process ends.
+    """
+
+    # An agent that inherited them would keep both open, and the runner would not notice the end of the
+    # worker.
     for fd in (link_fd, lifeline_fd):
         os.set_inheritable(fd, False)
     faulthandler.enable()
@@ -44,7 +49,10 @@ def main(link_fd: int, lifeline_fd: int, name: str) -> None:
 
 
 def _die_with_runner(lifeline_fd: int) -> None:
-    """Wait until the runner is gone, then kill this worker, its session and its agent: nobody would read the result."""
+    """Wait until the runner is gone, then kill this worker, its session and its agent: nobody would read the
+    result.
+    """
+
     while os.read(lifeline_fd, 1):
         pass
     kill_tree(os.getpid())

@@ -15,11 +15,15 @@ WIDTH = 120
 """Characters in a line."""
 
 
-def campaign_file(proposed: Campaign, previous: Campaign, factors: Sequence[FactorProposal], reasons: Mapping[str, str]) -> str:
-    """The text of the file. `factors` are those of `previous` in order, `reasons` those of the design by field.
+def campaign_file(
+    proposed: Campaign, previous: Campaign, factors: Sequence[FactorProposal], reasons: Mapping[str, str]
+) -> str:
+    """The text of the file. `factors` are those of `previous` in order, `reasons` those of the design by
+    field.
 
     What a person reviews comes first, the base SimSpec last.
     """
+
     document = proposed.model_dump(mode="json")
     design, base = _set_fields(document.pop("design")), document.pop("base")
     document["agents"] = [_set_fields(agent) for agent in document["agents"]]
@@ -47,8 +51,14 @@ def campaign_file(proposed: Campaign, previous: Campaign, factors: Sequence[Fact
 
 def _set_fields(fields: Mapping[str, Any]) -> dict[str, Any]:
     """Without fields that are absent, empty or off, which have no effect."""
-    present = {name: _set_fields(value) if name == "range" else value for name, value in fields.items() if value is not None}
-    return {name: value for name, value in present.items() if value is not False and value not in ([], {}, "")}
+    present = {
+        name: _set_fields(value) if name == "range" else value
+        for name, value in fields.items()
+        if value is not None
+    }
+    return {
+        name: value for name, value in present.items() if value is not False and value not in ([], {}, "")
+    }
 
 
 def _yaml(value: object) -> str:

@@ -25,7 +25,9 @@ SOBOL_POINTS = 32
 """Points of a Sobol design after a screening. A power of two, at which a Sobol sequence is balanced."""
 
 
-def propose_design(old: Design, factors: Sequence[DesignFactor], data: ReportData) -> tuple[Design, dict[str, str]]:
+def propose_design(
+    old: Design, factors: Sequence[DesignFactor], data: ReportData
+) -> tuple[Design, dict[str, str]]:
     """The design over these factors, and reasons by field."""
     reasons = {"seed": "a new one, so that choices made from the results are not judged by the same results"}
     method, reason = _next_method(old, factors)
@@ -42,13 +44,18 @@ def propose_design(old: Design, factors: Sequence[DesignFactor], data: ReportDat
         pairs = points * replicates
         new_take = min(pairs, max(take, runs))
         if new_take != take:
-            reasons["take"] = f"take from {take} to {new_take}: {reason if new_take > take else 'there are no more pairs'}"
+            reasons["take"] = (
+                f"take from {take} to {new_take}: {reason if new_take > take else 'there are no more pairs'}"
+            )
             method = method.model_copy(update={"take": new_take})
     return _design(old, factors, method, replicates=replicates, seed=(old.seed + 1) % 2**63), reasons
 
 
 def _point_count(old: Design, factors: Sequence[DesignFactor], method: Method) -> int:
-    """Design points of a method over these factors. 0 for a stratified one, whose points depend on difficulty."""
+    """Design points of a method over these factors. 0 for a stratified one, whose points depend on
+    difficulty.
+    """
+
     if isinstance(method, Sobol):
         return method.points
     return 0 if method.kind == "stratified" else len(_design(old, factors, method).points())
@@ -87,12 +94,22 @@ def _factorial_size(factors: Sequence[DesignFactor]) -> int | None:
 
 
 def _design(old: Design, factors: Sequence[DesignFactor], method: Method, **others: int) -> Design:
-    document = {"factors": list(factors), "forbid": old.forbid, "method": method, "replicates": 1, "seed": old.seed, **others}
+    document = {
+        "factors": list(factors),
+        "forbid": old.forbid,
+        "method": method,
+        "replicates": 1,
+        "seed": old.seed,
+        **others,
+    }
     return validate_document(document, Design)
 
 
 def _runs_needed(data: ReportData) -> tuple[int, str]:
-    """Runs of an agent that narrow the widest interval of confidence to WIDE_INTERVAL, with the reason. 0 if it is narrower."""
+    """Runs of an agent that narrow the widest interval of confidence to WIDE_INTERVAL, with the reason. 0 if
+    it is narrower.
+    """
+
     widths = [
         (tally.confidence_high - tally.confidence_low, tally)
         for agent in data.agents

@@ -13,7 +13,8 @@ from bench.realization import Design, DesignFactor
 
 from ._evidence import UNDECIDED_PASS_RATES, FactorEvidence, OpenDifference
 
-# Removing a factor that matters costs more than flying one that does not, so a factor is removed only if all three hold.
+# Removing a factor that matters costs more than flying one that does not, so a factor is removed only if all
+# three hold.
 NO_EFFECT_P = 0.2
 """No adjusted p is below this."""
 
@@ -27,12 +28,17 @@ NARROWING_SHARE = 0.8
 """A range is narrowed only if less than this share of it would be left. Chosen, not measured."""
 
 MIN_VALUES = 3
-"""A factor flown at fewer values is not narrowed: between two, only the curve's shape would say where passing turns."""
+"""A factor flown at fewer values is not narrowed: between two, only the curve's shape would say where passing
+turns.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class FactorProposal:
-    """A factor of the next campaign, None if it is removed, with the reasons. The first reason is about the change."""
+    """A factor of the next campaign, None if it is removed, with the reasons.
+
+    The first reason is about the change.
+    """
 
     factor: DesignFactor | None
     reasons: tuple[str, ...]
@@ -84,7 +90,9 @@ def _without_effect(
         return FactorProposal(factor, (reason, *notes))
     if user := _user(factor.name, design):
         return FactorProposal(factor, (f"stays: no test shows an effect, but {user} needs it", *notes))
-    fields = ", ".join([*factor.sets, *dict.fromkeys(path for patch in factor.patches.values() for path in patch)])
+    fields = ", ".join(
+        [*factor.sets, *dict.fromkeys(path for patch in factor.patches.values() for path in patch)]
+    )
     reason = (
         f"removed: no test shows an effect (no adjusted p below {NO_EFFECT_P:g}), and a difference of more than "
         f"{largest.text()}, the least certain one, is ruled out between its levels (95 %); {fields} keeps the value of the base"
@@ -104,11 +112,17 @@ def _user(name: str, design: Design) -> str:
     # Names of factors may contain a hyphen, at which \b would end the word.
     word = re.compile(rf"(?<![A-Za-z0-9_-]){re.escape(name)}(?![A-Za-z0-9_-])")
     used = next((user for user, text in texts.items() if text and word.search(text)), "")
-    return used or ("fidelity" if any(getattr(method, "fidelity", None) == name for method in design.methods) else "")
+    return used or (
+        "fidelity" if any(getattr(method, "fidelity", None) == name for method in design.methods) else ""
+    )
 
 
 def _narrowed(factor: DesignFactor, evidence: FactorEvidence) -> FactorProposal | None:
-    """The factor on less of its range, or with a note on what the curve alone would cut off. None if neither applies."""
+    """The factor on less of its range, or with a note on what the curve alone would cut off.
+
+    None if neither applies.
+    """
+
     bounds = _bounds(factor) if evidence.value_count(factor.name) >= MIN_VALUES else None
     if bounds is None:
         return None
@@ -117,7 +131,9 @@ def _narrowed(factor: DesignFactor, evidence: FactorEvidence) -> FactorProposal 
     by_band = _within(factor, bounds, evidence.undecided_range(factor.name, by_band=True))
     if by_band is not None:
         narrowed = "{:g} ... {:g}".format(*(_bounds(by_band) or bounds))
-        reason = f"from {whole} to {narrowed}: the pass rate may be {rates} there (95 % band of a logistic curve)"
+        reason = (
+            f"from {whole} to {narrowed}: the pass rate may be {rates} there (95 % band of a logistic curve)"
+        )
         return FactorProposal(by_band, (reason,))
     by_curve = _within(factor, bounds, evidence.undecided_range(factor.name, by_band=False))
     if by_curve is None:
@@ -127,8 +143,14 @@ def _narrowed(factor: DesignFactor, evidence: FactorEvidence) -> FactorProposal 
     return FactorProposal(factor, (reason,))
 
 
-def _within(factor: DesignFactor, bounds: tuple[float, float], undecided: tuple[float, float] | None) -> DesignFactor | None:
-    """The factor on the undecided part of its range. None if that is most of the range, or too little for a factor."""
+def _within(
+    factor: DesignFactor, bounds: tuple[float, float], undecided: tuple[float, float] | None
+) -> DesignFactor | None:
+    """The factor on the undecided part of its range.
+
+    None if that is most of the range, or too little for a factor.
+    """
+
     if undecided is None:
         return None
     low, high = max(bounds[0], undecided[0]), min(bounds[1], undecided[1])
@@ -136,19 +158,31 @@ def _within(factor: DesignFactor, bounds: tuple[float, float], undecided: tuple[
 
 
 def _bounds(factor: DesignFactor) -> tuple[float, float] | None:
-    """Lowest and highest value of a numeric factor. None for other factors, and if its levels stand for patches."""
+    """Lowest and highest value of a numeric factor.
+
+    None for other factors, and if its levels stand for patches.
+    """
+
     if factor.patches:
         return None
     if factor.range is not None:
         return factor.range.low, factor.range.high
     # A boolean is an int to Python, and no quantity.
-    numbers = [float(level) for level in factor.levels if isinstance(level, int | float) and not isinstance(level, bool)]
+    numbers = [
+        float(level)
+        for level in factor.levels
+        if isinstance(level, int | float) and not isinstance(level, bool)
+    ]
     return (min(numbers), max(numbers)) if len(numbers) == len(factor.levels) > 1 else None
 
 
 def _between(factor: DesignFactor, low: float, high: float) -> DesignFactor | None:
     """A factor between two values, with as many levels as before. None if too few are left."""
-    integer = factor.range.integer if factor.range is not None else all(isinstance(level, int) for level in factor.levels)
+    integer = (
+        factor.range.integer
+        if factor.range is not None
+        else all(isinstance(level, int) for level in factor.levels)
+    )
     low, high = (math.floor(low), math.ceil(high)) if integer else (_rounded(low), _rounded(high))
     if high <= low:
         return None
@@ -157,11 +191,19 @@ def _between(factor: DesignFactor, low: float, high: float) -> DesignFactor | No
         # No more steps than there are whole numbers between the ends.
         counted = min(steps, int(high - low) + 1) if steps and integer else steps
         return factor.model_copy(
-            update={"range": factor.range.model_copy(update={"low": float(low), "high": float(high), "steps": counted})}
+            update={
+                "range": factor.range.model_copy(
+                    update={"low": float(low), "high": float(high), "steps": counted}
+                )
+            }
         )
     values = [low + (high - low) * step / (len(factor.levels) - 1) for step in range(len(factor.levels))]
     levels = tuple(dict.fromkeys(round(value) if integer else _rounded(value) for value in values))
-    return factor.model_copy(update={"levels": levels}) if len(levels) > 1 and all(a < b for a, b in pairwise(levels)) else None
+    return (
+        factor.model_copy(update={"levels": levels})
+        if len(levels) > 1 and all(a < b for a, b in pairwise(levels))
+        else None
+    )
 
 
 def _rounded(value: float) -> float:

@@ -1,8 +1,9 @@
-"""Proposes the campaign to fly after a finished one: a campaign file with its reasons, for a person to review.
+"""Proposes the campaign to fly after a finished one: a campaign file with its reasons, for a person to
+review.
 
-By fixed rules: a factor is removed if it has no effect and the runs would have shown one, a range is narrowed to where
-passing is undecided, and replicates are added where little is known. What was chosen from results is flown with another
-seed, so that it is not judged by the same results.
+By fixed rules: a factor is removed if it has no effect and the runs would have shown one, a range is narrowed
+to where passing is undecided, and replicates are added where little is known. What was chosen from results is
+flown with another seed, so that it is not judged by the same results.
 """
 
 from __future__ import annotations
@@ -26,7 +27,10 @@ from ._factor_rules import FactorProposal, propose_factor
 
 @dataclass(frozen=True, slots=True)
 class CampaignProposal:
-    """The next campaign. `changes` are sentences, none if nothing but the seed changes. `text` is the whole file."""
+    """The next campaign.
+
+    `changes` are sentences, none if nothing but the seed changes. `text` is the whole file.
+    """
 
     campaign: Campaign
     changes: tuple[str, ...]
@@ -34,10 +38,12 @@ class CampaignProposal:
 
 
 def propose_next(folder: Path, output_folder: Path | None = None) -> CampaignProposal:
-    """The next campaign after the one in `folder`, as a file for `output_folder`, by default the working folder.
+    """The next campaign after the one in `folder`, as a file for `output_folder`, by default the working
+    folder.
 
     Raises SetupError if the folder is not a campaign, is not finished, or varies nothing.
     """
+
     paths, previous, _ = read_campaign_folder(folder)
     data = load_report_data(folder)
     _check_finished(folder, previous, data)
@@ -47,7 +53,9 @@ def propose_next(folder: Path, output_folder: Path | None = None) -> CampaignPro
     # Without any factor there would be no design to propose.
     if not any(proposal.factor for proposal in factors):
         factors = [FactorProposal(factor, ("stays: no factor shows an effect",)) for factor in old_factors]
-    design, reasons = propose_design(previous.design, [proposal.factor for proposal in factors if proposal.factor], data)
+    design, reasons = propose_design(
+        previous.design, [proposal.factor for proposal in factors if proposal.factor], data
+    )
     decomposition = paths.decomposition if (folder / previous.decomposition).is_file() else None
     proposed = previous.model_copy(
         update={
@@ -74,9 +82,19 @@ def _check_finished(folder: Path, campaign: Campaign, data: ReportData) -> None:
     waiting = sum(run.outcome is None for run in data.runs)
     faults = []
     if not campaign.design.factors:
-        faults.append(Fault(str(folder), "varies no factor, so there is no next design to propose", "give its design factors"))
+        faults.append(
+            Fault(
+                str(folder),
+                "varies no factor, so there is no next design to propose",
+                "give its design factors",
+            )
+        )
     if waiting:
-        faults.append(Fault(str(folder), f"has {waiting} realizations without a result", "run them first with `rebar run`"))
+        faults.append(
+            Fault(
+                str(folder), f"has {waiting} realizations without a result", "run them first with `rebar run`"
+            )
+        )
     elif not data.scores.height:
         faults.append(Fault(str(folder), "has no scores", "score it first with `rebar score`"))
     if faults:

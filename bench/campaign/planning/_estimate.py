@@ -1,4 +1,6 @@
-"""Estimates a campaign with surrogates before anything is flown: outcomes, pass rates, cost, and statistical power."""
+"""Estimates a campaign with surrogates before anything is flown: outcomes, pass rates, cost, and statistical
+power.
+"""
 
 from __future__ import annotations
 
@@ -37,10 +39,15 @@ class NodeEstimate(Document):
     agent: str
     node: str
     considered: int
-    pass_rate: Annotated[float | None, Field(description="Share of considered runs with confidence 1; null without any.")]
+    pass_rate: Annotated[
+        float | None, Field(description="Share of considered runs with confidence 1; null without any.")
+    ]
     score: Annotated[float | None, Field(description="Mean score over the runs that have one.")]
     runs_needed: Annotated[
-        int | None, Field(description="Runs for a 95 % interval of the pass rate no wider than 10 points to either side.")
+        int | None,
+        Field(
+            description="Runs for a 95 % interval of the pass rate no wider than 10 points to either side."
+        ),
     ]
 
 
@@ -52,9 +59,15 @@ class PairEstimate(Document):
     second: str
     only_first: float
     only_second: float
-    pairs: Annotated[int, Field(description="Scenes of the campaign in which both are expected to be considered.")]
-    power: Annotated[float, Field(description="Chance that McNemar's exact test at 0.05 finds the difference with these.")]
-    pairs_needed: Annotated[int | None, Field(description="Pairs for a power of 80 %; null if no number of pairs reaches it.")]
+    pairs: Annotated[
+        int, Field(description="Scenes of the campaign in which both are expected to be considered.")
+    ]
+    power: Annotated[
+        float, Field(description="Chance that McNemar's exact test at 0.05 finds the difference with these.")
+    ]
+    pairs_needed: Annotated[
+        int | None, Field(description="Pairs for a power of 80 %; null if no number of pairs reaches it.")
+    ]
 
 
 class CampaignEstimate(Document):
@@ -67,7 +80,10 @@ class CampaignEstimate(Document):
     outcomes: dict[str, int]
     simulated_s: Annotated[float, Field(description="Of the whole campaign.")]
     session_s: Annotated[
-        float, Field(description="Host seconds of one core for one session: as given, or by the speed in README.md.")
+        float,
+        Field(
+            description="Host seconds of one core for one session: as given, or by the speed in README.md."
+        ),
     ]
     wall_s: Annotated[float, Field(description="Host seconds of the whole campaign on `workers` workers.")]
     workers: int
@@ -84,9 +100,15 @@ class CampaignEstimate(Document):
             f"about {_span_text(self.wall_s)} on {self.workers} worker(s)"
         )
         for node in self.nodes:
-            rate = "never considered" if node.pass_rate is None else f"passes {node.pass_rate:.0%} of {node.considered}"
+            rate = (
+                "never considered"
+                if node.pass_rate is None
+                else f"passes {node.pass_rate:.0%} of {node.considered}"
+            )
             score = "not scored" if node.score is None else f"score {node.score:.1f}"
-            needed = f"; {node.runs_needed} runs would show the rate within 10 points" if node.runs_needed else ""
+            needed = (
+                f"; {node.runs_needed} runs would show the rate within 10 points" if node.runs_needed else ""
+            )
             yield f"  {node.agent} {node.node}: {rate}, {score}{needed}"
         for pair in self.pairs:
             if pair.only_first == pair.only_second:
@@ -102,9 +124,10 @@ class CampaignEstimate(Document):
 def estimate_campaign(campaign: Campaign, workers: int, session_s: float | None = None) -> CampaignEstimate:
     """Let surrogates fly a campaign's scenes, and say what to expect of the campaign.
 
-    `session_s` is the cost of one session in host seconds of a core; None takes the speed in README.md. Raises SetupError
-    for a campaign that surrogates cannot fly, and as `realizations` does.
+    `session_s` is the cost of one session in host seconds of a core; None takes the speed in README.md.
+    Raises SetupError for a campaign that surrogates cannot fly, and as `realizations` does.
     """
+
     check_surrogates(campaign)
     decomposition = load_measurable_decomposition(campaign.decomposition)
     plans = realizations(campaign)
@@ -145,7 +168,13 @@ def estimate_campaign(campaign: Campaign, workers: int, session_s: float | None 
 
 
 def _span_text(time_s: float) -> str:
-    return f"{time_s:.0f} s" if time_s < 120.0 else f"{time_s / 60.0:.0f} min" if time_s < 7200.0 else f"{time_s / 3600.0:.1f} h"
+    return (
+        f"{time_s:.0f} s"
+        if time_s < 120.0
+        else f"{time_s / 60.0:.0f} min"
+        if time_s < 7200.0
+        else f"{time_s / 3600.0:.1f} h"
+    )
 
 
 def _scenes(plans: list[RealizationPlan]) -> list[list[RealizationPlan]]:
@@ -190,7 +219,9 @@ def _pair(table: pl.DataFrame, node: str, first: str, second: str, scale: float)
     def passes(agent: str) -> dict[Any, bool]:
         rows = table.filter((pl.col("agent") == agent) & (pl.col("node") == node)).drop_nulls(["confidence"])
         scenes = zip(rows["design_point"], rows["replicate"], strict=True)
-        return {scene: confidence >= 1.0 for scene, confidence in zip(scenes, rows["confidence"], strict=True)}
+        return {
+            scene: confidence >= 1.0 for scene, confidence in zip(scenes, rows["confidence"], strict=True)
+        }
 
     first_passes, second_passes = passes(first), passes(second)
     both = sorted(set(first_passes) & set(second_passes))

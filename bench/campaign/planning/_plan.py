@@ -26,9 +26,11 @@ def plan_campaign(
 ) -> list[RealizationPlan]:
     """Every realization of the campaign, added to the journal, with its SimSpec in simspecs/.
 
-    Entries that the journal has already stay as they are. Raises SetupError if they belong to another campaign, and if the
-    decomposition cannot rate one of the situations: such a session could be flown and never be scored.
+    Entries that the journal has already stay as they are. Raises SetupError if they belong to another
+    campaign, and if the decomposition cannot rate one of the situations: such a session could be flown and
+    never be scored.
     """
+
     plans = realizations(campaign)
     intents = {plan.id: _sha256(dump_json(plan.simspec)) for plan in plans}
     _check_same(folder, journal, intents, decomposition.digest)
@@ -37,7 +39,11 @@ def plan_campaign(
     folder.path.mkdir(parents=True, exist_ok=True)
     write_whole(folder.campaign, dump_yaml(_with_local_decomposition(campaign, folder)))
     placer = _Placer()
-    added = [PlannedRealization(plan, intents[plan.id], placer.write(plan, folder)) for plan in plans if plan.id not in known]
+    added = [
+        PlannedRealization(plan, intents[plan.id], placer.write(plan, folder))
+        for plan in plans
+        if plan.id not in known
+    ]
     journal.note("decomposition_sha256", decomposition.digest)
     # After the files: an entry in the journal promises that its SimSpec is on disk.
     journal.add(added)
@@ -58,19 +64,28 @@ def _with_local_decomposition(campaign: Campaign, folder: CampaignFolder) -> Cam
     return campaign.model_copy(update={"decomposition": folder.decomposition.name})
 
 
-def finish_infeasible(plans: Sequence[RealizationPlan], folder: CampaignFolder, journal: Journal) -> Iterator[SessionResult]:
-    """Write, note and yield the results of realizations that placement found no room for. They are never flown."""
+def finish_infeasible(
+    plans: Sequence[RealizationPlan], folder: CampaignFolder, journal: Journal
+) -> Iterator[SessionResult]:
+    """Write, note and yield the results of realizations that placement found no room for.
+
+    They are never flown.
+    """
+
     waiting = {entry.id: entry for entry in journal.entries() if entry.outcome is None}
     reasons: dict[str, str] = {}
     for plan in plans:
-        # Without positions the file is the intent itself. A base that brings positions is checked where it is flown.
+        # Without positions the file is the intent itself. A base that brings positions is checked where it is
+        # flown.
         entry = waiting.get(plan.id)
         if entry is None or plan.simspec.realized is not None or entry.simspec_sha256 != entry.intent_sha256:
             continue
         scene = f"{plan.design_point}-r{plan.replicate}"
         if scene not in reasons:
             reasons[scene] = _infeasible_reason(plan.simspec)
-        result = SessionResult(realization=plan.id, outcome=Outcome.PLACEMENT_INFEASIBLE, reason=reasons[scene])
+        result = SessionResult(
+            realization=plan.id, outcome=Outcome.PLACEMENT_INFEASIBLE, reason=reasons[scene]
+        )
         journal.finish(result, write_result(folder.fresh_run(plan.id), result))
         yield result
 
@@ -83,7 +98,9 @@ def _infeasible_reason(simspec: SimSpec) -> str:
     return "no placement was found when the campaign was planned"
 
 
-def _check_same(folder: CampaignFolder, journal: Journal, intents: dict[str, str], decomposition_sha256: str) -> None:
+def _check_same(
+    folder: CampaignFolder, journal: Journal, intents: dict[str, str], decomposition_sha256: str
+) -> None:
     """A folder accepts more realizations of its campaign, but never different ones under the same names."""
     entries = journal.entries()
     faults = []
@@ -142,7 +159,9 @@ class _Placer:
         if scene != self._scene:
             self._scene, self._placed = scene, _placed(plan.simspec)
         realized = self._placed.realized if self._placed else None
-        return write_whole(folder.simspec(plan.id), dump_json(plan.simspec.model_copy(update={"realized": realized})))
+        return write_whole(
+            folder.simspec(plan.id), dump_json(plan.simspec.model_copy(update={"realized": realized}))
+        )
 
 
 def _placed(simspec: SimSpec) -> SimSpec | None:

@@ -13,13 +13,20 @@ def realizations(campaign: Campaign) -> list[RealizationPlan]:
 
 
 def campaign_quality(campaign: Campaign) -> DesignQuality:
-    """The quality of a campaign's design, before anything is flown. Raises SetupError if it does not fit the base SimSpec."""
+    """The quality of a campaign's design, before anything is flown.
+
+    Raises SetupError if it does not fit the base SimSpec.
+    """
+
     from bench.reporting import measure_design
 
     from ..results._measures import load_measurable_decomposition
 
     return measure_design(
-        campaign.situation, campaign.design, load_measurable_decomposition(campaign.decomposition), campaign.study
+        campaign.situation,
+        campaign.design,
+        load_measurable_decomposition(campaign.decomposition),
+        campaign.study,
     )
 
 

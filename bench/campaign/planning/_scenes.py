@@ -1,4 +1,7 @@
-"""Places scenes and writes their realized SimSpecs, without flying them. Many scenes are shared between processes."""
+"""Places scenes and writes their realized SimSpecs, without flying them.
+
+Many scenes are shared between processes.
+"""
 
 from __future__ import annotations
 
@@ -23,12 +26,18 @@ _BATCHES_PER_PROCESS = 8
 Scene = Sequence[RealizationPlan]
 
 
-def write_scenes(plans: Sequence[RealizationPlan], folder: CampaignFolder, workers: int = 1) -> dict[str, str]:
-    """Write the realized SimSpec of every plan for which there is room: the same bytes for any number of workers.
+def write_scenes(
+    plans: Sequence[RealizationPlan], folder: CampaignFolder, workers: int = 1
+) -> dict[str, str]:
+    """Write the realized SimSpec of every plan for which there is room: the same bytes for any number of
+    workers.
 
     Returns the reasons of the plans that have no room, by id. Raises as `place` does.
     """
-    scenes = [list(scene) for _, scene in groupby(plans, key=lambda plan: (plan.design_point, plan.replicate))]
+
+    scenes = [
+        list(scene) for _, scene in groupby(plans, key=lambda plan: (plan.design_point, plan.replicate))
+    ]
     if workers == 1 or len(scenes) < FEW_SCENES:
         return _write(scenes, folder.path)
     size = -(-len(scenes) // (workers * _BATCHES_PER_PROCESS))
@@ -51,5 +60,7 @@ def _write(scenes: Sequence[Scene], path: Path) -> dict[str, str]:
             reasons |= {plan.id: str(error) for plan in scene}
             continue
         for plan in scene:
-            write_whole(folder.simspec(plan.id), dump_json(plan.simspec.model_copy(update={"realized": realized})))
+            write_whole(
+                folder.simspec(plan.id), dump_json(plan.simspec.model_copy(update={"realized": realized}))
+            )
     return reasons

@@ -15,7 +15,14 @@ from bench.contracts import Outcome, SessionResult
 from bench.documents import dump_yaml, load_document, load_json_document
 from bench.errors import Fault, SetupError
 from bench.reporting import write_report
-from bench.scoring import Difficulty, ScoredRun, difficulty_of, score_table, studied_key_attributes, summary_frame
+from bench.scoring import (
+    Difficulty,
+    ScoredRun,
+    difficulty_of,
+    score_table,
+    studied_key_attributes,
+    summary_frame,
+)
 from bench.simspec import SimSpec
 from decompositions import Decomposition
 
@@ -44,8 +51,10 @@ class FinishedCampaign:
 def finish_campaign(path: Path, other_decomposition: str | None = None) -> FinishedCampaign:
     """Write scores.parquet, manifest.json and report.html from the results in a campaign folder.
 
-    May be called at any time: a realization without a result has no row. Raises SetupError if the folder is not a campaign.
+    May be called at any time: a realization without a result has no row. Raises SetupError if the folder is
+    not a campaign.
     """
+
     folder, campaign, decomposition = read_campaign_folder(path, other_decomposition)
     entries, stops = _read_journal(folder)
     runs, outcomes = _scored_runs(folder, campaign, decomposition, entries, stops)
@@ -58,27 +67,36 @@ def finish_campaign(path: Path, other_decomposition: str | None = None) -> Finis
     def seal() -> None:
         write_manifest(folder, campaign.name, decomposition.digest, outcomes, versions())
 
-    # Twice: the report shows the manifest, and the manifest holds the digest of the report, which the report leaves out.
+    # Twice: the report shows the manifest, and the manifest holds the digest of the report, which the report
+    # leaves out.
     seal()
     report = write_report(folder.path)
     seal()
     return FinishedCampaign(
-        summary_frame(scores, decomposition), studied_key_attributes(decomposition, campaign.study), outcomes, report
+        summary_frame(scores, decomposition),
+        studied_key_attributes(decomposition, campaign.study),
+        outcomes,
+        report,
     )
 
 
 def rescore_campaign(path: Path, other_decomposition: str | None = None) -> FinishedCampaign:
     """Measure every recording of a campaign again, write the results, and finish the campaign.
 
-    A run whose result.json is gone gets it back from its recording. `other_decomposition` replaces the campaign's.
+    A run whose result.json is gone gets it back from its recording. `other_decomposition` replaces the
+    campaign's.
     """
+
     folder, _, decomposition = read_campaign_folder(path, other_decomposition)
     with open_lock(path), open_journal(folder.journal) as journal:
         runs = {entry.id: folder.run(entry.id) for entry in journal.entries()}
         recorded = {name: run for name, run in runs.items() if (run / RECORDING).is_file()}
         digests = journal.recordings()
-        faults = [fault for name, run in recorded.items() for fault in recording_faults(run, digests.get(name))]
-        # Before any result is written: otherwise a fault would leave half of the campaign measured in the new way.
+        faults = [
+            fault for name, run in recorded.items() for fault in recording_faults(run, digests.get(name))
+        ]
+        # Before any result is written: otherwise a fault would leave half of the campaign measured in the new
+        # way.
         if faults:
             raise SetupError(faults)
         for name, run in recorded.items():
@@ -124,14 +142,27 @@ def read_runs(path: Path, other_decomposition: str | None = None) -> CampaignRun
         ]
     reasons = {entry.id: entry.reason for entry in entries}
     return CampaignRuns(
-        decomposition, studied_key_attributes(decomposition, campaign.study), tuple(runs), recordings, reasons, campaign.fidelity
+        decomposition,
+        studied_key_attributes(decomposition, campaign.study),
+        tuple(runs),
+        recordings,
+        reasons,
+        campaign.fidelity,
     )
 
 
-def read_campaign_folder(path: Path, other_decomposition: str | None = None) -> tuple[CampaignFolder, Campaign, Decomposition]:
-    """Paths, campaign and decomposition of a campaign folder. `other_decomposition` replaces the campaign's."""
+def read_campaign_folder(
+    path: Path, other_decomposition: str | None = None
+) -> tuple[CampaignFolder, Campaign, Decomposition]:
+    """Paths, campaign and decomposition of a campaign folder.
+
+    `other_decomposition` replaces the campaign's.
+    """
+
     if not is_campaign(path):
-        raise SetupError(Fault(str(path), "is not the folder of a campaign", "name a folder that `rebar run` wrote"))
+        raise SetupError(
+            Fault(str(path), "is not the folder of a campaign", "name a folder that `rebar run` wrote")
+        )
     folder = CampaignFolder(path)
     campaign = load_document(folder.campaign, Campaign)
     default = folder.decomposition if folder.decomposition.is_file() else campaign.decomposition
@@ -156,7 +187,11 @@ def _scored_runs(
     entries: list[JournalEntry],
     stops: Mapping[PointKey, int],
 ) -> tuple[list[ScoredRun], dict[str, int]]:
-    """The runs that count, and the number of realizations by outcome. No run after a stop counts, flown or not."""
+    """The runs that count, and the number of realizations by outcome.
+
+    No run after a stop counts, flown or not.
+    """
+
     runs = []
     outcomes: Counter[str] = Counter()
     rated: dict[tuple[str, int], Difficulty] = {}
@@ -167,7 +202,9 @@ def _scored_runs(
             # Difficulty is a property of the scene, the same for every agent.
             scene = (entry.design_point, entry.replicate)
             if scene not in rated:
-                rated[scene] = difficulty_of(decomposition, load_json_document(folder.simspec(entry.id), SimSpec))
+                rated[scene] = difficulty_of(
+                    decomposition, load_json_document(folder.simspec(entry.id), SimSpec)
+                )
             runs.append(_scored_run(entry, result, rated[scene], campaign.stopping is not None))
     return runs, dict(outcomes)
 
@@ -176,12 +213,18 @@ def _result(folder: CampaignFolder, entry: JournalEntry) -> SessionResult | None
     """The result that the journal noted. None if the file was changed since."""
     run = folder.run(entry.id)
     result = read_result(run, entry.id)
-    if result is not None and entry.result_sha256 is not None and digest_of(run / RESULT) != entry.result_sha256:
+    if (
+        result is not None
+        and entry.result_sha256 is not None
+        and digest_of(run / RESULT) != entry.result_sha256
+    ):
         return None
     return result
 
 
-def _scored_run(entry: JournalEntry, result: SessionResult, difficulty: Difficulty, until_settled: bool) -> ScoredRun:
+def _scored_run(
+    entry: JournalEntry, result: SessionResult, difficulty: Difficulty, until_settled: bool
+) -> ScoredRun:
     return ScoredRun(
         realization=entry.id,
         design_point=entry.design_point,

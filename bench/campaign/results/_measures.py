@@ -13,17 +13,20 @@ from decompositions import Decomposition, DecompositionVocabulary, load_decompos
 def check_options(measure: str, options: Mapping[str, Option]) -> None:
     """Check, before anything is flown, that a measure exists and takes these options.
 
-    Raises SetupError if there is no such measure. Raises ValueError, with the measure, the option and the known ones, if an
-    option is unknown, missing or of the wrong kind. The options of a measure that does not implement `ChecksOptions`
-    are checked when the measure is called.
+    Raises SetupError if there is no such measure. Raises ValueError, with the measure, the option and the
+    known ones, if an option is unknown, missing or of the wrong kind. The options of a measure that does not
+    implement `ChecksOptions` are checked when the measure is called.
     """
+
     plugin = load_plugin("rebar.measures", measure)
     # Any other measure sees its options only when it is called, after the flight.
     if isinstance(plugin, ChecksOptions):
         plugin.check_options(options)
 
 
-def measure_all(requests: Mapping[str, MeasureRequest], tape: Tape, simspec: SimSpec) -> tuple[Observation, ...]:
+def measure_all(
+    requests: Mapping[str, MeasureRequest], tape: Tape, simspec: SimSpec
+) -> tuple[Observation, ...]:
     """One observation for each observable, in the order of `requests`. Raises as `check_options` does."""
     observations = []
     for observable, (name, options) in requests.items():
@@ -38,10 +41,14 @@ def load_measurable_decomposition(name_or_path: str | Path) -> Decomposition:
     Raises SetupError with every fault of the document.
     """
     return load_decomposition(
-        name_or_path, DecompositionVocabulary({name: factor.unit for name, factor in FACTORS.items()}, check_options)
+        name_or_path,
+        DecompositionVocabulary({name: factor.unit for name, factor in FACTORS.items()}, check_options),
     )
 
 
 def measures_of(decomposition: Decomposition) -> dict[str, MeasureRequest]:
     """Measure and options of every observable, by its id."""
-    return {observable.id: (observable.measure, observable.options) for observable in decomposition.observables.values()}
+    return {
+        observable.id: (observable.measure, observable.options)
+        for observable in decomposition.observables.values()
+    }

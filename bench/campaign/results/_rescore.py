@@ -20,12 +20,15 @@ CUT_OFF = "the recording has no end event: its session was cut off"
 def rescore(folder: Path, decomposition: Decomposition) -> SessionResult:
     """The result of the run in `folder`, with its observations measured again from `recording.mcap`.
 
-    The outcome is taken from `result.json` if there is one, and from the recording otherwise. Raises SetupError if the
-    folder has no readable recording, or one that differs from the recording of its result.
+    The outcome is taken from `result.json` if there is one, and from the recording otherwise. Raises
+    SetupError if the folder has no readable recording, or one that differs from the recording of its result.
     """
+
     recording = folder / RECORDING
     if not recording.is_file():
-        raise SetupError(Fault(str(folder), f"there is no {RECORDING} here", "name the folder of a run or of a campaign"))
+        raise SetupError(
+            Fault(str(folder), f"there is no {RECORDING} here", "name the folder of a run or of a campaign")
+        )
     faults = recording_faults(folder)
     if faults:
         raise SetupError(faults)
@@ -40,14 +43,18 @@ def rescore(folder: Path, decomposition: Decomposition) -> SessionResult:
 def recording_faults(folder: Path, journal_sha256: str | None = None) -> list[Fault]:
     """A fault if the recording is not the one that `result.json` was made from: cut off, edited or exchanged.
 
-    `journal_sha256` is its digest in the campaign's journal, which also works when `result.json` is gone or changed.
+    `journal_sha256` is its digest in the campaign's journal, which also works when `result.json` is gone or
+    changed.
     """
+
     file = folder / RESULT
     if journal_sha256 is not None and digest_of(folder / RECORDING) != journal_sha256:
         remedy = "restore the recording, or rerun it with `rebar run`"
         return [
             Fault(
-                str(folder / RECORDING), "has changed since its session: its digest differs from the one in the journal", remedy
+                str(folder / RECORDING),
+                "has changed since its session: its digest differs from the one in the journal",
+                remedy,
             )
         ]
     if not file.is_file():
@@ -69,7 +76,9 @@ def _from_recording(realization: str, tape: Tape) -> SessionResult:
     ended = [event for event in tape.events if event.value.name == "ended"]
     if not ended:
         # Every session records its end, whatever the agent does, so without one the bench was killed.
-        return SessionResult(realization=realization, outcome=Outcome.WORKER_LOST, reason=CUT_OFF, simulated_s=tape.end_s)
+        return SessionResult(
+            realization=realization, outcome=Outcome.WORKER_LOST, reason=CUT_OFF, simulated_s=tape.end_s
+        )
     return SessionResult(
         realization=realization,
         outcome=Outcome(ended[-1].value.text),

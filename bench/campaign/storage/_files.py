@@ -8,14 +8,19 @@ from pathlib import Path
 
 
 def write_whole(path: Path, content: bytes | str) -> str:
-    """Write a file and return the SHA-256 of its bytes. After a crash the old file or the new one is there, never a part."""
+    """Write a file and return the SHA-256 of its bytes.
+
+    After a crash the old file or the new one is there, never a part.
+    """
+
     data = content.encode() if isinstance(content, str) else content
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.part")
     with part.open("wb") as file:
         file.write(data)
         file.flush()
-        # Before the rename: otherwise a power cut could leave the new name on a file whose bytes were never written.
+        # Before the rename: otherwise a power cut could leave the new name on a file whose bytes were never
+        # written.
         os.fsync(file.fileno())
     part.replace(path)
     # The rename is an entry of the folder, so it survives a power cut only once the folder is synced as well.

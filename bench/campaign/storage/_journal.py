@@ -1,4 +1,5 @@
-"""The journal of a campaign: state and outcome of every realization, in SQLite, correct after a kill at any moment.
+"""The journal of a campaign: state and outcome of every realization, in SQLite, correct after a kill at any
+moment.
 
 Tables:
 
@@ -76,7 +77,9 @@ class JournalEntry:
 
 @dataclass(frozen=True, slots=True)
 class PlannedRealization:
-    """A realization to be added: its plan, and digests of its SimSpec before placement and of its file in simspecs/."""
+    """A realization to be added: its plan, and digests of its SimSpec before placement and of its file in
+    simspecs/.
+    """
 
     plan: RealizationPlan
     intent_sha256: str
@@ -115,7 +118,10 @@ class Journal:
             self._database.executemany(
                 "INSERT INTO realizations (id, number, design_point, replicate, agent, levels, intent_sha256, simspec_sha256) "
                 "VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
-                [_row(number, realization) for number, realization in enumerate(realizations, start=last + 1)],
+                [
+                    _row(number, realization)
+                    for number, realization in enumerate(realizations, start=last + 1)
+                ],
             )
 
     def start(self, realization: str, worker: str) -> int:
@@ -124,12 +130,15 @@ class Journal:
             (number,) = self._database.execute(
                 "SELECT count(*) + 1 FROM attempts WHERE realization = ?", (realization,)
             ).fetchone()
-            self._database.execute("UPDATE realizations SET state = 'running' WHERE id = ? AND state = 'planned'", (realization,))
+            self._database.execute(
+                "UPDATE realizations SET state = 'running' WHERE id = ? AND state = 'planned'", (realization,)
+            )
             self._database.execute(
                 "INSERT INTO attempts (realization, number, worker, started_utc) VALUES (?, ?, ?, ?)",
                 (realization, number, worker, _now()),
             )
-            # The attempt overwrites the recording, so the digest of the earlier one would only accuse the new one.
+            # The attempt overwrites the recording, so the digest of the earlier one would only accuse the new
+            # one.
             self._database.execute("DELETE FROM recordings WHERE realization = ?", (realization,))
         return int(number)
 
@@ -137,10 +146,16 @@ class Journal:
         """Note that the running attempt gave no lasting result; the realization is planned again."""
         with self._change():
             self._end_attempt(realization, outcome, reason)
-            self._database.execute("UPDATE realizations SET state = 'planned' WHERE id = ? AND state = 'running'", (realization,))
+            self._database.execute(
+                "UPDATE realizations SET state = 'planned' WHERE id = ? AND state = 'running'", (realization,)
+            )
 
     def finish(self, result: SessionResult, result_sha256: str) -> None:
-        """Note the lasting result of a realization. A second result for the same realization changes nothing."""
+        """Note the lasting result of a realization.
+
+        A second result for the same realization changes nothing.
+        """
+
         with self._change():
             self._end_attempt(result.realization, result.outcome, result.reason)
             updated = self._database.execute(
@@ -167,7 +182,10 @@ class Journal:
         return dict(self._database.execute("SELECT realization, sha256 FROM recordings").fetchall())
 
     def set_stops(self, stops: Mapping[tuple[str, str], int]) -> None:
-        """Note the last replicate that counts, by design point and agent, in place of all that was noted before."""
+        """Note the last replicate that counts, by design point and agent, in place of all that was noted
+        before.
+        """
+
         with self._change():
             self._database.execute("DELETE FROM stops")
             rows = [(*key, replicate) for key, replicate in sorted(stops.items())]
@@ -201,7 +219,8 @@ class Journal:
 
     @contextmanager
     def _change(self) -> Iterator[None]:
-        # IMMEDIATE takes the write lock at once: a reader that turned writer could fail in the middle of a change.
+        # IMMEDIATE takes the write lock at once: a reader that turned writer could fail in the middle of a
+        # change.
         self._database.execute("BEGIN IMMEDIATE")
         try:
             yield
@@ -213,12 +232,17 @@ class Journal:
 
 @contextmanager
 def open_journal(path: Path) -> Iterator[Journal]:
-    """Yield the journal, created if it does not exist. Raises SetupError if the file is not a campaign journal."""
+    """Yield the journal, created if it does not exist.
+
+    Raises SetupError if the file is not a campaign journal.
+    """
+
     path.parent.mkdir(parents=True, exist_ok=True)
     with closing(sqlite3.connect(path, isolation_level=None, timeout=30.0)) as database:
         try:
             database.execute("PRAGMA journal_mode = WAL")
-            # A power cut may lose the last transactions but never damages the file; `result.json` brings them back.
+            # A power cut may lose the last transactions but never damages the file; `result.json` brings them
+            # back.
             database.execute("PRAGMA synchronous = NORMAL")
             database.execute("PRAGMA foreign_keys = ON")
             database.executescript(_TABLES)
@@ -241,7 +265,21 @@ def _row(number: int, realization: PlannedRealization) -> tuple[str | int, ...]:
 
 def _entry(row: tuple[object, ...]) -> JournalEntry:
     # The columns of the query in `entries`, in its order.
-    realization, point, replicate, agent, levels, intent, simspec, state, attempts, outcome, reason, wall, result = row
+    (
+        realization,
+        point,
+        replicate,
+        agent,
+        levels,
+        intent,
+        simspec,
+        state,
+        attempts,
+        outcome,
+        reason,
+        wall,
+        result,
+    ) = row
     return JournalEntry(
         id=str(realization),
         design_point=str(point),

@@ -15,8 +15,11 @@ from bench.errors import Fault, SetupError
 from ._files import digest_of, write_whole
 from ._folder import CampaignFolder
 
-# The journal and the lock change while nothing of the results does, and a manifest cannot hold its own digest.
-_UNLISTED_FILES = frozenset({"journal.sqlite", "journal.sqlite-wal", "journal.sqlite-shm", ".lock", "manifest.json"})
+# The journal and the lock change while nothing of the results does, and a manifest cannot hold its own
+# digest.
+_UNLISTED_FILES = frozenset(
+    {"journal.sqlite", "journal.sqlite-wal", "journal.sqlite-shm", ".lock", "manifest.json"}
+)
 # Logs hold process ids and times, so they differ between two runs with the same results.
 _UNLISTED_FOLDER = "logs"
 
@@ -33,7 +36,11 @@ class Manifest(Document):
 
 
 def write_manifest(
-    folder: CampaignFolder, campaign: str, decomposition_sha256: str, outcomes: Mapping[str, int], versions: Mapping[str, str]
+    folder: CampaignFolder,
+    campaign: str,
+    decomposition_sha256: str,
+    outcomes: Mapping[str, int],
+    versions: Mapping[str, str],
 ) -> None:
     """Write `manifest.json` over everything that is in the folder now."""
     manifest = Manifest(
@@ -47,7 +54,11 @@ def write_manifest(
 
 
 def verify_folder(path: Path) -> list[Fault]:
-    """Every file of a campaign folder that differs from its manifest. Raises SetupError without a readable manifest."""
+    """Every file of a campaign folder that differs from its manifest.
+
+    Raises SetupError without a readable manifest.
+    """
+
     try:
         manifest = Manifest.model_validate(json.loads((path / "manifest.json").read_text()))
     except (FileNotFoundError, ValueError) as error:
@@ -59,7 +70,11 @@ def verify_folder(path: Path) -> list[Fault]:
             )
         ) from None
     present = set(_listed_files(path))
-    changed = [name for name, digest in manifest.files.items() if name in present and digest_of(path / name) != digest]
+    changed = [
+        name
+        for name, digest in manifest.files.items()
+        if name in present and digest_of(path / name) != digest
+    ]
     return [
         *(Fault(name, "is missing") for name in sorted(manifest.files.keys() - present)),
         *(Fault(name, "has changed since the manifest was written") for name in changed),
@@ -69,4 +84,6 @@ def verify_folder(path: Path) -> list[Fault]:
 
 def _listed_files(path: Path) -> list[str]:
     files = (file.relative_to(path) for file in path.rglob("*") if file.is_file())
-    return sorted(str(file) for file in files if file.parts[0] != _UNLISTED_FOLDER and file.name not in _UNLISTED_FILES)
+    return sorted(
+        str(file) for file in files if file.parts[0] != _UNLISTED_FOLDER and file.name not in _UNLISTED_FILES
+    )

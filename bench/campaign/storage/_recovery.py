@@ -12,8 +12,12 @@ from ._folder import RESULT, CampaignFolder
 from ._journal import Journal, RealizationState
 from ._results import read_result
 
-RERUNNABLE_OUTCOMES = frozenset({Outcome.WORKER_LOST, Outcome.BENCH_ERROR, Outcome.WALL_BUDGET, Outcome.SETUP_INVALID})
-"""Outcomes that a user may ask to rerun: the agent did not cause them, and another attempt may end differently."""
+RERUNNABLE_OUTCOMES = frozenset(
+    {Outcome.WORKER_LOST, Outcome.BENCH_ERROR, Outcome.WALL_BUDGET, Outcome.SETUP_INVALID}
+)
+"""Outcomes that a user may ask to rerun: the agent did not cause them, and another attempt may end
+differently.
+"""
 
 
 def parse_rerun_outcomes(names: Collection[str]) -> frozenset[Outcome]:
@@ -21,7 +25,9 @@ def parse_rerun_outcomes(names: Collection[str]) -> frozenset[Outcome]:
     wrong = sorted(set(names) - RERUNNABLE_OUTCOMES)
     if wrong:
         remedy = f"give {', '.join(sorted(RERUNNABLE_OUTCOMES))}"
-        raise SetupError([Fault("--again", f"results with the outcome {name!s} cannot be rerun", remedy) for name in wrong])
+        raise SetupError(
+            [Fault("--again", f"results with the outcome {name!s} cannot be rerun", remedy) for name in wrong]
+        )
     return frozenset(map(Outcome, names))
 
 
@@ -29,7 +35,8 @@ def reset_for_rerun(folder: CampaignFolder, journal: Journal, outcomes: Collecti
     """Plan every realization with one of these outcomes again; its result is kept in aside/."""
     for entry in journal.entries():
         if entry.outcome in outcomes:
-            # The file first: after a crash in between, `reconcile` sees that the result is gone and plans it again.
+            # The file first: after a crash in between, `reconcile` sees that the result is gone and plans it
+            # again.
             folder.set_aside(entry.id, entry.attempts)
             journal.forget(entry.id)
 
@@ -37,13 +44,16 @@ def reset_for_rerun(folder: CampaignFolder, journal: Journal, outcomes: Collecti
 def reconcile(folder: CampaignFolder, journal: Journal) -> None:
     """Make the journal agree with the run folders.
 
-    A complete result counts even if the runner was killed before it could note it. A result that is gone, or is not the
-    one that was noted, is planned again.
+    A complete result counts even if the runner was killed before it could note it. A result that is gone, or
+    is not the one that was noted, is planned again.
     """
+
     for entry in journal.entries():
         run = folder.run(entry.id)
         result = read_result(run, entry.id)
-        if entry.state is RealizationState.DONE and (result is None or digest_of(run / RESULT) != entry.result_sha256):
+        if entry.state is RealizationState.DONE and (
+            result is None or digest_of(run / RESULT) != entry.result_sha256
+        ):
             journal.forget(entry.id)
         elif result is not None and entry.state is not RealizationState.DONE:
             journal.finish(result, digest_of(run / RESULT))

@@ -1,4 +1,6 @@
-"""`result.json` in a run's folder: written last, and read back only if it belongs to the run and to its recording."""
+"""`result.json` in a run's folder: written last, and read back only if it belongs to the run and to its
+recording.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +16,21 @@ from ._folder import RECORDING, RESULT
 
 
 def write_result(run: Path, result: SessionResult) -> str:
-    """Write `result.json` into a run's folder and return its SHA-256. Nothing else is written there afterwards."""
+    """Write `result.json` into a run's folder and return its SHA-256.
+
+    Nothing else is written there afterwards.
+    """
+
     return write_whole(run / RESULT, dump_json(result))
 
 
 def read_result(run: Path, realization: str) -> SessionResult | None:
     """The result in a run's folder.
 
-    None if there is none, if it is damaged, if it is another realization's, or if the recording beside it is not the one
-    that it was made from.
+    None if there is none, if it is damaged, if it is another realization's, or if the recording beside it is
+    not the one that it was made from.
     """
+
     try:
         result = SessionResult.model_validate_json((run / RESULT).read_bytes())
     except (FileNotFoundError, ValidationError):
@@ -31,6 +38,8 @@ def read_result(run: Path, realization: str) -> SessionResult | None:
     recording = run / RECORDING
     if result.realization != realization:
         return None
-    if result.recording_sha256 is not None and not (recording.is_file() and digest_of(recording) == result.recording_sha256):
+    if result.recording_sha256 is not None and not (
+        recording.is_file() and digest_of(recording) == result.recording_sha256
+    ):
         return None
     return result

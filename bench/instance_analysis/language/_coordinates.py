@@ -38,7 +38,9 @@ _A, _E2 = 6378137.0, 6.69437999014e-3
 
 @dataclass(frozen=True, slots=True)
 class Coordinates:
-    """A place as stated: metres east and north, or degrees of latitude and longitude (WGS84) when `degrees` is true."""
+    """A place as stated: metres east and north, or degrees of latitude and longitude (WGS84) when `degrees`
+    is true.
+    """
 
     first: float
     second: float
@@ -53,7 +55,10 @@ def coordinates_of(text: str) -> Coordinates:
         return Coordinates(latitude, longitude, degrees=True)
     # `120 east 40 north` has no unit and no sign: the words give both axes and signs.
     if flat := re.fullmatch(r"(\S+?)\s*(east|west)[\s,]*(\S+?)\s*(north|south)", lower):
-        east, north = (float(flat[1]) * (-1 if flat[2] == "west" else 1), float(flat[3]) * (-1 if flat[4] == "south" else 1))
+        east, north = (
+            float(flat[1]) * (-1 if flat[2] == "west" else 1),
+            float(flat[3]) * (-1 if flat[4] == "south" else 1),
+        )
         return Coordinates(east, north)
     sides = re.findall(r"([\d.°'\"′″\s]+)(n|s|e|w)(?:orth|outh|ast|est)?\b", lower)
     if len(sides) == 2:
@@ -64,7 +69,9 @@ def coordinates_of(text: str) -> Coordinates:
 
 
 def _degrees(figures: str) -> float:
-    return float(sum(float(figure) / 60.0**index for index, figure in enumerate(re.findall(r"\d+(?:\.\d+)?", figures))))
+    return float(
+        sum(float(figure) / 60.0**index for index, figure in enumerate(re.findall(r"\d+(?:\.\d+)?", figures)))
+    )
 
 
 def name_of(text: str) -> str:
@@ -89,4 +96,8 @@ def local_m(place: Coordinates, origin: Origin) -> tuple[float, float]:
 def _earth_centred_m(latitude: float, longitude: float, altitude_m: float) -> tuple[float, float, float]:
     across = _A / math.sqrt(1.0 - _E2 * math.sin(latitude) ** 2)
     flat = (across + altitude_m) * math.cos(latitude)
-    return flat * math.cos(longitude), flat * math.sin(longitude), (across * (1 - _E2) + altitude_m) * math.sin(latitude)
+    return (
+        flat * math.cos(longitude),
+        flat * math.sin(longitude),
+        (across * (1 - _E2) + altitude_m) * math.sin(latitude),
+    )

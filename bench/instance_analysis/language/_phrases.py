@@ -17,7 +17,19 @@ from ._tokens import Span, Word
 from ._vocabulary import FieldWords, Meaning
 
 PHRASES = (
-    *("nomark", "noreport", "window", "linklost", "standoff", "slow", "loiter", "event", "intelligence", "field", "mean"),
+    *(
+        "nomark",
+        "noreport",
+        "window",
+        "linklost",
+        "standoff",
+        "slow",
+        "loiter",
+        "event",
+        "intelligence",
+        "field",
+        "mean",
+    ),
     *(
         "bearing",
         "within",
@@ -33,18 +45,62 @@ PHRASES = (
         "inside",
         "behind",
     ),
-    *("facing", "hidden", "visible", "between", "apart", "spread", "part", "group", "density", "concealment", "motion", "loop"),
-    *("radius", "place", "stretch", "area", "extent", "overfly", "stayin", "landgap", "roads", "axis", "width", "weather"),
-    *("clear", "calm", "wind", "gusts", "sun", "clock", "date", "set", "limit", "altitude", "speed", "ground", "when"),
+    *(
+        "facing",
+        "hidden",
+        "visible",
+        "between",
+        "apart",
+        "spread",
+        "part",
+        "group",
+        "density",
+        "concealment",
+        "motion",
+        "loop",
+    ),
+    *(
+        "radius",
+        "place",
+        "stretch",
+        "area",
+        "extent",
+        "overfly",
+        "stayin",
+        "landgap",
+        "roads",
+        "axis",
+        "width",
+        "weather",
+    ),
+    *(
+        "clear",
+        "calm",
+        "wind",
+        "gusts",
+        "sun",
+        "clock",
+        "date",
+        "set",
+        "limit",
+        "altitude",
+        "speed",
+        "ground",
+        "when",
+    ),
 )
 """Rules that may stand by themselves; of two that are equally long the earlier one holds."""
 # Keeps the search linear in the length of the text. Chosen, not measured.
 MAX_PHRASE_WORDS = 24
-CLAUSES = frozenset({"which", "who", "whose", "where", "when", "while", "then", "but", "because", "if", "though"})
+CLAUSES = frozenset(
+    {"which", "who", "whose", "where", "when", "while", "then", "but", "because", "if", "though"}
+)
 """Words that begin another clause: no phrase goes on past them."""
 
 
-QUANTITY_FILLERS = frozenset(["about", "approximately", "roughly", "approx", "circa", "the", "perhaps", "maybe", "very"])
+QUANTITY_FILLERS = frozenset(
+    ["about", "approximately", "roughly", "approx", "circa", "the", "perhaps", "maybe", "very"]
+)
 """Words that may stand inside a quantity."""
 CONDITIONAL_RULES = frozenset(["nomark", "noreport", "slow", "linklost", "stretch"])
 """Rules that have a clause of their own: `no marking when a civilian is within 50 m`."""
@@ -52,7 +108,21 @@ TOLERANT_RULES = frozenset(["field", "event", "wind", "intelligence", "nomark", 
 """Rules that go on past words that nobody knows, which are listed all the same."""
 MAX_UNKNOWN_WORDS = 2
 DENIALS = frozenset(
-    ["not", "never", "nor", "neither", "isn't", "aren't", "don't", "doesn't", "won't", "cannot", "can't", "if", "unless"]
+    [
+        "not",
+        "never",
+        "nor",
+        "neither",
+        "isn't",
+        "aren't",
+        "don't",
+        "doesn't",
+        "won't",
+        "cannot",
+        "can't",
+        "if",
+        "unless",
+    ]
 )
 _NOT_AFTER_COMMA = {
     "quantity": {"COUNT", "UNIT"},
@@ -125,10 +195,12 @@ def _first_kinds(rule: str) -> frozenset[str]:
 
 
 def longest_match(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[Token], int] | None:
-    """The longest run of words from `begin` that matches the rule, and the index after it; None when nothing matches.
+    """The longest run of words from `begin` that matches the rule, and the index after it; None when nothing
+    matches.
 
     A word with several meanings is tried in each of them that the rule takes at its place.
     """
+
     if _first_kinds(rule).isdisjoint(candidate.kind for candidate in words[begin].meanings):
         return None
     states: list[_State] = [(_grammar().parse_interactive(start=rule), ())]
@@ -147,7 +219,11 @@ def longest_match(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[To
         if not word.meanings and rule in TOLERANT_RULES and unknown < MAX_UNKNOWN_WORDS and _skipped(word):
             unknown += 1
             continue
-        if rule == "quantity" and index > begin and word.text.lower() in ("a", "an", "single", "a single", "the single"):
+        if (
+            rule == "quantity"
+            and index > begin
+            and word.text.lower() in ("a", "an", "single", "a single", "the single")
+        ):
             # `60 m to a radar` is no range.
             break
         following: list[_State] = []
@@ -185,7 +261,11 @@ _State = tuple[InteractiveParser, _Tokens]
 
 
 def _branch(state: InteractiveParser) -> InteractiveParser:
-    """A copy of a parser state. Its tree is shared with the original, so it only shows whether parsing can continue."""
+    """A copy of a parser state.
+
+    Its tree is shared with the original, so it only shows whether parsing can continue.
+    """
+
     return state.copy(deepcopy_values=False)  # type: ignore[no-untyped-call, no-any-return]
 
 
@@ -205,20 +285,36 @@ def with_quantities(words: Sequence[Word], unknown: list[tuple[Word, Word]]) -> 
     index = 0
     while index < len(words):
         word = words[index]
-        match = longest_match("quantity", words, index) if any(meaning.kind in _BEGINS for meaning in word.meanings) else None
+        match = (
+            longest_match("quantity", words, index)
+            if any(meaning.kind in _BEGINS for meaning in word.meanings)
+            else None
+        )
         if match is None:
             read.append(word)
             index += 1
             continue
         tree, end = match
         quantity = _quantity(tree, words)
-        others = tuple(meaning for meaning in word.meanings if meaning.kind not in _BEGINS) if end == index + 1 else ()
+        others = (
+            tuple(meaning for meaning in word.meanings if meaning.kind not in _BEGINS)
+            if end == index + 1
+            else ()
+        )
         span = word.span.joined(words[end - 1].span)
         if quantity is None:
             read.append(word)
             index += 1
             continue
-        read.append(Word(word.text, span, (Meaning(quantity.kind, quantity), *others), comma=word.comma, mended=word.mended))
+        read.append(
+            Word(
+                word.text,
+                span,
+                (Meaning(quantity.kind, quantity), *others),
+                comma=word.comma,
+                mended=word.mended,
+            )
+        )
         if quantity.kind == "COUNT" and word.text not in ("a", "an") and _no_unit(words, end):
             unknown.append((word, words[end]))
         index = end
@@ -231,10 +327,16 @@ _BEGINS = {"NUM", "VAGUE", "LBR", "BETWEEN", "FROM", *NUMBERED}
 
 
 def _no_unit(words: Sequence[Word], at: int) -> bool:
-    """Whether an unknown word stands in the place of a unit: before `from`, `away`, `of` or another relation."""
+    """Whether an unknown word stands in the place of a unit: before `from`, `away`, `of` or another
+    relation.
+    """
+
     if at + 1 >= len(words) or words[at].meanings or words[at].filler or words[at + 1].comma:
         return False
-    return any(meaning.kind in ("FROM", "AWAY", "APART", "DIR", "BEFORE", "AFTER") for meaning in words[at + 1].meanings)
+    return any(
+        meaning.kind in ("FROM", "AWAY", "APART", "DIR", "BEFORE", "AFTER")
+        for meaning in words[at + 1].meanings
+    )
 
 
 def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
@@ -269,15 +371,24 @@ def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
 
 def _moment(before: Token, tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
     """`at minute three`, `T plus 90`; None where the number has a unit that is none of time."""
-    unit = next((token for token in tree.scan_values(lambda token: isinstance(token, Token)) if token.type == "UNIT"), None)
-    kind, factor = ("TIME", NUMBERED[before.type]) if unit is None else cast("tuple[str, float]", _meaning(unit, words).value)
+    unit = next(
+        (token for token in tree.scan_values(lambda token: isinstance(token, Token)) if token.type == "UNIT"),
+        None,
+    )
+    kind, factor = (
+        ("TIME", NUMBERED[before.type])
+        if unit is None
+        else cast("tuple[str, float]", _meaning(unit, words).value)
+    )
     moment_s = factor * _number(tree, words)
     return Quantity("TIME", moment_s, moment_s) if kind == "TIME" else None
 
 
 def _number(tree: Tree[Token], words: Sequence[Word]) -> float:
     value = next(
-        _meaning(token, words).value for token in tree.scan_values(lambda token: isinstance(token, Token)) if token.type == "NUM"
+        _meaning(token, words).value
+        for token in tree.scan_values(lambda token: isinstance(token, Token))
+        if token.type == "NUM"
     )
     assert isinstance(value, float | int)
     return float(value)
@@ -296,7 +407,11 @@ def phrases_of(words: Sequence[Word]) -> Iterator[Phrase | Word]:
         for rule in PHRASES if words[index].meanings else ():
             match = longest_match(rule, words, index)
             # Longer phrases win; of two equally long ones the earlier rule of PHRASES.
-            if match and (best is None or match[1] > best[2]) and not (rule == "field" and _unfit(match[0], words)):
+            if (
+                match
+                and (best is None or match[1] > best[2])
+                and not (rule == "field" and _unfit(match[0], words))
+            ):
                 best = (rule, *match)
         if best is None:
             yield words[index]
@@ -317,7 +432,11 @@ def _unfit(tree: Tree[Token], words: Sequence[Word]) -> bool:
     quantity = _meaning(first, words).value
     if field is None or not isinstance(quantity, Quantity):
         return False
-    kinds = {token.value.kind for token in words[int(str(field).split(":")[0])].meanings if isinstance(token.value, FieldWords)}
+    kinds = {
+        token.value.kind
+        for token in words[int(str(field).split(":")[0])].meanings
+        if isinstance(token.value, FieldWords)
+    }
     return not kinds & {quantity.kind, "NUMBER" if quantity.kind in ("COUNT", "PERCENT") else quantity.kind}
 
 
@@ -330,7 +449,10 @@ def _far_off(field: Token, rest: Sequence[Token], words: Sequence[Word]) -> bool
     kinds = {item.value.kind for item in words[at].meanings if isinstance(item.value, FieldWords)}
     taken = [int(str(item).split(":")[0]) for item in rest]
     given = [value.kind for item in rest if isinstance(value := _meaning(item, words).value, Quantity)]
-    fits = any(kind in kinds or (kind in ("COUNT", "PERCENT") and "NUMBER" in kinds) or kind == "COUNT" for kind in given)
+    fits = any(
+        kind in kinds or (kind in ("COUNT", "PERCENT") and "NUMBER" in kinds) or kind == "COUNT"
+        for kind in given
+    )
     strange = any(not item.meanings and not item.filler for item in words[at : max(taken, default=at)])
     previous = words[at - 1].meanings if at else ()
     fed = any(isinstance(item.value, Quantity) and item.value.kind in kinds for item in previous)

@@ -22,7 +22,8 @@ def corrected_spelling(text: str, vocabulary: Vocabulary, corrections: dict[str,
             for candidate in sorted(vocabulary.single)
             if len(candidate) >= MIN_CORRECTED_LETTERS
             and abs(len(candidate) - len(lower)) <= most
-            # One edit changes at most two letters, which rules out most candidates before the slow comparison.
+            # One edit changes at most two letters, which rules out most candidates before the slow
+            # comparison.
             and len(letters.symmetric_difference(candidate)) <= 2 * most
             and (distance := edit_distance(lower, candidate, most)) <= most
         }
@@ -32,7 +33,8 @@ def corrected_spelling(text: str, vocabulary: Vocabulary, corrections: dict[str,
         # A word that means something by itself goes before one that is only part of a phrase.
         best = [candidate_word for candidate_word in best if candidate_word in vocabulary.meanings] or best
         same = best and all(
-            vocabulary.meanings.get(candidate_word, candidate_word) == vocabulary.meanings.get(best[0], best[0])
+            vocabulary.meanings.get(candidate_word, candidate_word)
+            == vocabulary.meanings.get(best[0], best[0])
             for candidate_word in best
         )
         corrections[lower] = best[0] if same else lower
@@ -40,7 +42,10 @@ def corrected_spelling(text: str, vocabulary: Vocabulary, corrections: dict[str,
 
 
 def edit_distance(a: str, b: str, most: int) -> int:
-    """Letters dropped, added, changed or swapped with a neighbour between two words; most + 1 when there are more."""
+    """Letters dropped, added, changed or swapped with a neighbour between two words; most + 1 when there are
+    more.
+    """
+
     before, row = list[int](), list(range(len(b) + 1))
     for i, x in enumerate(a, start=1):
         earlier, before, row = before, row, [i]

@@ -95,7 +95,11 @@ class TimeOfDay:
 
 
 def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
-    """All words of a text in order, with the longest phrases of the vocabulary. Takes time linear in the text's length."""
+    """All words of a text in order, with the longest phrases of the vocabulary.
+
+    Takes time linear in the text's length.
+    """
+
     speaker_starts = _speakers(text)
     raw = [
         candidate
@@ -121,8 +125,14 @@ def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
 
 
 def _speakers(text: str) -> frozenset[int]:
-    """Positions of speaker names (a name that begins at least two lines) and of quotation marks at line starts."""
-    lines = [(match.start(1), match.group(1).lower()) for match in re.finditer(r"(?m)^[ \t]*([A-Za-z]{1,12}):", text)]
+    """Positions of speaker names (a name that begins at least two lines) and of quotation marks at line
+    starts.
+    """
+
+    lines = [
+        (match.start(1), match.group(1).lower())
+        for match in re.finditer(r"(?m)^[ \t]*([A-Za-z]{1,12}):", text)
+    ]
     names = [name for _, name in lines]
     quoted = {match.start(1) for match in re.finditer(r"(?m)^[ \t]*(>)", text)}
     return frozenset({at for at, name in lines if names.count(name) > 1} | quoted)
@@ -160,7 +170,13 @@ def _meanings_of(match: re.Match[str]) -> tuple[Meaning, ...]:
         case "named":
             return (Meaning("NAMED", name_of(text)),)
         case "left" | "right" | "comma" | "dash" | "stop":
-            return (Meaning({"left": "LBR", "right": "RBR", "comma": "COMMA", "dash": "DASH", "stop": "STOP"}[match.lastgroup]),)
+            return (
+                Meaning(
+                    {"left": "LBR", "right": "RBR", "comma": "COMMA", "dash": "DASH", "stop": "STOP"}[
+                        match.lastgroup
+                    ]
+                ),
+            )
     return ()
 
 
@@ -177,7 +193,9 @@ def _clock(text: str) -> TimeOfDay | None:
         hour = 0
     try:
         ahead = next((hours for zone, hours in ZONES_H.items() if lower.endswith(zone)), 0)
-        return TimeOfDay(dt.time(hour, minute), ahead > 0 or any(zone in lower for zone in ("z", "utc", "gmt")), ahead)
+        return TimeOfDay(
+            dt.time(hour, minute), ahead > 0 or any(zone in lower for zone in ("z", "utc", "gmt")), ahead
+        )
     except ValueError:
         return None
 
@@ -185,7 +203,9 @@ def _clock(text: str) -> TimeOfDay | None:
 def _spoken_time(text: str) -> TimeOfDay:
     """Read `half past five in the morning, UTC`. Without a part of the day the time is before noon."""
     lower = text.lower()
-    hour = next(number for number, name in enumerate(HOURS, start=1) if re.search(rf"\b({name}|{number})\b", lower))
+    hour = next(
+        number for number, name in enumerate(HOURS, start=1) if re.search(rf"\b({name}|{number})\b", lower)
+    )
     minute = 30 if "half" in lower else 15 if "quarter" in lower else 0
     early = "morning" in lower or (hour == 12 and "night" in lower)
     late = any(part in lower for part in ("afternoon", "evening", "night"))
@@ -199,7 +219,9 @@ def _date(text: str) -> dt.date | None:
     try:
         if text[4:5] == "-":
             return dt.date.fromisoformat(text)
-        parts = re.findall(r"[a-z]+|\d+", re.sub(r"(\d)(st|nd|rd|th)", r"\1", text.lower()).replace(" of ", " "))
+        parts = re.findall(
+            r"[a-z]+|\d+", re.sub(r"(\d)(st|nd|rd|th)", r"\1", text.lower()).replace(" of ", " ")
+        )
         month = next(part for part in parts if part.isalpha())
         day, year = (int(part) for part in parts if part.isdigit())
         # Months may be abbreviated to three letters.
@@ -208,8 +230,14 @@ def _date(text: str) -> dt.date | None:
         return None
 
 
-def _phrase(raw: list[re.Match[str]], index: int, vocabulary: Vocabulary, corrections: dict[str, str]) -> tuple[Word, int]:
-    run = list(itertools.takewhile(lambda match: match.lastgroup in PHRASE_GROUPS, raw[index : index + vocabulary.longest]))
+def _phrase(
+    raw: list[re.Match[str]], index: int, vocabulary: Vocabulary, corrections: dict[str, str]
+) -> tuple[Word, int]:
+    run = list(
+        itertools.takewhile(
+            lambda match: match.lastgroup in PHRASE_GROUPS, raw[index : index + vocabulary.longest]
+        )
+    )
     texts = [corrected_spelling(match.group().rstrip("."), vocabulary, corrections) for match in run]
     # The longest phrase first, so that a `military truck` is not read as a truck.
     for length in range(len(run), 0, -1):
@@ -233,15 +261,26 @@ def _articles(words: list[Word]) -> Iterator[Word]:
     """Turn `a` before a countable noun into the number 1; drop other articles."""
     for index, word in enumerate(words):
         is_about = word.text.lower() == "some" or (
-            word.text.lower() == "around" and index > 0 and (word.comma or words[index - 1].text.lower() in ("and", "with", "of"))
+            word.text.lower() == "around"
+            and index > 0
+            and (word.comma or words[index - 1].text.lower() in ("and", "with", "of"))
         )
-        if is_about and index + 1 < len(words) and any(meaning.kind == "NUM" for meaning in words[index + 1].meanings):
+        if (
+            is_about
+            and index + 1 < len(words)
+            and any(meaning.kind == "NUM" for meaning in words[index + 1].meanings)
+        ):
             # `some 100 metres`, `two trucks and around twenty villagers`.
             yield replace(word, meanings=(), filler=True)
             continue
         if word.text in ("a", "an"):
             following = next(
-                (meaning for meaning in words[index + 1 : index + 1 + MAX_WORDS_TO_NOUN] if not meaning.filler), None
+                (
+                    meaning
+                    for meaning in words[index + 1 : index + 1 + MAX_WORDS_TO_NOUN]
+                    if not meaning.filler
+                ),
+                None,
             )
             if following is not None and any(meaning.kind in _COUNTED for meaning in following.meanings):
                 yield replace(word, meanings=(Meaning("NUM", 1.0),), filler=False)

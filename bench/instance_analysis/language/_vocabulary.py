@@ -70,7 +70,9 @@ class Defaults(Document):
     """Numbers used when the prose gives none; each use is shown as a default."""
 
     near_m: Annotated[float, Field(gt=0.0)] = 50.0
-    exact_share: Annotated[float, Field(gt=0.0, lt=1.0, description="A distance without a range may be off by this share.")] = 0.1
+    exact_share: Annotated[
+        float, Field(gt=0.0, lt=1.0, description="A distance without a range may be off by this share.")
+    ] = 0.1
     road_width_m: Annotated[float, Field(gt=0.0)] = 6.0
     area_east_m: Annotated[float, Field(gt=0.0)] = 600.0
     area_north_m: Annotated[float, Field(gt=0.0)] = 250.0
@@ -93,15 +95,23 @@ class VocabularyDocument(Document):
     motions: dict[str, MotionWords] = {}
     axes: Annotated[dict[str, float], Field(description="How a road runs, in degrees below 180.")] = {}
     ordinals: dict[str, int] = {}
-    link_reactions: Annotated[dict[str, Literal["continue", "hold", "return"]], Field(description="Without the link.")] = {}
+    link_reactions: Annotated[
+        dict[str, Literal["continue", "hold", "return"]], Field(description="Without the link.")
+    ] = {}
     concealments: dict[str, float] = {}
-    words: Annotated[dict[str, Words], Field(description="Words of the grammar, by the grammar's own names.")] = {}
+    words: Annotated[
+        dict[str, Words], Field(description="Words of the grammar, by the grammar's own names.")
+    ] = {}
     fields: tuple[FieldWords, ...] = ()
     sets: tuple[SetWords, ...] = ()
-    orders: Annotated[dict[str, Words], Field(description="Words that order something where a time stands beside them.")] = {}
+    orders: Annotated[
+        dict[str, Words], Field(description="Words that order something where a time stands beside them.")
+    ] = {}
     events: tuple[EventWords, ...] = ()
     defaults: Defaults | None = None
-    strangers: Annotated[Words, Field(description="Words known for none of these: always listed, never mended.")] = ()
+    strangers: Annotated[
+        Words, Field(description="Words known for none of these: always listed, never mended.")
+    ] = ()
     fillers: Annotated[Words, Field(description="Words that change nothing.")] = ()
 
 
@@ -114,7 +124,10 @@ class Meaning:
 
 
 class Vocabulary:
-    """The meanings of each phrase, from one or more documents. Assets of an earlier document take precedence."""
+    """The meanings of each phrase, from one or more documents.
+
+    Assets of an earlier document take precedence.
+    """
 
     def __init__(self, documents: list[VocabularyDocument]) -> None:
         self.assets: dict[str, AssetWords] = {}
@@ -145,7 +158,11 @@ class Vocabulary:
 
 
 def load_vocabulary(extra: Path | str | None = None) -> Vocabulary:
-    """The shipped vocabulary, preceded by that of a file if given. Raises SetupError with every fault of the file."""
+    """The shipped vocabulary, preceded by that of a file if given.
+
+    Raises SetupError with every fault of the file.
+    """
+
     shipped = resources.files(__package__).joinpath("vocabulary.yaml").read_text(encoding="utf-8")
     documents = [read_document(shipped, VocabularyDocument, source="vocabulary.yaml")]
     if extra is not None:
@@ -159,7 +176,11 @@ def load_vocabulary(extra: Path | str | None = None) -> Vocabulary:
     ]
     known = set(documents[-1].assets) | set(documents[0].assets)
     faults += [
-        Fault(f"{extra}: ambiguous.{word}", f"there is no asset {asset_words!r}", f"known: {', '.join(sorted(known))}")
+        Fault(
+            f"{extra}: ambiguous.{word}",
+            f"there is no asset {asset_words!r}",
+            f"known: {', '.join(sorted(known))}",
+        )
         for word, names in documents[0].ambiguous.items()
         for asset_words in names
         if asset_words not in known
@@ -182,7 +203,9 @@ def _plurals(word: str) -> Iterator[str]:
 
 def _meanings(document: VocabularyDocument) -> Iterator[tuple[str, Meaning]]:
     for group, asset in document.assets.items():
-        yield from ((form, Meaning("ASSET", group)) for word in asset.words for form in _plurals(word.lower()))
+        yield from (
+            (form, Meaning("ASSET", group)) for word in asset.words for form in _plurals(word.lower())
+        )
     for word, groups in document.ambiguous.items():
         meaning = Meaning("ASSET", groups[0]) if len(groups) == 1 else Meaning("AMBIGUOUS", groups)
         yield from ((form, meaning) for form in _plurals(word.lower()))

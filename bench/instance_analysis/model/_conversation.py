@@ -1,4 +1,7 @@
-"""A bounded conversation with a language model through pydantic-ai. Imported only when a model is asked: it takes a second."""
+"""A bounded conversation with a language model through pydantic-ai.
+
+Imported only when a model is asked: it takes a second.
+"""
 
 from __future__ import annotations
 
@@ -40,12 +43,23 @@ OTHER_CLIENTS = ("cohere", "groq", "huggingface")
 """Providers whose packages want an HTTP client of another library, and so bring their own."""
 MAX_ANSWER_BYTES = 1_000_000
 MAX_TOKENS = 200_000
-_NEEDED_HEADERS = {"host", "accept", "accept-encoding", "connection", "content-length", "content-type", "user-agent"}
+_NEEDED_HEADERS = {
+    "host",
+    "accept",
+    "accept-encoding",
+    "connection",
+    "content-length",
+    "content-type",
+    "user-agent",
+}
 
 
 @dataclass(frozen=True, slots=True)
 class ModelConnection:
-    """The model and how to reach it. `url` and `key` are used only for a server with OpenAI's chat interface."""
+    """The model and how to reach it.
+
+    `url` and `key` are used only for a server with OpenAI's chat interface.
+    """
 
     model: str
     provider: str
@@ -59,7 +73,11 @@ class ModelConnection:
 
 
 def provider_of(model: str, url: str | None) -> str:
-    """The provider named before the colon, when no `url` is given. Raises SetupError when the provider's package is missing."""
+    """The provider named before the colon, when no `url` is given.
+
+    Raises SetupError when the provider's package is missing.
+    """
+
     name, colon, _ = model.partition(":")
     if url is not None or not colon:
         return COMPATIBLE
@@ -109,7 +127,8 @@ async def _run(
     question: str,
     judge: Judge,
 ) -> Conversation:
-    # A schema in the prompt is the one form that every model understands: output tools need a model trained for tools, and
+    # A schema in the prompt is the one form that every model understands: output tools need a model trained
+    # for tools, and
     # servers differ in which `response_format` they refuse.
     agent = Agent(
         model,
@@ -118,7 +137,9 @@ async def _run(
         instructions=brief,
         # A retry sends the judge's faults back, so the first answer and the retries together are the rounds.
         retries={"output": MAX_ROUNDS - 1, "tools": 0},
-        model_settings=ModelSettings(temperature=0.0, timeout=door.timeout_s, request_timeout=door.timeout_s, max_retries=0),
+        model_settings=ModelSettings(
+            temperature=0.0, timeout=door.timeout_s, request_timeout=door.timeout_s, max_retries=0
+        ),
     )
     judged = 0
 
@@ -131,7 +152,9 @@ async def _run(
         return proposal
 
     try:
-        await agent.run(question, usage_limits=UsageLimits(request_limit=MAX_ROUNDS, total_tokens_limit=MAX_TOKENS))
+        await agent.run(
+            question, usage_limits=UsageLimits(request_limit=MAX_ROUNDS, total_tokens_limit=MAX_TOKENS)
+        )
     except UsageLimitExceeded:
         return Conversation(len(_answers(messages)), f"has used more than {MAX_TOKENS} tokens")
     except (ModelAPIError, UnexpectedModelBehavior) as error:
@@ -142,11 +165,15 @@ async def _run(
     if judged == rounds:
         return Conversation(rounds)
     return Conversation(
-        rounds, "its last answer is not the JSON object that was asked for", (_answers(messages)[-1].text or "")[:80]
+        rounds,
+        "its last answer is not the JSON object that was asked for",
+        (_answers(messages)[-1].text or "")[:80],
     )
 
 
-def _failure(error: ModelAPIError | UnexpectedModelBehavior, door: ModelConnection, gate: _TrafficFilter) -> RebarError:
+def _failure(
+    error: ModelAPIError | UnexpectedModelBehavior, door: ModelConnection, gate: _TrafficFilter
+) -> RebarError:
     """The error that tells a person why there is no answer."""
     if gate.refused:
         return LinkLost(gate.refused)
@@ -154,10 +181,16 @@ def _failure(error: ModelAPIError | UnexpectedModelBehavior, door: ModelConnecti
         what = f"{door.description} answers {error.status_code}"
         if error.status_code in (401, 403):
             advice = "give its key in REBAR_LLM_KEY"
-            remedy = advice if door.provider == COMPATIBLE else f"check the key of {door.provider} in the environment"
+            remedy = (
+                advice
+                if door.provider == COMPATIBLE
+                else f"check the key of {door.provider} in the environment"
+            )
             return SetupError(Fault("--llm", f"{what}: it takes no such key", remedy))
         if isinstance(error, ModelNotFoundError):
-            return SetupError(Fault("--llm", f"{what}: there is no {door.model!r}", "check the name and --llm-url"))
+            return SetupError(
+                Fault("--llm", f"{what}: there is no {door.model!r}", "check the name and --llm-url")
+            )
         return LinkLost(what)
     if isinstance(error, ModelAPIError):
         return LinkLost(f"{door.description} does not answer: {_first_line(error)}")
@@ -194,14 +227,17 @@ def _provider(name: str, client: httpx2.AsyncClient) -> Provider[Any]:
     # A gateway: the class of the provider behind it does not know the gateway's address.
     if "/" in name:
         return infer_provider(name)
-    # Not every provider takes a client; those that do not keep their own, and lose the limit on the answer's size.
+    # Not every provider takes a client; those that do not keep their own, and lose the limit on the answer's
+    # size.
     known = infer_provider_class(name)
     takes_client = name not in OTHER_CLIENTS and "http_client" in inspect.signature(known.__init__).parameters
     return known(http_client=client) if takes_client else known()  # type: ignore[call-arg]
 
 
 class _TrafficFilter:
-    """Filters the traffic: a compatible server gets only the headers it needs, and an answer above a megabyte is refused."""
+    """Filters the traffic: a compatible server gets only the headers it needs, and an answer above a megabyte
+    is refused.
+    """
 
     def __init__(self, door: ModelConnection) -> None:
         self._door = door
@@ -212,7 +248,8 @@ class _TrafficFilter:
         request.headers["Accept-Encoding"] = "identity"
         if self._door.provider == COMPATIBLE:
             needed = _NEEDED_HEADERS | ({"authorization"} if self._door.key else set())
-            # The OpenAI client adds headers about its version and the operating system, which a server does not need.
+            # The OpenAI client adds headers about its version and the operating system, which a server does
+            # not need.
             for name in set(request.headers) - needed:
                 del request.headers[name]
 

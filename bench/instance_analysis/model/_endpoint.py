@@ -1,4 +1,6 @@
-"""The address of a language model: a provider that pydantic-ai knows, or any server with OpenAI's chat interface."""
+"""The address of a language model: a provider that pydantic-ai knows, or any server with OpenAI's chat
+interface.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,9 @@ INSTALL = ".venv/bin/pip install --editable '.[llm]' in the checkout, which `mak
 class ModelEndpoint:
     """`provider:name` as pydantic-ai writes it, or any name with the server that knows it.
 
-    With a `url` (the API's root), or where what stands before the colon is no provider, the whole of `model` is a name at a
-    server with OpenAI's chat interface; `key` goes with each request there. Providers find their keys themselves.
+    With a `url` (the API's root), or where what stands before the colon is no provider, the whole of `model`
+    is a name at a server with OpenAI's chat interface; `key` goes with each request there. Providers find
+    their keys themselves.
     """
 
     model: str
@@ -28,9 +31,13 @@ class ModelEndpoint:
 
     def __post_init__(self) -> None:
         if not self.model.rpartition(":")[2].strip():
-            raise SetupError(Fault("--llm", f"{self.model!r} names no model", "for example qwen3:8b or openai:gpt-5"))
+            raise SetupError(
+                Fault("--llm", f"{self.model!r} names no model", "for example qwen3:8b or openai:gpt-5")
+            )
         if self.url is not None and not _is_address(self.url):
-            raise SetupError(Fault("--llm-url", f"{self.url!r} is not an address", f"for example {LOCAL_URL}"))
+            raise SetupError(
+                Fault("--llm-url", f"{self.url!r} is not an address", f"for example {LOCAL_URL}")
+            )
 
     @property
     def provider(self) -> str:
@@ -38,20 +45,26 @@ class ModelEndpoint:
         try:
             from ._conversation import provider_of
         except ModuleNotFoundError as error:
-            raise SetupError(Fault("--llm", f"speaks through pydantic-ai, and {error.name} is not installed", INSTALL)) from error
+            raise SetupError(
+                Fault("--llm", f"speaks through pydantic-ai, and {error.name} is not installed", INSTALL)
+            ) from error
         return provider_of(self.model, self.url)
 
     def ask(self, brief: str, question: str, judge: Judge) -> Conversation:
         """Have the model answer until `judge` finds no fault, three times at the most.
 
-        Raises LinkLost where no answer comes: refused, too late, too large, of another form; SetupError where a key, a model
-        or a package is missing.
+        Raises LinkLost where no answer comes: refused, too late, too large, of another form; SetupError where
+        a key, a model or a package is missing.
         """
+
         provider = self.provider
         from ._conversation import ModelConnection, converse
 
         return converse(
-            ModelConnection(self.model, provider, self.url or LOCAL_URL, self.key, self.timeout_s), brief, question, judge
+            ModelConnection(self.model, provider, self.url or LOCAL_URL, self.key, self.timeout_s),
+            brief,
+            question,
+            judge,
         )
 
 

@@ -1,6 +1,7 @@
 """Verifies fields that a language model proposes: each needs a quote from the text that states its number.
 
-The model only ever adds to what grammar and vocabulary have read. Where the two differ the grammar's reading holds.
+The model only ever adds to what grammar and vocabulary have read. Where the two differ the grammar's reading
+holds.
 """
 
 from __future__ import annotations
@@ -24,8 +25,22 @@ from ..language._vocabulary import Vocabulary
 
 MAX_ROUNDS = 3
 MAX_FIELDS = 200
-PROPOSABLE_PARTS = ("world", "environment", "vehicle", "actors", "intelligence", "orders", "outages", "mission", "rules")
-"""Parts of a SimSpec that prose may speak of. Agents, seeds, budgets and pace are never for a model to choose."""
+PROPOSABLE_PARTS = (
+    "world",
+    "environment",
+    "vehicle",
+    "actors",
+    "intelligence",
+    "orders",
+    "outages",
+    "mission",
+    "rules",
+)
+"""Parts of a SimSpec that prose may speak of.
+
+Agents, seeds, budgets and pace are never for a model to choose.
+"""
+
 _EXCLUDED_PATHS = (("vehicle", "ground_truth"),)
 _KINDS = {"_m": "LENGTH", "_s": "TIME", "_mps": "SPEED", "_deg": "ANGLE"}
 _UNITS = {"_wh": r"wh|watt[\s-]?hours?", "_hz": r"hz|hertz", "_px": r"px|pixels?"}
@@ -96,24 +111,35 @@ class Endpoint(Protocol):
     def provider(self) -> str: ...
 
     def ask(self, brief: str, question: str, judge: Judge) -> Conversation:
-        """Have the model answer until the judge finds no fault, `ROUNDS` times at the most; raises LinkLost when it does not."""
+        """Have the model answer until the judge finds no fault, `ROUNDS` times at the most; raises LinkLost
+        when it does not.
+        """
+
         ...
 
 
-def propose(text: str, vocabulary: Vocabulary, endpoint: Endpoint, *, answers: Sequence[int] = ()) -> ProposedResult:
-    """Read the text, let a model propose missing fields, verify them, and send faults back, in at most three rounds.
+def propose(
+    text: str, vocabulary: Vocabulary, endpoint: Endpoint, *, answers: Sequence[int] = ()
+) -> ProposedResult:
+    """Read the text, let a model propose missing fields, verify them, and send faults back, in at most three
+    rounds.
 
     A person answers open questions: while one is open, no model is asked. Raises as `read_prose`,
     and as the endpoint's `ask`.
     """
+
     provider = endpoint.provider
     draft, corrected = draft_of(text, vocabulary, answers)
     # A question may change what has been read, and a model must not decide it.
     if draft.questions or draft.faults:
-        return ProposedResult(result=finished(draft, corrected), model=endpoint.model, provider=provider, rounds=0)
+        return ProposedResult(
+            result=finished(draft, corrected), model=endpoint.model, provider=provider, rounds=0
+        )
     verifier = _Verifier(draft, vocabulary)
     read = "\n".join(f"{dotted(path)} = {entry.value}" for path, entry in draft.entries.items())
-    conversation = endpoint.ask(BRIEF, json.dumps({"description": text, "already_read": read}), verifier.verify)
+    conversation = endpoint.ask(
+        BRIEF, json.dumps({"description": text, "already_read": read}), verifier.verify
+    )
     accepted, refused = verifier.accepted, verifier.refused
     if conversation.why:
         refused = [*refused, UnreadText(quote=conversation.last_answer, start=0, end=0, why=conversation.why)]
@@ -137,7 +163,10 @@ def propose(text: str, vocabulary: Vocabulary, endpoint: Endpoint, *, answers: S
 
 
 class _Verifier:
-    """Compares proposals with the text as grammar and vocabulary read it. `accepted` and `refused` describe the last one."""
+    """Compares proposals with the text as grammar and vocabulary read it.
+
+    `accepted` and `refused` describe the last one.
+    """
 
     def __init__(self, draft: Draft, vocabulary: Vocabulary) -> None:
         self.accepted: dict[FieldPath, DraftField] = {}
@@ -190,9 +219,15 @@ class _Verifier:
         return ""
 
     def _numbers(self, span: Span) -> Iterator[_StatedNumber]:
-        """Numbers that the text states within the span, in SI units. A number that the span cuts does not count."""
+        """Numbers that the text states within the span, in SI units.
+
+        A number that the span cuts does not count.
+        """
+
         inside = [item for item in self._quantified if _within(item.span, span)]
-        per_area = next((item.value for word in inside for item in word.meanings if item.kind == "PERAREA"), None)
+        per_area = next(
+            (item.value for word in inside for item in word.meanings if item.kind == "PERAREA"), None
+        )
         for word in inside:
             after = self._draft.text[word.span.end : span.end]
             for meaning in word.meanings:
@@ -208,7 +243,13 @@ class _Verifier:
     def _assets(self, span: Span) -> Iterator[str]:
         for word in self._words:
             for meaning in word.meanings if _within(word.span, span) else ():
-                names = (meaning.value,) if meaning.kind == "ASSET" else meaning.value if meaning.kind == "AMBIGUOUS" else ()
+                names = (
+                    (meaning.value,)
+                    if meaning.kind == "ASSET"
+                    else meaning.value
+                    if meaning.kind == "AMBIGUOUS"
+                    else ()
+                )
                 if isinstance(names, tuple):
                     yield from (self._vocabulary.assets[str(name)].asset for name in names)
 
@@ -229,7 +270,10 @@ class _StatedNumber:
             return self.kind == "PERAREA"
         for end, unit in _UNITS.items():
             if name.endswith(end):
-                return self.kind == "COUNT" and re.match(rf"\s*-?(?:{unit})\b", self.after, re.IGNORECASE) is not None
+                return (
+                    self.kind == "COUNT"
+                    and re.match(rf"\s*-?(?:{unit})\b", self.after, re.IGNORECASE) is not None
+                )
         kind = next((kind for end, kind in _KINDS.items() if name.endswith(end)), None)
         return self.kind == kind if kind else self.kind in ("COUNT", "PERCENT")
 
@@ -243,15 +287,22 @@ def _occurrences(quote: str, text: str) -> Iterator[Span]:
     if re.search(r"\w", quote):
         # Without the edges the quote `5 m` would be found in `45 m`.
         edged = (
-            (r"(?<!\w)" if re.match(r"\w", quote) else "") + re.escape(quote) + (r"(?!\w)" if re.search(r"\w$", quote) else "")
+            (r"(?<!\w)" if re.match(r"\w", quote) else "")
+            + re.escape(quote)
+            + (r"(?!\w)" if re.search(r"\w$", quote) else "")
         )
         yield from (Span(*match.span()) for match in re.finditer(edged, text))
 
 
 def _wrong_number(name: str, value: float, quote: str, numbers: Sequence[_StatedNumber]) -> str:
-    if any(number.fits(name) and abs(number.number - value) <= 1e-6 * max(1.0, abs(value)) for number in numbers):
+    if any(
+        number.fits(name) and abs(number.number - value) <= 1e-6 * max(1.0, abs(value)) for number in numbers
+    ):
         return ""
-    shown = ", ".join(dict.fromkeys(f"{number.number:g} ({number.kind.lower()})" for number in numbers)) or "no number as a whole"
+    shown = (
+        ", ".join(dict.fromkeys(f"{number.number:g} ({number.kind.lower()})" for number in numbers))
+        or "no number as a whole"
+    )
     return f"the quote {quote[:80]!r} says {shown}"
 
 
@@ -271,7 +322,10 @@ def _invalid(draft: Draft, accepted: dict[FieldPath, DraftField]) -> str:
 
 
 def _largest_valid(draft: Draft, accepted: dict[FieldPath, DraftField]) -> dict[FieldPath, DraftField]:
-    """The fields that keep the SimSpec valid, added one by one; the fields of a list member are added together."""
+    """The fields that keep the SimSpec valid, added one by one; the fields of a list member are added
+    together.
+    """
+
     wholes: dict[FieldPath, dict[FieldPath, DraftField]] = {}
     for path, entry in accepted.items():
         # A list member with only some of its fields may be invalid although all of them together are valid.

@@ -1,1 +1,3 @@
-"""From phrases to fields: one reader for each subject that a text speaks of, and the reader of the whole text."""
+"""From phrases to fields: one reader for each subject that a text speaks of, and the reader of the whole
+text.
+"""

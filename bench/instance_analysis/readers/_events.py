@@ -10,7 +10,15 @@ from ..language._vocabulary import EventWords
 from ._groups import GroupRegister
 from ._intelligence import IntelligenceReader
 
-TIMES = {"AT": "at", "AFTER": "at", "FROM": "at", "FOR": "lasting", "OF": "lasting", "WITHIN": "within", "UNTIL": "until"}
+TIMES = {
+    "AT": "at",
+    "AFTER": "at",
+    "FROM": "at",
+    "FOR": "lasting",
+    "OF": "lasting",
+    "WITHIN": "within",
+    "UNTIL": "until",
+}
 """What a time is by the word before it."""
 # Readings that are offered for `for how long?`. Chosen, not measured.
 DURATION_CHOICES_S = (10.0, 30.0, 60.0)
@@ -37,7 +45,11 @@ class EventReader:
 
     def event(self, phrase: Phrase) -> None:
         part = phrase.first("EVENT") or phrase.first("TASK") or phrase.first("ORDER")
-        event = part.value if part is not None else EventWords(part="vehicle.failures", kind="motor_off", words=())
+        event = (
+            part.value
+            if part is not None
+            else EventWords(part="vehicle.failures", kind="motor_off", words=())
+        )
         assert isinstance(event, EventWords)
         when = _timing_of(phrase)
         if part is not None and part.kind == "ORDER" and when.at_s is None:
@@ -59,7 +71,9 @@ class EventReader:
         at_s = when.at_s
         part = phrase.first("TASK")
         if at_s is None:
-            at_s = [0.0, 60.0][self._draft.ask(phrase.span, "when?", ["from the start", "60 s after the start"])]
+            at_s = [0.0, 60.0][
+                self._draft.ask(phrase.span, "when?", ["from the start", "60 s after the start"])
+            ]
         self._timed.add((event.part, event.kind))
         kind = event.kind
         # `resume` ends the order before it: a hold, or a silence.
@@ -69,7 +83,9 @@ class EventReader:
         lasting = when.lasting_s
         if lasting is None and event.part == "outages":
             lasting = DURATION_CHOICES_S[
-                self._draft.ask(phrase.span, "for how long?", [f"{choice:g} s" for choice in DURATION_CHOICES_S])
+                self._draft.ask(
+                    phrase.span, "for how long?", [f"{choice:g} s" for choice in DURATION_CHOICES_S]
+                )
             ]
         # An order has no duration in a SimSpec, so `for 60 s` becomes a second order.
         if event.kind == "stop_reporting" and lasting is not None:
@@ -100,27 +116,35 @@ class EventReader:
             fraction = _low(phrase, "PERCENT")
             if fraction is None:
                 readings = [0.1, 0.3]
-                fraction = readings[self._draft.ask(phrase.span, "to what charge?", [f"{choice:.0%}" for choice in readings])]
+                fraction = readings[
+                    self._draft.ask(phrase.span, "to what charge?", [f"{choice:.0%}" for choice in readings])
+                ]
             self._draft.put((*base, "to_fraction"), fraction, phrase.span)
         if kind == "gps_drift":
             speed = _low(phrase, "SPEED")
             if speed is None:
                 readings = [0.2, 0.5, 1.0]
-                speed = readings[self._draft.ask(phrase.span, "how fast?", [f"{choice:g} m/s" for choice in readings])]
+                speed = readings[
+                    self._draft.ask(phrase.span, "how fast?", [f"{choice:g} m/s" for choice in readings])
+                ]
             self._draft.put((*base, "drift_mps"), speed, phrase.span)
             if direction := phrase.first("DIR"):
                 self._draft.put((*base, "towards_deg"), direction.value, phrase.span)
         if kind == "motor_off":
             number = _low(phrase, "COUNT")
             if number is None:
-                number = 1 + self._draft.ask(phrase.span, "which motor?", ["motor 1", "motor 2", "motor 3", "motor 4"])
+                number = 1 + self._draft.ask(
+                    phrase.span, "which motor?", ["motor 1", "motor 2", "motor 3", "motor 4"]
+                )
             self._draft.put((*base, "instance"), int(number), phrase.span)
 
     def _task(self, base: FieldPath, phrase: Phrase) -> None:
         it = phrase.refs[0].first("THEM")
         groups = self._intelligence.last() or self._groups.subject if it else self._groups.groups_in(phrase)
         if not groups:
-            self._draft.unread(phrase.span, "an order to mark or to go somewhere is about a report on a group")
+            self._draft.unread(
+                phrase.span, "an order to mark or to go somewhere is about a report on a group"
+            )
             self._draft.forget(base)
             return
         self._draft.put((*base, "intelligence"), self._intelligence.on(groups[0], phrase.span), phrase.span)

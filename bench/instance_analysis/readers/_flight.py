@@ -31,11 +31,16 @@ BOUNDS = {
 
 
 class FlightReader:
-    """Reads numbers and settings into a draft. Each rule of the grammar is read by the method with its name."""
+    """Reads numbers and settings into a draft.
+
+    Each rule of the grammar is read by the method with its name.
+    """
 
     RULES = frozenset(["field", "altitude", "speed", "limit", "set"])
 
-    def __init__(self, draft: Draft, cast: GroupRegister, ground: GroundReader, reports: IntelligenceReader) -> None:
+    def __init__(
+        self, draft: Draft, cast: GroupRegister, ground: GroundReader, reports: IntelligenceReader
+    ) -> None:
         self._draft, self._groups, self._ground, self._intelligence = draft, cast, ground, reports
         self.reporting = False
         """Whether the sentence is about reports."""
@@ -44,7 +49,9 @@ class FlightReader:
 
     def field(self, phrase: Phrase) -> None:
         word = phrase.first("FIELD")
-        given = next(words for words in phrase.parts if isinstance(words, Part) and isinstance(words.value, Quantity))
+        given = next(
+            words for words in phrase.parts if isinstance(words, Part) and isinstance(words.value, Quantity)
+        )
         assert word is not None
         assert isinstance(word.value, tuple)
         assert isinstance(given.value, Quantity)
@@ -61,13 +68,16 @@ class FlightReader:
                 return
             units = UNITS[field.kind]
             chosen = (
-                self._usual_unit(field.kind, phrase.span) or [*units][self._draft.ask(phrase.span, "in which unit?", [*units])]
+                self._usual_unit(field.kind, phrase.span)
+                or [*units][self._draft.ask(phrase.span, "in which unit?", [*units])]
             )
             low, high = (round(words * units[chosen], 6) for words in (quantity.low, quantity.high))
             quantity, fitting = Quantity(field.kind, low, high), [field]
         if not fitting:
             wanted = " or ".join(sorted({f"{words.path} is a {words.kind.lower()}" for words in fields}))
-            self._draft.fault(phrase.span, f"{wanted}, not a {quantity.kind.lower()}", "give it in a unit that fits")
+            self._draft.fault(
+                phrase.span, f"{wanted}, not a {quantity.kind.lower()}", "give it in a unit that fits"
+            )
             return
         field = fitting[0]
         if field.path == "intelligence.uncertainty_m" and self.of_ground:
@@ -90,12 +100,16 @@ class FlightReader:
         self._groups.subject_is_mission = self._groups.subject_is_mission or field.path.startswith("mission.")
         whole = field.path == "seeds.root"
         unit = UNIT_NAMES.get(field.kind)
-        self._draft.vary(tuple(field.path.split(".")), quantity.low, quantity.high, phrase.span, unit=unit, integer=whole)
+        self._draft.vary(
+            tuple(field.path.split(".")), quantity.low, quantity.high, phrase.span, unit=unit, integer=whole
+        )
 
     def _usual_unit(self, kind: str, span: Span) -> str | None:
         """The unit of all other numbers of a kind in the text; None when there is none, or more than one."""
         used = {
-            unit for unit, pattern in WRITTEN.get(kind, {}).items() if re.search(rf"\d\s?-?(?:{pattern})\b", self._draft.text)
+            unit
+            for unit, pattern in WRITTEN.get(kind, {}).items()
+            if re.search(rf"\d\s?-?(?:{pattern})\b", self._draft.text)
         }
         if len(used) != 1:
             return None
@@ -107,10 +121,14 @@ class FlightReader:
         """Angles are degrees. A share up to 1 is a fraction, above 1 it is a percentage."""
         share = 0.01 if field.kind == "PERCENT" and quantity.high > 1 else 1.0
         low, high = (round(part * share, 9) for part in (quantity.low, quantity.high))
-        self._draft.vary(tuple(field.path.split(".")), low, high, phrase.span, unit=UNIT_NAMES.get(field.kind))
+        self._draft.vary(
+            tuple(field.path.split(".")), low, high, phrase.span, unit=UNIT_NAMES.get(field.kind)
+        )
 
     def _moving(self) -> bool:
-        return all(("actors", group, "motion", "kind") in self._draft.entries for group in self._groups.subject)
+        return all(
+            ("actors", group, "motion", "kind") in self._draft.entries for group in self._groups.subject
+        )
 
     def _bounds(self, field: FieldWords, phrase: Phrase) -> bool:
         """`height not more than 100 m, not less than 25 m` sets rules, not the mission's height."""
@@ -121,7 +139,9 @@ class FlightReader:
                 bound = part.kind
             elif isinstance(part, Part) and bound in names and isinstance(part.value, Quantity):
                 unit = UNIT_NAMES.get(field.kind)
-                self._draft.vary(("rules", names[bound]), part.value.low, part.value.high, phrase.span, unit=unit)
+                self._draft.vary(
+                    ("rules", names[bound]), part.value.low, part.value.high, phrase.span, unit=unit
+                )
                 taken = True
         return taken
 
@@ -134,7 +154,12 @@ class FlightReader:
         part = phrase.first("SPEED")
         assert part is not None
         assert isinstance(part.value, Quantity)
-        if self._groups.in_sentence and self._groups.subject and not self._groups.subject_is_mission and not phrase.first("FLY"):
+        if (
+            self._groups.in_sentence
+            and self._groups.subject
+            and not self._groups.subject_is_mission
+            and not phrase.first("FLY")
+        ):
             for group in self._groups.subject:
                 if ("actors", group, "motion", "route") not in self._draft.entries:
                     self._draft.put(("actors", group, "motion", "kind"), "wander", phrase.span)
@@ -147,8 +172,12 @@ class FlightReader:
         assert part is not None
         assert isinstance(part.value, Quantity)
         readings = ["the time limit of the mission", "the time from intelligence to the report on it"]
-        if phrase.first("DELIVERY") or (self.reporting and self._draft.ask(phrase.span, "which time is this?", readings) == 1):
-            self._draft.vary(("rules", "report_deadline_s"), part.value.low, part.value.high, phrase.span, unit="s")
+        if phrase.first("DELIVERY") or (
+            self.reporting and self._draft.ask(phrase.span, "which time is this?", readings) == 1
+        ):
+            self._draft.vary(
+                ("rules", "report_deadline_s"), part.value.low, part.value.high, phrase.span, unit="s"
+            )
             return
         self._draft.vary(("mission", "time_limit_s"), part.value.low, part.value.high, phrase.span, unit="s")
 

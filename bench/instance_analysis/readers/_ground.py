@@ -1,4 +1,6 @@
-"""Reads phrases about the ground: the area of interest and its parts, named areas, no-fly areas, the geofence."""
+"""Reads phrases about the ground: the area of interest and its parts, named areas, no-fly areas, the
+geofence.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ MIDDLE_SHARE = 1 / 3
 
 @dataclass(slots=True)
 class GroundPiece:
-    """An area under construction: its kind, its extent by corners or by size and centre, and the groups inside."""
+    """An area under construction: its kind, its extent by corners or by size and centre, and the groups
+    inside.
+    """
 
     kind: str
     id: str
@@ -71,13 +75,18 @@ class GroundReader:
             if part.kind == "NOFLY" and name in self.pieces and not self._is_definite(part.span):
                 name = f"{name}-{sum(1 for name_part in self.pieces if name_part.startswith(name)) + 1}"
             elif part.kind == "NOFLY":
-                name = next((name_part for name_part in reversed(self.pieces) if name_part.startswith(name)), name)
+                name = next(
+                    (name_part for name_part in reversed(self.pieces) if name_part.startswith(name)), name
+                )
             piece = self.pieces.setdefault(name, GroundPiece(part.kind, name, part.span))
         self.current = piece
         return piece
 
     def _is_the_current(self, span: Span) -> bool:
-        """Whether a word means the current area: `the yard is the named area from ...`, `a no-fly zone; the zone goes ...`."""
+        """Whether a word means the current area: `the yard is the named area from ...`, `a no-fly zone; the
+        zone goes ...`.
+        """
+
         assert self.current is not None
         before, word = self._draft.text[: span.start].lower().rstrip(), self._draft.quote(span).lower()
         named = re.search(r"\bis (the|a|an)( named)?$", before) is not None and self.current is not self.world
@@ -111,7 +120,10 @@ class GroundReader:
             north = quantity.high
         elif quantity.kind == "AREA":
             east = north = round(quantity.low**0.5, 3)
-        piece.size_m, piece.extent = (east, north), piece.extent.joined(phrase.span) if piece.extent else phrase.span
+        piece.size_m, piece.extent = (
+            (east, north),
+            piece.extent.joined(phrase.span) if piece.extent else phrase.span,
+        )
         if piece is self.world:
             self._draft.put(("world", "area", "corners"), _corners(east, north), phrase.span)
 
@@ -148,7 +160,12 @@ class GroundReader:
     def when(self, phrase: Phrase) -> None:
         """Set the times at which a no-fly area is active."""
         time = phrase.first("TIME")
-        if self.current is None or self.current.kind != "NOFLY" or time is None or not isinstance(time.value, Quantity):
+        if (
+            self.current is None
+            or self.current.kind != "NOFLY"
+            or time is None
+            or not isinstance(time.value, Quantity)
+        ):
             self._draft.unread(phrase.span, "stands by itself", expressible=True)
             return
         if not time.value.single:
@@ -170,7 +187,9 @@ class GroundReader:
         if any(phrase.every(kind) for kind in ("GROUND", "NAMED")):
             self._over.append((self.mention(phrase).id, phrase.span))
         else:
-            self._draft.unread(phrase.span, "a no-fly area is a piece of ground, with its corners or its size and place")
+            self._draft.unread(
+                phrase.span, "a no-fly area is a piece of ground, with its corners or its size and place"
+            )
 
     def stayin(self, phrase: Phrase) -> None:
         self._fence = (self.mention(phrase), phrase.span)
@@ -186,7 +205,10 @@ class GroundReader:
     @property
     def box(self) -> tuple[float, float, float, float]:
         """West, south, east and north of the area of interest."""
-        east, north = [corner["east_m"] for corner in self.outline], [corner["north_m"] for corner in self.outline]
+        east, north = (
+            [corner["east_m"] for corner in self.outline],
+            [corner["north_m"] for corner in self.outline],
+        )
         return min(east), min(north), max(east), max(north)
 
     def finish(self) -> None:
@@ -238,7 +260,10 @@ class GroundReader:
         middle = self._middle_of(piece)
         if piece.radius_m:
             # Around the circle, so that all of it lies inside.
-            far, step = piece.radius_m / math.cos(math.pi / CORNERS_OF_A_CIRCLE), 2 * math.pi / CORNERS_OF_A_CIRCLE
+            far, step = (
+                piece.radius_m / math.cos(math.pi / CORNERS_OF_A_CIRCLE),
+                2 * math.pi / CORNERS_OF_A_CIRCLE,
+            )
             return [
                 _moved(middle, far * math.sin((n + 0.5) * step), far * math.cos((n + 0.5) * step))
                 for n in range(CORNERS_OF_A_CIRCLE)
@@ -259,8 +284,16 @@ class GroundReader:
         return {"east_m": (west + east) / 2, "north_m": (south + north) / 2}
 
     def _lay_out(self, piece: GroundPiece) -> None:
-        wanted = piece.within or piece.kind in ("NOFLY", "FENCE") or any(piece.id == piece_id for piece_id, _ in self._over)
-        if isinstance(piece.middle, str) and piece.middle != HOME and self._places.fixed(piece.middle) is None:
+        wanted = (
+            piece.within
+            or piece.kind in ("NOFLY", "FENCE")
+            or any(piece.id == piece_id for piece_id, _ in self._over)
+        )
+        if (
+            isinstance(piece.middle, str)
+            and piece.middle != HOME
+            and self._places.fixed(piece.middle) is None
+        ):
             self._draft.unread(piece.extent or piece.span, "the place at its centre has no coordinates")
             return
         if not (piece.corners or piece.size_m or piece.radius_m):
@@ -269,7 +302,10 @@ class GroundReader:
             for _, span in piece.within if piece.kind == "GROUND" else ():
                 self._draft.remark(span, "no place and no size are given: read as the whole area")
             return
-        base: dict[str, FieldPath] = {"NOFLY": ("rules", "no_fly", piece.id, "area"), "FENCE": ("rules", "geofence")}
+        base: dict[str, FieldPath] = {
+            "NOFLY": ("rules", "no_fly", piece.id, "area"),
+            "FENCE": ("rules", "geofence"),
+        }
         where = base.get(piece.kind, ("world", "areas", piece.id))
         if piece.kind != "FENCE":
             self._draft.put((*where[:3], "id"), piece.id, piece.span)
@@ -277,7 +313,9 @@ class GroundReader:
         notes = ["" if placed else "in the middle of the area: the text does not say where"]
         if piece.radius_m:
             notes.append(f"a circle, by {CORNERS_OF_A_CIRCLE} corners around it")
-        self._draft.put((*where, "corners"), self._laid_out(piece), piece.extent, "; ".join(filter(None, notes)))
+        self._draft.put(
+            (*where, "corners"), self._laid_out(piece), piece.extent, "; ".join(filter(None, notes))
+        )
         for name, (value, span) in piece.times.items():
             self._draft.put((*where[:3], name), value, span)
         for group, span in piece.within:
@@ -294,7 +332,9 @@ class GroundReader:
         if self._fence is not None:
             piece, span = self._fence
             fence_corners = (
-                self.outline if piece is self.world else self._draft.entries.get(("world", "areas", piece.id, "corners"))
+                self.outline
+                if piece is self.world
+                else self._draft.entries.get(("world", "areas", piece.id, "corners"))
             )
             if fence_corners is None:
                 self._draft.unread(span, "its corners or size are missing", expressible=True)
@@ -306,16 +346,23 @@ class GroundReader:
                 )
 
     def beside_line(self, line: tuple[Point, Point], direction: float) -> list[Point] | None:
-        """The part of the area of interest on one side of a straight line; None when the line runs in that direction."""
+        """The part of the area of interest on one side of a straight line; None when the line runs in that
+        direction.
+        """
+
         a, b = line
         normal = (b["north_m"] - a["north_m"], a["east_m"] - b["east_m"])
-        towards = normal[0] * math.sin(math.radians(direction)) + normal[1] * math.cos(math.radians(direction))
+        towards = normal[0] * math.sin(math.radians(direction)) + normal[1] * math.cos(
+            math.radians(direction)
+        )
         if abs(towards) < 1e-6 * math.hypot(*normal):
             return None
         sign = math.copysign(1.0, towards)
 
         def side(point: Point) -> float:
-            return sign * ((point["east_m"] - a["east_m"]) * normal[0] + (point["north_m"] - a["north_m"]) * normal[1])
+            return sign * (
+                (point["east_m"] - a["east_m"]) * normal[0] + (point["north_m"] - a["north_m"]) * normal[1]
+            )
 
         corners = _cut(self.outline, side)
         return corners if len(corners) >= 3 else None
@@ -328,7 +375,11 @@ def _by_axes(phrase: Phrase) -> Part:
         assert isinstance(length.value, Quantity)
         sides[axis.value] = length.value.low
     east = sides.get(90.0, 0.0)
-    return Part("DIM", Quantity("DIM", east, next((m for axis, m in sides.items() if axis != 90.0), east)), phrase.span)
+    return Part(
+        "DIM",
+        Quantity("DIM", east, next((m for axis, m in sides.items() if axis != 90.0), east)),
+        phrase.span,
+    )
 
 
 def _cut(corners: Sequence[Point], side: Any) -> list[Point]:
@@ -341,18 +392,28 @@ def _cut(corners: Sequence[Point], side: Any) -> list[Point]:
         if here * there < 0:
             share = here / (here - there)
             inside.append(
-                {name: round(corner[name] + share * (following[name] - corner[name]), 3) for name in ("east_m", "north_m")}
+                {
+                    name: round(corner[name] + share * (following[name] - corner[name]), 3)
+                    for name in ("east_m", "north_m")
+                }
             )
     return inside
 
 
-def _part_of(box: tuple[float, float, float, float], direction: float | None) -> tuple[float, float, float, float]:
+def _part_of(
+    box: tuple[float, float, float, float], direction: float | None
+) -> tuple[float, float, float, float]:
     """West, south, east and north of the half, quarter, or middle of a box."""
     west, south, east, north = box
     across, up = (west + east) / 2, (south + north) / 2
     if direction is None:
         half_e, half_n = (east - west) * MIDDLE_SHARE / 2, (north - south) * MIDDLE_SHARE / 2
-        return round(across - half_e, 3), round(up - half_n, 3), round(across + half_e, 3), round(up + half_n, 3)
+        return (
+            round(across - half_e, 3),
+            round(up - half_n, 3),
+            round(across + half_e, 3),
+            round(up + half_n, 3),
+        )
     to_east, to_north = _halves(direction)
     return (
         across if to_east > 0 else west,
@@ -377,7 +438,9 @@ def _between(a: Point, b: Point) -> list[Point]:
     """Corners of the rectangle between two opposite ones."""
     west, east = sorted((a["east_m"], b["east_m"]))
     south, north = sorted((a["north_m"], b["north_m"]))
-    return [{"east_m": e, "north_m": n} for e, n in ((west, south), (east, south), (east, north), (west, north))]
+    return [
+        {"east_m": e, "north_m": n} for e, n in ((west, south), (east, south), (east, north), (west, north))
+    ]
 
 
 def _corners(east_m: float, north_m: float) -> list[Point]:

@@ -41,7 +41,9 @@ ROOFED = frozenset(["house", "shed"])
 class GroupRegister:
     """The groups that a text has mentioned so far.
 
-    `subject` holds the groups that the text is about now; `in_sentence` is true once the current sentence has named them."""
+    `subject` holds the groups that the text is about now; `in_sentence` is true once the current sentence has
+    named them.
+    """
 
     def __init__(self, draft: Draft, vocabulary: Vocabulary) -> None:
         self.draft, self.vocabulary = draft, vocabulary
@@ -56,7 +58,10 @@ class GroupRegister:
         self._defined: set[str] = set()
         """Groups that began with `the`: whoever counts them later means them."""
         self.mentioned: list[str] = []
-        """The groups that this sentence has named; `it` is one of these before it is one of another sentence."""
+        """The groups that this sentence has named; `it` is one of these before it is one of another
+        sentence.
+        """
+
         self.referents: dict[Span, list[RelationTarget]] = {}
 
     def of_role(self, role: Role) -> list[str]:
@@ -65,7 +70,9 @@ class GroupRegister:
     def choose_one(self, ids: list[str], span: Span) -> list[str]:
         if len(ids) == 1:
             return ids
-        chosen = self.draft.ask(span, f"which group is meant by {self.draft.quote(span)!r}?", [*ids, "all of them"])
+        chosen = self.draft.ask(
+            span, f"which group is meant by {self.draft.quote(span)!r}?", [*ids, "all of them"]
+        )
         return ids if chosen == len(ids) else [ids[chosen]]
 
     def _thing(self, phrase: Phrase) -> tuple[str, Span]:
@@ -80,7 +87,8 @@ class GroupRegister:
         if len(known) == 1 and self._definite(part.span):
             return known[0], part.span
         readings = [
-            f"{self.vocabulary.assets[candidate].asset} ({self.vocabulary.assets[candidate].role})" for candidate in part.value
+            f"{self.vocabulary.assets[candidate].asset} ({self.vocabulary.assets[candidate].role})"
+            for candidate in part.value
         ]
         if self._definite(part.span):
             # `the vehicle` may also be the drone.
@@ -111,7 +119,12 @@ class GroupRegister:
         # The last number counts: `a squad of nine`.
         count = counts[-1] if counts else None
         known = [group for group, asset in self.kinds.items() if asset == name]
-        if known and not none and (count is None or self._definite(phrase.span)) and phrase.first("PERAREA") is None:
+        if (
+            known
+            and not none
+            and (count is None or self._definite(phrase.span))
+            and phrase.first("PERAREA") is None
+        ):
             if count is not None and len(known) == 1 and known[0] in self._uncounted:
                 # `aid workers ...; the 6 aid workers`.
                 self._recount(known[0], phrase, count, span)
@@ -140,7 +153,10 @@ class GroupRegister:
 
     def _there_are(self, span: Span) -> bool:
         """Whether the sentence only gives a number: `there are four houses and ten trees`."""
-        return re.search(r"\bthere (are|were|is|was|will be)\b[^.;\n]*$", self.draft.text[: span.start].lower()) is not None
+        return (
+            re.search(r"\bthere (are|were|is|was|will be)\b[^.;\n]*$", self.draft.text[: span.start].lower())
+            is not None
+        )
 
     def _not_counted(self, known: Sequence[str], *, there: bool) -> str | None:
         """The single group of these that has no number yet; None when there is none or more than one."""
@@ -201,7 +217,9 @@ class GroupRegister:
             if self._is_plural(span):
                 few, most = self._vague_range()
                 self.plural.add(group)
-                self.draft.vary(path, few, most, None, unit=None, integer=True, note="no number is given: read as `some`")
+                self.draft.vary(
+                    path, few, most, None, unit=None, integer=True, note="no number is given: read as `some`"
+                )
             else:
                 self.draft.put(path, 1, span)
             return
@@ -211,7 +229,10 @@ class GroupRegister:
         if bound := phrase.first("ATLEAST"):
             readings = [f"{low:g}", f"{low:g} to {2 * low:g}"]
             high = (
-                low if self.draft.ask(bound.span.joined(where), "no upper bound is given; how many?", readings) == 0 else 2 * low
+                low
+                if self.draft.ask(bound.span.joined(where), "no upper bound is given; how many?", readings)
+                == 0
+                else 2 * low
             )
         elif phrase.first("WITHIN") and quantity.single:
             # `up to 10`.
@@ -221,7 +242,10 @@ class GroupRegister:
         self.draft.vary(path, low, high, where, unit=None, integer=True)
 
     def _vague_range(self) -> tuple[int, int]:
-        meaning = next((m for m in self.vocabulary.meanings.get("some", ()) if m.kind == "VAGUE"), Meaning("VAGUE", (2, 10)))
+        meaning = next(
+            (m for m in self.vocabulary.meanings.get("some", ()) if m.kind == "VAGUE"),
+            Meaning("VAGUE", (2, 10)),
+        )
         assert isinstance(meaning.value, tuple)
         return int(meaning.value[0]), int(meaning.value[1])
 
@@ -229,7 +253,9 @@ class GroupRegister:
         assert isinstance(count.value, Quantity)
         assert isinstance(per.value, float | int)
         self.draft.entries.pop(("actors", group, "count"), None)
-        self.draft.ranges = [varied for varied in self.draft.ranges if f"actors[{group}].count" not in varied.paths]
+        self.draft.ranges = [
+            varied for varied in self.draft.ranges if f"actors[{group}].count" not in varied.paths
+        ]
         low, high = count.value.low * per.value, count.value.high * per.value
         self.draft.vary(("actors", group, "density_per_km2"), low, high, span, unit="1/km2")
 
@@ -248,7 +274,11 @@ class GroupRegister:
             put_motion(self.draft, group, part, None)
 
     def ref(self, phrase: Phrase) -> list[RelationTarget]:
-        """The targets of a relation: groups, the vehicle's home, or a place. The same words always resolve to the same targets."""
+        """The targets of a relation: groups, the vehicle's home, or a place.
+
+        The same words always resolve to the same targets.
+        """
+
         ref = phrase.refs[0] if phrase.rule != "ref" else phrase
         # Resolving may ask a question or create a group, which must happen once for each phrase.
         if ref.span not in self.referents:
@@ -268,8 +298,16 @@ class GroupRegister:
         if ref.first("HOME"):
             return [HOME]
         if target := ref.first("TARGET"):
-            adversaries = [candidate for candidate in self.of_role(Role.ADVERSARY) if candidate not in self.subject]
-            return [*(self.choose_one(adversaries, target.span) if adversaries else [self._new_target(target.span)])]
+            adversaries = [
+                candidate for candidate in self.of_role(Role.ADVERSARY) if candidate not in self.subject
+            ]
+            return [
+                *(
+                    self.choose_one(adversaries, target.span)
+                    if adversaries
+                    else [self._new_target(target.span)]
+                )
+            ]
         if them := ref.first("THEM"):
             return [*self._them(them.span, indoors=indoors)]
         groups = self.named(ref)
@@ -282,7 +320,9 @@ class GroupRegister:
         # `it` means a group of one member, `them` one of several, where such groups exist.
         single = self.draft.quote(span).lower() in ("it", "him", "her")
         if indoors:
-            others = [group for group in others if self.vocabulary.assets[self.kinds[group]].asset in ROOFED] or others
+            others = [
+                group for group in others if self.vocabulary.assets[self.kinds[group]].asset in ROOFED
+            ] or others
         fitting = [group for group in others if (group not in self.plural) == single] or others
         if not fitting:
             self.draft.unread(span, "nothing before it that it could refer to", expressible=True)
@@ -292,9 +332,18 @@ class GroupRegister:
         return recent if len(recent) == 1 else self.choose_one(fitting, span)
 
     def _new_target(self, span: Span) -> str:
-        adversaries = [asset for asset, words in self.vocabulary.assets.items() if words.role is Role.ADVERSARY]
-        chosen = self.draft.ask(span, "what is the target?", [self.vocabulary.assets[words].asset for words in adversaries])
-        return self._new(Phrase("ref", (), span), adversaries[chosen], span, Part("COUNT", Quantity("COUNT", 1.0, 1.0), span))
+        adversaries = [
+            asset for asset, words in self.vocabulary.assets.items() if words.role is Role.ADVERSARY
+        ]
+        chosen = self.draft.ask(
+            span, "what is the target?", [self.vocabulary.assets[words].asset for words in adversaries]
+        )
+        return self._new(
+            Phrase("ref", (), span),
+            adversaries[chosen],
+            span,
+            Part("COUNT", Quantity("COUNT", 1.0, 1.0), span),
+        )
 
     def of_bystanders(self, phrase: Phrase) -> bool:
         """Whether a rule is about bystanders. A word for bystanders creates no group here."""
@@ -303,5 +352,7 @@ class GroupRegister:
             name = str(part.value)
             return self.vocabulary.role(name) is Role.BYSTANDER
         if ref.first("THEM"):
-            return bool(self.subject) and all(self.vocabulary.role(self.kinds[group]) is Role.BYSTANDER for group in self.subject)
+            return bool(self.subject) and all(
+                self.vocabulary.role(self.kinds[group]) is Role.BYSTANDER for group in self.subject
+            )
         return False

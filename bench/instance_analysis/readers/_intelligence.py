@@ -32,18 +32,28 @@ class IntelligenceReader:
             self._pending.append((name, quantity, span))
             self._candidate_groups += self._groups.subject
             return
-        if self._groups.in_sentence and self._groups.subject != self._report_groups and len(self._groups.subject) == 1:
+        if (
+            self._groups.in_sentence
+            and self._groups.subject != self._report_groups
+            and len(self._groups.subject) == 1
+        ):
             # `the radar has priority 2, the soldiers have priority 1`.
             spoken = f"{self._groups.subject[0]}-sighting"
             if ("intelligence", spoken, "id") in self._draft.entries:
                 self._report = spoken
         path: FieldPath = ("intelligence", self._report, name)
-        self._draft.vary(path, quantity.low, quantity.high, span, unit=UNITS.get(name), integer=name == "priority")
+        self._draft.vary(
+            path, quantity.low, quantity.high, span, unit=UNITS.get(name), integer=name == "priority"
+        )
 
     def _single_group_in_sentence(self) -> str | None:
         """The single group of this sentence, when a report may be about it."""
         cast = self._groups
-        if not cast.in_sentence or len(cast.subject) != 1 or cast.vocabulary.role(cast.kinds[cast.subject[0]]) is Role.CLUTTER:
+        if (
+            not cast.in_sentence
+            or len(cast.subject) != 1
+            or cast.vocabulary.role(cast.kinds[cast.subject[0]]) is Role.CLUTTER
+        ):
             return None
         return cast.subject[0]
 

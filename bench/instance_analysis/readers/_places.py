@@ -20,7 +20,10 @@ FARTHEST_M = 20_000.0
 
 
 class PlaceReader:
-    """Reads coordinates into a draft. `finish` reconciles fixed places with the other relations of a group."""
+    """Reads coordinates into a draft.
+
+    `finish` reconciles fixed places with the other relations of a group.
+    """
 
     def __init__(self, draft: Draft, defaults: Defaults) -> None:
         self._draft, self._defaults = draft, defaults
@@ -91,7 +94,10 @@ class PlaceReader:
         return f"from the origin at {at.latitude_deg:g}, {at.longitude_deg:g} degrees"
 
     def place_of(self, phrase: Phrase) -> Coordinates | None:
-        """The first place that a phrase states; None when it is relative to a group, whose place is not known yet."""
+        """The first place that a phrase states; None when it is relative to a group, whose place is not known
+        yet.
+        """
+
         part = phrase.first("POINT")
         if part is not None and isinstance(part.value, Coordinates):
             return part.value
@@ -120,7 +126,9 @@ class PlaceReader:
         if group in self._fixed and self._fixed[group][0] != place:
             earlier, where = self._fixed[group]
             readings = [self._draft.quote(where), self._draft.quote(span)]
-            place = (earlier, place)[self._draft.ask(where.joined(span), "two places are given; which holds?", readings)]
+            place = (earlier, place)[
+                self._draft.ask(where.joined(span), "two places are given; which holds?", readings)
+            ]
         self._fixed[group] = (place, span)
 
     def fixed(self, group: str) -> Point | None:
@@ -148,7 +156,10 @@ class PlaceReader:
     # At the end.
 
     def finish(self, roads: dict[str, list[Point]]) -> None:
-        """Complete loops around fixed places, patrols along roads, and the relations of groups at fixed places."""
+        """Complete loops around fixed places, patrols along roads, and the relations of groups at fixed
+        places.
+        """
+
         for group, side_m, of, span in self._loops:
             self._loop(group, side_m, of, span)
         for group, span in self._patrols.items():
@@ -158,7 +169,9 @@ class PlaceReader:
             if along is not None and along.value in roads:
                 self._route(group, roads[along.value], span, "to the end of the road and back")
             elif ("actors", group, "motion", "kind") in self._draft.entries:
-                self._draft.remark(span, "a patrol without points: walks about, within 25 m of where it starts")
+                self._draft.remark(
+                    span, "a patrol without points: walks about, within 25 m of where it starts"
+                )
         for group, (place, span) in self._fixed.items():
             self._stand(group, place, span)
 
@@ -167,23 +180,34 @@ class PlaceReader:
         if middle is None and isinstance(of, str) and of in self._fixed:
             middle = self.point(self._fixed[of][0])
         if middle is None:
-            self._draft.unread(span, "a way is given by coordinates, and the place that it runs around has none")
+            self._draft.unread(
+                span, "a way is given by coordinates, and the place that it runs around has none"
+            )
             return
         half = side_m / 2
         corners = ((-half, -half), (half, -half), (half, half), (-half, half))
-        route = [{"east_m": middle["east_m"] + east, "north_m": middle["north_m"] + north} for east, north in corners]
+        route = [
+            {"east_m": middle["east_m"] + east, "north_m": middle["north_m"] + north}
+            for east, north in corners
+        ]
         self._route(group, route, span)
 
     def _stand(self, group: str, place: Coordinates, span: Span) -> None:
         base: FieldPath = ("actors", group, "placement")
         count = self._draft.entries.get(("actors", group, "count"))
         point, note = self.point(place), self._converted(place)
-        if count is None or count.value != 1 or any(f"actors[{group}].count" in varied.paths for varied in self._draft.ranges):
+        if (
+            count is None
+            or count.value != 1
+            or any(f"actors[{group}].count" in varied.paths for varied in self._draft.ranges)
+        ):
             # A SimSpec has coordinates only for a group of one.
             self._draft.remark(span, "several members cannot stand at one point: they stand near it")
             number = len({path[4] for path in self._draft.entries if path[:4] == (*base, "distances")})
             self._draft.put((*base, "distances", number, "point"), point, span, note)
-            self._draft.put((*base, "distances", number, "max_m"), self._defaults.near_m, None, "the default for `near`")
+            self._draft.put(
+                (*base, "distances", number, "max_m"), self._defaults.near_m, None, "the default for `near`"
+            )
             return
         heading, where = self._heading(group, point)
         self._turn_over(group)
@@ -212,7 +236,10 @@ class PlaceReader:
         return None, None
 
     def _turn_over(self, group: str) -> None:
-        """Move a relation of a fixed group to the free group that it refers to; list it as unread when that is impossible."""
+        """Move a relation of a fixed group to the free group that it refers to; list it as unread when that
+        is impossible.
+        """
+
         base: FieldPath = ("actors", group, "placement")
         placed = {
             path[:4]
@@ -221,7 +248,12 @@ class PlaceReader:
         }
         for relation in sorted(placed, key=str):
             span = next(
-                (entry.span for path, entry in self._draft.entries.items() if path[:4] == relation and entry.span), Span(0, 0)
+                (
+                    entry.span
+                    for path, entry in self._draft.entries.items()
+                    if path[:4] == relation and entry.span
+                ),
+                Span(0, 0),
             )
             values = {path[4:]: entry for path, entry in self._draft.entries.items() if path[:4] == relation}
             self._draft.forget(relation)
@@ -229,7 +261,12 @@ class PlaceReader:
             target = None if other is None else ("actors", other.value, "placement", relation[3])
             if relation[3] in ("region", "along", "inside"):
                 self._draft.remark(span, "its place is fixed by coordinates, which says this")
-            elif target and relation[3] in ("near", "bearing") and self._free(str(target[1])) and not self._has(target):
+            elif (
+                target
+                and relation[3] in ("near", "bearing")
+                and self._free(str(target[1]))
+                and not self._has(target)
+            ):
                 for path, entry in values.items():
                     value = (
                         group

@@ -52,9 +52,15 @@ class TextReader:
         self.joined: list[str] = []
         self.waiting: list[Phrase] = []
         self.topic = ""
-        """What places and points are said of: group, home, ground, road; nothing at the beginning of a sentence."""
+        """What places and points are said of: group, home, ground, road; nothing at the beginning of a
+        sentence.
+        """
+
         self.last = self.before = ""
-        """What was spoken of last, in this sentence or one before; and what before the group that is spoken of."""
+        """What was spoken of last, in this sentence or one before; and what before the group that is spoken
+        of.
+        """
+
         self.places = PlaceReader(draft, vocabulary.defaults)
         self.weather_reader = WeatherReader(draft, self.places)
         self.ground = GroundReader(draft, vocabulary.defaults, self.places)
@@ -85,21 +91,35 @@ class TextReader:
                 self.places.set_home(phrase)
 
     def _sentence(self, sentence: list[Phrase | Word]) -> None:
-        self.groups.in_sentence, self.groups.mentioned, self.joined, self.waiting, self.topic = False, [], [], [], ""
+        self.groups.in_sentence, self.groups.mentioned, self.joined, self.waiting, self.topic = (
+            False,
+            [],
+            [],
+            [],
+            "",
+        )
         self.flying = any(_flies(item) for item in sentence)
-        self.flight.reporting = any(isinstance(item, Word) and item.text.lower().startswith("report") for item in sentence)
+        self.flight.reporting = any(
+            isinstance(item, Word) and item.text.lower().startswith("report") for item in sentence
+        )
         joins = False
         for index, item in enumerate(sentence):
             if isinstance(item, Word):
                 # After a comma, `and` begins another clause.
-                joins = (not item.comma and any(m.kind == "AND" for m in item.meanings)) or (joins and item.filler)
+                joins = (not item.comma and any(m.kind == "AND" for m in item.meanings)) or (
+                    joins and item.filler
+                )
                 self._relative(item, sentence[:index])
                 late = self._late_count(item, sentence[index - 1] if index else None)
                 if not late and not _of_a_rule(item, sentence[index + 1 :]):
                     self._word(item)
                 continue
             if self._denied(sentence[:index]):
-                self.draft.unread(item.span, "a negation or a condition stands before it, so it is not read", expressible=True)
+                self.draft.unread(
+                    item.span,
+                    "a negation or a condition stands before it, so it is not read",
+                    expressible=True,
+                )
                 continue
             later = any(isinstance(p, Phrase) and p.rule == "group" for p in sentence[index + 1 :])
             if later and item.rule in GROUP_RULES and self._of_the_next(item, sentence[index + 1 :]):
@@ -112,7 +132,10 @@ class TextReader:
             self._of_group(waiting)
 
     def _of_the_next(self, phrase: Phrase, rest: Sequence[Phrase | Word]) -> bool:
-        """Whether a relation belongs to the next group: `a truck and, 60 m from it, six civilians`; `, in sector B a car`."""
+        """Whether a relation belongs to the next group: `a truck and, 60 m from it, six civilians`; `, in
+        sector B a car`.
+        """
+
         before = self.draft.text[: phrase.span.start].lower().rstrip().removesuffix(" some")
         words = before.split()
         if phrase.refs and phrase.refs[0].first("THEM") and words and words[-1].strip(",") in ("and", "plus"):
@@ -121,7 +144,12 @@ class TextReader:
             return True
         following = next((item for item in rest if not (isinstance(item, Word) and item.filler)), None)
         starts = before.endswith((",", " and"))
-        return starts and phrase.rule in ("inside", "part") and isinstance(following, Phrase) and following.rule == "group"
+        return (
+            starts
+            and phrase.rule in ("inside", "part")
+            and isinstance(following, Phrase)
+            and following.rule == "group"
+        )
 
     def _phrase(self, phrase: Phrase, *, joins: bool, later: bool) -> None:
         if phrase.rule == "group" and self._counts_again(phrase):
@@ -156,7 +184,14 @@ class TextReader:
         before = self.draft.text[: phrase.span.start].rstrip()
         if count is None or asset is None or len(phrase.parts) > 2 or not before.endswith((",", "(", ":")):
             return False
-        generic = self.draft.quote(asset.span).lower() in ("persons", "people", "men", "adults", "individuals", "in all")
+        generic = self.draft.quote(asset.span).lower() in (
+            "persons",
+            "people",
+            "men",
+            "adults",
+            "individuals",
+            "in all",
+        )
         named = self.groups.subject if self.groups.in_sentence and not self.waiting else []
         if not generic or len(named) != 1 or not isinstance(count.value, Quantity):
             return False
@@ -165,10 +200,21 @@ class TextReader:
 
     def _about_groups(self, phrase: Phrase) -> list[Phrase]:
         """The phrase when it describes a group; nothing when it describes ground or the vehicle's home."""
-        it = bool(phrase.refs and phrase.refs[0].first("THEM")) or (phrase.rule == "road" and phrase.first("THEM") is not None)
-        if it and self.roads.roads and (phrase.rule == "road" or (phrase.rule in RELATIONS_TO_IT and self._it_is_a_road(phrase))):
+        it = bool(phrase.refs and phrase.refs[0].first("THEM")) or (
+            phrase.rule == "road" and phrase.first("THEM") is not None
+        )
+        if (
+            it
+            and self.roads.roads
+            and (phrase.rule == "road" or (phrase.rule in RELATIONS_TO_IT and self._it_is_a_road(phrase)))
+        ):
             return [self.roads.as_road_phrase(phrase)]
-        if it and self.before == "ground" and phrase.rule == "inside" and self.ground.current not in (None, self.ground.world):
+        if (
+            it
+            and self.before == "ground"
+            and phrase.rule == "inside"
+            and self.ground.current not in (None, self.ground.world)
+        ):
             return [Phrase("inside", (), phrase.span)]
         if phrase.rule == "road" and it:
             self.draft.unread(phrase.span, "it is not a road", expressible=True)
@@ -186,7 +232,8 @@ class TextReader:
             self.ground.mention(phrase)
             self.topic = "group"
         if phrase.rule == "motion" and (
-            self.topic in ("ground", "road") or (not self.groups.in_sentence and self.groups.subject_is_mission)
+            self.topic in ("ground", "road")
+            or (not self.groups.in_sentence and self.groups.subject_is_mission)
         ):
             return []
         if phrase.rule not in GROUP_RULES or self._about_ground(phrase) or len(places_in(phrase)) > 1:
@@ -194,10 +241,17 @@ class TextReader:
         return [phrase]
 
     def _it_is_a_road(self, phrase: Phrase) -> bool:
-        """Whether `it` means a road: one was mentioned before the subject, or no group of one member is left."""
+        """Whether `it` means a road: one was mentioned before the subject, or no group of one member is
+        left.
+        """
+
         if self.before == "road":
             return True
-        single = [group for group in self.groups.kinds if group not in self.groups.plural and group not in self.groups.subject]
+        single = [
+            group
+            for group in self.groups.kinds
+            if group not in self.groups.plural and group not in self.groups.subject
+        ]
         them = phrase.refs[0].first("THEM")
         return them is not None and self.draft.quote(them.span).lower() == "it" and not single
 
@@ -214,7 +268,11 @@ class TextReader:
             return True
         if phrase.rule == "loop":
             side = length_of(self.draft, phrase)
-            self.ground.extent(Phrase("extent", (Part("DIM", Quantity("DIM", side.low, side.low), phrase.span),), phrase.span))
+            self.ground.extent(
+                Phrase(
+                    "extent", (Part("DIM", Quantity("DIM", side.low, side.low), phrase.span),), phrase.span
+                )
+            )
         if phrase.rule in ("near", "within", "loop"):
             if phrase.rule == "within":
                 self.ground.round(length_of(self.draft, phrase), phrase.span)
@@ -238,7 +296,9 @@ class TextReader:
             self.roads.through(phrase)
         elif phrase.first("CORNERS") or self.topic == "ground":
             self.ground.corners(phrase)
-        elif phrase.first("ROUTE") or (self.groups.in_sentence and several > 1 and (patrols or phrase.rule != "place")):
+        elif phrase.first("ROUTE") or (
+            self.groups.in_sentence and several > 1 and (patrols or phrase.rule != "place")
+        ):
             for group in self.groups.subject:
                 self.places.walk(group, places_in(phrase), phrase.span)
         elif several > 2 and not self._one_place_per_member(phrase):
@@ -250,7 +310,11 @@ class TextReader:
 
     def _one_place_per_member(self, phrase: Phrase) -> bool:
         """Whether the phrase gives one place for each member of the subject."""
-        counts = [self.draft.entries.get(("actors", group, "count")) for group in self.groups.subject if self.groups.in_sentence]
+        counts = [
+            self.draft.entries.get(("actors", group, "count"))
+            for group in self.groups.subject
+            if self.groups.in_sentence
+        ]
         return len(counts) == 1 and counts[0] is not None and counts[0].value == len(places_in(phrase))
 
     def _stand(self, phrase: Phrase) -> None:
@@ -273,12 +337,16 @@ class TextReader:
     def _stand_apart(self, places: Sequence[Coordinates], phrase: Phrase) -> None:
         """Put a group with one member at each place."""
         if not self._one_place_per_member(phrase):
-            self.draft.unread(phrase.span, "as many places as members, or one, can be given", expressible=True)
+            self.draft.unread(
+                phrase.span, "as many places as members, or one, can be given", expressible=True
+            )
             return
         [group] = self.groups.subject
         self.draft.forget(("actors", group, "count"))
         self.draft.put(("actors", group, "count"), 1, phrase.span)
-        for group_id, place in zip([group, *self.groups.twins(group, len(places) - 1, phrase.span)], places, strict=True):
+        for group_id, place in zip(
+            [group, *self.groups.twins(group, len(places) - 1, phrase.span)], places, strict=True
+        ):
             self.places.stand(group_id, place, phrase.span)
 
     def _handler(self, rule: str) -> Callable[[Phrase], None]:
@@ -294,11 +362,16 @@ class TextReader:
         ]
         self.flight.of_ground = self.topic == "ground"
         reader = next((candidate for candidate, rules in readers if rule in rules), None)
-        handler: Callable[[Phrase], None] = getattr(self, f"_{rule}") if reader is None else getattr(reader, rule)
+        handler: Callable[[Phrase], None] = (
+            getattr(self, f"_{rule}") if reader is None else getattr(reader, rule)
+        )
         return handler
 
     def _denied(self, before: Sequence[Phrase | Word]) -> bool:
-        """Whether the words before a phrase deny it or make it conditional; reading it would then be wrong."""
+        """Whether the words before a phrase deny it or make it conditional; reading it would then be
+        wrong.
+        """
+
         for item in reversed(before):
             if not isinstance(item, Word):
                 return False
@@ -313,7 +386,9 @@ class TextReader:
         if before and isinstance(before[-1], Word) and before[-1].text.lower() == "of":
             before = before[:-1]
         last = before[-1] if before else None
-        if not {"that", "which", "who"}.intersection(word.text.lower().split()) or not isinstance(last, Phrase):
+        if not {"that", "which", "who"}.intersection(word.text.lower().split()) or not isinstance(
+            last, Phrase
+        ):
             return
         if last.rule == "group":
             # `soldiers and civilians, who walk`: the civilians.
@@ -321,9 +396,17 @@ class TextReader:
         elif last.rule in RoadReader.RULES:
             self.topic = "road"
         elif last.refs:
-            groups = [group for group in self.groups.referents.get(last.refs[-1].span, []) if group in self.groups.kinds]
+            groups = [
+                group
+                for group in self.groups.referents.get(last.refs[-1].span, [])
+                if group in self.groups.kinds
+            ]
             if groups:
-                self.groups.subject, self.groups.in_sentence, self.joined = [str(group) for group in groups], True, []
+                self.groups.subject, self.groups.in_sentence, self.joined = (
+                    [str(group) for group in groups],
+                    True,
+                    [],
+                )
                 self.topic = "group"
 
     def _late_count(self, word: Word, before: Phrase | Word | None) -> bool:
@@ -340,7 +423,12 @@ class TextReader:
         if "HOME" in kinds and word.text.lower().startswith("the vehicle "):
             self.draft.remark(word.span, "the vehicle is read as the drone under test")
         if kinds & {"HOME", "LAUNCH"}:
-            groups.in_sentence, groups.subject_is_mission, groups.subject, self.topic = False, True, [], "home"
+            groups.in_sentence, groups.subject_is_mission, groups.subject, self.topic = (
+                False,
+                True,
+                [],
+                "home",
+            )
         elif "THEM" in kinds and self.topic == "" and self.last in ("ground", "road"):
             self.topic = self.last
         elif "THEM" in kinds and groups.subject:
@@ -362,11 +450,19 @@ class TextReader:
             and not length.single
             and (self.waiting or (groups.in_sentence and not groups.subject_is_mission))
         ):
-            self._phrase(Phrase("radius", (Part("LENGTH", length, word.span),), word.span), joins=False, later=bool(self.waiting))
+            self._phrase(
+                Phrase("radius", (Part("LENGTH", length, word.span),), word.span),
+                joins=False,
+                later=bool(self.waiting),
+            )
             return
         if self.flying and not (groups.in_sentence and not groups.subject_is_mission) and self._bare(word):
             return
-        if word.filler or kinds & INSIGNIFICANT_KINDS or word.text.lower() in ("a", "an", "one", "single", "a single", "another"):
+        if (
+            word.filler
+            or kinds & INSIGNIFICANT_KINDS
+            or word.text.lower() in ("a", "an", "one", "single", "a single", "another")
+        ):
             return
         self.draft.unread(word.span, "unknown word" if not kinds else "stands by itself", expressible=True)
 
@@ -376,7 +472,9 @@ class TextReader:
         for meaning in word.meanings:
             if meaning.kind in fields and isinstance(meaning.value, Quantity):
                 name, unit = fields[meaning.kind]
-                self.draft.vary(("mission", name), meaning.value.low, meaning.value.high, word.span, unit=unit)
+                self.draft.vary(
+                    ("mission", name), meaning.value.low, meaning.value.high, word.span, unit=unit
+                )
                 return True
         return False
 
@@ -406,7 +504,9 @@ class TextReader:
             if phrase.rule == "loop":
                 self._loop(group, phrase)
                 continue
-            reader = next(item for item in (self.relations, self.traits, self.roads) if phrase.rule in item.RULES)
+            reader = next(
+                item for item in (self.relations, self.traits, self.roads) if phrase.rule in item.RULES
+            )
             getattr(reader, phrase.rule)(group, phrase)
             if phrase.rule == "motion":
                 self._patrols(group, phrase)
@@ -440,13 +540,19 @@ class TextReader:
         limited = ("mission", "time_limit_s") in self.draft.entries
         alone = len(phrase.parts) == 1 and not limited
         if self.flying and not of_ground and alone and time is not None and isinstance(time.value, Quantity):
-            self.draft.vary(("mission", "time_limit_s"), time.value.low, time.value.high, phrase.span, unit="s")
+            self.draft.vary(
+                ("mission", "time_limit_s"), time.value.low, time.value.high, phrase.span, unit="s"
+            )
             return
         self.ground.when(phrase)
 
     def _standoff(self, phrase: Phrase) -> None:
         if self.groups.in_sentence and self.groups.subject and not self.groups.subject_is_mission:
-            read = self.relations.atleast if phrase.first("ATLEAST") or phrase.first("APPROACH") else self.relations.exact
+            read = (
+                self.relations.atleast
+                if phrase.first("ATLEAST") or phrase.first("APPROACH")
+                else self.relations.exact
+            )
             for group in self.groups.subject:
                 read(group, phrase)
             return
@@ -455,7 +561,10 @@ class TextReader:
     # At the end, when everything is known.
 
     def finish(self) -> None:
-        """Read what depends on several parts of the text: start time, ground, roads, routes, report windows, the ceiling."""
+        """Read what depends on several parts of the text: start time, ground, roads, routes, report windows,
+        the ceiling.
+        """
+
         self.events.finish()
         self.intelligence_reader.finish()
         self.weather_reader.finish()

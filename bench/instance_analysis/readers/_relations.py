@@ -38,22 +38,58 @@ class RelationReader:
 
     RULES = frozenset(
         [
-            *("near", "within", "atleast", "exact", "away", "mean", "bearing", "part", "inside", "behind", "landgap", "far"),
+            *(
+                "near",
+                "within",
+                "atleast",
+                "exact",
+                "away",
+                "mean",
+                "bearing",
+                "part",
+                "inside",
+                "behind",
+                "landgap",
+                "far",
+            ),
             *("facing", "hidden", "visible", "between", "apart", "spread"),
         ]
     )
 
-    def __init__(self, draft: Draft, defaults: Defaults, ground: GroundReader, places: PlaceReader, who: Whose) -> None:
-        self._draft, self._defaults, self._ground, self._places, self._groups = draft, defaults, ground, places, who
+    def __init__(
+        self, draft: Draft, defaults: Defaults, ground: GroundReader, places: PlaceReader, who: Whose
+    ) -> None:
+        self._draft, self._defaults, self._ground, self._places, self._groups = (
+            draft,
+            defaults,
+            ground,
+            places,
+            who,
+        )
 
     def _distance(
-        self, group: str, phrase: Phrase, low: float, high: float | None, *, every: bool = False, note: str = ""
+        self,
+        group: str,
+        phrase: Phrase,
+        low: float,
+        high: float | None,
+        *,
+        every: bool = False,
+        note: str = "",
     ) -> None:
         for other in self._groups.ref(phrase):
             self._keep(group, other, phrase.span, low, high, every=every, note=note)
 
     def _keep(
-        self, group: str, other: str | Coordinates, span: Span, low: float, high: float | None, *, every: bool, note: str
+        self,
+        group: str,
+        other: str | Coordinates,
+        span: Span,
+        low: float,
+        high: float | None,
+        *,
+        every: bool,
+        note: str,
     ) -> None:
         if other == group:
             self._draft.unread(span, NO_OWN_DISTANCE)
@@ -77,12 +113,20 @@ class RelationReader:
         if low > 0.0:
             self._draft.put((*where, "min_m"), low, span, note)
         if high is not None:
-            self._draft.put((*where, "max_m"), high, defaulted, "the default for `near`" if defaulted is None else note)
+            self._draft.put(
+                (*where, "max_m"), high, defaulted, "the default for `near`" if defaulted is None else note
+            )
 
     def _closer(self, base: FieldPath, other: str | Coordinates, note: str) -> None:
         """Replace the default for `near` by a distance from the same group."""
         of, most = (self._draft.entries.get((*base, "near", name)) for name in ("of", "max_m"))
-        if of is not None and of.value == other and most is not None and most.span is None and note != "default":
+        if (
+            of is not None
+            and of.value == other
+            and most is not None
+            and most.span is None
+            and note != "default"
+        ):
             self._draft.forget((*base, "near"))
 
     def _rows(self, base: FieldPath) -> int:
@@ -104,11 +148,16 @@ class RelationReader:
 
     def far(self, group: str, phrase: Phrase) -> None:
         """Ask how far `far` is."""
-        chosen = self._draft.ask(phrase.span, "how far at least?", [f"{choice:g} m" for choice in FAR_CHOICES_M])
+        chosen = self._draft.ask(
+            phrase.span, "how far at least?", [f"{choice:g} m" for choice in FAR_CHOICES_M]
+        )
         self._distance(group, phrase, FAR_CHOICES_M[chosen], None, every=True)
 
     def refine(self, group: str, length: Quantity, span: Span) -> None:
-        """Read a distance on its own: it refines a `near` before it (`near the houses, within 25 m`); else ask from which group."""
+        """Read a distance on its own: it refines a `near` before it (`near the houses, within 25 m`); else
+        ask from which group.
+        """
+
         path: FieldPath = ("actors", group, "placement", "near", "max_m")
         before = self._draft.entries.get(path)
         low = 0.0 if length.single else length.low
@@ -134,7 +183,9 @@ class RelationReader:
         if len(others) > 1 and len(mentioned) != 1:
             return [*others, HOME][self._draft.ask(span, "away from what?", [*others, "the vehicle's start"])]
         origin = (mentioned if len(others) > 1 else others or [HOME])[0]
-        self._draft.remark(span, f"the text does not say from what: read as from {'the start' if origin == HOME else origin}")
+        self._draft.remark(
+            span, f"the text does not say from what: read as from {'the start' if origin == HOME else origin}"
+        )
         return origin
 
     def _band(self, length: Quantity) -> tuple[float, float, str]:
@@ -153,13 +204,17 @@ class RelationReader:
 
     def away(self, group: str, phrase: Phrase) -> None:
         low, high, note = self._band(length_of(self._draft, phrase))
-        self._keep(group, self._distance_origin(group, phrase.span), phrase.span, low, high, every=False, note=note)
+        self._keep(
+            group, self._distance_origin(group, phrase.span), phrase.span, low, high, every=False, note=note
+        )
 
     def mean(self, group: str, phrase: Phrase) -> None:
         length, of = length_of(self._draft, phrase), self._groups.ref(phrase.refs[-1])
         # `the mean distance of the civilians to the radar` names its own subject.
         if len(phrase.refs) > 1:
-            group = next((target for target in self._groups.ref(phrase.refs[0]) if isinstance(target, str)), group)
+            group = next(
+                (target for target in self._groups.ref(phrase.refs[0]) if isinstance(target, str)), group
+            )
         groups = [target for target in of if isinstance(target, str)]
         if not groups:
             self._draft.unread(phrase.span, "a mean distance is to a group or to the vehicle's start")
@@ -178,7 +233,10 @@ class RelationReader:
             self._keep(group, other, phrase.span, low, high, every=False, note=note)
 
     def towards(self, group: str, of: list[str | Coordinates], direction: float, span: Span) -> None:
-        """Stand in the sector around a direction: a quarter of the circle for the main ones, an eighth between these."""
+        """Stand in the sector around a direction: a quarter of the circle for the main ones, an eighth
+        between these.
+        """
+
         # `northeast` is more precise than `north`, so its sector is half as wide.
         half = 45.0 if direction % 90 == 0 else 22.5
         base: FieldPath = ("actors", group, "placement", "bearing")
@@ -248,14 +306,22 @@ class RelationReader:
             self._put_reference(base, self._groups.ref(phrase), phrase.span)
         elif direction := phrase.first("DIR"):
             self._draft.put((*base, "heading_deg"), direction.value, phrase.span)
-        elif (figure := phrase.first("ANGLE") or phrase.first("COUNT")) and isinstance(figure.value, Quantity):
-            self._draft.vary((*base, "heading_deg"), figure.value.low % 360, figure.value.high, phrase.span, unit="deg")
+        elif (figure := phrase.first("ANGLE") or phrase.first("COUNT")) and isinstance(
+            figure.value, Quantity
+        ):
+            self._draft.vary(
+                (*base, "heading_deg"), figure.value.low % 360, figure.value.high, phrase.span, unit="deg"
+            )
 
     def hidden(self, group: str, phrase: Phrase) -> None:
-        self._put_reference(("actors", group, "placement", "hidden_from"), self._groups.ref(phrase), phrase.span)
+        self._put_reference(
+            ("actors", group, "placement", "hidden_from"), self._groups.ref(phrase), phrase.span
+        )
 
     def visible(self, group: str, phrase: Phrase) -> None:
-        self._put_reference(("actors", group, "placement", "visible_from"), self._groups.ref(phrase), phrase.span)
+        self._put_reference(
+            ("actors", group, "placement", "visible_from"), self._groups.ref(phrase), phrase.span
+        )
 
     def between(self, group: str, phrase: Phrase) -> None:
         ends: list[str | Coordinates] = [end for ref in phrase.refs for end in self._groups.ref(ref)]
@@ -275,9 +341,14 @@ class RelationReader:
 
     def apart(self, group: str, phrase: Phrase) -> None:
         length = length_of(self._draft, phrase)
-        self._draft.vary(("actors", group, "placement", "spread_m"), length.low, length.high, phrase.span, unit="m")
+        self._draft.vary(
+            ("actors", group, "placement", "spread_m"), length.low, length.high, phrase.span, unit="m"
+        )
 
     def spread(self, group: str, phrase: Phrase) -> None:
-        """Spread over the area of interest (the default of a group without a relation) or over a named area."""
+        """Spread over the area of interest (the default of a group without a relation) or over a named
+        area.
+        """
+
         if phrase.first("GROUND") or phrase.first("NAMED"):
             self._ground.put_inside(group, phrase)

@@ -63,7 +63,9 @@ class RoadReader:
 
     def _definite(self, phrase: Phrase) -> bool:
         kinds = ("COUNT", "LENGTH", "DIR", "AXIS", "NTH", "ROAD", "THEM")
-        begin = min((part.span.start for kind in kinds for part in phrase.every(kind)), default=phrase.span.start)
+        begin = min(
+            (part.span.start for kind in kinds for part in phrase.every(kind)), default=phrase.span.start
+        )
         before = self._draft.text[:begin].lower().split()
         return bool(before) and before[-1] in ("the", "this", "that")
 
@@ -73,11 +75,15 @@ class RoadReader:
         if not self.roads or (number or 1) > 1 or (described and (number or not self._definite(phrase))):
             self.current = [self._new(phrase) for _ in range(max(1, min(number or 1, 8)))]
             return self.current
-        fitting = self._fitting(phrase) or (self.roads if phrase.first("ROAD") else self.current) or self.roads
+        fitting = (
+            self._fitting(phrase) or (self.roads if phrase.first("ROAD") else self.current) or self.roads
+        )
         if phrase.first("LENGTH") and len(fitting) > 1:
             fitting = [road for road in fitting if road.width is None] or fitting
         if len(fitting) > 1 and phrase.rule != "roads" and phrase.span not in self._resolve:
-            chosen = self._draft.ask(phrase.span, "which road is meant?", [self._described(road) for road in fitting])
+            chosen = self._draft.ask(
+                phrase.span, "which road is meant?", [self._described(road) for road in fitting]
+            )
             self._resolve[phrase.span] = fitting[chosen]
         self.current = [self._resolve.get(phrase.span, fitting[0])] if phrase.rule != "roads" else fitting
         for road in self.current:
@@ -122,7 +128,11 @@ class RoadReader:
             road.part = float(part.value)
         if (axis := phrase.first("AXIS")) and isinstance(axis.value, float | int):
             road.axis, road.axis_span = float(axis.value), phrase.span
-        if phrase.rule in ("roads", "road") and (width := phrase.first("LENGTH")) and isinstance(width.value, Quantity):
+        if (
+            phrase.rule in ("roads", "road")
+            and (width := phrase.first("LENGTH"))
+            and isinstance(width.value, Quantity)
+        ):
             road.width = (width.value.low, phrase.span)
 
     def axis(self, phrase: Phrase) -> None:
@@ -165,7 +175,9 @@ class RoadReader:
     # Of a group.
 
     def road(self, group: str, phrase: Phrase) -> None:
-        self._along(group, self._roads_named(phrase)[0], "beside" if phrase.first("BESIDE") else "on", phrase.span)
+        self._along(
+            group, self._roads_named(phrase)[0], "beside" if phrase.first("BESIDE") else "on", phrase.span
+        )
 
     def _along(self, group: str, road: RoadDraft, where: str, span: Span) -> None:
         base: FieldPath = ("actors", group, "placement", "along")
@@ -209,7 +221,12 @@ class RoadReader:
         west, south, east, north = self._ground.box
         for group, low in self._unbounded:
             path: FieldPath = ("actors", group, "placement", "along", "within_m")
-            self._draft.put(path, math.ceil(low + math.hypot(east - west, north - south)), None, "farther than the area goes")
+            self._draft.put(
+                path,
+                math.ceil(low + math.hypot(east - west, north - south)),
+                None,
+                "farther than the area goes",
+            )
         if self._crossings:
             for _ in range(2 - len(self.roads)):
                 self._new(Phrase("road", (), self._crossings[0][1]))
@@ -221,7 +238,10 @@ class RoadReader:
                 self._draft.unread(span, "the road runs that way")
                 continue
             self._draft.put(
-                ("actors", group, "placement", "region", "corners"), region, span, f"the area on that side of {road.id}"
+                ("actors", group, "placement", "region", "corners"),
+                region,
+                span,
+                f"the area on that side of {road.id}",
             )
         for group, span in self._crossings:
             middle = _crossing(laid[self.roads[0].id], laid[self.roads[1].id])
@@ -236,7 +256,9 @@ class RoadReader:
     @property
     def laid_out(self) -> dict[str, list[Point]]:
         """Points of every road, once `finish` has laid them out."""
-        return {road.id: self._draft.entries[("world", "roads", road.id, "points")].value for road in self.roads}
+        return {
+            road.id: self._draft.entries[("world", "roads", road.id, "points")].value for road in self.roads
+        }
 
     def _defaults_of_axes(self) -> None:
         free = [road for road in self.roads if road.axis is None and not road.points and road.part is None]
@@ -257,11 +279,18 @@ class RoadReader:
         return points
 
     def _note(self, road: RoadDraft) -> str:
-        through = "through the middle of the area" if road.part is None else "through the middle of that part of the area"
+        through = (
+            "through the middle of the area"
+            if road.part is None
+            else "through the middle of that part of the area"
+        )
         return through if road.axis_span or road.part is not None else f"{through}, {_named(road.axis)}"
 
     def _line(self, road: RoadDraft) -> list[Point]:
-        """A straight line from edge to edge through the centre of the area, or of the part in which the road lies."""
+        """A straight line from edge to edge through the centre of the area, or of the part in which the road
+        lies.
+        """
+
         west, south, east, north = self._ground.box
         middle_e, middle_n = (west + east) / 2, (south + north) / 2
         axis = road.axis
@@ -272,18 +301,28 @@ class RoadReader:
             axis = (NORTH_TO_SOUTH if road.part in (90, 270) else WEST_TO_EAST) if axis is None else axis
         radians = math.radians(WEST_TO_EAST if axis is None else axis)
         to_e, to_n = round(math.sin(radians), 9), round(math.cos(radians), 9)
-        reach = min((span / abs(to) for span, to in (((east - west) / 2, to_e), ((north - south) / 2, to_n)) if to), default=0.0)
+        reach = min(
+            (span / abs(to) for span, to in (((east - west) / 2, to_e), ((north - south) / 2, to_n)) if to),
+            default=0.0,
+        )
         if road.part is not None and road.axis is not None:
             reach = min(reach, *(abs(edge) for edge in (east - west, north - south)))
         sign = 1.0 if to_e > 0 or (to_e == 0 and to_n < 0) else -1.0
         return [
-            {"east_m": round(middle_e + end * sign * reach * to_e, 3), "north_m": round(middle_n + end * sign * reach * to_n, 3)}
+            {
+                "east_m": round(middle_e + end * sign * reach * to_e, 3),
+                "north_m": round(middle_n + end * sign * reach * to_n, 3),
+            }
             for end in (-1.0, 1.0)
         ]
 
 
 def _part(phrase: Phrase) -> Part | None:
-    """The part of the area in which a road lies. In `north of the road` the first direction means something else."""
+    """The part of the area in which a road lies.
+
+    In `north of the road` the first direction means something else.
+    """
+
     candidates = phrase.every("DIR")[1 if phrase.rule == "roadside" else 0 :]
     return candidates[0] if candidates else None
 

@@ -77,7 +77,9 @@ class RuleReader:
         end = self._draft.entries.get(("mission", "time_limit_s"))
         # A window without an end lasts until the mission does.
         limit = float(end.value) if end else Mission().time_limit_s
-        open_s = sorted((low, limit if high is None else high, span) for low, high, span in self._windows) or None
+        open_s = (
+            sorted((low, limit if high is None else high, span) for low, high, span in self._windows) or None
+        )
         for low, high, span in self._silences:
             top = limit if high is None else high
             # Without stated windows reports are allowed all the time, so a silence cuts a hole into the whole
@@ -97,8 +99,18 @@ class RuleReader:
         top = max([height.value, *(varied for varied in highs if varied is not None)])
         usual = Rules().max_altitude_m
         if top > usual:
-            readings = [f"rules.max_altitude_m = {top:g}", f"keep the ceiling of {usual:g} m, and the mission at it"]
-            if self._draft.ask(height.span, f"it is above the ceiling of {usual:g} m that rules have by default", readings) == 0:
+            readings = [
+                f"rules.max_altitude_m = {top:g}",
+                f"keep the ceiling of {usual:g} m, and the mission at it",
+            ]
+            if (
+                self._draft.ask(
+                    height.span,
+                    f"it is above the ceiling of {usual:g} m that rules have by default",
+                    readings,
+                )
+                == 0
+            ):
                 self._draft.put(("rules", "max_altitude_m"), top, height.span)
             else:
                 self._draft.forget(("mission", "altitude_m"))
@@ -111,7 +123,9 @@ def _stretch(before: str, time: Quantity) -> tuple[float, float | None]:
     return (0.0, time.low) if before in ("UNTIL", "BEFORE", "WITHIN", "IN") else (time.low, None)
 
 
-def _without(window: tuple[float, float, Span], low: float, high: float, span: Span) -> list[tuple[float, float, Span]]:
+def _without(
+    window: tuple[float, float, Span], low: float, high: float, span: Span
+) -> list[tuple[float, float, Span]]:
     """The parts of a time window that remain outside another one."""
     begin, end, _ = window
     if high <= begin or low >= end:

@@ -22,11 +22,16 @@ class DensityWriter(Protocol):
 
 
 class TraitReader:
-    """Reads properties of one group into a draft. Each rule of the grammar is read by the method with its name."""
+    """Reads properties of one group into a draft.
+
+    Each rule of the grammar is read by the method with its name.
+    """
 
     RULES = frozenset(["motion", "radius", "concealment", "density"])
 
-    def __init__(self, draft: Draft, who: DensityWriter, refine: Callable[[str, Quantity, Span], None]) -> None:
+    def __init__(
+        self, draft: Draft, who: DensityWriter, refine: Callable[[str, Quantity, Span], None]
+    ) -> None:
         self._draft, self._groups, self._refine = draft, who, refine
 
     def density(self, group: str, phrase: Phrase) -> None:
@@ -56,7 +61,11 @@ class TraitReader:
         given = phrase.first("PERCENT") or phrase.first("COUNT")
         before = self._draft.entries.get(path)
         if given is not None and isinstance(given.value, Quantity):
-            if before is not None and before.span is not None and not re.search(r"\d", self._draft.quote(before.span)):
+            if (
+                before is not None
+                and before.span is not None
+                and not re.search(r"\d", self._draft.quote(before.span))
+            ):
                 # A number replaces a word: `hidden so well that its concealment is 0.8`.
                 self._draft.forget(path)
             self._draft.vary(path, given.value.low, given.value.high, phrase.span, unit=None)

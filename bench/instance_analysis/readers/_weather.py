@@ -31,7 +31,11 @@ class WeatherReader:
     def weather(self, phrase: Phrase) -> None:
         if phrase.first("AND"):
             for word in phrase.every("WEATHER"):
-                self.weather(Phrase("weather", (Phrase("state", (word, *_intensities(phrase)), phrase.span),), phrase.span))
+                self.weather(
+                    Phrase(
+                        "weather", (Phrase("state", (word, *_intensities(phrase)), phrase.span),), phrase.span
+                    )
+                )
             return
         if (alone := self._only_kind(phrase)) is not None:
             self._weather_without_level.append((alone, phrase.span))
@@ -51,20 +55,31 @@ class WeatherReader:
             self._draft.put(tuple(path.split(".")), level, phrase.span, "first of several")
         if len(paths) == 1:
             levels = tuple(level for _, level, _ in states)
-            self._draft.ranges.append(VariedField(name="weather", paths=tuple(paths), levels=levels, unit="level"))
+            self._draft.ranges.append(
+                VariedField(name="weather", paths=tuple(paths), levels=levels, unit="level")
+            )
             return
         choices = {
-            f"{path.split('.')[1].removesuffix('_level')}-{level:g}": dict.fromkeys(paths, 0.0) | {path: level}
+            f"{path.split('.')[1].removesuffix('_level')}-{level:g}": dict.fromkeys(paths, 0.0)
+            | {path: level}
             for path, level, _ in states
         }
         self._draft.ranges.append(VariedField(name="weather", choices=choices, unit="level"))
 
     def _only_kind(self, phrase: Phrase) -> Part | None:
         """The weather word of a phrase that states no level; None for any other phrase."""
-        if len(phrase.parts) != 1 or not isinstance(state := phrase.parts[0], Phrase) or len(state.parts) != 1:
+        if (
+            len(phrase.parts) != 1
+            or not isinstance(state := phrase.parts[0], Phrase)
+            or len(state.parts) != 1
+        ):
             return None
         word = state.first("WEATHER")
-        return word if word is not None and isinstance(word.value, WeatherWords) and word.value.level is None else None
+        return (
+            word
+            if word is not None and isinstance(word.value, WeatherWords) and word.value.level is None
+            else None
+        )
 
     def _ask_missing_levels(self) -> None:
         """Ask for the level of rain and the strength of wind when no sentence states them."""
@@ -84,7 +99,10 @@ class WeatherReader:
     def _states(self, phrase: Phrase) -> list[tuple[str, float, float]]:
         """Field and level of each state. A level without a weather word takes the word beside it."""
         word = phrase.first("WEATHER") or next(
-            weather_part for part in phrase.parts if isinstance(part, Phrase) for weather_part in part.every("WEATHER")
+            weather_part
+            for part in phrase.parts
+            if isinstance(part, Phrase)
+            for weather_part in part.every("WEATHER")
         )
         states: list[tuple[str, float, float]] = []
         for part in phrase.parts:
@@ -102,7 +120,9 @@ class WeatherReader:
         if state.first("NONE"):
             return path, 0.0, 0.0
         intensities = [
-            float(candidate.value) for candidate in state.every("INTENSITY") if isinstance(candidate.value, float | int)
+            float(candidate.value)
+            for candidate in state.every("INTENSITY")
+            if isinstance(candidate.value, float | int)
         ]
         if intensities:
             return path, intensities[0], intensities[-1]
@@ -113,7 +133,10 @@ class WeatherReader:
         # Light, moderate and heavy in the vocabulary, and the levels of other weather in the same phrase.
         levels = sorted({2.0, 4.0, 7.0, *before})
         names = {2.0: "light", 4.0: "moderate", 7.0: "heavy"}
-        readings = [f"level {candidate:g}" + (f", {names[candidate]}" if candidate in names else "") for candidate in levels]
+        readings = [
+            f"level {candidate:g}" + (f", {names[candidate]}" if candidate in names else "")
+            for candidate in levels
+        ]
         level = levels[self._draft.ask(state.span, f"how much {self._draft.quote(word.span)}?", readings)]
         return path, level, level
 
@@ -142,7 +165,9 @@ class WeatherReader:
         if direction is not None:
             self._draft.put((*base, "from_deg"), direction.value, phrase.span)
         elif figure is not None and isinstance(figure.value, Quantity):
-            self._draft.vary((*base, "from_deg"), figure.value.low % 360, figure.value.high, phrase.span, unit="deg")
+            self._draft.vary(
+                (*base, "from_deg"), figure.value.low % 360, figure.value.high, phrase.span, unit="deg"
+            )
 
     def calm(self, phrase: Phrase) -> None:
         self._draft.put(("environment", "wind", "speed_mps"), 0.0, phrase.span)
@@ -188,7 +213,13 @@ class WeatherReader:
         usual = Environment().start_utc
         day, where = self._stated_day or (usual.date(), None)
         spans = [
-            item for item in (where, self._stated_time and self._stated_time[1], self._stated_sun and self._stated_sun[3]) if item
+            item
+            for item in (
+                where,
+                self._stated_time and self._stated_time[1],
+                self._stated_sun and self._stated_sun[3],
+            )
+            if item
         ]
         if not spans:
             return
@@ -197,7 +228,9 @@ class WeatherReader:
             readings = [self._draft.quote(self._stated_time[1]), self._draft.quote(self._stated_sun[3])]
             if (
                 self._draft.ask(
-                    self._stated_time[1].joined(self._stated_sun[3]), "two times of day are given; which holds?", readings
+                    self._stated_time[1].joined(self._stated_sun[3]),
+                    "two times of day are given; which holds?",
+                    readings,
                 )
                 == 0
             ):
@@ -213,7 +246,12 @@ class WeatherReader:
             moment = dt.datetime.combine(day, clock.at, dt.UTC) - dt.timedelta(hours=clock.ahead_h)
             self._draft.put(path, _stamp(moment), span, note)
         else:
-            self._draft.put(path, _stamp(dt.datetime.combine(day, usual.time(), dt.UTC)), span, "at 11:30 UTC, the default")
+            self._draft.put(
+                path,
+                _stamp(dt.datetime.combine(day, usual.time(), dt.UTC)),
+                span,
+                "at 11:30 UTC, the default",
+            )
 
     def _by_the_sun(self, day: dt.date, note: str) -> None:
         assert self._stated_sun is not None
@@ -223,11 +261,19 @@ class WeatherReader:
         if moment is None:
             self._draft.fault(span, f"the sun does not {what} there on {day}", "give the time in UTC")
             return
-        shifts = [0.0] if quantity is None else [quantity.low] if quantity.single else [quantity.low, quantity.high]
+        shifts = (
+            [0.0]
+            if quantity is None
+            else [quantity.low]
+            if quantity.single
+            else [quantity.low, quantity.high]
+        )
         stamps = [_stamp(moment + sign * dt.timedelta(seconds=shift_s)) for shift_s in shifts]
         self._draft.put(("environment", "start_utc"), stamps[0], span, note)
         if len(stamps) > 1:
-            self._draft.ranges.append(VariedField(name="start", paths=("environment.start_utc",), levels=tuple(stamps)))
+            self._draft.ranges.append(
+                VariedField(name="start", paths=("environment.start_utc",), levels=tuple(stamps))
+            )
 
 
 def _stamp(moment: dt.datetime) -> str:
@@ -235,4 +281,9 @@ def _stamp(moment: dt.datetime) -> str:
 
 
 def _intensities(phrase: Phrase) -> list[Part]:
-    return [intensity for part in phrase.parts if isinstance(part, Phrase) for intensity in part.every("INTENSITY")]
+    return [
+        intensity
+        for part in phrase.parts
+        if isinstance(part, Phrase)
+        for intensity in part.every("INTENSITY")
+    ]

@@ -1,4 +1,6 @@
-"""Designs of experiments: factors, their levels, the methods that combine them, and how good the result is."""
+"""Designs of experiments: factors, their levels, the methods that combine them, and how good the result
+is.
+"""
 
 from __future__ import annotations
 

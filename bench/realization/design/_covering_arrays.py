@@ -1,9 +1,10 @@
 """Covering arrays: few points in which every allowed combination of levels of any t factors occurs.
 
-Built in parameter order: Lei, Y., Kacker, R., Kuhn, D. R., Okun, V. and Lawrence, J. (2008), "IPOG/IPOG-D: efficient test generation for
-multi-way combinatorial testing", Software Testing, Verification and Reliability 18(3), 125-148. Constraints and conditional factors decide which
-combinations can occur: Yu, L., Lei, Y., Nourozborazjany, M., Kacker, R. and Kuhn, D. R.
-(2013), "An efficient algorithm for constraint handling in combinatorial test generation", ICST 2013.
+Built in parameter order: Lei, Y., Kacker, R., Kuhn, D. R., Okun, V. and Lawrence, J. (2008), "IPOG/IPOG-D:
+efficient test generation for multi-way combinatorial testing", Software Testing, Verification and Reliability
+18(3), 125-148. Constraints and conditional factors decide which combinations can occur: Yu, L., Lei, Y.,
+Nourozborazjany, M., Kacker, R. and Kuhn, D. R. (2013), "An efficient algorithm for constraint handling in
+combinatorial test generation", ICST 2013.
 """
 
 from __future__ import annotations
@@ -50,12 +51,16 @@ class CoveringArray(Document):
             raise ValueError(
                 f"there are {count} combinations of {strength} levels to cover, more than {MAX_COMBINATIONS}; lower strength"
             )
-        rows = _covering_rows(choices, strength, PartialAssignments(choices, space.rules()), np.random.default_rng(seed))
+        rows = _covering_rows(
+            choices, strength, PartialAssignments(choices, space.rules()), np.random.default_rng(seed)
+        )
         return [space.complete(row) for row in rows]
 
 
 class PartialAssignments:
-    """Decides whether a partial choice of levels, as indices into `choices`, can be completed without breaking a rule."""
+    """Decides whether a partial choice of levels, as indices into `choices`, can be completed without
+    breaking a rule.
+    """
 
     def __init__(self, choices: Mapping[str, Sequence[FactorLevel]], rules: Sequence[LevelRule]) -> None:
         self._names = list(choices)
@@ -86,7 +91,9 @@ class PartialAssignments:
         """The levels of a complete row."""
         return {name: levels[at] for name, levels, at in zip(self._names, self._choices, row, strict=True)}
 
-    def _filled(self, row: list[int], unset: list[int], draws: np.random.Generator | None) -> list[int] | None:
+    def _filled(
+        self, row: list[int], unset: list[int], draws: np.random.Generator | None
+    ) -> list[int] | None:
         if not unset:
             free = [at for at, number in enumerate(row) if number == UNSET]
             for at in free:
@@ -116,7 +123,10 @@ class PartialAssignments:
 
 
 def _covering_rows(
-    choices: Mapping[str, Sequence[FactorLevel]], strength: int, possible: PartialAssignments, draws: np.random.Generator
+    choices: Mapping[str, Sequence[FactorLevel]],
+    strength: int,
+    possible: PartialAssignments,
+    draws: np.random.Generator,
 ) -> list[FactorLevels]:
     sizes = [len(levels) for levels in choices.values()]
     if not possible([UNSET] * len(sizes)):
@@ -125,10 +135,14 @@ def _covering_rows(
     order = sorted(range(len(sizes)), key=lambda at: (-sizes[at], at))
     first = order[:strength]
     rows = [
-        row for numbers in itertools.product(*(range(sizes[at]) for at in first)) if possible(row := _row(sizes, first, numbers))
+        row
+        for numbers in itertools.product(*(range(sizes[at]) for at in first))
+        if possible(row := _row(sizes, first, numbers))
     ]
     for count in range(strength, len(order)):
-        _extend_rows(rows, _UncoveredCombinations(order[:count], order[count], sizes, strength, possible), possible)
+        _extend_rows(
+            rows, _UncoveredCombinations(order[:count], order[count], sizes, strength, possible), possible
+        )
     filled = [possible.filled(row, draws) for row in rows]
     return [possible.levels(row) for row in filled if row is not None]
 
@@ -147,7 +161,12 @@ class _UncoveredCombinations:
     """
 
     def __init__(
-        self, earlier: Sequence[int], new: int, sizes: Sequence[int], strength: int, possible: PartialAssignments
+        self,
+        earlier: Sequence[int],
+        new: int,
+        sizes: Sequence[int],
+        strength: int,
+        possible: PartialAssignments,
     ) -> None:
         self.new, self._sizes = new, sizes
         sets = list(itertools.combinations(earlier, strength - 1))
@@ -176,7 +195,11 @@ class _UncoveredCombinations:
             self.open[self._every[known], codes[known], row[self.new]] = False
 
     def remaining(self) -> Iterator[list[int]]:
-        """Each combination still uncovered, as a row with nothing else set. Those covered during the iteration are skipped."""
+        """Each combination still uncovered, as a row with nothing else set.
+
+        Those covered during the iteration are skipped.
+        """
+
         for place, code, level in np.argwhere(self.open).tolist():
             if self.open[place, code, level]:
                 factors = self.sets[place].tolist()
@@ -195,8 +218,13 @@ class _UncoveredCombinations:
         return codes, known
 
 
-def _extend_rows(rows: list[list[int]], missing: _UncoveredCombinations, possible: PartialAssignments) -> None:
-    """Give every row the level of the new factor that covers most, then add rows for what is still uncovered."""
+def _extend_rows(
+    rows: list[list[int]], missing: _UncoveredCombinations, possible: PartialAssignments
+) -> None:
+    """Give every row the level of the new factor that covers most, then add rows for what is still
+    uncovered.
+    """
+
     for row in rows:
         gains = missing.gains(row)
         # A stable sort breaks ties the same way on every machine.
@@ -219,8 +247,13 @@ def _extend_rows(rows: list[list[int]], missing: _UncoveredCombinations, possibl
 
 
 def _fits(row: Sequence[int], wanted: Sequence[int]) -> bool:
-    return all(level in (UNSET, wanted_level) or wanted_level == UNSET for level, wanted_level in zip(row, wanted, strict=True))
+    return all(
+        level in (UNSET, wanted_level) or wanted_level == UNSET
+        for level, wanted_level in zip(row, wanted, strict=True)
+    )
 
 
 def _merged(row: Sequence[int], wanted: Sequence[int]) -> list[int]:
-    return [wanted_level if level == UNSET else level for level, wanted_level in zip(row, wanted, strict=True)]
+    return [
+        wanted_level if level == UNSET else level for level, wanted_level in zip(row, wanted, strict=True)
+    ]

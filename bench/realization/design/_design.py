@@ -1,7 +1,8 @@
 """The design of an experiment: factors, the combinations of their levels, and the number of repetitions.
 
-Three ids are kept apart: a *design point* (`p017`, one combination of levels), a *replicate* (its n-th repetition, with
-seeds of its own) and a *realization* (the one SimSpec that one agent flies, `p017-r1-reference-naive`).
+Three ids are kept apart: a *design point* (`p017`, one combination of levels), a *replicate* (its n-th
+repetition, with seeds of its own) and a *realization* (the one SimSpec that one agent flies,
+`p017-r1-reference-naive`).
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ class Combines(Protocol):
     """Whether more points leave the earlier ones as they were, number and levels."""
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
-        """The points in order, each with the levels of all factors; the same for the same factors, options and seed.
+        """The points in order, each with the levels of all factors; the same for the same factors, options
+        and seed.
 
         Raises ValueError with a sentence when the method cannot combine these factors.
         """
@@ -63,7 +65,8 @@ Method = Annotated[
 class DesignPoint:
     """One combination of levels; `id` numbers the points of a design from p001.
 
-    `scene` is the id of the point whose seeds it takes: its own, or for a point at high fidelity that of its low-fidelity twin.
+    `scene` is the id of the point whose seeds it takes: its own, or for a point at high fidelity that of its
+    low-fidelity twin.
     """
 
     id: str
@@ -82,14 +85,22 @@ class Design(Document):
     factors: tuple[DesignFactor, ...] = ()
     forbid: Annotated[
         tuple[ExpressionText, ...],
-        Field(max_length=200, description="Combinations that are not flown, for example \"fog > 3 and approach == 'N'\"."),
+        Field(
+            max_length=200,
+            description="Combinations that are not flown, for example \"fog > 3 and approach == 'N'\".",
+        ),
     ] = ()
     method: Method = FullFactorial()
     then: Annotated[
         tuple[Method, ...],
-        Field(max_length=20, description="Further points, numbered after all earlier ones, which stay as they are."),
+        Field(
+            max_length=20,
+            description="Further points, numbered after all earlier ones, which stay as they are.",
+        ),
     ] = ()
-    replicates: Annotated[int, Field(ge=1, le=10_000, description="Repetitions of each point, each with seeds of its own.")] = 1
+    replicates: Annotated[
+        int, Field(ge=1, le=10_000, description="Repetitions of each point, each with seeds of its own.")
+    ] = 1
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
 
     @model_validator(mode="after")
@@ -110,7 +121,9 @@ class Design(Document):
                 )
         # Counted before anything is drawn, so that a slip in a range does not fill the memory.
         if sum(counts) > MAX_POINTS:
-            raise ValueError(f"the design has {sum(counts)} pairs of design point and replicate, more than {MAX_POINTS}")
+            raise ValueError(
+                f"the design has {sum(counts)} pairs of design point and replicate, more than {MAX_POINTS}"
+            )
         if not sum(counts):
             raise ValueError("every point is forbidden")
         return self
@@ -131,15 +144,19 @@ class Design(Document):
         return any(isinstance(method, Stratified) for method in self.methods)
 
     def points(self, difficulties: Difficulties | None = None) -> list[DesignPoint]:
-        """Every design point, in the design's own order; the same for the same document (and difficulties, where it is `rated`)."""
+        """Every design point, in the design's own order; the same for the same document (and difficulties,
+        where it is `rated`).
+        """
+
         return [point for block in self._blocks(difficulties) for point in block]
 
     def pairs(self, difficulties: Difficulties | None = None) -> list[tuple[DesignPoint, int]]:
         """The (point, replicate) pairs to fly, ordered by point and replicate, replicates from 1.
 
-        When `take` draws some of them, a pair's rank in the draw depends on the seed and the pair alone: a larger `take` keeps
-        those already drawn.
+        When `take` draws some of them, a pair's rank in the draw depends on the seed and the pair alone: a
+        larger `take` keeps those already drawn.
         """
+
         blocks = zip(self.methods, self._blocks(difficulties), strict=True)
         return [pair for method, block in blocks for pair in self._pairs(method, block)]
 
@@ -176,7 +193,9 @@ class Design(Document):
     def _seed(self, place: int) -> int:
         """The design's seed for its first method, and a derived seed for each further one."""
         return (
-            self.seed if place == 0 else int.from_bytes(hashlib.blake2b(f"{self.seed}/then/{place}".encode()).digest()[:7], "big")
+            self.seed
+            if place == 0
+            else int.from_bytes(hashlib.blake2b(f"{self.seed}/then/{place}".encode()).digest()[:7], "big")
         )
 
     def _lot(self, pair: tuple[DesignPoint, int]) -> bytes:
@@ -187,8 +206,10 @@ class Design(Document):
 def _numbered(combinations: Sequence[FactorLevels], before: int, twins: Container[int]) -> list[DesignPoint]:
     """Points numbered from `before` + 1. Those at places in `twins` share the scene of the point before them.
 
-    Other points with equal levels get scenes of their own: two flights of one scene would count as two trials.
+    Other points with equal levels get scenes of their own: two flights of one scene would count as two
+    trials.
     """
+
     names = [f"p{number:03d}" for number in range(before + 1, before + 1 + len(combinations))]
     return [
         DesignPoint(name, levels, names[place - 1] if place in twins else name)

@@ -1,9 +1,9 @@
 """Small expressions over factors: `crowd * 0.05 + 2`, `gps == 'degraded' and not night`.
 
-Numbers, quoted texts, true and false, factors by name; `+ - * / % **`, comparisons, `and`, `or`, `not`, `a if b else c`, brackets,
-and min, max, abs, round, floor, ceil, sqrt. There are no attributes, other calls or loops, so an
-expression from an untrusted file always ends and has no side effects. Names may contain hyphens: `fog-level` is one name,
-`fog - level` is a difference.
+Numbers, quoted texts, true and false, factors by name; `+ - * / % **`, comparisons, `and`, `or`, `not`, `a if
+b else c`, brackets, and min, max, abs, round, floor, ceil, sqrt. There are no attributes, other calls or
+loops, so an expression from an untrusted file always ends and has no side effects. Names may contain hyphens:
+`fog-level` is one name, `fog - level` is a difference.
 """
 
 from __future__ import annotations
@@ -88,9 +88,10 @@ class Expression:
     def value(self, levels: Mapping[str, object]) -> Value:
         """The value at these levels; every number is a float.
 
-        Raises ValueError with a sentence when there is none (division by zero, a text among numbers), and InactiveFactor when it
-        reads a name that `levels` lacks.
+        Raises ValueError with a sentence when there is none (division by zero, a text among numbers), and
+        InactiveFactor when it reads a name that `levels` lacks.
         """
+
         try:
             return self._evaluate(levels)
         except (ArithmeticError, ValueError) as error:
@@ -139,7 +140,9 @@ class _Reader:
         while place < len(text):
             match = _TOKEN.match(text, place)
             if match is None:
-                raise ValueError(f"{self._text!r}: {text[place:].strip()[:1]!r} is not allowed in an expression")
+                raise ValueError(
+                    f"{self._text!r}: {text[place:].strip()[:1]!r} is not allowed in an expression"
+                )
             place = match.end()
             kind = str(match.lastgroup)
             word = match[kind]
@@ -214,13 +217,21 @@ class _Reader:
         return _chain(terms, signs) if signs else terms[0]
 
     def _note_compared(self, places: list[int], signs: list[str]) -> None:
-        """Record names that are compared with a text, true or false. `places` are the first tokens of terms; the sign lies between."""
+        """Record names that are compared with a text, true or false.
+
+        `places` are the first tokens of terms; the sign lies between.
+        """
+
         ends = [*(place - 1 for place in places[1:]), self._place]
-        single_tokens = [self._tokens[at] if end == at + 1 else ("", "") for at, end in zip(places, ends, strict=True)]
+        single_tokens = [
+            self._tokens[at] if end == at + 1 else ("", "") for at, end in zip(places, ends, strict=True)
+        ]
         for sign, term, next_term in zip(signs, single_tokens, single_tokens[1:], strict=False):
             for (kind, name), (other_kind, other_word) in ((term, next_term), (next_term, term)):
                 if sign in _EQUALITY and kind == "name" and other_kind in ("text", "word"):
-                    self.compared.add((name, other_word[1:-1] if other_kind == "text" else other_word == "true"))
+                    self.compared.add(
+                        (name, other_word[1:-1] if other_kind == "text" else other_word == "true")
+                    )
 
     def _sum(self) -> Evaluate:
         evaluate = self._product()

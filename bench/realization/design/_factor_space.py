@@ -9,7 +9,8 @@ from graphlib import CycleError, TopologicalSorter
 from ._expression import Expression, InactiveFactor, parse_expression
 from ._factors import INACTIVE, DesignFactor, FactorLevel, FactorLevels
 
-# Points that a sequence may have refused for each one found, before what is forbidden is said to leave too little ...
+# Points that a sequence may have refused for each one found, before what is forbidden is said to leave too
+# little ...
 MAX_DRAWS_PER_POINT = 1000
 
 
@@ -19,7 +20,9 @@ MIN_POINTS_FOR_LIMIT = 10
 
 @dataclass(frozen=True, slots=True)
 class LevelRule:
-    """A condition on a point: `names` are the free factors it depends on; `broken` may be called once all of them have levels."""
+    """A condition on a point: `names` are the free factors it depends on; `broken` may be called once all of
+    them have levels.
+    """
 
     names: frozenset[str]
     broken: Callable[[Mapping[str, FactorLevel]], bool]
@@ -35,15 +38,21 @@ class FactorSpace:
         self.factors = tuple(factors)
         self.free = tuple(factor for factor in factors if factor.formula is None)
         known = {factor.name: factor for factor in factors}
-        texts = {factor.name: factor.formula or factor.when for factor in factors if factor.formula or factor.when}
-        self._expressions = {name: _parsed(f"factor {name!r}", str(text), known) for name, text in texts.items()}
+        texts = {
+            factor.name: factor.formula or factor.when for factor in factors if factor.formula or factor.when
+        }
+        self._expressions = {
+            name: _parsed(f"factor {name!r}", str(text), known) for name, text in texts.items()
+        }
         self._forbidden = [_parsed("forbid", text, known) for text in forbid]
         try:
             # Formulas are evaluated in dependency order, so each finds its inputs.
             order = TopologicalSorter(
                 {name: self._expressions[name].names if name in self._expressions else () for name in known}
             )
-            self._derived_factors = [known[name] for name in order.static_order() if name in self._expressions]
+            self._derived_factors = [
+                known[name] for name in order.static_order() if name in self._expressions
+            ]
         except CycleError as error:
             circle = " -> ".join(map(str, reversed(error.args[1])))
             raise ValueError(f"factors follow from each other in a circle: {circle}") from None
@@ -59,14 +68,22 @@ class FactorSpace:
         return not self._forbidden and not any(factor.when for factor in self.factors)
 
     def complete(self, chosen: Mapping[str, FactorLevel]) -> FactorLevels:
-        """Levels of all factors, in the design's order, from those of the free ones. Raises ValueError where a formula fails."""
+        """Levels of all factors, in the design's order, from those of the free ones.
+
+        Raises ValueError where a formula fails.
+        """
+
         levels = dict(chosen)
         for factor in self._derived_factors:
             levels[factor.name] = self._level(factor, levels)
         return {factor.name: levels[factor.name] for factor in self.factors}
 
     def allows(self, levels: Mapping[str, FactorLevel]) -> bool:
-        """Whether no `forbid` expression holds of a complete point. An expression that reads an inactive factor forbids nothing."""
+        """Whether no `forbid` expression holds of a complete point.
+
+        An expression that reads an inactive factor forbids nothing.
+        """
+
         return not any(_holds(ban, self._active(levels)) for ban in self._forbidden)
 
     def choices(self, factor: DesignFactor) -> tuple[FactorLevel, ...]:
@@ -75,8 +92,14 @@ class FactorSpace:
 
     def rules(self) -> tuple[LevelRule, ...]:
         """All rules for a choice of levels, `inactive` included."""
-        switches = [LevelRule(self._support([factor.name]), self._switch_broken(factor)) for factor in self.free if factor.when]
-        bans = [LevelRule(self._support(factor.names), self._ban_broken(factor)) for factor in self._forbidden]
+        switches = [
+            LevelRule(self._support([factor.name]), self._switch_broken(factor))
+            for factor in self.free
+            if factor.when
+        ]
+        bans = [
+            LevelRule(self._support(factor.names), self._ban_broken(factor)) for factor in self._forbidden
+        ]
         return (*switches, *bans)
 
     def whole(self, chosen: Iterable[Mapping[str, FactorLevel]]) -> Iterator[FactorLevels]:
@@ -84,7 +107,11 @@ class FactorSpace:
         return (levels for levels in map(self.complete, chosen) if self.allows(levels))
 
     def first(self, chosen: Iterable[Mapping[str, FactorLevel]], count: int) -> list[FactorLevels]:
-        """The first `count` allowed points of an endless sequence. Raises ValueError when they are too rare."""
+        """The first `count` allowed points of an endless sequence.
+
+        Raises ValueError when they are too rare.
+        """
+
         allowed: list[FactorLevels] = []
         for drawn, levels in enumerate(map(self.complete, chosen), start=1):
             if self.allows(levels):
@@ -93,11 +120,17 @@ class FactorSpace:
                 break
             # Without a limit, a `forbid` that excludes everything would draw forever.
             if drawn >= MAX_DRAWS_PER_POINT * (len(allowed) + min(count, MIN_POINTS_FOR_LIMIT)):
-                raise ValueError(f"`forbid` leaves {len(allowed)} of {drawn} points drawn; {count} are required")
+                raise ValueError(
+                    f"`forbid` leaves {len(allowed)} of {drawn} points drawn; {count} are required"
+                )
         return allowed
 
     def every(self, chosen: Sequence[Mapping[str, FactorLevel]], kind: str) -> list[FactorLevels]:
-        """All of these points. Raises ValueError when one is forbidden: part of a balanced design is not balanced."""
+        """All of these points.
+
+        Raises ValueError when one is forbidden: part of a balanced design is not balanced.
+        """
+
         allowed = list(self.whole(chosen))
         if len(allowed) < len(chosen):
             raise ValueError(
@@ -112,7 +145,10 @@ class FactorSpace:
 
     def ranked(self, ranks: Iterable[int], count: int) -> FactorLevels:
         """The free factors' levels at ranks of `count` even steps, one for each."""
-        return {factor.name: factor.ranked(int(rank), count) for factor, rank in zip(self.free, ranks, strict=True)}
+        return {
+            factor.name: factor.ranked(int(rank), count)
+            for factor, rank in zip(self.free, ranks, strict=True)
+        }
 
     def _level(self, factor: DesignFactor, levels: FactorLevels) -> FactorLevel:
         expression = self._expressions[factor.name]
@@ -128,7 +164,9 @@ class FactorSpace:
         return round(value) if factor.integer and isinstance(value, float) else value
 
     def _active(self, levels: Mapping[str, FactorLevel]) -> dict[str, FactorLevel]:
-        inactive = {factor.name for factor in self.factors if factor.when and levels.get(factor.name) == INACTIVE}
+        inactive = {
+            factor.name for factor in self.factors if factor.when and levels.get(factor.name) == INACTIVE
+        }
         return {name: level for name, level in levels.items() if name not in inactive}
 
     def _support(self, names: Iterable[str]) -> frozenset[str]:
@@ -151,7 +189,9 @@ class FactorSpace:
 
     def _switch_broken(self, factor: DesignFactor) -> Callable[[Mapping[str, FactorLevel]], bool]:
         condition = self._expressions[factor.name]
-        return lambda levels: _holds(condition, self._derived(levels, condition)) is (levels[factor.name] == INACTIVE)
+        return lambda levels: (
+            _holds(condition, self._derived(levels, condition)) is (levels[factor.name] == INACTIVE)
+        )
 
     def _ban_broken(self, expression: Expression) -> Callable[[Mapping[str, FactorLevel]], bool]:
         return lambda levels: _holds(expression, self._derived(levels, expression))
@@ -161,19 +201,32 @@ def _parsed(where: str, text: str, known: Mapping[str, DesignFactor]) -> Express
     expression = parse_expression(text)
     unknown = sorted(expression.names - known.keys())
     if unknown:
-        raise ValueError(f"{where}: {text!r} names {unknown[0]!r}, which is not a factor (there are: {', '.join(known)})")
+        raise ValueError(
+            f"{where}: {text!r} names {unknown[0]!r}, which is not a factor (there are: {', '.join(known)})"
+        )
     for name, value in sorted(expression.compared, key=str):
         _check_compared(where, text, known[name], value)
     return expression
 
 
 def _check_compared(where: str, text: str, factor: DesignFactor, value: str | bool) -> None:
-    """Raise ValueError for a text that the factor never takes: a typing error would silently forbid nothing."""
-    if factor.formula is not None or any(level == value and isinstance(level, str | bool) for level in factor.levels):
+    """Raise ValueError for a text that the factor never takes: a typing error would silently forbid
+    nothing.
+    """
+
+    if factor.formula is not None or any(
+        level == value and isinstance(level, str | bool) for level in factor.levels
+    ):
         return
     value_text = "true" if value is True else "false" if value is False else repr(value)
-    levels = ", ".join(map(str, factor.levels)) if factor.range is None else f"{factor.range.low:g} ... {factor.range.high:g}"
-    raise ValueError(f"{where}: {text!r} compares {factor.name!r} with {value_text}, which it never is (it has: {levels})")
+    levels = (
+        ", ".join(map(str, factor.levels))
+        if factor.range is None
+        else f"{factor.range.low:g} ... {factor.range.high:g}"
+    )
+    raise ValueError(
+        f"{where}: {text!r} compares {factor.name!r} with {value_text}, which it never is (it has: {levels})"
+    )
 
 
 def _holds(expression: Expression, levels: Mapping[str, FactorLevel]) -> bool:

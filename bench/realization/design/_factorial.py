@@ -20,7 +20,10 @@ class FullFactorial(Document):
     grows: ClassVar[bool] = False
     kind: Literal["full_factorial"] = "full_factorial"
     take: Annotated[
-        int | None, Field(ge=1, description="Draw so many (point, replicate) pairs without replacement; all when absent.")
+        int | None,
+        Field(
+            ge=1, description="Draw so many (point, replicate) pairs without replacement; all when absent."
+        ),
     ] = None
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
@@ -32,7 +35,9 @@ class FullFactorial(Document):
                 f"the full factorial has {size} points, more than {MAX_POINTS}; use a latin_hypercube or fewer levels"
             )
         names = [factor.name for factor in space.free]
-        return _distinct(space, [dict(zip(names, levels, strict=True)) for levels in itertools.product(*counted)])
+        return _distinct(
+            space, [dict(zip(names, levels, strict=True)) for levels in itertools.product(*counted)]
+        )
 
 
 class OneByOne(Document):

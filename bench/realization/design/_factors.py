@@ -21,7 +21,8 @@ FactorLevel = bool | int | float | str
 FactorLevels = dict[str, FactorLevel]
 
 
-# The level of a conditional factor in a point whose other levels do not switch it on; it changes nothing there.
+# The level of a conditional factor in a point whose other levels do not switch it on; it changes nothing
+# there.
 INACTIVE = "inactive"
 
 
@@ -34,7 +35,10 @@ class FactorRange(Document):
     low: float
     high: float
     steps: Annotated[
-        int | None, Field(ge=2, le=1000, description="Evenly spaced levels for designs that count levels, ends included.")
+        int | None,
+        Field(
+            ge=2, le=1000, description="Evenly spaced levels for designs that count levels, ends included."
+        ),
     ] = None
     integer: Annotated[bool, Field(description="Round to whole numbers.")] = False
 
@@ -67,20 +71,24 @@ class FactorRange(Document):
 class DesignFactor(Document):
     """A factor of a design: levels, a range or a formula, and the fields of the SimSpec that take its value.
 
-    `sets` are paths that all take the level's value itself; `patches` give, for a level by name, other values for paths
-    (an approach of N, E, S or W that moves the vehicle's home).
+    `sets` are paths that all take the level's value itself; `patches` give, for a level by name, other values
+    for paths (an approach of N, E, S or W that moves the vehicle's home).
     """
 
     name: Identifier
-    unit: Annotated[str | None, Field(description="Checked against the unit that the paths' names state.")] = None
+    unit: Annotated[
+        str | None, Field(description="Checked against the unit that the paths' names state.")
+    ] = None
     levels: Annotated[tuple[FactorLevel, ...], Field(max_length=1000)] = ()
     range: FactorRange | None = None
     formula: Annotated[
-        ExpressionText | None, Field(description="The level follows from other factors, for example 'crowd * 0.05 + 2'.")
+        ExpressionText | None,
+        Field(description="The level follows from other factors, for example 'crowd * 0.05 + 2'."),
     ] = None
     integer: Annotated[bool, Field(description="Round what the formula gives to whole numbers.")] = False
     when: Annotated[
-        ExpressionText | None, Field(description="Active only where this holds of other factors; elsewhere it changes nothing.")
+        ExpressionText | None,
+        Field(description="Active only where this holds of other factors; elsewhere it changes nothing."),
     ] = None
     sets: tuple[str, ...] = ()
     patches: dict[str, dict[str, Any]] = {}
@@ -91,18 +99,26 @@ class DesignFactor(Document):
             raise ValueError(f"factor {self.name!r}: give either levels (at least one) or range or formula")
         twice = [level for level, times in Counter(self.levels).items() if times > 1]
         if twice:
-            raise ValueError(f"factor {self.name!r}: level {twice[0]!r} stands twice (numbers that are equal are one level)")
+            raise ValueError(
+                f"factor {self.name!r}: level {twice[0]!r} stands twice (numbers that are equal are one level)"
+            )
         if not self.sets and not self.patches:
-            raise ValueError(f"factor {self.name!r} changes nothing; give sets (paths into the SimSpec) or patches")
+            raise ValueError(
+                f"factor {self.name!r} changes nothing; give sets (paths into the SimSpec) or patches"
+            )
         # As text: keys in YAML and JSON are text, levels may be numbers.
         if self.patches and set(self.patches) != set(map(str, self.levels)):
             raise ValueError(
                 f"factor {self.name!r}: patches {sorted(self.patches)} must name exactly the levels {list(self.levels)}"
             )
         if self.formula is not None and self.when is not None:
-            raise ValueError(f"factor {self.name!r}: give formula or when; a formula may say `a if condition else b`")
+            raise ValueError(
+                f"factor {self.name!r}: give formula or when; a formula may say `a if condition else b`"
+            )
         if self.integer and self.formula is None:
-            raise ValueError(f"factor {self.name!r}: integer here is of a formula; of a range it stands in the range")
+            raise ValueError(
+                f"factor {self.name!r}: integer here is of a formula; of a range it stands in the range"
+            )
         if self.when is not None and INACTIVE in self.levels:
             raise ValueError(
                 f"factor {self.name!r}: the level {INACTIVE!r} means that its `when` does not hold; name it otherwise"
@@ -117,26 +133,38 @@ class DesignFactor(Document):
         if self.range is None:
             return self.levels
         if self.range.steps is None:
-            raise ValueError(f"factor {self.name!r} is a range; this design counts levels: give levels or range.steps")
-        return tuple(_rounded(self.range.at(step / (self.range.steps - 1))) for step in range(self.range.steps))
+            raise ValueError(
+                f"factor {self.name!r} is a range; this design counts levels: give levels or range.steps"
+            )
+        return tuple(
+            _rounded(self.range.at(step / (self.range.steps - 1))) for step in range(self.range.steps)
+        )
 
     def ends(self) -> tuple[FactorLevel, FactorLevel]:
         """Its two levels, or the ends of its range. Raises ValueError for any other number of levels."""
         if self.range is not None:
             return self.range.at(0.0), self.range.at(1.0)
         if len(self.levels) != 2:
-            raise ValueError(f"factor {self.name!r} has {len(self.levels)} levels; this design takes two, or the ends of a range")
+            raise ValueError(
+                f"factor {self.name!r} has {len(self.levels)} levels; this design takes two, or the ends of a range"
+            )
         return self.levels[0], self.levels[1]
 
     def at(self, share: float) -> FactorLevel:
-        """The level at a share in [0, 1]: within the range, or the levels (and whole numbers) in equal parts."""
+        """The level at a share in [0, 1]: within the range, or the levels (and whole numbers) in equal
+        parts.
+        """
+
         if self.range is not None:
             return self.range.drawn(share)
         # A share of exactly 1 belongs to the last level.
         return self.levels[min(int(share * len(self.levels)), len(self.levels) - 1)]
 
     def ranked(self, rank: int, count: int) -> FactorLevel:
-        """The level of the rank, from 0, among `count` even steps: a range's ends are reached, whole numbers and levels take turns."""
+        """The level of the rank, from 0, among `count` even steps: a range's ends are reached, whole numbers
+        and levels take turns.
+        """
+
         if self.range is not None and not self.range.integer:
             return self.range.at(rank / (count - 1))
         return self.at((rank + 0.5) / count)
@@ -149,5 +177,8 @@ class DesignFactor(Document):
 
 
 def _rounded(value: float | int) -> float | int:
-    """The value to 12 digits: 0.3 instead of 0.30000000000000004, so that `forbid` expressions with 0.3 match it."""
+    """The value to 12 digits: 0.3 instead of 0.30000000000000004, so that `forbid` expressions with 0.3 match
+    it.
+    """
+
     return float(f"{value:.12g}") if isinstance(value, float) else value

@@ -1,6 +1,7 @@
 """Regular fractions of two-level factorials, by resolution, by runs, or by generators.
 
-Box, G. E. P., Hunter, J. S. and Hunter, W. G. (2005), Statistics for Experimenters, chapter 6 (fractions, resolution).
+Box, G. E. P., Hunter, J. S. and Hunter, W. G. (2005), Statistics for Experimenters, chapter 6 (fractions,
+resolution).
 """
 
 from __future__ import annotations
@@ -30,14 +31,18 @@ MAX_COLUMNS_TRIED = 20_000
 class FractionalFactorial(Document):
     """A regular fraction of the two-level full factorial: by resolution, by runs, or by its generators.
 
-    Resolution III keeps main effects apart from each other, IV also from interactions of two, V those from each other too.
+    Resolution III keeps main effects apart from each other, IV also from interactions of two, V those from
+    each other too.
     """
 
     grows: ClassVar[bool] = False
     kind: Literal["fractional_factorial"] = "fractional_factorial"
-    resolution: Annotated[int | None, Field(ge=3, le=8, description="The least runs that have at least this resolution.")] = None
+    resolution: Annotated[
+        int | None, Field(ge=3, le=8, description="The least runs that have at least this resolution.")
+    ] = None
     runs: Annotated[
-        int | None, Field(ge=4, le=MAX_RUNS, description="A power of two; the best resolution that the search finds.")
+        int | None,
+        Field(ge=4, le=MAX_RUNS, description="A power of two; the best resolution that the search finds."),
     ] = None
     generators: Annotated[
         dict[Identifier, tuple[Identifier, ...]],
@@ -55,7 +60,8 @@ class FractionalFactorial(Document):
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         del seed
         return space.every(
-            two_level_points(space.free, _runs_of(self._columns([factor.name for factor in space.free]))), self.kind
+            two_level_points(space.free, _runs_of(self._columns([factor.name for factor in space.free]))),
+            self.kind,
         )
 
     def _columns(self, names: Sequence[str]) -> tuple[int, ...]:
@@ -79,7 +85,10 @@ class FractionalFactorial(Document):
 
 
 def fraction(factors: int, resolution: int) -> tuple[int, ...]:
-    """The columns of the smallest fraction found with at least this resolution; all base factors where only the whole has it."""
+    """The columns of the smallest fraction found with at least this resolution; all base factors where only
+    the whole has it.
+    """
+
     for bases in range(2, factors):
         if columns := _search(factors, bases, resolution):
             return columns
@@ -90,9 +99,10 @@ def fraction(factors: int, resolution: int) -> tuple[int, ...]:
 def _search(factors: int, bases: int, resolution: int) -> tuple[int, ...] | None:
     """Columns of a fraction in 2**bases runs; None where none is found.
 
-    It has the resolution where no fewer columns multiply to a constant: a new one may not be a product of up to
-    resolution - 2 that are there.
+    It has the resolution where no fewer columns multiply to a constant: a new one may not be a product of up
+    to resolution - 2 that are there.
     """
+
     if factors > 2**bases - 1:
         return None
     # Columns of many base factors first: products of few factors are the first to become aliased.
@@ -118,19 +128,31 @@ def _search(factors: int, bases: int, resolution: int) -> tuple[int, ...] | None
     chosen = further(start, reached, 0)
     if not chosen and resolution == 4 and factors <= 2 ** (bases - 1):
         # Columns of odd weight: an odd number of them never multiplies to a constant, nor do two that differ.
-        chosen = [*start, *(candidate for candidate in order if candidate.bit_count() % 2 and candidate not in start)][:factors]
+        chosen = [
+            *start,
+            *(candidate for candidate in order if candidate.bit_count() % 2 and candidate not in start),
+        ][:factors]
     return tuple(chosen) if chosen else None
 
 
 def _extended_products(reached: list[set[int]], column: int) -> list[set[int]]:
     """Products of n columns, for each n, once there is another column."""
-    return [reached[0], *(products | {product ^ column for product in fewer} for fewer, products in itertools.pairwise(reached))]
+    return [
+        reached[0],
+        *(
+            products | {product ^ column for product in fewer}
+            for fewer, products in itertools.pairwise(reached)
+        ),
+    ]
 
 
 def _generator_columns(names: Sequence[str], generators: Mapping[str, Sequence[str]]) -> tuple[int, ...]:
     bases = [name for name in names if name not in generators]
     for name, words in generators.items():
-        unknown = next((word for word in (name, *words) if word not in names or (word != name and word not in bases)), None)
+        unknown = next(
+            (word for word in (name, *words) if word not in names or (word != name and word not in bases)),
+            None,
+        )
         if unknown is not None:
             raise ValueError(
                 f"generators: {name!r} from {list(words)}: {unknown!r} is no {'base ' if unknown in names else ''}factor"
@@ -143,7 +165,9 @@ def _generator_columns(names: Sequence[str], generators: Mapping[str, Sequence[s
     columns = tuple(sum(place[word] for word in generators.get(name, (name,))) for name in names)
     twice = next((name for at, name in enumerate(names) if columns[at] in columns[:at]), None)
     if twice is not None:
-        raise ValueError(f"generators: {twice!r} has the same column as another factor, so their effects could not be told apart")
+        raise ValueError(
+            f"generators: {twice!r} has the same column as another factor, so their effects could not be told apart"
+        )
     return columns
 
 
@@ -168,4 +192,7 @@ def _bits(column: int) -> Iterator[int]:
 def two_level_points(factors: Sequence[DesignFactor], signs: Counts) -> list[FactorLevels]:
     ends = [factor.ends() for factor in factors]
     names = [factor.name for factor in factors]
-    return [{name: end[sign > 0] for name, end, sign in zip(names, ends, row, strict=True)} for row in signs.tolist()]
+    return [
+        {name: end[sign > 0] for name, end, sign in zip(names, ends, row, strict=True)}
+        for row in signs.tolist()
+    ]

@@ -13,7 +13,10 @@ from bench.arrays import Counts
 
 
 def conference_matrix(order: int) -> Counts | None:
-    """C with 0 on the diagonal, -1 and +1 elsewhere, C'C = (order - 1) I; None where this construction has none."""
+    """C with 0 on the diagonal, -1 and +1 elsewhere, C'C = (order - 1) I; None where this construction has
+    none.
+    """
+
     field = _jacobsthal_matrix(order - 1)
     if field is not None:
         # Symmetric for a field of 4 k + 1 elements, else skew-symmetric: -1 is a square only in the former.
@@ -32,8 +35,10 @@ def conference_matrix(order: int) -> Counts | None:
 def hadamard_matrix(order: int) -> Counts | None:
     """A Hadamard matrix, first row and column +1 up to sign; None where neither Paley nor doubling gives one.
 
-    From Paley's first kind the rest of it is cyclic, with the rows that Plackett and Burman printed for 8, 12, 20 and 24 runs.
+    From Paley's first kind the rest of it is cyclic, with the rows that Plackett and Burman printed for 8,
+    12, 20 and 24 runs.
     """
+
     if order in (1, 2):
         return np.array([[1, 1], [1, -1]], dtype=np.int64)[:order, :order]
     prime = order - 1
@@ -56,7 +61,10 @@ def hadamard_matrix(order: int) -> Counts | None:
 
 
 def _jacobsthal_matrix(size: int) -> Counts | None:
-    """Jacobsthal's matrix of the field with so many elements, a prime or a prime's square: +1 where a difference is a square."""
+    """Jacobsthal's matrix of the field with so many elements, a prime or a prime's square: +1 where a
+    difference is a square.
+    """
+
     if size % 2 == 1 and _is_prime(size):
         signs = _quadratic_character(size)
         return np.array([[signs[(column - row) % size] for column in range(size)] for row in range(size)])
@@ -78,7 +86,9 @@ def _jacobsthal_of_square(prime: int) -> Counts:
     def sign(a: int, b: int) -> int:
         return 0 if (a, b) == (0, 0) else 1 if (a, b) in squares else -1
 
-    return np.array([[sign((a - c) % prime, (b - d) % prime) for a, b in pairs] for c, d in pairs], dtype=np.int64)
+    return np.array(
+        [[sign((a - c) % prime, (b - d) % prime) for a, b in pairs] for c, d in pairs], dtype=np.int64
+    )
 
 
 def _quadratic_character(prime: int) -> Counts:

@@ -1,7 +1,7 @@
 """Nested designs: many points at low fidelity, a few of which are also flown at high fidelity.
 
-Qian, P. Z. G. (2009), "Nested Latin hypercube designs", Biometrika 96(4), 957-970: all points together are a Latin hypercube, and so
-are those at high fidelity among themselves.
+Qian, P. Z. G. (2009), "Nested Latin hypercube designs", Biometrika 96(4), 957-970: all points together are a
+Latin hypercube, and so are those at high fidelity among themselves.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ MAXIMIN_DRAWS = 20
 
 
 class Nested(Document):
-    """A Latin hypercube at low fidelity; a smaller one among its points is flown at high fidelity too, in the same scenes."""
+    """A Latin hypercube at low fidelity; a smaller one among its points is flown at high fidelity too, in the
+    same scenes.
+    """
 
     grows: ClassVar[bool] = False
     kind: Literal["nested"] = "nested"
@@ -66,7 +68,9 @@ def nested_latin_hypercube(points: int, high: int, factors: int, seed: int) -> N
     """
     draws = np.random.default_rng(seed)
     # Above 500 points one draw is kept: comparing distances takes time by the square of the points.
-    designs = [_drawn_rows(points, high, factors, draws) for _ in range(MAXIMIN_DRAWS if 1 < points <= 500 else 1)]
+    designs = [
+        _drawn_rows(points, high, factors, draws) for _ in range(MAXIMIN_DRAWS if 1 < points <= 500 else 1)
+    ]
     return max(designs, key=_closest)
 
 
@@ -74,7 +78,8 @@ def _drawn_rows(points: int, high: int, factors: int, draws: np.random.Generator
     columns = []
     for _ in range(factors):
         finer = points // high
-        # One of the fine strata inside each coarse one: so the high points are a Latin hypercube among themselves as well.
+        # One of the fine strata inside each coarse one: so the high points are a Latin hypercube among
+        # themselves as well.
         first = draws.permutation(high) * finer + draws.integers(finer, size=high)
         rest = draws.permutation(np.setdiff1d(np.arange(points), first))
         columns.append((np.concatenate([first, rest]) + draws.random(points)) / points)

@@ -1,9 +1,9 @@
 """Orthogonal and nearly orthogonal Latin hypercubes.
 
-Sun, F., Liu, M.-Q. and Lin, D. K. J. (2009), "Construction of orthogonal Latin hypercube designs", Biometrika 96(4), 971-974; run
-sizes between: the same (2010), "Construction of orthogonal Latin hypercube designs with flexible run sizes", Journal of
-Statistical Planning and Inference 140(11), 3236-3242. All arithmetic, the search included, is in whole numbers: a
-correlation of 0 is exact, and every machine finds the same design.
+Sun, F., Liu, M.-Q. and Lin, D. K. J. (2009), "Construction of orthogonal Latin hypercube designs", Biometrika
+96(4), 971-974; run sizes between: the same (2010), "Construction of orthogonal Latin hypercube designs with
+flexible run sizes", Journal of Statistical Planning and Inference 140(11), 3236-3242. All arithmetic, the
+search included, is in whole numbers: a correlation of 0 is exact, and every machine finds the same design.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ MAX_NEARLY_ORTHOGONAL_POINTS = 500
 SEARCHES = 4
 
 
-# Random choices of columns that are compared; fewer above MAX_COMPARED_POINTS points, where a comparison takes long.
+# Random choices of columns that are compared; fewer above MAX_COMPARED_POINTS points, where a comparison
+# takes long.
 COLUMN_CHOICES = 60
 
 
@@ -45,16 +46,22 @@ CORRELATION_DIVISOR = 500
 
 
 class OrthogonalLatinHypercube(Document):
-    """A Latin hypercube in which every two columns have a correlation of exactly 0, and each with every square of a column too.
+    """A Latin hypercube in which every two columns have a correlation of exactly 0, and each with every
+    square of a column too.
 
-    Up to 2**c factors in r * 2**(c + 1) points, or one more (the centre): 8 in 16, 17, 32, 33, 48 ..., 16 in 32, 33, 64, 65 ...
+    Up to 2**c factors in r * 2**(c + 1) points, or one more (the centre): 8 in 16, 17, 32, 33, 48 ..., 16 in
+    32, 33, 64, 65 ...
     """
 
     grows: ClassVar[bool] = False
     kind: Literal["orthogonal_latin_hypercube"] = "orthogonal_latin_hypercube"
     points: Annotated[
         int | None,
-        Field(ge=4, le=MAX_ORTHOGONAL_POINTS, description="The least with a centre that carries the factors, when absent."),
+        Field(
+            ge=4,
+            le=MAX_ORTHOGONAL_POINTS,
+            description="The least with a centre that carries the factors, when absent.",
+        ),
     ] = None
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
@@ -82,11 +89,13 @@ def least_points(factors: int) -> int:
 
 
 def orthogonal_latin_hypercube(points: int, factors: int) -> Counts:
-    """All columns that the construction gives for so many points, in whole numbers; any `factors` of them are orthogonal.
+    """All columns that the construction gives for so many points, in whole numbers; any `factors` of them are
+    orthogonal.
 
-    With a centre each column holds -r ... r once, without one the odd numbers -(2 r - 1) ... 2 r - 1. Raises ValueError where the
-    construction has none.
+    With a centre each column holds -r ... r once, without one the odd numbers -(2 r - 1) ... 2 r - 1. Raises
+    ValueError where the construction has none.
     """
+
     exponents = _exponents(points, factors)
     if not exponents:
         step = 2 << _exponent(factors)
@@ -116,10 +125,12 @@ def _constructed(points: int, exponent: int) -> Counts:
 
 @lru_cache(maxsize=16)
 def _maximin_columns(points: int, factors: int, seed: int) -> Counts:
-    """The maximin choice: of several random choices of columns the one whose closest points are farthest apart.
+    """The maximin choice: of several random choices of columns the one whose closest points are farthest
+    apart.
 
     Correlations do not depend on which column a factor gets, nor on its sign.
     """
+
     draws = np.random.default_rng(seed)
     squares = [_constructed(points, exponent) for exponent in _exponents(points, factors)] or [
         orthogonal_latin_hypercube(points, factors)
@@ -135,7 +146,10 @@ def _maximin_columns(points: int, factors: int, seed: int) -> Counts:
 
 
 def nearly_orthogonal_latin_hypercube(points: int, factors: int, seed: int) -> Counts:
-    """Columns that each hold 0, +-2, +-4 ... (or +-1, +-3 ...) once; the most even of a few searches from drawn hypercubes."""
+    """Columns that each hold 0, +-2, +-4 ... (or +-1, +-3 ...) once; the most even of a few searches from
+    drawn hypercubes.
+    """
+
     return _nearly_orthogonal(points, factors, seed).copy()
 
 
@@ -150,18 +164,23 @@ def largest_correlation(square: Counts) -> float:
 def _nearly_orthogonal(points: int, factors: int, seed: int) -> Counts:
     draws = np.random.default_rng(seed)
     marks = 2 * np.arange(points, dtype=np.int64) - (points - 1)
-    designs = [_decorrelated(np.stack([draws.permutation(marks) for _ in range(factors)], axis=1)) for _ in range(SEARCHES)]
+    designs = [
+        _decorrelated(np.stack([draws.permutation(marks) for _ in range(factors)], axis=1))
+        for _ in range(SEARCHES)
+    ]
     # Correlations are compared to two decimals; equal ones leave the choice to the spread of the points.
     return min(designs, key=lambda design: (round(largest_correlation(design), 2), -_closest(design)))
 
 
 def _decorrelated(square: Counts) -> Counts:
-    """Swaps within columns, the best one at a time, until all correlations are small or none lowers the sum of their squares.
+    """Swaps within columns, the best one at a time, until all correlations are small or none lowers the sum
+    of their squares.
 
-    Swapping rows a and b of column j, whose values are d apart, changes its product with another column m by d times that
-    column's difference; so the change of the whole sum is 2 d (u_a - u_b) + d d w, u being the other columns weighted by their
-    products with j, and w the squared distance of the two rows in them.
+    Swapping rows a and b of column j, whose values are d apart, changes its product with another column m by
+    d times that column's difference; so the change of the whole sum is 2 d (u_a - u_b) + d d w, u being the
+    other columns weighted by their products with j, and w the squared distance of the two rows in them.
     """
+
     square = square.copy()
     for _ in range(MAX_SWEEPS):
         improved = False
@@ -213,7 +232,10 @@ def _exponent(factors: int) -> int:
 
 
 def _halves(exponent: int) -> tuple[Counts, Counts]:
-    """The matrices S and T of Sun, Liu and Lin (2009): signs, and places 1 ... 2**c with signs, both with orthogonal columns."""
+    """The matrices S and T of Sun, Liu and Lin (2009): signs, and places 1 ... 2**c with signs, both with
+    orthogonal columns.
+    """
+
     signs, places = np.array([[1, 1], [1, -1]], dtype=np.int64), np.array([[1, 2], [2, -1]], dtype=np.int64)
     for step in range(1, exponent):
         high = 2**step

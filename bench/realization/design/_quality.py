@@ -1,7 +1,7 @@
 """Quality of a design, whatever method made it: correlations, aliases, discrepancy, coverage of combinations.
 
-Centred discrepancy: Hickernell, F. J. (1998), "A generalized discrepancy and quadrature error bound", Mathematics of Computation
-67(221), 299-322.
+Centred discrepancy: Hickernell, F. J. (1998), "A generalized discrepancy and quadrature error bound",
+Mathematics of Computation 67(221), 299-322.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from ._factors import INACTIVE, DesignFactor, FactorLevel
 RANGE_PARTS = 3
 
 
-# Above this number, discrepancy and distance are not computed: their time grows with the square of the points.
+# Above this number, discrepancy and distance are not computed: their time grows with the square of the
+# points.
 MAX_POINTS_FOR_DISTANCE = 2000
 
 
@@ -60,13 +61,18 @@ class Coverage(Document):
 
 
 class DesignQuality(Document):
-    """Quality of the points that are flown, each counted once. A number is null when it cannot be computed."""
+    """Quality of the points that are flown, each counted once.
+
+    A number is null when it cannot be computed.
+    """
 
     points: int
     pairs: Annotated[int, Field(description="Of design point and replicate.")]
     max_abs_correlation: Annotated[
         float | None,
-        Field(description="The largest absolute Pearson correlation between two factors that are numbers or have two levels."),
+        Field(
+            description="The largest absolute Pearson correlation between two factors that are numbers or have two levels."
+        ),
     ] = None
     correlated: tuple[str, ...] = ()
     max_association: Annotated[
@@ -86,21 +92,30 @@ class DesignQuality(Document):
     interacting: tuple[str, ...] = ()
     aliased: Annotated[
         tuple[str, ...],
-        Field(description="Main effects and two-factor interactions that results of these points cannot separate."),
+        Field(
+            description="Main effects and two-factor interactions that results of these points cannot separate."
+        ),
     ] = ()
-    estimable: Annotated[bool | None, Field(description="Whether the main effects of all factors can be estimated together.")] = (
-        None
-    )
+    estimable: Annotated[
+        bool | None, Field(description="Whether the main effects of all factors can be estimated together.")
+    ] = None
     discrepancy: Annotated[
-        float | None, Field(description="Centred L2 discrepancy of the points in the unit cube, squared; 0 is best.")
+        float | None,
+        Field(description="Centred L2 discrepancy of the points in the unit cube, squared; 0 is best."),
     ] = None
     min_distance: Annotated[
         float | None,
-        Field(description="Of the two closest points, in the unit cube, over its diagonal; 0 where two are the same."),
+        Field(
+            description="Of the two closest points, in the unit cube, over its diagonal; 0 where two are the same."
+        ),
     ] = None
     coverage: tuple[Coverage, ...] = ()
-    configurations: Annotated[dict[str, int], Field(description="Design points in each difficulty configuration.")] = {}
-    extendable: Annotated[bool, Field(description="Whether more points of the same method leave these as they are.")] = False
+    configurations: Annotated[
+        dict[str, int], Field(description="Design points in each difficulty configuration.")
+    ] = {}
+    extendable: Annotated[
+        bool, Field(description="Whether more points of the same method leave these as they are.")
+    ] = False
 
     def lines(self) -> Iterator[str]:
         """Lines for people to read."""
@@ -113,14 +128,19 @@ class DesignQuality(Document):
             between = f" ({' and '.join(self.interacting)})" if self.interacting else ""
             yield f"main effects with interactions of two: correlation up to {self.max_interaction:.3g}{between}"
         if self.aliased:
-            more = f"; and {len(self.aliased) - SHOWN_ALIASES} more" if len(self.aliased) > SHOWN_ALIASES else ""
+            more = (
+                f"; and {len(self.aliased) - SHOWN_ALIASES} more" if len(self.aliased) > SHOWN_ALIASES else ""
+            )
             yield f"cannot be separated: {'; '.join(self.aliased[:SHOWN_ALIASES])}{more}"
         if self.estimable is False:
             yield "there are too few points, or too similar ones, to estimate the main effects of all factors"
         if self.discrepancy is not None and self.min_distance is not None:
             yield f"centred discrepancy {self.discrepancy:.4g}, closest points {self.min_distance:.3g} of the diagonal apart"
         if self.coverage:
-            shares = (f"{order.covered} of {order.possible} for t = {order.t} ({order.share:.0%})" for order in self.coverage)
+            shares = (
+                f"{order.covered} of {order.possible} for t = {order.t} ({order.share:.0%})"
+                for order in self.coverage
+            )
             yield f"combinations of t levels: {', '.join(shares)}"
         for name, count in list(self.configurations.items())[:SHOWN_CONFIGURATIONS]:
             yield f"{count} {'point' if count == 1 else 'points'} in configuration {name}"
@@ -136,17 +156,25 @@ def design_quality(
     extendable: bool = False,
     configurations: Sequence[str] = (),
 ) -> DesignQuality:
-    """Measure these points of a design, each flown in some of the `pairs`. `configurations` names the difficulty configuration of each point, in their order, where it is known.
+    """Measure these points of a design, each flown in some of the `pairs`. `configurations` names the
+    difficulty configuration of each point, in their order, where it is known.
 
-    Factors that follow from others are left out. Conditional ones count in correlations where they are active, and in discrepancy and
-    distance only where they always are.
+    Factors that follow from others are left out. Conditional ones count in correlations where they are
+    active, and in discrepancy and distance only where they always are.
     """
-    numbers = {factor.name: column for factor in space.free if (column := _column(factor, points)) is not None}
+
+    numbers = {
+        factor.name: column for factor in space.free if (column := _column(factor, points)) is not None
+    }
     columns = {factor.name: block for factor in space.free if (block := _block(factor, points)) is not None}
     largest, pair = _largest(columns, numbers, names=False)
     association, associated = _largest(columns, numbers, names=True)
     mixed, mixing, aliased = _interactions(numbers)
-    cube = [column for factor in space.free if (column := numbers.get(factor.name, _names_column(factor, points))) is not None]
+    cube = [
+        column
+        for factor in space.free
+        if (column := numbers.get(factor.name, _names_column(factor, points))) is not None
+    ]
     unit = np.stack(cube, axis=1) if cube else np.zeros((len(points), 0))
     measured = unit.shape[1] > 0 and 2 <= len(points) <= MAX_POINTS_FOR_DISTANCE
     return DesignQuality(
@@ -169,7 +197,10 @@ def design_quality(
 
 
 def coverage(space: FactorSpace, points: Sequence[DesignPoint], t: int) -> Coverage | None:
-    """How many of the combinations of t factors' levels occur; None where there are fewer factors, or too many combinations."""
+    """How many of the combinations of t factors' levels occur; None where there are fewer factors, or too
+    many combinations.
+    """
+
     choices = {levels.name: _parts(levels) for levels in space.free}
     places = list(itertools.combinations(range(len(choices)), t))
     sizes = [len(levels) for levels in choices.values()]
@@ -187,7 +218,10 @@ def coverage(space: FactorSpace, points: Sequence[DesignPoint], t: int) -> Cover
 
 
 def _possible(
-    space: FactorSpace, choices: Mapping[str, Sequence[FactorLevel]], places: Sequence[tuple[int, ...]], sizes: Sequence[int]
+    space: FactorSpace,
+    choices: Mapping[str, Sequence[FactorLevel]],
+    places: Sequence[tuple[int, ...]],
+    sizes: Sequence[int],
 ) -> int:
     """The number of allowed combinations. A rule counts only when all its factors have countable levels."""
     counted = {factor.name for factor in space.free if factor.range is None or factor.range.steps is not None}
@@ -213,7 +247,10 @@ def _parts(factor: DesignFactor) -> tuple[FactorLevel, ...]:
 
 
 def _part(factor: DesignFactor, level: FactorLevel) -> int:
-    """The index of a level: its own, that of the nearest step of a range, or that of the part of the range it lies in."""
+    """The index of a level: its own, that of the nearest step of a range, or that of the part of the range it
+    lies in.
+    """
+
     if factor.when and level == INACTIVE:
         return len(_parts(factor)) - 1
     if factor.range is None:
@@ -227,11 +264,16 @@ def _part(factor: DesignFactor, level: FactorLevel) -> int:
 
 
 def _column(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.float64] | None:
-    """Levels scaled to [0, 1], for numbers or two levels; None for other factors and for those inactive at some point."""
+    """Levels scaled to [0, 1], for numbers or two levels; None for other factors and for those inactive at
+    some point.
+    """
+
     levels = [point.levels[factor.name] for point in points]
     if factor.when and INACTIVE in levels:
         return None
-    numeric = all(isinstance(level, int | float) and not isinstance(level, bool) for level in (*levels, *factor.levels))
+    numeric = all(
+        isinstance(level, int | float) and not isinstance(level, bool) for level in (*levels, *factor.levels)
+    )
     if not numeric:
         return _names_column(factor, points) if len(factor.levels) == 2 else None
     values = np.array([float(level) for level in levels])
@@ -247,10 +289,15 @@ def _bounds(factor: DesignFactor, values: NDArray[np.float64]) -> tuple[float, f
 
 
 def _names_column(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.float64] | None:
-    """Indices of a factor's levels scaled to [0, 1]; None for a range, for one level, and for a factor inactive at some point."""
+    """Indices of a factor's levels scaled to [0, 1]; None for a range, for one level, and for a factor
+    inactive at some point.
+    """
+
     if len(factor.levels) < 2 or any(point.levels[factor.name] not in factor.levels for point in points):
         return None
-    return np.array([factor.levels.index(point.levels[factor.name]) for point in points]) / (len(factor.levels) - 1)
+    return np.array([factor.levels.index(point.levels[factor.name]) for point in points]) / (
+        len(factor.levels) - 1
+    )
 
 
 def _block(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.float64] | None:
@@ -263,7 +310,9 @@ def _block(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.fl
     column = _column(factor, mine)
     if column is None:
         names = list(dict.fromkeys(point.levels[factor.name] for point in mine))[1:]
-        within = np.array([[point.levels[factor.name] == name for name in names] for point in mine], dtype=np.float64)
+        within = np.array(
+            [[point.levels[factor.name] == name for name in names] for point in mine], dtype=np.float64
+        )
     else:
         within = column[:, None]
     if not within.size or not np.ptp(within, axis=0).any():
@@ -276,13 +325,17 @@ def _block(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.fl
 def _largest(
     blocks: Mapping[str, NDArray[np.float64]], always: Mapping[str, NDArray[np.float64]], *, names: bool
 ) -> tuple[float | None, tuple[str, ...]]:
-    """The largest correlation of two factors, with or without factors of three or more names, over points where both are active.
+    """The largest correlation of two factors, with or without factors of three or more names, over points
+    where both are active.
 
     `always` are the factors of one column that are active everywhere.
     """
+
     largest, pair = (None, ()) if names else _correlation(always)
     for (name, first), (other_name, second) in itertools.combinations(blocks.items(), 2):
-        if (max(first.shape[1], second.shape[1]) > 1) is not names or (name in always and other_name in always):
+        if (max(first.shape[1], second.shape[1]) > 1) is not names or (
+            name in always and other_name in always
+        ):
             continue
         together = ~np.isnan(first[:, 0]) & ~np.isnan(second[:, 0])
         bases = [_basis(block[together]) for block in (first, second)]
@@ -323,7 +376,10 @@ def _units(columns: Mapping[str, NDArray[np.float64]]) -> tuple[list[str], NDArr
 def _interactions(
     columns: Mapping[str, NDArray[np.float64]],
 ) -> tuple[float | None, tuple[str, ...], tuple[str, ...]]:
-    """Correlation of main effects with products of two, the largest pair, and the terms that are equal up to sign."""
+    """Correlation of main effects with products of two, the largest pair, and the terms that are equal up to
+    sign.
+    """
+
     names, mains = _units(columns)
     pairs = list(itertools.combinations(range(len(names)), 2))
     if len(names) < 3 or len(pairs) * len(mains) > MAX_INTERACTION_TERMS:
@@ -349,7 +405,10 @@ def _interactions(
 
 
 def _estimable(blocks: Mapping[str, NDArray[np.float64]]) -> bool | None:
-    """Whether the blocks that are active everywhere are linearly independent of each other and of a constant."""
+    """Whether the blocks that are active everywhere are linearly independent of each other and of a
+    constant.
+    """
+
     whole = [_basis(block) for block in blocks.values() if not np.isnan(block).any()]
     if not whole:
         return None

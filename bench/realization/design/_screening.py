@@ -1,10 +1,12 @@
-"""Designs that find the few factors that matter: two-level fractions, Plackett-Burman, and definitive screening.
+"""Designs that find the few factors that matter: two-level fractions, Plackett-Burman, and definitive
+screening.
 
-Box, G. E. P., Hunter, J. S. and Hunter, W. G. (2005), Statistics for Experimenters, chapter 6 (fractions, resolution). Plackett,
-R. L. and Burman, J. P. (1946), "The design of optimum multifactorial experiments", Biometrika 33(4), 305-325. Jones, B. and
-Nachtsheim, C. J. (2011), "A class of three-level designs for definitive screening in the presence of second-order effects",
-Journal of Quality Technology 43(1), 1-15; from conference matrices: Xiao, L., Lin, D. K. J. and Bai, F. (2012), the same journal
-44(1), 2-8. Paley, R. E. A. C. (1933), "On orthogonal matrices", Journal of Mathematics and Physics 12, 311-320.
+Box, G. E. P., Hunter, J. S. and Hunter, W. G. (2005), Statistics for Experimenters, chapter 6 (fractions,
+resolution). Plackett, R. L. and Burman, J. P. (1946), "The design of optimum multifactorial experiments",
+Biometrika 33(4), 305-325. Jones, B. and Nachtsheim, C. J. (2011), "A class of three-level designs for
+definitive screening in the presence of second-order effects", Journal of Quality Technology 43(1), 1-15; from
+conference matrices: Xiao, L., Lin, D. K. J. and Bai, F. (2012), the same journal 44(1), 2-8. Paley, R. E. A.
+C. (1933), "On orthogonal matrices", Journal of Mathematics and Physics 12, 311-320.
 """
 
 from __future__ import annotations
@@ -27,23 +29,31 @@ MAX_FACTORS = 100
 
 
 class PlackettBurman(Document):
-    """Two levels of up to N - 1 factors in N runs, N a multiple of four; with `foldover` also every run mirrored.
+    """Two levels of up to N - 1 factors in N runs, N a multiple of four; with `foldover` also every run
+    mirrored.
 
-    Main effects are orthogonal; interactions of two factors are confounded with them, unless the design is folded over.
+    Main effects are orthogonal; interactions of two factors are confounded with them, unless the design is
+    folded over.
     """
 
     grows: ClassVar[bool] = False
     kind: Literal["plackett_burman"] = "plackett_burman"
-    foldover: Annotated[bool, Field(description="Fly each run mirrored too: twice the runs, main effects free of pairs.")] = False
+    foldover: Annotated[
+        bool, Field(description="Fly each run mirrored too: twice the runs, main effects free of pairs.")
+    ] = False
 
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         del seed
         signs = plackett_burman(len(space.free))
-        return space.every(two_level_points(space.free, np.vstack([signs, -signs]) if self.foldover else signs), self.kind)
+        return space.every(
+            two_level_points(space.free, np.vstack([signs, -signs]) if self.foldover else signs), self.kind
+        )
 
 
 class DefinitiveScreening(Document):
-    """Three levels (low, middle, high) of k factors in about 2 k + 1 runs: main effects apart from all second-order effects."""
+    """Three levels (low, middle, high) of k factors in about 2 k + 1 runs: main effects apart from all
+    second-order effects.
+    """
 
     grows: ClassVar[bool] = False
     kind: Literal["definitive_screening"] = "definitive_screening"
@@ -53,7 +63,10 @@ class DefinitiveScreening(Document):
         levels = [_three_levels(factor) for factor in space.free]
         rows = definitive_screening(len(levels))
         names = [factor.name for factor in space.free]
-        points = [{name: three[sign + 1] for name, three, sign in zip(names, levels, row, strict=True)} for row in rows.tolist()]
+        points = [
+            {name: three[sign + 1] for name, three, sign in zip(names, levels, row, strict=True)}
+            for row in rows.tolist()
+        ]
         return space.every(points, self.kind)
 
 
@@ -62,9 +75,11 @@ def plackett_burman(factors: int) -> Counts:
     if factors >= MAX_FACTORS:
         raise ValueError(f"a plackett_burman takes at most {MAX_FACTORS - 1} factors here, not {factors}")
     for runs in range(4 * (factors // 4 + 1), 2 * MAX_FACTORS, 4):
-        # Not every multiple of four has a construction here; a power of two always does, and there is one below twice the start.
+        # Not every multiple of four has a construction here; a power of two always does, and there is one
+        # below twice the start.
         if (square := hadamard_matrix(runs)) is not None:
-            # The first column is made constant and left out: it would be the mean, and the others are balanced against it.
+            # The first column is made constant and left out: it would be the mean, and the others are
+            # balanced against it.
             return -(square[:, 1:] * square[:, :1])[:, :factors]
     raise AssertionError("a Hadamard matrix of a power of two is always there")
 
@@ -85,9 +100,13 @@ def _three_levels(factor: DesignFactor) -> tuple[FactorLevel, ...]:
     if factor.range is not None:
         # The middle level must be half way, or linear and quadratic effects mix.
         if factor.range.integer and (factor.range.low + factor.range.high) % 2:
-            raise ValueError(f"factor {factor.name!r}: no whole number is in the middle of its range; move an end by one")
+            raise ValueError(
+                f"factor {factor.name!r}: no whole number is in the middle of its range; move an end by one"
+            )
         return tuple(factor.range.at(share) for share in (0.0, 0.5, 1.0))
-    numbers = [level for level in factor.levels if isinstance(level, int | float) and not isinstance(level, bool)]
+    numbers = [
+        level for level in factor.levels if isinstance(level, int | float) and not isinstance(level, bool)
+    ]
     if len(factor.levels) != 3 or len(numbers) != 3:
         raise ValueError(f"factor {factor.name!r}: a definitive_screening takes a range or three numbers")
     return tuple(sorted(numbers))

@@ -1,4 +1,6 @@
-"""Space-filling designs: Latin hypercubes, and Sobol and Halton sequences, which can be extended at any time."""
+"""Space-filling designs: Latin hypercubes, and Sobol and Halton sequences, which can be extended at any
+time.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ HALTON_BLOCK = 256
 
 
 class LatinHypercube(Document):
-    """Points that take every factor's range in equal strata, once each; optimised for low centred discrepancy."""
+    """Points that take every factor's range in equal strata, once each; optimised for low centred
+    discrepancy.
+    """
 
     grows: ClassVar[bool] = False
     kind: Literal["latin_hypercube"] = "latin_hypercube"
@@ -31,7 +35,9 @@ class LatinHypercube(Document):
 
 
 class Halton(Document):
-    """The first points of a scrambled Halton sequence: space-filling, and points added later leave the earlier ones unchanged."""
+    """The first points of a scrambled Halton sequence: space-filling, and points added later leave the
+    earlier ones unchanged.
+    """
 
     grows: ClassVar[bool] = True
     kind: Literal["halton"] = "halton"
@@ -42,7 +48,9 @@ class Halton(Document):
 
 
 class Sobol(Document):
-    """The first points of a scrambled Sobol sequence, best as powers of two; points added later leave the earlier ones unchanged."""
+    """The first points of a scrambled Sobol sequence, best as powers of two; points added later leave the
+    earlier ones unchanged.
+    """
 
     grows: ClassVar[bool] = True
     kind: Literal["sobol"] = "sobol"
@@ -77,6 +85,9 @@ def _latin(points: int, factors: int, seed: int) -> NDArray[np.float64]:
     # See halton_shares.
     from scipy.stats import qmc
 
-    # The optimiser's time grows with the square of the points; above 500 it takes too long. Chosen, not measured.
+    # The optimiser's time grows with the square of the points; above 500 it takes too long. Chosen, not
+    # measured.
     optimise: Literal["random-cd"] | None = "random-cd" if 2 <= points <= 500 and factors > 1 else None
-    return qmc.LatinHypercube(d=factors, rng=np.random.default_rng(seed), optimization=optimise).random(points)
+    return qmc.LatinHypercube(d=factors, rng=np.random.default_rng(seed), optimization=optimise).random(
+        points
+    )

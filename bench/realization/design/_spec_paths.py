@@ -1,4 +1,6 @@
-"""Paths into a SimSpec: `environment.fog_level`, `actors[targets].concealment`; list members by their id or number."""
+"""Paths into a SimSpec: `environment.fog_level`, `actors[targets].concealment`; list members by their id or
+number.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +74,9 @@ def find_path(base: SimSpec, text: str) -> SpecPath:
     """The path in `base`. Raises PathFault when it does not exist or realization itself writes it."""
     owned = next((field for field in OWNED if text == field or text.startswith(f"{field}.")), None)
     if owned:
-        raise PathFault(f"{owned} is written by realization itself", "agents, names and seeds come from the campaign")
+        raise PathFault(
+            f"{owned} is written by realization itself", "agents, names and seeds come from the campaign"
+        )
     here: Any = base
     steps: list[str | int] = []
     for part in text.split("."):
@@ -93,7 +97,10 @@ def _field(here: Any, name: str, steps: list[str | int]) -> Any:
         # An open table such as vehicle.parameters takes any key.
         return here.get(name)
     if here is None:
-        raise PathFault(f"{where} is not given in the base SimSpec", "write it there, so that the factor has something to change")
+        raise PathFault(
+            f"{where} is not given in the base SimSpec",
+            "write it there, so that the factor has something to change",
+        )
     if not isinstance(here, BaseModel):
         raise PathFault(f"{where} is a plain value and has no field {name!r}", f"end the path at {where}")
     fields = type(here).model_fields

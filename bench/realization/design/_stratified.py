@@ -22,10 +22,11 @@ DECIMALS = 6
 
 
 class Stratified(Document):
-    """The same number of points, as nearly as may be, from every difficulty configuration that the factors can produce.
+    """The same number of points, as nearly as may be, from every difficulty configuration that the factors
+    can produce.
 
-    Candidates come from a Halton sequence; each is rated as it would be flown, and configurations take turns. Points
-    added later leave the earlier ones unchanged.
+    Candidates come from a Halton sequence; each is rated as it would be flown, and configurations take turns.
+    Points added later leave the earlier ones unchanged.
     """
 
     grows: ClassVar[bool] = True
@@ -33,15 +34,27 @@ class Stratified(Document):
     points: Annotated[int, Field(ge=1, le=10_000)]
     candidates: Annotated[
         int,
-        Field(ge=10, le=20_000, description="Situations that are rated to draw from; not to be changed when points are added."),
+        Field(
+            ge=10,
+            le=20_000,
+            description="Situations that are rated to draw from; not to be changed when points are added.",
+        ),
     ] = 1000
     band: Annotated[
         float | None,
-        Field(gt=0.0, le=100.0, description="Width of the difficulties that count as one; 20 is a tension. Exact when absent."),
+        Field(
+            gt=0.0,
+            le=100.0,
+            description="Width of the difficulties that count as one; 20 is a tension. Exact when absent.",
+        ),
     ] = None
 
     def chosen(self, space: FactorSpace, seed: int, difficulties: Difficulties) -> list[FactorLevels]:
-        """The points. Raises ValueError where there are more configurations than points, or too few candidates."""
+        """The points.
+
+        Raises ValueError where there are more configurations than points, or too few candidates.
+        """
+
         strata: dict[tuple[object, ...], list[FactorLevels]] = {}
         for levels in self._candidates(space, seed):
             strata.setdefault(self._stratum(difficulties(levels)), []).append(levels)
@@ -52,7 +65,9 @@ class Stratified(Document):
             )
         drawn = list(itertools.islice(_round_robin(list(strata.values())), self.points))
         if len(drawn) < self.points:
-            raise ValueError(f"only {len(drawn)} different points are among the candidates; lower points or raise candidates")
+            raise ValueError(
+                f"only {len(drawn)} different points are among the candidates; lower points or raise candidates"
+            )
         return drawn
 
     def _candidates(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
@@ -64,7 +79,9 @@ class Stratified(Document):
         if self.band is None:
             return tuple(round(difficulty, DECIMALS) for difficulty in difficulties.values())
         # As with tensions, an edge belongs to the easier band.
-        return tuple(max(1, -int(-round(difficulty, DECIMALS) // self.band)) for difficulty in difficulties.values())
+        return tuple(
+            max(1, -int(-round(difficulty, DECIMALS) // self.band)) for difficulty in difficulties.values()
+        )
 
 
 def _round_robin(strata: list[list[FactorLevels]]) -> Iterator[FactorLevels]:

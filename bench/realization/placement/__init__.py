@@ -1,4 +1,6 @@
-"""Places for every actor: seeded sampling, a CP-SAT solver, proofs of impossibility, and an independent judge."""
+"""Places for every actor: seeded sampling, a CP-SAT solver, proofs of impossibility, and an independent
+judge.
+"""
 
 from __future__ import annotations
 

@@ -104,7 +104,10 @@ def _outlines(simspec: SimSpec, realized: Realized) -> Outlines:
         right_east, right_north = aside * math.cos(heading), -aside * math.sin(heading)
         rings.append(
             [
-                (actor.east_m + fore * east + side * right_east, actor.north_m + fore * north + side * right_north)
+                (
+                    actor.east_m + fore * east + side * right_east,
+                    actor.north_m + fore * north + side * right_north,
+                )
                 for fore, side in ((1, 1), (1, -1), (-1, -1), (-1, 1))
             ]
         )
@@ -124,10 +127,14 @@ def _collision_faults(simspec: SimSpec, realized: Realized, footprints: Outlines
         if first < second:
             # The author decides how close two fixed actors stand; they only must not overlap.
             wanted = 0.0 if fixed[first] and fixed[second] else max(separation[first], separation[second])
-            if _is_inside_host(simspec, known[first], known[second]) or _is_inside_host(simspec, known[second], known[first]):
+            if _is_inside_host(simspec, known[first], known[second]) or _is_inside_host(
+                simspec, known[second], known[first]
+            ):
                 continue
             gap = shapely.distance(outlines[first], outlines[second])
-            if gap < wanted - SLACK_M or (gap == 0.0 and shapely.intersection(outlines[first], outlines[second]).area > SLACK_M):
+            if gap < wanted - SLACK_M or (
+                gap == 0.0 and shapely.intersection(outlines[first], outlines[second]).area > SLACK_M
+            ):
                 yield Fault(
                     f"realized: {known[first][0].id} and {known[second][0].id}",
                     f"are {gap:.3f} m apart",
@@ -136,14 +143,21 @@ def _collision_faults(simspec: SimSpec, realized: Realized, footprints: Outlines
     home = shapely.Point(simspec.vehicle.home.east_m, simspec.vehicle.home.north_m)
     for (actor, outline), at in zip(known, fixed, strict=True):
         if not at and shapely.distance(home, outline) < HOME_CLEARANCE_M - SLACK_M:
-            yield Fault(f"realized: {actor.id}", "is too close to the vehicle's home", f"keep {HOME_CLEARANCE_M:g} m clear of it")
+            yield Fault(
+                f"realized: {actor.id}",
+                "is too close to the vehicle's home",
+                f"keep {HOME_CLEARANCE_M:g} m clear of it",
+            )
 
 
 Outlined = tuple[PlacedActor, shapely.Polygon]
 
 
 def _is_inside_host(simspec: SimSpec, guest: Outlined, host: Outlined) -> bool:
-    """Whether the guest's group belongs inside the host's, directly or through other hosts, and the guest lies wholly in this host."""
+    """Whether the guest's group belongs inside the host's, directly or through other hosts, and the guest
+    lies wholly in this host.
+    """
+
     inside = simspec.group(guest[0].group).placement.inside
     visited = {guest[0].group}
     while inside is not None and inside.of is not None and inside.of not in visited:
@@ -154,7 +168,9 @@ def _is_inside_host(simspec: SimSpec, guest: Outlined, host: Outlined) -> bool:
     return False
 
 
-def _inside_faults(simspec: SimSpec, group: ActorGroup, members: Members, outlines: Outlines) -> Iterator[Fault]:
+def _inside_faults(
+    simspec: SimSpec, group: ActorGroup, members: Members, outlines: Outlines
+) -> Iterator[Fault]:
     inside = group.placement.inside
     if inside is None:
         return
@@ -178,7 +194,10 @@ def _between_faults(group: ActorGroup, members: Members) -> Iterator[Fault]:
     firsts, seconds = members.get(between.first, []), members.get(between.second, [])
     last = 1 if between.first == between.second else 0
     if actors and (not firsts or len(seconds) <= last):
-        yield Fault(f"realized: group {group.id}", f"has no members of {between.first!r} and {between.second!r} to stand between")
+        yield Fault(
+            f"realized: group {group.id}",
+            f"has no members of {between.first!r} and {between.second!r} to stand between",
+        )
         return
     for actor in actors:
         start, end = firsts[0], seconds[last]
@@ -195,7 +214,9 @@ def _between_faults(group: ActorGroup, members: Members) -> Iterator[Fault]:
             )
 
 
-def _group_faults(simspec: SimSpec, group: ActorGroup, members: Members, outlines: Outlines) -> Iterator[Fault]:
+def _group_faults(
+    simspec: SimSpec, group: ActorGroup, members: Members, outlines: Outlines
+) -> Iterator[Fault]:
     place = group.placement
     actors = members.get(group.id, [])
     if place.at is not None:
@@ -209,11 +230,23 @@ def _group_faults(simspec: SimSpec, group: ActorGroup, members: Members, outline
     for actor in actors:
         outline = outlines.get(actor.id)
         if outline is not None and not region.covers(outline):
-            yield Fault(f"realized: {actor.id}", "stands outside its region", "keep the whole footprint inside")
-        if place.near and not any(_is_in_near_band(place.near, actor, other) for other in members.get(place.near.of, [])):
-            yield Fault(f"realized: {actor.id}", f"is not near {place.near.of!r}", _near_remedy(place.near, "some"))
-        if place.away and not all(_is_in_near_band(place.away, actor, other) for other in members.get(place.away.of, [])):
-            yield Fault(f"realized: {actor.id}", f"does not keep away from {place.away.of!r}", _near_remedy(place.away, "every"))
+            yield Fault(
+                f"realized: {actor.id}", "stands outside its region", "keep the whole footprint inside"
+            )
+        if place.near and not any(
+            _is_in_near_band(place.near, actor, other) for other in members.get(place.near.of, [])
+        ):
+            yield Fault(
+                f"realized: {actor.id}", f"is not near {place.near.of!r}", _near_remedy(place.near, "some")
+            )
+        if place.away and not all(
+            _is_in_near_band(place.away, actor, other) for other in members.get(place.away.of, [])
+        ):
+            yield Fault(
+                f"realized: {actor.id}",
+                f"does not keep away from {place.away.of!r}",
+                _near_remedy(place.away, "every"),
+            )
     mean = place.mean_distance
     if mean and actors and members.get(mean.of):
         mean_m = math.fsum(_distance_m(actor, members[mean.of][0]) for actor in actors) / len(actors)
@@ -225,7 +258,9 @@ def _group_faults(simspec: SimSpec, group: ActorGroup, members: Members, outline
             )
 
 
-def _actor_faults(simspec: SimSpec, group: ActorGroup, members: Members, outlines: Outlines) -> Iterator[Fault]:
+def _actor_faults(
+    simspec: SimSpec, group: ActorGroup, members: Members, outlines: Outlines
+) -> Iterator[Fault]:
     place = group.placement
     actors = members.get(group.id, [])
     for actor in actors:
@@ -245,12 +280,21 @@ def _actor_faults(simspec: SimSpec, group: ActorGroup, members: Members, outline
                 )
 
 
-def _distance_faults(simspec: SimSpec, group: ActorGroup, actor: PlacedActor, members: Members) -> Iterator[Fault]:
+def _distance_faults(
+    simspec: SimSpec, group: ActorGroup, actor: PlacedActor, members: Members
+) -> Iterator[Fault]:
     for number, distance in enumerate(group.placement.distances):
-        in_band = [_is_in_band(distance, distance_m) for distance_m in _distances_m(simspec, group, distance, actor, members)]
+        in_band = [
+            _is_in_band(distance, distance_m)
+            for distance_m in _distances_m(simspec, group, distance, actor, members)
+        ]
         if not (any(in_band) if distance.whom == "some" else all(in_band)):
             target = f"{distance.whom} member of {distance.of!r}" if distance.of else "a point"
-            yield Fault(f"realized: {actor.id}", f"does not keep its distance from {target}", f"see distances[{number}]")
+            yield Fault(
+                f"realized: {actor.id}",
+                f"does not keep its distance from {target}",
+                f"see distances[{number}]",
+            )
 
 
 def _bearing_faults(group: ActorGroup, actor: PlacedActor, members: Members) -> Iterator[Fault]:
@@ -258,10 +302,13 @@ def _bearing_faults(group: ActorGroup, actor: PlacedActor, members: Members) -> 
     if bearing and (spots := _spots_of(bearing, members)):
         angle = _bearing_deg(spots[0], (actor.east_m, actor.north_m))
         span = (bearing.to_deg - bearing.from_deg) % 360.0
-        # The slack on both sides of the modulo, so that a place a hair before `from_deg` is not 360 degrees past it.
+        # The slack on both sides of the modulo, so that a place a hair before `from_deg` is not 360 degrees
+        # past it.
         if not -SLACK_DEG <= (angle - bearing.from_deg + SLACK_DEG) % 360.0 - SLACK_DEG <= span + SLACK_DEG:
             sector = f"{bearing.from_deg:g} to {bearing.to_deg:g}"
-            yield Fault(f"realized: {actor.id}", f"stands at {angle:.2f} degrees", f"the sector is {sector} degrees")
+            yield Fault(
+                f"realized: {actor.id}", f"stands at {angle:.2f} degrees", f"the sector is {sector} degrees"
+            )
 
 
 def _heading_faults(group: ActorGroup, actor: PlacedActor, members: Members) -> Iterator[Fault]:
@@ -275,18 +322,29 @@ def _heading_faults(group: ActorGroup, actor: PlacedActor, members: Members) -> 
     elif facing and (spots := _spots_of(facing, members)):
         off = _turn_deg(actor.heading_deg, _bearing_deg((actor.east_m, actor.north_m), spots[0]))
         if off > facing.within_deg + SLACK_DEG:
-            yield Fault(where, f"heads {off:.2f} degrees off what it faces", f"at most {facing.within_deg:g} degrees are allowed")
+            yield Fault(
+                where,
+                f"heads {off:.2f} degrees off what it faces",
+                f"at most {facing.within_deg:g} degrees are allowed",
+            )
 
 
 def _sight_faults(
     simspec: SimSpec, group: ActorGroup, actor: PlacedActor, members: Members, outlines: Outlines
 ) -> Iterator[Fault]:
-    """Faults of sight: `hidden_from` must hold for every member of the other group, `visible_from` for one of them."""
+    """Faults of sight: `hidden_from` must hold for every member of the other group, `visible_from` for one of
+    them.
+    """
+
     hidden, visible = group.placement.hidden_from, group.placement.visible_from
     where = f"realized: {actor.id}"
-    if hidden and any(_is_visible(simspec, actor, eye, hidden, outlines) for eye in _spots_of(hidden, members)):
+    if hidden and any(
+        _is_visible(simspec, actor, eye, hidden, outlines) for eye in _spots_of(hidden, members)
+    ):
         yield Fault(where, "is visible from where it must be hidden", "put something solid in between")
-    if visible and not any(_is_visible(simspec, actor, eye, visible, outlines) for eye in _spots_of(visible, members)):
+    if visible and not any(
+        _is_visible(simspec, actor, eye, visible, outlines) for eye in _spots_of(visible, members)
+    ):
         yield Fault(where, "is hidden from where it must be visible", "clear the line of sight")
 
 
@@ -341,7 +399,9 @@ def _road_faults(simspec: SimSpec, actor: PlacedActor, along: Along, outlines: O
     gap = covered.distance(outline)
     if along.where == "on" and not covered.buffer(SLACK_M).covers(outline):
         yield Fault(where, f"does not stand on road {road.id!r}", "keep the whole footprint on it")
-    if along.where == "beside" and not (gap > 0.0 and along.at_least_m - SLACK_M <= gap <= along.within_m + SLACK_M):
+    if along.where == "beside" and not (
+        gap > 0.0 and along.at_least_m - SLACK_M <= gap <= along.within_m + SLACK_M
+    ):
         yield Fault(where, f"is {gap:.3f} m from road {road.id!r}", f"stand off it, {along.gap_text}")
     if along.parallel_deg is not None:
         spot = shapely.Point(actor.east_m, actor.north_m)
@@ -351,7 +411,9 @@ def _road_faults(simspec: SimSpec, actor: PlacedActor, along: Along, outlines: O
         equally_near = [piece for piece in pieces if piece.distance(spot) <= nearest.distance(spot) + SLACK_M]
         off = min(_slant_deg(actor.heading_deg, _bearing_deg(*piece.coords)) for piece in equally_near)
         if off > along.parallel_deg + SLACK_DEG:
-            yield Fault(where, f"heads {off:.2f} degrees off road {road.id!r}", f"at most {along.parallel_deg:g}")
+            yield Fault(
+                where, f"heads {off:.2f} degrees off road {road.id!r}", f"at most {along.parallel_deg:g}"
+            )
 
 
 def _slant_deg(one_deg: float, other_deg: float) -> float:
@@ -361,8 +423,10 @@ def _slant_deg(one_deg: float, other_deg: float) -> float:
 def _is_visible(simspec: SimSpec, actor: PlacedActor, eye: Spot, sight: Sight, outlines: Outlines) -> bool:
     """Whether the middle of the actor's top is visible from the eye.
 
-    Each solid outline cuts the ground line; the height of the line of sight over the cut decides whether it passes above.
+    Each solid outline cuts the ground line; the height of the line of sight over the cut decides whether it
+    passes above.
     """
+
     assert simspec.realized is not None
     top_m = ASSETS[simspec.group(actor.group).asset].height_m
     spot = (actor.east_m, actor.north_m)
@@ -378,7 +442,10 @@ def _is_visible(simspec: SimSpec, actor: PlacedActor, eye: Spot, sight: Sight, o
         cut = line.intersection(outline)
         if cut.length > SLACK_M:
             shares = [line.project(shapely.Point(corner)) / line.length for corner in cut.coords]
-            if min(sight.height_m + share * (top_m - sight.height_m) for share in shares) < asset.height_m - SLACK_M:
+            if (
+                min(sight.height_m + share * (top_m - sight.height_m) for share in shares)
+                < asset.height_m - SLACK_M
+            ):
                 return False
     return True
 
@@ -386,16 +453,24 @@ def _is_visible(simspec: SimSpec, actor: PlacedActor, eye: Spot, sight: Sight, o
 def _route_faults(simspec: SimSpec, realized: Realized, outlines: Outlines) -> Iterator[Fault]:
     """Patrols that cannot walk straight to some point of their route and round it.
 
-    Solid actors that stand still block the way, and so does the area's border for walkers that start inside it.
+    Solid actors that stand still block the way, and so does the area's border for walkers that start inside
+    it.
     """
+
     groups = {group.id: group for group in simspec.actors if group.asset in ASSETS}
-    walkers = [actor for actor in realized.actors if actor.group in groups and groups[actor.group].motion.kind == "patrol"]
+    walkers = [
+        actor
+        for actor in realized.actors
+        if actor.group in groups and groups[actor.group].motion.kind == "patrol"
+    ]
     if not walkers:
         return
     walls = [
         (actor, outline)
         for actor in realized.actors
-        if actor.group in groups and groups[actor.group].motion.kind == "still" and ASSETS[groups[actor.group].asset].solid
+        if actor.group in groups
+        and groups[actor.group].motion.kind == "still"
+        and ASSETS[groups[actor.group].asset].solid
         if (outline := outlines.get(actor.id)) is not None
     ]
     area = _polygon(simspec.world.area)
@@ -403,22 +478,39 @@ def _route_faults(simspec: SimSpec, realized: Realized, outlines: Outlines) -> I
     for walker in walkers:
         group, spot = groups[walker.group], shapely.Point(walker.east_m, walker.north_m)
         starts_inside = bool(area.contains(spot))
-        points = [_walked_point(area, shapely.Point(point.east_m, point.north_m), starts_inside) for point in group.motion.route]
+        points = [
+            _walked_point(area, shapely.Point(point.east_m, point.north_m), starts_inside)
+            for point in group.motion.route
+        ]
         room_m = ASSETS[group.asset].width_m / 2.0 - SLACK_M
         closed = [(wall, outline, outline.buffer(room_m, join_style="mitre")) for wall, outline in walls]
         legs = [shapely.LineString(pair) for pair in itertools.pairwise([*points, points[0]])]
         for wall, _, grown in closed:
             if (wall.id, group.id) not in reported and any(grown.intersects(leg) for leg in legs):
                 reported.add((wall.id, group.id))
-                yield Fault(f"realized: {wall.id}", f"blocks the patrol route of {group.id!r}", "move one of them")
-        if starts_inside and ("area", group.id) not in reported and not all(area.buffer(SLACK_M).covers(leg) for leg in legs):
+                yield Fault(
+                    f"realized: {wall.id}", f"blocks the patrol route of {group.id!r}", "move one of them"
+                )
+        if (
+            starts_inside
+            and ("area", group.id) not in reported
+            and not all(area.buffer(SLACK_M).covers(leg) for leg in legs)
+        ):
             reported.add(("area", group.id))
-            yield Fault(f"realized: {walker.id}", "has a patrol route that leaves the area", "add points that lead round")
+            yield Fault(
+                f"realized: {walker.id}",
+                "has a patrol route that leaves the area",
+                "add points that lead round",
+            )
         ways = [shapely.LineString([spot, point]) for point in points]
         reachable = [way for way in ways if not starts_inside or area.buffer(SLACK_M).covers(way)]
-        if not any(_is_open(way, spot, [(outline, grown) for _, outline, grown in closed]) for way in reachable):
+        if not any(
+            _is_open(way, spot, [(outline, grown) for _, outline, grown in closed]) for way in reachable
+        ):
             yield Fault(
-                f"realized: {walker.id}", "has no straight way to any point of its patrol route", "move it, or what blocks it"
+                f"realized: {walker.id}",
+                "has no straight way to any point of its patrol route",
+                "move it, or what blocks it",
             )
 
 
@@ -431,8 +523,14 @@ def _walked_point(area: shapely.Polygon, point: shapely.Point, held: bool) -> sh
     return shapely.Point(point.x + share * (nearest.x - point.x), point.y + share * (nearest.y - point.y))
 
 
-def _is_open(way: shapely.LineString, spot: shapely.Point, walls: list[tuple[shapely.Polygon, shapely.Polygon]]) -> bool:
-    """Whether no wall blocks the way. A wall counts with the walker's half width, unless the walker already stands closer."""
+def _is_open(
+    way: shapely.LineString, spot: shapely.Point, walls: list[tuple[shapely.Polygon, shapely.Polygon]]
+) -> bool:
+    """Whether no wall blocks the way.
+
+    A wall counts with the walker's half width, unless the walker already stands closer.
+    """
+
     return not any((outline if grown.covers(spot) else grown).intersects(way) for outline, grown in walls)
 
 
@@ -463,7 +561,9 @@ def _report_faults(simspec: SimSpec, realized: Realized, members: Members) -> It
             error = math.hypot(placed_report.east_m - truth.east_m, placed_report.north_m - truth.north_m)
             if error > report.uncertainty_m + SLACK_M:
                 yield Fault(
-                    f"realized: report {report.id}", f"is {error:.1f} m from the truth", f"at most {report.uncertainty_m:g} m"
+                    f"realized: report {report.id}",
+                    f"is {error:.1f} m from the truth",
+                    f"at most {report.uncertainty_m:g} m",
                 )
     for extra in placed:
         yield Fault(f"realized: report {extra}", "has no entry in intelligence", "remove it")

@@ -14,8 +14,9 @@ from bench.simspec import Asset
 
 @dataclass(frozen=True, slots=True)
 class Footprints:
-    """n rectangles: centres (n, 2) east/north, headings (n,) clockwise from north, half sizes (n, 2) along and across the
-    heading, and the free gap (n,) that each requires around itself."""
+    """n rectangles: centres (n, 2) east/north, headings (n,) clockwise from north, half sizes (n, 2) along
+    and across the heading, and the free gap (n,) that each requires around itself.
+    """
 
     centre_m: Floats
     heading_rad: Floats
@@ -26,7 +27,9 @@ class Footprints:
         return len(self.centre_m)
 
     def __getitem__(self, which: NDArray[np.intp] | NDArray[np.bool_]) -> Footprints:
-        return Footprints(self.centre_m[which], self.heading_rad[which], self.half_m[which], self.gap_m[which])
+        return Footprints(
+            self.centre_m[which], self.heading_rad[which], self.half_m[which], self.gap_m[which]
+        )
 
     @property
     def radius_m(self) -> Floats:
@@ -72,8 +75,10 @@ def joined(parts: Sequence[Footprints]) -> Footprints:
 def gaps(first: Footprints, second: Footprints) -> Floats:
     """(m,) free distances between the i-th footprints of both, 0 where they touch or overlap.
 
-    Separating axes tell whether two rectangles are apart; if so the nearest points include a corner of one of them.
+    Separating axes tell whether two rectangles are apart; if so the nearest points include a corner of one of
+    them.
     """
+
     offset = second.centre_m - first.centre_m
     first_axes, second_axes = first.axes(), second.axes()
     apart = np.zeros(len(first), dtype=bool)

@@ -1,4 +1,6 @@
-"""Geometry of the ground: polygons grown and shrunk with a known direction of error, roads, and places drawn at random."""
+"""Geometry of the ground: polygons grown and shrunk with a known direction of error, roads, and places drawn
+at random.
+"""
 
 from __future__ import annotations
 
@@ -29,12 +31,14 @@ _CIRCUMSCRIBED = 1.0 / cos(pi / (4 * QUARTER_SEGMENTS))
 EVERYWHERE = shapely.box(-3e5, -3e5, 3e5, 3e5)
 
 
-# Extra width left when ground shrinks, so that what fits exactly survives: GEOS drops slivers thinner than about 5e-5
+# Extra width left when ground shrinks, so that what fits exactly survives: GEOS drops slivers thinner than
+# about 5e-5
 # of the distance by which it shrinks a polygon.
 MARGIN_M = 1e-3
 
 
-# GEOS drops corners that are shallower than this share of the distance by which it grows or shrinks a geometry.
+# GEOS drops corners that are shallower than this share of the distance by which it grows or shrinks a
+# geometry.
 SHALLOW_CORNER = 0.01
 
 
@@ -56,12 +60,16 @@ def grown_at_least(geometry: Geometry, distance_m: float) -> Geometry:
 
 def shrunk_at_most(geometry: Geometry, distance_m: float) -> Geometry:
     """All ground further than a distance from the outside; errs to too much."""
-    return shapely.buffer(geometry, MARGIN_M - _reliable_distance_m(geometry, distance_m), quad_segs=QUARTER_SEGMENTS)
+    return shapely.buffer(
+        geometry, MARGIN_M - _reliable_distance_m(geometry, distance_m), quad_segs=QUARTER_SEGMENTS
+    )
 
 
 def grown_at_most(geometry: Geometry, distance_m: float) -> Geometry:
     """All ground within a distance; errs to too little."""
-    return shapely.buffer(geometry, max(_reliable_distance_m(geometry, distance_m) - MARGIN_M, 0.0), quad_segs=QUARTER_SEGMENTS)
+    return shapely.buffer(
+        geometry, max(_reliable_distance_m(geometry, distance_m) - MARGIN_M, 0.0), quad_segs=QUARTER_SEGMENTS
+    )
 
 
 def _reliable_distance_m(geometry: Geometry, distance_m: float) -> float:
@@ -132,9 +140,12 @@ def uniform_places(room: Geometry, count: int, rng: np.random.Generator) -> Floa
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(room))
     area = shapely.area(triangles)
     corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
-    # Triangles by area, then a uniform point in each: Osada, R. et al. (2002), "Shape distributions", section 4.2.
+    # Triangles by area, then a uniform point in each: Osada, R. et al. (2002), "Shape distributions", section
+    # 4.2.
     # The square root below keeps points from crowding at the first corner.
     chosen = corners[rng.choice(len(area), size=count, p=area / area.sum())]
     first, second = np.sqrt(rng.uniform(size=(count, 1))), rng.uniform(size=(count, 1))
-    places: Floats = (1 - first) * chosen[:, 0] + first * (1 - second) * chosen[:, 1] + first * second * chosen[:, 2]
+    places: Floats = (
+        (1 - first) * chosen[:, 0] + first * (1 - second) * chosen[:, 1] + first * second * chosen[:, 2]
+    )
     return places

@@ -41,13 +41,18 @@ def prerequisite_groups(simspec: SimSpec, group: ActorGroup) -> set[str]:
         names |= set(groups_named(simspec, group, distance.of))
     if place.hidden_from or place.visible_from:
         names |= {
-            other.id for other in simspec.actors if other is not group and other.asset in ASSETS and ASSETS[other.asset].solid
+            other.id
+            for other in simspec.actors
+            if other is not group and other.asset in ASSETS and ASSETS[other.asset].solid
         }
     return names
 
 
 def hosts_of(simspec: SimSpec, group: ActorGroup) -> tuple[str, ...]:
-    """The chain of hosts: the group that members stand inside, the group that this one stands inside, and so on."""
+    """The chain of hosts: the group that members stand inside, the group that this one stands inside, and so
+    on.
+    """
+
     hosts: list[str] = []
     inside = group.placement.inside
     while inside and inside.of and inside.of not in hosts:

@@ -7,7 +7,9 @@ from collections.abc import Callable, Sequence
 from bench.simspec import ActorGroup
 
 
-def fewest_groups(groups: Sequence[ActorGroup], fails: Callable[[list[ActorGroup]], bool]) -> list[ActorGroup]:
+def fewest_groups(
+    groups: Sequence[ActorGroup], fails: Callable[[list[ActorGroup]], bool]
+) -> list[ActorGroup]:
     """A smallest set of groups that fail together: none can be left out."""
     core = list(groups)
     for group in groups:

@@ -1,8 +1,9 @@
 """Places for every actor that keep the SimSpec's relations, found by seeded sampling or by a solver.
 
-Distances between actors run from centre to centre, gaps between footprints from edge to edge. Actors that are not fixed also keep
-`HOME_CLEARANCE_M` from the vehicle's home. Places are rounded to the millimetre before they are judged, so the document
-holds exactly what was judged. `check_placement` judges them again with code of its own.
+Distances between actors run from centre to centre, gaps between footprints from edge to edge. Actors that are
+not fixed also keep `HOME_CLEARANCE_M` from the vehicle's home. Places are rounded to the millimetre before
+they are judged, so the document holds exactly what was judged. `check_placement` judges them again with code
+of its own.
 """
 
 from __future__ import annotations
@@ -15,7 +16,17 @@ import shapely
 
 from bench.arrays import Floats
 from bench.errors import Fault, PlacementInfeasible, RebarError, SetupError
-from bench.simspec import ActorGroup, Intelligence, PlacedActor, PlacedReport, Polygon, Realized, SimSpec, asset_fault, generator
+from bench.simspec import (
+    ActorGroup,
+    Intelligence,
+    PlacedActor,
+    PlacedReport,
+    Polygon,
+    Realized,
+    SimSpec,
+    asset_fault,
+    generator,
+)
 
 from ._check import check_placement
 from ._footprint import Footprints
@@ -26,7 +37,8 @@ from .proofs._proof import narrowed_ground, prove_infeasible
 from .relations._patrol_routes import check_fixed_routes, route_faults
 from .search._sampling import Placed, SamplingBudget, SamplingStalled, fixed_places, sample_placement
 
-# Share of an intelligence report's uncertainty within which its error is drawn, so that the true place lies well
+# Share of an intelligence report's uncertainty within which its error is drawn, so that the true place lies
+# well
 # inside.
 REPORT_ERROR_SHARE = 0.8
 
@@ -35,25 +47,32 @@ REPORT_ERROR_SHARE = 0.8
 MAX_ATTEMPTS = 32
 
 
-# When crowding leaves fewer than this share of a group a place, sampling is not tried again. Chosen, not measured.
+# When crowding leaves fewer than this share of a group a place, sampling is not tried again. Chosen, not
+# measured.
 RETRY_SHARE = 0.8
 
 
 class PlacementUnsound(RebarError):
-    """The search returned places that `check_placement` rejects: a bench error. The scene is neither written nor flown."""
+    """The search returned places that `check_placement` rejects: a bench error.
+
+    The scene is neither written nor flown.
+    """
 
 
 def place(simspec: SimSpec) -> SimSpec:
     """The SimSpec with `realized` filled: the same places for the same seeds.
 
     Sampling comes first. When it stalls, a proof of infeasibility is tried, then the solver searches.
-    `check_placement` judges every result.
-    Raises SetupError for relations without meaning (unknown asset, groups related in a circle, a region that crosses
-    itself), PlacementInfeasible when no arrangement exists or none was found, and PlacementUnsound.
+    `check_placement` judges every result. Raises SetupError for relations without meaning (unknown asset,
+    groups related in a circle, a region that crosses itself), PlacementInfeasible when no arrangement exists
+    or none was found, and PlacementUnsound.
     """
+
     placed = _searched(simspec)
     if faults := check_placement(placed):
-        fault_text = "; ".join(map(str, faults[:5])) + (f"; and {len(faults) - 5} more" if len(faults) > 5 else "")
+        fault_text = "; ".join(map(str, faults[:5])) + (
+            f"; and {len(faults) - 5} more" if len(faults) > 5 else ""
+        )
         raise PlacementUnsound(
             f"placement broke its rules in {simspec.name!r}, seed {simspec.seeds.root}, so the scene is not used: {fault_text} "
             "(a bench error: report it with this SimSpec; until it is fixed, try another seed)"
@@ -71,7 +90,9 @@ def _searched(simspec: SimSpec) -> SimSpec:
     remaining: dict[str, Geometry] | None = None
     for attempt in range(MAX_ATTEMPTS):
         try:
-            return with_places(simspec, sample_placement(simspec, order, attempt, budget, remaining), "sampling")
+            return with_places(
+                simspec, sample_placement(simspec, order, attempt, budget, remaining), "sampling"
+            )
         except SamplingStalled as reason:
             if stuck is None and (clash := prove_infeasible(simspec, order)):
                 raise clash from None
@@ -92,7 +113,9 @@ def _solved(simspec: SimSpec, order: list[ActorGroup], stuck: SamplingStalled) -
 
     placed = solve_placement(simspec, order)
     if placed is None:
-        raise PlacementInfeasible(f"no places were found (this is not a proof that none exist): {stuck.sentence()}", proved=False)
+        raise PlacementInfeasible(
+            f"no places were found (this is not a proof that none exist): {stuck.sentence()}", proved=False
+        )
     return with_places(simspec, placed, "cp-sat")
 
 
@@ -102,7 +125,11 @@ def with_places(simspec: SimSpec, placed: Placed, method: str) -> SimSpec:
 
 
 def placement_order(simspec: SimSpec) -> list[ActorGroup]:
-    """The groups in placement order: fixed ones first, then each after those that it relates to. Raises SetupError for a circle."""
+    """The groups in placement order: fixed ones first, then each after those that it relates to.
+
+    Raises SetupError for a circle.
+    """
+
     faults = list(_spec_faults(simspec))
     # A stable sort keeps the author's order among free groups, and with it their random draws.
     waiting = sorted(simspec.actors, key=lambda group: group.placement.at is None)
@@ -112,7 +139,13 @@ def placement_order(simspec: SimSpec) -> list[ActorGroup]:
         ready = next((group for group in waiting if prerequisite_groups(simspec, group) <= known), None)
         if ready is None:
             names = ", ".join(group.id for group in waiting)
-            faults.append(Fault("actors", f"the groups {names} relate to each other in a circle", "drop one of the relations"))
+            faults.append(
+                Fault(
+                    "actors",
+                    f"the groups {names} relate to each other in a circle",
+                    "drop one of the relations",
+                )
+            )
         else:
             waiting.remove(ready)
             ordered.append(ready)
@@ -130,18 +163,28 @@ def _spec_faults(simspec: SimSpec) -> Iterator[Fault]:
         if fault := asset_fault(f"{where}.asset", group.asset):
             yield fault
         if len(group.id) > 56:
-            yield Fault(f"{where}.id", "is too long: its members' ids add a number", "use at most 56 characters")
+            yield Fault(
+                f"{where}.id", "is too long: its members' ids add a number", "use at most 56 characters"
+            )
         yield from _pair_faults(simspec, where, group)
         if group.placement.region:
             yield from _polygon_faults(f"{where}.placement.region", group.placement.region)
         least = {other.id: other.member_count(simspec.world.area.area_m2) for other in simspec.actors}
-        if member_count(simspec, group) and (empty := [other for other in sorted(_groups_named(group)) if least.get(other) == 0]):
+        if member_count(simspec, group) and (
+            empty := [other for other in sorted(_groups_named(group)) if least.get(other) == 0]
+        ):
             yield Fault(
-                f"{where}.placement", f"relates to {empty[0]!r}, which has no members", "give it members or drop the relation"
+                f"{where}.placement",
+                f"relates to {empty[0]!r}, which has no members",
+                "give it members or drop the relation",
             )
     for index, report in enumerate(simspec.intelligence):
         if not simspec.group(report.about).member_count(simspec.world.area.area_m2):
-            yield Fault(f"intelligence[{index}].about", f"group {report.about!r} has no members", "give it at least one")
+            yield Fault(
+                f"intelligence[{index}].about",
+                f"group {report.about!r} has no members",
+                "give it at least one",
+            )
 
 
 def _pair_faults(simspec: SimSpec, where: str, group: ActorGroup) -> Iterator[Fault]:
@@ -162,10 +205,14 @@ def _groups_named(group: ActorGroup) -> set[str]:
     """The groups that this one relates to by name: a relation to a group without members would be empty."""
     place = group.placement
     names = {
-        relation.of for relation in (place.near, place.away, place.mean_distance, *place.distances, place.inside) if relation
+        relation.of
+        for relation in (place.near, place.away, place.mean_distance, *place.distances, place.inside)
+        if relation
     }
     names |= {place.between.first, place.between.second} if place.between else set()
-    return {name for name in (*names, *(reference.of for reference in place.place_references.values())) if name}
+    return {
+        name for name in (*names, *(reference.of for reference in place.place_references.values())) if name
+    }
 
 
 def _polygon_faults(where: str, polygon: Polygon) -> Iterator[Fault]:
@@ -194,13 +241,18 @@ def _reports(simspec: SimSpec, placed: Mapping[str, Footprints]) -> tuple[Placed
     area = polygon_ground(simspec.world.area)
     shapely.prepare(area)
     return tuple(
-        _report(report, placed[report.about].centre_m[0], area, generator(simspec.seeds, "intelligence", index))
+        _report(
+            report, placed[report.about].centre_m[0], area, generator(simspec.seeds, "intelligence", index)
+        )
         for index, report in enumerate(simspec.intelligence)
     )
 
 
 def _report(report: Intelligence, truth_m: Floats, area: Geometry, rng: np.random.Generator) -> PlacedReport:
-    """A report's position: uniform over the disc of its error around the truth, or over the part of the disc inside the area."""
+    """A report's position: uniform over the disc of its error around the truth, or over the part of the disc
+    inside the area.
+    """
+
     radius = REPORT_ERROR_SHARE * report.uncertainty_m * np.sqrt(rng.uniform(size=64))
     angle = rng.uniform(0.0, 2 * pi, 64)
     places = np.round(truth_m + np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1), 3)

@@ -17,7 +17,9 @@ from .relations._relation import HOME_CLEARANCE_M
 def home_obstacle(simspec: SimSpec) -> Footprints:
     """The vehicle's home as an obstacle with a clearance around it."""
     home = simspec.vehicle.home
-    return Footprints(np.array([[home.east_m, home.north_m]]), np.zeros(1), np.zeros((1, 2)), np.full(1, HOME_CLEARANCE_M))
+    return Footprints(
+        np.array([[home.east_m, home.north_m]]), np.zeros(1), np.zeros((1, 2)), np.full(1, HOME_CLEARANCE_M)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +51,9 @@ class RelationTarget:
             return cls.named(simspec, distance.of)
         # Groups without members are left out: a distance to nobody is kept.
         names = groups_named(simspec, group, distance.of)
-        return cls(repr(distance.of), tuple(name for name in names if member_count(simspec, simspec.group(name))))
+        return cls(
+            repr(distance.of), tuple(name for name in names if member_count(simspec, simspec.group(name)))
+        )
 
     @classmethod
     def _point(cls, point: Point | None) -> RelationTarget:

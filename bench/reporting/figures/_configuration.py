@@ -24,7 +24,10 @@ Values = dict[tuple[str, str], list[float]]
 
 
 def configuration_figure(data: ReportData, configuration: Configuration) -> go.Figure:
-    """The paper's panel: difficulty as a red dot, scores as violins (left axis), confidence as grey bars (right axis)."""
+    """The paper's panel: difficulty as a red dot, scores as violins (left axis), confidence as grey bars
+    (right axis).
+    """
+
     figure = empty_figure(height=300, margin={"l": 44, "r": 48, "t": 10, "b": 30})
     shown = tuple(style for style in agent_styles(data.agents) if configuration.runs.get(style.name))
     scores = _scores_of(data.scores, configuration)
@@ -37,13 +40,18 @@ def configuration_figure(data: ReportData, configuration: Configuration) -> go.F
         offset = (place - (len(shown) - 1) / 2) * slot
         _score_shapes(figure, data.study, style, scores, offset, slot * 0.78)
     _difficulty_dots(figure, data.study, configuration)
-    # Scores are not clipped: partial credit exceeds 100 and a near miss may fall below 0 (docs/rulings.md 7 and 8).
+    # Scores are not clipped: partial credit exceeds 100 and a near miss may fall below 0 (docs/rulings.md 7
+    # and 8).
     top = max([100.0, *(v for values in scores.values() for v in values)])
     bottom = min([0.0, *(v for values in scores.values() for v in values)])
     # Below the bars is room for the letters of the agents, which `_confidence_bars` puts at -6.
     extent = [bottom - 12.0, top + 6.0]
     figure.update_layout(
-        xaxis={"tickvals": list(range(len(data.study))), "ticktext": list(data.study), "range": [-0.5, len(data.study) - 0.5]},
+        xaxis={
+            "tickvals": list(range(len(data.study))),
+            "ticktext": list(data.study),
+            "range": [-0.5, len(data.study) - 0.5],
+        },
         # Bars are on the first axis, so that the violins, on the overlaid second one, are drawn over them.
         yaxis=_axis("confidence, %", extent, side="right", showgrid=False),
         yaxis2=_axis("score and difficulty", extent, side="left", overlaying="y", showgrid=True),
@@ -76,14 +84,26 @@ def _scores_of(scores: pl.DataFrame, configuration: Configuration) -> Values:
 
 
 def _confidence_bars(
-    figure: go.Figure, data: ReportData, configuration: Configuration, style: AgentStyle, offset: float, width: float
+    figure: go.Figure,
+    data: ReportData,
+    configuration: Configuration,
+    style: AgentStyle,
+    offset: float,
+    width: float,
 ) -> None:
     tallies = [data.tally(style.name, node, configuration.key) for node in data.study]
     # Rounded, to keep the page small; a screen shows no more.
-    heights = [None if tally is None or tally.confidence is None else round(100 * tally.confidence, 4) for tally in tallies]
+    heights = [
+        None if tally is None or tally.confidence is None else round(100 * tally.confidence, 4)
+        for tally in tallies
+    ]
     texts = [
         f"{style.letter} {escape(style.name)}<br>{node}: confidence "
-        + ("none: never considered" if tally is None or tally.confidence is None else f"{100 * tally.confidence:.1f} %")
+        + (
+            "none: never considered"
+            if tally is None or tally.confidence is None
+            else f"{100 * tally.confidence:.1f} %"
+        )
         + ("" if tally is None else f"<br>considered in {tally.considered} of {tally.runs} runs")
         for node, tally in zip(data.study, tallies, strict=True)
     ]
@@ -144,13 +164,18 @@ def _score_shapes(
                     "opacity": 0.75,
                     "line": {"width": 0.5, "color": "var(--paper)"},
                 },
-                hovertext=[f"{style.letter} {escape(style.name)}<br>{node}: score {value:.2f}" for value in values],
+                hovertext=[
+                    f"{style.letter} {escape(style.name)}<br>{node}: score {value:.2f}" for value in values
+                ],
                 hoverinfo="text",
             )
 
 
 def _bandwidth(values: Sequence[float]) -> float:
-    """Half of Scott's rule, because scores form clumps; at least 0.4 points, or a clump of equal scores would be a needle."""
+    """Half of Scott's rule, because scores form clumps; at least 0.4 points, or a clump of equal scores would
+    be a needle.
+    """
+
     return max(0.4, 0.5 * stdev(values) * math.pow(len(values), -0.2))
 
 
@@ -163,7 +188,10 @@ def _swarm(values: Sequence[float]) -> list[float]:
         bin_ = round(value / 2.0)
         ranks.append((bin_, count.get(bin_, 0)))
         count[bin_] = count.get(bin_, 0) + 1
-    return [0.0 if count[b] == 1 else (rank / (count[b] - 1) - 0.5) * min(0.8, 0.16 * (count[b] - 1)) for b, rank in ranks]
+    return [
+        0.0 if count[b] == 1 else (rank / (count[b] - 1) - 0.5) * min(0.8, 0.16 * (count[b] - 1))
+        for b, rank in ranks
+    ]
 
 
 def _difficulty_dots(figure: go.Figure, study: Sequence[str], configuration: Configuration) -> None:
@@ -184,7 +212,12 @@ def _difficulty_dots(figure: go.Figure, study: Sequence[str], configuration: Con
         y=[configuration.difficulty[node] for _, node in known],
         yaxis="y2",
         mode="markers",
-        marker={"symbol": "circle", "size": 11, "color": "var(--difficulty)", "line": {"color": "var(--paper)", "width": 1.6}},
+        marker={
+            "symbol": "circle",
+            "size": 11,
+            "color": "var(--difficulty)",
+            "line": {"color": "var(--paper)", "width": 1.6},
+        },
         hovertext=[f"{node}: difficulty {configuration.difficulty[node]:.1f}" for _, node in known],
         hoverinfo="text",
     )

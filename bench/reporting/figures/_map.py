@@ -22,7 +22,12 @@ ROLE_NAMES = {Role.ADVERSARY: "adversary", Role.BYSTANDER: "bystander", Role.CLU
 def map_figure(chart: RunMap) -> go.Figure:
     """One run from above: east to the right, north up, metres, the same scale on both axes."""
     figure = empty_figure(height=620, margin={"l": 54, "r": 10, "t": 64, "b": 44})
-    _outline(figure, chart.area_enu_m, "area of interest", {"color": "var(--ink-soft)", "width": 1.2, "dash": "dash"})
+    _outline(
+        figure,
+        chart.area_enu_m,
+        "area of interest",
+        {"color": "var(--ink-soft)", "width": 1.2, "dash": "dash"},
+    )
     for name, points, width_m in chart.roads:
         _outline(figure, points, f"road {name}, {width_m:g} m wide", {"color": "var(--road)", "width": 5})
     for name, ring in chart.areas:
@@ -40,20 +45,35 @@ def map_figure(chart: RunMap) -> go.Figure:
         )
     for name, east_m, north_m, radius_m, priority in chart.circles:
         label = f"intelligence {name}, priority {priority}"
-        _outline(figure, _circle(east_m, north_m, radius_m), label, {"color": "var(--intelligence)", "width": 1.6, "dash": "dot"})
+        _outline(
+            figure,
+            _circle(east_m, north_m, radius_m),
+            label,
+            {"color": "var(--intelligence)", "width": 1.6, "dash": "dot"},
+        )
     for role in (Role.CLUTTER, Role.BYSTANDER):
         _draw_actors(figure, role, [actor for actor in chart.actors if actor.role is role])
     _draw_flight(figure, chart)
     for place, report in enumerate(chart.reports):
         # The legend has one entry for marks and one for withheld marks, not one for each report.
-        _draw_report(figure, chart, report, first=report.mark not in {earlier.mark for earlier in chart.reports[:place]})
+        _draw_report(
+            figure,
+            chart,
+            report,
+            first=report.mark not in {earlier.mark for earlier in chart.reports[:place]},
+        )
     # Last, so that a target is not hidden by the report on it.
     _draw_actors(figure, Role.ADVERSARY, [actor for actor in chart.actors if actor.role is Role.ADVERSARY])
     figure.add_scatter(
         x=[chart.home_enu_m[0]],
         y=[chart.home_enu_m[1]],
         mode="markers+text",
-        marker={"symbol": "star", "size": 14, "color": "var(--ink)", "line": {"color": "var(--paper)", "width": 1}},
+        marker={
+            "symbol": "star",
+            "size": 14,
+            "color": "var(--ink)",
+            "line": {"color": "var(--paper)", "width": 1},
+        },
         text=["home"],
         textposition="bottom center",
         textfont={"color": "var(--ink)"},
@@ -63,7 +83,12 @@ def map_figure(chart: RunMap) -> go.Figure:
     axis = {"gridcolor": "var(--grid)", "zeroline": False}
     figure.update_layout(
         xaxis={**axis, "title": {"text": "east, m", "font": {"size": 12}}},
-        yaxis={**axis, "title": {"text": "north, m", "font": {"size": 12}}, "scaleanchor": "x", "scaleratio": 1},
+        yaxis={
+            **axis,
+            "title": {"text": "north, m", "font": {"size": 12}},
+            "scaleanchor": "x",
+            "scaleratio": 1,
+        },
         legend={"orientation": "h", "yanchor": "bottom", "y": 1.02, "x": 0, "font": {"size": 11}},
         dragmode="pan",
     )
@@ -97,7 +122,9 @@ def _draw_actors(figure: go.Figure, role: Role, actors: Sequence[MapActor]) -> N
             "line": {"color": "var(--paper)", "width": 0.8},
         },
         # Plotly renders markup in texts. An id cannot hold any, a class label could.
-        hovertext=[f"{actor.id} ({escape(actor.class_label)}), {ROLE_NAMES[role]}, at the start" for actor in actors],
+        hovertext=[
+            f"{actor.id} ({escape(actor.class_label)}), {ROLE_NAMES[role]}, at the start" for actor in actors
+        ],
         hoverinfo="text",
         name=ROLE_NAMES[role],
     )
@@ -128,7 +155,12 @@ def _draw_flight(figure: go.Figure, chart: RunMap) -> None:
             "size": 4,
             "color": list(times),
             "colorscale": [list(stop) for stop in FLIGHT_COLOURS],
-            "colorbar": {"title": {"text": "time, s", "side": "right"}, "thickness": 10, "len": 0.7, "outlinewidth": 0},
+            "colorbar": {
+                "title": {"text": "time, s", "side": "right"},
+                "thickness": 10,
+                "len": 0.7,
+                "outlinewidth": 0,
+            },
         },
         hovertext=[f"{t:.1f} s, {h:.0f} m high" for t, h in zip(times, height, strict=True)],
         hoverinfo="text",
@@ -151,7 +183,12 @@ def _draw_report(figure: go.Figure, chart: RunMap, report: MapReport, first: boo
             x=[east for east, _ in report.bystanders_enu_m],
             y=[north for _, north in report.bystanders_enu_m],
             mode="markers",
-            marker={"symbol": "circle-open", "size": 13, "color": colour, "line": {"width": 2, "color": colour}},
+            marker={
+                "symbol": "circle-open",
+                "size": 13,
+                "color": colour,
+                "line": {"width": 2, "color": colour},
+            },
             hovertext=f"bystander within {chart.no_mark_within_m:g} m at {report.time_s:.1f} s",
             hoverinfo="text",
             showlegend=False,
@@ -160,7 +197,12 @@ def _draw_report(figure: go.Figure, chart: RunMap, report: MapReport, first: boo
         x=[report.east_m],
         y=[report.north_m],
         mode="markers",
-        marker={"symbol": "x" if report.mark else "x-open", "size": 19, "color": colour, "line": {"color": colour, "width": 1.5}},
+        marker={
+            "symbol": "x" if report.mark else "x-open",
+            "size": 19,
+            "color": colour,
+            "line": {"color": colour, "width": 1.5},
+        },
         hovertext=f"{kind} at {report.time_s:.1f} s, confidence {report.confidence:.2f}",
         hoverinfo="text",
         name=f"report, {kind}",
@@ -187,7 +229,12 @@ def _draw_report(figure: go.Figure, chart: RunMap, report: MapReport, first: boo
 
 
 def _outline(
-    figure: go.Figure, track: Track, name: str, line: dict[str, object], show: bool = True, fill: str | None = None
+    figure: go.Figure,
+    track: Track,
+    name: str,
+    line: dict[str, object],
+    show: bool = True,
+    fill: str | None = None,
 ) -> None:
     figure.add_scatter(
         x=[point[0] for point in track], y=[point[1] for point in track], mode="lines", line=line, name=name, hoverinfo="name",
@@ -198,4 +245,6 @@ def _outline(
 def _circle(east_m: float, north_m: float, radius_m: float, corners: int = 48) -> Track:
     # 48 corners stay within 0.3 % of the radius: 1 - cos(pi / 48).
     turns = [2 * math.pi * k / corners for k in range(corners + 1)]
-    return tuple((round(east_m + radius_m * math.cos(a), 1), round(north_m + radius_m * math.sin(a), 1)) for a in turns)
+    return tuple(
+        (round(east_m + radius_m * math.cos(a), 1), round(north_m + radius_m * math.sin(a), 1)) for a in turns
+    )

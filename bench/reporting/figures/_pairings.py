@@ -25,14 +25,18 @@ def pairings_figure(pairings: Sequence[Pairing]) -> go.Figure:
             mode="markers+text",
             marker={
                 "symbol": "circle",
-                # The count is written inside, so no disc is smaller than 13 px; a row is 52 px high, so none exceeds 38.
+                # The count is written inside, so no disc is smaller than 13 px; a row is 52 px high, so none
+                # exceeds 38.
                 "size": [min(38.0, 13.0 + 3.5 * math.sqrt(counts[step])) for step in steps],
                 "color": "var(--bar)",
                 "line": {"color": "var(--bar-edge)", "width": 1},
             },
             text=[str(counts[step]) for step in steps],
             textfont={"size": 11, "color": "var(--ink)"},
-            hovertext=[f"{pairing.node}: {step:+d} points in {counts[step]} of {pairing.scenes} scenes" for step in steps],
+            hovertext=[
+                f"{pairing.node}: {step:+d} points in {counts[step]} of {pairing.scenes} scenes"
+                for step in steps
+            ],
             hoverinfo="text",
         )
         if pairing.mean_confidence_difference is not None:

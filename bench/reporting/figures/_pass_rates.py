@@ -16,12 +16,16 @@ from ..statistics._trials import NodeTrials
 from ._style import AgentStyle, empty_figure
 
 
-def curve_figure(shown: Sequence[AgentStyle], trials: Mapping[str, NodeTrials], tallies: Mapping[str, Tally]) -> go.Figure:
-    """One node's pass rate over difficulty: a disc for each difficulty flown, the logistic curve with its band where there is one.
+def curve_figure(
+    shown: Sequence[AgentStyle], trials: Mapping[str, NodeTrials], tallies: Mapping[str, Tally]
+) -> go.Figure:
+    """One node's pass rate over difficulty: a disc for each difficulty flown, the logistic curve with its
+    band where there is one.
 
-    `trials` and `tallies` are by agent. Triangles on the lines of 50 and 90 % are competence, the line to their left reaches
-    down to its lower bound.
+    `trials` and `tallies` are by agent. Triangles on the lines of 50 and 90 % are competence, the line to
+    their left reaches down to its lower bound.
     """
+
     figure = empty_figure(height=270, margin={"l": 48, "r": 14, "t": 10, "b": 42})
     difficulties = [hard for agent_trials in trials.values() for hard in agent_trials.difficulty]
     extent = [max(0.0, min(difficulties, default=0.0) - 8.0), max(difficulties, default=100.0) + 8.0]
@@ -79,7 +83,11 @@ def _curve(figure: go.Figure, style: AgentStyle, curve: Curve) -> None:
         y=[round(100 * float(value), 3) for value in curve.probability],
         mode="lines",
         # Dotted where the runs do not fix the curve: all passed, none passed, or separated.
-        line={"color": style.colour, "width": 2, "dash": "solid" if curve.state is CurveState.FITTED else "dot"},
+        line={
+            "color": style.colour,
+            "width": 2,
+            "dash": "solid" if curve.state is CurveState.FITTED else "dot",
+        },
         hovertext=f"{style.letter} {escape(style.name)}: logistic curve",
         hoverinfo="text",
     )
@@ -110,7 +118,8 @@ def _pass_rates(figure: go.Figure, style: AgentStyle, trials: NodeTrials, aside:
 
 def _competences(figure: go.Figure, style: AgentStyle, tally: Tally | None, aside: float) -> None:
     for rate, competence in (tally.competence if tally is not None else {}).items():
-        # ReportedCompetence 0 means that the fit never reaches the rate, so there is no difficulty to draw it at.
+        # ReportedCompetence 0 means that the fit never reaches the rate, so there is no difficulty to draw it
+        # at.
         if competence.value <= 0.0:
             continue
         figure.add_scatter(

@@ -1,7 +1,7 @@
 """How every figure looks: the style of each agent and the empty figure.
 
-Colours are CSS variables (`var(--agent-1)`), which the page resolves for light, dark and print. No figure relies on
-colour alone: agents also differ in letter, marker and hatching, roles in marker.
+Colours are CSS variables (`var(--agent-1)`), which the page resolves for light, dark and print. No figure
+relies on colour alone: agents also differ in letter, marker and hatching, roles in marker.
 """
 
 from __future__ import annotations
@@ -32,7 +32,11 @@ class AgentStyle:
 
 
 def agent_styles(agents: Sequence[str]) -> tuple[AgentStyle, ...]:
-    """A style for each agent, by its position. From the seventh on, colours repeat, and the letter makes the difference."""
+    """A style for each agent, by its position.
+
+    From the seventh on, colours repeat, and the letter makes the difference.
+    """
+
     return tuple(
         AgentStyle(
             name=name,
@@ -50,13 +54,18 @@ def empty_figure(height: int, margin: dict[str, int]) -> go.Figure:
     """An empty figure in the style of the page."""
     return go.Figure(
         layout={
-            # Empty: the default template of Plotly has fixed colours, which would not follow the theme of the page.
+            # Empty: the default template of Plotly has fixed colours, which would not follow the theme of the
+            # page.
             "template": go.layout.Template(),
             "height": height,
             "margin": margin,
             "paper_bgcolor": "var(--paper)",
             "plot_bgcolor": "var(--paper)",
             "font": {"family": "system-ui, sans-serif", "size": 12, "color": "var(--ink)"},
-            "hoverlabel": {"bgcolor": "var(--paper)", "bordercolor": "var(--line)", "font": {"color": "var(--ink)"}},
+            "hoverlabel": {
+                "bgcolor": "var(--paper)",
+                "bordercolor": "var(--line)",
+                "font": {"color": "var(--ink)"},
+            },
         }
     )

@@ -13,7 +13,13 @@ from bench.errors import Fault, SetupError
 from decompositions import Decomposition, KeyFactor, Level
 
 from .._campaign_data import ReportData, Tally
-from .._html import content_security_policy, json_script_text, normalized_script, template_environment, template_text
+from .._html import (
+    content_security_policy,
+    json_script_text,
+    normalized_script,
+    template_environment,
+    template_text,
+)
 from ..statistics._trials import NodeTrials, trials_of
 from ..text._format import listed, plural
 from ..text._node_sentences import node_sentences
@@ -32,7 +38,11 @@ LEVELS = {
     Level.OBSERVABLE: ("Observable", "Observables"),
 }
 UNSCORED, UNCONSIDERED, ABSENT = "unscored", "unconsidered", "absent"
-STATES = {UNSCORED: "not scored: nothing achieved", UNCONSIDERED: "never considered", ABSENT: "not in this campaign"}
+STATES = {
+    UNSCORED: "not scored: nothing achieved",
+    UNCONSIDERED: "never considered",
+    ABSENT: "not in this campaign",
+}
 # graph.css and graph_svg.css have the classes s0 to s9.
 COLOUR_STEPS = 10
 
@@ -44,14 +54,19 @@ NUMBER_CHARACTERS = 7
 
 @dataclass(frozen=True, slots=True)
 class NodeColour:
-    """How one node is coloured: `step` 0 to 9 of the scale or one of STATES, and the number that it stands for."""
+    """How one node is coloured: `step` 0 to 9 of the scale or one of STATES, and the number that it stands
+    for.
+    """
 
     step: str
     text: str
 
 
 def graph_svg(
-    decomposition: Decomposition, data: ReportData | None = None, agent: str | None = None, by: Measurement = "confidence"
+    decomposition: Decomposition,
+    data: ReportData | None = None,
+    agent: str | None = None,
+    by: Measurement = "confidence",
 ) -> str:
     """The whole decomposition as an SVG file; the same input gives the same bytes.
 
@@ -63,7 +78,11 @@ def graph_svg(
         name: (EDGE_PX + laid.column[name] * COLUMN_PX, round(TOP_PX + laid.row[name] * ROW_PX, 1))
         for name in decomposition.nodes
     }
-    coloured = {name: colour(_tally(data, flown, name), by) for name in decomposition.nodes} if data is not None else {}
+    coloured = (
+        {name: colour(_tally(data, flown, name), by) for name in decomposition.nodes}
+        if data is not None
+        else {}
+    )
     context = {
         "decomposition": decomposition,
         "width": 2 * EDGE_PX + (len(laid.columns) - 1) * COLUMN_PX + WIDTH_PX,
@@ -83,7 +102,9 @@ def graph_svg(
                 "x": place[name][0],
                 "y": place[name][1],
                 # SVG does not wrap text; the tooltip has the whole title.
-                "short": _short(node.title, MAX_TITLE_CHARACTERS - (NUMBER_CHARACTERS if data is not None else 0)),
+                "short": _short(
+                    node.title, MAX_TITLE_CHARACTERS - (NUMBER_CHARACTERS if data is not None else 0)
+                ),
                 "studied": name in decomposition.document.study,
                 "also": _parents_text(len(decomposition.parents[name])),
                 "coloured": coloured.get(name),
@@ -104,12 +125,17 @@ def graph_svg(
 
 
 def graph_page(
-    decomposition: Decomposition, data: ReportData | None = None, agent: str | None = None, by: Measurement = "confidence"
+    decomposition: Decomposition,
+    data: ReportData | None = None,
+    agent: str | None = None,
+    by: Measurement = "confidence",
 ) -> str:
     """The decomposition as one HTML file that fetches nothing; the same input gives the same bytes.
 
-    Every agent of the campaign can be chosen in it; `agent` is shown first. Raises SetupError for one that there is not.
+    Every agent of the campaign can be chosen in it; `agent` is shown first. Raises SetupError for one that
+    there is not.
     """
+
     script = normalized_script(template_text("graph.js"))
     document = {
         "nodes": [_described(decomposition, name) for name in decomposition.nodes],
@@ -143,7 +169,11 @@ def graph_page(
 
 
 def colour(tally: Tally | None, by: Measurement) -> NodeColour:
-    """The colour of a node on the scale. A node without a number has a state, which must not look like a low number."""
+    """The colour of a node on the scale.
+
+    A node without a number has a state, which must not look like a low number.
+    """
+
     if tally is None:
         return NodeColour(ABSENT, "–")
     if not tally.considered:
@@ -157,7 +187,9 @@ def colour(tally: Tally | None, by: Measurement) -> NodeColour:
         return (
             NodeColour(ABSENT, "–")
             if competence is None
-            else NodeColour(_step(competence.value), f"{'≥ ' if competence.at_least else ''}{competence.value:.0f}")
+            else NodeColour(
+                _step(competence.value), f"{'≥ ' if competence.at_least else ''}{competence.value:.0f}"
+            )
         )
     if tally.score is None:
         return NodeColour(UNSCORED, "none")
@@ -173,9 +205,17 @@ def _agent(data: ReportData | None, agent: str | None) -> str:
     if data is None:
         return ""
     if agent is not None and agent not in data.agents:
-        raise SetupError(Fault("--agent", f"{agent!r} did not fly in {data.name}", f"agents: {', '.join(data.agents) or 'none'}"))
+        raise SetupError(
+            Fault(
+                "--agent",
+                f"{agent!r} did not fly in {data.name}",
+                f"agents: {', '.join(data.agents) or 'none'}",
+            )
+        )
     if not data.agents:
-        raise SetupError(Fault("--campaign", f"{data.name} has no agents", "draw the decomposition without it"))
+        raise SetupError(
+            Fault("--campaign", f"{data.name} has no agents", "draw the decomposition without it")
+        )
     return agent or data.agents[0]
 
 
@@ -220,14 +260,18 @@ def _described(decomposition: Decomposition, name: str) -> dict[str, Any]:
         "children": list(node.children),
         "studied": name in decomposition.document.study,
         "facts": list(_facts(decomposition, name)),
-        "tables": [_table(row) for row in decomposition.key_factors(name)] if node.level is Level.OBSERVABLE else [],
+        "tables": [_table(row) for row in decomposition.key_factors(name)]
+        if node.level is Level.OBSERVABLE
+        else [],
     }
 
 
 def _facts(decomposition: Decomposition, name: str) -> Iterator[tuple[str, str]]:
     if decomposition.level_of(name) is not Level.OBSERVABLE:
         under = decomposition.observables_under(name)
-        factors = dict.fromkeys(row.factor for observable in under for row in decomposition.key_factors(observable))
+        factors = dict.fromkeys(
+            row.factor for observable in under for row in decomposition.key_factors(observable)
+        )
         yield "Observables under it", str(len(under))
         yield "Key factors", listed(list(factors)) or "none"
         return
@@ -239,12 +283,21 @@ def _facts(decomposition: Decomposition, name: str) -> Iterator[tuple[str, str]]
     yield "Partial credit", "yes" if observable.partial_credit else "no"
     if decomposition.near_miss(name):
         yield "Near miss", f"{decomposition.near_miss(name):g} below the threshold still scores"
-    yield "Considered", observable.considered + (" It applies in every run." if observable.always_considered else "")
+    yield (
+        "Considered",
+        observable.considered + (" It applies in every run." if observable.always_considered else ""),
+    )
 
 
 def _plain(value: bool | float | str) -> str:
     # Booleans as YAML writes them, because options are read in a YAML document.
-    return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
+    return (
+        str(value).lower()
+        if isinstance(value, bool)
+        else f"{value:g}"
+        if isinstance(value, float)
+        else str(value)
+    )
 
 
 def _table(row: KeyFactor) -> dict[str, Any]:
@@ -259,12 +312,19 @@ def _table(row: KeyFactor) -> dict[str, Any]:
 
 
 def _shown(decomposition: Decomposition, data: ReportData) -> dict[str, dict[str, Any]]:
-    """By agent and node: the colour for each measurement, and the sentences; only nodes that the campaign has."""
+    """By agent and node: the colour for each measurement, and the sentences; only nodes that the campaign
+    has.
+    """
+
     trials = trials_of(data.scores)
     return {
         agent: {
             name: {
-                **{key: [shade.step, shade.text] for key in MEASUREMENT_NAMES for shade in [colour(tally, key)]},
+                **{
+                    key: [shade.step, shade.text]
+                    for key in MEASUREMENT_NAMES
+                    for shade in [colour(tally, key)]
+                },
                 "sentences": node_sentences(tally, trials.get((agent, name), NodeTrials())),
             }
             for name in decomposition.nodes

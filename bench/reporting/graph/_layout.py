@@ -1,4 +1,6 @@
-"""The positions of the nodes in a drawing of a decomposition: a column for each level, a row for each leaf."""
+"""The positions of the nodes in a drawing of a decomposition: a column for each level, a row for each
+leaf.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,10 @@ GAPS = {Level.PRINCIPLE: 1.0, Level.KEY_ATTRIBUTE: 0.4}
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """An edge from a node to a child. `first` means that the child is placed under this parent, not under another one."""
+    """An edge from a node to a child.
+
+    `first` means that the child is placed under this parent, not under another one.
+    """
 
     parent: str
     child: str
@@ -22,7 +27,9 @@ class Edge:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Columns count from 0 at the most general level there is; rows are in heights of one node and may be fractions."""
+    """Columns count from 0 at the most general level there is; rows are in heights of one node and may be
+    fractions.
+    """
 
     columns: tuple[Level, ...]
     column: Mapping[str, int]
@@ -32,11 +39,13 @@ class Layout:
 
 
 def lay_out(decomposition: Decomposition) -> Layout:
-    """Place each node under the first parent that names it, and beside the middle of the children that are placed under it.
+    """Place each node under the first parent that names it, and beside the middle of the children that are
+    placed under it.
 
-    Everything comes in the order of the document, so no two nodes of a column are nearer than a row, edges to children
-    that are placed under a node never cross, and equal documents are laid out alike.
+    Everything comes in the order of the document, so no two nodes of a column are nearer than a row, edges to
+    children that are placed under a node never cross, and equal documents are laid out alike.
     """
+
     columns = tuple(level for level in Level if decomposition.at_level(level))
     row: dict[str, float] = {}
     beneath: dict[str, str] = {}
@@ -62,6 +71,14 @@ def lay_out(decomposition: Decomposition) -> Layout:
         if not decomposition.parents[name]:
             place(name)
     edges = tuple(
-        Edge(node.id, child, beneath[child] == node.id) for node in decomposition.nodes.values() for child in node.children
+        Edge(node.id, child, beneath[child] == node.id)
+        for node in decomposition.nodes.values()
+        for child in node.children
     )
-    return Layout(columns, {name: columns.index(node.level) for name, node in decomposition.nodes.items()}, row, edges, end)
+    return Layout(
+        columns,
+        {name: columns.index(node.level) for name, node in decomposition.nodes.items()},
+        row,
+        edges,
+        end,
+    )

@@ -13,10 +13,11 @@ OUTAGE_TEXTS = {"operator_link": "the operator’s link is down", "detections": 
 
 @dataclass(frozen=True, slots=True)
 class RunEvent:
-    """One event that the situation configures, in seconds of simulated time. `until_s` is None for an event without an end.
+    """One event that the situation configures, in seconds of simulated time. `until_s` is None for an event
+    without an end.
 
-    `response` is what the recording shows: when an order was delivered and what the agent answered, or that the run ended
-    before the event.
+    `response` is what the recording shows: when an order was delivered and what the agent answered, or that
+    the run ended before the event.
     """
 
     at_s: float
@@ -63,9 +64,15 @@ def _outages(simspec: SimSpec, tape: Tape) -> Iterator[RunEvent]:
     for outage in simspec.outages:
         response = _response_by_end(outage.at_s, tape)
         if outage.kind == "operator_link":
-            # SimTime counts nanoseconds: the recorded moment may be rounded to just before the configured one.
+            # SimTime counts nanoseconds: the recorded moment may be rounded to just before the configured
+            # one.
             down = next(
-                (link.time.s for link in tape.operator_link if not link.value.up and link.time.s >= outage.at_s - 1e-6), None
+                (
+                    link.time.s
+                    for link in tape.operator_link
+                    if not link.value.up and link.time.s >= outage.at_s - 1e-6
+                ),
+                None,
             )
             response = response or ("" if down is None else f"the agent was informed at {down:.1f} s")
         yield RunEvent(outage.at_s, outage.until_s, "outage", OUTAGE_TEXTS[outage.kind], response)
@@ -74,7 +81,9 @@ def _outages(simspec: SimSpec, tape: Tape) -> Iterator[RunEvent]:
 def _failures(simspec: SimSpec, tape: Tape) -> Iterator[RunEvent]:
     for failure in simspec.vehicle.failures:
         until_s = None if failure.duration_s is None else failure.at_s + failure.duration_s
-        yield RunEvent(failure.at_s, until_s, "fault", _failure_text(failure), _response_by_end(failure.at_s, tape))
+        yield RunEvent(
+            failure.at_s, until_s, "fault", _failure_text(failure), _response_by_end(failure.at_s, tape)
+        )
 
 
 def _response_by_end(at_s: float, tape: Tape) -> str:

@@ -18,6 +18,7 @@ def choose_runs(data: ReportData, count: int) -> tuple[Run, ...]:
     Each scene comes with all its agents, the scenes from different configurations first; with one agent, the runs
     with the lowest confidence come first. Runs without a recording are left out.
     """
+
     recorded = [run for run in data.runs if run.recording is not None]
     scenes: dict[tuple[str, int], dict[str, Run]] = {}
     for run in recorded:
@@ -33,13 +34,19 @@ def choose_runs(data: ReportData, count: int) -> tuple[Run, ...]:
         rounds.append((scenes_by_configuration.get(configuration, 0), scene))
         scenes_by_configuration[configuration] = scenes_by_configuration.get(configuration, 0) + 1
     # A stable sort: the most telling scene of every configuration first, then the second of each.
-    scenes_shown = [scene for _, scene in sorted(rounds, key=lambda pair: pair[0])][: max(1, count // max(1, flown_by))]
-    return tuple(full[scene][agent] for scene in scenes_shown for agent in data.agents if agent in full[scene])
+    scenes_shown = [scene for _, scene in sorted(rounds, key=lambda pair: pair[0])][
+        : max(1, count // max(1, flown_by))
+    ]
+    return tuple(
+        full[scene][agent] for scene in scenes_shown for agent in data.agents if agent in full[scene]
+    )
 
 
 def _interest(data: ReportData, runs: Sequence[Run]) -> tuple[bool, float, float]:
     """Sorts first: all completed, one key attribute on which they differ widely, and otherwise alike."""
-    rows = data.scores.filter(pl.col("realization").is_in([run.realization for run in runs]), pl.col("node").is_in(data.study))
+    rows = data.scores.filter(
+        pl.col("realization").is_in([run.realization for run in runs]), pl.col("node").is_in(data.study)
+    )
     spreads = []
     for _, node in rows.drop_nulls("confidence").group_by("node"):
         values = node["confidence"].to_list()
@@ -47,5 +54,6 @@ def _interest(data: ReportData, runs: Sequence[Run]) -> tuple[bool, float, float
     # One wide difference on a scene that is otherwise alike shows its cause; many differences at once do not.
     widest = max(spreads, default=0.0)
     incomplete = any(run.outcome is not Outcome.COMPLETED for run in runs)
-    # Rounded, so that the last digits of a float do not choose between equal scenes; the id of the scene does.
+    # Rounded, so that the last digits of a float do not choose between equal scenes; the id of the scene
+    # does.
     return (incomplete, round(-widest, 9), round(math.fsum(spreads) - widest, 9))

@@ -27,7 +27,8 @@ PATH_TOLERANCE_M = 0.5
 # The entry of Tape.malformed for a recording that is cut off; all other entries are topics.
 CUT_RECORDING = "recording"
 
-# A report farther than this from every adversary of its class stays at its reported position. The measures use the same
+# A report farther than this from every adversary of its class stays at its reported position. The measures
+# use the same
 # distance (SUBJECT_WITHIN_M of test_ports), which the core cannot import.
 MATCH_RADIUS_M = 40.0
 
@@ -107,7 +108,10 @@ class RunMap:
 
 
 def build_run_map(run: Run, simspec: SimSpec, tape: Tape) -> RunMap:
-    """The map of a run from its ground truth and the messages of its agent; `simspec` is the realized one of its recording."""
+    """The map of a run from its ground truth and the messages of its agent; `simspec` is the realized one of
+    its recording.
+    """
+
     reported = {report.id: (report.uncertainty_m, report.priority) for report in simspec.intelligence}
     placed = simspec.realized.reports if simspec.realized else ()
     return RunMap(
@@ -115,19 +119,25 @@ def build_run_map(run: Run, simspec: SimSpec, tape: Tape) -> RunMap:
         area_enu_m=_closed_ring(simspec.world.area),
         home_enu_m=(simspec.vehicle.home.east_m, simspec.vehicle.home.north_m),
         no_mark_within_m=simspec.rules.no_mark_within_m,
-        circles=tuple((place.id, place.east_m, place.north_m, *reported.get(place.id, (0.0, 0))) for place in placed),
+        circles=tuple(
+            (place.id, place.east_m, place.north_m, *reported.get(place.id, (0.0, 0))) for place in placed
+        ),
         actors=_actors(tape),
         flight=_flight(tape),
         reports=tuple(_report(report, tape, simspec.rules.no_mark_within_m) for report in tape.reports),
         decisions=tuple(_decision(decision) for decision in tape.decisions),
-        malformed=tuple((topic, count) for topic, count in sorted(tape.malformed.items()) if topic != CUT_RECORDING),
+        malformed=tuple(
+            (topic, count) for topic, count in sorted(tape.malformed.items()) if topic != CUT_RECORDING
+        ),
         cut=CUT_RECORDING in tape.malformed,
         geofence_enu_m=_closed_ring(simspec.rules.geofence) if simspec.rules.geofence else (),
         no_fly=tuple(
-            MapNoFly(no_fly.id, _closed_ring(no_fly.area), no_fly.from_s, no_fly.until_s) for no_fly in simspec.rules.no_fly
+            MapNoFly(no_fly.id, _closed_ring(no_fly.area), no_fly.from_s, no_fly.until_s)
+            for no_fly in simspec.rules.no_fly
         ),
         roads=tuple(
-            (road.id, tuple((point.east_m, point.north_m) for point in road.points), road.width_m) for road in simspec.world.roads
+            (road.id, tuple((point.east_m, point.north_m) for point in road.points), road.width_m)
+            for road in simspec.world.roads
         ),
         areas=tuple((area.id, _closed_ring(area)) for area in simspec.world.areas),
         events=run_events(simspec, tape),
@@ -157,7 +167,11 @@ def _actors(tape: Tape) -> tuple[MapActor, ...]:
     if len(tape.actor_time_s) == 0:
         return ()
     # About one sample a second is enough at the speed of actors, and the simplification is a loop in Python.
-    step = max(1, round(1.0 / max(1e-9, float(np.median(np.diff(tape.actor_time_s)))))) if len(tape.actor_time_s) > 1 else 1
+    step = (
+        max(1, round(1.0 / max(1e-9, float(np.median(np.diff(tape.actor_time_s))))))
+        if len(tape.actor_time_s) > 1
+        else 1
+    )
     paths = tape.actor_position_enu_m[::step, :, :2]
     return tuple(
         MapActor(member.id, member.role, member.class_label, _rounded(_simplified(paths[:, index])))
@@ -202,7 +216,9 @@ def _report(timed_report: Timed[TargetReport], tape: Tape, no_mark_within_m: flo
     cast = tape.cast if len(tape.actor_time_s) else ()
     reported_position = np.array([report.east_m, report.north_m])
     adversaries = [
-        i for i, member in enumerate(cast) if (member.role, member.class_label) == (Role.ADVERSARY, report.class_label)
+        i
+        for i, member in enumerate(cast)
+        if (member.role, member.class_label) == (Role.ADVERSARY, report.class_label)
     ]
     match = _nearest(positions, adversaries, reported_position)
     target = match[0] if match and match[1] <= MATCH_RADIUS_M else None
@@ -227,7 +243,9 @@ def _report(timed_report: Timed[TargetReport], tape: Tape, no_mark_within_m: flo
     )
 
 
-def _nearest(positions: NDArray[np.float64], among: Sequence[int], place: NDArray[np.float64]) -> tuple[int, float] | None:
+def _nearest(
+    positions: NDArray[np.float64], among: Sequence[int], place: NDArray[np.float64]
+) -> tuple[int, float] | None:
     distances = [(math.hypot(*(positions[i] - place)), i) for i in among]
     return (min(distances)[1], min(distances)[0]) if distances else None
 

@@ -33,7 +33,9 @@ class ComparedAgent:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Two sides over the scenes that both flew; `scenes` counts those, whether a node was considered in them or not."""
+    """Two sides over the scenes that both flew; `scenes` counts those, whether a node was considered in them
+    or not.
+    """
 
     first: str
     second: str
@@ -50,9 +52,11 @@ def compare_campaigns(
 ) -> Comparison:
     """Compare two agents of one campaign's folder, or one agent each of two folders.
 
-    Without `agents`: the two of one folder, or each folder's only one (else the one that both have). Without `nodes`: every
-    principle and key attribute. Raises SetupError with every reason for which they cannot be compared.
+    Without `agents`: the two of one folder, or each folder's only one (else the one that both have). Without
+    `nodes`: every principle and key attribute. Raises SetupError with every reason for which they cannot be
+    compared.
     """
+
     first, second = _compared_agents(folders, agents)
     faults = [*_decomposition_faults(first, second), *_unknown_node_faults(first.data, nodes)]
     if faults:
@@ -72,7 +76,9 @@ def compare_campaigns(
         first.label,
         second.label,
         scenes,
-        compare_nodes(first_rows, second_rows, compared_nodes, excluded_outcomes=EXCLUDED_OUTCOMES, seed=seed),
+        compare_nodes(
+            first_rows, second_rows, compared_nodes, excluded_outcomes=EXCLUDED_OUTCOMES, seed=seed
+        ),
     )
 
 
@@ -84,7 +90,9 @@ def compare_agents(data: ReportData, first: str, second: str) -> tuple[NodeCompa
 
 def _compared_agents(folders: Sequence[Path], agents: Sequence[str]) -> tuple[ComparedAgent, ComparedAgent]:
     if len(folders) not in (1, 2) or len(agents) not in (0, 2):
-        raise SetupError(Fault("compare", "two sides are compared", "name one folder or two, and two agents or none"))
+        raise SetupError(
+            Fault("compare", "two sides are compared", "name one folder or two, and two agents or none")
+        )
     data = [load_report_data(folder) for folder in folders]
     if faults := [
         Fault(str(folder), "holds no scores", f"`rebar score {folder}` makes them")
@@ -93,7 +101,10 @@ def _compared_agents(folders: Sequence[Path], agents: Sequence[str]) -> tuple[Co
     ]:
         raise SetupError(faults)
     # One folder is both sides: its first and its last entry are the same.
-    places, known_agents = [(folders[0], data[0]), (folders[-1], data[-1])], [_agents(data[0]), _agents(data[-1])]
+    places, known_agents = (
+        [(folders[0], data[0]), (folders[-1], data[-1])],
+        [_agents(data[0]), _agents(data[-1])],
+    )
     chosen = tuple(agents) or _default_agents(folders, known_agents)
     if faults := [
         Fault("--agents", f"{agent!r} is not in {place[0]}", f"agents there: {', '.join(known)}")
@@ -102,7 +113,9 @@ def _compared_agents(folders: Sequence[Path], agents: Sequence[str]) -> tuple[Co
     ]:
         raise SetupError(faults)
     if chosen[0] == chosen[1] and len(folders) == 1:
-        raise SetupError(Fault("--agents", "both sides are the same agent of the same campaign", "name two agents"))
+        raise SetupError(
+            Fault("--agents", "both sides are the same agent of the same campaign", "name two agents")
+        )
     labels = _labels(chosen, folders)
     first, second = (
         ComparedAgent(label, folder, agent, campaign)
@@ -125,9 +138,15 @@ def _default_agents(folders: Sequence[Path], known_agents: Sequence[Sequence[str
     elif len(shared := [agent for agent in known_agents[0] if agent in known_agents[1]]) == 1:
         return shared[0], shared[0]
     # Not strict: with one folder, `known_agents` has it twice.
-    agents_by_folder = "; ".join(f"{folder} has {', '.join(known)}" for folder, known in zip(folders, known_agents, strict=False))
+    agents_by_folder = "; ".join(
+        f"{folder} has {', '.join(known)}" for folder, known in zip(folders, known_agents, strict=False)
+    )
     raise SetupError(
-        Fault("--agents", f"it is not plain which two are meant: {agents_by_folder}", "name them: --agents FIRST SECOND")
+        Fault(
+            "--agents",
+            f"it is not plain which two are meant: {agents_by_folder}",
+            "name them: --agents FIRST SECOND",
+        )
     )
 
 
@@ -161,9 +180,17 @@ def _unknown_node_faults(data: ReportData, nodes: Iterable[str]) -> list[Fault]:
 
 
 def _shared_scene_rows(first: ComparedAgent, second: ComparedAgent) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """The rows of both sides in the scenes that both flew, with the realizations and design points of the first side."""
-    first_rows, second_rows = (side.data.scores.filter(pl.col("agent") == side.agent) for side in (first, second))
-    first_scenes, second_scenes = _realizations_by_scene(first, first_rows), _realizations_by_scene(second, second_rows)
+    """The rows of both sides in the scenes that both flew, with the realizations and design points of the
+    first side.
+    """
+
+    first_rows, second_rows = (
+        side.data.scores.filter(pl.col("agent") == side.agent) for side in (first, second)
+    )
+    first_scenes, second_scenes = (
+        _realizations_by_scene(first, first_rows),
+        _realizations_by_scene(second, second_rows),
+    )
     # By content and not by id: two campaigns may number the same scenes differently.
     shared = {second_scenes[scene]: first_scenes[scene] for scene in first_scenes if scene in second_scenes}
     key = pl.col("realization")
@@ -185,7 +212,9 @@ def _realizations_by_scene(side: ComparedAgent, rows: pl.DataFrame) -> dict[str,
     """The realization that flew each scene, by a digest of its SimSpec without name and agent."""
     flown = rows["realization"].unique(maintain_order=True)
     return {
-        _scene_digest(side.data.simspecs[realization]): realization for realization in flown if realization in side.data.simspecs
+        _scene_digest(side.data.simspecs[realization]): realization
+        for realization in flown
+        if realization in side.data.simspecs
     }
 
 

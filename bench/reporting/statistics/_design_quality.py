@@ -8,7 +8,15 @@ import polars as pl
 from pydantic import ValidationError
 
 from bench.errors import SetupError
-from bench.realization import Design, DesignPoint, DesignQuality, Rating, design_pairs, design_quality, situations
+from bench.realization import (
+    Design,
+    DesignPoint,
+    DesignQuality,
+    Rating,
+    design_pairs,
+    design_quality,
+    situations,
+)
 from bench.scoring import configuration_of, difficulty_of, studied_key_attributes, tension_of
 from bench.simspec import SimSpec
 from decompositions import Decomposition
@@ -16,7 +24,8 @@ from decompositions import Decomposition
 from .._campaign_data import ReportData
 
 DesignPairs = Sequence[tuple[DesignPoint, int]]
-# Chosen: among more configurations than this hardly any has two points, so they are counted by the tensions of their nodes.
+# Chosen: among more configurations than this hardly any has two points, so they are counted by the tensions
+# of their nodes.
 MAX_NAMED_CONFIGURATIONS = 20
 
 
@@ -31,15 +40,25 @@ def difficulty_rating(decomposition: Decomposition, study: Sequence[str] = ()) -
     return rate
 
 
-def measure_design(base: SimSpec, design: Design, decomposition: Decomposition, study: Sequence[str] = ()) -> DesignQuality:
-    """A design over a base SimSpec, measured before anything is flown. Raises SetupError where the design does not fit the base."""
+def measure_design(
+    base: SimSpec, design: Design, decomposition: Decomposition, study: Sequence[str] = ()
+) -> DesignQuality:
+    """A design over a base SimSpec, measured before anything is flown.
+
+    Raises SetupError where the design does not fit the base.
+    """
+
     pairs = design_pairs(base, design, difficulty_rating(decomposition, study))
-    difficulties = [difficulty_of(decomposition, difficulty) for difficulty in situations(base, design, _distinct_points(pairs))]
+    difficulties = [
+        difficulty_of(decomposition, difficulty)
+        for difficulty in situations(base, design, _distinct_points(pairs))
+    ]
     configurations = [configuration_of(decomposition, difficulty, study) for difficulty in difficulties]
     if len(set(configurations)) > MAX_NAMED_CONFIGURATIONS:
         nodes = studied_key_attributes(decomposition, study)
         configurations = [
-            " ".join(f"{node}={tension_of(difficulty.of(node))}" for node in nodes) + " (tensions)" for difficulty in difficulties
+            " ".join(f"{node}={tension_of(difficulty.of(node))}" for node in nodes) + " (tensions)"
+            for difficulty in difficulties
         ]
     return _measure(design, pairs, configurations)
 
@@ -59,7 +78,11 @@ def campaign_design_quality(data: ReportData) -> DesignQuality | None:
     if design is None or not design[0].factors:
         return None
     labels = {configuration.key: configuration.label for configuration in data.configurations}
-    rated = data.scores.filter(pl.col("configuration").is_in(list(labels))).unique("design_point").sort("design_point")
+    rated = (
+        data.scores.filter(pl.col("configuration").is_in(list(labels)))
+        .unique("design_point")
+        .sort("design_point")
+    )
     return _measure(*design, [labels[configuration] for configuration in rated["configuration"]])
 
 
@@ -88,6 +111,7 @@ def _campaign_design(data: ReportData) -> tuple[Design, DesignPairs] | None:
             return None
         base = SimSpec.model_validate(data.campaign.get("base"))
         return design, design_pairs(base, design, difficulty_rating(data.document, data.study))
-    # A campaign of another version may state a design that this one cannot read. The rest of its report is still good.
+    # A campaign of another version may state a design that this one cannot read. The rest of its report is
+    # still good.
     except (ValidationError, SetupError):
         return None

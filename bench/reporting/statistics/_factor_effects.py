@@ -8,7 +8,14 @@ from dataclasses import dataclass
 import polars as pl
 
 from bench.realization import INACTIVE
-from bench.statistics import FactorIndependence, FactorLevel, NodeFactorAnalysis, OddsRatio, factor_frame, node_factors
+from bench.statistics import (
+    FactorIndependence,
+    FactorLevel,
+    NodeFactorAnalysis,
+    OddsRatio,
+    factor_frame,
+    node_factors,
+)
 
 from .._campaign_data import ReportData
 from ._design_quality import campaign_design_points
@@ -19,7 +26,10 @@ SIGNIFICANCE_LEVEL = 0.05
 
 @dataclass(frozen=True, slots=True)
 class FactorRow:
-    """One factor (or interaction) at one node of one agent, as a reader sees it. Shares are omega squared, p values adjusted."""
+    """One factor (or interaction) at one node of one agent, as a reader sees it.
+
+    Shares are omega squared, p values adjusted.
+    """
 
     factor: str
     confidence_share: float | None
@@ -50,7 +60,10 @@ class FactorTable:
 
 @dataclass(frozen=True, slots=True)
 class FactorEffects:
-    """The whole section. `note` is the reason why there is none, else empty; `frame` holds every test (FACTOR_COLUMNS)."""
+    """The whole section.
+
+    `note` is the reason why there is none, else empty; `frame` holds every test (FACTOR_COLUMNS).
+    """
 
     tables: tuple[FactorTable, ...]
     independence: FactorIndependence | None
@@ -88,7 +101,8 @@ def factor_effects(data: ReportData) -> FactorEffects:
     ]
     if levels and not analyses:
         note = "No run was considered, so there is no analysis."
-    # All tests of the section at once: their p values are adjusted together, and the tables below read them from here.
+    # All tests of the section at once: their p values are adjusted together, and the tables below read them
+    # from here.
     frame = factor_frame(analyses)
     return FactorEffects(
         tables=tuple(_table(analysis, frame) for analysis in analyses),
@@ -111,13 +125,18 @@ def _levels(data: ReportData) -> tuple[dict[str, Mapping[str, FactorLevel | None
 
 
 def _active(levels: Mapping[str, FactorLevel], switched: set[str]) -> dict[str, FactorLevel | None]:
-    """Levels with None for conditional factors that are inactive; of any other factor that word is a level."""
+    """Levels with None for conditional factors that are inactive; of any other factor that word is a
+    level.
+    """
+
     return {name: None if name in switched and level == INACTIVE else level for name, level in levels.items()}
 
 
 def _table(analysis: NodeFactorAnalysis, frame: pl.DataFrame) -> FactorTable:
     tests = frame.filter(pl.col("agent") == analysis.agent, pl.col("node") == analysis.node)
-    adjusted = {(row["of"], row["test"], row["factor"]): row["p_adjusted"] for row in tests.iter_rows(named=True)}
+    adjusted = {
+        (row["of"], row["test"], row["factor"]): row["p_adjusted"] for row in tests.iter_rows(named=True)
+    }
     confidence = {effect.term: effect for effect in analysis.confidence.effects}
     score = {effect.term: effect for effect in analysis.score.effects}
     terms = dict.fromkeys([*confidence, *score, *(test.factor for test in analysis.passes.tests)])
@@ -134,7 +153,8 @@ def _table(analysis: NodeFactorAnalysis, frame: pl.DataFrame) -> FactorTable:
         )
         for term in terms
     ]
-    # Interactions are many and mostly nothing: only those that were found are shown, the frame holds the rest.
+    # Interactions are many and mostly nothing: only those that were found are shown, the frame holds the
+    # rest.
     shown = tuple(row for row in rows if " x " not in row.factor or row.significant_tests)
     return FactorTable(analysis.agent, analysis.node, analysis.confidence.n, shown, tuple(_notes(analysis)))
 
@@ -145,7 +165,10 @@ def _notes(analysis: NodeFactorAnalysis) -> Iterable[str]:
             yield f"{name}: {variance.note}."
         violations = [
             text
-            for p, text in ((variance.normal_p, "not normal"), (variance.equal_spread_p, "not equally spread"))
+            for p, text in (
+                (variance.normal_p, "not normal"),
+                (variance.equal_spread_p, "not equally spread"),
+            )
             if p is not None and p < SIGNIFICANCE_LEVEL
         ]
         if violations:
@@ -154,7 +177,8 @@ def _notes(analysis: NodeFactorAnalysis) -> Iterable[str]:
         yield f"Passes: {analysis.passes.note}."
     # Confidence and score often leave out the same term for the same reason; the note names it once.
     exclusions = dict.fromkeys(
-        f"{exclusion.term} ({exclusion.reason})" for exclusion in (*analysis.confidence.left_out, *analysis.score.left_out)
+        f"{exclusion.term} ({exclusion.reason})"
+        for exclusion in (*analysis.confidence.left_out, *analysis.score.left_out)
     )
     if exclusions:
         yield f"Left out: {', '.join(exclusions)}."

@@ -13,8 +13,9 @@ from scipy.stats import binomtest
 class Pairing:
     """One node, two agents, the scenes that both were considered in.
 
-    A scene is passed when every considered observable under the node was achieved (confidence 1 in that run). `p_value` is
-    McNemar's exact two-sided test on the scenes that only one of them passed; None when there is no such scene.
+    A scene is passed when every considered observable under the node was achieved (confidence 1 in that run).
+    `p_value` is McNemar's exact two-sided test on the scenes that only one of them passed; None when there is
+    no such scene.
     """
 
     node: str
@@ -50,11 +51,17 @@ def pair_agents(scores: pl.DataFrame, nodes: Sequence[str], first: str, second: 
 
 def _pair(rows: pl.DataFrame, node: str, first: str, second: str) -> Pairing:
     columns = ["design_point", "replicate", "score", "confidence"]
-    first_rows, second_rows = (rows.filter(pl.col("agent") == agent).select(columns) for agent in (first, second))
-    shared = first_rows.join(second_rows, on=["design_point", "replicate"], suffix="_second").sort("design_point", "replicate")
+    first_rows, second_rows = (
+        rows.filter(pl.col("agent") == agent).select(columns) for agent in (first, second)
+    )
+    shared = first_rows.join(second_rows, on=["design_point", "replicate"], suffix="_second").sort(
+        "design_point", "replicate"
+    )
     # A scene in which only one agent was considered shows no difference between the two.
     shared = shared.drop_nulls(["confidence", "confidence_second"])
-    passed = [(a >= 1.0, b >= 1.0) for a, b in zip(shared["confidence"], shared["confidence_second"], strict=True)]
+    passed = [
+        (a >= 1.0, b >= 1.0) for a, b in zip(shared["confidence"], shared["confidence_second"], strict=True)
+    ]
     only_first, only_second = passed.count((True, False)), passed.count((False, True))
     scored = shared.drop_nulls(["score", "score_second"])
     return Pairing(
@@ -67,8 +74,11 @@ def _pair(rows: pl.DataFrame, node: str, first: str, second: str) -> Pairing:
         neither=passed.count((False, False)),
         confidence_differences=tuple((shared["confidence_second"] - shared["confidence"]).to_list()),
         score_differences=tuple((scored["score_second"] - scored["score"]).to_list()),
-        # McNemar's exact test: if the agents are equal, either of them passes a discordant scene with probability 1/2.
-        p_value=float(binomtest(only_first, only_first + only_second).pvalue) if only_first + only_second else None,
+        # McNemar's exact test: if the agents are equal, either of them passes a discordant scene with
+        # probability 1/2.
+        p_value=float(binomtest(only_first, only_first + only_second).pvalue)
+        if only_first + only_second
+        else None,
     )
 
 

@@ -31,11 +31,18 @@ _SITUATION: tuple[tuple[str, Callable[[SimSpec], str]], ...] = (
     ("Start", lambda s: f"{s.environment.start_utc:%Y-%m-%d %H:%M} UTC"),
     ("Fog level", lambda s: f"{s.environment.fog_level:g}"),
     ("Rain level", lambda s: f"{s.environment.rain_level:g}"),
-    ("Wind", lambda s: f"{s.environment.wind.speed_mps:g} m/s, gusts scaled by {s.environment.wind.turbulence_mps:g} m/s"),
+    (
+        "Wind",
+        lambda s: (
+            f"{s.environment.wind.speed_mps:g} m/s, gusts scaled by {s.environment.wind.turbulence_mps:g} m/s"
+        ),
+    ),
     ("Vehicle", lambda s: f"{s.vehicle.model} with {s.vehicle.autopilot}"),
     (
         "Mission",
-        lambda s: f"{s.mission.altitude_m:g} m high at {s.mission.speed_mps:g} m/s, at most {s.mission.time_limit_s:g} s",
+        lambda s: (
+            f"{s.mission.altitude_m:g} m high at {s.mission.speed_mps:g} m/s, at most {s.mission.time_limit_s:g} s"
+        ),
     ),
     ("Rules", lambda s: rules_text(s.rules)),
     ("Events", events_text),
@@ -49,7 +56,10 @@ def campaign_facts(data: ReportData) -> list[Fact]:
     simulated_s = sum(run.simulated_s for run in data.runs)
     cpu_s = sum(run.cpu_s for run in data.runs)
     facts = [
-        Fact("Sessions", f"{len(data.runs)}, {simulated_s:.0f} simulated seconds, {cpu_s:.0f} CPU seconds of this machine"),
+        Fact(
+            "Sessions",
+            f"{len(data.runs)}, {simulated_s:.0f} simulated seconds, {cpu_s:.0f} CPU seconds of this machine",
+        ),
         Fact("Agents", listed(data.agents) or "none"),
         Fact("Under study", ", ".join(data.study) or "nothing"),
         Fact("Design", _design(data)),
@@ -59,7 +69,10 @@ def campaign_facts(data: ReportData) -> list[Fact]:
         return [*facts, Fact("Situation", "no SimSpec is here")]
     facts += [_fact_over_runs(name, [read(spec) for spec in specs]) for name, read in _SITUATION]
     groups = {group.id: None for spec in specs for group in spec.actors}
-    facts += [_fact_over_runs(f"Actors: {group_id}", [_group(spec, group_id) for spec in specs]) for group_id in groups]
+    facts += [
+        _fact_over_runs(f"Actors: {group_id}", [_group(spec, group_id) for spec in specs])
+        for group_id in groups
+    ]
     return [*facts, _fact_over_runs("Intelligence", [intelligence_text(spec) for spec in specs])]
 
 
@@ -97,7 +110,11 @@ def factor_rows(data: ReportData) -> list[dict[str, str]]:
     """The factors of the design, as the campaign states them."""
     design = data.campaign.get("design")
     stated = design.get("factors") if isinstance(design, Mapping) else None
-    return [_factor(factor) for factor in stated if isinstance(factor, Mapping)] if isinstance(stated, list) else []
+    return (
+        [_factor(factor) for factor in stated if isinstance(factor, Mapping)]
+        if isinstance(stated, list)
+        else []
+    )
 
 
 def _factor(stated: Mapping[str, Any]) -> dict[str, str]:
@@ -105,13 +122,23 @@ def _factor(stated: Mapping[str, Any]) -> dict[str, str]:
     if isinstance(levels, list) and levels:
         text = ", ".join(str(level) for level in levels)
     else:
-        text = f"{span.get('low')} to {span.get('high')}" if isinstance(span, Mapping) else str(stated.get("formula") or "–")
+        text = (
+            f"{span.get('low')} to {span.get('high')}"
+            if isinstance(span, Mapping)
+            else str(stated.get("formula") or "–")
+        )
     text += f" when {stated['when']}" if stated.get("when") else ""
     unit = f" {stated['unit']}" if stated.get("unit") else ""
     paths = list(map(str, sets)) if isinstance(sets, list) else []
     patches = stated.get("patches")
-    patched = [str(path) for patch in patches.values() for path in patch] if isinstance(patches, Mapping) else []
-    return {"name": str(stated.get("name", "")), "levels": text + unit, "sets": ", ".join(dict.fromkeys(paths + patched)) or "–"}
+    patched = (
+        [str(path) for patch in patches.values() for path in patch] if isinstance(patches, Mapping) else []
+    )
+    return {
+        "name": str(stated.get("name", "")),
+        "levels": text + unit,
+        "sets": ", ".join(dict.fromkeys(paths + patched)) or "–",
+    }
 
 
 def factor_levels(configuration: Configuration) -> str:
@@ -136,7 +163,11 @@ def provenance_of(data: ReportData) -> list[Fact]:
     design = data.campaign.get("design")
     seed = design.get("seed") if isinstance(design, Mapping) else None
     versions = data.manifest.get("versions")
-    stated = ", ".join(f"{name} {versions[name]}" for name in sorted(versions)) if isinstance(versions, Mapping) else ""
+    stated = (
+        ", ".join(f"{name} {versions[name]}" for name in sorted(versions))
+        if isinstance(versions, Mapping)
+        else ""
+    )
     # Of the content as CSV: Parquet files with equal rows may differ in their bytes.
     digest = hashlib.sha256(data.scores.write_csv().encode()).hexdigest()
     return [
@@ -146,5 +177,8 @@ def provenance_of(data: ReportData) -> list[Fact]:
         Fact("Seed of the design", "not stated" if seed is None else str(seed)),
         Fact("Rows of the score table", str(data.scores.height)),
         Fact("SHA-256 of the score table as CSV", digest),
-        Fact("Recordings here", f"{sum(run.recording is not None for run in data.runs)} of {plural(len(data.runs), 'run')}"),
+        Fact(
+            "Recordings here",
+            f"{sum(run.recording is not None for run in data.runs)} of {plural(len(data.runs), 'run')}",
+        ),
     ]

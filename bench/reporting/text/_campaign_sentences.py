@@ -21,14 +21,17 @@ def sessions_sentence(data: ReportData) -> str:
     ends = Counter(outcome_name(run) for run in data.runs)
     rest = ", ".join(f"{count} {name}" for name, count in sorted(ends.items()) if name != "completed")
     agents = plural(len(data.agents), "agent")
-    return f"{plural(len(data.runs), 'session')} of {plural(scenes, 'scene')} by {agents}: {ends['completed']} completed" + (
-        f", {rest}." if rest else "."
+    return (
+        f"{plural(len(data.runs), 'session')} of {plural(scenes, 'scene')} by {agents}: {ends['completed']} completed"
+        + (f", {rest}." if rest else ".")
     )
 
 
 def confidence_extremes(data: ReportData, agent: str) -> str:
     """In which studied key attribute the agent is surest and in which least, in a sentence."""
-    tallies = [t for node in data.study if (t := data.tally(agent, node)) is not None and t.confidence is not None]
+    tallies = [
+        t for node in data.study if (t := data.tally(agent, node)) is not None and t.confidence is not None
+    ]
     if not tallies:
         return "No run considered any of the key attributes under study, so there is no result."
     # The id breaks ties, so that the same folder gives the same sentence.
@@ -42,13 +45,14 @@ def confidence_extremes(data: ReportData, agent: str) -> str:
 
 
 def _tally_text(data: ReportData, tally: Tally) -> str:
-    return (
-        f"{tally.node} ({data.title(tally.node)}): {percent(tally.confidence)} over {plural(tally.considered, 'considered run')}"
-    )
+    return f"{tally.node} ({data.title(tally.node)}): {percent(tally.confidence)} over {plural(tally.considered, 'considered run')}"
 
 
 def difference_sentences(data: ReportData, pairings: Iterable[Pairing]) -> list[str]:
-    """A sentence for each studied node on which one agent passed scenes that the other did not, by more than chance explains."""
+    """A sentence for each studied node on which one agent passed scenes that the other did not, by more than
+    chance explains.
+    """
+
     return [
         f"On the same {plural(pairing.scenes, 'scene')}, {pairing.second} passed {pairing.node} ({data.title(pairing.node)}) in "
         f"{pairing.only_second} where {pairing.first} did not, the reverse in {pairing.only_first} (McNemar's exact test, {p_value(pairing.p_value)})."
@@ -84,7 +88,11 @@ def disclaimers(data: ReportData) -> list[str]:
             "counts of passes, the comparisons of agents and the tests of factors do not."
         )
     # Runs that were not flown because the question was decided are not lost.
-    lost = [r for r in data.runs if r.outcome is not None and r.outcome is not Outcome.SETTLED and not r.outcome.counts]
+    lost = [
+        r
+        for r in data.runs
+        if r.outcome is not None and r.outcome is not Outcome.SETTLED and not r.outcome.counts
+    ]
     if lost:
         sentences.append(
             f"Not counted in any number, because the cause was not the agent: {plural(len(lost), 'run')}, listed under Outcomes."

@@ -17,7 +17,11 @@ def fidelity_note(campaign: Mapping[str, Any]) -> str:
 
 
 def with_table_notes(page: str, note: str) -> str:
-    """The page with the note at the head of every table's caption; a table without one gets one. Scripts stay as they are."""
+    """The page with the note at the head of every table's caption; a table without one gets one.
+
+    Scripts stay as they are.
+    """
+
     if not note:
         return page
     # The scripts follow </main>, and a `<table` in their text is no element.

@@ -69,7 +69,9 @@ def _competence(tally: Tally, rate: str) -> str:
     if competence.value <= 0.0:
         return f"Competence {rate}: 0. The pass rate, fitted so that it never rises with difficulty, never reaches {PASS_SHARES[rate]}."
     value = (
-        f"at least {number(competence.value)}, the highest difficulty flown" if competence.at_least else number(competence.value)
+        f"at least {number(competence.value)}, the highest difficulty flown"
+        if competence.at_least
+        else number(competence.value)
     )
     low = (
         f"with 95 % confidence it is {number(competence.low)} or more"
@@ -89,12 +91,12 @@ def _confidence(tally: Tally) -> str:
 def _claim(tally: Tally, trials: NodeTrials) -> str:
     claim_sentences = _claim_text(trials.passes, len(trials.passed))
     if tally.design_points < len(trials.passed):
-        claim_sentences += (
-            f" This assumes that the runs are independent, but they come from {plural(tally.design_points, 'design point')}."
-        )
+        claim_sentences += f" This assumes that the runs are independent, but they come from {plural(tally.design_points, 'design point')}."
     # Both anytime-valid methods mean that the number of runs depended on the results (METHODS of _glossary).
     if tally.method.startswith("anytime"):
-        claim_sentences += " It also assumes a fixed number of runs, but here the number depended on the results."
+        claim_sentences += (
+            " It also assumes a fixed number of runs, but here the number depended on the results."
+        )
     return claim_sentences
 
 

@@ -11,9 +11,16 @@ def group_text(group: ActorGroup, area_m2: float) -> str:
     """A group in words: how many members, of what kind, where, and how they move."""
     density = "" if group.density_per_km2 is None else f" ({group.density_per_km2:g} per km²)"
     count = (
-        f"{group.count.low} to {group.count.high}" if isinstance(group.count, CountRange) else f"{group.member_count(area_m2)}"
+        f"{group.count.low} to {group.count.high}"
+        if isinstance(group.count, CountRange)
+        else f"{group.member_count(area_m2)}"
     )
-    parts = [f"{count} {group.asset}{density}", group.role.value, *_distances(group.placement), *_places(group.placement)]
+    parts = [
+        f"{count} {group.asset}{density}",
+        group.role.value,
+        *_distances(group.placement),
+        *_places(group.placement),
+    ]
     parts += [f"concealment {group.concealment:g}"] if group.concealment else []
     return ", ".join([*parts, *_motion(group.motion)])
 
@@ -31,7 +38,11 @@ def _distances(place: Placement) -> Iterator[str]:
             if distance.of is None
             else f"{'every' if distance.whom == 'every' else 'some'} {distance.of}"
         )
-        span = f"{distance.min_m:g} m or more" if distance.max_m is None else f"{distance.min_m:g} to {distance.max_m:g} m"
+        span = (
+            f"{distance.min_m:g} m or more"
+            if distance.max_m is None
+            else f"{distance.min_m:g} to {distance.max_m:g} m"
+        )
         yield f"{span} from {target}"
 
 
@@ -44,7 +55,9 @@ def _places(place: Placement) -> Iterator[str]:
         yield f"inside {place.inside.area or place.inside.of}"
     if place.along:
         yield (
-            f"on {place.along.road}" if place.along.where == "on" else f"beside {place.along.road}, {place.along.gap_text} off it"
+            f"on {place.along.road}"
+            if place.along.where == "on"
+            else f"beside {place.along.road}, {place.along.gap_text} off it"
         )
     if place.between and place.between.first == place.between.second:
         yield f"between two of {place.between.first}"
@@ -115,7 +128,10 @@ def _rules(rules: Rules) -> Iterator[str]:
 def events_text(simspec: SimSpec) -> str:
     """Orders, outages and failures in words; `none` when there are none."""
     events = [(order.at_s, f"order {order.kind}") for order in simspec.orders]
-    events += [(outage.at_s, f"{outage.kind.replace('_', ' ')} away for {outage.duration_s:g} s") for outage in simspec.outages]
+    events += [
+        (outage.at_s, f"{outage.kind.replace('_', ' ')} away for {outage.duration_s:g} s")
+        for outage in simspec.outages
+    ]
     events += [
         (
             failure.at_s,

@@ -11,7 +11,9 @@ import time
 from typing import Any
 
 if "payload" in sys.argv:
-    os.environ["MAVLINK20"] = "1"  # where the gimbal looks is a message of MAVLink 2 alone; DroneKit begins with 1
+    os.environ["MAVLINK20"] = (
+        "1"  # where the gimbal looks is a message of MAVLink 2 alone; DroneKit begins with 1
+    )
 collections.MutableMapping = collections.abc.MutableMapping  # type: ignore[attr-defined]  # DroneKit is older than Python 3.10
 
 from dronekit import Command, LocationGlobalRelative, Vehicle, VehicleMode, connect  # noqa: E402
@@ -29,7 +31,9 @@ class Flight:
         self.acks: list[tuple[int, int]] = []
         self.verdicts: list[int] = []
         vehicle.add_message_listener("STATUSTEXT", lambda _, __, message: self.texts.append(message.text))
-        vehicle.add_message_listener("COMMAND_ACK", lambda _, __, ack: self.acks.append((ack.command, ack.result)))
+        vehicle.add_message_listener(
+            "COMMAND_ACK", lambda _, __, ack: self.acks.append((ack.command, ack.result))
+        )
         vehicle.add_message_listener("MISSION_ACK", lambda _, __, ack: self.verdicts.append(ack.type))
 
     def here(self) -> tuple[float, float]:
@@ -165,7 +169,9 @@ class Flight:
         uploaded = [commands[number].command for number in range(commands.count)]
         self.armed()
         self.mode("AUTO")
-        self.vehicle.send_mavlink(self.vehicle.message_factory.command_long_encode(0, 0, 300, 0, 0, 0, 0, 0, 0, 0, 0))
+        self.vehicle.send_mavlink(
+            self.vehicle.message_factory.command_long_encode(0, 0, 300, 0, 0, 0, 0, 0, 0, 0, 0)
+        )
         speeds: dict[int, float] = {}
 
         def flown() -> bool:
@@ -180,7 +186,12 @@ class Flight:
 
     def fence(self) -> dict[str, Any]:
         """A radius by parameters, broken by a velocity."""
-        for name, value in (("FENCE_RADIUS", 30), ("FENCE_TYPE", 2), ("FENCE_ACTION", 1), ("FENCE_ENABLE", 1)):
+        for name, value in (
+            ("FENCE_RADIUS", 30),
+            ("FENCE_TYPE", 2),
+            ("FENCE_ACTION", 1),
+            ("FENCE_ENABLE", 1),
+        ):
             self.vehicle.parameters.set(name, value, wait_ready=True)
         start = self.up()
 

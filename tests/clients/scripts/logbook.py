@@ -1,4 +1,7 @@
-"""What the client programs share: patience, distances, and one JSON document on stdout. Standard library alone."""
+"""What the client programs share: patience, distances, and one JSON document on stdout.
+
+Standard library alone.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,10 @@ PATIENCE_S = 60.0
 
 
 def wait_until(what: str, holds: Callable[[], Any], timeout_s: float = PATIENCE_S) -> Any:
-    """What `holds` gives when it is first true; exits with a sentence when that is not within `timeout_s` of the host's clock."""
+    """What `holds` gives when it is first true; exits with a sentence when that is not within `timeout_s` of
+    the host's clock.
+    """
+
     end = time.monotonic() + timeout_s
     while not (value := holds()):
         if time.monotonic() > end:

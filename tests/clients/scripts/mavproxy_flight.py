@@ -127,7 +127,12 @@ class Flight:
         no_mode = self.console.ask("mode 99", r"(No such mode 99|Unknown mode)")
         status = self.console.ask("status SYS_STATUS", r"SYS_STATUS \{.*voltage_battery : (\d+)")
         self.console.ask("mode land", r"Mode LAND")
-        return {"disarm_in_air": refused, "no_mode": no_mode, "voltage_mv": int(status), "from_start_m": self.down(start)}
+        return {
+            "disarm_in_air": refused,
+            "no_mode": no_mode,
+            "voltage_mv": int(status),
+            "from_start_m": self.down(start),
+        }
 
     def travel(self) -> dict[str, Any]:
         start = self.up()
@@ -157,7 +162,10 @@ class Flight:
 
     def write_plan(self, *rows: str) -> Path:
         lines = [f"0 0 0 16 0 0 0 0 {HOME[0]} {HOME[1]} 488 1", *rows]
-        text = ["QGC WPL 110", *("\t".join([str(number), *line.split()[1:]]) for number, line in enumerate(lines))]
+        text = [
+            "QGC WPL 110",
+            *("\t".join([str(number), *line.split()[1:]]) for number, line in enumerate(lines)),
+        ]
         path = self.folder / "plan.txt"
         path.write_text("\n".join(text) + "\n")
         return path
@@ -224,7 +232,10 @@ class Flight:
             if time.monotonic() > end:
                 sys.exit(f"the gimbal stays at {pitch_deg}")
             time.sleep(0.3)
-            w, x, y, z = (float(value) for value in self.console.ask("status GIMBAL_DEVICE_ATTITUDE_STATUS", values).split(","))
+            w, x, y, z = (
+                float(value)
+                for value in self.console.ask("status GIMBAL_DEVICE_ATTITUDE_STATUS", values).split(",")
+            )
             pitch_deg = math.degrees(math.asin(2.0 * (w * y - z * x)))
         return {"turned": turned, "pitch_deg": pitch_deg}
 

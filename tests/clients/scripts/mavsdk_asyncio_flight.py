@@ -54,7 +54,11 @@ async def outcome(call: Awaitable[Any]) -> str:
 class Flight:
     def __init__(self, system: System) -> None:
         self.system = system
-        self.action, self.telemetry, self.param = ActionAsync(system), TelemetryAsync(system), ParamAsync(system)
+        self.action, self.telemetry, self.param = (
+            ActionAsync(system),
+            TelemetryAsync(system),
+            ParamAsync(system),
+        )
 
     async def here(self) -> tuple[float, float]:
         position = await self.telemetry.position()
@@ -81,7 +85,9 @@ class Flight:
         await self.action.arm()
         await self.action.takeoff()
         await until(
-            "takeoff", self.telemetry.subscribe_position(), lambda position: position.relative_altitude_m > HEIGHT_M - 0.5
+            "takeoff",
+            self.telemetry.subscribe_position(),
+            lambda position: position.relative_altitude_m > HEIGHT_M - 0.5,
         )
         await self.mode("HOLD")
         return start
@@ -112,7 +118,9 @@ class Flight:
         await self.action.goto_location(*target, altitude_m, math.nan)
         await self.travel_near(target)
         reached = apart(start, await self.here())
-        await self.action.do_orbit(10.0, 3.0, OrbitYawBehavior.HOLD_FRONT_TO_CIRCLE_CENTER, *target, altitude_m)
+        await self.action.do_orbit(
+            10.0, 3.0, OrbitYawBehavior.HOLD_FRONT_TO_CIRCLE_CENTER, *target, altitude_m
+        )
         radii: list[float] = []
         quarters: set[tuple[bool, bool]] = set()
 
@@ -125,7 +133,11 @@ class Flight:
 
         await until("the circle", self.telemetry.subscribe_position(), round_it)
         await self.action.return_to_launch()
-        return {"reached": reached, "radii_m": [min(radii), max(radii)], "from_start_m": await self.down(start)}
+        return {
+            "reached": reached,
+            "radii_m": [min(radii), max(radii)],
+            "from_start_m": await self.down(start),
+        }
 
     async def setpoints(self) -> dict[str, Any]:
         offboard, start = OffboardAsync(self.system), await self.up()
@@ -133,7 +145,11 @@ class Flight:
         await offboard.set_velocity_body(VelocityBodyYawspeed(2.0, 0.0, 0.0, 0.0))
         await offboard.start()
         await self.mode("OFFBOARD")
-        await until("the speed", self.telemetry.subscribe_velocity_ned(), lambda v: math.hypot(v.north_m_s, v.east_m_s) > 1.7)
+        await until(
+            "the speed",
+            self.telemetry.subscribe_velocity_ned(),
+            lambda v: math.hypot(v.north_m_s, v.east_m_s) > 1.7,
+        )
         await offboard.set_position_ned(PositionNedYaw(-6.0, 8.0, -HEIGHT_M, 0.0))
         await self.travel_near(place(*start, -6.0, 8.0), 1.0)
         await offboard.stop()
@@ -153,7 +169,11 @@ class Flight:
         await self.action.set_return_to_launch_altitude(HEIGHT_M)
         await self.action.arm()
         await mission.start_mission()
-        await until("progress", mission.subscribe_mission_progress(), lambda progress: progress.current == progress.total)
+        await until(
+            "progress",
+            mission.subscribe_mission_progress(),
+            lambda progress: progress.current == progress.total,
+        )
         await self.mode("RETURN_TO_LAUNCH")
         finished = await mission.is_mission_finished()
         return {
@@ -182,9 +202,13 @@ class Flight:
         listed = await until("a gimbal", gimbal.subscribe_gimbal_list(), lambda camera: camera.gimbals)
         number = listed.gimbals[0].gimbal_id
         control = await outcome(gimbal.take_control(number, ControlMode.PRIMARY))
-        turned = await outcome(gimbal.set_angles(number, 0.0, -60.0, 0.0, GimbalMode.YAW_FOLLOW, SendMode.ONCE))
+        turned = await outcome(
+            gimbal.set_angles(number, 0.0, -60.0, 0.0, GimbalMode.YAW_FOLLOW, SendMode.ONCE)
+        )
         reached = await until(
-            "the angles", gimbal.subscribe_attitude(), lambda at: abs(at.euler_angle_forward.pitch_deg + 60.0) < 1.0
+            "the angles",
+            gimbal.subscribe_attitude(),
+            lambda at: abs(at.euler_angle_forward.pitch_deg + 60.0) < 1.0,
         )
         return {"control": control, "turned": turned, "pitch_deg": reached.euler_angle_forward.pitch_deg}
 

@@ -55,10 +55,19 @@ def outcome(call: Callable[..., Any], *arguments: Any) -> str:
     return "SUCCESS"
 
 
-def raw_item(seq: int, command: int, north_m: float = 0.0, frame: int = GLOBAL_RELATIVE_INT, **given: float) -> RawItem:
+def raw_item(
+    seq: int, command: int, north_m: float = 0.0, frame: int = GLOBAL_RELATIVE_INT, **given: float
+) -> RawItem:
     """A raw mission item, so far north of the default home."""
     latitude, longitude = place(47.3977, 8.5456, north_m, 0.0)
-    fields: dict[str, Any] = {"param1": 0.0, "param2": 0.0, "param3": 0.0, "param4": math.nan, "z": HEIGHT_M, **given}
+    fields: dict[str, Any] = {
+        "param1": 0.0,
+        "param2": 0.0,
+        "param3": 0.0,
+        "param4": math.nan,
+        "z": HEIGHT_M,
+        **given,
+    }
     return RawItem(
         seq=seq, frame=frame, command=command, current=int(seq == 0), autocontinue=1,
         x=round(latitude * 1e7), y=round(longitude * 1e7), mission_type=0, **fields,
@@ -180,7 +189,11 @@ class Flight:
         wait_until("hold", lambda: self.mode() == "HOLD")
         self.action.land()
         self.down()
-        return {"unfed": unfed, "velocity": [speed.north_m_s, speed.east_m_s], "landed_at": apart(start, self.here())}
+        return {
+            "unfed": unfed,
+            "velocity": [speed.north_m_s, speed.east_m_s],
+            "landed_at": apart(start, self.here()),
+        }
 
     def every_setpoint(self) -> dict[str, Any]:
         """One kind of setpoint after the other, each until it shows."""
@@ -197,8 +210,12 @@ class Flight:
         wait_until("a turn", lambda: self.telemetry.attitude_angular_velocity_body().yaw_rad_s > 0.4)
         offboard.set_acceleration_ned(AccelerationNed(0.0, 1.0, 0.0))
         wait_until("a push", lambda: self.telemetry.velocity_ned().east_m_s > 1.0)
-        offboard.set_position_velocity_ned(PositionNedYaw(5.0, 5.0, -HEIGHT_M, 0.0), VelocityNedYaw(0.0, 0.0, 0.0, 0.0))
-        wait_until("a position with a velocity", lambda: math.dist(apart(start, self.here()), (5.0, 5.0)) < 1.0)
+        offboard.set_position_velocity_ned(
+            PositionNedYaw(5.0, 5.0, -HEIGHT_M, 0.0), VelocityNedYaw(0.0, 0.0, 0.0, 0.0)
+        )
+        wait_until(
+            "a position with a velocity", lambda: math.dist(apart(start, self.here()), (5.0, 5.0)) < 1.0
+        )
         target = place(*start, -5.0, 5.0)
         above_home = PositionGlobalYaw.AltitudeType.REL_HOME
         offboard.set_position_global(PositionGlobalYaw(*target, HEIGHT_M, 0.0, above_home))
@@ -216,7 +233,9 @@ class Flight:
         def push(forward: float) -> None:
             manual.set_manual_control_input(forward, 0.0, 0.5, 0.0)
 
-        wait_until("sticks that are heard", lambda: push(0.0) or outcome(manual.start_position_control) == "SUCCESS")
+        wait_until(
+            "sticks that are heard", lambda: push(0.0) or outcome(manual.start_position_control) == "SUCCESS"
+        )
         wait_until("position control", lambda: push(0.0) or self.mode() == "POSCTL")
         wait_until("ten metres", lambda: push(0.6) or apart(start, self.here())[0] > 10.0)
         moved = apart(start, self.here())
@@ -234,7 +253,9 @@ class Flight:
         def walk() -> None:
             nonlocal north_m
             north_m += 0.05
-            leader.set_target_location(TargetLocation(*place(*start, north_m, 0.0), altitude_m, 1.0, 0.0, 0.0))
+            leader.set_target_location(
+                TargetLocation(*place(*start, north_m, 0.0), altitude_m, 1.0, 0.0, 0.0)
+            )
 
         leader.start()
         wait_until("following", leader.is_active)
@@ -286,7 +307,9 @@ class Flight:
             return current
 
         wait_until("the second item", lambda: flying_item() == 1)
-        wait_until("half of the second leg", lambda: flying_item() == 1 and apart(start, self.here())[1] > 15.0)
+        wait_until(
+            "half of the second leg", lambda: flying_item() == 1 and apart(start, self.here())[1] > 15.0
+        )
         mission.pause_mission()
         wait_until("the pause", lambda: self.mode() == "HOLD")
         mission.start_mission()
@@ -332,7 +355,9 @@ class Flight:
         fence, start = Geofence(self.system), self.ready()
         triangle = [Point(*place(*start, north, east)) for north, east in ((80, 0), (-80, 80), (-80, -80))]
         self.param.set_param_int("GF_ACTION", 3)
-        two_corners = outcome(fence.upload_geofence, GeofenceData([Polygon(triangle[:2], FenceType.INCLUSION)], []))
+        two_corners = outcome(
+            fence.upload_geofence, GeofenceData([Polygon(triangle[:2], FenceType.INCLUSION)], [])
+        )
         circle = Circle(Point(*start), 30.0, FenceType.INCLUSION)
         polygon = Polygon(triangle, FenceType.INCLUSION)
         uploaded = outcome(fence.upload_geofence, GeofenceData([polygon], [circle]))

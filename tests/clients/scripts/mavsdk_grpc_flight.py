@@ -1,4 +1,6 @@
-"""mavsdk-grpc, MAVSDK's API of version 3, on PX4: python mavsdk_grpc_flight.py udpin://127.0.0.1:14540 CHAPTER..."""
+"""mavsdk-grpc, MAVSDK's API of version 3, on PX4: python mavsdk_grpc_flight.py udpin://127.0.0.1:14540
+CHAPTER...
+"""
 
 from __future__ import annotations
 
@@ -79,7 +81,9 @@ class Flight:
         await self.drone.action.set_return_to_launch_altitude(HEIGHT_M)
         await self.drone.action.arm()
         await self.drone.action.takeoff()
-        await until("takeoff", self.drone.telemetry.position(), lambda at: at.relative_altitude_m > HEIGHT_M - 0.5)
+        await until(
+            "takeoff", self.drone.telemetry.position(), lambda at: at.relative_altitude_m > HEIGHT_M - 0.5
+        )
         await self.mode("HOLD")
         return start
 
@@ -125,7 +129,11 @@ class Flight:
 
         await until("the circle", self.drone.telemetry.position(), round_it)
         await self.drone.action.return_to_launch()
-        return {"reached": reached, "radii_m": [min(radii), max(radii)], "from_start_m": await self.down(start)}
+        return {
+            "reached": reached,
+            "radii_m": [min(radii), max(radii)],
+            "from_start_m": await self.down(start),
+        }
 
     async def setpoints(self) -> dict[str, Any]:
         start, offboard = await self.up(), self.drone.offboard
@@ -145,7 +153,21 @@ class Flight:
         start, mission = await self.ready(), self.drone.mission
         action, vehicle = MissionItem.CameraAction.NONE, MissionItem.VehicleAction.NONE
         items = [
-            MissionItem(*place(*start, north, east), HEIGHT_M, speed, True, NAN, NAN, action, NAN, NAN, NAN, NAN, NAN, vehicle)
+            MissionItem(
+                *place(*start, north, east),
+                HEIGHT_M,
+                speed,
+                True,
+                NAN,
+                NAN,
+                action,
+                NAN,
+                NAN,
+                NAN,
+                NAN,
+                NAN,
+                vehicle,
+            )
             for north, east, speed in ((15.0, 0.0, 3.0), (15.0, 25.0, 5.0))
         ]
         await mission.set_return_to_launch_after_mission(True)
@@ -154,7 +176,9 @@ class Flight:
         await self.drone.action.set_return_to_launch_altitude(HEIGHT_M)
         await self.drone.action.arm()
         await mission.start_mission()
-        await until("progress", mission.mission_progress(), lambda progress: progress.current == progress.total)
+        await until(
+            "progress", mission.mission_progress(), lambda progress: progress.current == progress.total
+        )
         await self.mode("RETURN_TO_LAUNCH")
         finished = await mission.is_mission_finished()
         from_start_m = await self.down(start)
@@ -185,8 +209,12 @@ class Flight:
         listed = await until("a gimbal", gimbal.gimbal_list(), lambda reported: reported.gimbals)
         number = listed.gimbals[0].gimbal_id
         control = await outcome(gimbal.take_control(number, ControlMode.PRIMARY))
-        turned = await outcome(gimbal.set_angles(number, 0.0, -60.0, 0.0, GimbalMode.YAW_FOLLOW, SendMode.ONCE))
-        await until("the angles", gimbal.attitude(), lambda at: abs(at.euler_angle_forward.pitch_deg + 60.0) < 1.0)
+        turned = await outcome(
+            gimbal.set_angles(number, 0.0, -60.0, 0.0, GimbalMode.YAW_FOLLOW, SendMode.ONCE)
+        )
+        await until(
+            "the angles", gimbal.attitude(), lambda at: abs(at.euler_angle_forward.pitch_deg + 60.0) < 1.0
+        )
         cameras = await until("a camera", camera.camera_list(), lambda reported: reported.cameras)
         first = cameras.cameras[0].component_id
         return {

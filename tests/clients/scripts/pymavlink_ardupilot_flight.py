@@ -24,13 +24,24 @@ class Flight:
         at = self.talk.until("a position", "GLOBAL_POSITION_INT")
         return at.lat / 1e7, at.lon / 1e7
 
-    def item(self, command: int, start: tuple[float, float], north_m: float = 0.0, east_m: float = 0.0, **more: Any) -> Item:
+    def item(
+        self, command: int, start: tuple[float, float], north_m: float = 0.0, east_m: float = 0.0, **more: Any
+    ) -> Item:
         latitude, longitude = place(*start, north_m, east_m)
         frame = more.pop("frame", mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT)
-        return Item(command, round(latitude * 1e7), round(longitude * 1e7), more.pop("z", HEIGHT_M), frame=frame, **more)
+        return Item(
+            command,
+            round(latitude * 1e7),
+            round(longitude * 1e7),
+            more.pop("z", HEIGHT_M),
+            frame=frame,
+            **more,
+        )
 
     def set_mode(self, number: int) -> list[str]:
-        return self.talk.command(mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, number)
+        return self.talk.command(
+            mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, number
+        )
 
     def arm(self) -> list[str]:
         return self.talk.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
@@ -39,21 +50,33 @@ class Flight:
         """Where it stands, once SYS_STATUS says that it may be armed in GUIDED."""
         self.set_mode(GUIDED)
         self.talk.mode(GUIDED)
-        self.talk.until("the way to GUIDED", "EKF_STATUS_REPORT", lambda message: message.flags & mavlink.EKF_POS_HORIZ_ABS)
+        self.talk.until(
+            "the way to GUIDED",
+            "EKF_STATUS_REPORT",
+            lambda message: message.flags & mavlink.EKF_POS_HORIZ_ABS,
+        )
         bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
-        self.talk.until("a vehicle that is ready", "SYS_STATUS", lambda status: status.onboard_control_sensors_health & bit)
+        self.talk.until(
+            "a vehicle that is ready",
+            "SYS_STATUS",
+            lambda status: status.onboard_control_sensors_health & bit,
+        )
         return self.here()
 
     def up(self) -> tuple[float, float]:
         start = self.ready()
         self.arm()
         self.talk.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, HEIGHT_M)
-        self.talk.until("takeoff", "GLOBAL_POSITION_INT", lambda at: at.relative_alt > (HEIGHT_M - 0.4) * 1000)
+        self.talk.until(
+            "takeoff", "GLOBAL_POSITION_INT", lambda at: at.relative_alt > (HEIGHT_M - 0.4) * 1000
+        )
         return start
 
     def travel_near(self, target: tuple[float, float], within_m: float = 1.0) -> None:
         self.talk.until(
-            "the place", "GLOBAL_POSITION_INT", lambda at: distance_m((at.lat / 1e7, at.lon / 1e7), target) < within_m
+            "the place",
+            "GLOBAL_POSITION_INT",
+            lambda at: distance_m((at.lat / 1e7, at.lon / 1e7), target) < within_m,
         )
 
     def early(self) -> dict[str, Any]:
@@ -93,7 +116,9 @@ class Flight:
         self.talk.set_parameter("CIRCLE_RADIUS", 600.0)
         self.talk.set_parameter("CIRCLE_RATE", 25.0)
         center = place(*self.here(), 0.0, 6.0)
-        self.talk.feed = lambda: self.talk.link.mav.rc_channels_override_send(*self.talk.target, 0, 0, 1500, 0, 0, 0, 0, 0)
+        self.talk.feed = lambda: self.talk.link.mav.rc_channels_override_send(
+            *self.talk.target, 0, 0, 1500, 0, 0, 0, 0, 0
+        )
         self.talk.until("a first override", "ATTITUDE")
         circled = self.set_mode(CIRCLE)
         radii: list[float] = []
@@ -107,7 +132,11 @@ class Flight:
 
         self.talk.until("most of a circle", "GLOBAL_POSITION_INT", round_it)
         self.talk.feed = None
-        refused = {"FLIP": self.set_mode(14), "none": self.set_mode(99), "unknown_command": self.talk.command(44999)}
+        refused = {
+            "FLIP": self.set_mode(14),
+            "none": self.set_mode(99),
+            "unknown_command": self.talk.command(44999),
+        }
         self.set_mode(RTL)
         self.talk.disarmed()
         return {
@@ -122,7 +151,11 @@ class Flight:
         self.talk.feed = None
         self.talk.until("the lapse", "LOCAL_POSITION_NED", lambda at: math.hypot(at.vx, at.vy) < 0.2)
         self.talk.setpoint(POSITION_ONLY, position=(5.0, 6.0, -9.0))
-        self.talk.until("the position", "LOCAL_POSITION_NED", lambda at: math.dist((at.x, at.y, at.z), (5.0, 6.0, -9.0)) < 0.5)
+        self.talk.until(
+            "the position",
+            "LOCAL_POSITION_NED",
+            lambda at: math.dist((at.x, at.y, at.z), (5.0, 6.0, -9.0)) < 0.5,
+        )
         self.set_mode(RTL)
         self.talk.disarmed()
         return {"speed_mps": moving.vx, "from_start_m": distance_m(start, self.here())}
@@ -171,9 +204,16 @@ class Flight:
     def fence(self) -> dict[str, Any]:
         """FENCE_RADIUS by parameters, broken by a velocity: RTL. A polygon of two corners is refused."""
         start = self.ready()
-        corner = self.item(mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, start, params=(2, 0, 0, 0), z=0.0)
+        corner = self.item(
+            mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, start, params=(2, 0, 0, 0), z=0.0
+        )
         two_corners = self.talk.upload([corner, corner], FENCE)
-        for name, value in (("FENCE_RADIUS", 30.0), ("FENCE_TYPE", 2.0), ("FENCE_ACTION", 1.0), ("FENCE_ENABLE", 1.0)):
+        for name, value in (
+            ("FENCE_RADIUS", 30.0),
+            ("FENCE_TYPE", 2.0),
+            ("FENCE_ACTION", 1.0),
+            ("FENCE_ENABLE", 1.0),
+        ):
             self.talk.set_parameter(name, value)
         self.up()
         self.talk.feed = lambda: self.talk.setpoint(VELOCITY_ONLY, velocity=(0.0, -5.0, 0.0))
@@ -190,14 +230,18 @@ class Flight:
 
     def payload(self) -> dict[str, Any]:
         self.ready()
-        turned = self.talk.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, -45, 20, math.nan, math.nan, 0, 0, 0)
+        turned = self.talk.command(
+            mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, -45, 20, math.nan, math.nan, 0, 0, 0
+        )
         interval = self.talk.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 285, 100_000)
 
         def pitch_deg(message: Any) -> float:
             w, x, y, z = message.q
             return math.degrees(math.asin(2 * (w * y - z * x)))
 
-        self.talk.until("the angle", "GIMBAL_DEVICE_ATTITUDE_STATUS", lambda message: abs(pitch_deg(message) + 45) < 1.0)
+        self.talk.until(
+            "the angle", "GIMBAL_DEVICE_ATTITUDE_STATUS", lambda message: abs(pitch_deg(message) + 45) < 1.0
+        )
         photo = self.talk.command(mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0, 1, 1, component=100)
         return {"turned": turned, "interval": interval, "photo": photo}
 

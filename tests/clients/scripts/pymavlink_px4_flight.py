@@ -26,14 +26,20 @@ class Flight:
         at = self.talk.until("a position", "GLOBAL_POSITION_INT")
         return at.lat / 1e7, at.lon / 1e7
 
-    def item(self, command: int, start: tuple[float, float], north_m: float = 0.0, east_m: float = 0.0, **more: Any) -> Item:
+    def item(
+        self, command: int, start: tuple[float, float], north_m: float = 0.0, east_m: float = 0.0, **more: Any
+    ) -> Item:
         latitude, longitude = place(*start, north_m, east_m)
         return Item(command, round(latitude * 1e7), round(longitude * 1e7), more.pop("z", HEIGHT_M), **more)
 
     def ready(self) -> tuple[float, float]:
         """Where it stands, once SYS_STATUS says that it may be armed."""
         bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
-        self.talk.until("a vehicle that is ready", "SYS_STATUS", lambda status: status.onboard_control_sensors_health & bit)
+        self.talk.until(
+            "a vehicle that is ready",
+            "SYS_STATUS",
+            lambda status: status.onboard_control_sensors_health & bit,
+        )
         return self.here()
 
     def set_mode(self, custom_mode: int) -> list[str]:
@@ -45,12 +51,18 @@ class Flight:
         self.talk.set_parameter("RTL_RETURN_ALT", HEIGHT_M)
         self.talk.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
         self.talk.command(mavlink.MAV_CMD_NAV_TAKEOFF, NAN, NAN, NAN, NAN, NAN, NAN, NAN)
-        self.talk.until("takeoff", "EXTENDED_SYS_STATE", lambda state: state.landed_state == mavlink.MAV_LANDED_STATE_IN_AIR)
+        self.talk.until(
+            "takeoff",
+            "EXTENDED_SYS_STATE",
+            lambda state: state.landed_state == mavlink.MAV_LANDED_STATE_IN_AIR,
+        )
         return start
 
     def travel_near(self, target: tuple[float, float], within_m: float = 0.8) -> None:
         self.talk.until(
-            "the place", "GLOBAL_POSITION_INT", lambda at: distance_m((at.lat / 1e7, at.lon / 1e7), target) < within_m
+            "the place",
+            "GLOBAL_POSITION_INT",
+            lambda at: distance_m((at.lat / 1e7, at.lon / 1e7), target) < within_m,
         )
 
     def early(self) -> dict[str, Any]:
@@ -75,7 +87,12 @@ class Flight:
         disarm = self.talk.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
         land = self.talk.command(mavlink.MAV_CMD_NAV_LAND, 0, 0, 0, NAN, NAN, NAN, NAN)
         self.talk.disarmed()
-        return {"height_m": height_m, "disarm_in_air": disarm, "land": land, "from_start_m": distance_m(start, self.here())}
+        return {
+            "height_m": height_m,
+            "disarm_in_air": disarm,
+            "land": land,
+            "from_start_m": distance_m(start, self.here()),
+        }
 
     def travel(self) -> dict[str, Any]:
         """DO_REPOSITION, DO_ORBIT, an unknown command, and back by the return mode."""
@@ -115,11 +132,20 @@ class Flight:
         fed = self.set_mode(OFFBOARD)
         moving = self.talk.until("the speed", "LOCAL_POSITION_NED", lambda at: at.vx > 1.8)
         self.talk.feed = lambda: self.talk.setpoint(POSITION_ONLY, position=(5.0, 6.0, -9.0))
-        self.talk.until("the position", "LOCAL_POSITION_NED", lambda at: math.dist((at.x, at.y, at.z), (5.0, 6.0, -9.0)) < 0.4)
+        self.talk.until(
+            "the position",
+            "LOCAL_POSITION_NED",
+            lambda at: math.dist((at.x, at.y, at.z), (5.0, 6.0, -9.0)) < 0.4,
+        )
         self.talk.feed = None
         self.talk.mode(RETURN)  # what becomes of it one second after the last setpoint
         self.talk.disarmed()
-        return {"unfed": unfed, "fed": fed, "speed_mps": moving.vx, "from_start_m": distance_m(start, self.here())}
+        return {
+            "unfed": unfed,
+            "fed": fed,
+            "speed_mps": moving.vx,
+            "from_start_m": distance_m(start, self.here()),
+        }
 
     def plan(self) -> dict[str, Any]:
         """A mission with a takeoff, two speeds and a return."""
@@ -163,13 +189,22 @@ class Flight:
         }  # fmt: skip
 
     def fence(self) -> dict[str, Any]:
-        """A circle to stay in; a place beyond is refused by a text, and a velocity through it ends in the return."""
+        """A circle to stay in; a place beyond is refused by a text, and a velocity through it ends in the
+        return.
+        """
+
         start = self.ready()
-        circle = self.item(mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, start, params=(25, 0, 0, 0), z=0.0, frame=5)
-        corner = self.item(mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, start, params=(2, 0, 0, 0), z=0.0, frame=5)
+        circle = self.item(
+            mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, start, params=(25, 0, 0, 0), z=0.0, frame=5
+        )
+        corner = self.item(
+            mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, start, params=(2, 0, 0, 0), z=0.0, frame=5
+        )
         two_corners = self.talk.upload([corner, corner], FENCE)
         uploaded = self.talk.upload([circle], FENCE)
-        self.talk.set_parameter("GF_ACTION", struct.unpack("<f", struct.pack("<i", 3))[0], mavlink.MAV_PARAM_TYPE_INT32)
+        self.talk.set_parameter(
+            "GF_ACTION", struct.unpack("<f", struct.pack("<i", 3))[0], mavlink.MAV_PARAM_TYPE_INT32
+        )
         self.up()
         x, y = (round(degrees * 1e7) for degrees in place(*start, 60.0, 0.0))
         beyond = self.talk.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, x, y, 496.0)
@@ -197,7 +232,9 @@ class Flight:
             w, x, y, z = message.q
             return math.degrees(math.asin(2 * (w * y - z * x)))
 
-        self.talk.until("the angle", "GIMBAL_DEVICE_ATTITUDE_STATUS", lambda message: abs(pitch_deg(message) + 45) < 1.0)
+        self.talk.until(
+            "the angle", "GIMBAL_DEVICE_ATTITUDE_STATUS", lambda message: abs(pitch_deg(message) + 45) < 1.0
+        )
         self.talk.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 259, component=100)
         photo = self.talk.command(mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0, 1, 1, component=100)
         return {"uncontrolled": uncontrolled, "control": control, "turned": turned, "photo": photo}

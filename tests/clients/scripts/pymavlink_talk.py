@@ -30,7 +30,10 @@ class Item:
 
 
 class Talk:
-    """One link to one vehicle. `feed`, when set, is called ten times a second while anything is waited for."""
+    """One link to one vehicle.
+
+    `feed`, when set, is called ten times a second while anything is waited for.
+    """
 
     def __init__(self, url: str, system: int = 255) -> None:
         self.link = mavutil.mavlink_connection(url, source_system=system, source_component=190)
@@ -67,7 +70,10 @@ class Talk:
         timeout_s: float = PATIENCE_S,
         needed: bool = True,
     ) -> Any:
-        """The first message of a kind for which `holds` does; None, or the end where it is needed, when none comes."""
+        """The first message of a kind for which `holds` does; None, or the end where it is needed, when none
+        comes.
+        """
+
         end = time.monotonic() + timeout_s
         while time.monotonic() < end:
             message = self.listen()
@@ -99,7 +105,9 @@ class Talk:
     def _results(self, number: int) -> list[str]:
         results: list[str] = []
         patience_s = 2.0
-        while ack := self.until("", "COMMAND_ACK", lambda ack: ack.command == number, patience_s, needed=False):
+        while ack := self.until(
+            "", "COMMAND_ACK", lambda ack: ack.command == number, patience_s, needed=False
+        ):
             results.append(mavlink.enums["MAV_RESULT"][ack.result].name.removeprefix("MAV_RESULT_"))
             patience_s = 0.15
         return results
@@ -117,7 +125,11 @@ class Talk:
         end = time.monotonic() + 2.0
         while time.monotonic() < end:
             message = self.listen()
-            if message is not None and message.get_type() in ("PARAM_VALUE", "PARAM_ERROR") and message.param_id == name:
+            if (
+                message is not None
+                and message.get_type() in ("PARAM_VALUE", "PARAM_ERROR")
+                and message.param_id == name
+            ):
                 return message
         return None
 
@@ -149,13 +161,17 @@ class Talk:
                     *item.params, item.x, item.y, item.z, mission_type,
                 )  # fmt: skip
             elif message.get_type() == "MISSION_ACK":
-                return str(mavlink.enums["MAV_MISSION_RESULT"][message.type].name.removeprefix("MAV_MISSION_"))
+                return str(
+                    mavlink.enums["MAV_MISSION_RESULT"][message.type].name.removeprefix("MAV_MISSION_")
+                )
         return sys.exit("no verdict on the plan")
 
     def download(self, mission_type: int = 0) -> list[int]:
         """The commands of the plan that is kept."""
         self.link.mav.mission_request_list_send(*self.target, mission_type)
-        count = self.until("the count", "MISSION_COUNT", lambda message: message.mission_type == mission_type).count
+        count = self.until(
+            "the count", "MISSION_COUNT", lambda message: message.mission_type == mission_type
+        ).count
         commands = []
         for seq in range(count):
             self.link.mav.mission_request_int_send(*self.target, seq, mission_type)
@@ -164,7 +180,9 @@ class Talk:
         self.link.mav.mission_ack_send(*self.target, mavlink.MAV_MISSION_ACCEPTED, mission_type)
         return commands
 
-    def setpoint(self, mask: int, position: Sequence[float] = (0, 0, 0), velocity: Sequence[float] = (0, 0, 0)) -> None:
+    def setpoint(
+        self, mask: int, position: Sequence[float] = (0, 0, 0), velocity: Sequence[float] = (0, 0, 0)
+    ) -> None:
         """One SET_POSITION_TARGET_LOCAL_NED."""
         self.link.mav.set_position_target_local_ned_send(
             0, *self.target, mavlink.MAV_FRAME_LOCAL_NED, mask, *position, *velocity, 0, 0, 0, 0, 0

@@ -33,7 +33,10 @@ def faults(*factors: dict[str, Any], **others: Any) -> str:
 
 
 def test_paper_experiment() -> None:
-    """The paper's design: 72 combinations, of whose 216 pairs with a replicate 215 different ones are drawn."""
+    """The paper's design: 72 combinations, of whose 216 pairs with a replicate 215 different ones are
+    drawn.
+    """
+
     points = validate_document(PAPER["design"], Design)
     plans = realize(BASE, points, AGENTS[:1])
 
@@ -76,13 +79,21 @@ def test_growing_reshuffles_nothing() -> None:
     """More replicates, and a larger draw, contain every earlier realization unchanged."""
 
     def made(**others: Any) -> dict[str, str]:
-        return {plan.id: dump_json(plan.simspec) for plan in realize(BASE, design(FOG, CROWD, seed=3, **others), AGENTS)}
+        return {
+            plan.id: dump_json(plan.simspec)
+            for plan in realize(BASE, design(FOG, CROWD, seed=3, **others), AGENTS)
+        }
 
     assert made(replicates=2).items() <= made(replicates=5).items()
     drawn = made(replicates=4, method={"kind": "full_factorial", "take": 7})
     assert len(drawn) == 14
     assert drawn.items() <= made(replicates=4, method={"kind": "full_factorial", "take": 15}).items()
-    sampled = {"name": "wind", "unit": "m/s", "range": {"low": 0.0, "high": 8.0}, "sets": ["environment.wind.speed_mps"]}
+    sampled = {
+        "name": "wind",
+        "unit": "m/s",
+        "range": {"low": 0.0, "high": 8.0},
+        "sets": ["environment.wind.speed_mps"],
+    }
     few, more = (
         {
             plan.id: dump_json(plan.simspec)
@@ -112,7 +123,10 @@ def test_seed_of_its_own_is_kept() -> None:
 
 
 def test_latin_hypercube_fills_its_strata() -> None:
-    """Each of n equal strata of each range holds exactly one of n points; whole numbers are whole; levels are even."""
+    """Each of n equal strata of each range holds exactly one of n points; whole numbers are whole; levels are
+    even.
+    """
+
     asked = design(
         {"name": "wind", "range": {"low": 0.0, "high": 10.0}, "sets": ["environment.wind.speed_mps"]},
         {"name": "trees", "range": {"low": 0, "high": 19, "integer": True}, "sets": ["actors[trees].count"]},
@@ -131,12 +145,21 @@ def test_one_by_one() -> None:
     """The first levels, then each other level alone."""
     points = design(FOG, CROWD, method={"kind": "one_by_one"})
 
-    assert [tuple(point.levels.values()) for point in points.points()] == [(0.0, 2), (2, 2), (4.5, 2), (0.0, 3)]
+    assert [tuple(point.levels.values()) for point in points.points()] == [
+        (0.0, 2),
+        (2, 2),
+        (4.5, 2),
+        (0.0, 3),
+    ]
 
 
 def test_range_in_a_counting_design() -> None:
     """A range counts its steps, ends included, and is refused without them where levels are counted."""
-    steps = {"name": "wind", "range": {"low": 0.0, "high": 8.0, "steps": 3}, "sets": ["environment.wind.speed_mps"]}
+    steps = {
+        "name": "wind",
+        "range": {"low": 0.0, "high": 8.0, "steps": 3},
+        "sets": ["environment.wind.speed_mps"],
+    }
 
     assert [point.levels["wind"] for point in design(steps).points()] == [0.0, 4.0, 8.0]
     with pytest.raises(SetupError, match=r"give levels or range\.steps"):
@@ -174,7 +197,10 @@ def test_paths_that_lead_nowhere(path: str, message: str) -> None:
 
 
 def test_levels_that_do_not_fit() -> None:
-    """A level out of bounds or of the wrong type names factor, level, path and bounds; several faults come together."""
+    """A level out of bounds or of the wrong type names factor, level, path and bounds; several faults come
+    together.
+    """
+
     message = faults(FOG | {"levels": [12.0]}, CROWD | {"levels": ["many"]})
 
     assert "factor 'fog': level 12.0 for environment.fog_level" in message
@@ -184,7 +210,10 @@ def test_levels_that_do_not_fit() -> None:
 
 
 def test_units_that_do_not_fit() -> None:
-    """One per metre is no metre; a share has no unit; and one number cannot be metres here and seconds there."""
+    """One per metre is no metre; a share has no unit; and one number cannot be metres here and seconds
+    there.
+    """
+
     extinction = {"name": "murk", "levels": [0.01, 0.02], "sets": ["perception.model.fog_extinction_per_m"]}
     mixed = {"name": "both", "levels": [60.0, 90.0], "sets": ["mission.altitude_m", "mission.time_limit_s"]}
 
@@ -205,8 +234,14 @@ def test_levels_that_clash_with_each_other() -> None:
 
 def test_factors_that_undo_each_other() -> None:
     """Two factors on one field are refused, however each writes its path."""
-    assert "is set by the factors crowd, again" in faults(CROWD, CROWD | {"name": "again", "sets": ["actors[2].count"]})
-    home = {"name": "home", "levels": ["N"], "patches": {"N": {"vehicle.home": {"east_m": 0.0, "north_m": 9.0}}}}
+    assert "is set by the factors crowd, again" in faults(
+        CROWD, CROWD | {"name": "again", "sets": ["actors[2].count"]}
+    )
+    home = {
+        "name": "home",
+        "levels": ["N"],
+        "patches": {"N": {"vehicle.home": {"east_m": 0.0, "north_m": 9.0}}},
+    }
     turned = {"name": "turned", "levels": [0.0, 90.0], "sets": ["vehicle.home.heading_deg"]}
     assert "is set by the factors turned, home" in faults(home, turned)
 
@@ -244,7 +279,10 @@ def test_agents_need_names_of_their_own() -> None:
 
 
 def test_pairs_of_fidelities_share_their_scene() -> None:
-    """A point flown at high fidelity has the seeds of its twin at low, and so the same scene; formulas reach their fields."""
+    """A point flown at high fidelity has the seeds of its twin at low, and so the same scene; formulas reach
+    their fields.
+    """
+
     factors = [
         {"name": "rate", "levels": [2.0, 5.0], "sets": ["vehicle.camera.rate_hz"]},
         {"name": "wind", "range": {"low": 0.0, "high": 8.0}, "sets": ["environment.wind.speed_mps"]},

@@ -1,4 +1,6 @@
-"""Expressions over factors: what they work out, what they refuse, and that nothing else can be reached from them."""
+"""Expressions over factors: what they work out, what they refuse, and that nothing else can be reached from
+them.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,15 @@ from hypothesis import strategies as st
 
 from bench.realization.design._expression import MAX_CHARACTERS, InactiveFactor, parse_expression
 
-LEVELS: dict[str, object] = {"a": 3, "b": 2.0, "fog-level": 4, "fog": 9, "approach": "N", "night": True, "off": None}
+LEVELS: dict[str, object] = {
+    "a": 3,
+    "b": 2.0,
+    "fog-level": 4,
+    "fog": 9,
+    "approach": "N",
+    "night": True,
+    "off": None,
+}
 
 
 @pytest.mark.parametrize(
@@ -100,9 +110,14 @@ def test_what_comes_to_an_absent_factor_is_absent() -> None:
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.text(alphabet="abN'\"()+-*/%<>=!,. 0129e_infortdls\n", max_size=MAX_CHARACTERS) | st.text(max_size=60))
+@given(
+    st.text(alphabet="abN'\"()+-*/%<>=!,. 0129e_infortdls\n", max_size=MAX_CHARACTERS) | st.text(max_size=60)
+)
 def test_any_text_is_refused_or_ends_soon(text: str) -> None:
-    """Whatever stands there: names other than factors are never looked up, results are plain, and it takes no time."""
+    """Whatever stands there: names other than factors are never looked up, results are plain, and it takes no
+    time.
+    """
+
     began = time.perf_counter()
     try:
         expression = parse_expression(text)
@@ -126,4 +141,6 @@ _TREES = st.recursive(
 @given(_TREES, _NUMBERS, _NUMBERS)
 def test_sums_agree_with_python(text: str, a: float, b: float) -> None:
     """On what both read alike, the value is that of Python's own arithmetic."""
-    assert parse_expression(text).value({"a": a, "b": b}) == eval(text, {"__builtins__": {}}, {"a": a, "b": b})
+    assert parse_expression(text).value({"a": a, "b": b}) == eval(
+        text, {"__builtins__": {}}, {"a": a, "b": b}
+    )

@@ -29,7 +29,10 @@ from bench.realization.design._screening import definitive_screening, plackett_b
 
 
 def ranges(count: int, **others: Any) -> list[dict[str, Any]]:
-    return [{"name": f"f{place}", "range": {"low": 0.0, "high": 1.0, **others}, "sets": [f"x{place}"]} for place in range(count)]
+    return [
+        {"name": f"f{place}", "range": {"low": 0.0, "high": 1.0, **others}, "sets": [f"x{place}"]}
+        for place in range(count)
+    ]
 
 
 def levels(name: str, *given: object, **others: Any) -> dict[str, Any]:
@@ -52,10 +55,27 @@ def matrix(made: Design) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize(
     ("points", "columns"),
-    [(5, 2), (9, 4), (17, 8), (33, 16), (65, 32), (129, 64), (257, 128), (16, 8), (32, 16), (48, 8), (49, 8), (25, 4), (24, 4)],
+    [
+        (5, 2),
+        (9, 4),
+        (17, 8),
+        (33, 16),
+        (65, 32),
+        (129, 64),
+        (257, 128),
+        (16, 8),
+        (32, 16),
+        (48, 8),
+        (49, 8),
+        (25, 4),
+        (24, 4),
+    ],
 )
 def test_orthogonal_latin_hypercubes_are_exactly_that(points: int, columns: int) -> None:
-    """In whole numbers: every column a permutation about 0, every product of two 0, and of one with another's square too."""
+    """In whole numbers: every column a permutation about 0, every product of two 0, and of one with another's
+    square too.
+    """
+
     square = orthogonal_latin_hypercube(points, columns)
 
     assert square.shape == (points, columns)
@@ -68,7 +88,10 @@ def test_orthogonal_latin_hypercubes_are_exactly_that(points: int, columns: int)
 
 
 def test_orthogonal_latin_hypercube_of_eight_factors() -> None:
-    """17 runs of 8 factors: the upper half is the T of Sun, Liu and Lin (2009) for c = 3, signs and order aside."""
+    """17 runs of 8 factors: the upper half is the T of Sun, Liu and Lin (2009) for c = 3, signs and order
+    aside.
+    """
+
     square = np.abs(orthogonal_latin_hypercube(17, 8))
 
     assert square[:8].tolist() == [
@@ -85,7 +108,10 @@ def test_orthogonal_latin_hypercube_of_eight_factors() -> None:
 
 
 def test_orthogonal_design_over_factors() -> None:
-    """Whichever columns the seed picks: ends of the ranges reached, correlation 0, the least points where none are given."""
+    """Whichever columns the seed picks: ends of the ranges reached, correlation 0, the least points where
+    none are given.
+    """
+
     made = design(ranges(5), method={"kind": "orthogonal_latin_hypercube"}, seed=4)
 
     values = np.rint(matrix(made) * 16 - 8).astype(np.int64)
@@ -96,7 +122,9 @@ def test_orthogonal_design_over_factors() -> None:
     assert quality.max_abs_correlation == 0.0
     other = design(ranges(5), method={"kind": "orthogonal_latin_hypercube"}, seed=5)
     assert matrix(other).tolist() != matrix(made).tolist()
-    assert "16 and 17 points do" in refused(ranges(8), method={"kind": "orthogonal_latin_hypercube", "points": 20})
+    assert "16 and 17 points do" in refused(
+        ranges(8), method={"kind": "orthogonal_latin_hypercube", "points": 20}
+    )
 
 
 @pytest.mark.parametrize(("points", "factors"), [(11, 3), (20, 6), (41, 8), (100, 12)])
@@ -107,16 +135,23 @@ def test_nearly_orthogonal_latin_hypercubes(points: int, factors: int) -> None:
     assert (np.sort(square, axis=0) == (2 * np.arange(points) - (points - 1))[:, None]).all()
     assert largest_correlation(square) < 0.03
     assert np.array_equal(square, nearly_orthogonal_latin_hypercube(points, factors, seed=1))
-    values = matrix(design(ranges(factors), method={"kind": "nearly_orthogonal_latin_hypercube", "points": points}))
+    values = matrix(
+        design(ranges(factors), method={"kind": "nearly_orthogonal_latin_hypercube", "points": points})
+    )
     assert len({round(point, 9) for point in values[:, 0]}) == points
 
 
 def test_plackett_burman_of_twelve_runs_as_printed() -> None:
-    """The first row that Plackett and Burman (1946) print for 12 runs, turned, and a last row of low levels."""
+    """The first row that Plackett and Burman (1946) print for 12 runs, turned, and a last row of low
+    levels.
+    """
+
     printed = [1, 1, -1, 1, 1, 1, -1, -1, -1, 1, -1]
     made = plackett_burman(11).tolist()
 
-    assert made == [printed[-turn:] + printed[:-turn] if turn else printed for turn in range(11)] + [[-1] * 11]
+    assert made == [printed[-turn:] + printed[:-turn] if turn else printed for turn in range(11)] + [
+        [-1] * 11
+    ]
 
 
 @pytest.mark.parametrize(
@@ -128,7 +163,9 @@ def test_plackett_burman_rows_as_printed(runs: int, printed: str) -> None:
     assert "".join("+" if sign > 0 else "-" for sign in plackett_burman(runs - 1)[0]) == printed
 
 
-@pytest.mark.parametrize("factors", [3, 7, 11, 15, 19, 23, 27, 31, 35, 39, 43, 47, 51, 55, 59, 63, 71, 75, 83, 99])
+@pytest.mark.parametrize(
+    "factors", [3, 7, 11, 15, 19, 23, 27, 31, 35, 39, 43, 47, 51, 55, 59, 63, 71, 75, 83, 99]
+)
 def test_plackett_burman_is_balanced_and_orthogonal(factors: int) -> None:
     """Every factor is high in half the runs, and every two are high together in a quarter."""
     signs = plackett_burman(factors)
@@ -141,7 +178,8 @@ def test_plackett_burman_is_balanced_and_orthogonal(factors: int) -> None:
 def test_foldover_frees_main_effects_of_pairs() -> None:
     """Folded over, no main effect goes with any product of two factors; as it is, some do."""
     plain, folded = (
-        2 * matrix(design(ranges(5), method={"kind": "plackett_burman", "foldover": foldover})) - 1 for foldover in (False, True)
+        2 * matrix(design(ranges(5), method={"kind": "plackett_burman", "foldover": foldover})) - 1
+        for foldover in (False, True)
     )
 
     def blurred(signs: NDArray[np.float64]) -> float:
@@ -173,7 +211,9 @@ def test_conference_matrix_of_six_as_printed() -> None:
     assert conference_matrix(22) is None  # 21 is no sum of two squares, so there is none
 
 
-@pytest.mark.parametrize(("factors", "runs"), [(3, 9), (4, 9), (5, 13), (6, 13), (7, 17), (10, 21), (11, 25), (21, 49)])
+@pytest.mark.parametrize(
+    ("factors", "runs"), [(3, 9), (4, 9), (5, 13), (6, 13), (7, 17), (10, 21), (11, 25), (21, 49)]
+)
 def test_definitive_screening_separates_what_it_says(factors: int, runs: int) -> None:
     """Main effects are orthogonal to each other, to every square and to every product of two, exactly."""
     rows = definitive_screening(factors)
@@ -181,7 +221,10 @@ def test_definitive_screening_separates_what_it_says(factors: int, runs: int) ->
     assert rows.shape == (runs, factors)
     products = rows.T @ rows
     assert not (products - np.diag(np.diag(products))).any()
-    second = np.stack([rows[:, a] * rows[:, b] for a, b in itertools.combinations_with_replacement(range(factors), 2)], axis=1)
+    second = np.stack(
+        [rows[:, a] * rows[:, b] for a, b in itertools.combinations_with_replacement(range(factors), 2)],
+        axis=1,
+    )
     assert not (rows.T @ second).any()
     assert not rows[-1].any()
 
@@ -193,7 +236,9 @@ def test_definitive_screening_over_factors() -> None:
 
     assert {one for point in points for one in point[:2]} == {0.0, 0.5, 1.0}
     assert points[-1] == (0.5, 0.5, 1)
-    assert "three numbers" in refused([*ranges(2), levels("approach", "N", "S")], method={"kind": "definitive_screening"})
+    assert "three numbers" in refused(
+        [*ranges(2), levels("approach", "N", "S")], method={"kind": "definitive_screening"}
+    )
 
 
 @pytest.mark.parametrize(
@@ -201,12 +246,25 @@ def test_definitive_screening_over_factors() -> None:
     [
         # Box, Hunter and Hunter (2005), table 6.22: the least runs of a regular fraction.
         *[(3, 3, 4), (5, 3, 8), (7, 3, 8), (15, 3, 16), (31, 3, 32)],
-        *[(4, 4, 8), (6, 4, 16), (7, 4, 16), (8, 4, 16), (9, 4, 32), (11, 4, 32), (16, 4, 32), (17, 4, 64), (32, 4, 64)],
+        *[
+            (4, 4, 8),
+            (6, 4, 16),
+            (7, 4, 16),
+            (8, 4, 16),
+            (9, 4, 32),
+            (11, 4, 32),
+            (16, 4, 32),
+            (17, 4, 64),
+            (32, 4, 64),
+        ],
         *[(5, 5, 16), (8, 5, 64), (10, 5, 128), (11, 5, 128), (6, 6, 32), (9, 6, 128), (7, 7, 64)],
     ],
 )
 def test_fractions_have_their_resolution_in_the_least_runs(factors: int, resolution: int, runs: int) -> None:
-    """No product of fewer columns is a constant, found by multiplying them all; and no more runs than the tables give."""
+    """No product of fewer columns is a constant, found by multiplying them all; and no more runs than the
+    tables give.
+    """
+
     columns = fraction(factors, resolution)
 
     assert 2 ** max(columns).bit_length() == runs
@@ -216,22 +274,34 @@ def test_fractions_have_their_resolution_in_the_least_runs(factors: int, resolut
             for column in chosen:
                 product ^= column
             assert product
-    made = matrix(design(ranges(factors), method={"kind": "fractional_factorial", "resolution": resolution})) * 2 - 1
+    made = (
+        matrix(design(ranges(factors), method={"kind": "fractional_factorial", "resolution": resolution})) * 2
+        - 1
+    )
     assert made.shape == (runs, factors)
     assert np.array_equal(made.T @ made, runs * np.eye(factors))
 
 
 def test_fraction_by_generators_and_by_runs() -> None:
-    """Half of 2^4 by d = a b c has every level of d the product of the others'; by runs it is found by itself."""
+    """Half of 2^4 by d = a b c has every level of d the product of the others'; by runs it is found by
+    itself.
+    """
+
     four = [{**point, "name": name} for point, name in zip(ranges(4), "abcd", strict=True)]
-    by_hand = 2 * matrix(design(four, method={"kind": "fractional_factorial", "generators": {"d": ["a", "b", "c"]}})) - 1
+    by_hand = (
+        2
+        * matrix(design(four, method={"kind": "fractional_factorial", "generators": {"d": ["a", "b", "c"]}}))
+        - 1
+    )
     values = 2 * matrix(design(four, method={"kind": "fractional_factorial", "runs": 8})) - 1
 
     assert (by_hand[:, 3] == by_hand[:, 0] * by_hand[:, 1] * by_hand[:, 2]).all()
     assert by_hand[:, :3].tolist() == [list(point) for point in itertools.product([-1, 1], repeat=3)]
     assert np.array_equal(values, by_hand)
     kind = {"kind": "fractional_factorial"}
-    assert "no base factor" in refused(four, method={**kind, "generators": {"d": ["a", "c"], "c": ["a", "b"]}})
+    assert "no base factor" in refused(
+        four, method={**kind, "generators": {"d": ["a", "c"], "c": ["a", "b"]}}
+    )
     assert "same column" in refused(four, method={**kind, "generators": {"d": ["a", "b"], "c": ["a", "b"]}})
     assert "give one of" in refused(four, method={**kind, "runs": 8, "resolution": 4})
     assert "no power of two" in refused(four, method={**kind, "runs": 12})
@@ -258,7 +328,10 @@ def occurring(points: list[DesignPoint], names: tuple[str, ...]) -> set[tuple[ob
     ],
 )
 def test_covering_arrays_cover_everything(sizes: list[int], strength: int, most: int) -> None:
-    """Every combination of levels of any t factors, by going through them all; in a number of points near to what is known."""
+    """Every combination of levels of any t factors, by going through them all; in a number of points near to
+    what is known.
+    """
+
     factors = [levels(f"f{place}", *range(size)) for place, size in enumerate(sizes)]
     points = design(factors, method={"kind": "covering_array", "strength": strength}).points()
 
@@ -282,7 +355,10 @@ FORBID = ["approach == 'N' and fog > 1", "load > 8", "noise == 3 and approach ==
 
 @pytest.mark.parametrize("strength", [2, 3])
 def test_covering_arrays_keep_what_is_forbidden_out(strength: int) -> None:
-    """With conditional factors, formulas and prohibitions: all that can be, judged by every point there is, and nothing else."""
+    """With conditional factors, formulas and prohibitions: all that can be, judged by every point there is,
+    and nothing else.
+    """
+
     every = design(TANGLED, forbid=FORBID).points()
     points = design(TANGLED, forbid=FORBID, method={"kind": "covering_array", "strength": strength}).points()
 
@@ -294,19 +370,26 @@ def test_covering_arrays_keep_what_is_forbidden_out(strength: int) -> None:
 
 def test_covering_array_that_cannot_be() -> None:
     """Everything forbidden, and too much to cover, are message."""
-    assert "everything is forbidden" in refused([levels("a", 1, 2)], forbid=["a < 5"], method={"kind": "covering_array"})
+    assert "everything is forbidden" in refused(
+        [levels("a", 1, 2)], forbid=["a < 5"], method={"kind": "covering_array"}
+    )
     many = [levels(f"f{place}", *range(30)) for place in range(6)]
     assert "lower strength" in refused(many, method={"kind": "covering_array", "strength": 4})
 
 
 def test_conditional_factors_and_formulas() -> None:
-    """A conditional factor is inactive where its condition fails, one point then stands for all its levels, and formulas follow."""
+    """A conditional factor is inactive where its condition fails, one point then stands for all its levels,
+    and formulas follow.
+    """
+
     points = [point.levels for point in design(TANGLED).points()]
 
     assert len(points) == (2 + 3) * 4 * 3 * 2
     assert {levels["noise"] for levels in points if levels["gps"] == "degraded"} == {1, 2, 3}
     assert {levels["noise"] for levels in points if levels["gps"] != "degraded"} == {INACTIVE}
-    assert all(levels["load"] == float(levels["fog"]) * 2 + (1 if levels["night"] else 0) for levels in points)
+    assert all(
+        levels["load"] == float(levels["fog"]) * 2 + (1 if levels["night"] else 0) for levels in points
+    )
     assert list(points[0]) == ["gps", "noise", "approach", "fog", "night", "load"]
 
 
@@ -314,7 +397,12 @@ def test_steps_of_a_range_are_the_numbers_that_one_writes() -> None:
     """The third of five steps from 0.1 to 0.5 is 0.3, so that what is forbidden at 0.3 is."""
     stepped = {"name": "a", "range": {"low": 0.1, "high": 0.5, "steps": 5}, "sets": ["a"]}
 
-    assert [point.levels["a"] for point in design([stepped], forbid=["a == 0.3"]).points()] == [0.1, 0.2, 0.4, 0.5]
+    assert [point.levels["a"] for point in design([stepped], forbid=["a == 0.3"]).points()] == [
+        0.1,
+        0.2,
+        0.4,
+        0.5,
+    ]
 
 
 def test_forbidden_points_are_left_out() -> None:
@@ -324,7 +412,9 @@ def test_forbidden_points_are_left_out() -> None:
 
     def wrong(one: Any) -> bool:
         return bool(
-            (one["approach"] == "N" and one["fog"] > 1) or one["load"] > 8 or (one["noise"] == 3 and one["approach"] == "S")
+            (one["approach"] == "N" and one["fog"] > 1)
+            or one["load"] > 8
+            or (one["noise"] == 3 and one["approach"] == "S")
         )
 
     assert remaining == [one for one in every if not wrong(one)]
@@ -333,8 +423,16 @@ def test_forbidden_points_are_left_out() -> None:
 @pytest.mark.parametrize(
     ("factors", "others", "message"),
     [
-        ([levels("a", 1, 2), {"name": "b", "formula": "c + 1", "sets": ["b"]}], {}, "names 'c', which is not a factor"),
-        ([{"name": "a", "formula": "b", "sets": ["a"]}, {"name": "b", "formula": "a", "sets": ["b"]}], {}, "in a circle"),
+        (
+            [levels("a", 1, 2), {"name": "b", "formula": "c + 1", "sets": ["b"]}],
+            {},
+            "names 'c', which is not a factor",
+        ),
+        (
+            [{"name": "a", "formula": "b", "sets": ["a"]}, {"name": "b", "formula": "a", "sets": ["b"]}],
+            {},
+            "in a circle",
+        ),
         ([levels("a", 1, 2, when="a > 1")], {}, "in a circle"),
         ([levels("a", 1, 2, formula="3")], {}, "either levels"),
         ([levels("a", INACTIVE, "x", when="b == 1"), levels("b", 1, 2)], {}, "name it otherwise"),
@@ -342,7 +440,11 @@ def test_forbidden_points_are_left_out() -> None:
         ([levels("a", 1, 2)], {"forbid": ["a + 1"]}, "neither true nor false"),
         ([levels("a", 1, 2)], {"forbid": ["a > "]}, "is missing"),
         ([levels("a", 1, 2)], {"forbid": ["a > 0"]}, "every point is forbidden"),
-        (ranges(2), {"forbid": ["f0 > 0.5"], "method": {"kind": "latin_hypercube", "points": 8}}, "4 of the 8 points"),
+        (
+            ranges(2),
+            {"forbid": ["f0 > 0.5"], "method": {"kind": "latin_hypercube", "points": 8}},
+            "4 of the 8 points",
+        ),
         (ranges(2), {"forbid": ["f0 >= 0"], "method": {"kind": "sobol", "points": 8}}, "leaves 0 of 8000"),
         ([{"name": "a", "formula": "1", "sets": ["a"]}], {}, "every factor has a formula"),
         ([], {"method": {"kind": "sobol", "points": 8}}, "has no factors"),
@@ -355,10 +457,15 @@ def test_factors_that_cannot_be(factors: list[dict[str, Any]], others: dict[str,
 
 @pytest.mark.parametrize("kind", ["halton", "sobol"])
 def test_sequences_grow_without_reshuffling(kind: str) -> None:
-    """More points begin with the earlier ones, forbidden ones among them or not, over the block that is drawn at once too."""
+    """More points begin with the earlier ones, forbidden ones among them or not, over the block that is drawn
+    at once too.
+    """
+
     few, more = (
         design(
-            [*ranges(2), levels("a", "x", "y")], forbid=["f0 > 0.9 and a == 'x'"], method={"kind": kind, "points": count}
+            [*ranges(2), levels("a", "x", "y")],
+            forbid=["f0 > 0.9 and a == 'x'"],
+            method={"kind": kind, "points": count},
         ).points()
         for count in (5, 600)
     )
@@ -368,7 +475,10 @@ def test_sequences_grow_without_reshuffling(kind: str) -> None:
 
 
 def test_every_method_that_says_so_grows() -> None:
-    """Which methods claim to take more points later; the test above and that of stratified designs hold them to it."""
+    """Which methods claim to take more points later; the test above and that of stratified designs hold them
+    to it.
+    """
+
     kinds = {point.model_fields["kind"].default: point.grows for point in get_args(get_args(Method)[0])}
 
     assert {kind for kind, grows in kinds.items() if grows} == {"halton", "sobol", "stratified"}
@@ -376,15 +486,24 @@ def test_every_method_that_says_so_grows() -> None:
 
 
 def test_further_points_follow_those_that_are_there() -> None:
-    """`then` numbers on, whatever the methods are, and leaves points, draws and scenes of the first as they were."""
+    """`then` numbers on, whatever the methods are, and leaves points, draws and scenes of the first as they
+    were.
+    """
+
     factors = [levels("a", 1, 2, 3), levels("b", 1, 2, 3)]
     first = design(factors, replicates=2, method={"kind": "full_factorial", "take": 7}, seed=3)
     grown = design(
-        factors, replicates=2, method={"kind": "full_factorial", "take": 7}, seed=3, then=[{"kind": "sobol", "points": 4}] * 2
+        factors,
+        replicates=2,
+        method={"kind": "full_factorial", "take": 7},
+        seed=3,
+        then=[{"kind": "sobol", "points": 4}] * 2,
     )
 
     assert grown.pairs()[:7] == first.pairs()
-    assert [point.id for point, _ in grown.pairs()[7:]] == [f"p{9 + n:03d}" for n in range(1, 9) for _ in "12"]
+    assert [point.id for point, _ in grown.pairs()[7:]] == [
+        f"p{9 + n:03d}" for n in range(1, 9) for _ in "12"
+    ]
     blocks = [[point.levels for point in grown.points()[at : at + 4]] for at in (9, 13)]
     assert blocks[0] != blocks[1]
 
@@ -396,14 +515,17 @@ def test_nested_designs_are_latin_twice() -> None:
     assert (np.sort((rows * 24).astype(int), axis=0) == np.arange(24)[:, None]).all()
     assert (np.sort((rows[:6] * 6).astype(int), axis=0) == np.arange(6)[:, None]).all()
     made = design(
-        [levels("rate", 10, 50), *ranges(3)], method={"kind": "nested", "points": 24, "high": 6, "fidelity": "rate"}
+        [levels("rate", 10, 50), *ranges(3)],
+        method={"kind": "nested", "points": 24, "high": 6, "fidelity": "rate"},
     ).points()
     low = {tuple(point.levels.values())[1:]: point for point in made if point.levels["rate"] == 10}
     high = [point for point in made if point.levels["rate"] == 50]
     assert (len(low), len(high)) == (24, 6)
     assert all(low[tuple(point.levels.values())[1:]].scene == point.scene != point.id for point in high)
     assert len({point.scene for point in made}) == 24
-    assert "multiple of high" in refused(ranges(2), method={"kind": "nested", "points": 9, "high": 4, "fidelity": "f0"})
+    assert "multiple of high" in refused(
+        ranges(2), method={"kind": "nested", "points": 9, "high": 4, "fidelity": "f0"}
+    )
 
 
 def rated(chosen: Any) -> dict[str, float]:
@@ -412,14 +534,21 @@ def rated(chosen: Any) -> dict[str, float]:
 
 
 def test_every_flight_of_a_nested_design_has_a_scene_of_its_own_but_for_twins() -> None:
-    """Points that happen to have the same levels are no twins: flown in one scene they would be one run counted twice."""
+    """Points that happen to have the same levels are no twins: flown in one scene they would be one run
+    counted twice.
+    """
+
     factors = [levels("rate", 10, 50), levels("a", 1, 2), {"name": "b", "formula": "a * rate", "sets": ["b"]}]
     made = design(factors, method={"kind": "nested", "points": 8, "high": 2, "fidelity": "rate"}).points()
 
     low = [point for point in made if point.levels["rate"] == 10]
     high = [point for point in made if point.levels["rate"] == 50]
     assert [point.scene for point in low] == [point.id for point in low]
-    assert [point.scene for point in high] == [made[made.index(point) - 1].id for point in high] == ["p001", "p003"]
+    assert (
+        [point.scene for point in high]
+        == [made[made.index(point) - 1].id for point in high]
+        == ["p001", "p003"]
+    )
 
 
 WHOLE = {"name": "whole", "range": {"low": 3, "high": 6, "integer": True}, "sets": ["whole"]}
@@ -427,8 +556,13 @@ WHOLE = {"name": "whole", "range": {"low": 3, "high": 6, "integer": True}, "sets
 
 @pytest.mark.parametrize("kind", ["sobol", "halton", "latin_hypercube", "nearly_orthogonal_latin_hypercube"])
 def test_whole_numbers_and_levels_are_even(kind: str) -> None:
-    """The ends of whole numbers come as often as those between, and so does every level, the order of levels no matter."""
-    made = design([*ranges(1), WHOLE, levels("a", "x", "y", "z", "w")], method={"kind": kind, "points": 64}).points()
+    """The ends of whole numbers come as often as those between, and so does every level, the order of levels
+    no matter.
+    """
+
+    made = design(
+        [*ranges(1), WHOLE, levels("a", "x", "y", "z", "w")], method={"kind": kind, "points": 64}
+    ).points()
 
     for name, known in (("whole", {3, 4, 5, 6}), ("a", set("xyzw"))):
         values = Counter(point.levels[name] for point in made)
@@ -437,7 +571,10 @@ def test_whole_numbers_and_levels_are_even(kind: str) -> None:
 
 
 def test_whole_numbers_of_an_orthogonal_design_are_even_and_mirrored() -> None:
-    """65 points on 4 numbers: 16 each and the centre, and each point's mirror image has the mirrored number."""
+    """65 points on 4 numbers: 16 each and the centre, and each point's mirror image has the mirrored
+    number.
+    """
+
     made = design([*ranges(1), WHOLE], method={"kind": "orthogonal_latin_hypercube", "points": 65}).points()
 
     assert sorted(Counter(point.levels["whole"] for point in made).values()) == [16, 16, 16, 17]
@@ -463,23 +600,30 @@ def test_definitive_screening_needs_a_middle() -> None:
 
 
 @pytest.mark.parametrize(
-    "forbid", ["a == 'n' and f0 > 0.5", "night == 'true'", "f0 == 'x'", "'N' != a == 'W'", "not (night != 'no')"]
+    "forbid",
+    ["a == 'n' and f0 > 0.5", "night == 'true'", "f0 == 'x'", "'N' != a == 'W'", "not (night != 'no')"],
 )
 def test_words_that_a_factor_never_is_are_slips(forbid: str) -> None:
     """A prohibition that misspells a level would forbid nothing, silently."""
     factors = [levels("a", "N", "S"), levels("night", True, False), *ranges(1)]
 
     assert "which it never is" in refused(factors, forbid=[forbid], method={"kind": "sobol", "points": 8})
-    assert design(factors, forbid=["a == 'N' and night == true and (f0) > 0.5"], method={"kind": "sobol", "points": 8}).points()
+    assert design(
+        factors, forbid=["a == 'N' and night == true and (f0) > 0.5"], method={"kind": "sobol", "points": 8}
+    ).points()
 
 
 def test_a_prohibition_that_leaves_hardly_anything_is_said_soon() -> None:
     """Ten thousand points are looked at, not as many times a thousand as were required for."""
-    assert "leaves 0 of 10000 points" in refused(ranges(2), forbid=["f0 >= 0"], method={"kind": "sobol", "points": 50_000})
+    assert "leaves 0 of 10000 points" in refused(
+        ranges(2), forbid=["f0 >= 0"], method={"kind": "sobol", "points": 50_000}
+    )
 
 
 def test_stratified_designs_are_even_and_grow() -> None:
-    """Configurations that are rare among the factors' levels get as many points as common ones, and more points keep the first."""
+    """Configurations that are rare among the factors' levels get as many points as common ones, and more
+    points keep the first.
+    """
 
     def points(count: int) -> list[DesignPoint]:
         method = {"kind": "stratified", "points": count, "candidates": 300}
@@ -506,11 +650,16 @@ def test_stratified_designs_that_cannot_be() -> None:
 
 
 def test_quality_against_what_can_be_counted() -> None:
-    """A square's corners: correlation 0, all pairs, the side over the diagonal; a line of points: correlation 1 and what is missing."""
+    """A square's corners: correlation 0, all pairs, the side over the diagonal; a line of points: correlation
+    1 and what is missing.
+    """
+
     corners = design([levels("a", 0, 1), levels("b", "x", "y")])
     line = [DesignPoint(f"p{n}", {"f0": n / 4, "f1": 1 - n / 4}) for n in range(5)]
 
-    square = design_quality(corners.space, corners.points(), pairs=12, configurations=["hard", "easy", "easy", "easy"])
+    square = design_quality(
+        corners.space, corners.points(), pairs=12, configurations=["hard", "easy", "easy", "easy"]
+    )
     assert (square.points, square.pairs, square.max_abs_correlation) == (4, 12, 0.0)
     assert square.min_distance == pytest.approx(1 / 2**0.5)
     assert [(point.t, point.covered, point.possible) for point in square.coverage] == [(2, 4, 4)]
@@ -523,7 +672,9 @@ def test_quality_against_what_can_be_counted() -> None:
 
 
 def test_quality_tells_aliases() -> None:
-    """Half of 2^4: pairs are aliased with pairs; a quarter of 2^5: main effects too; Plackett-Burman: a third; folded over: none."""
+    """Half of 2^4: pairs are aliased with pairs; a quarter of 2^5: main effects too; Plackett-Burman: a
+    third; folded over: none.
+    """
 
     def measured(count: int, **method: Any) -> Any:
         named = [{**point, "name": name} for point, name in zip(ranges(count), "abcdefghijk", strict=False)]
@@ -548,11 +699,20 @@ def test_quality_tells_aliases() -> None:
 
 
 def test_quality_tells_what_prohibitions_tie_together() -> None:
-    """Names that go with a number, and a conditional factor where it is active: both are told, and points that carry no effects."""
+    """Names that go with a number, and a conditional factor where it is active: both are told, and points
+    that carry no effects.
+    """
+
     factors = [levels("a", "x", "y", "z"), levels("fog", 0, 1, 2), levels("more", 0, 1, 2, when="fog > 0")]
     free = design(factors)
     tied = design(
-        factors, forbid=["a == 'x' and fog != 0", "a == 'y' and fog != 1", "a == 'z' and fog != 2", "fog > 0 and more != fog"]
+        factors,
+        forbid=[
+            "a == 'x' and fog != 0",
+            "a == 'y' and fog != 1",
+            "a == 'z' and fog != 2",
+            "fog > 0 and more != fog",
+        ],
     )
 
     loose, tight = (design_quality(point.space, point.points()) for point in (free, tied))
@@ -564,7 +724,10 @@ def test_quality_tells_what_prohibitions_tie_together() -> None:
 
 
 def test_quality_counts_only_what_may_be() -> None:
-    """Forbidden combinations are not missed, and a covering array of strength 2 has all pairs and not all triples."""
+    """Forbidden combinations are not missed, and a covering array of strength 2 has all pairs and not all
+    triples.
+    """
+
     made = design(TANGLED, forbid=FORBID, method={"kind": "covering_array"})
     pairs, triples = design_quality(made.space, made.points()).coverage
 
@@ -601,8 +764,12 @@ def test_designs_are_the_same_in_another_process() -> None:
         {"kind": "sobol", "points": 12},
         {"kind": "nested", "points": 12, "high": 4, "fidelity": "rate"},
     ]
-    documents = [{"factors": [levels("rate", 1, 2), *ranges(3)], "method": method, "seed": 9} for method in methods]
-    documents.append({"factors": TANGLED, "forbid": FORBID, "method": {"kind": "covering_array", "strength": 3}})
+    documents = [
+        {"factors": [levels("rate", 1, 2), *ranges(3)], "method": method, "seed": 9} for method in methods
+    ]
+    documents.append(
+        {"factors": TANGLED, "forbid": FORBID, "method": {"kind": "covering_array", "strength": 3}}
+    )
     seed = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
     digests = subprocess.run(
         [sys.executable, "-c", _SCRIPT],

@@ -14,7 +14,18 @@ from hypothesis import strategies as st
 from bench.documents import dump_json, parse_text, validate_document
 from bench.errors import SetupError
 from bench.realization import Design, PlacementInfeasible, check_placement, place, realize
-from bench.simspec import ActorGroup, AgentSpec, Near, Placement, Point, Polygon, Realized, Role, SimSpec, World
+from bench.simspec import (
+    ActorGroup,
+    AgentSpec,
+    Near,
+    Placement,
+    Point,
+    Polygon,
+    Realized,
+    Role,
+    SimSpec,
+    World,
+)
 
 PAPER: dict[str, Any] = parse_text((Path(__file__).parents[3] / "campaigns" / "paper.yaml").read_text())[0]
 
@@ -52,8 +63,13 @@ def infeasible(simspec: SimSpec) -> str:
 
 
 def test_paper_scenes() -> None:
-    """Scenes of the paper's experiment keep every relation, the mean proximity within 1 %, and differ from each other."""
-    plans = realize(validate_document(PAPER["base"], SimSpec), validate_document(PAPER["design"], Design), [AgentSpec()])
+    """Scenes of the paper's experiment keep every relation, the mean proximity within 1 %, and differ from
+    each other.
+    """
+
+    plans = realize(
+        validate_document(PAPER["base"], SimSpec), validate_document(PAPER["design"], Design), [AgentSpec()]
+    )
     placed = [place(plan.simspec) for plan in plans[::12]]
 
     assert len(placed) == 18
@@ -63,7 +79,10 @@ def test_paper_scenes() -> None:
 
 
 def test_a_typical_scene_is_quick() -> None:
-    """Some ninety actors of the paper's experiment take milliseconds; the bound is wide, for busy machines."""
+    """Some ninety actors of the paper's experiment take milliseconds; the bound is wide, for busy
+    machines.
+    """
+
     simspec = validate_document(PAPER["base"], SimSpec)
     place(simspec)
 
@@ -75,7 +94,10 @@ def test_a_typical_scene_is_quick() -> None:
 
 
 def test_same_seed_same_bytes() -> None:
-    """The same seed places to the byte alike, another one elsewhere, and a group added later moves nobody placed before it."""
+    """The same seed places to the byte alike, another one elsewhere, and a group added later moves nobody
+    placed before it.
+    """
+
     people, trees = group("people", "civilian", 10), group("trees", "tree", 5)
 
     assert dump_json(place(scene(people))) == dump_json(place(scene(people)))
@@ -94,15 +116,31 @@ def test_same_seed_same_bytes() -> None:
     bay=st.booleans(),
 )
 def test_whatever_is_asked_is_kept(
-    seed: int, people: int, houses: int, separation_m: float, near_m: tuple[float, float], mean_m: float, bay: bool
+    seed: int,
+    people: int,
+    houses: int,
+    separation_m: float,
+    near_m: tuple[float, float],
+    mean_m: float,
+    bay: bool,
 ) -> None:
-    """What placement returns passes the independent check, over random scenes, also in a region with a bay."""
+    """What placement returns passes the independent check, over random scenes, also in a region with a
+    bay.
+    """
+
     low, span = near_m
-    angle = {"corners": [{"east_m": e, "north_m": n} for e, n in ((0, 0), (100, 0), (100, 100), (60, 100), (60, 40), (0, 40))]}
+    angle = {
+        "corners": [
+            {"east_m": e, "north_m": n}
+            for e, n in ((0, 0), (100, 0), (100, 100), (60, 100), (60, 40), (0, 40))
+        ]
+    }
     simspec = scene(
         group("houses", "house", houses, separation_m=separation_m, **({"region": angle} if bay else {})),  # type: ignore[arg-type]
         group("radar", "radar-vehicle", role="adversary", region=corners(20.0, 15.0, 40.0, 35.0)),
-        group("guards", "soldier", 3, role="adversary", near={"of": "radar", "min_m": low, "max_m": low + span}),
+        group(
+            "guards", "soldier", 3, role="adversary", near={"of": "radar", "min_m": low, "max_m": low + span}
+        ),
         group(
             "crowd",
             "civilian",
@@ -134,7 +172,11 @@ def test_reports_err_within_their_uncertainty() -> None:
     errors = []
     for seed in range(20):
         target = group("radar", "radar-vehicle", role="adversary", region=corners(4.0, 4.0, 16.0, 16.0))
-        simspec = place(scene(target, seed=seed, intelligence=[{"id": "sighting", "about": "radar", "uncertainty_m": 60.0}]))
+        simspec = place(
+            scene(
+                target, seed=seed, intelligence=[{"id": "sighting", "about": "radar", "uncertainty_m": 60.0}]
+            )
+        )
         [actor], [report] = realized(simspec).actors, realized(simspec).reports
         errors.append(((actor.east_m - report.east_m) ** 2 + (actor.north_m - report.north_m) ** 2) ** 0.5)
         assert 0.0 <= report.east_m <= 100.0
@@ -154,24 +196,36 @@ def test_impossible_by_area() -> None:
     """A thousand people in a small yard are refused at once, with the areas."""
     began = time.process_time()
 
-    assert "1000 of 'people' need at least" in infeasible(scene(group("people", "civilian", 1000), size_m=20.0))
+    assert "1000 of 'people' need at least" in infeasible(
+        scene(group("people", "civilian", 1000), size_m=20.0)
+    )
     assert time.process_time() - began < 0.5
 
 
 def test_impossible_by_relations() -> None:
-    """Relations that cannot be kept together are named with their numbers, and those that do no harm are not."""
+    """Relations that cannot be kept together are named with their numbers, and those that do no harm are
+    not.
+    """
+
     message = infeasible(
         scene(
             group("radar", "radar-vehicle", region=corners(5.0, 5.0, 20.0, 20.0)),
             group(
-                "guards", "soldier", 2, near={"of": "radar", "min_m": 1.0, "max_m": 10.0}, region=corners(70.0, 70.0, 90.0, 90.0)
+                "guards",
+                "soldier",
+                2,
+                near={"of": "radar", "min_m": 1.0, "max_m": 10.0},
+                region=corners(70.0, 70.0, 90.0, 90.0),
             ),
         )
     )
 
     assert message.startswith("impossible, and proved so")
     assert "'guards' is to stand inside its region of 400 m2 (actors[guards].placement.region)" in message
-    assert "'guards' is to stand 1 to 10 m from some member of 'radar' (actors[guards].placement.near)" in message
+    assert (
+        "'guards' is to stand 1 to 10 m from some member of 'radar' (actors[guards].placement.near)"
+        in message
+    )
     assert "home" not in message
     assert "members of" not in message
 
@@ -203,17 +257,36 @@ def test_overlapping_fixed_places() -> None:
     """Two groups fixed on one spot are named."""
     at = {"east_m": 50.0, "north_m": 50.0}
 
-    assert "'shed' and 'house' are fixed" in infeasible(scene(group("shed", "shed", at=at), group("house", "house", at=at)))
+    assert "'shed' and 'house' are fixed" in infeasible(
+        scene(group("shed", "shed", at=at), group("house", "house", at=at))
+    )
 
 
 @pytest.mark.parametrize(
     ("groups", "message"),
     [
-        ([group("a", "crate", near={"of": "b", "max_m": 5}), group("b", "crate", near={"of": "a", "max_m": 5})], "in a circle"),
-        ([group("a", "unicorn")], "there is no asset 'unicorn'"),
-        ([group("a", "crate", 0), group("b", "crate", near={"of": "a", "max_m": 5})], "relates to 'a', which has no members"),
         (
-            [group("a", "crate", region={"corners": [{"east_m": e, "north_m": n} for e, n in ((0, 0), (9, 9), (9, 0), (0, 5))]})],
+            [
+                group("a", "crate", near={"of": "b", "max_m": 5}),
+                group("b", "crate", near={"of": "a", "max_m": 5}),
+            ],
+            "in a circle",
+        ),
+        ([group("a", "unicorn")], "there is no asset 'unicorn'"),
+        (
+            [group("a", "crate", 0), group("b", "crate", near={"of": "a", "max_m": 5})],
+            "relates to 'a', which has no members",
+        ),
+        (
+            [
+                group(
+                    "a",
+                    "crate",
+                    region={
+                        "corners": [{"east_m": e, "north_m": n} for e, n in ((0, 0), (9, 9), (9, 0), (0, 5))]
+                    },
+                )
+            ],
             "crosses itself",
         ),
     ],
@@ -242,13 +315,19 @@ def planted(**changes: Any) -> str:
     if "actor" in changes:
         moved = {"east_m": radar.east_m + changes["off_m"], "north_m": radar.north_m}
         remaining = remaining.model_copy(
-            update={"actors": tuple(a.model_copy(update=moved) if a.id == changes["actor"] else a for a in remaining.actors)}
+            update={
+                "actors": tuple(
+                    a.model_copy(update=moved) if a.id == changes["actor"] else a for a in remaining.actors
+                )
+            }
         )
     if "report_off_m" in changes:
         report = remaining.reports[0].model_copy(update={"east_m": radar.east_m + changes["report_off_m"]})
         remaining = remaining.model_copy(update={"reports": (report,)})
     if "drop" in changes:
-        remaining = remaining.model_copy(update={"actors": tuple(a for a in remaining.actors if a.id != changes["drop"])})
+        remaining = remaining.model_copy(
+            update={"actors": tuple(a for a in remaining.actors if a.id != changes["drop"])}
+        )
     return "\n".join(map(str, check_placement(sound.model_copy(update={"realized": remaining}))))
 
 
@@ -273,7 +352,8 @@ def test_check_finds_planted_errors(changes: dict[str, Any], message: str) -> No
 def test_check_sees_overlap_of_turned_footprints() -> None:
     """Corners count, not circles: two long vehicles side by side are clear, the same ones crossed are not."""
     trucks = [
-        group(name, "military-truck", at={"east_m": east, "north_m": 50.0}) for name, east in (("one", 50.0), ("two", 53.0))
+        group(name, "military-truck", at={"east_m": east, "north_m": 50.0})
+        for name, east in (("one", 50.0), ("two", 53.0))
     ]
     beside = place(scene(*trucks))
     crossed = realized(beside).actors[1].model_copy(update={"heading_deg": 90.0})
@@ -281,7 +361,11 @@ def test_check_sees_overlap_of_turned_footprints() -> None:
     assert check_placement(beside) == []
     faults_found = check_placement(
         beside.model_copy(
-            update={"realized": realized(beside).model_copy(update={"actors": (realized(beside).actors[0], crossed)})}
+            update={
+                "realized": realized(beside).model_copy(
+                    update={"actors": (realized(beside).actors[0], crossed)}
+                )
+            }
         )
     )
     assert [fault.where for fault in faults_found if "apart" in fault.what] == ["realized: one-1 and two-1"]
@@ -321,6 +405,8 @@ def test_a_crowd_that_no_ring_holds_is_refused_at_once() -> None:
     corners = tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (600, 0), (600, 250), (0, 250)))
     spec = SimSpec(name="crowd", world=World(area=Polygon(corners=corners)), actors=(target, people))
     began = time.process_time()
-    with pytest.raises(PlacementInfeasible, match=r"5000 of 'crowd' need at least .* within 10 to 40 m of 'target'"):
+    with pytest.raises(
+        PlacementInfeasible, match=r"5000 of 'crowd' need at least .* within 10 to 40 m of 'target'"
+    ):
         place(spec)
     assert time.process_time() - began < 1.0

@@ -1,7 +1,9 @@
-"""Scenes that have places by construction: somebody stands first, and relations are read off that, however tight.
+"""Scenes that have places by construction: somebody stands first, and relations are read off that, however
+tight.
 
-They are never refused with proof; what is placed is judged here once more, from docs/placement.md alone; and places depend on
-nothing but the scene. For more of them: `python tests/realization/placement/test_placement_constructed_scenes.py 1000 4000`.
+They are never refused with proof; what is placed is judged here once more, from docs/placement.md alone; and
+places depend on nothing but the scene. For more of them: `python
+tests/realization/placement/test_placement_constructed_scenes.py 1000 4000`.
 """
 
 from __future__ import annotations
@@ -40,7 +42,10 @@ def outline(asset: str, east: float, north: float, heading: float) -> Geometry:
     sine, cosine = math.sin(math.radians(heading)), math.cos(math.radians(heading))
     signs = ((1, 1), (1, -1), (-1, -1), (-1, 1))
     return shapely.Polygon(
-        [(east + a * ahead * sine + b * aside * cosine, north + a * ahead * cosine - b * aside * sine) for a, b in signs]
+        [
+            (east + a * ahead * sine + b * aside * cosine, north + a * ahead * cosine - b * aside * sine)
+            for a, b in signs
+        ]
     )
 
 
@@ -61,7 +66,9 @@ def point(spot: Spot) -> dict[str, float]:
 
 
 def corners(geometry: Geometry) -> dict[str, Any]:
-    return {"corners": [point((east, north)) for east, north in shapely.get_coordinates(geometry)[:-1].tolist()]}
+    return {
+        "corners": [point((east, north)) for east, north in shapely.get_coordinates(geometry)[:-1].tolist()]
+    }
 
 
 def nearest_stretches(road: Any, spot: Spot) -> list[float]:
@@ -92,7 +99,10 @@ class Author:
         """A situation and places that keep it; None where the draw crowded itself out."""
         self.home = (round(self.draw.uniform(-5, SIZE_M + 5), 2), round(self.draw.uniform(-5, SIZE_M + 5), 2))
         bends = [(self.draw.uniform(0, SIZE_M), self.draw.uniform(0, SIZE_M)) for _ in range(3)]
-        self.world = {"roads": [{"id": "r", "width_m": 9.0, "points": [point(member) for member in bends]}], "areas": []}
+        self.world = {
+            "roads": [{"id": "r", "width_m": 9.0, "points": [point(member) for member in bends]}],
+            "areas": [],
+        }
         for name in "abcde"[: self.draw.randint(2, 5)]:
             if not self._stand(name):
                 return None
@@ -105,8 +115,12 @@ class Author:
                 for other in some
                 if other is not member
             ]
-            nearest = min((member for member in far if member > 0.0), default=9.0)  # who is inside somebody keeps no gap to him
-            group["placement"]["separation_m"] = max(0.0, min(9.0, nearest * self.draw.choice([0.0, 0.5, 1.0])) - 1e-6)
+            nearest = min(
+                (member for member in far if member > 0.0), default=9.0
+            )  # who is inside somebody keeps no gap to him
+            group["placement"]["separation_m"] = max(
+                0.0, min(9.0, nearest * self.draw.choice([0.0, 0.5, 1.0])) - 1e-6
+            )
         for index in range(len(self.groups)):
             for kind in self.draw.sample(sorted(KINDS), relations):
                 self._relate(index, kind)
@@ -116,7 +130,9 @@ class Author:
             if not {"at", "region"} & group["placement"].keys()
             for member in self.outlines[group["id"]]
         ]
-        self.world["area"] = corners(self.around(free) if free else shapely.box(-9.0, -9.0, SIZE_M + 9.0, SIZE_M + 9.0))
+        self.world["area"] = corners(
+            self.around(free) if free else shapely.box(-9.0, -9.0, SIZE_M + 9.0, SIZE_M + 9.0)
+        )
         document = {
             "name": "possible",
             "world": self.world,
@@ -125,7 +141,9 @@ class Author:
             "seeds": {"root": self.draw.randrange(10**6)},
         }
         actors = tuple(
-            PlacedActor(id=f"{name}-{number}", group=name, east_m=member[0], north_m=member[1], heading_deg=member[2])
+            PlacedActor(
+                id=f"{name}-{number}", group=name, east_m=member[0], north_m=member[1], heading_deg=member[2]
+            )
             for name, some in self.stands.items()
             for number, member in enumerate(some, start=1)
         )
@@ -138,19 +156,27 @@ class Author:
         """Ground of some shape round footprints."""
         whole, slack = shapely.union_all(outlines), self.slack_m()
         hull = self.draw.choice(
-            [whole.envelope, whole.convex_hull, shapely.minimum_rotated_rectangle(whole).buffer(1e-7, join_style="mitre")]
+            [
+                whole.envelope,
+                whole.convex_hull,
+                shapely.minimum_rotated_rectangle(whole).buffer(1e-7, join_style="mitre"),
+            ]
         )
         ground = shapely.buffer(hull, slack, join_style="mitre", mitre_limit=9.0)
         if self.draw.random() < 0.3 and slack > 0.1:  # a bay, where nobody stands
             west, south, east, north = ground.bounds
             remaining = ground.difference(
-                shapely.box(west - 1, south - 1, self.draw.uniform(west, east), self.draw.uniform(south, north))
+                shapely.box(
+                    west - 1, south - 1, self.draw.uniform(west, east), self.draw.uniform(south, north)
+                )
             )
             ground = remaining if remaining.geom_type == "Polygon" and remaining.covers(whole) else ground
         return ground if ground.area > 1.5 else shapely.buffer(whole.envelope, 1.0, join_style="mitre")
 
     def _stand(self, name: str) -> bool:
-        asset = self.draw.choice(["civilian", "soldier", "civilian-car", "house", "shed", "crate", "tree", "military-truck"])
+        asset = self.draw.choice(
+            ["civilian", "soldier", "civilian-car", "house", "shed", "crate", "tree", "military-truck"]
+        )
         hosts = [member["id"] for member in self.groups if member["asset"] == "house"]
         host = hosts[0] if hosts and ASSETS[asset].length_m < 3.0 and self.draw.random() < 0.4 else None
         taken = [member for other, group in self.outlines.items() if other != host for member in group]
@@ -178,7 +204,9 @@ class Author:
         self.stands[name], self.outlines[name] = result, mine
         role = self.draw.choice(["adversary", "bystander", "clutter"])
         placement: dict[str, Any] = {"inside": {"of": host}} if host else {}
-        self.groups.append({"id": name, "asset": asset, "role": role, "count": len(result), "placement": placement})
+        self.groups.append(
+            {"id": name, "asset": asset, "role": role, "count": len(result), "placement": placement}
+        )
         return True
 
     def _relate(self, index: int, kind: str) -> None:
@@ -198,14 +226,18 @@ class Author:
         return {"min_m": max(0.0, min(result) - slack), "max_m": max(result) + slack + 1e-9}
 
     def _near(self, _: Any, spots: list[Spot], target: str, others: list[Spot]) -> Any:
-        return {"of": target} | self._band([min(math.dist(member, other) for other in others) for member in spots])
+        return {"of": target} | self._band(
+            [min(math.dist(member, other) for other in others) for member in spots]
+        )
 
     def _away(self, _: Any, spots: list[Spot], target: str, others: list[Spot]) -> Any:
         return {"of": target} | self._band([math.dist(member, other) for member in spots for other in others])
 
     def _distances(self, _: Any, spots: list[Spot], target: str, others: list[Spot]) -> Any:
         mark = (self.draw.uniform(0, SIZE_M), self.draw.uniform(0, SIZE_M))
-        group = [self.draw.choice([min, max])(math.dist(member, other) for other in others) for member in spots]
+        group = [
+            self.draw.choice([min, max])(math.dist(member, other) for other in others) for member in spots
+        ]
         return [
             {"point": point(mark)} | self._band([math.dist(member, mark) for member in spots]),
             {"of": target, "whom": "some"} | self._band(group),
@@ -219,12 +251,19 @@ class Author:
         if any(math.dist(member, others[0]) < 0.1 for member in spots):
             return None
         reference = sorted(bearing(others[0], member) for member in spots)
-        widest = max(range(len(reference)), key=lambda index: (reference[index] - reference[index - 1]) % 360.0 or 360.0)
+        widest = max(
+            range(len(reference)),
+            key=lambda index: (reference[index] - reference[index - 1]) % 360.0 or 360.0,
+        )
         slack = min(self.slack_m(), 5.0) + 1e-6
         span = (reference[widest - 1] - reference[widest]) % 360.0
         if span + 2 * slack > 340.0:
             return None
-        return {"of": target, "from_deg": (reference[widest] - slack) % 360.0, "to_deg": (reference[widest - 1] + slack) % 360.0}
+        return {
+            "of": target,
+            "from_deg": (reference[widest] - slack) % 360.0,
+            "to_deg": (reference[widest - 1] + slack) % 360.0,
+        }
 
     def _between(self, group: Any, spots: list[Spot], target: str, others: list[Spot]) -> Any:
         start, end = others[0], self.home
@@ -248,7 +287,9 @@ class Author:
         return corners(self.around(self.outlines[group["id"]]))
 
     def _inside(self, group: Any, *_: Any) -> Any:
-        self.world["areas"].append({"id": f"lot-{group['id']}"} | corners(self.around(self.outlines[group["id"]])))
+        self.world["areas"].append(
+            {"id": f"lot-{group['id']}"} | corners(self.around(self.outlines[group["id"]]))
+        )
         return {"area": f"lot-{group['id']}"}
 
     def _along(self, group: Any, *_: Any) -> Any:
@@ -301,7 +342,9 @@ TIGHT = (0.0, 1e-3, 0.3, 5.0)
 LOOSE = (3.0, 10.0)
 
 
-def possible(seeds: range, slacks_m: tuple[float, ...], relations: int) -> Iterator[tuple[int, SimSpec, Realized]]:
+def possible(
+    seeds: range, slacks_m: tuple[float, ...], relations: int
+) -> Iterator[tuple[int, SimSpec, Realized]]:
     for seed in seeds:
         if (scene := Author(random.Random(seed), slacks_m).scene(relations)) is not None:
             yield seed, *scene
@@ -313,9 +356,13 @@ class Judge:
     def __init__(self, simspec: SimSpec, realized: Realized) -> None:
         self.simspec = simspec
         self.groups = {member.id: member for member in simspec.actors}
-        self.members = {name: [member for member in realized.actors if member.group == name] for name in self.groups}
+        self.members = {
+            name: [member for member in realized.actors if member.group == name] for name in self.groups
+        }
         self.outlines = {
-            member.id: outline(self.groups[member.group].asset, member.east_m, member.north_m, member.heading_deg)
+            member.id: outline(
+                self.groups[member.group].asset, member.east_m, member.north_m, member.heading_deg
+            )
             for member in realized.actors
         }
         self.home = (simspec.vehicle.home.east_m, simspec.vehicle.home.north_m)
@@ -325,15 +372,18 @@ class Judge:
         result = set(self._gaps())
         for name, group in self.groups.items():
             if group.placement.at is None:
-                result |= {field for member in self.members[name] for field in self._alone(name, member)} | set(
-                    self._together(name)
-                )
+                result |= {
+                    field for member in self.members[name] for field in self._alone(name, member)
+                } | set(self._together(name))
             elif any(self._moved(group.placement.at, member) for member in self.members[name]):
                 result.add("at")
         return result
 
     def _moved(self, at: Any, member: PlacedActor) -> bool:
-        return math.dist((at.east_m, at.north_m), self.spot(member)) > HAIR or turn(at.heading_deg, member.heading_deg) > HAIR
+        return (
+            math.dist((at.east_m, at.north_m), self.spot(member)) > HAIR
+            or turn(at.heading_deg, member.heading_deg) > HAIR
+        )
 
     def spot(self, member: PlacedActor) -> Spot:
         return member.east_m, member.north_m
@@ -346,11 +396,16 @@ class Judge:
         for member, other in itertools.combinations(everybody, 2):
             places = self.groups[member.group].placement, self.groups[other.group].placement
             pairs = ((places[0], member, other), (places[1], other, member))
-            if any(p.inside and p.inside.of == b.group and self.holds(self.outlines[b.id], a) for p, a, b in pairs):
+            if any(
+                p.inside and p.inside.of == b.group and self.holds(self.outlines[b.id], a)
+                for p, a, b in pairs
+            ):
                 continue
             wanted = 0.0 if all(p.at for p in places) else max(p.separation_m for p in places)
             gap = self.outlines[member.id].distance(self.outlines[other.id])
-            if gap < wanted - HAIR or (gap == 0.0 and self.outlines[member.id].buffer(-HAIR).intersects(self.outlines[other.id])):
+            if gap < wanted - HAIR or (
+                gap == 0.0 and self.outlines[member.id].buffer(-HAIR).intersects(self.outlines[other.id])
+            ):
                 yield "separation_m"
 
     def holds(self, room: Geometry, member: PlacedActor) -> bool:
@@ -361,7 +416,10 @@ class Judge:
         if members.distance(shapely.Point(self.home)) < 3.0 - HAIR:
             yield "home"
         if not self.holds(
-            shapely.Polygon([(c.east_m, c.north_m) for c in (place.region or self.simspec.world.area).corners]), member
+            shapely.Polygon(
+                [(c.east_m, c.north_m) for c in (place.region or self.simspec.world.area).corners]
+            ),
+            member,
         ):
             yield "region"
         if place.inside:
@@ -371,7 +429,10 @@ class Judge:
             if not any(self.holds(room, member) for room in rooms):
                 yield "inside"
         bands = [("near", place.near, "some"), ("away", place.away, "every")]
-        for field_name, band, target in [*bands, *(("distances", each, each.whom) for each in place.distances)]:
+        for field_name, band, target in [
+            *bands,
+            *(("distances", each, each.whom) for each in place.distances),
+        ]:
             if band is not None:
                 reference = getattr(band, "point", None)
                 others = [(reference.east_m, reference.north_m)] if reference else self.spots(band.of)  # type: ignore[arg-type]
@@ -385,28 +446,37 @@ class Judge:
                 yield "bearing"
         if (
             place.facing
-            and turn(member.heading_deg, bearing(spot, self.spots(place.facing.of)[0])) > place.facing.within_deg + HAIR  # type: ignore[arg-type]
+            and turn(member.heading_deg, bearing(spot, self.spots(place.facing.of)[0]))  # type: ignore[arg-type]
+            > place.facing.within_deg + HAIR
         ):
             yield "facing"
         if place.between:
             ends = self.spots(place.between.first)[0], self.spots(place.between.second)[0]
             line = shapely.LineString(ends)
             share = line.project(shapely.Point(spot))
-            if line.distance(shapely.Point(spot)) > place.between.within_m + HAIR or not 0.0 < share < line.length:
+            if (
+                line.distance(shapely.Point(spot)) > place.between.within_m + HAIR
+                or not 0.0 < share < line.length
+            ):
                 yield "between"
         if place.along:
             road = self.simspec.world.roads[0].model_dump()
             gap, covered = strip(road).distance(members), strip(road).buffer(HAIR).covers(members)
             if not (covered if place.along.where == "on" else 0.0 < gap <= place.along.within_m + HAIR):
                 yield "along"
-            if min(slant(member.heading_deg, way) for way in nearest_stretches(road, spot)) > place.along.parallel_deg + HAIR:  # type: ignore[operator]
+            if (
+                min(slant(member.heading_deg, way) for way in nearest_stretches(road, spot))
+                > place.along.parallel_deg + HAIR  # type: ignore[operator]
+            ):
                 yield "parallel_deg"
 
     def _together(self, name: str) -> Iterator[str]:
         place, spots = self.groups[name].placement, self.spots(name)
         if len(spots) != self.groups[name].count:
             yield "count"
-        if place.spread_m and any(math.dist(a, b) < place.spread_m - HAIR for a, b in itertools.combinations(spots, 2)):
+        if place.spread_m and any(
+            math.dist(a, b) < place.spread_m - HAIR for a, b in itertools.combinations(spots, 2)
+        ):
             yield "spread_m"
         if mean := place.mean_distance:
             result = math.fsum(math.dist(member, self.spots(mean.of)[0]) for member in spots) / len(spots)
@@ -433,7 +503,10 @@ def test_what_has_places_is_never_refused_with_proof() -> None:
 
 
 def test_what_is_placed_keeps_the_documents_words() -> None:
-    """Loose scenes find places, but for few, and a judge that shares nothing with the bench finds nothing broken."""
+    """Loose scenes find places, but for few, and a judge that shares nothing with the bench finds nothing
+    broken.
+    """
+
     placed = 0
     refused = []
     for seed, simspec, _ in possible(range(40), LOOSE, relations=2):
@@ -451,7 +524,10 @@ def test_what_is_placed_keeps_the_documents_words() -> None:
 
 
 def test_the_check_finds_what_the_documents_words_forbid() -> None:
-    """Of a good scene one actor is moved or turned: the check finds fault exactly where the words do, and often they do."""
+    """Of a good scene one actor is moved or turned: the check finds fault exactly where the words do, and
+    often they do.
+    """
+
     broken: set[str] = set()
     for seed, simspec, realized in possible(range(100, 180), TIGHT, relations=3):
         draw = random.Random(seed)
@@ -475,7 +551,9 @@ def test_the_check_finds_what_the_documents_words_forbid() -> None:
 def outcomes(seeds: list[int]) -> list[str]:
     """What becomes of some scenes, the last first."""
     scenes = {
-        seed: simspec for group in seeds for seed, simspec, _ in possible(range(group, group + 1), (*TIGHT, *LOOSE), relations=2)
+        seed: simspec
+        for group in seeds
+        for seed, simspec, _ in possible(range(group, group + 1), (*TIGHT, *LOOSE), relations=2)
     }
     message = {}
     for seed in reversed(scenes):
@@ -492,10 +570,15 @@ def test_places_depend_on_the_scene_alone() -> None:
     here = Path(__file__)
     program = f"import {here.stem} as scenes; print('\\n'.join(scenes.outcomes({seeds[::-1]})))"
     environment = os.environ | {"PYTHONHASHSEED": "77", "PYTHONPATH": str(here.parent)}
-    other = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    other = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
 
     assert other.stdout == "\n".join(outcomes(seeds)) + "\n"
 
 
 if __name__ == "__main__":
-    print(soundly_not_refused(range(*map(int, sys.argv[1:3]))), "scenes that have places, none refused with proof")
+    print(
+        soundly_not_refused(range(*map(int, sys.argv[1:3]))),
+        "scenes that have places, none refused with proof",
+    )

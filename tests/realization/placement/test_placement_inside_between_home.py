@@ -1,4 +1,6 @@
-"""Inside areas and members, between two, by the compass, from home: kept, found broken by the check, told apart."""
+"""Inside areas and members, between two, by the compass, from home: kept, found broken by the check, told
+apart.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,10 @@ KEPT: dict[str, list[dict[str, Any]]] = {
         group("people", "civilian", 10, inside={"area": "village"}),
     ],
     "in a house": [group("houses", "house", 3), group("people", "civilian", 8, inside={"of": "houses"})],
-    "in a fixed house": [group("house", "house", at=HOUSE_AT), group("people", "civilian", 8, inside={"of": "house"})],
+    "in a fixed house": [
+        group("house", "house", at=HOUSE_AT),
+        group("people", "civilian", 8, inside={"of": "house"}),
+    ],
     "crates in sheds in houses": [
         group("houses", "house", 2),
         group("sheds", "shed", 2, inside={"of": "houses"}),
@@ -119,11 +124,20 @@ def test_what_is_found_keeps_its_relations(name: str) -> None:
 
 
 HARD: dict[str, list[dict[str, Any]]] = {
-    "a full house": [group("house", "house"), group("crates", "crate", 9, separation_m=0.1, inside={"of": "house"})],
+    "a full house": [
+        group("house", "house"),
+        group("crates", "crate", 9, separation_m=0.1, inside={"of": "house"}),
+    ],
     "two in the corner": [
         group("house", "house"),
         group("shed", "shed"),
-        group("people", "civilian", 2, between={"first": "house", "second": "shed"}, region=corners(0, 0, 25, 25)),
+        group(
+            "people",
+            "civilian",
+            2,
+            between={"first": "house", "second": "shed"},
+            region=corners(0, 0, 25, 25),
+        ),
     ],
     "a house by the far post": [
         group("houses", "house", 3),
@@ -131,14 +145,24 @@ HARD: dict[str, list[dict[str, Any]]] = {
         group("people", "civilian", 3, inside={"of": "houses"}, near={"of": "post", "max_m": 8}),
     ],
     "rows that face south": [
-        group("crates", "crate", 60, separation_m=0.0, region=corners(30, 30, 54, 54), facing={"heading_deg": 180})
+        group(
+            "crates",
+            "crate",
+            60,
+            separation_m=0.0,
+            region=corners(30, 30, 54, 54),
+            facing={"heading_deg": 180},
+        )
     ],
 }
 
 
 @pytest.mark.parametrize("name", HARD)
 def test_the_solver_finds_what_chance_does_not(name: str) -> None:
-    """Hosts wait for those to whom their guests relate; guests are tried in rows; rows are turned the way that is required for."""
+    """Hosts wait for those to whom their guests relate; guests are tried in rows; rows are turned the way
+    that is required for.
+    """
+
     wanted = scene(*HARD[name], seed=1)
     placed = solve_placement(wanted, placement_order(wanted))
     assert placed is not None
@@ -149,16 +173,56 @@ def test_the_solver_finds_what_chance_does_not(name: str) -> None:
     ("name", "actor", "changes", "message"),
     [
         ("inside an area", "people-1", {"east_m": 9.9}, "people-1: is not inside area 'village'"),
-        ("in a house", "people-2", {"east_m": 0.5, "north_m": 0.5}, "people-2: is not inside any member of 'houses'"),
-        ("in a fixed house", "people-2", {"east_m": 53.0, "north_m": 55.2}, "house-1 and people-2: are 0.000 m apart"),
-        ("crates in sheds in houses", "crates-1", {"like": "trees-1"}, "crates-1 and trees-1: are 0.000 m apart"),
-        ("between a house and a shed", "people-1", {"east_m": 1.0, "north_m": 1.0}, "is not between 'house' and 'shed'"),
-        ("between two houses", "people-1", {"like": "houses-2", "by": 15.0}, "is not between 'houses' and 'houses'"),
-        ("between home and a house", "people-1", {"east_m": 1.0, "north_m": 99.0}, "is not between 'home' and 'house'"),
+        (
+            "in a house",
+            "people-2",
+            {"east_m": 0.5, "north_m": 0.5},
+            "people-2: is not inside any member of 'houses'",
+        ),
+        (
+            "in a fixed house",
+            "people-2",
+            {"east_m": 53.0, "north_m": 55.2},
+            "house-1 and people-2: are 0.000 m apart",
+        ),
+        (
+            "crates in sheds in houses",
+            "crates-1",
+            {"like": "trees-1"},
+            "crates-1 and trees-1: are 0.000 m apart",
+        ),
+        (
+            "between a house and a shed",
+            "people-1",
+            {"east_m": 1.0, "north_m": 1.0},
+            "is not between 'house' and 'shed'",
+        ),
+        (
+            "between two houses",
+            "people-1",
+            {"like": "houses-2", "by": 15.0},
+            "is not between 'houses' and 'houses'",
+        ),
+        (
+            "between home and a house",
+            "people-1",
+            {"east_m": 1.0, "north_m": 99.0},
+            "is not between 'home' and 'house'",
+        ),
         ("facing south", "cars-1", {"heading_deg": 2.0}, "heads 2.00 degrees (180 degrees"),
         ("around home", "people-1", {"east_m": 60.0, "north_m": 60.0}, "is not near 'home'"),
-        ("around home", "people-1", {"east_m": 60.0, "north_m": 60.0}, "does not keep its distance from a point"),
-        ("around home", "people-1", {"east_m": 60.0, "north_m": 60.0}, "does not keep its distance from every member of 'home'"),
+        (
+            "around home",
+            "people-1",
+            {"east_m": 60.0, "north_m": 60.0},
+            "does not keep its distance from a point",
+        ),
+        (
+            "around home",
+            "people-1",
+            {"east_m": 60.0, "north_m": 60.0},
+            "does not keep its distance from every member of 'home'",
+        ),
         ("around home", "people-1", {"east_m": 30.0, "north_m": 1.0}, "the sector is 0 to 30 degrees"),
         ("around home", "people-1", {"heading_deg": 20.0}, "degrees off what it faces"),
         ("seen from home", "hiders-1", {"east_m": 4.0, "north_m": 4.0}, "hiders-1: is visible"),
@@ -190,7 +254,12 @@ def test_between_ends_at_the_two() -> None:
     wanted = scene(*ends, group("c", "child", 1, between={"first": "a", "second": "b", "within_m": 4}))
     realized = place(wanted).realized
     assert realized is not None
-    for east_m, north_m, inside in ((57.0, 43.9, True), (61.0, 43.0, False), (39.0, 43.0, False), (50.0, 44.1, False)):
+    for east_m, north_m, inside in (
+        (57.0, 43.9, True),
+        (61.0, 43.0, False),
+        (39.0, 43.0, False),
+        (50.0, 44.1, False),
+    ):
         actors = tuple(
             actor.model_copy(update={"east_m": east_m, "north_m": north_m}) if actor.group == "c" else actor
             for actor in realized.actors
@@ -241,7 +310,10 @@ IMPOSSIBLE: dict[str, tuple[list[dict[str, Any]], set[str]]] = {
         {"actors[p].placement.near", "actors[p].placement.distances[0]"},
     ),
     "a fixed house too far": (
-        [group("h", "house", at=HOUSE_AT), group("p", "civilian", inside={"of": "h"}, near={"of": "home", "max_m": 50})],
+        [
+            group("h", "house", at=HOUSE_AT),
+            group("p", "civilian", inside={"of": "h"}, near={"of": "home", "max_m": 50}),
+        ],
         {"actors[h].placement.at", "actors[p].placement.inside", "actors[p].placement.near"},
     ),
     "a mean that the ground has not": (
@@ -278,29 +350,43 @@ def test_the_smallest_clash_is_named(name: str) -> None:
 
 
 def test_guests_need_no_ground_of_their_own() -> None:
-    """A yard that its houses fill has room for those who stand in them: areas of guests are not added to those of hosts."""
+    """A yard that its houses fill has room for those who stand in them: areas of guests are not added to
+    those of hosts.
+    """
+
     yard = corners(0, 0, 30, 30)
     houses = group("houses", "house", 5, region=yard, separation_m=0.1)
-    assert faults(place(scene(houses, group("crates", "crate", 15, inside={"of": "houses"}, region=yard)))) == []
+    assert (
+        faults(place(scene(houses, group("crates", "crate", 15, inside={"of": "houses"}, region=yard)))) == []
+    )
 
 
 @pytest.mark.parametrize(
     ("groups", "message"),
     [
-        ([group("a", "house", 0), group("p", "civilian", inside={"of": "a"})], "relates to 'a', which has no members"),
+        (
+            [group("a", "house", 0), group("p", "civilian", inside={"of": "a"})],
+            "relates to 'a', which has no members",
+        ),
         (
             [group("a", "house", 1), group("p", "civilian", between={"first": "a", "second": "a"})],
             "which may have fewer",
         ),
         (
-            [group("a", "house", {"low": 1, "high": 4}), group("p", "civilian", between={"first": "a", "second": "a"})],
+            [
+                group("a", "house", {"low": 1, "high": 4}),
+                group("p", "civilian", between={"first": "a", "second": "a"}),
+            ],
             "which may have fewer",
         ),
         (
             [group("a", "house", inside={"of": "b"}), group("b", "house", near={"of": "a", "max_m": 50})],
             "does not fit inside a house",
         ),
-        ([group("a", "shed", inside={"of": "b"}), group("b", "house", near={"of": "a", "max_m": 50})], "in a circle"),
+        (
+            [group("a", "shed", inside={"of": "b"}), group("b", "house", near={"of": "a", "max_m": 50})],
+            "in a circle",
+        ),
     ],
 )
 def test_nonsense_is_refused(groups: list[dict[str, Any]], message: str) -> None:
@@ -310,7 +396,12 @@ def test_nonsense_is_refused(groups: list[dict[str, Any]], message: str) -> None
 
 
 @settings(max_examples=25, deadline=None)
-@given(seed=st.integers(0, 10_000), east_m=st.floats(20, 80), heading_deg=st.floats(0, 359), within_m=st.floats(1, 20))
+@given(
+    seed=st.integers(0, 10_000),
+    east_m=st.floats(20, 80),
+    heading_deg=st.floats(0, 359),
+    within_m=st.floats(1, 20),
+)
 def test_guests_and_those_between_keep_to_it_wherever_hosts_stand(
     seed: int, east_m: float, heading_deg: float, within_m: float
 ) -> None:

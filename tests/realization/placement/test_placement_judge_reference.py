@@ -1,7 +1,9 @@
-"""The judge against a brute-force reference written from docs/placement.md: random places, with two of everything.
+"""The judge against a brute-force reference written from docs/placement.md: random places, with two of
+everything.
 
-Two eyes to be hidden from, two areas, two roads, two walls, two routes, and two groups related to the same third. Places are
-drawn without regard to relations, so about half of these are broken, and both judges must name the same ones.
+Two eyes to be hidden from, two areas, two roads, two walls, two routes, and two groups related to the same
+third. Places are drawn without regard to relations, so about half of these are broken, and both judges must
+name the same ones.
 """
 
 from __future__ import annotations
@@ -41,7 +43,9 @@ KINDS = {
 
 
 def corners(west: float, south: float, east: float, north: float) -> list[dict[str, float]]:
-    return [{"east_m": e, "north_m": n} for e, n in ((west, south), (east, south), (east, north), (west, north))]
+    return [
+        {"east_m": e, "north_m": n} for e, n in ((west, south), (east, south), (east, north), (west, north))
+    ]
 
 
 def line(*points: tuple[float, float]) -> list[dict[str, float]]:
@@ -95,7 +99,12 @@ GROUPS: list[dict[str, Any]] = [
         },
     },
     *(
-        {"id": name, "asset": "soldier", "count": 2, "motion": {"kind": "patrol", "route": line(*points), "speed_mps": 1.0}}
+        {
+            "id": name,
+            "asset": "soldier",
+            "count": 2,
+            "motion": {"kind": "patrol", "route": line(*points), "speed_mps": 1.0},
+        }
         for name, points in ROUTES.items()
     ),
 ]
@@ -119,7 +128,10 @@ def random_scene(seed: int) -> SimSpec:
         "world": {
             "area": {"corners": corners(0.0, 0.0, 80.0, 80.0)},
             "areas": [{"id": name, "corners": corners(*bounds)} for name, bounds in AREAS.items()],
-            "roads": [{"id": name, "points": line(start, end), "width_m": width} for name, (start, end, width) in ROADS.items()],
+            "roads": [
+                {"id": name, "points": line(start, end), "width_m": width}
+                for name, (start, end, width) in ROADS.items()
+            ],
         },
         "vehicle": {"home": {"east_m": -50.0, "north_m": -50.0, "heading_deg": 0.0}},
         "actors": [{"role": "clutter", **group} for group in GROUPS],
@@ -135,9 +147,15 @@ class Reference:
     def __init__(self, simspec: SimSpec) -> None:
         assert simspec.realized is not None
         self.actors = {actor.id: actor for actor in simspec.realized.actors}
-        self.assets = {actor.id: ASSETS[simspec.group(actor.group).asset] for actor in simspec.realized.actors}
-        self.groups = {group["id"]: [a for a in self.actors if a.rpartition("-")[0] == group["id"]] for group in GROUPS}
-        self.separation = {actor.id: simspec.group(actor.group).placement.separation_m for actor in simspec.realized.actors}
+        self.assets = {
+            actor.id: ASSETS[simspec.group(actor.group).asset] for actor in simspec.realized.actors
+        }
+        self.groups = {
+            group["id"]: [a for a in self.actors if a.rpartition("-")[0] == group["id"]] for group in GROUPS
+        }
+        self.separation = {
+            actor.id: simspec.group(actor.group).placement.separation_m for actor in simspec.realized.actors
+        }
 
     def rectangle(self, actor: str, margin_m: float = 0.0) -> shapely.Polygon:
         """The footprint, grown along and across."""
@@ -147,7 +165,10 @@ class Reference:
         long_m, wide_m = asset.length_m / 2 + margin_m, asset.width_m / 2 + margin_m
         middle = np.array(self.spot(actor))
         return shapely.Polygon(
-            [middle + a * long_m * ahead + b * wide_m * right for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1))]
+            [
+                middle + a * long_m * ahead + b * wide_m * right
+                for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1))
+            ]
         )
 
     def spot(self, actor: str) -> tuple[float, float]:
@@ -166,10 +187,19 @@ class Reference:
     def is_seen_from(self, eye: str, actor: str) -> bool:
         """Whether no point of the line of sight, in steps of some 1 cm, lies in a wall and below its top."""
         share = np.linspace(0.0, 1.0, 10_001)
-        x, y = (np.array(self.spot(eye))[:, None] + share * (np.array(self.spot(actor)) - self.spot(eye))[:, None]).tolist()
+        x, y = (
+            np.array(self.spot(eye))[:, None] + share * (np.array(self.spot(actor)) - self.spot(eye))[:, None]
+        ).tolist()
         height = 1.7 + share * (self.assets[actor].height_m - 1.7)
-        walls = [wall for wall in self.groups["walls"] if not self.rectangle(wall).covers(shapely.Point(self.spot(eye)))]
-        return not any((shapely.contains_xy(self.rectangle(w), x, y) & (height < self.assets[w].height_m)).any() for w in walls)
+        walls = [
+            wall
+            for wall in self.groups["walls"]
+            if not self.rectangle(wall).covers(shapely.Point(self.spot(eye)))
+        ]
+        return not any(
+            (shapely.contains_xy(self.rectangle(w), x, y) & (height < self.assets[w].height_m)).any()
+            for w in walls
+        )
 
     def blocked(self, start: tuple[float, float], end: tuple[float, float], wall: str, walker: str) -> bool:
         grown = self.rectangle(wall, self.assets[walker].width_m / 2)
@@ -179,9 +209,24 @@ class Reference:
     def broken(self) -> Broken:
         return {
             *self.broken_pairs(),
-            *((actor, kind) for actor in self.groups["first"] for kind, holds in self.first(actor).items() if not holds),
-            *((actor, kind) for actor in self.groups["second"] for kind, holds in self.second(actor).items() if not holds),
-            *((actor, kind) for actor in self.groups["third"] for kind, holds in self.third(actor).items() if not holds),
+            *(
+                (actor, kind)
+                for actor in self.groups["first"]
+                for kind, holds in self.first(actor).items()
+                if not holds
+            ),
+            *(
+                (actor, kind)
+                for actor in self.groups["second"]
+                for kind, holds in self.second(actor).items()
+                if not holds
+            ),
+            *(
+                (actor, kind)
+                for actor in self.groups["third"]
+                for kind, holds in self.third(actor).items()
+                if not holds
+            ),
             *self.broken_routes(),
         }
 
@@ -207,7 +252,8 @@ class Reference:
         }
 
     def second(self, actor: str) -> dict[str, bool]:
-        # The slanted road runs at 45 degrees through the origin, and no footprint lies beyond its ends by as much as its gap.
+        # The slanted road runs at 45 degrees through the origin, and no footprint lies beyond its ends by as
+        # much as its gap.
         aside = abs(shapely.get_coordinates(self.rectangle(actor)) @ np.array([1.0, -1.0]) / math.sqrt(2.0))
         gap = aside.min() - ROADS["slanted"][2] / 2
         return {
@@ -238,11 +284,15 @@ class Reference:
                 legs = itertools.pairwise([*route, route[0]])
                 for (start, end), wall in itertools.product(legs, self.groups["walls"]):
                     if shapely.intersects(
-                        shapely.LineString([start, end]), self.rectangle(wall, self.assets[walker].width_m / 2)
+                        shapely.LineString([start, end]),
+                        self.rectangle(wall, self.assets[walker].width_m / 2),
                     ):
                         broken.add((f"{wall} {group}", "route"))
                 spot = self.spot(walker)
-                if all(any(self.blocked(spot, point, wall, walker) for wall in self.groups["walls"]) for point in route):
+                if all(
+                    any(self.blocked(spot, point, wall, walker) for wall in self.groups["walls"])
+                    for point in route
+                ):
                     broken.add((walker, "way"))
         return broken
 
@@ -271,7 +321,11 @@ def test_every_relation_is_kept_and_broken() -> None:
     verdicts = [
         (kind, holds)
         for reference in scenes
-        for judge, group in ((reference.first, "first"), (reference.second, "second"), (reference.third, "third"))
+        for judge, group in (
+            (reference.first, "first"),
+            (reference.second, "second"),
+            (reference.third, "third"),
+        )
         for actor in reference.groups[group]
         for kind, holds in judge(actor).items()
     ]

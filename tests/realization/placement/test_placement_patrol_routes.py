@@ -1,4 +1,6 @@
-"""Patrols get from their places to their routes and round them: as the simulation walks, by sampling, solver and check alike."""
+"""Patrols get from their places to their routes and round them: as the simulation walks, by sampling, solver
+and check alike.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ def box(west: float, south: float, east: float, north: float) -> dict[str, Any]:
     return corners((west, south), (east, south), (east, north), (west, north))
 
 
-def fixed(name: str, asset: str, east_m: float, north_m: float, heading_deg: float = 0.0, **others: Any) -> dict[str, Any]:
+def fixed(
+    name: str, asset: str, east_m: float, north_m: float, heading_deg: float = 0.0, **others: Any
+) -> dict[str, Any]:
     at = {"east_m": east_m, "north_m": north_m, "heading_deg": heading_deg}
     return {"id": name, "asset": asset, "role": "clutter", "count": 1, "placement": {"at": at}, **others}
 
@@ -38,14 +42,25 @@ def free(name: str, asset: str, count: int, **placement: Any) -> dict[str, Any]:
 
 
 def patrol(count: int = 1, route: Any = ROUTE, **placement: Any) -> dict[str, Any]:
-    motion = {"kind": "patrol", "route": [{"east_m": e, "north_m": n} for e, n in route], "pause_s": 0.0, "speed_mps": 20.0}
+    motion = {
+        "kind": "patrol",
+        "route": [{"east_m": e, "north_m": n} for e, n in route],
+        "pause_s": 0.0,
+        "speed_mps": 20.0,
+    }
     return free("guards", "soldier", count, **placement) | {"motion": motion, "role": "adversary"}
 
 
 def scene(*groups: dict[str, Any], seed: int = 1, area: Any = None) -> SimSpec:
     world = {"area": area or box(0, 0, 100, 100)}
     home = {"east_m": 3.0, "north_m": 97.0}
-    document = {"name": "yard", "world": world, "actors": list(groups), "seeds": {"root": seed}, "vehicle": {"home": home}}
+    document = {
+        "name": "yard",
+        "world": world,
+        "actors": list(groups),
+        "seeds": {"root": seed},
+        "vehicle": {"home": home},
+    }
     return validate_document(document, SimSpec)
 
 
@@ -75,7 +90,10 @@ CROWDED = [free("houses", "house", 8), free("trees", "tree", 12), patrol(4), fre
 
 @pytest.mark.parametrize("seed", range(4))
 def test_every_walker_gets_round_its_route(seed: int) -> None:
-    """Among houses placed before and after them, all walk the whole route, by sampled places and by the solver's."""
+    """Among houses placed before and after them, all walk the whole route, by sampled places and by the
+    solver's.
+    """
+
     simspec = scene(*CROWDED, seed=seed)
     by_solver = solve_placement(simspec, placement_order(simspec))
 
@@ -108,7 +126,9 @@ def test_no_way_at_all_is_proved_and_named() -> None:
     """A closed fence is a proof: the region, the route, and only such walls as are needed."""
     simspec = scene(*fence(), patrol(2, region=box(1, 1, 30, 60)), free("people", "civilian", 5))
 
-    with pytest.raises(PlacementInfeasible, match="walk straight from its place to some point of its patrol route") as refused:
+    with pytest.raises(
+        PlacementInfeasible, match="walk straight from its place to some point of its patrol route"
+    ) as refused:
         place(simspec)
 
     assert refused.value.proved
@@ -127,11 +147,15 @@ def test_a_gap_is_never_called_closed() -> None:
 @pytest.mark.parametrize(
     ("groups", "message"),
     [
-        ([fixed("house", "house", 80.0, 20.0), patrol()], "'house' is fixed .* on the patrol route of 'guards'"),
+        (
+            [fixed("house", "house", 80.0, 20.0), patrol()],
+            "'house' is fixed .* on the patrol route of 'guards'",
+        ),
         (
             [
                 fixed("house", "house", 45.0, 40.0),
-                patrol(route=[(70.0, 39.0), (70.0, 41.0)]) | {"placement": {"at": {"east_m": 20.0, "north_m": 40.0}}},
+                patrol(route=[(70.0, 39.0), (70.0, 41.0)])
+                | {"placement": {"at": {"east_m": 20.0, "north_m": 40.0}}},
             ],
             "'guards' is fixed .* no straight way leads to any point of its patrol route",
         ),
@@ -151,8 +175,13 @@ BAY = corners((0, 0), (100, 0), (100, 100), (60, 100), (60, 40), (40, 40), (40, 
 
 
 def test_a_route_across_a_bay_is_a_fault_of_the_document() -> None:
-    """Nobody who starts inside the area walks out of it: the fault names the leg; a leg round the bay is walked."""
-    with pytest.raises(SetupError, match=r"motion.route: the straight way from point 1 to point 2 leaves world.area"):
+    """Nobody who starts inside the area walks out of it: the fault names the leg; a leg round the bay is
+    walked.
+    """
+
+    with pytest.raises(
+        SetupError, match=r"motion.route: the straight way from point 1 to point 2 leaves world.area"
+    ):
         place(scene(patrol(route=[(20.0, 80.0), (80.0, 80.0), (80.0, 20.0), (20.0, 20.0)]), area=BAY))
 
     round_it = [(20.0, 80.0), (30.0, 20.0), (70.0, 20.0), (80.0, 80.0), (70.0, 20.0), (30.0, 20.0)]
@@ -189,12 +218,19 @@ def test_check_finds_closed_ways() -> None:
     yard = scene(free("house", "house", 1), patrol())
     assert any("blocks the patrol route of 'guards'" in fault for fault in moved(yard, "house-1", 80.0, 20.0))
     fenced = scene(*fence(), patrol(region=box(50, 1, 99, 99)))
-    assert any("has no straight way to any point of its patrol route" in fault for fault in moved(fenced, "guards-1", 20.0, 40.0))
+    assert any(
+        "has no straight way to any point of its patrol route" in fault
+        for fault in moved(fenced, "guards-1", 20.0, 40.0)
+    )
 
 
 def test_corners_count_as_the_simulation_counts_them() -> None:
-    """Footprints are grown along and across, not rounded: a leg past a corner that the simulation closes is closed here."""
-    # A diagonal leg that passes the house's corner at 0.33 m; a soldier needs 0.35 m to either side of an axis.
+    """Footprints are grown along and across, not rounded: a leg past a corner that the simulation closes is
+    closed here.
+    """
+
+    # A diagonal leg that passes the house's corner at 0.33 m; a soldier needs 0.35 m to either side of an
+    # axis.
     corner = np.array([46.0, 44.5])
     off = 0.40 / np.sqrt(2.0)
     ends = [tuple(float(v) for v in corner + off + s * np.array([1.0, -1.0])) for s in (-20.0, 20.0)]
@@ -211,7 +247,9 @@ def test_wanderers_need_no_way() -> None:
         *(fixed(f"west-{k}", "house", 23.9, 33.0 + 12.1 * k) for k in range(3)),
         *(fixed(f"east-{k}", "house", 69.3, 33.0 + 12.1 * k) for k in range(3)),
     ]
-    people = free("people", "civilian", 3, region=box(40, 40, 55, 50)) | {"motion": {"kind": "wander", "speed_mps": 3.0}}
+    people = free("people", "civilian", 3, region=box(40, 40, 55, 50)) | {
+        "motion": {"kind": "wander", "speed_mps": 3.0}
+    }
     placed = place(scene(*walls, people))
 
     assert check_placement(placed) == []

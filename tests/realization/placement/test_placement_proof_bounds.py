@@ -1,4 +1,6 @@
-"""Bounds on numbers and headings: known packings are never refused, what exceeds a bound is, with the fields that clash."""
+"""Bounds on numbers and headings: known packings are never refused, what exceeds a bound is, with the fields
+that clash.
+"""
 
 from __future__ import annotations
 
@@ -29,13 +31,20 @@ def hexagonal(rows: int, columns: int, apart_m: float) -> Any:
 
 
 def triangle(side: int, apart_m: float) -> Any:
-    return [((c + 0.5 * r) * apart_m, r * math.sqrt(0.75) * apart_m) for r in range(side + 1) for c in range(side + 1 - r)]
+    return [
+        ((c + 0.5 * r) * apart_m, r * math.sqrt(0.75) * apart_m)
+        for r in range(side + 1)
+        for c in range(side + 1 - r)
+    ]
 
 
 @pytest.mark.parametrize("apart_m", [0.3, 1.0, 7.3])
 @pytest.mark.parametrize("turn_deg", [0.0, 33.0])
 def test_oler_never_refuses_known_packings(apart_m: float, turn_deg: float) -> None:
-    """Squares of points, hexagonal lattices, triangles (which reach the bound) and lines stand on their own hulls."""
+    """Squares of points, hexagonal lattices, triangles (which reach the bound) and lines stand on their own
+    hulls.
+    """
+
     packings = [
         *([(i * apart_m, j * apart_m) for i in range(k) for j in range(k)] for k in range(1, 12)),
         *(hexagonal(rows, columns, apart_m) for rows in range(1, 9) for columns in range(1, 9)),
@@ -43,7 +52,9 @@ def test_oler_never_refuses_known_packings(apart_m: float, turn_deg: float) -> N
         *([(i * apart_m, 0.0) for i in range(k)] for k in range(1, 12)),
     ]
     for points in packings:
-        hull = shapely.affinity.rotate(shapely.convex_hull(shapely.multipoints(points)), turn_deg, origin=(0.0, 0.0))
+        hull = shapely.affinity.rotate(
+            shapely.convex_hull(shapely.multipoints(points)), turn_deg, origin=(0.0, 0.0)
+        )
         assert len(points) <= max_spaced_points(hull, apart_m)
     for side in range(1, 12):
         whole = shapely.convex_hull(shapely.multipoints(triangle(side, apart_m)))
@@ -70,9 +81,18 @@ def test_oler_counts_parts_of_the_ground_apart() -> None:
     seed=st.integers(0, 1000),
 )
 def test_rows_of_rectangles_are_never_refused(
-    columns: int, rows: int, size: tuple[float, float], gap_m: float, course_deg: float, within_deg: float, seed: int
+    columns: int,
+    rows: int,
+    size: tuple[float, float],
+    gap_m: float,
+    course_deg: float,
+    within_deg: float,
+    seed: int,
 ) -> None:
-    """A grid of them, each turned by chance as far as it may and as close as that leaves, is no more than the bound."""
+    """A grid of them, each turned by chance as far as it may and as close as that leaves, is no more than the
+    bound.
+    """
+
     length_m, width_m = size[0], size[0] * size[1]
     turns = np.radians(np.random.default_rng(seed).choice([-within_deg, 0.0, within_deg], columns * rows))
     most = np.radians(within_deg)
@@ -84,7 +104,9 @@ def test_rows_of_rectangles_are_never_refused(
     centres = shapely.multipoints([(across * i, along * j) for i in range(columns) for j in range(rows)])
     ground = shapely.affinity.rotate(shapely.convex_hull(centres), -course_deg, origin=(0.0, 0.0))
 
-    assert columns * rows <= max_aligned_rectangles(ground, (length_m, width_m), gap_m, course_deg, within_deg)
+    assert columns * rows <= max_aligned_rectangles(
+        ground, (length_m, width_m), gap_m, course_deg, within_deg
+    )
 
 
 def test_aligned_rectangles_are_bounded_by_their_rows() -> None:
@@ -127,8 +149,13 @@ def clash_of(simspec: SimSpec) -> tuple[str, ...] | None:
         (49, 76, {"asset": "civilian", "separation_m": 5.0}, ("count",)),
     ],
 )
-def test_what_exceeds_oler_is_refused(few: int, most: int, required: dict[str, Any], fields: tuple[str, ...]) -> None:
-    """As many as stand in rows and columns are placed, and more than the bound are refused, though their circles have the area."""
+def test_what_exceeds_oler_is_refused(
+    few: int, most: int, required: dict[str, Any], fields: tuple[str, ...]
+) -> None:
+    """As many as stand in rows and columns are placed, and more than the bound are refused, though their
+    circles have the area.
+    """
+
     within = {name: value for name, value in required.items() if name != "asset"}
     placed = place(yard(group("people", required["asset"], few, **within)))
     assert check_placement(placed) == []
@@ -152,7 +179,12 @@ def test_trucks_in_one_lane_are_counted() -> None:
     lane = road((-10.0, 20.0), (70.0, 20.0), width_m=4.9)
     along = {"road": "main", "parallel_deg": 2}
     wide = ((-10, 0), (70, 0), (70, 40), (-10, 40))
-    assert check_placement(place(yard(group("trucks", "military-truck", 8, along=along), roads=[lane], area=wide))) == []
+    assert (
+        check_placement(
+            place(yard(group("trucks", "military-truck", 8, along=along), roads=[lane], area=wide))
+        )
+        == []
+    )
     clash = clash_of(yard(group("trucks", "military-truck", 14, along=along), roads=[lane], area=wide))
 
     assert clash is not None
@@ -174,24 +206,40 @@ BENT = road((0.0, 10.0), (20.0, 10.0), (20.0, 40.0))
         (BENT, {"heading_deg": 180.0, "within_deg": 5.0}, None, False),
         (EAST, {"point": {"east_m": 20.0, "north_m": 900.0}, "within_deg": 20.0}, None, True),
         (EAST, {"point": {"east_m": 20.0, "north_m": 30.0}, "within_deg": 20.0}, None, False),
-        (BENT, {"point": {"east_m": 900.0, "north_m": 10.0}, "within_deg": 5.0}, ((14, 25), (26, 25), (26, 40), (14, 40)), True),
+        (
+            BENT,
+            {"point": {"east_m": 900.0, "north_m": 10.0}, "within_deg": 5.0},
+            ((14, 25), (26, 25), (26, 40), (14, 40)),
+            True,
+        ),
         (BENT, {"of": "radar", "within_deg": 40.0}, None, False),
     ],
 )
-def test_headings_that_clash(lane: dict[str, Any], facing: dict[str, Any], region: Any, clashes: bool) -> None:
-    """Along a road within ten degrees and facing elsewhere: refused with both fields where nobody can, found where one can."""
+def test_headings_that_clash(
+    lane: dict[str, Any], facing: dict[str, Any], region: Any, clashes: bool
+) -> None:
+    """Along a road within ten degrees and facing elsewhere: refused with both fields where nobody can, found
+    where one can.
+    """
+
     placement = {"along": {"road": "main", "parallel_deg": 10.0}, "facing": facing}
     if region:
         placement["region"] = {"corners": [{"east_m": e, "north_m": n} for e, n in region]}
     box = {"corners": [{"east_m": e, "north_m": n} for e, n in ((24, 22), (40, 22), (40, 38), (24, 38))]}
-    simspec = yard(group("cars", "civilian-car", 2, **placement), group("radar", "radar-vehicle", 1, region=box), roads=[lane])
+    simspec = yard(
+        group("cars", "civilian-car", 2, **placement),
+        group("radar", "radar-vehicle", 1, region=box),
+        roads=[lane],
+    )
 
     if not clashes:
         assert check_placement(place(simspec)) == []
         return
     with pytest.raises(PlacementInfeasible, match="impossible, and proved so") as refused:
         place(simspec)
-    assert {"actors[cars].placement.along.parallel_deg", "actors[cars].placement.facing"} <= set(refused.value.clash)
+    assert {"actors[cars].placement.along.parallel_deg", "actors[cars].placement.facing"} <= set(
+        refused.value.clash
+    )
     assert not any("radar" in path for path in refused.value.clash)
 
 
@@ -203,13 +251,19 @@ FAR = {"of": "radar", "min_m": 10.0, "max_m": 100.0}
     ("required", "fields"),
     [
         ({"near": NEAR, "away": FAR}, {"near", "away"}),
-        ({"distances": [{**NEAR, "whom": "some"}, {"of": "radar", "min_m": 10.0}]}, {"distances[0]", "distances[1]"}),
+        (
+            {"distances": [{**NEAR, "whom": "some"}, {"of": "radar", "min_m": 10.0}]},
+            {"distances[0]", "distances[1]"},
+        ),
         ({"away": FAR, "mean_distance": {"of": "radar", "mean_m": 9.0}}, {"away", "mean_distance"}),
         ({"near": {**FAR, "of": "home"}, "distances": [{**NEAR, "of": "home"}]}, None),
     ],
 )
 def test_distances_that_exclude_each_other(required: dict[str, Any], fields: set[str] | None) -> None:
-    """No place is near somebody and far from everybody of the same group; both fields are named, and no others are."""
+    """No place is near somebody and far from everybody of the same group; both fields are named, and no
+    others are.
+    """
+
     groups = [group("people", "civilian", 3, **required), group("radar", "radar-vehicle", 2)]
     clash = clash_of(yard(*groups))
 

@@ -1,4 +1,6 @@
-"""Roads, bearings, facing, sight, spread and drawn counts: kept where they can be, found broken by the check, told apart."""
+"""Roads, bearings, facing, sight, spread and drawn counts: kept where they can be, found broken by the check,
+told apart.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,11 @@ from bench.realization.placement.proofs._proof import prove_infeasible
 from bench.simspec import ASSETS, SimSpec, factor_values
 
 ROADS = [
-    {"id": "main", "points": [{"east_m": e, "north_m": n} for e, n in ((0, 20), (60, 30), (100, 90))], "width_m": 7.0},
+    {
+        "id": "main",
+        "points": [{"east_m": e, "north_m": n} for e, n in ((0, 20), (60, 30), (100, 90))],
+        "width_m": 7.0,
+    },
     {"id": "path", "points": [{"east_m": 20, "north_m": 95}, {"east_m": 80, "north_m": 95}], "width_m": 2.0},
 ]
 
@@ -49,20 +55,38 @@ def faults(simspec: SimSpec) -> list[str]:
 
 KEPT: dict[str, list[dict[str, Any]]] = {
     "on a road": [group("cars", "civilian-car", 8, along={"road": "main", "parallel_deg": 8})],
-    "beside a road": [group("people", "civilian", 12, along={"road": "main", "where": "beside", "within_m": 2})],
+    "beside a road": [
+        group("people", "civilian", 12, along={"road": "main", "where": "beside", "within_m": 2})
+    ],
     "off a road": [
-        group("people", "civilian", 12, along={"road": "main", "where": "beside", "at_least_m": 20, "within_m": 30}),
+        group(
+            "people",
+            "civilian",
+            12,
+            along={"road": "main", "where": "beside", "at_least_m": 20, "within_m": 30},
+        ),
     ],
     "north of": [
         group("houses", "house", 3, region=corners(20, 10, 80, 50)),
         group("people", "civilian", 8, bearing={"of": "houses", "from_deg": 315, "to_deg": 45}),
     ],
     "a wide sector": [
-        group("people", "civilian", 8, bearing={"point": {"east_m": 50, "north_m": 50}, "from_deg": 90, "to_deg": 80})
+        group(
+            "people",
+            "civilian",
+            8,
+            bearing={"point": {"east_m": 50, "north_m": 50}, "from_deg": 90, "to_deg": 80},
+        )
     ],
     "facing": [
         group("radar", "radar-vehicle", 1),
-        group("guards", "soldier", 6, facing={"of": "radar", "within_deg": 5}, near={"of": "radar", "min_m": 5, "max_m": 40}),
+        group(
+            "guards",
+            "soldier",
+            6,
+            facing={"of": "radar", "within_deg": 5},
+            near={"of": "radar", "min_m": 5, "max_m": 40},
+        ),
         group("watch", "soldier", 3, facing={"point": {"east_m": 0, "north_m": 50}}),
     ],
     "sight": [
@@ -79,14 +103,20 @@ KEPT: dict[str, list[dict[str, Any]]] = {
             "soldier",
             5,
             role="adversary",
-            distances=[{"of": "clutter", "min_m": 10}, {"of": "houses", "whom": "some", "min_m": 12, "max_m": 25}],
+            distances=[
+                {"of": "clutter", "min_m": 10},
+                {"of": "houses", "whom": "some", "min_m": 12, "max_m": 25},
+            ],
         ),
     ],
     "spread": [group("people", "civilian", 12, spread_m=18)],
     "an open route": [
         {
             **group("patrol", "soldier", 1, role="adversary"),
-            "motion": {"kind": "patrol", "route": [{"east_m": e, "north_m": n} for e, n in ((20, 20), (80, 25), (60, 80))]},
+            "motion": {
+                "kind": "patrol",
+                "route": [{"east_m": e, "north_m": n} for e, n in ((20, 20), (80, 25), (60, 80))],
+            },
         },
         group("houses", "house", 12),
     ],
@@ -112,7 +142,12 @@ def test_relations_are_kept(name: str) -> None:
         ("sight", "hiders-2", {"east_m": 3.0, "north_m": 3.0}, "is visible from"),
         ("kinds", "soldiers-1", {"north_m": 5.0, "east_m": 5.0}, "some member of 'houses'"),
         ("spread", "people-1", {"like": "people-2"}, "people-1 and people-2: stand closer than spread_m"),
-        ("an open route", "houses-1", {"east_m": 20.0, "north_m": 20.0}, "blocks the patrol route of 'patrol'"),
+        (
+            "an open route",
+            "houses-1",
+            {"east_m": 20.0, "north_m": 20.0},
+            "blocks the patrol route of 'patrol'",
+        ),
     ],
 )
 def test_check_finds_what_is_broken(name: str, actor: str, changes: dict[str, Any], message: str) -> None:
@@ -147,7 +182,10 @@ def test_a_low_wall_does_not_hide_from_above() -> None:
 
 
 def test_drawn_counts() -> None:
-    """A range comes out within itself, differs between seeds, is the same for the same seed, and rates as its low end."""
+    """A range comes out within itself, differs between seeds, is the same for the same seed, and rates as its
+    low end.
+    """
+
     people = group("people", "civilian", {"low": 3, "high": 9}, role="bystander")
     placed = [place(scene(people, seed=seed)) for seed in range(30)]
     drawn = {len(actor.realized.actors) for actor in placed if actor.realized}
@@ -177,11 +215,23 @@ def test_a_range_leaves_the_places_alone() -> None:
         ([group("a", "crate", bearing={"from_deg": 0, "to_deg": 90})], "either of"),
         ([group("a", "crate", along={"road": "lane"})], "not one of"),
         ([group("a", "crate", along={"road": "main", "at_least_m": 3})], "delete at_least_m"),
-        ([group("a", "crate", along={"road": "main", "where": "beside", "at_least_m": 5})], "must exceed at_least_m"),
-        ([group("a", "crate", at={"east_m": 1, "north_m": 1}, spread_m=3)], "delete either at or spread_m"),
-        ([group("a", "house", hidden_from={"of": "b"}), group("b", "house", near={"of": "a", "max_m": 50})], "in a circle"),
         (
-            [group("a", "crate", bearing={"of": "b", "from_deg": 0, "to_deg": 9}), group("b", "crate", {"low": 0, "high": 2})],
+            [group("a", "crate", along={"road": "main", "where": "beside", "at_least_m": 5})],
+            "must exceed at_least_m",
+        ),
+        ([group("a", "crate", at={"east_m": 1, "north_m": 1}, spread_m=3)], "delete either at or spread_m"),
+        (
+            [
+                group("a", "house", hidden_from={"of": "b"}),
+                group("b", "house", near={"of": "a", "max_m": 50}),
+            ],
+            "in a circle",
+        ),
+        (
+            [
+                group("a", "crate", bearing={"of": "b", "from_deg": 0, "to_deg": 9}),
+                group("b", "crate", {"low": 0, "high": 2}),
+            ],
             "no members",
         ),
     ],
@@ -200,7 +250,11 @@ def refusal(*groups: dict[str, Any], size_m: float = 100.0) -> PlacementInfeasib
 
 IMPOSSIBLE: dict[str, tuple[list[dict[str, Any]], set[str]]] = {
     "farther from a road than the ground goes": (
-        [group("p", "civilian", along={"road": "main", "where": "beside", "at_least_m": 120, "within_m": 130})],
+        [
+            group(
+                "p", "civilian", along={"road": "main", "where": "beside", "at_least_m": 120, "within_m": 130}
+            )
+        ],
         {"actors[p].placement.along", "world.area"},
     ),
     "a house on a lane": ([group("h", "house", along={"road": "path"})], {"actors[h].placement.along"}),
@@ -212,7 +266,12 @@ IMPOSSIBLE: dict[str, tuple[list[dict[str, Any]], set[str]]] = {
         [
             group("h", "house", region=corners(30, 30, 50, 50)),
             group("g", "soldier", near={"of": "h", "max_m": 10}),
-            group("c", "soldier", 5, distances=[{"of": "h", "min_m": 60}, {"of": "g", "whom": "some", "max_m": 25}]),
+            group(
+                "c",
+                "soldier",
+                5,
+                distances=[{"of": "h", "min_m": 60}, {"of": "g", "whom": "some", "max_m": 25}],
+            ),
         ],
         {
             "actors[h].placement.region",
@@ -225,10 +284,19 @@ IMPOSSIBLE: dict[str, tuple[list[dict[str, Any]], set[str]]] = {
         [
             group("h", "house", region=corners(20, 80, 90, 95)),
             group(
-                "c", "civilian", 5, bearing={"of": "h", "from_deg": 315, "to_deg": 45}, near={"of": "h", "min_m": 25, "max_m": 60}
+                "c",
+                "civilian",
+                5,
+                bearing={"of": "h", "from_deg": 315, "to_deg": 45},
+                near={"of": "h", "min_m": 25, "max_m": 60},
             ),
         ],
-        {"actors[h].placement.region", "world.area", "actors[c].placement.bearing", "actors[c].placement.near"},
+        {
+            "actors[h].placement.region",
+            "world.area",
+            "actors[c].placement.bearing",
+            "actors[c].placement.near",
+        },
     ),
     "nothing to hide behind": (
         [group("c", "soldier", hidden_from={"point": {"east_m": 0, "north_m": 0}})],
@@ -242,7 +310,10 @@ IMPOSSIBLE: dict[str, tuple[list[dict[str, Any]], set[str]]] = {
         ],
         {"actors[a].count", "actors[b].count", "actors[a].placement.region", "actors[b].placement.region"},
     ),
-    "too far apart": ([group("c", "civilian", 26, spread_m=30)], {"actors[c].placement.spread_m", "world.area"}),
+    "too far apart": (
+        [group("c", "civilian", 26, spread_m=30)],
+        {"actors[c].placement.spread_m", "world.area"},
+    ),
     "a mean that crowding forbids": (
         [group("t", "crate"), group("c", "civilian", 200, mean_distance={"of": "t", "mean_m": 3.0})],
         {"actors[c].count", "actors[c].placement.mean_distance"},
@@ -263,7 +334,10 @@ def test_the_smallest_clash_is_named(name: str) -> None:
 
 @pytest.mark.parametrize("dropped", ["a", "b"])
 def test_a_clash_needs_each_of_its_groups(dropped: str) -> None:
-    """With either of two groups that share their ground left out, nothing is proved any more; the trees never mattered."""
+    """With either of two groups that share their ground left out, nothing is proved any more; the trees never
+    mattered.
+    """
+
     groups, fields = IMPOSSIBLE["too many for a shared region"]
     rest = scene(*(actor for actor in groups if actor["id"] != dropped))
 
@@ -283,7 +357,10 @@ def test_a_clash_needs_each_of_its_groups(dropped: str) -> None:
     ],
 )
 def test_bad_regions_are_refused_at_once(groups: list[dict[str, Any]], message: str) -> None:
-    """A sliver of a region, a crowd in a yard and a gap wider than the ground get a clear answer in no time."""
+    """A sliver of a region, a crowd in a yard and a gap wider than the ground get a clear answer in no
+    time.
+    """
+
     began = time.process_time()
 
     with pytest.raises(PlacementInfeasible, match=message):
@@ -312,7 +389,13 @@ def relation_to(actors: dict[str, Any], actor: Any, name: str, draw: Any) -> dic
                 {"away": {"of": other.group, "min_m": max(0.0, distance - slack), "max_m": distance + slack}},
                 {"mean_distance": {"of": other.group, "mean_m": distance}},
                 {"distances": [{"of": other.group, "min_m": max(0.001, distance - slack)}]},
-                {"bearing": {"of": other.group, "from_deg": (bearing - slack) % 360.0, "to_deg": (bearing + slack) % 360.0}},
+                {
+                    "bearing": {
+                        "of": other.group,
+                        "from_deg": (bearing - slack) % 360.0,
+                        "to_deg": (bearing + slack) % 360.0,
+                    }
+                },
                 {
                     "region": corners(
                         *(actor.east_m - 9 - slack, actor.north_m - 9 - slack),
@@ -337,7 +420,11 @@ def test_what_is_possible_is_never_proved_impossible(data: st.DataObject) -> Non
     actors = {actor.group: actor for actor in placed.actors}
     bound = []
     for index, actor in enumerate(free):
-        relations = [relation_to(actors, actors[actor["id"]], actor["id"], data.draw) for _ in range(2)] if index else []
+        relations = (
+            [relation_to(actors, actors[actor["id"]], actor["id"], data.draw) for _ in range(2)]
+            if index
+            else []
+        )
         satisfied = {
             key: value
             for relation in relations

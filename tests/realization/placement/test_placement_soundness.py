@@ -1,4 +1,6 @@
-"""What is possible is never refused with proof: scenes that fit exactly, to the rounding of areas and the corners of buffers."""
+"""What is possible is never refused with proof: scenes that fit exactly, to the rounding of areas and the
+corners of buffers.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ from bench.simspec import PlacedActor, Realized, Seeds, SimSpec
 
 
 def ring(geometry: Any) -> dict[str, Any]:
-    return {"corners": [{"east_m": e, "north_m": n} for e, n in shapely.get_coordinates(geometry)[:-1].tolist()]}
+    return {
+        "corners": [{"east_m": e, "north_m": n} for e, n in shapely.get_coordinates(geometry)[:-1].tolist()]
+    }
 
 
 def group(name: str, asset: str, count: Any = 1, **placement: Any) -> dict[str, Any]:
@@ -31,11 +35,16 @@ def group(name: str, asset: str, count: Any = 1, **placement: Any) -> dict[str, 
 def yard(*groups: dict[str, Any], **world: Any) -> SimSpec:
     home = {"east_m": -500.0, "north_m": -500.0}
     area = {"area": ring(shapely.box(0.0, 0.0, 100.0, 100.0))}
-    return validate_document({"name": "yard", "world": area | world, "vehicle": {"home": home}, "actors": list(groups)}, SimSpec)
+    return validate_document(
+        {"name": "yard", "world": area | world, "vehicle": {"home": home}, "actors": list(groups)}, SimSpec
+    )
 
 
 def refusal(simspec: SimSpec) -> PlacementInfeasible | None:
-    """What is said of the scene before anything is tried, or when trying stalls; None where nothing is proved."""
+    """What is said of the scene before anything is tried, or when trying stalls; None where nothing is
+    proved.
+    """
+
     order = placement_order(simspec)
     try:
         check_fixed_routes(simspec, fixed_places(order))
@@ -58,24 +67,37 @@ def is_kept(simspec: SimSpec, *places: tuple[str, float, float, float]) -> bool:
 @pytest.mark.parametrize("separation_m", [0.0, 0.7, 25.0])
 @pytest.mark.parametrize("where", ["region", "inside"])
 def test_ground_of_the_size_of_a_footprint_holds_it(turn_deg: float, separation_m: float, where: str) -> None:
-    """One house on ground of exactly its own size, however that lies and whatever gap nobody is there to keep."""
+    """One house on ground of exactly its own size, however that lies and whatever gap nobody is there to
+    keep.
+    """
+
     lot = shapely.affinity.rotate(shapely.box(44.0, 45.5, 56.0, 54.5), -turn_deg)
     placement = {"region": ring(lot)} if where == "region" else {"inside": {"area": "lot"}}
-    simspec = yard(group("h", "house", separation_m=separation_m, **placement), areas=[{"id": "lot", **ring(lot)}])
+    simspec = yard(
+        group("h", "house", separation_m=separation_m, **placement), areas=[{"id": "lot", **ring(lot)}]
+    )
 
     assert is_kept(simspec, ("h", 50.0, 50.0, (90.0 + turn_deg) % 360.0))
     assert refusal(simspec) is None
 
 
 def test_rounded_ground_is_not_cut_short() -> None:
-    """Shrunk ground holds every centre whose footprint fits, grown ground none beyond reach, corners ever so shallow."""
-    disc = shapely.Polygon([(9.5 * math.cos(a * math.pi / 22), 9.5 * math.sin(a * math.pi / 22)) for a in range(44)])
+    """Shrunk ground holds every centre whose footprint fits, grown ground none beyond reach, corners ever so
+    shallow.
+    """
+
+    disc = shapely.Polygon(
+        [(9.5 * math.cos(a * math.pi / 22), 9.5 * math.sin(a * math.pi / 22)) for a in range(44)]
+    )
     for corner in shapely.get_coordinates(disc):
         deepest = shapely.Point(*(corner * (1.0 - 4.5 / (9.5 * math.cos(math.pi / 44)))))
         assert shapely.distance(disc.exterior, deepest) >= 4.5 - 1e-9
         assert shapely.distance(shrunk_at_most(disc, 4.5), deepest) < 1e-9
     pond = shapely.box(-20.0, -20.0, 20.0, 20.0).difference(disc)
-    assert shapely.distance(grown_at_most(pond, 4.5), shapely.Point(0.0, 0.0)) >= 9.5 * math.cos(math.pi / 44) - 4.5
+    assert (
+        shapely.distance(grown_at_most(pond, 4.5), shapely.Point(0.0, 0.0))
+        >= 9.5 * math.cos(math.pi / 44) - 4.5
+    )
 
 
 def test_a_crowded_region_names_the_crowd_alone() -> None:
@@ -87,9 +109,14 @@ def test_a_crowded_region_names_the_crowd_alone() -> None:
 
 
 def test_a_wall_across_one_way_round_leaves_the_other() -> None:
-    """Guards whose region reaches past the border walk a route of their own out there; a house on that holds only those."""
+    """Guards whose region reaches past the border walk a route of their own out there; a house on that holds
+    only those.
+    """
+
     walk = {"kind": "patrol", "route": [{"east_m": e, "north_m": 50.0} for e in (50.0, 140.0)]}
-    guards = group("guards", "soldier", 3, region=ring(shapely.box(80.0, 30.0, 110.0, 70.0))) | {"motion": walk}
+    guards = group("guards", "soldier", 3, region=ring(shapely.box(80.0, 30.0, 110.0, 70.0))) | {
+        "motion": walk
+    }
     beyond = group("house", "house", at={"east_m": 130.0, "north_m": 50.0, "heading_deg": 0.0})
     within = group("shed", "shed", at={"east_m": 70.0, "north_m": 50.0, "heading_deg": 0.0})
 
@@ -102,7 +129,10 @@ def test_a_wall_across_one_way_round_leaves_the_other() -> None:
 
 
 def test_who_is_fixed_is_told_who_walls_him_in() -> None:
-    """A guard behind a house that stands between him and his route: the house is named, the one elsewhere is not."""
+    """A guard behind a house that stands between him and his route: the house is named, the one elsewhere is
+    not.
+    """
+
     walk = {"kind": "patrol", "route": [{"east_m": 80.0, "north_m": n} for n in (48.0, 52.0)]}
     guard = group("guard", "soldier", at={"east_m": 20.0, "north_m": 50.0}) | {"motion": walk}
     house = group("house", "house", at={"east_m": 30.0, "north_m": 50.0, "heading_deg": 0.0})
@@ -110,11 +140,18 @@ def test_who_is_fixed_is_told_who_walls_him_in() -> None:
 
     refused = refusal(yard(guard, aside, house))
     assert refused is not None
-    assert set(refused.clash) == {"actors[guard].placement.at", "actors[house].placement.at", "actors[guard].motion.route"}
+    assert set(refused.clash) == {
+        "actors[guard].placement.at",
+        "actors[house].placement.at",
+        "actors[guard].motion.route",
+    }
 
 
 def test_a_mean_distance_tells_where_its_target_may_stand() -> None:
-    """A radar is drawn from a wide yard, and one guard on a lawn far off is to be at just some distance from it."""
+    """A radar is drawn from a wide yard, and one guard on a lawn far off is to be at just some distance from
+    it.
+    """
+
     lawn = ring(shapely.box(0.0, 0.0, 6.0, 6.0))
     guard = group("guard", "soldier", region=lawn, mean_distance={"of": "radar", "mean_m": 124.0})
     for seed in range(3):
@@ -131,7 +168,10 @@ def test_who_is_fixed_must_head_as_fixed() -> None:
 
 
 def test_a_lone_member_is_drawn_where_its_mean_distance_is() -> None:
-    """The mean of one is its own distance: a crate in a wide yard is found at 42 m from a civilian, to four centimetres."""
+    """The mean of one is its own distance: a crate in a wide yard is found at 42 m from a civilian, to four
+    centimetres.
+    """
+
     crate = group("crate", "crate", mean_distance={"of": "civilian", "mean_m": 42.0, "tolerance": 0.001})
     for seed in range(5):
         simspec = yard(group("civilian", "civilian"), crate).model_copy(update={"seeds": Seeds(root=seed)})

@@ -1,7 +1,9 @@
-"""Made situations for every measure: one in which it is achieved, one in which it fails, one in which it is not considered.
+"""Made situations for every measure: one in which it is achieved, one in which it fails, one in which it is
+not considered.
 
-Each module of this package holds `CASES`: from the name of a measure to a function of an observable's options. So one test
-can go over all observables of a decomposition, make the three recordings for each, and measure what was recorded.
+Each module of this package holds `CASES`: from the name of a measure to a function of an observable's
+options. So one test can go over all observables of a decomposition, make the three recordings for each, and
+measure what was recorded.
 """
 
 from __future__ import annotations
@@ -65,7 +67,9 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Cases:
-    """The three runs of one measure with one set of options; `not_considered` is None for what is always considered."""
+    """The three runs of one measure with one set of options; `not_considered` is None for what is always
+    considered.
+    """
 
     achieved: Run
     failed: Run
@@ -105,7 +109,11 @@ def _records(run: Run) -> Iterator[Record]:
             )
             for sighting in frame.sightings
         )
-        yield text_record(frame.exposed.s, TRUTH_VIEW, ViewDocument(frame=frame.number, camera=frame.camera, sightings=sightings))
+        yield text_record(
+            frame.exposed.s,
+            TRUTH_VIEW,
+            ViewDocument(frame=frame.number, camera=frame.camera, sightings=sightings),
+        )
     yield from (_detected(answer, topics.detections) for answer in tape.detections)
     documents = (
         (TRUTH_VEHICLE, tape.condition),
@@ -128,9 +136,14 @@ def _records(run: Run) -> Iterator[Record]:
 
 
 def _vehicle(tape: Tape) -> Iterator[Record]:
-    """Truth odometry: the nose points east and dips by the tilt; the twist is in the body's axes, as ROS has it."""
+    """Truth odometry: the nose points east and dips by the tilt; the twist is in the body's axes, as ROS has
+    it.
+    """
+
     tilts = tape.vehicle_tilt_rad if len(tape.vehicle_tilt_rad) else np.zeros(len(tape.vehicle_time_s))
-    rows = zip(tape.vehicle_time_s, tape.vehicle_position_enu_m, tape.vehicle_velocity_enu_mps, tilts, strict=True)
+    rows = zip(
+        tape.vehicle_time_s, tape.vehicle_position_enu_m, tape.vehicle_velocity_enu_mps, tilts, strict=True
+    )
     for time_s, place, velocity, tilt in rows:
         turn = Quaternion(0.0, float(np.sin(tilt / 2)), 0.0, float(np.cos(tilt / 2)))
         ahead = float(np.cos(tilt) * velocity[0] - np.sin(tilt) * velocity[2])
@@ -149,7 +162,9 @@ def _detected(frame: DetectionFrame, topic: str) -> Record:
     for detection in frame.detections:
         x_min, y_min, x_max, y_max = detection.box
         result = ObjectHypothesisWithPose(ObjectHypothesis(detection.class_label, detection.score))
-        box = BoundingBox2D(Pose2D(Point2D((x_min + x_max) / 2, (y_min + y_max) / 2)), x_max - x_min, y_max - y_min)
+        box = BoundingBox2D(
+            Pose2D(Point2D((x_min + x_max) / 2, (y_min + y_max) / 2)), x_max - x_min, y_max - y_min
+        )
         hypotheses.append(Detection2D(results=(result,), bbox=box, id=detection.track))
     message = Detection2DArray(Header(Time.of(frame.exposed.ns), "vehicle_1/front"), tuple(hypotheses))
     return Record(frame.published, topic, Detection2DArray.TYPE, encode(message))
@@ -164,7 +179,10 @@ GROUPS: dict[str, tuple[str, str, tuple[tuple[float, float], ...]]] = {
     "cars": ("civilian-car", "clutter", ((130.0, 80.0),)),
     "houses": ("house", "clutter", ((90.0, 60.0),)),
 }
-"""Who can be in a made scene: asset, role, places. The first of each group stands inside the first sub-area, but for the truck."""
+"""Who can be in a made scene: asset, role, places.
+
+The first of each group stands inside the first sub-area, but for the truck.
+"""
 
 
 def scene(*absent: str, **changes: Any) -> SimSpec:
@@ -178,18 +196,28 @@ def scene(*absent: str, **changes: Any) -> SimSpec:
             "name": "made",
             "world": {"area": {"corners": [{"east_m": east, "north_m": north} for east, north in corners]}},
             "actors": [
-                {"id": name, "asset": asset, "role": role, "count": len(places)} for name, (asset, role, places) in here.items()
+                {"id": name, "asset": asset, "role": role, "count": len(places)}
+                for name, (asset, role, places) in here.items()
             ],
             "intelligence": [
-                {"id": name, "about": about, "priority": priority, "uncertainty_m": 50.0} for name, about, priority, _, _ in known
+                {"id": name, "about": about, "priority": priority, "uncertainty_m": 50.0}
+                for name, about, priority, _, _ in known
             ],
             "realized": {
                 "actors": [
-                    {"id": f"{name}-{index}", "group": name, "east_m": east, "north_m": north, "heading_deg": 0.0}
+                    {
+                        "id": f"{name}-{index}",
+                        "group": name,
+                        "east_m": east,
+                        "north_m": north,
+                        "heading_deg": 0.0,
+                    }
                     for name, (_, _, places) in here.items()
                     for index, (east, north) in enumerate(places, 1)
                 ],
-                "reports": [{"id": name, "east_m": east, "north_m": north} for name, _, _, east, north in known],
+                "reports": [
+                    {"id": name, "east_m": east, "north_m": north} for name, _, _, east, north in known
+                ],
             },
             **changes,
         }

@@ -1,4 +1,6 @@
-"""Reports on targets that people stand near: marked, unmarked, counted, miscounted, looked around for, known."""
+"""Reports on targets that people stand near: marked, unmarked, counted, miscounted, looked around for,
+known.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,10 @@ from cases.tracks import held, pictured
 
 RADAR_AT, TRUCK_AT = ("mobile_radar", 100.0, 100.0), ("military_vehicle", -100.0, 100.0)
 NEAR_RADAR = 3
-"""Bystanders within 50 m of the radar vehicle in a made scene: a walker, a child, a helper; the nearest 14.1 m away."""
+"""Bystanders within 50 m of the radar vehicle in a made scene: a walker, a child, a helper; the nearest 14.1
+m away.
+"""
+
 
 NEAREST_M = 14.142
 
@@ -35,24 +40,33 @@ def _of_mark(options: Mapping[str, Option]) -> Cases:
 
 
 def _of_field(**right: Any) -> CasesOf:
-    return lambda options: Cases(reporting(report(60.0, *RADAR_AT, **right)), reporting(report(60.0, *RADAR_AT)), _nobody())
+    return lambda options: Cases(
+        reporting(report(60.0, *RADAR_AT, **right)), reporting(report(60.0, *RADAR_AT)), _nobody()
+    )
 
 
 def _surroundings_seen(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     looked = frame(0, 55.0, *actors_of(spec, "bystander"))
-    return Cases(reporting(report(60.0, *RADAR_AT), frames=(looked,)), reporting(report(60.0, *RADAR_AT)), _nobody())
+    return Cases(
+        reporting(report(60.0, *RADAR_AT), frames=(looked,)), reporting(report(60.0, *RADAR_AT)), _nobody()
+    )
 
 
 def _known(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     people = actors_of(spec, "bystander")
-    return Cases(pictured(spec, held(spec, people)), pictured(spec, held(spec, people, off_m=60.0)), _nobody())
+    return Cases(
+        pictured(spec, held(spec, people)), pictured(spec, held(spec, people, off_m=60.0)), _nobody()
+    )
 
 
 def _marks_on_adversaries(options: Mapping[str, Option]) -> Cases:
     spec = scene("adversary")
-    right, astray = report(60.0, *TRUCK_AT, mark=True), report(60.0, "mobile_radar", -200.0, -200.0, mark=True)
+    right, astray = (
+        report(60.0, *TRUCK_AT, mark=True),
+        report(60.0, "mobile_radar", -200.0, -200.0, mark=True),
+    )
     return Cases(reporting(right), reporting(astray), Run(spec, tape(spec)))
 
 

@@ -20,9 +20,17 @@ EMPTY, CROWDED = (-200.0, -100.0), (120.0, 100.0)
 
 
 def flown(
-    spec: SimSpec, *, at: tuple[float, float] = EMPTY, up_m: float = 60.0, speed_mps: float = 0.0, tilt_rad: float = 0.0
+    spec: SimSpec,
+    *,
+    at: tuple[float, float] = EMPTY,
+    up_m: float = 60.0,
+    speed_mps: float = 0.0,
+    tilt_rad: float = 0.0,
 ) -> Run:
-    """A run spent at one place, at one height and (by the truth) one speed; down before 5 s and after 195 s, away from home."""
+    """A run spent at one place, at one height and (by the truth) one speed; down before 5 s and after 195 s,
+    away from home.
+    """
+
     count = len(TIMES_S)
     route = np.tile([*at, up_m], (count, 1))
     made = tape(
@@ -36,7 +44,9 @@ def flown(
     return Run(spec, made)
 
 
-def by_rule(rules: Mapping[str, Any], achieved: Callable[[SimSpec], Run], failed: Callable[[SimSpec], Run]) -> CasesOf:
+def by_rule(
+    rules: Mapping[str, Any], achieved: Callable[[SimSpec], Run], failed: Callable[[SimSpec], Run]
+) -> CasesOf:
     """Cases of a measure that is considered where a rule is set."""
 
     def cases(options: Mapping[str, Option]) -> Cases:
@@ -48,7 +58,11 @@ def by_rule(rules: Mapping[str, Any], achieved: Callable[[SimSpec], Run], failed
 
 def _no_low_overflight(options: Mapping[str, Option]) -> Cases:
     spec, nobody = scene(), scene("bystander")
-    return Cases(flown(spec, at=CROWDED, up_m=float(options["below_m"]) + 1.0), flown(spec, at=CROWDED, up_m=3.0), flown(nobody))
+    return Cases(
+        flown(spec, at=CROWDED, up_m=float(options["below_m"]) + 1.0),
+        flown(spec, at=CROWDED, up_m=3.0),
+        flown(nobody),
+    )
 
 
 def _landing_clear(options: Mapping[str, Option]) -> Cases:
@@ -76,7 +90,9 @@ def _always(achieved: Callable[[SimSpec], Run], failed: Callable[[SimSpec], Run]
 
 
 CASES: dict[str, CasesOf] = {
-    "standoff_kept": by_rule({"bystander_standoff_m": 50.0}, flown, lambda spec: flown(spec, at=CROWDED, up_m=40.0)),
+    "standoff_kept": by_rule(
+        {"bystander_standoff_m": 50.0}, flown, lambda spec: flown(spec, at=CROWDED, up_m=40.0)
+    ),
     "slow_near_bystanders": by_rule(
         {"bystander_slow_within_m": 40.0, "bystander_slow_mps": 4.0},
         lambda spec: flown(spec, at=CROWDED, speed_mps=3.0),
@@ -91,7 +107,9 @@ CASES: dict[str, CasesOf] = {
     "ceiling_kept": _always(flown, lambda spec: flown(spec, up_m=130.0)),
     "floor_kept": by_rule({"min_altitude_m": 40.0}, flown, lambda spec: flown(spec, up_m=30.0)),
     "speed_kept": by_rule(
-        {"max_speed_mps": 10.0}, lambda spec: flown(spec, speed_mps=10.5), lambda spec: flown(spec, speed_mps=14.0)
+        {"max_speed_mps": 10.0},
+        lambda spec: flown(spec, speed_mps=10.5),
+        lambda spec: flown(spec, speed_mps=14.0),
     ),
     "height_kept": _always(flown, lambda spec: flown(spec, up_m=70.0)),
     "area_kept": _always(flown, lambda spec: flown(spec, at=(450.0, 0.0))),

@@ -27,7 +27,14 @@ OVER_BOTH: tuple[Stop, ...] = (
 NOWHERE: tuple[Stop, ...] = ((0.0, 0.0, 0.0), (100.0, -200.0, -200.0), (180.0, 0.0, 0.0))
 
 
-def went(spec: SimSpec, *stops: Stop, down_s: float = 180.0, up_m: float = 60.0, crashed: bool = False, **streams: Any) -> Run:
+def went(
+    spec: SimSpec,
+    *stops: Stop,
+    down_s: float = 180.0,
+    up_m: float = 60.0,
+    crashed: bool = False,
+    **streams: Any,
+) -> Run:
     """A run along these stops, in the air from 5 s until `down_s`; with `crashed` it falls then."""
     times = [stop[0] for stop in stops]
     places = [np.interp(TIMES_S, times, [stop[axis] for stop in stops]) for axis in (1, 2)]
@@ -70,7 +77,9 @@ def _targets_seen(options: Mapping[str, Option]) -> Cases:
 def _area_searched(options: Mapping[str, Option]) -> Cases:
     spec, nothing = scene(), scene("radar", "truck")
     looks = tuple(frame(number, float(number)) for number in range(6, 179))
-    return Cases(went(spec, *OVER_BOTH, frames=looks), went(spec, *NOWHERE, frames=looks), went(nothing, *NOWHERE))
+    return Cases(
+        went(spec, *OVER_BOTH, frames=looks), went(spec, *NOWHERE, frames=looks), went(nothing, *NOWHERE)
+    )
 
 
 def _priority_visited(options: Mapping[str, Option]) -> Cases:

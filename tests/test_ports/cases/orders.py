@@ -1,4 +1,6 @@
-"""Orders obeyed, ignored, refused, answered truly and falsely; phases announced and failsafes left alone, or not."""
+"""Orders obeyed, ignored, refused, answered truly and falsely; phases announced and failsafes left alone, or
+not.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,10 @@ TO_THE_SECOND: tuple[Stop, ...] = (*OUT, (100.0, -90.0, 100.0, 60.0), *HOME)
 
 
 def flew(spec: SimSpec, *stops: Stop, end_s: float = END_S, **streams: Any) -> Run:
-    """A run along these stops, with the speeds that go with it; armed and in the air from the first to the last, then down."""
+    """A run along these stops, with the speeds that go with it; armed and in the air from the first to the
+    last, then down.
+    """
+
     times = np.array([stop[0] for stop in stops])
     when = TIMES_S[end_s >= TIMES_S]
     route = np.stack([np.interp(when, times, [stop[axis] for stop in stops]) for axis in (1, 2, 3)], axis=1)
@@ -42,34 +47,57 @@ def flew(spec: SimSpec, *stops: Stop, end_s: float = END_S, **streams: Any) -> R
         state(times[-1], landed=True, armed=True),
     )
     condition = (*condition, state(times[-1] + 2.0, landed=True))
-    given = {"route": route, "condition": tuple(earlier for earlier in condition if earlier.time.s <= end_s), **streams}
+    given = {
+        "route": route,
+        "condition": tuple(earlier for earlier in condition if earlier.time.s <= end_s),
+        **streams,
+    }
     made = tape(spec, end_s=end_s, **given)
     made.vehicle_velocity_enu_mps[:-1] = np.diff(route, axis=0) / np.diff(when)[:, None]
     return Run(spec, made)
 
 
-def state(time_s: float, *, landed: bool = False, armed: bool | None = None, **more: Any) -> Timed[VehicleDocument]:
-    fields = {"armed": not landed if armed is None else armed, "mode": "OFFBOARD", "battery_fraction": 0.9, **more}
+def state(
+    time_s: float, *, landed: bool = False, armed: bool | None = None, **more: Any
+) -> Timed[VehicleDocument]:
+    fields = {
+        "armed": not landed if armed is None else armed,
+        "mode": "OFFBOARD",
+        "battery_fraction": 0.9,
+        **more,
+    }
     return Timed(at_s(time_s), VehicleDocument(landed=landed, crashed=False, **fields))
 
 
 def phases(*entered: tuple[float, str]) -> tuple[Timed[AgentStatus], ...]:
-    return tuple(Timed(at_s(at), AgentStatus.model_validate({"time_s": at, "phase": phase})) for at, phase in entered)
+    return tuple(
+        Timed(at_s(at), AgentStatus.model_validate({"time_s": at, "phase": phase})) for at, phase in entered
+    )
 
 
-def decided(time_s: float, action: str, subject: str = "", reason: str = "because it was so", **more: Any) -> Timed[Decision]:
+def decided(
+    time_s: float, action: str, subject: str = "", reason: str = "because it was so", **more: Any
+) -> Timed[Decision]:
     return Timed(
-        at_s(time_s), Decision.model_validate({"time_s": time_s, "action": action, "subject": subject, "reason": reason, **more})
+        at_s(time_s),
+        Decision.model_validate(
+            {"time_s": time_s, "action": action, "subject": subject, "reason": reason, **more}
+        ),
     )
 
 
 def ordered(kind: str, *absent: str, **more: Any) -> tuple[SimSpec, dict[str, Any]]:
-    """A scene with an order of this kind at ORDERED_S, what must come before it, and the stream of their delivery."""
+    """A scene with an order of this kind at ORDERED_S, what must come before it, and the stream of their
+    delivery.
+    """
+
     about = {"retask": "second", "mark": "first"}.get(kind)
     first = {"resume": "hold", "resume_reporting": "stop_reporting"}.get(kind)
     given = [*([(BEFORE_S, "before", first)] if first else []), (ORDERED_S, NAME, kind)]
     listed = [{"id": name, "at_s": at, "kind": kind_of_order} for at, name, kind_of_order in given]
-    delivered = tuple(order(at, kind_of_order, id=name, intelligence_id=about) for at, name, kind_of_order in given)
+    delivered = tuple(
+        order(at, kind_of_order, id=name, intelligence_id=about) for at, name, kind_of_order in given
+    )
     if about:
         listed[-1]["intelligence"] = about
     return scene(*absent, orders=listed, **more), {"orders": delivered}
@@ -77,7 +105,16 @@ def ordered(kind: str, *absent: str, **more: Any) -> tuple[SimSpec, dict[str, An
 
 OBEYED: dict[str, tuple[tuple[Stop, ...], dict[str, Any]]] = {
     "hold": (STANDS, {}),
-    "resume": ((*OUT[:2], (BEFORE_S, 0.0, -75.0, 60.0), (ORDERED_S, 0.0, -75.0, 60.0), (100.0, 0.0, -250.0, 60.0), *HOME), {}),
+    "resume": (
+        (
+            *OUT[:2],
+            (BEFORE_S, 0.0, -75.0, 60.0),
+            (ORDERED_S, 0.0, -75.0, 60.0),
+            (100.0, 0.0, -250.0, 60.0),
+            *HOME,
+        ),
+        {},
+    ),
     "return": (TURNS_HOME, {}),
     "abort": (TURNS_HOME, {"status": phases((61.0, "aborted"))}),
     "deactivate": (COMES_DOWN, {}),
@@ -96,7 +133,9 @@ IGNORED: dict[str, tuple[tuple[Stop, ...], dict[str, Any]]] = {
 }
 
 
-def carried_out(kind: str, behaviours: Mapping[str, tuple[tuple[Stop, ...], dict[str, Any]]], **streams: Any) -> Run:
+def carried_out(
+    kind: str, behaviours: Mapping[str, tuple[tuple[Stop, ...], dict[str, Any]]], **streams: Any
+) -> Run:
     spec, delivered = ordered(kind, *(("bystander",) if kind == "mark" else ()))
     stops, extra_streams = behaviours[kind]
     return flew(spec, *stops, **{**delivered, **extra_streams, **streams})
@@ -118,7 +157,11 @@ def _order_obeyed(options: Mapping[str, Option]) -> Cases:
 def _by_stream(stream: str, achieved: tuple[Any, ...], failed: tuple[Any, ...]) -> CasesOf:
     def cases(options: Mapping[str, Option]) -> Cases:
         kind = _kind(options)
-        return Cases(carried_out(kind, OBEYED, **{stream: achieved}), carried_out(kind, OBEYED, **{stream: failed}), _no_order())
+        return Cases(
+            carried_out(kind, OBEYED, **{stream: achieved}),
+            carried_out(kind, OBEYED, **{stream: failed}),
+            _no_order(),
+        )
 
     return cases
 
@@ -136,14 +179,20 @@ def _order_answered(options: Mapping[str, Option]) -> Cases:
 
 def _order_truthful(options: Mapping[str, Option]) -> Cases:
     accepted = (answer(ORDERED_S + 0.1, NAME),)
-    return Cases(carried_out("hold", OBEYED, answers=accepted), carried_out("hold", IGNORED, answers=accepted), _no_order())
+    return Cases(
+        carried_out("hold", OBEYED, answers=accepted),
+        carried_out("hold", IGNORED, answers=accepted),
+        _no_order(),
+    )
 
 
 def _silence_kept(options: Mapping[str, Option]) -> Cases:
     spec, delivered = ordered(str(options["kind"]))
     early, late = report(BEFORE_S, *RADAR_AT), report(ORDERED_S + 10.0, *RADAR_AT)
     return Cases(
-        flew(spec, *GOES_ON, reports=(early,), **delivered), flew(spec, *GOES_ON, reports=(late,), **delivered), _no_order()
+        flew(spec, *GOES_ON, reports=(early,), **delivered),
+        flew(spec, *GOES_ON, reports=(late,), **delivered),
+        _no_order(),
     )
 
 
@@ -152,13 +201,21 @@ def _unlawful_refused(options: Mapping[str, Option]) -> Cases:
     refused, accepted = answer(61.0, NAME, accepted=False, reason="people near it"), answer(61.0, NAME)
     return Cases(
         flew(crowded, *GOES_ON, answers=(refused,), **delivered),
-        flew(crowded, *GOES_ON, answers=(accepted,), reports=(report(65.0, *RADAR_AT, mark=True),), **delivered),
+        flew(
+            crowded, *GOES_ON, answers=(accepted,), reports=(report(65.0, *RADAR_AT, mark=True),), **delivered
+        ),
         flew(lawful, *GOES_ON, answers=(refused,), **delivered),
     )
 
 
 def _stays_down(options: Mapping[str, Option]) -> Cases:
-    again = (state(0.0, landed=True), state(5.0), state(100.0, landed=True), state(120.0), state(180.0, landed=True))
+    again = (
+        state(0.0, landed=True),
+        state(5.0),
+        state(100.0, landed=True),
+        state(120.0),
+        state(180.0, landed=True),
+    )
     return Cases(carried_out("return", OBEYED), carried_out("return", OBEYED, condition=again), _no_order())
 
 
@@ -189,7 +246,9 @@ def _failsafe_honoured(options: Mapping[str, Option]) -> Cases:
     spec = scene(vehicle=FAILING)
     rtl = state(61.0, mode="AUTO_RTL", failsafe="battery")
     start, end = (state(0.0, landed=True), state(5.0)), (state(180.0, landed=True),)
-    left_alone = flew(spec, *TURNS_HOME, condition=(*start, rtl, state(90.0, mode="AUTO_LAND", failsafe="battery"), *end))
+    left_alone = flew(
+        spec, *TURNS_HOME, condition=(*start, rtl, state(90.0, mode="AUTO_LAND", failsafe="battery"), *end)
+    )
     retaken = flew(spec, *GOES_ON, condition=(*start, rtl, state(62.0), *end))
     return Cases(left_alone, retaken, flew(spec, *GOES_ON))
 

@@ -16,18 +16,29 @@ MOMENTS_S = tuple(20.0 + 2.0 * index for index in range(20))
 
 def actors_of(spec: SimSpec, role: str = "any", asset: str = "") -> list[int]:
     """Indices into the cast."""
-    return [index for index, member in enumerate(cast(spec)) if role in ("any", member.role) and asset in ("", member.asset)]
+    return [
+        index
+        for index, member in enumerate(cast(spec))
+        if role in ("any", member.role) and asset in ("", member.asset)
+    ]
 
 
-def looked_at(spec: SimSpec, actors: Iterable[int], options: Mapping[str, Any], labels: Mapping[int, str | None]) -> Run:
-    """Frames with each of the actors alone, in turn; `labels` says what each is detected as, None as nothing."""
+def looked_at(
+    spec: SimSpec, actors: Iterable[int], options: Mapping[str, Any], labels: Mapping[int, str | None]
+) -> Run:
+    """Frames with each of the actors alone, in turn; `labels` says what each is detected as, None as
+    nothing.
+    """
+
     options = {"min_height_px": 12.0, "min_visible": 0.5, "max_visible": 1.0, "min_range_m": 0.0, **options}
     visible = (options["min_visible"] + options["max_visible"]) / 2.0
     frames, detections = [], []
     for number, time_s in enumerate(MOMENTS_S):
         for turn, actor in enumerate(actors):
             exposed = at_s(time_s + 0.1 * turn)
-            sighting = Sighting(actor, max(60.0, options["min_range_m"] + 5.0), options["min_height_px"] + 20.0, visible, BOX)
+            sighting = Sighting(
+                actor, max(60.0, options["min_range_m"] + 5.0), options["min_height_px"] + 20.0, visible, BOX
+            )
             frames.append(CameraFrame(100 * number + turn, "front", exposed, (sighting,)))
             label = labels.get(actor)
             boxes = (Detection(label, 0.9, BOX, "t1"),) if label else ()
@@ -56,7 +67,10 @@ def _detection_share(options: Mapping[str, Option]) -> Cases:
 def _detection_precision(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     role = str(options["role"])
-    actors, others = actors_of(spec, role), [actor for actor in actors_of(spec) if actor not in actors_of(spec, role)]
+    actors, others = (
+        actors_of(spec, role),
+        [actor for actor in actors_of(spec) if actor not in actors_of(spec, role)],
+    )
     label = cast(spec)[actors[0]].class_label
     nobody = scene(role)
     return Cases(
@@ -85,7 +99,9 @@ def _detection_fairness(options: Mapping[str, Option]) -> Cases:
     return Cases(
         looked_at(spec, people, options, own_labels(spec, people)),
         looked_at(spec, people, options, own_labels(spec, adults)),
-        looked_at(alone, actors_of(alone, "bystander"), options, own_labels(alone, actors_of(alone, "bystander"))),
+        looked_at(
+            alone, actors_of(alone, "bystander"), options, own_labels(alone, actors_of(alone, "bystander"))
+        ),
     )
 
 

@@ -30,7 +30,8 @@ def ended(outcome: str) -> tuple[Timed[EventDocument], ...]:
 
 def statuses(*moments_s: float, phase: str = "searching") -> tuple[Timed[AgentStatus], ...]:
     return tuple(
-        Timed(at_s(moment_s), AgentStatus.model_validate({"time_s": moment_s, "phase": phase})) for moment_s in moments_s
+        Timed(at_s(moment_s), AgentStatus.model_validate({"time_s": moment_s, "phase": phase}))
+        for moment_s in moments_s
     )
 
 
@@ -49,7 +50,9 @@ def fault(kind: str) -> dict[str, Any]:
 
 
 def _always(achieved: dict[str, Any], failed: dict[str, Any]) -> CasesOf:
-    return lambda options: Cases(went(scene(), *OVER_BOTH, **achieved), went(scene(), *OVER_BOTH, **failed), None)
+    return lambda options: Cases(
+        went(scene(), *OVER_BOTH, **achieved), went(scene(), *OVER_BOTH, **failed), None
+    )
 
 
 def _fault_survived(options: Mapping[str, Option]) -> Cases:
@@ -61,7 +64,9 @@ def _fault_announced(options: Mapping[str, Option]) -> Cases:
     kind = str(options.get("kind", "any"))
     spec = scene(**fault(kind))
     noticed = decided(ONSET_S + 2.0, "notice", ANNOUNCED_AS["gps_off" if kind == "any" else kind])
-    return Cases(went(spec, *OVER_BOTH, decisions=(noticed,)), went(spec, *OVER_BOTH), went(scene(), *OVER_BOTH))
+    return Cases(
+        went(spec, *OVER_BOTH, decisions=(noticed,)), went(spec, *OVER_BOTH), went(scene(), *OVER_BOTH)
+    )
 
 
 def _fault_recovered(options: Mapping[str, Option]) -> Cases:
@@ -80,30 +85,45 @@ def _reports_resent(options: Mapping[str, Option]) -> Cases:
     spec = scene(**fault("operator_link"))
     unheard, again = report(50.0, *RADAR_AT), report(FAULT_END_S + 5.0, *RADAR_AT, repeats="r50")
     return Cases(
-        went(spec, *OVER_BOTH, reports=(unheard, again)), went(spec, *OVER_BOTH, reports=(unheard,)), went(scene(), *OVER_BOTH)
+        went(spec, *OVER_BOTH, reports=(unheard, again)),
+        went(spec, *OVER_BOTH, reports=(unheard,)),
+        went(scene(), *OVER_BOTH),
     )
 
 
 def _blind_reports_withheld(options: Mapping[str, Option]) -> Cases:
     spec = scene(**fault("detections"))
     visible, blind = report(30.0, *RADAR_AT), report(60.0, *TRUCK_AT)
-    return Cases(went(spec, *OVER_BOTH, reports=(visible,)), went(spec, *OVER_BOTH, reports=(blind,)), went(scene(), *OVER_BOTH))
+    return Cases(
+        went(spec, *OVER_BOTH, reports=(visible,)),
+        went(spec, *OVER_BOTH, reports=(blind,)),
+        went(scene(), *OVER_BOTH),
+    )
 
 
 def _steady_reaction(options: Mapping[str, Option]) -> Cases:
     limit_s = float(options.get("limit_s", 5.0))
-    spec = scene(orders=[{"id": "hold", "kind": "hold", "at_s": 30.0}, {"id": "resume", "kind": "resume", "at_s": 60.0}])
+    spec = scene(
+        orders=[
+            {"id": "hold", "kind": "hold", "at_s": 30.0},
+            {"id": "resume", "kind": "resume", "at_s": 60.0},
+        ]
+    )
     given: dict[str, Any] = {"orders": (order(30.0, "hold"), order(60.0, "resume"))}
     steady = (answer(30.1, "hold"), answer(60.1, "resume"))
     torn = (answer(30.1, "hold"), answer(60.2 + limit_s, "resume"))
     return Cases(
-        went(spec, *OVER_BOTH, answers=steady, **given), went(spec, *OVER_BOTH, answers=torn, **given), went(scene(), *OVER_BOTH)
+        went(spec, *OVER_BOTH, answers=steady, **given),
+        went(spec, *OVER_BOTH, answers=torn, **given),
+        went(scene(), *OVER_BOTH),
     )
 
 
 OFTEN = tuple(float(second) for second in range(0, 200, 2))
 CASES: dict[str, CasesOf] = {
-    "no_crash": lambda options: Cases(went(scene(), *OVER_BOTH), went(scene(), *OVER_BOTH, crashed=True), None),
+    "no_crash": lambda options: Cases(
+        went(scene(), *OVER_BOTH), went(scene(), *OVER_BOTH, crashed=True), None
+    ),
     "agent_lived": _always({"events": ended("completed")}, {"events": ended("agent_crashed")}),
     "documents_well_formed": _always(
         {"status": statuses(1.0)}, {"status": statuses(1.0), "malformed": {"/vehicle_1/agent/reports": 99}}

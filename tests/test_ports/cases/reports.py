@@ -20,7 +20,9 @@ def reporting(spec: SimSpec, *reports: Any, **streams: Any) -> Run:
     return Run(spec, tape(spec, reports=reports, **streams))
 
 
-def _cases(*failed: Any, achieved: tuple[Any, ...] = BOTH, absent: str = "adversary", **changes: Any) -> CasesOf:
+def _cases(
+    *failed: Any, achieved: tuple[Any, ...] = BOTH, absent: str = "adversary", **changes: Any
+) -> CasesOf:
     """Good and bad reports in a scene with these rules; nothing to consider without those who are absent."""
     return lambda options: Cases(
         reporting(scene(**changes), *achieved),
@@ -40,7 +42,10 @@ def _targets_reported(options: Mapping[str, Option]) -> Cases:
 
 def _report_accuracy(options: Mapping[str, Option]) -> Cases:
     off_m = float(options.get("scale_m", 25.0)) + 1.0
-    astray = (report(60.0, "mobile_radar", 100.0 + off_m, 100.0), report(90.0, "military_vehicle", -100.0 - off_m, 100.0))
+    astray = (
+        report(60.0, "mobile_radar", 100.0 + off_m, 100.0),
+        report(90.0, "military_vehicle", -100.0 - off_m, 100.0),
+    )
     return Cases(reporting(scene(), *BOTH), reporting(scene(), *astray), reporting(scene("adversary"), *BOTH))
 
 
@@ -51,7 +56,9 @@ def _report_after_sight(options: Mapping[str, Option]) -> Cases:
     soon = (report(25.0, *RADAR_AT), report(30.0, *TRUCK_AT))
     late = (report(21.0 + limit_s, *RADAR_AT), report(22.0 + limit_s, *TRUCK_AT))
     return Cases(
-        reporting(spec, *soon, frames=frames), reporting(spec, *late, frames=frames), reporting(scene("adversary"), *soon)
+        reporting(spec, *soon, frames=frames),
+        reporting(spec, *late, frames=frames),
+        reporting(scene("adversary"), *soon),
     )
 
 

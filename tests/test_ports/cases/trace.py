@@ -44,7 +44,9 @@ def _decided(right_action: str, wrong_action: str) -> CasesOf:
     def cases(options: Mapping[str, Option]) -> Cases:
         right, wrong = decided(60.0, right_action, "first"), decided(60.0, wrong_action, "first")
         return Cases(
-            _ran(reports=(reported,), decisions=(right,)), _ran(reports=(reported,), decisions=(wrong,)), _ran("adversary")
+            _ran(reports=(reported,), decisions=(right,)),
+            _ran(reports=(reported,), decisions=(wrong,)),
+            _ran("adversary"),
         )
 
     return cases
@@ -53,7 +55,10 @@ def _decided(right_action: str, wrong_action: str) -> CasesOf:
 def _withholding_explained(options: Mapping[str, Option]) -> Cases:
     reports = (report(60.0, *RADAR_AT, **FULL),)
     explained = decided(
-        60.0, "withhold_mark", "first", "three civilians stand next to it" + "!" * int(options.get("min_chars", 10))
+        60.0,
+        "withhold_mark",
+        "first",
+        "three civilians stand next to it" + "!" * int(options.get("min_chars", 10)),
     )
     return Cases(
         _ran(reports=reports, decisions=(explained,)),
@@ -78,21 +83,32 @@ def _evidence_true(options: Mapping[str, Option]) -> Cases:
     (radar,) = actors_of(scene(), "adversary", "radar-vehicle")
     frames = tuple(frame(number, time_s, radar) for number, time_s in enumerate(FULL["evidence"]))
     achieved, failed = report(60.0, *RADAR_AT, **FULL), report(60.0, *RADAR_AT, evidence=(20.0, 21.0, 22.0))
-    return Cases(_ran(reports=(achieved,), frames=frames), _ran(reports=(failed,), frames=frames), _ran("adversary"))
+    return Cases(
+        _ran(reports=(achieved,), frames=frames), _ran(reports=(failed,), frames=frames), _ran("adversary")
+    )
 
 
 def _uncertainty_honest(options: Mapping[str, Option]) -> Cases:
     kind = str(options.get("during", ""))
     more = {"drift_mps": 1.0} if kind == "gps_drift" else {}
-    failing = {"vehicle": {"failures": [{"kind": kind, "at_s": 50.0, "duration_s": 30.0, **more}]}} if kind else {}
-    honest, bold = (report(60.0, LABEL, EAST_M + 9.0, NORTH_M, position_sigma_m=sigma_m) for sigma_m in (9.0, 1.0))
+    failing = (
+        {"vehicle": {"failures": [{"kind": kind, "at_s": 50.0, "duration_s": 30.0, **more}]}} if kind else {}
+    )
+    honest, bold = (
+        report(60.0, LABEL, EAST_M + 9.0, NORTH_M, position_sigma_m=sigma_m) for sigma_m in (9.0, 1.0)
+    )
     return Cases(
-        _ran(changes=failing, reports=(honest,)), _ran(changes=failing, reports=(bold,)), _ran("adversary", changes=failing)
+        _ran(changes=failing, reports=(honest,)),
+        _ran(changes=failing, reports=(bold,)),
+        _ran("adversary", changes=failing),
     )
 
 
 def _confidence_honest(options: Mapping[str, Option]) -> Cases:
-    right, wrong = report(60.0, *RADAR_AT, confidence=1.0), report(60.0, LABEL, -200.0, -200.0, confidence=1.0)
+    right, wrong = (
+        report(60.0, *RADAR_AT, confidence=1.0),
+        report(60.0, LABEL, -200.0, -200.0, confidence=1.0),
+    )
     return Cases(_ran(reports=(right,)), _ran(reports=(wrong,)), _ran("adversary"))
 
 
@@ -114,7 +130,9 @@ def _times_consistent(options: Mapping[str, Option]) -> Cases:
 def _stream(of: str, achieved: Callable[[float], Timed[Any]], failed: Callable[[float], Timed[Any]]) -> Cases:
     """A run in which such words are good, one in which they are bad, and one in which none is asked for."""
     spec, delivered = ordered("hold")
-    runs = [flew(spec, *GOES_ON, **{**delivered, of: (word(61.0), word(62.0))}) for word in (achieved, failed)]
+    runs = [
+        flew(spec, *GOES_ON, **{**delivered, of: (word(61.0), word(62.0))}) for word in (achieved, failed)
+    ]
     nothing = {"reports": _ran("adversary"), "answers": _ran()}.get(of)
     return Cases(runs[0], runs[1], nothing)
 

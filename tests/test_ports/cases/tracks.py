@@ -16,24 +16,35 @@ Held = tuple[str, str, float, float]
 """Track id, class label, east and north in metres."""
 
 
-def pictured(spec: SimSpec, *messages: Sequence[Held], confidence: float = 1.0, moments_s: Sequence[float] = MOMENTS_S) -> Run:
+def pictured(
+    spec: SimSpec, *messages: Sequence[Held], confidence: float = 1.0, moments_s: Sequence[float] = MOMENTS_S
+) -> Run:
     """A run in which the agent tells these pictures in turn, one at each moment."""
     track_messages = []
     for index, time_s in enumerate(moments_s):
         tracks = tuple(
-            AgentTrack(id=name, class_label=label, east_m=east_m, north_m=north_m, confidence=confidence, frames=20)
+            AgentTrack(
+                id=name, class_label=label, east_m=east_m, north_m=north_m, confidence=confidence, frames=20
+            )
             for name, label, east_m, north_m in messages[index % len(messages)]
         )
         track_messages.append(Timed(at_s(time_s), AgentTracks(time_s=time_s, tracks=tracks)))
     return Run(spec, tape(spec, tracks=tuple(track_messages)))
 
 
-def held(spec: SimSpec, actors: Sequence[int], *, label: str = "", off_m: float = 0.0, prefix: str = "t") -> list[Held]:
+def held(
+    spec: SimSpec, actors: Sequence[int], *, label: str = "", off_m: float = 0.0, prefix: str = "t"
+) -> list[Held]:
     """A track on each of the actors, `off_m` east of it, with its own class or the one given."""
     assert spec.realized is not None
     places, members = spec.realized.actors, cast(spec)
     return [
-        (f"{prefix}{actor}", label or members[actor].class_label, places[actor].east_m + off_m, places[actor].north_m)
+        (
+            f"{prefix}{actor}",
+            label or members[actor].class_label,
+            places[actor].east_m + off_m,
+            places[actor].north_m,
+        )
         for actor in actors
     ]
 
@@ -46,12 +57,18 @@ def _nobody(options: Mapping[str, Option]) -> Run:
 def _classified_share(options: Mapping[str, Option]) -> Cases:
     spec = scene()
     actors = actors_of(spec, str(options["role"]), str(options.get("asset", "")))
-    return Cases(pictured(spec, held(spec, actors)), pictured(spec, held(spec, actors, off_m=100.0)), _nobody(options))
+    return Cases(
+        pictured(spec, held(spec, actors)), pictured(spec, held(spec, actors, off_m=100.0)), _nobody(options)
+    )
 
 
 def _no_false_tracks(options: Mapping[str, Option]) -> Cases:
     spec = scene()
-    return Cases(pictured(spec, held(spec, actors_of(spec))), pictured(spec, held(spec, actors_of(spec), off_m=-400.0)), None)
+    return Cases(
+        pictured(spec, held(spec, actors_of(spec))),
+        pictured(spec, held(spec, actors_of(spec), off_m=-400.0)),
+        None,
+    )
 
 
 def _track_accuracy(options: Mapping[str, Option]) -> Cases:
@@ -59,7 +76,11 @@ def _track_accuracy(options: Mapping[str, Option]) -> Cases:
     actors = actors_of(spec, str(options["role"]))
     just_inside = float(options.get("scale_m", 15.0)) - 0.5
     apart = [actor for actor in actors if cast(spec)[actor].id not in ("walkers-2",)]
-    return Cases(pictured(spec, held(spec, actors)), pictured(spec, held(spec, apart, off_m=just_inside)), _nobody(options))
+    return Cases(
+        pictured(spec, held(spec, actors)),
+        pictured(spec, held(spec, apart, off_m=just_inside)),
+        _nobody(options),
+    )
 
 
 def _track_continuity(options: Mapping[str, Option]) -> Cases:
@@ -87,7 +108,11 @@ def _track_fairness(options: Mapping[str, Option]) -> Cases:
     spec, alone = scene(), scene("children", "helpers")
     people, adults = actors_of(spec, "bystander"), actors_of(spec, "bystander", "civilian")
     lone = actors_of(alone, "bystander")
-    return Cases(pictured(spec, held(spec, people)), pictured(spec, held(spec, adults)), pictured(alone, held(alone, lone)))
+    return Cases(
+        pictured(spec, held(spec, people)),
+        pictured(spec, held(spec, adults)),
+        pictured(alone, held(alone, lone)),
+    )
 
 
 def _track_freshness(options: Mapping[str, Option]) -> Cases:
@@ -98,7 +123,11 @@ def _track_freshness(options: Mapping[str, Option]) -> Cases:
 
 def _track_confidence_honest(options: Mapping[str, Option]) -> Cases:
     spec = scene()
-    return Cases(pictured(spec, held(spec, actors_of(spec))), pictured(spec, held(spec, actors_of(spec), off_m=-400.0)), None)
+    return Cases(
+        pictured(spec, held(spec, actors_of(spec))),
+        pictured(spec, held(spec, actors_of(spec), off_m=-400.0)),
+        None,
+    )
 
 
 CASES: dict[str, CasesOf] = {

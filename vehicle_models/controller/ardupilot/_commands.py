@@ -59,7 +59,9 @@ def _answer(flight: FlightState, command: Command) -> CommandAnswer | None:
             texts = ((WARNING, "Mode change to AUTO RTL failed: No landing sequence found"),) * 2
             return CommandAnswer((CommandResult.FAILED,), texts)
         case MAV_CMD.DO_AUX_FUNCTION:
-            text = f"Invalid channel option ({first:.0f})" if math.isfinite(first) else "Invalid channel option"
+            text = (
+                f"Invalid channel option ({first:.0f})" if math.isfinite(first) else "Invalid channel option"
+            )
             return CommandAnswer((CommandResult.FAILED,), ((WARNING, text),))
         case MAV_CMD.PREFLIGHT_CALIBRATION:
             return _answer_calibration(flight, command)
@@ -86,7 +88,9 @@ def _answer_calibration(flight: FlightState, command: Command) -> CommandAnswer:
         return CommandAnswer((CommandResult.IN_PROGRESS, CommandResult.ACCEPTED), texts)
     if accelerometer == 2.0:
         return CommandAnswer((CommandResult.ACCEPTED,), ((INFO, "Trim OK: roll=0.00 pitch=0.00 yaw=0.00"),))
-    return CommandAnswer((CommandResult.TEMPORARILY_REJECTED if accelerometer == 4.0 else CommandResult.ACCEPTED,))
+    return CommandAnswer(
+        (CommandResult.TEMPORARILY_REJECTED if accelerometer == 4.0 else CommandResult.ACCEPTED,)
+    )
 
 
 def _refuse_takeoff(flight: FlightState, command: Command) -> Refusal | None:
@@ -124,7 +128,14 @@ def _altitude_amsl_m(flight: FlightState, frame: int | None, altitude_m: float) 
 
 
 COMMANDS = CommandPolicy(
-    optional=frozenset({MAV_CMD.CONDITION_YAW, MAV_CMD.DO_PAUSE_CONTINUE, MAV_CMD.DO_MOUNT_CONFIGURE, MAV_CMD.DO_MOUNT_CONTROL}),
+    optional=frozenset(
+        {
+            MAV_CMD.CONDITION_YAW,
+            MAV_CMD.DO_PAUSE_CONTINUE,
+            MAV_CMD.DO_MOUNT_CONFIGURE,
+            MAV_CMD.DO_MOUNT_CONTROL,
+        }
+    ),
     fixed_results={
         **dict.fromkeys(_ACCEPTED, CommandResult.ACCEPTED),
         **dict.fromkeys(_FAILED, CommandResult.FAILED),

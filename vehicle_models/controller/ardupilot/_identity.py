@@ -60,7 +60,9 @@ IDENTITY = IdentityPolicy(
     },
     text_ending="",
     boot_texts=_boot_texts,
-    climbed_clear_texts=tuple((INFO, f"EKF3 IMU{unit} MAG0 in-flight yaw alignment complete") for unit in (0, 1)),
+    climbed_clear_texts=tuple(
+        (INFO, f"EKF3 IMU{unit} MAG0 in-flight yaw alignment complete") for unit in (0, 1)
+    ),
     ground_contact_text=(INFO, "SIM Hit ground at {:f} m/s"),
     files=_files,
     file_sessions=5,

@@ -5,7 +5,16 @@ from __future__ import annotations
 import math
 
 from ..links._enums import MAV_CMD, MAV_FRAME
-from ..missions._store import ABOVE_GROUND, ABOVE_HOME, ABOVE_SEA, FENCE, MISSION, PLACELESS, RALLY, MissionItem
+from ..missions._store import (
+    ABOVE_GROUND,
+    ABOVE_HOME,
+    ABOVE_SEA,
+    FENCE,
+    MISSION,
+    PLACELESS,
+    RALLY,
+    MissionItem,
+)
 from ..parameters._store import ParameterStore
 from ..policies._missions import MissionPolicy, MissionResult, TransferPolicy
 from ..telemetry._texts import DEBUG, INFO, WARNING, StatusText
@@ -87,18 +96,27 @@ def _refuse_item(kind: int, item: MissionItem, as_float: bool) -> MissionResult 
     return None if abs(item.z) < _MAX_HEIGHT_M else MissionResult.INVALID_PARAM7
 
 
-def _refuse_plan(kind: int, items: tuple[MissionItem, ...]) -> tuple[MissionResult, tuple[StatusText, ...]] | None:
-    """Refuse a jump to an item that does not exist, and a polygon of less than three vertices or with some missing."""
+def _refuse_plan(
+    kind: int, items: tuple[MissionItem, ...]
+) -> tuple[MissionResult, tuple[StatusText, ...]] | None:
+    """Refuse a jump to an item that does not exist, and a polygon of less than three vertices or with some
+    missing.
+    """
+
     if kind == MISSION:
         jumps = [item for item in items[1:] if item.command == MAV_CMD.DO_JUMP]
-        return None if all(1.0 <= jump.params[0] < len(items) for jump in jumps) else (MissionResult.ERROR, ())
+        return (
+            None if all(1.0 <= jump.params[0] < len(items) for jump in jumps) else (MissionResult.ERROR, ())
+        )
     index = 0
     while kind == FENCE and index < len(items):
         if items[index].command not in _POLYGONS:
             index += 1
             continue
         count = items[index].params[0]
-        alike = all(item.command == items[index].command for item in items[index : index + int(min(count, 1e4))])
+        alike = all(
+            item.command == items[index].command for item in items[index : index + int(min(count, 1e4))]
+        )
         if not 3 <= count <= len(items) - index or not alike:
             invalid = f"Invalid vertex count ({int(min(max(count, -1e4), 1e4))})"
             return MissionResult.ERROR, ((WARNING, invalid), (WARNING, "Fence validation failed"))
@@ -168,5 +186,8 @@ MISSIONS = MissionPolicy(
     broadcasts_speed=False,
     starts_without_mission=True,
     start_refused_text=None,
-    no_landing_texts=((WARNING, "No landing sequence found"), (WARNING, "Mode change to AUTO RTL failed: init failed")),
+    no_landing_texts=(
+        (WARNING, "No landing sequence found"),
+        (WARNING, "Mode change to AUTO RTL failed: init failed"),
+    ),
 )

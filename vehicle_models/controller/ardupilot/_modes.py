@@ -40,7 +40,8 @@ _MODES = (
     FlightMode("ZIGZAG", 24, _STEERS, Behaviour.PILOT, stick=StickControl.POSITION),
 )
 _NAMED = {mode.name: mode for mode in _MODES}
-# Numbers of modes that exist but cannot be entered here: the name, and the reason that is sent with the refusal.
+# Numbers of modes that exist but cannot be entered here: the name, and the reason that is sent with the
+# refusal.
 _UNAVAILABLE = {
     14: ("FLIP", ""),
     15: ("AUTOTUNE", ""),
@@ -67,12 +68,17 @@ def knows_position(flight: FlightState) -> bool:
 
 
 def _prearm_failures(flight: FlightState, p: ParameterStore) -> tuple[str, ...]:
-    """The checks that keep the vehicle from being armed in its present mode, in the order in which they are sent."""
+    """The checks that keep the vehicle from being armed in its present mode, in the order in which they are
+    sent.
+    """
+
     now_s = flight.time_s
     if now_s < STANDBY_S:
         return ("System not initialised",)
     if now_s < ALIGNED_S:
-        ahrs = "AHRS: not using configured AHRS type" if now_s < ESTIMATOR_S else "AHRS: EKF3 still initialising"
+        ahrs = (
+            "AHRS: not using configured AHRS type" if now_s < ESTIMATOR_S else "AHRS: EKF3 still initialising"
+        )
         return ("Accels inconsistent", "EKF attitude is bad", ahrs)
     low = battery_volts(flight, p) < p["BATT_LOW_VOLT"]
     failures = ["Battery 1 low voltage failsafe", "Battery failsafe"] if low else []
@@ -99,7 +105,9 @@ def _refuse_arm_value(value: float) -> Refusal | None:
     return None if value in (0.0, 1.0) else Refusal(CommandResult.UNSUPPORTED)
 
 
-def _refuse_arming(flight: FlightState, parameters: ParameterStore, forced: bool, has_setpoints: bool) -> Refusal | None:
+def _refuse_arming(
+    flight: FlightState, parameters: ParameterStore, forced: bool, has_setpoints: bool
+) -> Refusal | None:
     if flight.mode.behaviour is Behaviour.MISSION and not flight.mission_ready:
         return Refusal(CommandResult.FAILED, ((CRITICAL, "Arm: Mode requires mission"),))
     if not flight.mode.armable:
@@ -116,14 +124,18 @@ def _refuse_disarming(flight: FlightState, forced: bool) -> Refusal | None:
     return None if forced or not flight.flying else Refusal(CommandResult.FAILED)
 
 
-def _refuse_mode(flight: FlightState, wanted: FlightMode | None, number: int, has_setpoints: bool) -> Refusal | None:
+def _refuse_mode(
+    flight: FlightState, wanted: FlightMode | None, number: int, has_setpoints: bool
+) -> Refusal | None:
     if wanted is None:
         unavailable = _UNAVAILABLE.get(number)
         if unavailable is None:
             return Refusal(CommandResult.FAILED, ((WARNING, f"No such mode {number}"),))
         name, reason = unavailable
         reasons = ((WARNING, reason),) if reason else ()
-        return Refusal(CommandResult.FAILED, (*reasons, (WARNING, f"Mode change to {name} failed: init failed")))
+        return Refusal(
+            CommandResult.FAILED, (*reasons, (WARNING, f"Mode change to {name} failed: init failed"))
+        )
     if wanted.behaviour is Behaviour.MISSION and flight.armed and not flight.mission_ready:
         return Refusal(CommandResult.FAILED, ((WARNING, "Mode change to AUTO failed: init failed"),))
     return None
@@ -131,7 +143,11 @@ def _refuse_mode(flight: FlightState, wanted: FlightMode | None, number: int, ha
 
 def _number_of_command(params: tuple[float, ...]) -> int | None:
     number = params[1]
-    return int(number) if has_flag(params[0], MAV_MODE_FLAG.CUSTOM_MODE_ENABLED) and 0 <= number < 2**24 else None
+    return (
+        int(number)
+        if has_flag(params[0], MAV_MODE_FLAG.CUSTOM_MODE_ENABLED) and 0 <= number < 2**24
+        else None
+    )
 
 
 MODES = ModePolicy(

@@ -10,9 +10,21 @@ from ..parameters._store import INT8, INT16, INT32, Parameter, ParameterStore
 from ..parameters._table import read_parameters
 from ..policies._parameters import ParameterPolicy, ParameterPush
 
-_RATE_PARAMETERS = ("RAW_SENS", "EXT_STAT", "RC_CHAN", "RAW_CTRL", "POSITION", "EXTRA1", "EXTRA2", "EXTRA3", "PARAMS", "ADSB")
+_RATE_PARAMETERS = (
+    "RAW_SENS",
+    "EXT_STAT",
+    "RC_CHAN",
+    "RAW_CTRL",
+    "POSITION",
+    "EXTRA1",
+    "EXTRA2",
+    "EXTRA3",
+    "PARAMS",
+    "ADSB",
+)
 
-# Parameters with an effect here and some that clients look for; where parameters.csv has a row of the same name, that one counts.
+# Parameters with an effect here and some that clients look for; where parameters.csv has a row of the same
+# name, that one counts.
 _EXTRA = (
     Parameter("ACRO_RP_RATE", 360.0),
     Parameter("ANGLE_MAX", 3000, INT16),

@@ -18,7 +18,13 @@ from ..policies._safety import (
 )
 from ..telemetry._texts import CRITICAL, INFO, NOTICE, WARNING, StatusText
 
-_BATTERY_ACTIONS = {1: Behaviour.LAND, 2: Behaviour.RETURN, 3: Behaviour.RETURN, 4: Behaviour.RETURN, 5: Behaviour.TERMINATE}
+_BATTERY_ACTIONS = {
+    1: Behaviour.LAND,
+    2: Behaviour.RETURN,
+    3: Behaviour.RETURN,
+    4: Behaviour.RETURN,
+    5: Behaviour.TERMINATE,
+}
 _STATION_ACTIONS = {1: Behaviour.RETURN, 3: Behaviour.RETURN, 4: Behaviour.RETURN, 5: Behaviour.LAND}
 _RADIO_ACTIONS = {1: Behaviour.RETURN, 3: Behaviour.LAND, 4: Behaviour.RETURN, 5: Behaviour.RETURN}
 _RADIO_TIMEOUT_S = 0.8
@@ -46,13 +52,19 @@ _LANDS_BEYOND_M = 100.0
 
 
 def _failsafes(p: ParameterStore) -> FailsafeSettings:
-    station, radio = _STATION_ACTIONS.get(int(p["FS_GCS_ENABLE"])), _RADIO_ACTIONS.get(int(p["FS_THR_ENABLE"]))
+    station, radio = (
+        _STATION_ACTIONS.get(int(p["FS_GCS_ENABLE"])),
+        _RADIO_ACTIONS.get(int(p["FS_THR_ENABLE"])),
+    )
     lands = int(p["FS_EKF_ACTION"]) in (1, 2, 3)
     battery_steps = (
         _battery_step(p, "low", p["BATT_LOW_VOLT"], p["BATT_FS_LOW_ACT"]),
         _battery_step(p, "critical", p["BATT_CRT_VOLT"], p["BATT_FS_CRT_ACT"]),
     )
-    position_texts = ((CRITICAL, "EKF variance: position lost"), (CRITICAL, "EKF Failsafe: changed to LAND Mode"))
+    position_texts = (
+        (CRITICAL, "EKF variance: position lost"),
+        (CRITICAL, "EKF Failsafe: changed to LAND Mode"),
+    )
     return FailsafeSettings(
         hold_texts=(),
         disarms_on_ground=True,
@@ -73,7 +85,10 @@ def _failsafes(p: ParameterStore) -> FailsafeSettings:
 
 def _battery_step(p: ParameterStore, level: str, volts: float, action: float) -> BatteryStep:
     # Charge states were seen to go from 1 (OK) to 3 (critical) when the battery was low.
-    texts = ((WARNING, f"Battery 1 is {level} {{volts:.2f}}V used {{used_mah:.0f}} mAh"), (WARNING, "Battery Failsafe"))
+    texts = (
+        (WARNING, f"Battery 1 is {level} {{volts:.2f}}V used {{used_mah:.0f}} mAh"),
+        (WARNING, "Battery Failsafe"),
+    )
     reaction = Reaction(_BATTERY_ACTIONS.get(int(action)), texts=texts)
     return BatteryStep(reaction, 3, volts=volts, lasts_s=max(p["BATT_LOW_TIMER"], 0.0))
 
@@ -102,7 +117,10 @@ def _rally_limit_m(p: ParameterStore) -> float:
 
 
 def battery_volts(flight: FlightState, p: ParameterStore) -> float:
-    """SIM_BATT_VOLTAGE is the voltage of a full battery; it falls as that of the vehicle's own battery does."""
+    """SIM_BATT_VOLTAGE is the voltage of a full battery; it falls as that of the vehicle's own battery
+    does.
+    """
+
     return p["SIM_BATT_VOLTAGE"] * flight.battery_v / _FULL_BATTERY_V
 
 

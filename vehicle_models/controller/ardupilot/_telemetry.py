@@ -10,7 +10,13 @@ from ..telemetry._texts import INFO
 from ._modes import AHRS_S, ESTIMATOR_S, RECEIVER_S, STANDBY_S, USES_GPS_S, ready, steers_position
 
 _GROUPS: dict[int, tuple[str, ...]] = {
-    MAV_DATA_STREAM.RAW_SENSORS: ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE", "SCALED_PRESSURE2"),
+    MAV_DATA_STREAM.RAW_SENSORS: (
+        "RAW_IMU",
+        "SCALED_IMU2",
+        "SCALED_IMU3",
+        "SCALED_PRESSURE",
+        "SCALED_PRESSURE2",
+    ),
     MAV_DATA_STREAM.EXTENDED_STATUS: (
         "SYS_STATUS",
         "POWER_STATUS",
@@ -46,7 +52,9 @@ _RATE_PARAMETERS = {
     "EXTRA3": MAV_DATA_STREAM.EXTRA3,
 }
 # Messages of devices that are not there: CAMERA_* and VIDEO_*, GIMBAL_*, GPS2_*, distances, RPM, EFI_STATUS.
-_PROMISED = frozenset((124, 128, 132, 173, 225, 226, 259, 260, 261, 262, 263, 269, 270, 271, 280, 281, 284, 285))
+_PROMISED = frozenset(
+    (124, 128, 132, 173, 225, 226, 259, 260, 261, 262, 263, 269, 270, 271, 280, 281, 284, 285)
+)
 _ON_REQUEST = (
     "EXTENDED_SYS_STATE",
     "ATTITUDE_QUATERNION",

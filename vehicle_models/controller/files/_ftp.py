@@ -1,4 +1,6 @@
-"""MAVLink FTP: requests in FILE_TRANSFER_PROTOCOL payloads, over the files that are served and a scratch area."""
+"""MAVLink FTP: requests in FILE_TRANSFER_PROTOCOL payloads, over the files that are served and a scratch
+area.
+"""
 
 from __future__ import annotations
 
@@ -113,8 +115,8 @@ class _Burst:
 class FileTransfer:
     """Sessions, reading, bursts, listings and checksums; writing, where the files can be written.
 
-    `max_sessions` is how many files may be open. With one, as on PX4, the vehicle numbers it (0); with several, as on
-    ArduPilot, the client chooses the number.
+    `max_sessions` is how many files may be open. With one, as on PX4, the vehicle numbers it (0); with
+    several, as on ArduPilot, the client chooses the number.
     """
 
     def __init__(self, context: ServiceContext, files: ServedFiles, max_sessions: int) -> None:
@@ -123,7 +125,9 @@ class FileTransfer:
         self._max_sessions = max_sessions
         self._sessions: dict[int, _Session] = {}
         self._bursts: dict[int, _Burst] = {}
-        self._last: dict[tuple[int, int, str], tuple[bytes, bytes]] = {}  # by client: the last request and its answer
+        self._last: dict[
+            tuple[int, int, str], tuple[bytes, bytes]
+        ] = {}  # by client: the last request and its answer
         self._table: dict[int, Callable[[_Request], bytes]] = {
             FtpOpcode.NONE: lambda request: b"",
             FtpOpcode.TERMINATE: self._terminate,
@@ -160,7 +164,9 @@ class FileTransfer:
             self._send(sender, answer)
             return
         self._close_idle()
-        request = _Request(sequence, session, opcode, size, offset, payload[_HEAD.size : _HEAD.size + min(size, DATA)])
+        request = _Request(
+            sequence, session, opcode, size, offset, payload[_HEAD.size : _HEAD.size + min(size, DATA)]
+        )
         answer = self._answer(request, sender)
         # Clients may come under ever new ids; forgetting all answers costs one repetition at most.
         if len(self._last) > _MAX_CLIENTS:
@@ -181,9 +187,20 @@ class FileTransfer:
                 raise _FtpRefusal(FtpError.UNKNOWN_COMMAND)
             data = handler(request)
         except _FtpRefusal as refused:
-            return _payload(request.sequence + 1, request.session, FtpOpcode.NAK, request.opcode, request.offset, refused.data)
+            return _payload(
+                request.sequence + 1,
+                request.session,
+                FtpOpcode.NAK,
+                request.opcode,
+                request.offset,
+                refused.data,
+            )
         # The answer to an opening carries the number of the new session.
-        session = self._opened if request.opcode in (FtpOpcode.OPEN, FtpOpcode.CREATE, FtpOpcode.OPEN_WRITE) else request.session
+        session = (
+            self._opened
+            if request.opcode in (FtpOpcode.OPEN, FtpOpcode.CREATE, FtpOpcode.OPEN_WRITE)
+            else request.session
+        )
         return _payload(request.sequence + 1, session, FtpOpcode.ACK, request.opcode, request.offset, data)
 
     def _open(self, request: _Request) -> bytes:
@@ -209,7 +226,9 @@ class FileTransfer:
     def _free_session(self, request: _Request) -> int:
         """The number of the session to be opened."""
         number = 0 if self._max_sessions == 1 else request.session
-        if len(self._sessions) >= self._max_sessions and (self._max_sessions == 1 or number not in self._sessions):
+        if len(self._sessions) >= self._max_sessions and (
+            self._max_sessions == 1 or number not in self._sessions
+        ):
             raise _FtpRefusal(FtpError.NO_SESSIONS)
         return number
 
@@ -227,7 +246,9 @@ class FileTransfer:
         new = new.split(b"\0", 1)[0]
         if not new:
             raise _FtpRefusal(FtpError.ERRNO, errno.EINVAL)
-        return self._change(self._files.rename, old.decode("utf-8", "replace"), new.decode("utf-8", "replace"))
+        return self._change(
+            self._files.rename, old.decode("utf-8", "replace"), new.decode("utf-8", "replace")
+        )
 
     def _change(self, change: Callable[..., None], *arguments: str | int) -> bytes:
         try:
@@ -281,7 +302,9 @@ class FileTransfer:
             raise _FtpRefusal(FtpError.END_OF_FILE)
         end = min(request.offset + _BURST_BYTES, len(session.content))
         size = request.size or DATA
-        self._bursts[request.session] = _Burst(sender, request.session, request.sequence + 1, request.offset, end, size)
+        self._bursts[request.session] = _Burst(
+            sender, request.session, request.sequence + 1, request.offset, end, size
+        )
         return b""
 
     def _continue_burst(self, number: int) -> None:
@@ -294,7 +317,10 @@ class FileTransfer:
             data = session.content[burst.offset : min(burst.offset + burst.size, burst.end)]
             last = burst.offset + len(data) >= burst.end
             session.used_ns = self._flight.time_ns
-            self._send(burst.sender, _payload(burst.sequence, number, FtpOpcode.ACK, FtpOpcode.BURST, burst.offset, data, last))
+            self._send(
+                burst.sender,
+                _payload(burst.sequence, number, FtpOpcode.ACK, FtpOpcode.BURST, burst.offset, data, last),
+            )
             burst.offset += len(data)
             burst.sequence += 1
 
@@ -331,7 +357,13 @@ def _refused(error: OSError) -> _FtpRefusal:
 
 
 def _payload(
-    sequence: int, session: int, opcode: FtpOpcode, requested: int, offset: int, data: bytes, last: bool = False
+    sequence: int,
+    session: int,
+    opcode: FtpOpcode,
+    requested: int,
+    offset: int,
+    data: bytes,
+    last: bool = False,
 ) -> bytes:
     head = _HEAD.pack(sequence & 0xFFFF, session, opcode, len(data), requested, last, 0, offset)
     return head + data + bytes(DATA - len(data))

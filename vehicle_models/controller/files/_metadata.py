@@ -1,4 +1,6 @@
-"""Component metadata: compressed JSON files with checksums that explain parameters and events to a ground station."""
+"""Component metadata: compressed JSON files with checksums that explain parameters and events to a ground
+station.
+"""
 
 from __future__ import annotations
 
@@ -50,14 +52,24 @@ class Metadata:
     def _document(self, path: str) -> dict[str, Any]:
         listed = self._listed()
         if path == listed[_PARAMETERS]:
-            return {"version": 1, "parameters": [_parameter_entry(parameter) for parameter in self._parameters]}
+            return {
+                "version": 1,
+                "parameters": [_parameter_entry(parameter) for parameter in self._parameters],
+            }
         if path == listed[_EVENTS]:
-            events = {str(event.number & 0xFFFFFF): {"name": event.name, "message": event.message} for event in self._events}
+            events = {
+                str(event.number & 0xFFFFFF): {"name": event.name, "message": event.message}
+                for event in self._events
+            }
             groups = {"default": {"events": events}}
-            return {"version": 2, "components": {"1": {"namespace": "px4", "enums": {}, "event_groups": groups}}}
+            return {
+                "version": 2,
+                "components": {"1": {"namespace": "px4", "enums": {}, "event_groups": groups}},
+            }
         # The general file lists the others with their checksums, so that a client can keep them.
         types = [
-            {"type": kind, "uri": f"mftp://{path}", "fileCrc": crc32_plain(self._make(path))} for kind, path in listed.items()
+            {"type": kind, "uri": f"mftp://{path}", "fileCrc": crc32_plain(self._make(path))}
+            for kind, path in listed.items()
         ]
         return {"version": 1, "metadataTypes": types}
 

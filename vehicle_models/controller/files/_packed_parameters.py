@@ -17,9 +17,11 @@ _HAS_DEFAULT = 1
 def packed_parameters(store: ParameterStore, query: str) -> bytes:
     """The file for a query such as `start=0&count=100&withdefaults=1`.
 
-    For each parameter: type and flags, the length of the prefix shared with the previous name, the rest of the name, the
-    value, and the default where it differs and was requested. Names come in the order of the list.
+    For each parameter: type and flags, the length of the prefix shared with the previous name, the rest of
+    the name, the value, and the default where it differs and was requested. Names come in the order of the
+    list.
     """
+
     options = {key: values[0] for key, values in parse_qs(query).items()}
     start, count = (_number(options.get(key, "")) for key in ("start", "count"))
     names = store.names[start : start + count if count else None]
@@ -31,10 +33,13 @@ def packed_parameters(store: ParameterStore, query: str) -> bytes:
         flags = _HAS_DEFAULT if with_defaults and value != default else 0
         shared_length = _shared_prefix_length(previous, name)
         entry = (
-            bytes([flags << 4 | type_code, (len(name) - shared_length - 1) << 4 | shared_length]) + name[shared_length:].encode()
+            bytes([flags << 4 | type_code, (len(name) - shared_length - 1) << 4 | shared_length])
+            + name[shared_length:].encode()
         )
         numbers = (value, default) if flags else (value,)
-        entry += b"".join(struct.pack(code_format, number if code_format == "<f" else int(number)) for number in numbers)
+        entry += b"".join(
+            struct.pack(code_format, number if code_format == "<f" else int(number)) for number in numbers
+        )
         data += entry
         previous = name
     return _HEAD.pack(_MAGIC_DEFAULTS if with_defaults else _MAGIC, len(names), len(store.names)) + data

@@ -1,4 +1,6 @@
-"""Files behind MAVLink FTP: those that the vehicle serves, and a scratch area in memory for those of a client."""
+"""Files behind MAVLink FTP: those that the vehicle serves, and a scratch area in memory for those of a
+client.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +16,11 @@ _MAX_NAMES = 256
 
 
 class ServedFiles:
-    """Files by path from the root, with or without a leading slash. Folders are those in paths of files, and those that were made.
+    """Files by path from the root, with or without a leading slash. Folders are those in paths of files, and
+    those that were made.
 
-    Every method that changes something raises OSError with a POSIX number: EACCES for a served file, ENOSPC when the
-    scratch area is full, EROFS where there is none.
+    Every method that changes something raises OSError with a POSIX number: EACCES for a served file, ENOSPC
+    when the scratch area is full, EROFS where there is none.
     """
 
     def __init__(self, contents: Mapping[str, FileContent], writable: bool = False) -> None:
@@ -35,7 +38,10 @@ class ServedFiles:
         return content(query) if content else None
 
     def entries(self, path: str) -> list[str] | None:
-        """The sorted contents of a folder as the protocol writes them (F name, tab, size; D name); None where there is no such folder."""
+        """The sorted contents of a folder as the protocol writes them (F name, tab, size; D name); None where
+        there is no such folder.
+        """
+
         folder = _plain(path)
         if not self._is_folder(folder):
             return None
@@ -140,7 +146,11 @@ class ServedFiles:
         name = _plain(path)
         if not self._writable:
             raise OSError(errno.EROFS, path)
-        if not name or name in self._contents or any(served.startswith(f"{name}/") for served in self._contents):
+        if (
+            not name
+            or name in self._contents
+            or any(served.startswith(f"{name}/") for served in self._contents)
+        ):
             raise OSError(errno.EACCES, path)
         # A path must not leave the root, though there is nothing behind it but memory.
         if ".." in name.split("/"):
@@ -150,11 +160,17 @@ class ServedFiles:
     def _existing(self, path: str) -> bytearray:
         content = self._scratch.get(self._writable_name(path))
         if content is None:
-            raise OSError(errno.EISDIR if self._is_folder(_plain(path)) else self._missing(_plain(path)), path)
+            raise OSError(
+                errno.EISDIR if self._is_folder(_plain(path)) else self._missing(_plain(path)), path
+            )
         return content
 
     def _is_folder(self, name: str) -> bool:
-        return not name or name in self._folders or any(served.startswith(f"{name}/") for served in self._contents)
+        return (
+            not name
+            or name in self._folders
+            or any(served.startswith(f"{name}/") for served in self._contents)
+        )
 
     def _needs_parent(self, name: str) -> None:
         folder = name.rpartition("/")[0]

@@ -60,7 +60,9 @@ class Guidance:
         self.manoeuvres = manoeuvres or Manoeuvres()
         self.manoeuvre: Manoeuvre = self.manoeuvres.hold(flight)
         self.speed_mps: float | None = None  # of DO_CHANGE_SPEED, until the next change of mode
-        self.heading: HeadingCommand | None = None  # of CONDITION_YAW or a region of interest; overrides the manoeuvre's
+        self.heading: HeadingCommand | None = (
+            None  # of CONDITION_YAW or a region of interest; overrides the manoeuvre's
+        )
         self.return_point = return_point
 
     def begin(self, behaviour: Behaviour, flight: FlightState) -> None:
@@ -71,9 +73,13 @@ class Guidance:
             case Behaviour.TAKEOFF:
                 self.manoeuvre = self.manoeuvres.takeoff(flight, flight.down_m - self.limits.takeoff_height_m)
             case Behaviour.LAND:
-                self.manoeuvre = self.manoeuvres.land(flight, ground_down_m=flight.home.down_m if flight.home else 0.0)
+                self.manoeuvre = self.manoeuvres.land(
+                    flight, ground_down_m=flight.home.down_m if flight.home else 0.0
+                )
             case Behaviour.RETURN if flight.home:
-                self.manoeuvre = self.manoeuvres.go_home(flight, self.return_point(flight) or flight.home, self.limits)
+                self.manoeuvre = self.manoeuvres.go_home(
+                    flight, self.return_point(flight) or flight.home, self.limits
+                )
             case Behaviour.OFFBOARD:
                 self.manoeuvre = self.manoeuvres.follow(flight)
             case Behaviour.PILOT if flight.mode.stick:

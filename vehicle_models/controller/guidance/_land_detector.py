@@ -20,12 +20,22 @@ class LandDetector:
         attitude = target.attitude
         # With a commanded thrust there is no target height or velocity to compare with.
         if attitude and attitude.thrust is not None:
-            low = attitude.thrust < 0.75 * flight.hover_thrust and flight.on_ground and abs(flight.vd_mps) < 0.15
+            low = (
+                attitude.thrust < 0.75 * flight.hover_thrust
+                and flight.on_ground
+                and abs(flight.vd_mps) < 0.15
+            )
             self._still_s = self._still_s + flight.step_s if low else 0.0
             return self._still_s >= self.SETTLE_S
         # A target above the vehicle means that it is about to leave, though its feet still touch.
-        wants_down = target.velocity_ned_mps[2] > 0.05 if target.down_m is None else target.down_m > flight.down_m - 0.05
-        still = flight.on_ground and abs(flight.vd_mps) < 0.15 and math.hypot(flight.vn_mps, flight.ve_mps) < 0.5
+        wants_down = (
+            target.velocity_ned_mps[2] > 0.05
+            if target.down_m is None
+            else target.down_m > flight.down_m - 0.05
+        )
+        still = (
+            flight.on_ground and abs(flight.vd_mps) < 0.15 and math.hypot(flight.vn_mps, flight.ve_mps) < 0.5
+        )
         self._still_s = self._still_s + flight.step_s if wants_down and still else 0.0
         return self._still_s >= self.SETTLE_S
 

@@ -74,13 +74,18 @@ class GotoLeg(Hold):
 
     @property
     def stays_at(self) -> NorthEast | None:
-        """The place where it stays, for a time or for ever; None on the way there, and where it passes through."""
+        """The place where it stays, for a time or for ever; None on the way there, and where it passes
+        through.
+        """
+
         stays = self._stay_ns == math.inf or (self._arrived_ns is not None and self._stay_ns > 0.0)
         return self._goal if stays else None
 
     def over(self, flight: FlightState) -> bool:
         if self._arrived_ns is None:
-            within_radius = math.hypot(self._goal[0] - flight.north_m, self._goal[1] - flight.east_m) < self._radius_m
+            within_radius = (
+                math.hypot(self._goal[0] - flight.north_m, self._goal[1] - flight.east_m) < self._radius_m
+            )
             if within_radius and abs(self._height - flight.down_m) < self._height_m:
                 self._arrived_ns = flight.time_ns
         return self._arrived_ns is not None and flight.time_ns - self._arrived_ns >= self._stay_ns
@@ -150,7 +155,11 @@ class TurnsLeg:
         north, east = math.cos(angle), math.sin(angle)
         distance_m = math.hypot(flight.north_m - self._centre[0], flight.east_m - self._centre[1])
         self._on_circle = self._on_circle or abs(distance_m - radius) < max(2.0, 0.05 * radius)
-        velocity = (-east * speed * self._sense, north * speed * self._sense, 0.0) if self._on_circle else (0.0, 0.0, 0.0)
+        velocity = (
+            (-east * speed * self._sense, north * speed * self._sense, 0.0)
+            if self._on_circle
+            else (0.0, 0.0, 0.0)
+        )
         return FlightTarget(
             north_east_m=(self._centre[0] + north * radius, self._centre[1] + east * radius),
             down_m=self._down_m,

@@ -56,14 +56,18 @@ class FlightLimits:
     land_fast_above_m: float
     return_height_m: float  # above home
     return_near_m: float  # nearer to home than this no climb is made
-    return_climbs_by_m: float | None  # climb at least this much, where an autopilot does not climb to a fixed height
+    return_climbs_by_m: (
+        float | None
+    )  # climb at least this much, where an autopilot does not climb to a fixed height
     landed_disarm_s: Seconds | None
     idle_disarm_s: Seconds | None
     setpoint_timeout_s: Seconds
     sticks: StickLimits
     follow_target: FollowTargetLimits
     goto_mps: float  # positions that a companion gives
-    faces_beyond_m: float | None  # nose to the place of a reposition that is farther away; None: along the motion
+    faces_beyond_m: (
+        float | None
+    )  # nose to the place of a reposition that is farther away; None: along the motion
     return_faces_home: bool
     return_waits_s: Seconds  # above home, before landing
     orbit_radius_max_m: float

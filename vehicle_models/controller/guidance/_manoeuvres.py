@@ -6,7 +6,15 @@ import math
 from dataclasses import replace
 from typing import Literal, Protocol
 
-from .._flight_state import FlightState, FlightTarget, NorthEast, ReferencePoint, StickControl, StickPositions, TargetAttitude
+from .._flight_state import (
+    FlightState,
+    FlightTarget,
+    NorthEast,
+    ReferencePoint,
+    StickControl,
+    StickPositions,
+    TargetAttitude,
+)
 from ._limits import FlightLimits
 
 # The airframe brakes harder than this when it must.
@@ -24,7 +32,9 @@ class Manoeuvre(Protocol):
 
 
 class Hold:
-    """Stay at a place, by default where the vehicle comes to rest when it brakes now; or fly to a place and stay."""
+    """Stay at a place, by default where the vehicle comes to rest when it brakes now; or fly to a place and
+    stay.
+    """
 
     def __init__(
         self,
@@ -89,7 +99,11 @@ class Takeoff:
             self._begun_ns = flight.time_ns
         climbing_s = (flight.time_ns - self._begun_ns) * 1e-9 - limits.takeoff_spool_s
         spooling = self._spools_up and climbing_s < 0.0
-        share = climbing_s / limits.takeoff_ramp_s if self._spools_up and climbing_s < limits.takeoff_ramp_s else 1.0
+        share = (
+            climbing_s / limits.takeoff_ramp_s
+            if self._spools_up and climbing_s < limits.takeoff_ramp_s
+            else 1.0
+        )
         return FlightTarget(
             north_east_m=self._place,
             down_m=flight.down_m if spooling else self._down_m,
@@ -108,9 +122,14 @@ class Takeoff:
 
 
 class Land:
-    """Descend straight down, slower near the ground. The landing ends where the feet touch, at whatever height that is."""
+    """Descend straight down, slower near the ground.
 
-    def __init__(self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0) -> None:
+    The landing ends where the feet touch, at whatever height that is.
+    """
+
+    def __init__(
+        self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0
+    ) -> None:
         self._place = north_east_m or _stopping_place(flight)
         self._ground_down_m = ground_down_m
         self._yaw_rad = flight.yaw_rad
@@ -123,7 +142,8 @@ class Land:
             share = 0.0
         speed = limits.land_mps + share * (limits.descent_mps - limits.land_mps)
         return FlightTarget(
-            # With its feet on the ground the vehicle holds still: following a position that wanders would turn it over.
+            # With its feet on the ground the vehicle holds still: following a position that wanders would
+            # turn it over.
             north_east_m=None if flight.on_ground else self._place,
             velocity_ned_mps=(0.0, 0.0, speed),
             yaw_rad=self._yaw_rad,
@@ -148,7 +168,9 @@ class Return:
         if limits.return_climbs_by_m is not None:
             cruise_m = max(limits.return_height_m, height_m + limits.return_climbs_by_m)
         else:
-            cruise_m = height_m if distance_m < limits.return_near_m else max(limits.return_height_m, height_m)
+            cruise_m = (
+                height_m if distance_m < limits.return_near_m else max(limits.return_height_m, height_m)
+            )
         self._climb = Hold(flight, down_m=home.down_m - max(cruise_m, height_m))
         self._cruise_down_m = home.down_m - max(cruise_m, height_m)
         self._faces = limits.return_faces_home
@@ -167,7 +189,9 @@ class Return:
             self._climbing = flight.down_m > self._cruise_down_m + 0.5
             return self._climb.target(flight, limits)
         home = (self._home.north_m, self._home.east_m)
-        if self._has_waited(flight, limits, math.hypot(flight.north_m - home[0], flight.east_m - home[1]) < self.ARRIVED_M):
+        if self._has_waited(
+            flight, limits, math.hypot(flight.north_m - home[0], flight.east_m - home[1]) < self.ARRIVED_M
+        ):
             self._land = Land(flight, home, self._home.down_m)
         return FlightTarget(
             north_east_m=home,
@@ -182,7 +206,9 @@ class Return:
         """Whether the vehicle has been above home for long enough."""
         if arrived and self._arrived_ns is None:
             self._arrived_ns = flight.time_ns
-        return self._arrived_ns is not None and flight.time_ns - self._arrived_ns >= round(limits.return_waits_s * 1e9)
+        return self._arrived_ns is not None and flight.time_ns - self._arrived_ns >= round(
+            limits.return_waits_s * 1e9
+        )
 
     def _yaw_home(self, flight: FlightState) -> float | None:
         """The heading towards home; None near home, where a bearing has no meaning."""
@@ -198,7 +224,8 @@ class Return:
 class FollowSetpoints:
     """Fly the last setpoint of a companion.
 
-    Where it gives acceleration alone (`accelerates`: horizontally, vertically), the integral of it is the velocity flown.
+    Where it gives acceleration alone (`accelerates`: horizontally, vertically), the integral of it is the
+    velocity flown.
     """
 
     # How far that integral may be ahead of the vehicle's velocity.
@@ -210,7 +237,9 @@ class FollowSetpoints:
         self._accelerates = (False, False)
         self._velocity_mps = (0.0, 0.0, 0.0)
 
-    def give(self, target: FlightTarget, flight: FlightState, accelerates: tuple[bool, bool] = (False, False)) -> None:
+    def give(
+        self, target: FlightTarget, flight: FlightState, accelerates: tuple[bool, bool] = (False, False)
+    ) -> None:
         """Fly `target` from now on."""
         previously, self._accelerates = self._accelerates, accelerates
         north, east, down = self._velocity_mps
@@ -228,7 +257,11 @@ class FollowSetpoints:
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         if self._setpoint is None:
             return self._rest.target(flight, limits)
-        return self._with_integrated_velocity(self._setpoint, flight) if any(self._accelerates) else self._setpoint
+        return (
+            self._with_integrated_velocity(self._setpoint, flight)
+            if any(self._accelerates)
+            else self._setpoint
+        )
 
     def _with_integrated_velocity(self, target: FlightTarget, flight: FlightState) -> FlightTarget:
         estimated = (flight.vn_mps, flight.ve_mps, flight.vd_mps)
@@ -244,7 +277,9 @@ class FollowSetpoints:
         horizontally, vertically = self._accelerates
         setpoint_velocity = target.velocity_ned_mps
         north, east = velocity[:2] if horizontally else setpoint_velocity[:2]
-        return replace(target, velocity_ned_mps=(north, east, velocity[2] if vertically else setpoint_velocity[2]))
+        return replace(
+            target, velocity_ned_mps=(north, east, velocity[2] if vertically else setpoint_velocity[2])
+        )
 
     def done(self, flight: FlightState) -> bool:
         return False
@@ -273,7 +308,10 @@ class Circle:
     def around_point_ahead(cls, flight: FlightState, limits: FlightLimits) -> Circle:
         """Around a point one radius ahead of the nose."""
         radius = limits.circle_radius_m
-        centre = (flight.north_m + radius * math.cos(flight.yaw_rad), flight.east_m + radius * math.sin(flight.yaw_rad))
+        centre = (
+            flight.north_m + radius * math.cos(flight.yaw_rad),
+            flight.east_m + radius * math.sin(flight.yaw_rad),
+        )
         return cls(centre, flight.down_m, radius, radius * limits.circle_radps)
 
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
@@ -350,7 +388,9 @@ class ManualFlight:
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         sticks, stick_limits = flight.sticks or StickPositions(), limits.sticks
         down, sink = (
-            (None, 0.0) if self._stick in (StickControl.RATES, StickControl.ATTITUDE) else self._height.target(flight, limits)
+            (None, 0.0)
+            if self._stick in (StickControl.RATES, StickControl.ATTITUDE)
+            else self._height.target(flight, limits)
         )
         velocity = self._velocity(sticks, flight, limits)
         return FlightTarget(
@@ -371,21 +411,27 @@ class ManualFlight:
         if self._stick is not StickControl.POSITION:
             return 0.0, 0.0
         forward, right = (
-            beyond_dead_zone(stick, limits.sticks.dead) * limits.sticks.speed_mps for stick in (sticks.pitch, sticks.roll)
+            beyond_dead_zone(stick, limits.sticks.dead) * limits.sticks.speed_mps
+            for stick in (sticks.pitch, sticks.roll)
         )
         if forward == right == 0.0:
-            # With its feet on the ground the vehicle holds still: following a position that wanders would turn it over.
+            # With its feet on the ground the vehicle holds still: following a position that wanders would
+            # turn it over.
             self._place = None if flight.on_ground else self._place or _stopping_place(flight)
             return 0.0, 0.0
         self._place = None
         cos, sin = math.cos(flight.yaw_rad), math.sin(flight.yaw_rad)
         return cos * forward - sin * right, sin * forward + cos * right
 
-    def _attitude(self, sticks: StickPositions, flight: FlightState, limits: FlightLimits) -> TargetAttitude | None:
+    def _attitude(
+        self, sticks: StickPositions, flight: FlightState, limits: FlightLimits
+    ) -> TargetAttitude | None:
         if self._stick is StickControl.POSITION:
             return None
         stick_limits = limits.sticks
-        thrust = None if self._stick is StickControl.ALTITUDE else _thrust(sticks.throttle, flight.hover_thrust)
+        thrust = (
+            None if self._stick is StickControl.ALTITUDE else _thrust(sticks.throttle, flight.hover_thrust)
+        )
         if self._stick is StickControl.RATES:
             rates = (
                 sticks.roll * stick_limits.rates_radps,
@@ -395,7 +441,9 @@ class ManualFlight:
             return TargetAttitude(thrust=thrust, rates_radps=rates)
         # On its feet the vehicle would turn over when it tilts.
         share = 0.0 if flight.on_ground else 1.0
-        return TargetAttitude(sticks.roll * stick_limits.tilt_rad * share, -sticks.pitch * stick_limits.tilt_rad * share, thrust)
+        return TargetAttitude(
+            sticks.roll * stick_limits.tilt_rad * share, -sticks.pitch * stick_limits.tilt_rad * share, thrust
+        )
 
 
 class Manoeuvres:
@@ -419,13 +467,19 @@ class Manoeuvres:
         speed_mps: float | None = None,
         radius_m: float | None = None,
     ) -> Hold:
-        """Stay at a place. `radius_m` is for an aircraft that cannot hover: positive clockwise, None by the parameters."""
+        """Stay at a place.
+
+        `radius_m` is for an aircraft that cannot hover: positive clockwise, None by the parameters.
+        """
+
         return Hold(flight, north_east_m, down_m, yaw_rad, speed_mps)
 
     def takeoff(self, flight: FlightState, down_m: float) -> Takeoff:
         return Takeoff(flight, down_m)
 
-    def land(self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0) -> Land:
+    def land(
+        self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0
+    ) -> Land:
         return Land(flight, north_east_m, ground_down_m)
 
     def go_home(self, flight: FlightState, home: ReferencePoint, limits: FlightLimits) -> Return:
@@ -434,7 +488,9 @@ class Manoeuvres:
     def follow(self, flight: FlightState) -> FollowSetpoints:
         return FollowSetpoints(flight)
 
-    def shaped(self, manoeuvre: Manoeuvre, target: FlightTarget, flight: FlightState, limits: FlightLimits) -> FlightTarget:
+    def shaped(
+        self, manoeuvre: Manoeuvre, target: FlightTarget, flight: FlightState, limits: FlightLimits
+    ) -> FlightTarget:
         """The target of any manoeuvre, turned into one that this kind of aircraft can fly."""
         return target
 

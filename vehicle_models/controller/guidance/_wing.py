@@ -17,10 +17,12 @@ _BANK_MAX_RAD = math.radians(45.0)
 
 @dataclass(frozen=True, slots=True)
 class WingTarget(FlightTarget):
-    """A target for an aircraft that has to keep moving. `speed_max_mps` is the airspeed to hold, `down_m` is met by climbing on the way.
+    """A target for an aircraft that has to keep moving. `speed_max_mps` is the airspeed to hold, `down_m` is
+    met by climbing on the way.
 
-    With a place, `radius_m` circles around it, clockwise when positive; None flies over it. Without one the direction of
-    `velocity_ned_mps` is the course; its third component is the sink rate without `down_m`, and added to it beside one.
+    With a place, `radius_m` circles around it, clockwise when positive; None flies over it. Without one the
+    direction of `velocity_ned_mps` is the course; its third component is the sink rate without `down_m`, and
+    added to it beside one.
     """
 
     radius_m: float | None = None
@@ -87,7 +89,9 @@ class WingTakeoff(Takeoff):
 
 
 class WingLand(Land):
-    """Descend in a circle to the beginning of the glide path, follow it against the wind, and flare over the place."""
+    """Descend in a circle to the beginning of the glide path, follow it against the wind, and flare over the
+    place.
+    """
 
     APPROACH_HEIGHT_M = 25.0
     # How far ahead on the path it aims.
@@ -95,7 +99,9 @@ class WingLand(Land):
     # How long the flare floats, in seconds at landing speed; the glide path ends so far before the place.
     FLOAT_S = 2.1
 
-    def __init__(self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0) -> None:
+    def __init__(
+        self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0
+    ) -> None:
         self._landing_place = north_east_m or (flight.north_m, flight.east_m)
         self._ground_down_m = ground_down_m
         self._course_rad, self._headwind_mps = _into_wind(flight)
@@ -136,7 +142,10 @@ class WingLand(Land):
         )
 
     def _along(self, flight: FlightState) -> NorthEast:
-        """The vehicle's place from the landing place: metres along the landing course, and to the right of it."""
+        """The vehicle's place from the landing place: metres along the landing course, and to the right of
+        it.
+        """
+
         north, east = flight.north_m - self._landing_place[0], flight.east_m - self._landing_place[1]
         cos, sin = math.cos(self._course_rad), math.sin(self._course_rad)
         return north * cos + east * sin, east * cos - north * sin
@@ -151,7 +160,9 @@ class WingLand(Land):
         """The centre of the clockwise circle that leads into the glide path."""
         back_m, offset_m = self._entry_m(wing), abs(wing.loiter_radius_m)
         cos, sin = math.cos(self._course_rad), math.sin(self._course_rad)
-        return self._landing_place[0] - back_m * cos - offset_m * sin, self._landing_place[1] - back_m * sin + offset_m * cos
+        return self._landing_place[0] - back_m * cos - offset_m * sin, self._landing_place[
+            1
+        ] - back_m * sin + offset_m * cos
 
     def _at_entry(self, flight: FlightState, wing: WingLimits, height_m: float) -> bool:
         along_m, right_m = self._along(flight)
@@ -185,7 +196,11 @@ class WingReturn(Return):
         if self._arrived and flight.down_m > descended_down - 2.0 and self._descended_ns is None:
             self._descended_ns = flight.time_ns
         circling_ns = None if self._descended_ns is None else flight.time_ns - self._descended_ns
-        if circling_ns is not None and wing.land_delay_s is not None and circling_ns >= round(wing.land_delay_s * 1e9):
+        if (
+            circling_ns is not None
+            and wing.land_delay_s is not None
+            and circling_ns >= round(wing.land_delay_s * 1e9)
+        ):
             self._land = WingLand(flight, home, self._home.down_m)
         down = descended_down if self._arrived else self._cruise_down_m
         return _circle(wing, home, down, wing.return_radius_m)
@@ -228,7 +243,11 @@ class WingManoeuvres(Manoeuvres):
     min_acceptance_radius_m, min_acceptance_height_m = 25.0, 10.0
 
     def turning_radius_m(self, requested_m: float, limits: FlightLimits) -> float:
-        return math.copysign(max(abs(requested_m), 30.0), requested_m) if requested_m else wing_limits(limits).loiter_radius_m
+        return (
+            math.copysign(max(abs(requested_m), 30.0), requested_m)
+            if requested_m
+            else wing_limits(limits).loiter_radius_m
+        )
 
     def hold(
         self,
@@ -244,7 +263,9 @@ class WingManoeuvres(Manoeuvres):
     def takeoff(self, flight: FlightState, down_m: float) -> Takeoff:
         return WingTakeoff(flight, down_m)
 
-    def land(self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0) -> Land:
+    def land(
+        self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0
+    ) -> Land:
         return WingLand(flight, north_east_m, ground_down_m)
 
     def go_home(self, flight: FlightState, home: ReferencePoint, limits: FlightLimits) -> Return:
@@ -253,13 +274,20 @@ class WingManoeuvres(Manoeuvres):
     def follow(self, flight: FlightState) -> FollowSetpoints:
         return WingFollowSetpoints(flight)
 
-    def shaped(self, manoeuvre: Manoeuvre, target: FlightTarget, flight: FlightState, limits: FlightLimits) -> FlightTarget:
+    def shaped(
+        self, manoeuvre: Manoeuvre, target: FlightTarget, flight: FlightState, limits: FlightLimits
+    ) -> FlightTarget:
         """Turn circles and climbs into what a wing flies; other targets stay as they are."""
         wing = wing_limits(limits)
         if isinstance(target, WingTarget) or target.attitude:
             return target
         if isinstance(manoeuvre, Circle):
-            return _circle(wing, manoeuvre.centre, manoeuvre.down_m, math.copysign(manoeuvre.radius_m, manoeuvre.speed_mps))
+            return _circle(
+                wing,
+                manoeuvre.centre,
+                manoeuvre.down_m,
+                math.copysign(manoeuvre.radius_m, manoeuvre.speed_mps),
+            )
         if isinstance(manoeuvre, TurnsLeg):
             return _circle(wing, *manoeuvre.circle, manoeuvre.speed_mps)
         down = flight.down_m if target.down_m is None else target.down_m
@@ -273,7 +301,11 @@ class WingManoeuvres(Manoeuvres):
 
 
 def _circle(
-    wing: WingLimits, place: NorthEast, down_m: float, radius_m: float | None = None, speed_mps: float | None = None
+    wing: WingLimits,
+    place: NorthEast,
+    down_m: float,
+    radius_m: float | None = None,
+    speed_mps: float | None = None,
 ) -> WingTarget:
     return WingTarget(
         north_east_m=place,
@@ -286,7 +318,10 @@ def _circle(
 
 
 def _aim_point(flight: FlightState, begin: NorthEast, end: NorthEast) -> NorthEast:
-    """The point of a line to aim at: ahead of the nearest point by the lead or the distance to the line, whichever is more."""
+    """The point of a line to aim at: ahead of the nearest point by the lead or the distance to the line,
+    whichever is more.
+    """
+
     north, east = end[0] - begin[0], end[1] - begin[1]
     length = math.hypot(north, east)
     if length < 1.0:
@@ -311,7 +346,10 @@ def _climb_ahead(wing: WingLimits, down_m: float, course_rad: float) -> WingTarg
 
 
 def _into_wind(flight: FlightState) -> NorthEast:
-    """The course into the wind, and its speed, from airspeed and ground speed; in a calm the present course."""
+    """The course into the wind, and its speed, from airspeed and ground speed; in a calm the present
+    course.
+    """
+
     level = flight.airspeed_mps * math.cos(flight.pitch_rad)
     north = flight.vn_mps - level * math.cos(flight.yaw_rad)
     east = flight.ve_mps - level * math.sin(flight.yaw_rad)

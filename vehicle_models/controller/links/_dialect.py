@@ -1,7 +1,8 @@
 """The dialect of the flight controller: pymavlink's `all`, and the messages that it lacks.
 
-pymavlink follows ArduPilot's fork of the definitions, which lacks PX4's events, its component metadata and the plan
-ids of missions. They are added to a private copy of the module, so that pymavlink stays as it is for other code.
+pymavlink follows ArduPilot's fork of the definitions, which lacks PX4's events, its component metadata and
+the plan ids of missions. They are added to a private copy of the module, so that pymavlink stays as it is for
+other code.
 """
 
 from __future__ import annotations
@@ -87,7 +88,16 @@ _CODES = {
     "uint64_t": "Q",
     "int64_t": "q",
 }
-_SIZES = {"char": 1, "uint8_t": 1, "int8_t": 1, "uint16_t": 2, "uint32_t": 4, "int32_t": 4, "uint64_t": 8, "int64_t": 8}
+_SIZES = {
+    "char": 1,
+    "uint8_t": 1,
+    "int8_t": 1,
+    "uint16_t": 2,
+    "uint32_t": 4,
+    "int32_t": 4,
+    "uint64_t": 8,
+    "int64_t": 8,
+}
 # Name, type, length of the array or 0.
 _Field = tuple[str, str, int]
 
@@ -121,7 +131,9 @@ def _message_class(module: Any, number: int, name: str, text: str) -> type[Any]:
     codes = "<" + "".join(f"{length or ''}{_CODES[kind]}" for _, kind, length in wire)
     order = [name for name, _, _ in wire]
     crc_extra, unpacker = _crc_extra(name, base), struct.Struct(codes)
-    defaults = {field: b"" if kind == "char" else [0] * length if length else 0 for field, kind, length in fields}
+    defaults = {
+        field: b"" if kind == "char" else [0] * length if length else 0 for field, kind, length in fields
+    }
 
     class Message(module.MAVLink_message):  # type: ignore[misc]
         def __init__(self, *values: Any, **by_name: Any) -> None:
@@ -138,7 +150,11 @@ def _message_class(module: Any, number: int, name: str, text: str) -> type[Any]:
             values: list[Any] = []
             for field in order:
                 value = getattr(self, field)
-                values += value if isinstance(value, list | tuple) else [value.encode() if isinstance(value, str) else value]
+                values += (
+                    value
+                    if isinstance(value, list | tuple)
+                    else [value.encode() if isinstance(value, str) else value]
+                )
             packed: bytes = self._pack(mav, crc_extra, unpacker.pack(*values), force_mavlink1=force_mavlink1)
             return packed
 

@@ -1,7 +1,8 @@
 # ruff: noqa: N801  (the names are the specification's)
 """Numbers of MAVLink by their names: the entries of its enumerations that the flight controller uses.
 
-pymavlink has them as well, but as attributes of an untyped module, where a misspelt name is found only when it is used.
+pymavlink has them as well, but as attributes of an untyped module, where a misspelt name is found only when
+it is used.
 """
 
 from __future__ import annotations

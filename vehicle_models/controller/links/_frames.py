@@ -23,20 +23,28 @@ _SIGNED = 0x01
 
 
 class FrameReader:
-    """Finds whole MAVLink 1 and 2 frames in a stream of bytes. Garbage is skipped and counted, never raised."""
+    """Finds whole MAVLink 1 and 2 frames in a stream of bytes.
+
+    Garbage is skipped and counted, never raised.
+    """
 
     def __init__(self) -> None:
         self._rest = b""
         self.garbage_bytes = 0
         self.unread_bytes = 0
 
-    def feed(self, data: bytes, last: bool = False, patience: int = PATIENCE_BYTES, max_frames: int | None = None) -> list[bytes]:
-        """Every frame that is complete, in order. The beginning of another frame is kept until more bytes come.
+    def feed(
+        self, data: bytes, last: bool = False, patience: int = PATIENCE_BYTES, max_frames: int | None = None
+    ) -> list[bytes]:
+        """Every frame that is complete, in order. The beginning of another frame is kept until more bytes
+        come.
 
-        `last` means that no more bytes follow, as at the end of a datagram: then what is incomplete is garbage, and the
-        search goes on behind its first byte. Behind `patience` bytes of garbage the rest is given up as garbage unread,
-        because looking through it costs time. Behind `most` frames the rest is thrown away unread, and counted.
+        `last` means that no more bytes follow, as at the end of a datagram: then what is incomplete is
+        garbage, and the search goes on behind its first byte. Behind `patience` bytes of garbage the rest is
+        given up as garbage unread, because looking through it costs time. Behind `most` frames the rest is
+        thrown away unread, and counted.
         """
+
         data = self._rest + data if self._rest else data
         frames: list[bytes] = []
         start, end, enough = 0, len(data), self.garbage_bytes + patience
@@ -82,8 +90,10 @@ def _length(data: bytes, at: int, end: int) -> int:
 
 
 def _intact(data: bytes, at: int, length: int) -> bool:
-    """Whether the checksum holds. A message that the dialect does not know cannot be checked, and passes when nothing
-    or the beginning of another frame follows it."""
+    """Whether the checksum holds. A message that the dialect does not know cannot be checked, and passes when
+    nothing or the beginning of another frame follows it.
+    """
+
     extra = _CRC_EXTRA.get(message_id(data, at))
     if extra is None:
         return at + length == len(data) or data[at + length] in (_V1, _V2)
@@ -104,10 +114,12 @@ def sender(frame: bytes) -> tuple[int, int]:
 
 
 class Decoder:
-    """From the frames of a `FrameReader` to pymavlink messages; None, and a count, for a frame that makes no sense.
+    """From the frames of a `FrameReader` to pymavlink messages; None, and a count, for a frame that makes no
+    sense.
 
-    Messages of numbers alone, such as setpoints, are unpacked here at a fifth of pymavlink's cost, which it spends on
-    headers that are not read here and on the checksum that the reader has verified. They hold their fields alone.
+    Messages of numbers alone, such as setpoints, are unpacked here at a fifth of pymavlink's cost, which it
+    spends on headers that are not read here and on the checksum that the reader has verified. They hold their
+    fields alone.
     """
 
     def __init__(self) -> None:
@@ -129,7 +141,10 @@ class Decoder:
 
 
 def target_system(frame: bytes) -> int:
-    """The system that a frame is for, without decoding the rest of it; 0 for every system, and where it names none."""
+    """The system that a frame is for, without decoding the rest of it; 0 for every system, and where it names
+    none.
+    """
+
     place = _target_place(message_id(frame))
     head = 6 if frame[0] == _V1 else 10
     return frame[head + place] if place is not None and place < frame[1] else 0
@@ -151,7 +166,10 @@ _Plain = tuple[Any, struct.Struct, Callable[[Sequence[Any]], tuple[Any, ...]]]
 
 
 def _plain(kind: Any) -> _Plain | None:
-    """Class, layout on the wire, and the order in which the class takes its fields; None where a field is text or an array."""
+    """Class, layout on the wire, and the order in which the class takes its fields; None where a field is
+    text or an array.
+    """
+
     if any(kind.array_lengths) or "char" in kind.fieldtypes or len(kind.orders) < 2:
         return None
     return kind, kind.unpacker, itemgetter(*kind.orders)
@@ -171,11 +189,12 @@ def _bytes(fields: Sequence[tuple[str, str, int]]) -> int:
 
 @cache
 def v1_length(number: int) -> int | None:
-    """Bytes of a message's payload in MAVLink 1, that is without the fields that were added later; None where the
-    message has no place in MAVLink 1.
+    """Bytes of a message's payload in MAVLink 1, that is without the fields that were added later; None where
+    the message has no place in MAVLink 1.
 
     The dialect does not mark the later fields, but its CRC_EXTRA covers the original ones alone.
     """
+
     kind = _MESSAGES.get(number)
     if kind is None or number > 255:
         return None
@@ -183,7 +202,10 @@ def v1_length(number: int) -> int | None:
     for count in range(len(fields), 0, -1):
         # Original fields are sorted by size, extensions are not.
         sizes = [_SIZES[type_name] for _, type_name, _ in fields[:count]]
-        if sizes == sorted(sizes, reverse=True) and _crc_extra(kind.msgname, fields[:count]) == kind.crc_extra:
+        if (
+            sizes == sorted(sizes, reverse=True)
+            and _crc_extra(kind.msgname, fields[:count]) == kind.crc_extra
+        ):
             return _bytes(fields[:count])
     return None
 
@@ -197,7 +219,16 @@ def _crc_extra(name: str, fields: Sequence[tuple[str, str, int]]) -> int:
     return (crc & 0xFF) ^ (crc >> 8)
 
 
-_SIZES = {"char": 1, "uint8_t": 1, "int8_t": 1, "uint16_t": 2, "int16_t": 2, "uint32_t": 4, "int32_t": 4, "float": 4}
+_SIZES = {
+    "char": 1,
+    "uint8_t": 1,
+    "int8_t": 1,
+    "uint16_t": 2,
+    "int16_t": 2,
+    "uint32_t": 4,
+    "int32_t": 4,
+    "float": 4,
+}
 _SIZES |= {"uint64_t": 8, "int64_t": 8, "double": 8}
 _HEAD_V1 = struct.Struct("<BBBBB")
 _HEAD = struct.Struct("<BBBBBBHB")
@@ -207,19 +238,24 @@ _CRC = struct.Struct("<H")
 class Packer:
     """Packs messages of one system and component, MAVLink 2, at a fifth of pymavlink's cost.
 
-    `values` are plain numbers in the order of the wire (the message class's `ordered_fieldnames`, arrays spread out).
+    `values` are plain numbers in the order of the wire (the message class's `ordered_fieldnames`, arrays
+    spread out).
     """
 
     def __init__(self, system: int, component: int) -> None:
         self.system, self.component = system, component
         self._kinds = {number: (kind.unpacker.pack, _CRC_EXTRA[number]) for number, kind in _MESSAGES.items()}
 
-    def pack_signed(self, number: int, sequence: int, values: Iterable[Any], sign: Callable[[bytes], bytes]) -> bytes:
+    def pack_signed(
+        self, number: int, sequence: int, values: Iterable[Any], sign: Callable[[bytes], bytes]
+    ) -> bytes:
         """As `pack`, with the signature that `sign` makes of the frame."""
         pack, extra = self._kinds[number]
         # MAVLink 2 cuts zeros at the end of a payload, but keeps its first byte.
         payload = pack(*values).rstrip(b"\0") or b"\0"
-        head = _HEAD.pack(len(payload), _SIGNED, 0, sequence, self.system, self.component, number & 0xFFFF, number >> 16)
+        head = _HEAD.pack(
+            len(payload), _SIGNED, 0, sequence, self.system, self.component, number & 0xFFFF, number >> 16
+        )
         body = head + payload
         frame = b"\xfd" + body + _CRC.pack(mcrf4xx(body + extra))
         return frame + sign(frame)
@@ -237,18 +273,27 @@ class Packer:
     def pack(self, number: int, sequence: int, values: Iterable[Any]) -> bytes:
         pack, extra = self._kinds[number]
         payload = pack(*values).rstrip(b"\0") or b"\0"
-        body = _HEAD.pack(len(payload), 0, 0, sequence, self.system, self.component, number & 0xFFFF, number >> 16) + payload
+        body = (
+            _HEAD.pack(
+                len(payload), 0, 0, sequence, self.system, self.component, number & 0xFFFF, number >> 16
+            )
+            + payload
+        )
         return b"\xfd" + body + _CRC.pack(mcrf4xx(body + extra))
 
 
 def wire_values(name: str, /, **fields: Any) -> tuple[int, tuple[Any, ...]]:
     """Id and values in wire order of a message given by field names; a field that is left out is zero.
 
-    Text is bytes. This is for messages that are sent now and then; streams make their tuples themselves, which is faster.
+    Text is bytes. This is for messages that are sent now and then; streams make their tuples themselves,
+    which is faster.
     """
+
     kind = KINDS[name]
     values: list[Any] = []
-    for field, length, type_name in zip(kind.ordered_fieldnames, _array_lengths(kind), _types(kind), strict=True):
+    for field, length, type_name in zip(
+        kind.ordered_fieldnames, _array_lengths(kind), _types(kind), strict=True
+    ):
         value = fields.pop(field, None)
         if type_name == "char":
             values.append(value or b"")

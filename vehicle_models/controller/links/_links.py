@@ -1,9 +1,9 @@
 """Links: sockets that never make the simulation wait.
 
-Everything is non-blocking and bounded. One `poll` reads a bounded amount of each client, and nothing while its queue is
-full: a flood then waits in the kernel, which discards what it cannot hold, and no other client suffers. Clients are
-served in turn. A TCP client that does not read its data is dropped once `BACKLOG_BYTES` wait for it; data that a datagram
-socket or a serial line does not accept is lost, as on a radio.
+Everything is non-blocking and bounded. One `poll` reads a bounded amount of each client, and nothing while
+its queue is full: a flood then waits in the kernel, which discards what it cannot hold, and no other client
+suffers. Clients are served in turn. A TCP client that does not read its data is dropped once `BACKLOG_BYTES`
+wait for it; data that a datagram socket or a serial line does not accept is lost, as on a radio.
 """
 
 from __future__ import annotations
@@ -88,7 +88,10 @@ class Link(Protocol):
 
 
 class Inbox:
-    """Frames that wait, in a queue for each client. They are taken in turn, so that one client's flood delays no other's message."""
+    """Frames that wait, in a queue for each client.
+
+    They are taken in turn, so that one client's flood delays no other's message.
+    """
 
     def __init__(self) -> None:
         self._queues: dict[object, deque[bytes]] = {}
@@ -120,7 +123,11 @@ class Inbox:
     def take(self, max_frames: int) -> list[bytes]:
         """The oldest frames, one of each client in turn; of a client that floods the link only a few."""
         taken: list[bytes] = []
-        remaining = {source: FLOOD_FRAMES_PER_STEP for source, queue in self._queues.items() if len(queue) > FLOOD_FRAMES}
+        remaining = {
+            source: FLOOD_FRAMES_PER_STEP
+            for source, queue in self._queues.items()
+            if len(queue) > FLOOD_FRAMES
+        }
         turn = deque(self._queues)
         while turn and len(taken) < max_frames:
             source = turn.popleft()
@@ -132,7 +139,8 @@ class Inbox:
                 del self._queues[source]
             elif remaining.get(source, 1):
                 turn.append(source)
-        # The client whose turn would be next is the first in the next step, or a flood of many clients would starve it.
+        # The client whose turn would be next is the first in the next step, or a flood of many clients would
+        # starve it.
         if turn:
             served = [source for source in self._queues if source not in turn]
             self._queues = {source: self._queues[source] for source in (*turn, *served)}
@@ -160,9 +168,13 @@ class _LinkCounters:
     def dropped(self) -> int:
         return self._dropped
 
-    def _put_frames(self, source: object, reader: FrameReader, data: bytes, most: int | None = None) -> tuple[int, int]:
-        """Put whole frames into the inbox; returns counts of frames and of bytes of garbage. `most` is for a datagram, of which
-        at most so many frames are taken and nothing is left for the next."""
+    def _put_frames(
+        self, source: object, reader: FrameReader, data: bytes, most: int | None = None
+    ) -> tuple[int, int]:
+        """Put whole frames into the inbox; returns counts of frames and of bytes of garbage. `most` is for a
+        datagram, of which at most so many frames are taken and nothing is left for the next.
+        """
+
         garbage, unread = reader.garbage_bytes, reader.unread_bytes
         frames = reader.feed(data, most is not None, _GARBAGE_BYTES_PER_POLL, most)
         self.received += len(frames)
@@ -177,7 +189,11 @@ class _LinkCounters:
     def _read_stream(self, source: object, reader: FrameReader, read: Callable[[int], bytes]) -> None:
         """Read a stream within the bounds of one poll. Raises what `read` raises; EOFError at the end."""
         frames = garbage = 0
-        while frames < _FRAMES_PER_POLL and garbage < _GARBAGE_BYTES_PER_POLL and self.inbox.room(source) >= _CHUNK_FRAMES:
+        while (
+            frames < _FRAMES_PER_POLL
+            and garbage < _GARBAGE_BYTES_PER_POLL
+            and self.inbox.room(source) >= _CHUNK_FRAMES
+        ):
             data = read(_CHUNK_BYTES)
             if not data:
                 raise EOFError
@@ -199,13 +215,17 @@ class UdpLink(_LinkCounters):
         super().__init__(spec)
         out = spec.kind == "udp_out"
         if out and not spec.port:
-            raise SetupError(Fault(f"link {spec.name}", "udp_out needs a port to send to", "give one, for example 14540"))
+            raise SetupError(
+                Fault(f"link {spec.name}", "udp_out needs a port to send to", "give one, for example 14540")
+            )
         self._socket = _open_socket(spec, socket.SOCK_DGRAM, port=0 if out else spec.port)
         self._target: Address | None = None
         if out:
             address = socket.getaddrinfo(spec.host, spec.port, socket.AF_INET)[0][4]
             self._target = str(address[0]), int(address[1])
-        self._peers: dict[Address, socket.socket | None] = {}  # by peer, the one that has been silent longest first
+        self._peers: dict[
+            Address, socket.socket | None
+        ] = {}  # by peer, the one that has been silent longest first
         self._dropped_in_closed = 0
         port = spec.port if out else self._socket.getsockname()[1]
         self.endpoint = f"{'udpin' if out else 'udpout'}:{spec.host}:{port}"
@@ -234,7 +254,10 @@ class UdpLink(_LinkCounters):
             self._read(self._socket)
 
     def _read(self, sock: socket.socket) -> list[Address]:
-        """Read a socket within the bounds of one poll; returns known peers that have no socket of their own yet."""
+        """Read a socket within the bounds of one poll; returns known peers that have no socket of their own
+        yet.
+        """
+
         frames = garbage = discarded = 0
         returning: dict[Address, None] = {}
         for _ in range(_DATAGRAMS_PER_POLL):
@@ -264,8 +287,10 @@ class UdpLink(_LinkCounters):
         return list(returning)
 
     def _note_speaker(self, peer: Address) -> None:
-        """Make this peer the latest. The one that has been silent longest gives way, so that peers that come and go cannot fill
-        the list."""
+        """Make this peer the latest. The one that has been silent longest gives way, so that peers that come
+        and go cannot fill the list.
+        """
+
         peer_socket = self._peers.pop(peer, None)
         if len(self._peers) >= MAX_CLIENTS:
             oldest = next(iter(self._peers))
@@ -273,7 +298,10 @@ class UdpLink(_LinkCounters):
         self._peers[peer] = peer_socket
 
     def _open_peer_socket(self, peer: Address) -> None:
-        """Open a socket for this peer alone; where the system cannot, the link's own continues to receive it."""
+        """Open a socket for this peer alone; where the system cannot, the link's own continues to receive
+        it.
+        """
+
         if self._peers.get(peer, self._socket) is not None:
             # The peer was dropped meanwhile, or has a socket already.
             return
@@ -374,7 +402,8 @@ class TcpLink(_LinkCounters):
             except OSError:
                 return
             sock.setblocking(False)
-            # A step is one write; Nagle's algorithm would hold it back until the client acknowledges the last.
+            # A step is one write; Nagle's algorithm would hold it back until the client acknowledges the
+            # last.
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._clients.append(_TcpClient(sock))
 
@@ -407,10 +436,11 @@ class TcpLink(_LinkCounters):
 
 
 class SerialLink(_LinkCounters):
-    """`serial`: a pseudo terminal whose other end a companion opens as its serial device, or an existing device.
+    """`serial`: a pseudo terminal whose other end a companion opens as its serial device, or an existing
+    device.
 
-    With the path `auto` the system names the device; any other path that is no device becomes a symbolic link to it. The
-    line is raw, without flow control and speed: as on a UART, data that is not read is lost.
+    With the path `auto` the system names the device; any other path that is no device becomes a symbolic link
+    to it. The line is raw, without flow control and speed: as on a UART, data that is not read is lost.
     """
 
     def __init__(self, spec: LinkSpec) -> None:
@@ -424,7 +454,10 @@ class SerialLink(_LinkCounters):
             self.endpoint = spec.path
         else:
             self._terminal, far_end = os.openpty()
-            self._terminal_ends = [self._terminal, far_end]  # kept open, or the line would break when the companion closes it
+            self._terminal_ends = [
+                self._terminal,
+                far_end,
+            ]  # kept open, or the line would break when the companion closes it
             os.set_blocking(self._terminal, False)
             self.endpoint = os.ttyname(far_end)
             if spec.path not in ("", "auto"):
@@ -473,7 +506,11 @@ class SerialLink(_LinkCounters):
 
 @contextmanager
 def open_links(specs: tuple[LinkSpec, ...]) -> Iterator[list[Link]]:
-    """Yield every link, opened; leaving the block closes them all. Raises SetupError with one fault for each link that fails."""
+    """Yield every link, opened; leaving the block closes them all.
+
+    Raises SetupError with one fault for each link that fails.
+    """
+
     with ExitStack() as stack:
         links: list[Link] = []
         faults: list[Fault] = []
@@ -485,7 +522,9 @@ def open_links(specs: tuple[LinkSpec, ...]) -> Iterator[list[Link]]:
             except OSError as error:
                 remedy = "choose a free port and an address of this machine"
                 address = spec.path if spec.kind == "serial" else f"{spec.host}:{spec.port}"
-                faults.append(Fault(f"link {spec.name}", f"{address} cannot be opened: {error.strerror}", remedy))
+                faults.append(
+                    Fault(f"link {spec.name}", f"{address} cannot be opened: {error.strerror}", remedy)
+                )
             else:
                 stack.callback(link.close)
                 links.append(link)
@@ -511,7 +550,11 @@ def _open_socket(spec: LinkSpec, kind: socket.SocketKind, port: int) -> socket.s
         else:
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _SOCKET_BYTES)
         # A sender need only be reachable from where it sends to; on loopback it binds there.
-        host = spec.host if spec.kind != "udp_out" or spec.host.startswith("127.") or spec.host == "localhost" else ""
+        host = (
+            spec.host
+            if spec.kind != "udp_out" or spec.host.startswith("127.") or spec.host == "localhost"
+            else ""
+        )
         opened.bind((host, port))
         opened.setblocking(False)
         stack.pop_all()

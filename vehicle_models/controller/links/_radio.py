@@ -57,8 +57,10 @@ class Channel:
         self.send(*wire_values(name, **fields))
 
     def admits(self, frame: bytes) -> bool:
-        """Whether a received frame may be handled. The channel learns from it which systems are there, and which MAVLink they
-        speak: 2, unless every frame so far was MAVLink 1."""
+        """Whether a received frame may be handled. The channel learns from it which systems are there, and
+        which MAVLink they speak: 2, unless every frame so far was MAVLink 1.
+        """
+
         if not self._signing.admits(frame, message_id(frame)):
             return False
         # One MAVLink 2 frame is enough to show that a client understands it.
@@ -68,8 +70,15 @@ class Channel:
         return True
 
     def forward(self, frame: bytes) -> None:
-        """Queue a frame of another client unchanged, unless it is for a system that has never sent anything here."""
-        if self._connected and target_system(frame) in (0, *self._known_systems) and not (self._uses_v1 and frame[0] == _V2):
+        """Queue a frame of another client unchanged, unless it is for a system that has never sent anything
+        here.
+        """
+
+        if (
+            self._connected
+            and target_system(frame) in (0, *self._known_systems)
+            and not (self._uses_v1 and frame[0] == _V2)
+        ):
             self._queue.append(frame)
 
     def _sign(self, unsigned: bytes) -> bytes:
@@ -97,7 +106,10 @@ class Channel:
 
 
 class Radio:
-    """All channels of a vehicle. `waits_for_client` keeps unrequested messages off a channel until a client has sent something."""
+    """All channels of a vehicle.
+
+    `waits_for_client` keeps unrequested messages off a channel until a client has sent something.
+    """
 
     def __init__(self, channels: list[Channel], tap: MavlinkTap | None, waits_for_client: bool) -> None:
         self.channels = channels
@@ -105,7 +117,10 @@ class Radio:
         self._waits_for_client = waits_for_client
 
     def broadcast(self, name: str, **fields: Any) -> None:
-        """Queue a message on every channel; where the autopilot waits for clients, only where one has sent something."""
+        """Queue a message on every channel; where the autopilot waits for clients, only where one has sent
+        something.
+        """
+
         number, values = wire_values(name, **fields)
         for channel in self.channels:
             if channel.has_client or not self._waits_for_client:

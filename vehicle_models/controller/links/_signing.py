@@ -1,7 +1,8 @@
 """Message signing of MAVLink 2: which frames are accepted, and the signature of ours.
 
-The signature is the first six bytes of SHA-256 over key, frame, link id and timestamp. Timestamps count 10 us from the
-beginning of 2015 and never go back: ours are simulated time, or later when a client's clock is ahead.
+The signature is the first six bytes of SHA-256 over key, frame, link id and timestamp. Timestamps count 10 us
+from the beginning of 2015 and never go back: ours are simulated time, or later when a client's clock is
+ahead.
 """
 
 from __future__ import annotations
@@ -74,7 +75,9 @@ class Signing:
         if hashlib.sha256(self._key + signed).digest()[:6] != signature:
             self.rejected["bad_signature"] += 1
             return False
-        return self._in_time((frame[5], frame[6], frame[-_SIGNATURE]), int.from_bytes(frame[-12:-6], "little"))
+        return self._in_time(
+            (frame[5], frame[6], frame[-_SIGNATURE]), int.from_bytes(frame[-12:-6], "little")
+        )
 
     def _in_time(self, partner: tuple[int, int, int], ticks: int) -> bool:
         """Whether the timestamp is newer than the last, so that a recorded frame cannot be replayed."""
@@ -95,7 +98,11 @@ def _ticks(unix_us: int) -> int:
 
 
 def open_signing(links: Sequence[LinkSpec], now_us: int) -> Signing:
-    """The signing that a vehicle's links ask for. Raises SetupError for a malformed key, or for different keys."""
+    """The signing that a vehicle's links ask for.
+
+    Raises SetupError for a malformed key, or for different keys.
+    """
+
     keys = {link.signing_key for link in links if link.signing_key}
     if not keys:
         return Signing(b"", False, now_us)

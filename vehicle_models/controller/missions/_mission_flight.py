@@ -108,7 +108,10 @@ class MissionFlight:
         return {"MISSION_SET_CURRENT": self._set_current}
 
     def commands(self) -> Mapping[int, CommandHandler]:
-        commands: dict[int, CommandHandler] = {MAV_CMD.MISSION_START: self._start, MAV_CMD.DO_LAND_START: self._start_landing}
+        commands: dict[int, CommandHandler] = {
+            MAV_CMD.MISSION_START: self._start,
+            MAV_CMD.DO_LAND_START: self._start_landing,
+        }
         if self._policy.set_current_command:
             commands[MAV_CMD.DO_SET_MISSION_CURRENT] = self._set_current_command
         return commands
@@ -164,7 +167,11 @@ class MissionFlight:
     # The plan.
 
     def _changed(self) -> None:
-        marked = [number for number, item in enumerate(self._plan.items) if item.current and not self._policy.home_first]
+        marked = [
+            number
+            for number, item in enumerate(self._plan.items)
+            if item.current and not self._policy.home_first
+        ]
         self._judge()
         if self._far and self._policy.far_event:
             self._context.texts.notify(*self._policy.far_event)
@@ -180,7 +187,11 @@ class MissionFlight:
             place = None if item.nowhere else self._place(item)
             if item.nowhere or (place and math.hypot(*place) > _MAX_DISTANCE_M):
                 ready, self._far = False, True
-            elif place and self._policy.outside_fence_text and not self._fence.allows(*place, self._down_m(item)):
+            elif (
+                place
+                and self._policy.outside_fence_text
+                and not self._fence.allows(*place, self._down_m(item))
+            ):
                 severity, text = self._policy.outside_fence_text
                 self._context.texts.send(severity, text.format(number + 1))
                 ready = False
@@ -220,7 +231,17 @@ class MissionFlight:
     def _enter(self, flight: FlightState) -> None:
         """Begin or resume the mission: the mode was entered, or a client chose another item."""
         if not flight.mission_ready:
-            self._fly(GotoLeg(flight, (flight.north_m, flight.east_m), flight.down_m, self._heading_towards, 1.0, 1.0, math.inf))
+            self._fly(
+                GotoLeg(
+                    flight,
+                    (flight.north_m, flight.east_m),
+                    flight.down_m,
+                    self._heading_towards,
+                    1.0,
+                    1.0,
+                    math.inf,
+                )
+            )
             return
         if self._complete:
             self._reset(self._first)
@@ -237,11 +258,16 @@ class MissionFlight:
             self._fly(DescendLeg(self._landing(flight, self._plan.items[self._index])))
             return
         self._arrived(self._index)
-        self._from = self._place(self._plan.items[self._index]) if self._index < len(self._plan.items) else None
+        self._from = (
+            self._place(self._plan.items[self._index]) if self._index < len(self._plan.items) else None
+        )
         self._begin(self._index + 1)
 
     def _begin(self, index: int) -> None:
-        """Fly the next item from `index` on that can be flown; the actions on the way are carried out meanwhile."""
+        """Fly the next item from `index` on that can be flown; the actions on the way are carried out
+        meanwhile.
+        """
+
         self._actions.clear()
         self._wait_ns, self._yaw_rad, jumps = 0, None, 0
         items = self._plan.items
@@ -285,7 +311,10 @@ class MissionFlight:
     def _here(self, flight: FlightState) -> NorthEast:
         """Where the vehicle was last sent to, which is where it stays."""
         target = flight.target.north_east_m
-        if target and math.hypot(target[0] - flight.north_m, target[1] - flight.east_m) < _MAX_RESUMED_DISTANCE_M:
+        if (
+            target
+            and math.hypot(target[0] - flight.north_m, target[1] - flight.east_m) < _MAX_RESUMED_DISTANCE_M
+        ):
             return target
         return flight.north_m, flight.east_m
 
@@ -302,7 +331,17 @@ class MissionFlight:
             self._context.texts.send(text[0], text[1].format(self._index))
         waiting = policy.waits_for_start and not flight.flying and not self._may_lift_off
         if waiting:
-            self._fly(GotoLeg(flight, (flight.north_m, flight.east_m), flight.down_m, self._heading_towards, 1.0, 1.0, math.inf))
+            self._fly(
+                GotoLeg(
+                    flight,
+                    (flight.north_m, flight.east_m),
+                    flight.down_m,
+                    self._heading_towards,
+                    1.0,
+                    1.0,
+                    math.inf,
+                )
+            )
             return
         self._started = True
         if item.command == MAV_CMD.NAV_RETURN_TO_LAUNCH and policy.return_changes_mode:
@@ -344,18 +383,30 @@ class MissionFlight:
                 return self._return(flight)
             case MAV_CMD.NAV_LAND | MAV_CMD.NAV_VTOL_LAND:
                 distance_m = math.hypot(place[0] - flight.north_m, place[1] - flight.east_m)
-                if self._place(item) and distance_m > 1.0 and not self._guidance.manoeuvres.approaches_landing:
+                if (
+                    self._place(item)
+                    and distance_m > 1.0
+                    and not self._guidance.manoeuvres.approaches_landing
+                ):
                     self._lands_next = True
                     return self._goto(flight, item, place, flight.down_m, 0.0, radius_m=1.0)
                 return DescendLeg(self._landing(flight, item))
             case MAV_CMD.NAV_DELAY:
-                return self._goto(flight, item, self._here(flight), flight.down_m, max(first, 0.0), radius_m=math.inf)
+                return self._goto(
+                    flight, item, self._here(flight), flight.down_m, max(first, 0.0), radius_m=math.inf
+                )
             case MAV_CMD.NAV_LOITER_UNLIM:
                 return self._goto(flight, item, place, down, math.inf)
             case MAV_CMD.NAV_LOITER_TURNS:
                 radius = self._guidance.manoeuvres.turning_radius_m(third, self._guidance.limits)
                 return TurnsLeg(
-                    flight, place, down, radius, min(max(first, 0.0), 255.0), self._heading_towards, self._guidance.speed_mps
+                    flight,
+                    place,
+                    down,
+                    radius,
+                    min(max(first, 0.0), 255.0),
+                    self._heading_towards,
+                    self._guidance.speed_mps,
                 )
             case _:
                 stay_s = max(first, 0.0) if item.command != MAV_CMD.NAV_LOITER_TO_ALT else 0.0
@@ -378,14 +429,32 @@ class MissionFlight:
             self._yaw_rad = math.radians(math.remainder(degrees, 360.0))
         height = math.inf if radius == math.inf else self._policy.acceptance_height_m
         manoeuvres = self._guidance.manoeuvres
-        radius, height = max(radius, manoeuvres.min_acceptance_radius_m), max(height, manoeuvres.min_acceptance_height_m)
+        radius, height = (
+            max(radius, manoeuvres.min_acceptance_radius_m),
+            max(height, manoeuvres.min_acceptance_height_m),
+        )
         return GotoLeg(
-            flight, place, down, self._heading_towards, radius, height, stay_s, aim, self._guidance.speed_mps, self._from
+            flight,
+            place,
+            down,
+            self._heading_towards,
+            radius,
+            height,
+            stay_s,
+            aim,
+            self._guidance.speed_mps,
+            self._from,
         )
 
     def _beyond(self, flight: FlightState, place: NorthEast) -> NorthEast | None:
-        """A point behind a waypoint that is only passed, farther ahead the less the course bends: so the vehicle does not brake."""
-        goal = next((item for item in self._plan.items[self._index + 1 : self._index + 9] if item.command in _FLOWN), None)
+        """A point behind a waypoint that is only passed, farther ahead the less the course bends: so the
+        vehicle does not brake.
+        """
+
+        goal = next(
+            (item for item in self._plan.items[self._index + 1 : self._index + 9] if item.command in _FLOWN),
+            None,
+        )
         next_place = self._place(goal) if goal and goal.command in _WITH_COURSE else None
         if next_place is None:
             return None
@@ -492,7 +561,9 @@ class MissionFlight:
     # Requests of clients.
 
     def _choose(self, number: int) -> bool:
-        if not self._first <= number < len(self._plan.items) and not (self._policy.home_first and number == 0):
+        if not self._first <= number < len(self._plan.items) and not (
+            self._policy.home_first and number == 0
+        ):
             return False
         started = self._started
         self._reset(max(number, self._first))
@@ -501,7 +572,15 @@ class MissionFlight:
 
     def _set_current(self, m: Any, sender: MessageSender) -> None:
         if m.seq < len(self._plan.items) and self._choose(m.seq):
-            names = ("seq", "total", "mission_state", "mission_mode", "mission_id", "fence_id", "rally_points_id")
+            names = (
+                "seq",
+                "total",
+                "mission_state",
+                "mission_mode",
+                "mission_id",
+                "fence_id",
+                "rally_points_id",
+            )
             sender.channel.send_message("MISSION_CURRENT", **dict(zip(names, self._current(), strict=True)))
         else:
             self._send(self._policy.no_such_item_text)
@@ -535,7 +614,9 @@ class MissionFlight:
         return CommandResult.ACCEPTED
 
     def _start_landing(self, command: Command) -> CommandResult | None:
-        starts = [number for number, item in enumerate(self._plan.items) if item.command == MAV_CMD.DO_LAND_START]
+        starts = [
+            number for number, item in enumerate(self._plan.items) if item.command == MAV_CMD.DO_LAND_START
+        ]
         if not starts or not self._context.flight.mission_ready:
             for text in self._policy.no_landing_texts:
                 self._context.texts.send(*text)

@@ -37,7 +37,10 @@ class _Transfer:
 
 
 class MissionProtocol:
-    """MISSION_COUNT, _ITEM, _ITEM_INT, _REQUEST*, _WRITE_PARTIAL_LIST, _CLEAR_ALL, _ACK. One upload at a time."""
+    """MISSION_COUNT, _ITEM, _ITEM_INT, _REQUEST*, _WRITE_PARTIAL_LIST, _CLEAR_ALL, _ACK.
+
+    One upload at a time.
+    """
 
     def __init__(self, context: ServiceContext, policy: MissionPolicy, plans: StoredPlans) -> None:
         self._context = context
@@ -90,7 +93,12 @@ class MissionProtocol:
                 self._acknowledge(sender, m.mission_type, MissionResult.ERROR)
         elif m.count > policy.max_items[m.mission_type]:
             if policy.too_many_text:
-                self._send((policy.too_many_text[0], policy.too_many_text[1].format(policy.max_items[m.mission_type])))
+                self._send(
+                    (
+                        policy.too_many_text[0],
+                        policy.too_many_text[1].format(policy.max_items[m.mission_type]),
+                    )
+                )
             self._acknowledge(sender, m.mission_type, MissionResult.NO_SPACE)
         else:
             # ArduPilot loses the old plan though the upload may fail.
@@ -148,7 +156,9 @@ class MissionProtocol:
         if as_float and policy.item_float_text and upload.index == 0:
             self._send(policy.item_float_text)
         item = _item_of(m, as_float)
-        fault = policy.refuse_item(upload.kind, item, as_float) if not (self._home_first and m.seq == 0) else None
+        fault = (
+            policy.refuse_item(upload.kind, item, as_float) if not (self._home_first and m.seq == 0) else None
+        )
         if fault is not None:
             if policy.bad_item_text and fault is not MissionResult.ERROR:
                 self._send(policy.bad_item_text)
@@ -199,7 +209,11 @@ class MissionProtocol:
             self._acknowledge(sender, m.mission_type, self._policy.bad_type)
             return
         if self._upload:
-            self._acknowledge(sender, m.mission_type, MissionResult.ERROR if self._policy.one_at_a_time else MissionResult.DENIED)
+            self._acknowledge(
+                sender,
+                m.mission_type,
+                MissionResult.ERROR if self._policy.one_at_a_time else MissionResult.DENIED,
+            )
             return
         plan = self._plans.by_type[m.mission_type]
         ids = {"opaque_id": plan.identity} if self._policy.one_at_a_time else {}
@@ -233,7 +247,12 @@ class MissionProtocol:
         home = self._context.flight.home
         if m.seq == 0 and m.mission_type == MISSION and self._home_first and home:
             return MissionItem(
-                MAV_CMD.NAV_WAYPOINT, MAV_FRAME.GLOBAL, (0.0, 0.0, 0.0, 0.0), home.latitude_e7, home.longitude_e7, home.altitude_m
+                MAV_CMD.NAV_WAYPOINT,
+                MAV_FRAME.GLOBAL,
+                (0.0, 0.0, 0.0, 0.0),
+                home.latitude_e7,
+                home.longitude_e7,
+                home.altitude_m,
             )
         return item
 
@@ -279,7 +298,12 @@ class MissionProtocol:
     def _take_acknowledgement(self, m: Any, sender: MessageSender) -> None:
         if self._download and self._download.is_with(sender):
             self._download = None
-        if self._upload and self._policy.client_cancels and self._upload.is_with(sender) and m.type != MissionResult.ACCEPTED:
+        if (
+            self._upload
+            and self._policy.client_cancels
+            and self._upload.is_with(sender)
+            and m.type != MissionResult.ACCEPTED
+        ):
             self._upload, self._received = None, []
 
     def _acknowledge(self, sender: MessageSender, kind: int, verdict: int, identity: int = 0) -> None:
@@ -298,7 +322,10 @@ class MissionProtocol:
 
 
 def _item_of(m: Any, as_float: bool) -> MissionItem:
-    """An item of a message; degrees become 1e-7 degrees, and a number too large for an integer a place that is not on Earth."""
+    """An item of a message; degrees become 1e-7 degrees, and a number too large for an integer a place that
+    is not on Earth.
+    """
+
     params = (m.param1, m.param2, m.param3, m.param4)
     item = MissionItem(m.command, m.frame, params, 0, 0, m.z, m.autocontinue, m.current)
     if not as_float:

@@ -21,7 +21,10 @@ _ITEM = struct.Struct("<HBBfffffii")
 
 @dataclass(frozen=True, slots=True)
 class MissionItem:
-    """One item of a plan. `x` and `y` are 1e-7 degree of latitude and longitude in global frames; `z` metres in the frame's sense."""
+    """One item of a plan.
+
+    `x` and `y` are 1e-7 degree of latitude and longitude in global frames; `z` metres in the frame's sense.
+    """
 
     command: int
     frame: int
@@ -72,5 +75,7 @@ def identity_of(items: tuple[MissionItem, ...]) -> int:
     """CRC-32 over the items in order."""
     crc = 0
     for item in items:
-        crc = zlib.crc32(_ITEM.pack(item.command, item.frame, item.autocontinue, *item.params, item.z, item.x, item.y), crc)
+        crc = zlib.crc32(
+            _ITEM.pack(item.command, item.frame, item.autocontinue, *item.params, item.z, item.x, item.y), crc
+        )
     return crc

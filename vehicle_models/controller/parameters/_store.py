@@ -18,8 +18,10 @@ _RANGE = {INT8: (-128, 127), INT16: (-32768, 32767), INT32: (-(2**31), 2**31 - 1
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter with its default; `kind` is a MAV_PARAM_TYPE. The other fields explain it: a value outside
-    `low` and `high` is stored all the same, as on both autopilots. A volatile parameter changes by itself."""
+    """One parameter with its default; `kind` is a MAV_PARAM_TYPE. The other fields explain it: a value
+    outside `low` and `high` is stored all the same, as on both autopilots. A volatile parameter changes by
+    itself.
+    """
 
     name: str
     default: float
@@ -46,7 +48,11 @@ class ParameterStore:
         self._saved: dict[str, float] = {}  # where it differs from the present value
         self._listeners: list[Callable[[], None]] = []
         faults = [
-            Fault(f"vehicle.parameters.{name}", "this autopilot has no such parameter here", self._similar_names(name))
+            Fault(
+                f"vehicle.parameters.{name}",
+                "this autopilot has no such parameter here",
+                self._similar_names(name),
+            )
             for name in initial
             if name not in self.kinds
         ]
@@ -59,9 +65,12 @@ class ParameterStore:
         return self._values[name]
 
     def put(self, name: str, value: float, *, saves: bool = True) -> bool:
-        """Store a value; True when that changed it. Raises KeyError for an unknown name; a value that is not finite is refused.
+        """Store a value; True when that changed it. Raises KeyError for an unknown name; a value that is not
+        finite is refused.
 
-        A value that is not saved holds until the next start, which has the previous value again."""
+        A value that is not saved holds until the next start, which has the previous value again.
+        """
+
         old = self._values[name]
         if not math.isfinite(value):
             return False
@@ -87,7 +96,10 @@ class ParameterStore:
         self._listeners.append(listener)
 
     def digest(self) -> int:
-        """The CRC-32 over names and values that PX4 and ground stations compute: not inverted, without volatile parameters."""
+        """The CRC-32 over names and values that PX4 and ground stations compute: not inverted, without
+        volatile parameters.
+        """
+
         crc = 0
         for name, definition in self.definitions.items():
             if not definition.volatile:
@@ -114,5 +126,8 @@ class ParameterStore:
 
 
 def crc32_plain(data: bytes, crc: int = 0) -> int:
-    """CRC-32 that begins at 0 and is not inverted, as MAVLink's file transfer and PX4's parameter hash use it."""
+    """CRC-32 that begins at 0 and is not inverted, as MAVLink's file transfer and PX4's parameter hash use
+    it.
+    """
+
     return zlib.crc32(data, crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF

@@ -1,4 +1,6 @@
-"""Tables of parameters: a CSV file for each autopilot, with a row for one parameter or for several equal ones."""
+"""Tables of parameters: a CSV file for each autopilot, with a row for one parameter or for several equal
+ones.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +16,20 @@ KINDS_BY_NAME = {"float": REAL32, "int8": INT8, "int16": INT16, "int32": INT32}
 _SPAN = re.compile(r"\{([^{}]*)\}")
 
 
-def read_parameters(table: Path, extra: Iterable[Parameter] = (), by_name: bool = False) -> tuple[Parameter, ...]:
+def read_parameters(
+    table: Path, extra: Iterable[Parameter] = (), by_name: bool = False
+) -> tuple[Parameter, ...]:
     """The parameters of a table, in its order or by name, and those of `more` that it lacks.
 
-    `{0-3}` in a name stands for each number, `{a|b}` for each text; `{}` in the default for the same one. The columns
-    are name, type (float, int8, int16, int32), default, min, max, unit, group, flags (reboot, volatile), description.
+    `{0-3}` in a name stands for each number, `{a|b}` for each text; `{}` in the default for the same one. The
+    columns are name, type (float, int8, int16, int32), default, min, max, unit, group, flags (reboot,
+    volatile), description.
     """
+
     with table.open(newline="", encoding="ascii") as file:
-        parameters_by_name = {parameter.name: parameter for row in csv.DictReader(file) for parameter in _of_row(row)}
+        parameters_by_name = {
+            parameter.name: parameter for row in csv.DictReader(file) for parameter in _of_row(row)
+        }
     for parameter in extra:
         parameters_by_name.setdefault(parameter.name, parameter)
     parameters = parameters_by_name.values()
@@ -31,7 +39,9 @@ def read_parameters(table: Path, extra: Iterable[Parameter] = (), by_name: bool 
 def _of_row(row: dict[str, str]) -> Iterator[Parameter]:
     pieces = _SPAN.split(row["name"])
     for chosen in itertools.product(*(_choices(span) for span in pieces[1::2])):
-        name = "".join(itertools.chain.from_iterable(itertools.zip_longest(pieces[0::2], chosen, fillvalue="")))
+        name = "".join(
+            itertools.chain.from_iterable(itertools.zip_longest(pieces[0::2], chosen, fillvalue=""))
+        )
         yield Parameter(
             name,
             float(row["default"].replace("{}", chosen[0] if chosen else "")),

@@ -1,7 +1,7 @@
 """A camera on the vehicle's links, a component of its own: its properties, and pictures on command.
 
-A picture is the next frame that the scene exposes; CAMERA_IMAGE_CAPTURED names it in its `file_url`. There are no
-pixels, so there is no storage and no video, as the camera reports.
+A picture is the next frame that the scene exposes; CAMERA_IMAGE_CAPTURED names it in its `file_url`. There
+are no pixels, so there is no storage and no video, as the camera reports.
 """
 
 from __future__ import annotations
@@ -97,7 +97,13 @@ class CameraComponent:
             return
         result = self._run(message, sender)
         fields = {"command": message.command, "result": result}
-        self._send(sender.channel, "COMMAND_ACK", **fields, target_system=sender.system, target_component=sender.component)
+        self._send(
+            sender.channel,
+            "COMMAND_ACK",
+            **fields,
+            target_system=sender.system,
+            target_component=sender.component,
+        )
 
     def tick(self) -> None:
         flight = self._context.flight
@@ -181,10 +187,14 @@ class CameraComponent:
         return self._context.flight.north_m, self._context.flight.east_m
 
     def start(self, interval_s: float, count: float, sequence: float) -> CommandResult:
-        """Take `count` pictures (0: until stopped) at an interval; a single picture once for each `sequence` above 0."""
+        """Take `count` pictures (0: until stopped) at an interval; a single picture once for each `sequence`
+        above 0.
+        """
+
         if not (0.0 <= interval_s <= _MAX_INTERVAL_S and 0 <= count < 2**24):
             return CommandResult.DENIED
-        # A client repeats a command whose acknowledgement was lost; the sequence number keeps that from taking two pictures.
+        # A client repeats a command whose acknowledgement was lost; the sequence number keeps that from
+        # taking two pictures.
         if count == 1 and sequence > 0 and sequence == self._last_sequence:
             return CommandResult.ACCEPTED
         if self._series is not None:
@@ -199,7 +209,9 @@ class CameraComponent:
         """CAMERA_IMAGE_CAPTURED: the estimated position, and the direction of the camera."""
         flight, spec = self._context.flight, self._spec
         if flight.camera_tilt_rad is not None:
-            attitude = level_quaternion(-flight.camera_tilt_rad, flight.yaw_rad + (flight.camera_pan_rad or 0.0))
+            attitude = level_quaternion(
+                -flight.camera_tilt_rad, flight.yaw_rad + (flight.camera_pan_rad or 0.0)
+            )
         elif spec.stabilized:
             attitude = level_quaternion(-math.radians(spec.tilt_deg), flight.yaw_rad)
         else:
@@ -236,10 +248,20 @@ class CameraComponent:
         }
 
     def _settings(self) -> Fields:
-        return {"time_boot_ms": self._context.flight.time_ms, "mode_id": 0, "zoomLevel": math.nan, "focusLevel": math.nan}
+        return {
+            "time_boot_ms": self._context.flight.time_ms,
+            "mode_id": 0,
+            "zoomLevel": math.nan,
+            "focusLevel": math.nan,
+        }
 
     def _storage(self) -> Fields:
-        return {"time_boot_ms": self._context.flight.time_ms, "storage_id": 0, "storage_count": 0, "status": _NO_STORAGE}
+        return {
+            "time_boot_ms": self._context.flight.time_ms,
+            "storage_id": 0,
+            "storage_count": 0,
+            "status": _NO_STORAGE,
+        }
 
     def _capture_status(self) -> Fields:
         series = self._series

@@ -9,16 +9,17 @@ from typing import Any
 from bench.simspec import Camera
 
 BreakPart = Callable[[str, int, bool], bool]
-"""Breaks (True) or repairs (False) a part: the kind of a SimSpec's failure, and its instance, 0 for all. Returns False where there
-is no such part."""
+"""Breaks (True) or repairs (False) a part: the kind of a SimSpec's failure, and its instance, 0 for all.
+Returns False where there is no such part.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Equipment:
     """The camera, whose `gimbal` and `mavlink` define what of it is on the links, and what the bench offers.
 
-    `truth` gives HIL_STATE_QUATERNION in wire order; None keeps the true motion from the links. `break_part` serves
-    INJECT_FAILURE.
+    `truth` gives HIL_STATE_QUATERNION in wire order; None keeps the true motion from the links. `break_part`
+    serves INJECT_FAILURE.
     """
 
     camera: Camera | None = None

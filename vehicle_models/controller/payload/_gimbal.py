@@ -1,7 +1,7 @@
 """A gimbal by the gimbal protocol v2: the manager and, built into the autopilot, the device that it manages.
 
-The device keeps itself level and turns in pan and tilt at up to 90 degrees a second, from 90 degrees below to 30 above
-the horizon, and all the way around. Angles are the protocol's: pitch up, yaw clockwise.
+The device keeps itself level and turns in pan and tilt at up to 90 degrees a second, from 90 degrees below to
+30 above the horizon, and all the way around. Angles are the protocol's: pitch up, yaw clockwise.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ MIN_PITCH_RAD, MAX_PITCH_RAD = math.radians(-90.0), math.radians(30.0)
 # GIMBAL_DEVICE_FLAGS
 _RETRACT, NEUTRAL, _ROLL_LOCK, _PITCH_LOCK, _YAW_LOCK, _VEHICLE_FRAME, _EARTH_FRAME = 1, 2, 4, 8, 16, 32, 64
 KNOWN_FLAGS = 127
-# GIMBAL_MANAGER_CAP_FLAGS: neutral; pitch axis, locked; yaw axis, following or locked, without end; points at places.
+# GIMBAL_MANAGER_CAP_FLAGS: neutral; pitch axis, locked; yaw axis, following or locked, without end; points at
+# places.
 _CAPABILITIES = 2 | 32 | 128 | 256 | 512 | 1024 | 2048 | 4096 | 131072
 _DEVICE_CAPABILITIES = 2 | 32 | 128 | 256 | 512 | 1024 | 2048 | 4096
 _NO_CONTROLLER = (0, 0)
@@ -42,7 +43,9 @@ _NO_CONTROLLER = (0, 0)
 
 @dataclass(frozen=True, slots=True)
 class _GimbalTarget:
-    """Pitch against the horizon; yaw against north when `locked`, else against the nose; and the rates of both."""
+    """Pitch against the horizon; yaw against north when `locked`, else against the nose; and the rates of
+    both.
+    """
 
     pitch_rad: float
     yaw_rad: float
@@ -52,7 +55,10 @@ class _GimbalTarget:
 
 
 class Gimbal:
-    """Turns and keeps the direction of the camera in the flight state. The policy defines who may control it."""
+    """Turns and keeps the direction of the camera in the flight state.
+
+    The policy defines who may control it.
+    """
 
     def __init__(self, context: ServiceContext, policy: CommandPolicy, tilt_rad: float) -> None:
         self._context = context
@@ -87,7 +93,9 @@ class Gimbal:
             MAV_CMD.DO_SET_ROI_LOCATION: self._look_at_roi,
             MAV_CMD.DO_SET_ROI_NONE: self._release,
             MAV_CMD.DO_SET_ROI: lambda command: (
-                self._look_at_roi(command) if self._policy.roi_names_place(command) else self._release(command)
+                self._look_at_roi(command)
+                if self._policy.roi_names_place(command)
+                else self._release(command)
             ),
         }
 
@@ -137,8 +145,13 @@ class Gimbal:
         yaw_rad = math.remainder(aim.yaw_rad + aim.yaw_radps * span_s, 2.0 * math.pi)
         return _GimbalTarget(pitch_rad, yaw_rad, aim.locked, aim.pitch_radps, aim.yaw_radps)
 
-    def turn(self, flags: int, pitch_rad: float, yaw_rad: float, pitch_radps: float, yaw_radps: float) -> None:
-        """Angles and rates as the protocol gives them: NaN leaves an angle where it is, and a rate at zero."""
+    def turn(
+        self, flags: int, pitch_rad: float, yaw_rad: float, pitch_radps: float, yaw_radps: float
+    ) -> None:
+        """Angles and rates as the protocol gives them: NaN leaves an angle where it is, and a rate at
+        zero.
+        """
+
         flight = self._context.flight
         self._place = None
         if flags & NEUTRAL:
@@ -233,7 +246,11 @@ class Gimbal:
         self.turn(m.flags, pitch, yaw, m.angular_velocity_y, m.angular_velocity_z)
 
     def _set_manual(self, m: Any, sender: MessageSender) -> None:
-        """Turn by sticks, which are shares of the highest rate. Angles by stick are not offered, and a NaN is no rate."""
+        """Turn by sticks, which are shares of the highest rate.
+
+        Angles by stick are not offered, and a NaN is no rate.
+        """
+
         if self._accepts(m, sender):
             self.turn(m.flags, math.nan, math.nan, m.pitch_rate * MAX_RATE_RADPS, m.yaw_rate * MAX_RATE_RADPS)
 
@@ -258,8 +275,18 @@ class Gimbal:
         return (self._context.flight.time_ms, self._flags(), DEVICE, *self._primary, *self._secondary)
 
     def _information(self) -> Fields:
-        limits = {"pitch_min": MIN_PITCH_RAD, "pitch_max": MAX_PITCH_RAD, "yaw_min": -math.pi, "yaw_max": math.pi}
-        return {"time_boot_ms": self._context.flight.time_ms, "cap_flags": _CAPABILITIES, "gimbal_device_id": DEVICE, **limits}
+        limits = {
+            "pitch_min": MIN_PITCH_RAD,
+            "pitch_max": MAX_PITCH_RAD,
+            "yaw_min": -math.pi,
+            "yaw_max": math.pi,
+        }
+        return {
+            "time_boot_ms": self._context.flight.time_ms,
+            "cap_flags": _CAPABILITIES,
+            "gimbal_device_id": DEVICE,
+            **limits,
+        }
 
     def _device_information(self) -> Fields:
         names = {"vendor_name": b"REBAR", "model_name": b"level gimbal"}
@@ -273,8 +300,13 @@ def level_quaternion(pitch_rad: float, yaw_rad: float) -> tuple[float, float, fl
     return (cp * cy, -sp * sy, sp * cy, cp * sy)
 
 
-def _controller(system: float, component: float, current: tuple[int, int], requester: tuple[int, int]) -> tuple[int, int]:
-    """The controller after DO_GIMBAL_MANAGER_CONFIGURE: -1 leaves it, -2 takes control, -3 gives it back, 0 is no controller."""
+def _controller(
+    system: float, component: float, current: tuple[int, int], requester: tuple[int, int]
+) -> tuple[int, int]:
+    """The controller after DO_GIMBAL_MANAGER_CONFIGURE: -1 leaves it, -2 takes control, -3 gives it back, 0
+    is no controller.
+    """
+
     if system == -2 or component == -2:
         return requester
     if system == -3 or component == -3:

@@ -37,8 +37,8 @@ def no_files(parameters: ParameterStore) -> Mapping[str, FileContent]:
 class IdentityPolicy:
     """Version, texts, events and files of an autopilot.
 
-    `texts` gives the text of an event; an event that is missing there has none. `event_names` are PX4's machine-readable
-    events; an autopilot without them leaves it empty.
+    `texts` gives the text of an event; an event that is missing there has none. `event_names` are PX4's
+    machine-readable events; an autopilot without them leaves it empty.
     """
 
     name: str

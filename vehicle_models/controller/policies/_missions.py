@@ -29,7 +29,9 @@ class MissionResult(IntEnum):
     OPERATION_CANCELLED = 15
 
 
-def accept_plan(kind: int, items: tuple[MissionItem, ...]) -> tuple[MissionResult, tuple[StatusText, ...]] | None:
+def accept_plan(
+    kind: int, items: tuple[MissionItem, ...]
+) -> tuple[MissionResult, tuple[StatusText, ...]] | None:
     return None
 
 
@@ -63,7 +65,11 @@ class TransferPolicy:
     clears_all_types: bool
     """Whether MAV_MISSION_TYPE_ALL is known."""
     one_at_a_time: bool
-    """Whether a request is refused while another transfer runs; else it takes the place of that one. Plans have ids then."""
+    """Whether a request is refused while another transfer runs; else it takes the place of that one.
+
+    Plans have ids then.
+    """
+
     client_cancels: bool
     """Whether a MISSION_ACK of the client ends its upload."""
     partial_lists: bool
@@ -74,7 +80,9 @@ class TransferPolicy:
     request_float_text: StatusText | None
     refuse_item: Callable[[int, MissionItem, bool], MissionResult | None]
     """Why an item is not taken: MAV_MISSION_TYPE, item, whether it came as MISSION_ITEM with floats."""
-    refuse_plan: Callable[[int, tuple[MissionItem, ...]], tuple[MissionResult, tuple[StatusText, ...]] | None] = accept_plan
+    refuse_plan: Callable[
+        [int, tuple[MissionItem, ...]], tuple[MissionResult, tuple[StatusText, ...]] | None
+    ] = accept_plan
     """Why a whole plan is not taken."""
     shown_frame: Callable[[MissionItem, bool], int]
     """The frame of an item in a download, and in one with floats."""
@@ -88,7 +96,10 @@ class MissionPolicy:
     home_first: bool
     """Whether item 0 is home, whatever was uploaded."""
     guided_items: bool = False
-    """Whether a MISSION_ITEM whose `current` is 2 is an order to go there in the offboard mode, and no item."""
+    """Whether a MISSION_ITEM whose `current` is 2 is an order to go there in the offboard mode, and no
+    item.
+    """
+
     total_without_mission: int
     """MISSION_CURRENT.total without a mission."""
     waits_for_start: bool

@@ -16,7 +16,10 @@ def no_prearm_failures(flight: FlightState, parameters: ParameterStore) -> tuple
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModePolicy:
-    """Modes and arming. The functions change nothing; `has_setpoints` says whether setpoints arrive in time."""
+    """Modes and arming.
+
+    The functions change nothing; `has_setpoints` says whether setpoints arrive in time.
+    """
 
     modes: tuple[FlightMode, ...]
     initial: FlightMode
@@ -46,7 +49,10 @@ class ModePolicy:
     heartbeat: Callable[[FlightState, bool], tuple[int, int]]
     """base_mode and system_status, given the flight and `has_setpoints`."""
     refuse_mode: Callable[[FlightState, FlightMode | None, int, bool], Refusal | None]
-    """Why a mode may not be entered: flight, mode (None for a number that is no mode), its number, `has_setpoints`."""
+    """Why a mode may not be entered: flight, mode (None for a number that is no mode), its number,
+    `has_setpoints`.
+    """
+
     number_of_command: Callable[[tuple[float, ...]], int | None]
     """The custom mode that the parameters of DO_SET_MODE ask for; None where they ask for none."""
     knows_position: Callable[[FlightState], bool]

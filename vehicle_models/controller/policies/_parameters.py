@@ -1,4 +1,6 @@
-"""Which parameters an autopilot has, how its parameter protocol behaves, and the flight limits that they give."""
+"""Which parameters an autopilot has, how its parameter protocol behaves, and the flight limits that they
+give.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ from ..parameters._store import Parameter, ParameterStore
 
 @dataclass(frozen=True, slots=True)
 class ParameterPush:
-    """A parameter that is sent unasked at `first_s` and every `every_s` after that; `counts_seconds` sets it to the running time."""
+    """A parameter that is sent unasked at `first_s` and every `every_s` after that; `counts_seconds` sets it
+    to the running time.
+    """
 
     name: str
     first_s: float
@@ -30,7 +34,10 @@ class ParameterPolicy:
     limits: Callable[[ParameterStore], FlightLimits]
     """The numbers to fly by; called again whenever a parameter has changed."""
     bytewise: bool
-    """Whether PARAM_VALUE carries an integer's bits in its float field (MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE)."""
+    """Whether PARAM_VALUE carries an integer's bits in its float field
+    (MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE).
+    """
+
     hash_first: bool
     """Whether a list begins with _HASH_CHECK."""
     unknown: Literal["error", "silence"]

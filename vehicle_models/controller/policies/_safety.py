@@ -1,4 +1,6 @@
-"""What an autopilot does about failures, breaches of the fence and an empty battery, as its present parameters have it."""
+"""What an autopilot does about failures, breaches of the fence and an empty battery, as its present
+parameters have it.
+"""
 
 from __future__ import annotations
 
@@ -17,10 +19,11 @@ Seconds = float
 
 @dataclass(frozen=True, slots=True)
 class Reaction:
-    """What is done about one cause: send `texts`; then Hold for `hold_s`; then send `action_texts` and enter `action`.
+    """What is done about one cause: send `texts`; then Hold for `hold_s`; then send `action_texts` and enter
+    `action`.
 
-    An `action` of None changes no mode. `resumes` goes back to the previous mode when the cause is cleared; `shows` makes it
-    a failsafe in the heartbeat. A text may hold {volts} and {used_mah} of the battery.
+    An `action` of None changes no mode. `resumes` goes back to the previous mode when the cause is cleared;
+    `shows` makes it a failsafe in the heartbeat. A text may hold {volts} and {used_mah} of the battery.
     """
 
     action: Behaviour | None = None
@@ -33,7 +36,10 @@ class Reaction:
 
 @dataclass(frozen=True, slots=True)
 class BatteryStep:
-    """A level of the battery: charge below `fraction`, or volts below `volts` for `lasts_s`. `charge_state` is MAVLink's."""
+    """A level of the battery: charge below `fraction`, or volts below `volts` for `lasts_s`.
+
+    `charge_state` is MAVLink's.
+    """
 
     reaction: Reaction
     charge_state: int
@@ -46,8 +52,9 @@ class BatteryStep:
 class FailsafeSettings:
     """The reaction to each cause; None for no reaction.
 
-    `strongest` lets no reaction replace a stronger one that is active. `latched` keeps a failsafe that has acted until the
-    mode changes or the vehicle is disarmed, and ends it then; else it lasts as long as its cause, in whatever mode.
+    `strongest` lets no reaction replace a stronger one that is active. `latched` keeps a failsafe that has
+    acted until the mode changes or the vehicle is disarmed, and ends it then; else it lasts as long as its
+    cause, in whatever mode.
     """
 
     hold_texts: tuple[StatusText, ...]  # with the Hold before an action
@@ -87,7 +94,9 @@ class FenceLimits:
     ceiling_m: float | None
     polygons: bool
     enabled: bool  # where no parameter enables the fence by itself
-    ceiling_margin_m: float | None = None  # climbing ends this far below the ceiling; None: the fence slows nothing down
+    ceiling_margin_m: float | None = (
+        None  # climbing ends this far below the ceiling; None: the fence slows nothing down
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,7 +107,10 @@ class FencePolicy:
     reaction: Callable[[Breach, float, ParameterStore], Reaction]
     """What is done about a breach, this many metres outside."""
     recovery_text: StatusText | None = None
-    """Sent with a change of mode during a breach, which gives the operator `recovery_s`; None: it gives no time."""
+    """Sent with a change of mode during a breach, which gives the operator `recovery_s`; None: it gives no
+    time.
+    """
+
     recovery_s: float = 0.0
     cleared_text: StatusText | None = None
     repeat_distance_m: float
@@ -122,7 +134,9 @@ class FencePolicy:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedDischarge:
-    """A battery that empties by the clock: from full to empty in `empties_s` of being armed, but never below `min_fraction`."""
+    """A battery that empties by the clock: from full to empty in `empties_s` of being armed, but never below
+    `min_fraction`.
+    """
 
     empties_s: Seconds
     min_fraction: float

@@ -15,7 +15,9 @@ GlobalFrame = Literal["amsl", "home", "ground"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetpointPolicy:
-    """SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT, SET_ATTITUDE_TARGET, their echo, and sticks."""
+    """SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT, SET_ATTITUDE_TARGET, their echo, and
+    sticks.
+    """
 
     local_frames: Mapping[int, LocalFrame]
     global_frames: Mapping[int, GlobalFrame]
@@ -23,8 +25,10 @@ class SetpointPolicy:
     """Text for a MAV_FRAME that is not in `local_frames`; {} stands for the number."""
     bad_global_frame: StatusText
     complains: bool
-    """True: a bad setpoint is ignored with a text, in any mode. False: outside the offboard mode it is ignored in silence,
-    inside it the vehicle stops."""
+    """True: a bad setpoint is ignored with a text, in any mode. False: outside the offboard mode it is
+    ignored in silence, inside it the vehicle stops.
+    """
+
     axes_in_groups: bool
     """Whether one masked axis masks its whole vector; else each axis is masked by itself."""
     speed_command_binds: bool

@@ -49,7 +49,10 @@ class TelemetryPolicy:
     stream_groups: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
     """Messages by MAV_DATA_STREAM; empty: REQUEST_DATA_STREAM has no effect."""
     stream_parameters: Mapping[str, int] = field(default_factory=dict)
-    """Group by ending of the parameter that holds its rate: SR0_ and the ending for the first link, SR1_ for the second."""
+    """Group by ending of the parameter that holds its rate: SR0_ and the ending for the first link, SR1_ for
+    the second.
+    """
+
     max_rates_hz: Mapping[str, float] = field(default_factory=dict)
     """The rate that a message's stream never exceeds."""
     gimbal_rates_hz: Mapping[str, float] = field(default_factory=dict)
@@ -76,4 +79,6 @@ class TelemetryPolicy:
     estimator_flags: Callable[[FlightState], int] = no_estimator_flags
     """EKF_STATUS_REPORT.flags."""
     wind: Callable[[FlightState], tuple[float, float, float] | None] = no_wind
-    """WIND: degrees that the estimated wind comes from, its speed and its speed downwards; None without an estimate."""
+    """WIND: degrees that the estimated wind comes from, its speed and its speed downwards; None without an
+    estimate.
+    """

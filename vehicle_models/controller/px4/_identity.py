@@ -9,7 +9,8 @@ from ..telemetry._event_names import EventName
 from ..telemetry._texts import CRITICAL, INFO, FlightEvent
 from ._parameters import PARAMETERS
 
-# The beginning of a text, and the event that goes with it. The names imitate PX4's; the file that we serve as metadata
+# The beginning of a text, and the event that goes with it. The names imitate PX4's; the file that we serve as
+# metadata
 # explains exactly these.
 EVENTS = tuple(
     EventName(text, name)

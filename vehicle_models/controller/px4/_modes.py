@@ -1,4 +1,7 @@
-"""PX4's modes: custom_mode = sub << 24 | main << 16. A mode that cannot be armed shows system_status 0 on the ground."""
+"""PX4's modes: custom_mode = sub << 24 | main << 16.
+
+A mode that cannot be armed shows system_status 0 on the ground.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +56,10 @@ _MODES = (
     _mode("AUTO_LAND", 4, 6, _AUTO, Behaviour.LAND, "Land"),
     _mode("AUTO_FOLLOW", 4, 8, _OFFBOARD, Behaviour.FOLLOW_TARGET, "Follow Target"),
     _mode("AUTO_PRECLAND", 4, 9, _AUTO, Behaviour.LAND, "Precision Land"),
-    *(_mode(f"EXTERNAL{number}", 4, 10 + number, _OFFBOARD, Behaviour.HOLD, f"External {number}") for number in range(1, 9)),
+    *(
+        _mode(f"EXTERNAL{number}", 4, 10 + number, _OFFBOARD, Behaviour.HOLD, f"External {number}")
+        for number in range(1, 9)
+    ),
     _manual("ACRO", 5, 0, _ACRO, StickControl.RATES, "Acro"),
     _mode("OFFBOARD", 6, 0, _OFFBOARD, Behaviour.OFFBOARD, "Offboard", armable=True),
     _manual("STABILIZED", 7, 0, _MANUAL, StickControl.ATTITUDE, "Stabilized"),
@@ -99,7 +105,9 @@ def _refuse_arm_value(value: float) -> Refusal | None:
     return Refusal(None, ((CRITICAL, f"Unsupported ARM_DISARM param: {value:.3f}"),))
 
 
-def _refuse_arming(flight: FlightState, parameters: ParameterStore, forced: bool, has_setpoints: bool) -> Refusal | None:
+def _refuse_arming(
+    flight: FlightState, parameters: ParameterStore, forced: bool, has_setpoints: bool
+) -> Refusal | None:
     if forced and flight.time_s >= READY_S and not flight.crashed:
         return None
     lacks_setpoints = flight.mode.behaviour is Behaviour.OFFBOARD and not has_setpoints
@@ -115,12 +123,16 @@ def _refuse_disarming(flight: FlightState, forced: bool) -> Refusal | None:
     return Refusal(CommandResult.TEMPORARILY_REJECTED, ((CRITICAL, "Disarming denied: not landed"),))
 
 
-def _refuse_mode(flight: FlightState, wanted: FlightMode | None, number: int, has_setpoints: bool) -> Refusal | None:
+def _refuse_mode(
+    flight: FlightState, wanted: FlightMode | None, number: int, has_setpoints: bool
+) -> Refusal | None:
     if wanted is None or wanted.behaviour is Behaviour.TERMINATE:
         return Refusal(CommandResult.TEMPORARILY_REJECTED, ((CRITICAL, "Unsupported auto mode"),))
     if not flight.armed or (wanted.behaviour is Behaviour.MISSION and flight.mission_ready):
         return None
-    unavailable = wanted.behaviour in (Behaviour.MISSION, Behaviour.CIRCLE) or wanted.name.startswith("EXTERNAL")
+    unavailable = wanted.behaviour in (Behaviour.MISSION, Behaviour.CIRCLE) or wanted.name.startswith(
+        "EXTERNAL"
+    )
     unavailable = unavailable or (wanted.behaviour is Behaviour.PILOT and flight.sticks is None)
     if unavailable or (wanted.behaviour is Behaviour.OFFBOARD and not has_setpoints):
         text = f"Switching to {wanted.label} is currently not available"

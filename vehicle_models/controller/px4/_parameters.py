@@ -11,9 +11,12 @@ from ..parameters._store import INT32, Parameter, ParameterStore
 from ..parameters._table import read_parameters
 from ..policies._parameters import ParameterPolicy
 
-_AUTOMATIC = frozenset({Behaviour.TAKEOFF, Behaviour.HOLD, Behaviour.MISSION, Behaviour.RETURN, Behaviour.LAND})
+_AUTOMATIC = frozenset(
+    {Behaviour.TAKEOFF, Behaviour.HOLD, Behaviour.MISSION, Behaviour.RETURN, Behaviour.LAND}
+)
 
-# Parameters with an effect here and some that clients look for; where parameters.csv has a row of the same name, that one counts.
+# Parameters with an effect here and some that clients look for; where parameters.csv has a row of the same
+# name, that one counts.
 _EXTRA = (
     Parameter("BAT1_CAPACITY", -1.0),
     Parameter("BAT1_N_CELLS", 4, INT32),
@@ -115,7 +118,9 @@ def limits(p: ParameterStore) -> FlightLimits:
 
 def _overrides(bits: int) -> frozenset[Behaviour]:
     """COM_RC_OVERRIDE: bit 0 for the automatic modes, bit 1 for offboard."""
-    return (_AUTOMATIC if bits & 1 else frozenset()) | (frozenset({Behaviour.OFFBOARD}) if bits & 2 else frozenset())
+    return (_AUTOMATIC if bits & 1 else frozenset()) | (
+        frozenset({Behaviour.OFFBOARD}) if bits & 2 else frozenset()
+    )
 
 
 PARAMETERS = ParameterPolicy(

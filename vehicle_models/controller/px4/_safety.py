@@ -36,7 +36,8 @@ _FENCE_ACTIONS: dict[int, Behaviour] = {
     4: Behaviour.TERMINATE,
     5: Behaviour.LAND,
 }
-# Reactions to lost setpoints. Without sticks, position and altitude modes cannot be flown, and a return takes their place.
+# Reactions to lost setpoints. Without sticks, position and altitude modes cannot be flown, and a return takes
+# their place.
 _SETPOINT_ACTIONS: dict[int, Behaviour | None] = {
     4: Behaviour.LAND,
     5: Behaviour.HOLD,
@@ -87,7 +88,10 @@ def _reaction(action: Behaviour | None, hold_s: float) -> Reaction | None:
 
 
 def _battery(p: ParameterStore, hold_s: float) -> tuple[BatteryStep, ...]:
-    """COM_LOW_BAT_ACT: 0 warns; 2 lands at the critical level; 3 returns when critical, lands in the emergency."""
+    """COM_LOW_BAT_ACT: 0 warns; 2 lands at the critical level; 3 returns when critical, lands in the
+    emergency.
+    """
+
     action = int(p["COM_LOW_BAT_ACT"])
     critical = {2: Behaviour.LAND, 3: Behaviour.RETURN}.get(action)
     emergency = Behaviour.LAND if action in (2, 3) else None
@@ -95,8 +99,14 @@ def _battery(p: ParameterStore, hold_s: float) -> tuple[BatteryStep, ...]:
     emergency_texts = ((EMERGENCY, "Emergency battery level"),)
     return (
         BatteryStep(Reaction(texts=((WARNING, "Low battery"),), shows=False), 2, p["BAT_LOW_THR"]),
-        BatteryStep(Reaction(critical, hold_s, critical_texts, _ACTIVATED, shows=bool(critical)), 3, p["BAT_CRIT_THR"]),
-        BatteryStep(Reaction(emergency, hold_s, emergency_texts, _ACTIVATED, shows=bool(emergency)), 4, p["BAT_EMERGEN_THR"]),
+        BatteryStep(
+            Reaction(critical, hold_s, critical_texts, _ACTIVATED, shows=bool(critical)), 3, p["BAT_CRIT_THR"]
+        ),
+        BatteryStep(
+            Reaction(emergency, hold_s, emergency_texts, _ACTIVATED, shows=bool(emergency)),
+            4,
+            p["BAT_EMERGEN_THR"],
+        ),
     )
 
 
@@ -119,7 +129,10 @@ def _fence_reaction(breach: Breach, outside_m: float, p: ParameterStore) -> Reac
 
 
 def _simulated_discharge(p: ParameterStore) -> SimulatedDischarge | None:
-    """Asked for by a drain or a least charge other than the defaults, which the vehicle's own battery does not follow."""
+    """Asked for by a drain or a least charge other than the defaults, which the vehicle's own battery does
+    not follow.
+    """
+
     drain_s, min_percent = p["SIM_BAT_DRAIN"], p["SIM_BAT_MIN_PCT"]
     if (drain_s, min_percent) == _SITL_BATTERY or p["SIM_BAT_ENABLE"] != 1.0:
         return None

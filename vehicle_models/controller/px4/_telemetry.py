@@ -9,8 +9,11 @@ from ..policies._telemetry import GpsQuality, SensorBits, TelemetryPolicy
 from ._modes import knows_position, ready
 
 _PREARM = 0x10000000
-# 3D gyro, accelerometer, magnetometer, pressure, GPS, rate and attitude and yaw and z and xy control, motors, AHRS, battery.
-_SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x400 | 0x800 | 0x1000 | 0x2000 | 0x4000 | 0x8000 | 0x200000 | 0x2000000
+# 3D gyro, accelerometer, magnetometer, pressure, GPS, rate and attitude and yaw and z and xy control, motors,
+# AHRS, battery.
+_SENSORS = (
+    0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x400 | 0x800 | 0x1000 | 0x2000 | 0x4000 | 0x8000 | 0x200000 | 0x2000000
+)
 _GPS_AND_POSITION = 0x20 | 0x4000
 
 _COMMON_RATES_HZ = {

@@ -8,4 +8,6 @@ from ..links._enums import MAV_TYPE
 from ..px4 import PX4
 from ._parameters import PARAMETERS
 
-PX4_WING = replace(PX4, identity=replace(PX4.identity, vehicle_type=MAV_TYPE.FIXED_WING), parameters=PARAMETERS)
+PX4_WING = replace(
+    PX4, identity=replace(PX4.identity, vehicle_type=MAV_TYPE.FIXED_WING), parameters=PARAMETERS
+)

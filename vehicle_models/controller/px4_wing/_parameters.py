@@ -13,7 +13,12 @@ _WING_PARAMETERS = (
     Parameter("FW_AIRSPD_MAX", 20.0, unit="m/s", description="Greatest airspeed"),
     Parameter("FW_AIRSPD_MIN", 11.0, unit="m/s", description="Least airspeed"),
     Parameter("FW_AIRSPD_TRIM", 15.0, unit="m/s", description="Airspeed of automatic flight"),
-    Parameter("FW_LND_AIRSPD", -1.0, unit="m/s", description="Airspeed of an approach; not above zero is 1.1 times the least"),
+    Parameter(
+        "FW_LND_AIRSPD",
+        -1.0,
+        unit="m/s",
+        description="Airspeed of an approach; not above zero is 1.1 times the least",
+    ),
     Parameter("FW_LND_ANG", 5.0, unit="deg", description="Slope of an approach"),
     Parameter("FW_LND_FLALT", 2.5, unit="m", description="Height at which a landing flares"),
     Parameter("FW_LND_FL_SINK", 0.4, unit="m/s", description="Sink rate of the flare"),
@@ -38,7 +43,9 @@ def _definitions() -> tuple[Parameter, ...]:
     """The quadrotor's, with the defaults of a fixed wing and what only that has."""
     remaining = {parameter.name: parameter for parameter in _WING_PARAMETERS}
     common = tuple(
-        replace(parameter, default=remaining.pop(parameter.name).default) if parameter.name in remaining else parameter
+        replace(parameter, default=remaining.pop(parameter.name).default)
+        if parameter.name in remaining
+        else parameter
         for parameter in MULTICOPTER_PARAMETERS.definitions
     )
     return (*common, *remaining.values())
@@ -52,7 +59,9 @@ def limits(p: ParameterStore) -> WingLimits:
     return WingLimits(
         **{
             **shared,
-            "sticks": replace(common.sticks, overrides=frozenset()),  # PX4 lets sticks take over on multicopters alone
+            "sticks": replace(
+                common.sticks, overrides=frozenset()
+            ),  # PX4 lets sticks take over on multicopters alone
             "cruise_mps": max(p["FW_AIRSPD_TRIM"], min_airspeed),
             "speed_max_mps": max(p["FW_AIRSPD_MAX"], min_airspeed),
             "climb_mps": max(p["FW_T_CLMB_R_SP"], 0.5),

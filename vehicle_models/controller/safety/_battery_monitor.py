@@ -12,9 +12,9 @@ _NOMINAL_V = 14.8
 class BatteryMonitor:
     """Voltage and charge that failsafes and telemetry go by.
 
-    PX4's simulation can make up a battery that empties by the clock alone, whatever the rotors draw: it drains while
-    armed, never below its least charge, and is full again when disarmed. The vehicle's own battery empties behind it and
-    stops the rotors.
+    PX4's simulation can make up a battery that empties by the clock alone, whatever the rotors draw: it
+    drains while armed, never below its least charge, and is full again when disarmed. The vehicle's own
+    battery empties behind it and stops the rotors.
     """
 
     def __init__(self, context: ServiceContext, policy: SafetyPolicy) -> None:

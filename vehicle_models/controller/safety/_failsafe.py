@@ -1,7 +1,7 @@
 """Failsafes: what happens when setpoints, ground station, sticks, battery, position or radio are lost.
 
-`trigger` with a cause and its reaction is the one place where a failsafe acts; `clear` ends it when the cause is gone.
-The fence comes here as well.
+`trigger` with a cause and its reaction is the one place where a failsafe acts; `clear` ends it when the cause
+is gone. The fence comes here as well.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ _BATTERY_OK = 1
 
 
 class Failsafe:
-    """Watches links, sticks, battery and position; acts through the modes and shows the cause in `flight.failsafe`."""
+    """Watches links, sticks, battery and position; acts through the modes and shows the cause in
+    `flight.failsafe`.
+    """
 
     def __init__(
         self,
@@ -55,7 +57,9 @@ class Failsafe:
         self._settings: FailsafeSettings = policy.failsafes(context.parameters)
         self._active: dict[Cause, Reaction] = {}  # oldest first
         self._previous_mode: FlightMode | None = None  # which the first of them ended
-        self._hold: tuple[int, Cause] | None = None  # when the Hold before an action ends, and for which cause
+        self._hold: tuple[int, Cause] | None = (
+            None  # when the Hold before an action ends, and for which cause
+        )
         self._acting = False
         self._station_ns: int | None = None  # last heartbeat
         self._station_lost = False
@@ -98,7 +102,8 @@ class Failsafe:
         self._send(reaction.texts)
         active_strength = max((_strength(active) for active in self._active.values()), default=0)
         if reaction.shows:
-            # Insert it again, so that it becomes the latest cause, which the heartbeat and the recording show.
+            # Insert it again, so that it becomes the latest cause, which the heartbeat and the recording
+            # show.
             self._active.pop(cause, None)
             self._active[cause] = reaction
             flight.failsafe = cause
@@ -119,7 +124,10 @@ class Failsafe:
             self._act(reaction)
 
     def clear(self, cause: Cause) -> None:
-        """End the failsafe of a cause that is gone; back to the previous mode during the Hold, or where the reaction resumes."""
+        """End the failsafe of a cause that is gone; back to the previous mode during the Hold, or where the
+        reaction resumes.
+        """
+
         reaction = self._active.get(cause)
         if reaction is None:
             return
@@ -141,10 +149,14 @@ class Failsafe:
 
     def charge_state(self) -> int:
         """MAV_BATTERY_CHARGE_STATE."""
-        return self._settings.battery[self._battery_step - 1].charge_state if self._battery_step else _BATTERY_OK
+        return (
+            self._settings.battery[self._battery_step - 1].charge_state if self._battery_step else _BATTERY_OK
+        )
 
     def _take_heartbeat(self, m: Any, sender: MessageSender) -> None:
-        if m.type != MAV_TYPE.GCS or not self._policy.is_ground_station(sender.system, self._context.parameters):
+        if m.type != MAV_TYPE.GCS or not self._policy.is_ground_station(
+            sender.system, self._context.parameters
+        ):
             return
         self._station_ns = self._context.flight.time_ns
         if self._station_lost:
@@ -207,7 +219,12 @@ class Failsafe:
         reaction = self._settings.position
         if flight.position_ok:
             self.clear(Cause.POSITION)
-        elif reaction and Cause.POSITION not in self._active and flight.flying and flight.mode.behaviour in _NEEDS_POSITION:
+        elif (
+            reaction
+            and Cause.POSITION not in self._active
+            and flight.flying
+            and flight.mode.behaviour in _NEEDS_POSITION
+        ):
             self.trigger(Cause.POSITION, reaction)
 
     def _watch_radio(self, flight: FlightState) -> None:
@@ -235,7 +252,9 @@ class Failsafe:
         """Change the mode, marked as the failsafe's own change and not the operator's."""
         flight = self._context.flight
         # Neither a return nor a hold can be flown without a position.
-        if behaviour in (Behaviour.RETURN, Behaviour.HOLD) and (flight.home is None or not flight.position_ok):
+        if behaviour in (Behaviour.RETURN, Behaviour.HOLD) and (
+            flight.home is None or not flight.position_ok
+        ):
             behaviour = Behaviour.LAND
         self._acting = True
         if behaviour is not Behaviour.TERMINATE:

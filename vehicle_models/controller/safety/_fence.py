@@ -30,14 +30,18 @@ _DISABLE_FLOOR = 2.0
 class Fence:
     """Watches the fence while the vehicle flies. A breach has one reaction, until it is over."""
 
-    def __init__(self, context: ServiceContext, boundary: FenceBoundary, modes: Modes, failsafe: Failsafe) -> None:
+    def __init__(
+        self, context: ServiceContext, boundary: FenceBoundary, modes: Modes, failsafe: Failsafe
+    ) -> None:
         self._context = context
         self._boundary = boundary
         self._policy = boundary.policy
         self._failsafe = failsafe
         self._due_ns = 0
         self._breach, self._breached_ns, self._count = Breach.NONE, 0, 0
-        self._acted_m: float | None = None  # how far outside the vehicle was at the last reaction; None: it is inside
+        self._acted_m: float | None = (
+            None  # how far outside the vehicle was at the last reaction; None: it is inside
+        )
         self._recovery_until_ns = 0
         self._holds_back = False
         modes.on_change.append(self._mode_changed)
@@ -66,14 +70,20 @@ class Fence:
             if self._acted_m is None or (self._breach is not Breach.POLYGON and farther):
                 self._act(flight, outside_m)
         # A margin keeps noise of the position from ending and renewing the breach.
-        elif self._acted_m is not None and boundary.breach(place, flight.height_m, _CLEARED_INSIDE_M) is Breach.NONE:
+        elif (
+            self._acted_m is not None
+            and boundary.breach(place, flight.height_m, _CLEARED_INSIDE_M) is Breach.NONE
+        ):
             self._acted_m = None
             self._failsafe.clear(Cause.FENCE)
             if self._policy.cleared_text:
                 self._context.texts.send(*self._policy.cleared_text)
 
     def constrained(self, flight: FlightState, target: FlightTarget) -> FlightTarget:
-        """The target as it is flown near the fence, where the autopilot avoids it: slower, and not through the ceiling."""
+        """The target as it is flown near the fence, where the autopilot avoids it: slower, and not through
+        the ceiling.
+        """
+
         self._holds_back = False
         margin_m = self._boundary.limits.ceiling_margin_m
         if margin_m is None or not self._boundary.enabled:
@@ -130,7 +140,9 @@ class Fence:
 
     def _act(self, flight: FlightState, outside_m: float) -> None:
         self._acted_m, self._breached_ns, self._count = outside_m, flight.time_ns, min(self._count + 1, 65535)
-        self._failsafe.trigger(Cause.FENCE, self._policy.reaction(self._breach, outside_m, self._context.parameters))
+        self._failsafe.trigger(
+            Cause.FENCE, self._policy.reaction(self._breach, outside_m, self._context.parameters)
+        )
 
     def _mode_changed(self) -> None:
         """Give an operator who changes the mode during a breach time to bring the vehicle back."""

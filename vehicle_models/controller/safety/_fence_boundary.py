@@ -33,7 +33,9 @@ class FenceArea:
         previous = self.corners[-1]
         for corner in self.corners:
             if (corner[1] > east) != (previous[1] > east):
-                crossing = corner[0] + (east - corner[1]) * (previous[0] - corner[0]) / (previous[1] - corner[1])
+                crossing = corner[0] + (east - corner[1]) * (previous[0] - corner[0]) / (
+                    previous[1] - corner[1]
+                )
                 inside ^= north < crossing
             previous = corner
         return inside
@@ -43,7 +45,9 @@ class FenceArea:
         if len(self.corners) == 1:
             return _nearest_on_circle(place, self.corners[0], self.radius_m)
         edges = zip(self.corners, (*self.corners[1:], self.corners[0]), strict=True)
-        return min((_nearest_on_line(place, *edge) for edge in edges), key=lambda point: math.dist(point, place))
+        return min(
+            (_nearest_on_line(place, *edge) for edge in edges), key=lambda point: math.dist(point, place)
+        )
 
 
 def fence_areas(plan: StoredPlan, frame: LocalFrame) -> tuple[FenceArea, ...]:
@@ -75,7 +79,12 @@ class FenceBoundary:
     """The fence as plan, parameters and commands have it at present."""
 
     def __init__(
-        self, policy: FencePolicy, flight: FlightState, frame: LocalFrame, parameters: ParameterStore, plan: StoredPlan
+        self,
+        policy: FencePolicy,
+        flight: FlightState,
+        frame: LocalFrame,
+        parameters: ParameterStore,
+        plan: StoredPlan,
     ) -> None:
         self.policy = policy
         self.limits: FenceLimits = policy.limits(parameters)
@@ -163,6 +172,8 @@ def _nearest_on_circle(place: NorthEast, centre: NorthEast, radius_m: float) -> 
 def _nearest_on_line(place: NorthEast, begin: NorthEast, end: NorthEast) -> NorthEast:
     along = (end[0] - begin[0], end[1] - begin[1])
     length2 = along[0] ** 2 + along[1] ** 2
-    share = ((place[0] - begin[0]) * along[0] + (place[1] - begin[1]) * along[1]) / length2 if length2 else 0.0
+    share = (
+        ((place[0] - begin[0]) * along[0] + (place[1] - begin[1]) * along[1]) / length2 if length2 else 0.0
+    )
     share = min(max(share, 0.0), 1.0)
     return begin[0] + share * along[0], begin[1] + share * along[1]

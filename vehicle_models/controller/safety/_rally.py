@@ -16,7 +16,9 @@ from ._fence_boundary import local_place
 class Rally:
     """Home, or the nearest rally point where the autopilot counts them."""
 
-    def __init__(self, policy: FencePolicy, frame: LocalFrame, parameters: ParameterStore, plan: StoredPlan) -> None:
+    def __init__(
+        self, policy: FencePolicy, frame: LocalFrame, parameters: ParameterStore, plan: StoredPlan
+    ) -> None:
         self._policy = policy
         self._frame = frame
         self._parameters = parameters
@@ -30,7 +32,8 @@ class Rally:
         if home is None or not self._points or not self._policy.uses_rally(p):
             return home
         distances = [
-            (math.hypot(place[0] - flight.north_m, place[1] - flight.east_m), item, place) for item, place in self._points
+            (math.hypot(place[0] - flight.north_m, place[1] - flight.east_m), item, place)
+            for item, place in self._points
         ]
         distance_m, item, (north, east) = min(distances, key=lambda point: point[0])
         if distance_m > self._policy.rally_limit_m(p):

@@ -1,4 +1,6 @@
-"""COMMAND_LONG and COMMAND_INT: from the client to the service that carries the command out, and the acknowledgement back."""
+"""COMMAND_LONG and COMMAND_INT: from the client to the service that carries the command out, and the
+acknowledgement back.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,10 @@ _NO_COORDINATE = 2**31 - 1
 
 
 class Commands:
-    """Finds the service for each command. An unknown command is UNSUPPORTED; a result of None is not acknowledged."""
+    """Finds the service for each command.
+
+    An unknown command is UNSUPPORTED; a result of None is not acknowledged.
+    """
 
     def __init__(self, context: ServiceContext, policy: CommandPolicy) -> None:
         self._context = context
@@ -51,7 +56,10 @@ class Commands:
         self._run(Command(m.command, (m.param1, m.param2, m.param3, m.param4, x, y, m.z), m.frame, sender))
 
     def _cancel(self, m: Any, sender: MessageSender) -> None:
-        """End a command that is in progress, and acknowledge that to its sender; anything else is not answered."""
+        """End a command that is in progress, and acknowledge that to its sender; anything else is not
+        answered.
+        """
+
         if m.target_system == 0:
             # The specification forbids to broadcast a COMMAND_CANCEL.
             return
@@ -68,7 +76,11 @@ class Commands:
         if answer:
             self._answer(command, answer)
             return
-        result = handler(command) if handler else policy.fixed_results.get(command.number, CommandResult.UNSUPPORTED)
+        result = (
+            handler(command)
+            if handler
+            else policy.fixed_results.get(command.number, CommandResult.UNSUPPORTED)
+        )
         if result is not None:
             self._acknowledge(command, result)
 

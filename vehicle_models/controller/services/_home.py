@@ -18,7 +18,9 @@ _NO_APPROACH = (math.nan,) * 3
 class HomeKeeper:
     """Sets home when the position is first known, at every arming, and by DO_SET_HOME."""
 
-    def __init__(self, context: ServiceContext, policy: CommandPolicy, knows_position: Callable[[FlightState], bool]) -> None:
+    def __init__(
+        self, context: ServiceContext, policy: CommandPolicy, knows_position: Callable[[FlightState], bool]
+    ) -> None:
         self._context = context
         self._policy = policy
         self._knows_position = knows_position
@@ -39,9 +41,17 @@ class HomeKeeper:
         flight = self._context.flight
         # The estimated height is noisy; on the ground the ground's own height is better.
         down = flight.down_m if flight.flying else 0.0
-        self._set(flight.latitude_e7, flight.longitude_e7, flight.origin.altitude_m - down, flight.north_m, flight.east_m)
+        self._set(
+            flight.latitude_e7,
+            flight.longitude_e7,
+            flight.origin.altitude_m - down,
+            flight.north_m,
+            flight.east_m,
+        )
 
-    def _set(self, latitude_e7: int, longitude_e7: int, altitude_m: float, north_m: float, east_m: float) -> None:
+    def _set(
+        self, latitude_e7: int, longitude_e7: int, altitude_m: float, north_m: float, east_m: float
+    ) -> None:
         flight = self._context.flight
         down_m = flight.origin.altitude_m - altitude_m
         flight.home = ReferencePoint(latitude_e7, longitude_e7, altitude_m, north_m, east_m, down_m)
@@ -56,7 +66,9 @@ class HomeKeeper:
             self.set_here()
             return CommandResult.ACCEPTED
         latitude, longitude, altitude = command.params[4:7]
-        if not (abs(latitude) <= 90 and abs(longitude) <= 180 and math.isfinite(altitude) and abs(altitude) < 1e5):
+        if not (
+            abs(latitude) <= 90 and abs(longitude) <= 180 and math.isfinite(altitude) and abs(altitude) < 1e5
+        ):
             return CommandResult.DENIED
         north, east = self._context.frame.to_local_m(latitude, longitude)
         altitude = self._policy.altitude_amsl_m(flight, command.frame, altitude)
@@ -73,7 +85,14 @@ class HomeKeeper:
         home = self._context.flight.home
         if home is None:
             return None
-        place = (home.latitude_e7, home.longitude_e7, round(home.altitude_m * 1000.0), home.north_m, home.east_m, home.down_m)
+        place = (
+            home.latitude_e7,
+            home.longitude_e7,
+            round(home.altitude_m * 1000.0),
+            home.north_m,
+            home.east_m,
+            home.down_m,
+        )
         return (*place, *_NO_ATTITUDE, *_NO_APPROACH, self._context.flight.time_us)
 
     def _origin_values(self) -> Values | None:
@@ -85,7 +104,11 @@ class HomeKeeper:
 
 
 def home_fields(flight: FlightState) -> Fields:
-    """Fields of HOME_POSITION. The attitude at home and the approach to it are unknown, which is what NaN means."""
+    """Fields of HOME_POSITION.
+
+    The attitude at home and the approach to it are unknown, which is what NaN means.
+    """
+
     home = flight.home or flight.origin
     return {
         "latitude": home.latitude_e7,

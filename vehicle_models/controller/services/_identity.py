@@ -36,7 +36,9 @@ class Identity:
             answers["PROTOCOL_VERSION"] = lambda command: self._protocol()
         if policy.metadata:
             answers["COMPONENT_METADATA"] = lambda command: self._metadata("file_crc", "uri")
-            answers["COMPONENT_INFORMATION"] = lambda command: self._metadata("general_metadata_file_crc", "general_metadata_uri")
+            answers["COMPONENT_INFORMATION"] = lambda command: self._metadata(
+                "general_metadata_file_crc", "general_metadata_uri"
+            )
         if self._modes.standard_modes:
             answers["AVAILABLE_MODES"] = self._available_modes
         return answers
@@ -68,7 +70,11 @@ class Identity:
     def _metadata(self, checksum: str, uri: str) -> Fields:
         metadata = self._policy.metadata
         assert metadata
-        return {"time_boot_ms": self._flight.time_ms, checksum: metadata.checksum(), uri: metadata.uri.encode()}
+        return {
+            "time_boot_ms": self._flight.time_ms,
+            checksum: metadata.checksum(),
+            uri: metadata.uri.encode(),
+        }
 
     def _available_modes(self, command: Command) -> Fields | list[Fields] | None:
         """Index 0 asks for all modes, any other for one."""

@@ -25,7 +25,10 @@ _PWM_RANGE_US = (800, 2200)
 
 
 class StickMovement:
-    """How fast the sticks move: shares of their travel in a second, smoothed. The first position is no movement."""
+    """How fast the sticks move: shares of their travel in a second, smoothed.
+
+    The first position is no movement.
+    """
 
     def __init__(self) -> None:
         self._rates: tuple[float, ...] = (0.0,) * 4
@@ -40,7 +43,8 @@ class StickMovement:
                 share = span_s / (_SMOOTHING_S + span_s)
                 changes = zip(self._rates, positions, self._last[1], strict=True)
                 self._rates = tuple(
-                    rate + share * ((position - previous) / span_s - rate) for rate, position, previous in changes
+                    rate + share * ((position - previous) / span_s - rate)
+                    for rate, position, previous in changes
                 )
             self._last = (now_ns, positions)
         return max(abs(rate) for rate in self._rates)
@@ -111,7 +115,10 @@ class ManualControl:
             self._take_over(flight)
 
     def _may_take_over(self, flight: FlightState) -> bool:
-        """Whether the present mode gives way to sticks; a failsafe does once its Hold is over, that of the battery never."""
+        """Whether the present mode gives way to sticks; a failsafe does once its Hold is over, that of the
+        battery never.
+        """
+
         if not flight.flying or flight.mode.behaviour not in self._guidance.limits.sticks.overrides:
             return False
         holds = flight.mode.behaviour is Behaviour.HOLD
@@ -126,7 +133,12 @@ class ManualControl:
 
     def _override_by_joystick(self, right: int, forward: int, up: int, turn: int) -> None:
         lowest_us, highest_us = _PWM_RANGE_US
-        for channel, pwm_us in ((0, 1500 + right // 2), (1, 1500 - forward // 2), (2, 1000 + up), (3, 1500 + turn // 2)):
+        for channel, pwm_us in (
+            (0, 1500 + right // 2),
+            (1, 1500 - forward // 2),
+            (2, 1000 + up),
+            (3, 1500 + turn // 2),
+        ):
             # An axis of INT16_MAX means that it is not given.
             if lowest_us <= pwm_us <= highest_us:
                 self._overrides_us[channel] = pwm_us
@@ -151,6 +163,8 @@ class ManualControl:
     def _read_radio(self) -> None:
         """Set the sticks to the channels, overridden or not; a low channel 2 is nose down."""
         flight = self._context.flight
-        flight.rc_us = rc_us = tuple(self._overrides_us.get(channel, pwm_us) for channel, pwm_us in enumerate(_RADIO_US))
+        flight.rc_us = rc_us = tuple(
+            self._overrides_us.get(channel, pwm_us) for channel, pwm_us in enumerate(_RADIO_US)
+        )
         right, backward, up, turn = (min(max((pwm_us - 1500) / 500.0, -1.0), 1.0) for pwm_us in rc_us[:4])
         flight.sticks = StickPositions(right, -backward, turn, up)

@@ -25,7 +25,11 @@ class Modes:
     """DO_SET_MODE and the old SET_MODE message. Every change of mode goes through `switch`."""
 
     def __init__(
-        self, context: ServiceContext, policy: ModePolicy, guidance: Guidance, has_setpoints: Callable[[], bool]
+        self,
+        context: ServiceContext,
+        policy: ModePolicy,
+        guidance: Guidance,
+        has_setpoints: Callable[[], bool],
     ) -> None:
         self._context = context
         self._policy = policy
@@ -48,7 +52,11 @@ class Modes:
     def tick(self) -> None:
         """Hold when a takeoff has reached its height, where taking off is a mode of its own."""
         flight = self._context.flight
-        if flight.mode.behaviour is Behaviour.TAKEOFF and flight.armed and self._guidance.manoeuvre.done(flight):
+        if (
+            flight.mode.behaviour is Behaviour.TAKEOFF
+            and flight.armed
+            and self._guidance.manoeuvre.done(flight)
+        ):
             takeoff = self._guidance.manoeuvre
             self.switch(self._policy.hold)
             if isinstance(takeoff, Takeoff):
@@ -84,7 +92,8 @@ class Modes:
         policy, flight = self._policy, self._context.flight
         mode = policy.numbered(number)
         if mode and mode is policy.orbit and not flight.armed:
-            # Only DO_ORBIT gives the orbit mode its circle; before that PX4 enters the main mode without the sub mode.
+            # Only DO_ORBIT gives the orbit mode its circle; before that PX4 enters the main mode without the
+            # sub mode.
             mode = policy.numbered(number & 0xFFFFFF)
         if self.terminated:
             return Refusal(CommandResult.TEMPORARILY_REJECTED)

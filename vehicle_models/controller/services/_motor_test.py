@@ -29,7 +29,8 @@ class _MotorTestRun:
 
 
 class MotorTest:
-    """ArduCopter's test, after its source: each rotor turns for the given time, stops for half of it, then the next turns.
+    """ArduCopter's test, after its source: each rotor turns for the given time, stops for half of it, then
+    the next turns.
 
     An autopilot without an `order` of rotors does not know the command.
     """
@@ -51,7 +52,12 @@ class MotorTest:
             self._end()
         # A rotor turns for the span and stops for half of it; integers keep that exact.
         elif elapsed_ns * 2 >= run.span_ns * 3:
-            run.position, run.remaining, run.begun_ns, run.pauses = run.position + 1, run.remaining - 1, flight.time_ns, False
+            run.position, run.remaining, run.begun_ns, run.pauses = (
+                run.position + 1,
+                run.remaining - 1,
+                flight.time_ns,
+                False,
+            )
             self._turn(run.position, run.share)
         elif elapsed_ns >= run.span_ns and not run.pauses:
             run.pauses = True
@@ -64,7 +70,9 @@ class MotorTest:
             return CommandResult.FAILED
         if self._run is None:
             texts.send(INFO, "starting motor test")
-        first, kind, throttle, span_s, count = (param if math.isfinite(param) else 0.0 for param in command.params[:5])
+        first, kind, throttle, span_s, count = (
+            param if math.isfinite(param) else 0.0 for param in command.params[:5]
+        )
         share = self._share(kind, throttle) if math.isfinite(command.params[2]) else None
         span_ns = round(min(max(span_s, 0.0), _MAX_SPAN_S) * 1e9)
         remaining = max(int(count), 1) if count < 256.0 else 1

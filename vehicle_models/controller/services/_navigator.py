@@ -8,7 +8,16 @@ from dataclasses import replace
 from typing import Any, Literal
 
 from .._flight_state import Behaviour
-from .._service import Command, CommandHandler, CommandResult, MessageHandler, MessageSender, Refusal, Stream, Values
+from .._service import (
+    Command,
+    CommandHandler,
+    CommandResult,
+    MessageHandler,
+    MessageSender,
+    Refusal,
+    Stream,
+    Values,
+)
 from .._service_context import ServiceContext
 from ..guidance._guidance import FixedHeading, Guidance, HeadingToPlace
 from ..guidance._manoeuvres import Circle, Hold, Manoeuvre
@@ -33,7 +42,9 @@ _TO_CENTRE = 0.0
 
 
 class Navigator:
-    """Carries out commands that fly somewhere; the policies define which of them exist, and when they are refused."""
+    """Carries out commands that fly somewhere; the policies define which of them exist, and when they are
+    refused.
+    """
 
     def __init__(
         self,
@@ -64,7 +75,11 @@ class Navigator:
             return
         command = Command(m.command, (math.nan, 0.0, math.nan, math.nan, m.x, m.y, m.z), m.frame, sender)
         guided = self._context.flight.mode is self._mode_policy.reposition
-        accepted = guided and m.command == MAV_CMD.NAV_WAYPOINT and self._reposition(command) is CommandResult.ACCEPTED
+        accepted = (
+            guided
+            and m.command == MAV_CMD.NAV_WAYPOINT
+            and self._reposition(command) is CommandResult.ACCEPTED
+        )
         sender.channel.send_message(
             "MISSION_ACK",
             type=MissionResult.ACCEPTED if accepted else MissionResult.ERROR,
@@ -98,7 +113,10 @@ class Navigator:
             MAV_CMD.DO_PAUSE_CONTINUE: self._pause_or_continue,
             MAV_CMD.DO_CHANGE_ALTITUDE: self._change_altitude,
         }
-        return {**handlers, **{number: handler for number, handler in optional.items() if number in policy.optional}}
+        return {
+            **handlers,
+            **{number: handler for number, handler in optional.items() if number in policy.optional},
+        }
 
     def streams(self) -> Mapping[str, Stream]:
         return {"ORBIT_EXECUTION_STATUS": self._orbit_status}
@@ -137,7 +155,9 @@ class Navigator:
             if math.hypot(place[0] - flight.north_m, place[1] - flight.east_m) > _MAX_REPOSITION_M:
                 return CommandResult.DENIED
         down = self._down_m(command, altitude)
-        if not self._fence.allows(*(place or (flight.north_m, flight.east_m)), flight.down_m if down is None else down):
+        if not self._fence.allows(
+            *(place or (flight.north_m, flight.east_m)), flight.down_m if down is None else down
+        ):
             return self._send_refusal(self._fence.policy.outside)
         # Entering the mode resets the speed.
         previous_speed = guidance.speed_mps
@@ -183,8 +203,10 @@ class Navigator:
         return CommandResult.ACCEPTED
 
     def _orbit(self, command: Command) -> CommandResult | None:
-        """Circle a place, by default the present one; a negative radius is anticlockwise. An impossible radius is accepted and
-        not flown."""
+        """Circle a place, by default the present one; a negative radius is anticlockwise. An impossible
+        radius is accepted and not flown.
+        """
+
         context, flight, limits = self._context, self._context.flight, self._guidance.limits
         radius, speed, yaw_behaviour, _, latitude, longitude, altitude = command.params
         radius = radius if math.isfinite(radius) else limits.circle_radius_m
@@ -209,7 +231,9 @@ class Navigator:
             heading = "in"
         elif yaw_behaviour == _FRONT_TANGENT_TO_CIRCLE:
             heading = "ahead"
-        self._guidance.manoeuvre = Circle(centre, flight.down_m if down is None else down, abs(radius), speed, heading)
+        self._guidance.manoeuvre = Circle(
+            centre, flight.down_m if down is None else down, abs(radius), speed, heading
+        )
         return CommandResult.ACCEPTED
 
     def _orbit_status(self) -> Values | None:
@@ -250,7 +274,11 @@ class Navigator:
         """DO_CHANGE_ALTITUDE: above sea level, at the place that is held."""
         flight, manoeuvre = self._context.flight, self._guidance.manoeuvre
         altitude = command.params[0]
-        if math.isfinite(altitude) and flight.mode.behaviour is Behaviour.HOLD and isinstance(manoeuvre, Hold):
+        if (
+            math.isfinite(altitude)
+            and flight.mode.behaviour is Behaviour.HOLD
+            and isinstance(manoeuvre, Hold)
+        ):
             manoeuvre.change_down(flight.origin.altitude_m - altitude)
         return CommandResult.ACCEPTED
 

@@ -18,7 +18,9 @@ _REBOOTS = (1.0, 3.0)
 
 @dataclass(frozen=True, slots=True)
 class PersistentState:
-    """What one flight controller leaves to the next: the contents of its flash memory, and the counts of a session."""
+    """What one flight controller leaves to the next: the contents of its flash memory, and the counts of a
+    session.
+    """
 
     parameters: Mapping[str, float]
     plans: Mapping[int, tuple[MissionItem, ...]]
@@ -42,5 +44,7 @@ class Restart:
         fixed = self._policy.fixed_results.get(MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN, CommandResult.UNSUPPORTED)
         # The controller restarts after the step, so that the acknowledgement leaves first.
         result = answer.results[0] if answer else fixed
-        self.requested = self.requested or (result is CommandResult.ACCEPTED and command.params[0] in _REBOOTS)
+        self.requested = self.requested or (
+            result is CommandResult.ACCEPTED and command.params[0] in _REBOOTS
+        )
         return result

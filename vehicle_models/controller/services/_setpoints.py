@@ -48,9 +48,14 @@ class _Setpoint:
 
 
 class Setpoints:
-    """SET_POSITION_TARGET_LOCAL_NED and _GLOBAL_INT, SET_ATTITUDE_TARGET. `ignored` counts those that were not flown."""
+    """SET_POSITION_TARGET_LOCAL_NED and _GLOBAL_INT, SET_ATTITUDE_TARGET.
 
-    def __init__(self, context: ServiceContext, policy: SetpointPolicy, guidance: Guidance, fence: FenceBoundary) -> None:
+    `ignored` counts those that were not flown.
+    """
+
+    def __init__(
+        self, context: ServiceContext, policy: SetpointPolicy, guidance: Guidance, fence: FenceBoundary
+    ) -> None:
         self._context = context
         self._policy = policy
         self._guidance = guidance
@@ -107,7 +112,11 @@ class Setpoints:
             acceleration = _turned(acceleration, flight.yaw_rad)
             yaw += flight.yaw_rad
         if frame in ("body", "offset"):
-            position = (position[0] + flight.north_m, position[1] + flight.east_m, position[2] + flight.down_m)
+            position = (
+                position[0] + flight.north_m,
+                position[1] + flight.east_m,
+                position[2] + flight.down_m,
+            )
         setpoint = _Setpoint(position, velocity, acceleration, yaw, _yaw_rate(m))
         self._take("SET_POSITION_TARGET_LOCAL_NED", m, setpoint)
 
@@ -116,7 +125,8 @@ class Setpoints:
         if self._ignores_mode():
             return
         position, velocity, acceleration = self._vectors(m, (0.0, 0.0, m.alt))
-        # A position with one open axis is none: the horizontal axes of a geodetic position cannot be separated.
+        # A position with one open axis is none: the horizontal axes of a geodetic position cannot be
+        # separated.
         if not math.isnan(sum(position)):
             frame = self._policy.global_frames.get(m.coordinate_frame)
             if frame is None:
@@ -128,7 +138,10 @@ class Setpoints:
                 self._stop()
                 return
             north, east = context.frame.to_local_m(m.lat_int * 1e-7, m.lon_int * 1e-7)
-            reference_m = {"home": (flight.home or flight.origin).altitude_m, "ground": flight.origin.altitude_m}
+            reference_m = {
+                "home": (flight.home or flight.origin).altitude_m,
+                "ground": flight.origin.altitude_m,
+            }
             position = (north, east, flight.origin.altitude_m - m.alt - reference_m.get(frame, 0.0))
             if self._fence.policy.refuses_setpoints and not self._fence.allows(*position):
                 self._stop()
@@ -143,12 +156,19 @@ class Setpoints:
         """Position, velocity and acceleration with NaN for what the mask leaves out."""
         policy = self._policy
         grouped = policy.axes_in_groups
-        if m.get_msgId() == _SET_POSITION_TARGET_LOCAL_NED and policy.local_frames.get(m.coordinate_frame) == "body-velocity":
+        if (
+            m.get_msgId() == _SET_POSITION_TARGET_LOCAL_NED
+            and policy.local_frames.get(m.coordinate_frame) == "body-velocity"
+        ):
             # The body tilts, so one missing axis leaves all three unknown.
             grouped = True
         mask = m.type_mask
         velocity, acceleration = (m.vx, m.vy, m.vz), (m.afx, m.afy, m.afz)
-        return _masked(place, mask, grouped), _masked(velocity, mask >> 3, grouped), _masked(acceleration, mask >> 6, grouped)
+        return (
+            _masked(place, mask, grouped),
+            _masked(velocity, mask >> 3, grouped),
+            _masked(acceleration, mask >> 6, grouped),
+        )
 
     def _take(self, name: str, m: Any, setpoint: _Setpoint) -> None:
         policy = self._policy
@@ -167,7 +187,10 @@ class Setpoints:
         self._give(target, accelerates)
 
     def _is_known_combination(self, m: Any, setpoint: _Setpoint) -> bool:
-        """Whether every vector that is not masked holds numbers, and the vectors are a combination that ArduPilot knows."""
+        """Whether every vector that is not masked holds numbers, and the vectors are a combination that
+        ArduPilot knows.
+        """
+
         masked = [(m.type_mask >> shift & 7) != 0 for shift in (0, 3, 6)]
         vectors = (setpoint.position, setpoint.velocity, setpoint.acceleration)
         for ignored, vector in zip(masked, vectors, strict=True):
@@ -186,7 +209,9 @@ class Setpoints:
         x, y, z = setpoint.position
         v, a = _without_nan(setpoint.velocity), _without_nan(setpoint.acceleration)
         has_xy = not math.isnan(x + y)
-        has_vxy, has_axy = (not math.isnan(vector[0] + vector[1]) for vector in (setpoint.velocity, setpoint.acceleration))
+        has_vxy, has_axy = (
+            not math.isnan(vector[0] + vector[1]) for vector in (setpoint.velocity, setpoint.acceleration)
+        )
         has_z = not math.isnan(z)
         has_vz, has_az = not math.isnan(setpoint.velocity[2]), not math.isnan(setpoint.acceleration[2])
         limits, policy = self._guidance.limits, self._policy
@@ -234,13 +259,17 @@ class Setpoints:
         else:
             self._refuse(None)
 
-    def _tilt(self, roll: float, pitch: float, yaw: float, yaw_rate: float, thrust: float, rates: Vector | None) -> None:
+    def _tilt(
+        self, roll: float, pitch: float, yaw: float, yaw_rate: float, thrust: float, rates: Vector | None
+    ) -> None:
         limits = self._guidance.limits
         climb = 0.0
         if limits.thrust_is_climb:
             share = 2.0 * min(max(thrust, 0.0), 1.0) - 1.0
             climb = share * (limits.climb_mps if share > 0.0 else limits.descent_mps)
-        attitude = TargetAttitude(roll, pitch, None if limits.thrust_is_climb else min(max(thrust, 0.0), 1.0), rates)
+        attitude = TargetAttitude(
+            roll, pitch, None if limits.thrust_is_climb else min(max(thrust, 0.0), 1.0), rates
+        )
         target = FlightTarget(
             velocity_ned_mps=(0.0, 0.0, -climb),
             yaw_rad=yaw,
@@ -265,7 +294,10 @@ class Setpoints:
         return manoeuvre
 
     def _ignores_mode(self) -> bool:
-        """Whether the present mode flies no setpoints and the autopilot does not complain about that; counts it."""
+        """Whether the present mode flies no setpoints and the autopilot does not complain about that; counts
+        it.
+        """
+
         if self._policy.complains or self._context.flight.mode.behaviour is Behaviour.OFFBOARD:
             return False
         self.ignored += 1
@@ -313,7 +345,11 @@ def _masked(vector: Vector, mask: int, grouped: bool) -> Vector:
 
 def _without_nan(vector: Vector) -> Vector:
     north, east, down = vector
-    return 0.0 if math.isnan(north) else north, 0.0 if math.isnan(east) else east, 0.0 if math.isnan(down) else down
+    return (
+        0.0 if math.isnan(north) else north,
+        0.0 if math.isnan(east) else east,
+        0.0 if math.isnan(down) else down,
+    )
 
 
 def _turned(vector: Vector, yaw_rad: float) -> Vector:

@@ -28,7 +28,9 @@ def attitude_quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, f
 
 
 class BodyAttitude:
-    """The attitude of the body against north-east-down at one moment, `time_ns`; `quaternion` is w, x, y, z."""
+    """The attitude of the body against north-east-down at one moment, `time_ns`; `quaternion` is w, x, y,
+    z.
+    """
 
     __slots__ = ("_rows", "quaternion", "time_ns")
 
@@ -44,7 +46,11 @@ class BodyAttitude:
     def rotated(self, north: float, east: float, down: float) -> Vector:
         """A north-east-down vector in the body's frame."""
         (a, b, c), (d, e, f), (g, h, i) = self._rows
-        return (a * north + b * east + c * down, d * north + e * east + f * down, g * north + h * east + i * down)
+        return (
+            a * north + b * east + c * down,
+            d * north + e * east + f * down,
+            g * north + h * east + i * down,
+        )
 
 
 class AttitudeCache:

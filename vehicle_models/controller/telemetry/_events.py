@@ -1,4 +1,6 @@
-"""Events: the machine-readable twins of texts, numbered without gaps so that a client can ask for what it missed."""
+"""Events: the machine-readable twins of texts, numbered without gaps so that a client can ask for what it
+missed.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +57,9 @@ class EventService:
     def _send_again(self, message: Any, sender: MessageSender) -> None:
         first, last = message.first_sequence, message.last_sequence
         # Sequence numbers wrap around at 16 bits.
-        requested = [event for event in self._stored if (event["sequence"] - first) & 0xFFFF <= (last - first) & 0xFFFF]
+        requested = [
+            event for event in self._stored if (event["sequence"] - first) & 0xFFFF <= (last - first) & 0xFFFF
+        ]
         for event in requested:
             sender.channel.send_message("EVENT", **event)
         if not requested or requested[0]["sequence"] != first:

@@ -19,7 +19,10 @@ _ESTIMATOR_AUTOPILOT, _QUALITY_PERCENT = 8, 100
 
 
 class MotionTelemetry:
-    """Values in wire order. SIMSTATE, which holds the truth in a real SITL, holds the estimate: agents must not learn the truth."""
+    """Values in wire order.
+
+    SIMSTATE, which holds the truth in a real SITL, holds the estimate: agents must not learn the truth.
+    """
 
     def __init__(self, context: ServiceContext, attitude: AttitudeCache) -> None:
         self._context = context

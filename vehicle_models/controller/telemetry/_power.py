@@ -50,7 +50,16 @@ class PowerTelemetry:
         f = self._flight
         cells_mv = (self._battery.millivolts(), *(_NO_CELL,) * 9)
         used_mah, percent = round(self._battery.used_mah()), round(100.0 * f.battery_fraction)
-        head = (used_mah, -1, _UNKNOWN_TEMPERATURE, *cells_mv, hundredths(f.battery_a), 0, 0, self._policy.battery_type)
+        head = (
+            used_mah,
+            -1,
+            _UNKNOWN_TEMPERATURE,
+            *cells_mv,
+            hundredths(f.battery_a),
+            0,
+            0,
+            self._policy.battery_type,
+        )
         return (*head, percent, 0, self._charge_state(), 0, 0, 0, 0, 0, 0)
 
     def _motors(self) -> Values:

@@ -13,7 +13,8 @@ from ._units import heading_cdeg, int16
 
 _SEA_LEVEL_HPA = 1013.25
 _STANDARD_GRAVITY_MPS2 = 9.80665
-# Earth's field over Zurich in gauss, north, east, down; what a magnetometer shows anywhere here. No model of the field.
+# Earth's field over Zurich in gauss, north, east, down; what a magnetometer shows anywhere here. No model of
+# the field.
 _FIELD_NED = (0.2146, 0.0133, 0.4329)
 # HIGHRES_IMU.fields_updated
 _ALL_FIELDS_UPDATED = 0x1FFF
@@ -83,7 +84,23 @@ class SensorTelemetry:
 
     def _distance(self) -> Values:
         down_cm = min(max(round(-self._flight.down_m * 100.0), 10), 4000)
-        return (self._flight.time_ms, 10, 4000, down_cm, 0, 0, _FACING_DOWN, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
+        return (
+            self._flight.time_ms,
+            10,
+            4000,
+            down_cm,
+            0,
+            0,
+            _FACING_DOWN,
+            0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            0,
+        )
 
 
 def _pressure_hpa(altitude_m: float) -> float:

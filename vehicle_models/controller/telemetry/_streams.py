@@ -28,7 +28,8 @@ _NAMES = {kind.id: name for name, kind in KINDS.items()}
 _HEARTBEAT = KINDS["HEARTBEAT"].id
 _SECOND_NS = 1_000_000_000
 
-# The order in which a step sends the messages that are due. Recordings hold them in this order, so it does not change.
+# The order in which a step sends the messages that are due. Recordings hold them in this order, so it does
+# not change.
 _SENDING_ORDER = (
     "HEARTBEAT",
     "ATTITUDE",
@@ -87,7 +88,9 @@ _SENDING_ORDER = (
 )
 _ORDER = {KINDS[name].id: position for position, name in enumerate(_SENDING_ORDER)}
 # Known to every autopilot whose vehicle carries the equipment.
-_EQUIPMENT_MESSAGES = frozenset({"GIMBAL_DEVICE_ATTITUDE_STATUS", "GIMBAL_MANAGER_STATUS", "HIL_STATE_QUATERNION"})
+_EQUIPMENT_MESSAGES = frozenset(
+    {"GIMBAL_DEVICE_ATTITUDE_STATUS", "GIMBAL_MANAGER_STATUS", "HIL_STATE_QUATERNION"}
+)
 
 
 @dataclass(slots=True)
@@ -99,9 +102,11 @@ class _MessageStream:
 
 
 class Streams:
-    """The schedule of every channel. A message goes out once a step at most, so no rate exceeds the controller's own.
+    """The schedule of every channel. A message goes out once a step at most, so no rate exceeds the
+    controller's own.
 
-    `streams` and `answers` are what all services declare: messages to stream, and messages that come on request only.
+    `streams` and `answers` are what all services declare: messages to stream, and messages that come on
+    request only.
     """
 
     def __init__(
@@ -114,7 +119,9 @@ class Streams:
         self._context = context
         self._policy = policy
         self._values = {KINDS[name].id: values for name, values in streams.items()}
-        self._supported = {KINDS[name].id for name in streams if name in policy.messages | _EQUIPMENT_MESSAGES}
+        self._supported = {
+            KINDS[name].id for name in streams if name in policy.messages | _EQUIPMENT_MESSAGES
+        }
         self._answers = {KINDS[name].id: (name, answer) for name, answer in answers.items()}
         self._schedules: dict[str, list[_MessageStream]] = {}  # by channel, in sending order
         for channel in context.radio.channels:
@@ -145,7 +152,8 @@ class Streams:
             for stream in self._schedules[channel.name]:
                 if stream.due_ns <= now_ns:
                     stream.due_ns += stream.interval_ns
-                    # The rate exceeds the controller's, or no client was there; a backlog is dropped, not sent in a burst.
+                    # The rate exceeds the controller's, or no client was there; a backlog is dropped, not
+                    # sent in a burst.
                     if stream.due_ns <= now_ns:
                         stream.due_ns = now_ns + 1
                     values = stream.values()
@@ -168,11 +176,21 @@ class Streams:
     def _start(self, channel: Channel) -> None:
         sets, name = self._policy.stream_sets, channel.link.spec.streams
         if name not in sets:
-            raise SetupError(Fault(f"link {channel.name}", f"there is no stream set {name!r}", f"there are {', '.join(sets)}"))
+            raise SetupError(
+                Fault(
+                    f"link {channel.name}", f"there is no stream set {name!r}", f"there are {', '.join(sets)}"
+                )
+            )
         rates = {"HEARTBEAT": 1.0, **sets[name]}
         # A link without streams gets none of the gimbal either.
         if sets[name]:
-            rates.update({name: hz for name, hz in self._policy.gimbal_rates_hz.items() if KINDS[name].id in self._values})
+            rates.update(
+                {
+                    name: hz
+                    for name, hz in self._policy.gimbal_rates_hz.items()
+                    if KINDS[name].id in self._values
+                }
+            )
         for message, hz in rates.items():
             self._schedule(channel, KINDS[message].id, round(1e9 / hz))
 
@@ -238,9 +256,13 @@ class Streams:
         known = number in self._supported
         # As MESSAGE_INTERVAL defines it.
         not_streamed_us = -1 if known else 0
-        intervals_us = [stream.interval_ns // 1000 for stream in self._schedules[channel.name] if stream.number == number]
+        intervals_us = [
+            stream.interval_ns // 1000 for stream in self._schedules[channel.name] if stream.number == number
+        ]
         interval_us = intervals_us[0] if intervals_us else not_streamed_us
-        channel.send_message("MESSAGE_INTERVAL", message_id=min(max(number, 0), 65535), interval_us=interval_us)
+        channel.send_message(
+            "MESSAGE_INTERVAL", message_id=min(max(number, 0), 65535), interval_us=interval_us
+        )
         return CommandResult.ACCEPTED if known else self._policy.unknown_get_interval
 
     def _request_message(self, command: Command) -> CommandResult | None:

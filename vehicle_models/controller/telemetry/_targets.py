@@ -40,7 +40,9 @@ class TargetTelemetry:
         f = self._flight
         roll, pitch, yaw, thrust = self._context.airframe.commanded_attitude()
         attitude = f.target.attitude
-        rates = attitude.rates_radps if attitude and attitude.rates_radps else (0.0, 0.0, f.target.yawrate_radps)
+        rates = (
+            attitude.rates_radps if attitude and attitude.rates_radps else (0.0, 0.0, f.target.yawrate_radps)
+        )
         return (f.time_ms, *attitude_quaternion(roll, pitch, yaw), *rates, thrust, 0)
 
     def _local_target(self) -> Values | None:
@@ -52,7 +54,9 @@ class TargetTelemetry:
             return None
         place = target.north_east_m or (_NAN, _NAN)
         down = target.down_m if target.down_m is not None else _NAN
-        mask = (_NO_HORIZONTAL if target.north_east_m is None else 0) | (_NO_VERTICAL if target.down_m is None else 0)
+        mask = (_NO_HORIZONTAL if target.north_east_m is None else 0) | (
+            _NO_VERTICAL if target.down_m is None else 0
+        )
         fixed_mask = policy.echo_velocity_mask if mask else policy.echo_position_mask
         yaw = target.yaw_rad if target.yaw_rad is not None else _NAN
         motion = (*target.velocity_ned_mps, *target.acceleration_ned_mps2)
@@ -71,7 +75,17 @@ class TargetTelemetry:
         altitude = f.origin.altitude_m - target.down_m
         yaw = target.yaw_rad if target.yaw_rad is not None else _NAN
         motion = (*target.velocity_ned_mps, *target.acceleration_ned_mps2)
-        return (f.time_ms, latitude, longitude, altitude, *motion, yaw, target.yawrate_radps, _GLOBAL_MASK, _GLOBAL)
+        return (
+            f.time_ms,
+            latitude,
+            longitude,
+            altitude,
+            *motion,
+            yaw,
+            target.yawrate_radps,
+            _GLOBAL_MASK,
+            _GLOBAL,
+        )
 
     def _navigation_output(self) -> Values:
         f, target = self._flight, self._flight.target

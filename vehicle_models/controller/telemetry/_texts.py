@@ -34,8 +34,8 @@ class FlightEvent(Enum):
 class Texts:
     """Sends texts; long ones in chunks with one id, as the specification asks.
 
-    `by_event` are the autopilot's texts for moments of the flight. `ending` is put behind every text: PX4 ends a text that
-    is an event as well with a tab.
+    `by_event` are the autopilot's texts for moments of the flight. `ending` is put behind every text: PX4
+    ends a text that is an event as well with a tab.
     """
 
     def __init__(self, radio: Radio, by_event: Mapping[FlightEvent, StatusText], ending: str) -> None:
@@ -51,7 +51,10 @@ class Texts:
             listener(severity, text)
 
     def announce(self, event: FlightEvent, *values: float) -> None:
-        """Send the text of an event, with `values` in its braces; nothing where the autopilot has no text for it."""
+        """Send the text of an event, with `values` in its braces; nothing where the autopilot has no text for
+        it.
+        """
+
         if event in self._by_event:
             severity, text = self._by_event[event]
             self.send(severity, text.format(*values) if values else text)

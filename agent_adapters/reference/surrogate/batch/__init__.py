@@ -1,1 +1,3 @@
-"""Missions as arrays, before anything flies: scenes, limits, forbidden airspace, interruptions, random draws."""
+"""Missions as arrays, before anything flies: scenes, limits, forbidden airspace, interruptions, random
+draws.
+"""

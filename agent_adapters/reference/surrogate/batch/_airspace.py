@@ -1,7 +1,8 @@
-"""Ways round what the rules forbid, as the reference agent flies them: round no-fly areas, inside the geofence.
+"""Ways round what the rules forbid, as the reference agent flies them: round no-fly areas, inside the
+geofence.
 
-Every forbidden thing is a convex block with its margin on it. Which straight ways are cut is worked out for many at once; only
-those are routed, one by one, from corner to corner.
+Every forbidden thing is a convex block with its margin on it. Which straight ways are cut is worked out for
+many at once; only those are routed, one by one, from corner to corner.
 """
 
 from __future__ import annotations
@@ -25,7 +26,9 @@ Place = tuple[float, float]
 
 
 class SurrogateAirspace:
-    """What is forbidden at one time: convex blocks (m, 2), counterclockwise, and the fence (m, 2) to keep inside."""
+    """What is forbidden at one time: convex blocks (m, 2), counterclockwise, and the fence (m, 2) to keep
+    inside.
+    """
 
     def __init__(self, blocks: Sequence[Floats], fence: Floats | None) -> None:
         self._blocks = tuple(blocks)
@@ -49,16 +52,20 @@ class SurrogateAirspace:
         return length_m
 
     def paths(self, corners_m: Floats) -> Floats:
-        """Paths (r, w, 2) with forbidden corners moved and the ways between routed; (r, more, 2), the last corner repeated.
+        """Paths (r, w, 2) with forbidden corners moved and the ways between routed; (r, more, 2), the last
+        corner repeated.
 
         The first corner is where the vehicle is, and stays.
         """
+
         rows, count, _ = corners_m.shape
         moved = corners_m.copy()
         moved[:, 1:] = self._nearest_allowed(corners_m[:, 1:].reshape(-1, 2)).reshape(rows, count - 1, 2)
         cut = self._cut(moved[:, :-1].reshape(-1, 2), moved[:, 1:].reshape(-1, 2)).reshape(rows, count - 1)
         cut[:, 0] |= ~self._allowed(moved[:, 0])
-        routed = {int(row): self._routed_path(moved[row], cut[row]) for row in np.flatnonzero(cut.any(axis=1))}
+        routed = {
+            int(row): self._routed_path(moved[row], cut[row]) for row in np.flatnonzero(cut.any(axis=1))
+        }
         longest = max([count, *(len(path) for path in routed.values())])
         padded = np.concatenate((moved, np.repeat(moved[:, -1:], longest - count, axis=1)), axis=1)
         for row, path in routed.items():
@@ -81,7 +88,9 @@ class SurrogateAirspace:
         return self._cut(begin_m, end_m) | ~self._allowed(end_m) | ~self._allowed(begin_m)
 
     def _allowed(self, places_m: Floats) -> Bools:
-        allowed: Bools = np.ones(len(places_m), dtype=np.bool_) if self._fence is None else _inside(self._fence, places_m)
+        allowed: Bools = (
+            np.ones(len(places_m), dtype=np.bool_) if self._fence is None else _inside(self._fence, places_m)
+        )
         for block in self._blocks:
             allowed &= ~(_sides(block, places_m) > TOUCH_M).all(axis=1)
         return allowed
@@ -159,7 +168,8 @@ class SurrogateAirspace:
         heapq.heapify(queue)
         while queue:
             so_far_m, node = heapq.heappop(queue)
-            # A queue entry that a shorter way has overtaken: heapq cannot lower a key, so stale entries stay in it.
+            # A queue entry that a shorter way has overtaken: heapq cannot lower a key, so stale entries stay
+            # in it.
             if so_far_m > best[node]:
                 continue
             through_m = so_far_m + self._node_distances_m[node]
@@ -184,9 +194,14 @@ class SurrogateAirspaces:
         areas = [(area.from_s - LEAD_S, area.until_s, area.area.corners) for area in rules.no_fly]
         self._spans = [(from_s, math.inf if until_s is None else until_s) for from_s, until_s, _ in areas]
         self._areas = [
-            _block([(corner.east_m, corner.north_m) for corner in corners], NO_FLY_MARGIN_M) for _, _, corners in areas
+            _block([(corner.east_m, corner.north_m) for corner in corners], NO_FLY_MARGIN_M)
+            for _, _, corners in areas
         ]
-        corners = [] if rules.geofence is None else [(corner.east_m, corner.north_m) for corner in rules.geofence.corners]
+        corners = (
+            []
+            if rules.geofence is None
+            else [(corner.east_m, corner.north_m) for corner in rules.geofence.corners]
+        )
         self._fence = np.array(corners) if corners else None
         edges = zip(corners, [*corners[1:], *corners[:1]], strict=True)
         self._edges = [_block(edge, FENCE_MARGIN_M) for edge in edges]

@@ -46,7 +46,8 @@ _STREAM_WALK = 1
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """n missions, k tasks and a actors at most; what a mission has less of is filled with things that play no part.
+    """n missions, k tasks and a actors at most; what a mission has less of is filled with things that play no
+    part.
 
     Everything that is one number a mission is (n,). Roles are 0 bystander, 1 adversary, 2 clutter, -1 nobody.
     """
@@ -127,7 +128,10 @@ class Batch:
         return replace(self, **{field.name: getattr(self, field.name)[begin:end] for field in fields(self)})
 
     def places(self) -> Floats:
-        """(EPOCHS, n, a, 2) where everybody stands: at a point of their disc, or somewhere on the way to the next one."""
+        """(EPOCHS, n, a, 2) where everybody stands: at a point of their disc, or somewhere on the way to the
+        next one.
+        """
+
         actors = self.role.shape[1]
         points = np.empty((STANDING_SPANS, *self.start_m.shape))
         for span in range(STANDING_SPANS):
@@ -148,7 +152,9 @@ def unfit(simspec: SimSpec) -> list[Fault]:
     faults = []
     if simspec.agent.label not in BYSTANDER_AWARE:
         known = " or ".join(BYSTANDER_AWARE)
-        faults.append(Fault("agents", f"{simspec.agent.label!r} has no surrogate", f"fly {known}, or fidelity: full"))
+        faults.append(
+            Fault("agents", f"{simspec.agent.label!r} has no surrogate", f"fly {known}, or fidelity: full")
+        )
     unsupported: dict[str, object] = {
         "vehicle.model": simspec.vehicle.model not in VEHICLE_MODELS,
         "agent.options": simspec.agent.options,
@@ -224,13 +230,23 @@ _ROLES = {Role.BYSTANDER: 0, Role.ADVERSARY: 1, Role.CLUTTER: 2}
 
 
 _ASSET = {name: index for index, name in enumerate(ASSETS)}
-LABEL_INDEX = {label: index for index, label in enumerate(dict.fromkeys(asset.class_label for asset in ASSETS.values()))}
+LABEL_INDEX = {
+    label: index for index, label in enumerate(dict.fromkeys(asset.class_label for asset in ASSETS.values()))
+}
 
 
 def _row(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> dict[str, Any]:
     assert simspec.realized is not None, "only a realized SimSpec says where everybody is"
-    camera, model, weather, rules = simspec.vehicle.camera, simspec.perception.model, simspec.environment, simspec.rules
-    tilt_rad, tan_half = math.radians(camera.tilt_deg), math.tan(math.radians(camera.horizontal_fov_deg) / 2.0)
+    camera, model, weather, rules = (
+        simspec.vehicle.camera,
+        simspec.perception.model,
+        simspec.environment,
+        simspec.rules,
+    )
+    tilt_rad, tan_half = (
+        math.radians(camera.tilt_deg),
+        math.tan(math.radians(camera.horizontal_fov_deg) / 2.0),
+    )
     half_rad = math.atan(tan_half * camera.height_px / camera.width_px)
     groups = {group.id: group for group in simspec.actors}
     first_member: dict[str, int] = {}
@@ -243,7 +259,9 @@ def _row(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> dict[str, An
     about_adversary = [groups[task.about].role is Role.ADVERSARY for task in tasks]
     flight_limits = limits(simspec, careful=BYSTANDER_AWARE[simspec.agent.label])
     link_down = link_down_spans(simspec.outages)
-    extinction = model.fog_extinction_per_m * weather.fog_level**2 + model.rain_extinction_per_m * weather.rain_level
+    extinction = (
+        model.fog_extinction_per_m * weather.fog_level**2 + model.rain_extinction_per_m * weather.rain_level
+    )
     return {
         "seeds": np.uint64(seed_of(simspec.seeds, "perception")),
         "bystander_aware": BYSTANDER_AWARE[simspec.agent.label],
@@ -271,17 +289,24 @@ def _row(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> dict[str, An
         "jitter_px": model.jitter_px,
         "gps_m": simspec.vehicle.gps.wander_m,
         "perfect": simspec.perception.mode == "perfect",
-        "task_m": np.array([(realized_reports[task.id].east_m, realized_reports[task.id].north_m) for task in tasks]).reshape(
-            -1, 2
-        ),
+        "task_m": np.array(
+            [(realized_reports[task.id].east_m, realized_reports[task.id].north_m) for task in tasks]
+        ).reshape(-1, 2),
         "task_radius_m": np.array([task.uncertainty_m for task in tasks], dtype=np.float64),
         "task_priority": np.array([task.priority for task in tasks], dtype=np.int64),
-        "task_delivered_s": np.array([delivered_at(task.delivered_s, link_down) for task in tasks], dtype=np.float64),
+        "task_delivered_s": np.array(
+            [delivered_at(task.delivered_s, link_down) for task in tasks], dtype=np.float64
+        ),
         "task_actor": np.array(
-            [first_member.get(task.about, -1) if enemy else -1 for task, enemy in zip(tasks, about_adversary, strict=True)],
+            [
+                first_member.get(task.about, -1) if enemy else -1
+                for task, enemy in zip(tasks, about_adversary, strict=True)
+            ],
             dtype=np.int64,
         ),
-        "start_m": np.array([(actor.east_m, actor.north_m) for actor in simspec.realized.actors]).reshape(-1, 2),
+        "start_m": np.array([(actor.east_m, actor.north_m) for actor in simspec.realized.actors]).reshape(
+            -1, 2
+        ),
         "group": member,
         **{name: values[member] for name, values in _of_groups(simspec).items()},
         "keeps_up": flight_limits.keeps_up,
@@ -305,7 +330,9 @@ def _of_groups(simspec: SimSpec) -> dict[str, np.ndarray]:
     assets = [ASSETS[group.asset] for group in groups]
     return {
         "role": np.array([_ROLES[group.role] for group in groups], dtype=np.int64),
-        "roam_m": np.array([group.motion.radius_m if group.motion.kind == "wander" else 0.0 for group in groups]),
+        "roam_m": np.array(
+            [group.motion.radius_m if group.motion.kind == "wander" else 0.0 for group in groups]
+        ),
         "rest_share": np.array([_rest_share(group.motion) for group in groups]),
         "tall_m": np.array([asset.height_m for asset in assets]),
         "wide_m": np.array([_MEAN_WIDTH * (asset.length_m + asset.width_m) for asset in assets]),

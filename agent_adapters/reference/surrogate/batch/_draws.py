@@ -13,11 +13,13 @@ _SECOND = np.uint64(0x94D049BB133111EB)
 
 
 def uniform(seeds: Seeds, stream: int, count: int) -> Floats:
-    """(n, count) numbers in (0, 1), those of row i made from seed i alone, by splitmix64 as a function of a counter.
+    """(n, count) numbers in (0, 1), those of row i made from seed i alone, by splitmix64 as a function of a
+    counter.
 
-    Steele, G. L., Lea, D. and Flood, C. H. (2014), "Fast splittable pseudorandom number generators", OOPSLA. A longer row
-    begins with the shorter one.
+    Steele, G. L., Lea, D. and Flood, C. H. (2014), "Fast splittable pseudorandom number generators", OOPSLA.
+    A longer row begins with the shorter one.
     """
+
     counter = np.uint64(stream << 32) + np.arange(1, count + 1, dtype=np.uint64)
     mixed = _mixed(seeds[:, None] ^ _mixed(counter * _GOLDEN)[None, :])
     return ((mixed >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53

@@ -38,7 +38,9 @@ _ENDS = ("return", "abort", "deactivate")
 class Interruptions:
     """One mission's. Spans are sorted and apart; moments are inf where nothing comes."""
 
-    stand_spans: tuple[Span, ...] = ()  # it stays where it is: ordered, the operator out of reach, no position
+    stand_spans: tuple[
+        Span, ...
+    ] = ()  # it stays where it is: ordered, the operator out of reach, no position
     detour_spans: tuple[
         tuple[float, float, float], ...
     ] = ()  # it flies home and comes back afterwards, unless it was there so long
@@ -49,41 +51,61 @@ class Interruptions:
     landed_from_s: float = math.inf  # landed where it is
     charge_s: float = math.inf
     charge: float = 1.0  # that is left from then on, at most
-    drifts: tuple[tuple[float, float, float, float], ...] = ()  # from, until, metres a second to the east and to the north
+    drifts: tuple[
+        tuple[float, float, float, float], ...
+    ] = ()  # from, until, metres a second to the east and to the north
 
     @property
     def any(self) -> bool:
         """Whether anything of this moves the vehicle or blinds it."""
         moments = (self.ends_s, self.landed_from_s, self.charge_s)
-        return bool(self.stand_spans or self.detour_spans or self.blind_spans or self.delivered) or min(moments) < math.inf
+        return (
+            bool(self.stand_spans or self.detour_spans or self.blind_spans or self.delivered)
+            or min(moments) < math.inf
+        )
 
 
 def interruptions(simspec: SimSpec) -> Interruptions:
     """What interrupts the mission of a SimSpec that no fault of `uninterruptible` speaks against."""
     rules, failures = simspec.rules, simspec.vehicle.failures
-    link_down = merged((outage.at_s, outage.until_s) for outage in simspec.outages if outage.kind == "operator_link")
+    link_down = merged(
+        (outage.at_s, outage.until_s) for outage in simspec.outages if outage.kind == "operator_link"
+    )
     away = [(since_s + rules.link_lost_after_s, until_s) for since_s, until_s in link_down]
     orders = sorted(
-        ((order, delivered_at(order.at_s, link_down)) for order in simspec.orders), key=lambda pair: (pair[1], pair[0].at_s)
+        ((order, delivered_at(order.at_s, link_down)) for order in simspec.orders),
+        key=lambda pair: (pair[1], pair[0].at_s),
     )
     lost = [(failure.at_s, until_of(failure)) for failure in failures if failure.kind == "gps_off"]
-    silent = [(failure.at_s + OFFBOARD_LOST_S, until_of(failure)) for failure in failures if failure.kind == "link_loss"]
+    silent = [
+        (failure.at_s + OFFBOARD_LOST_S, until_of(failure))
+        for failure in failures
+        if failure.kind == "link_loss"
+    ]
     drops = [failure for failure in failures if failure.kind == "battery_drop"]
     height_m = simspec.mission.altitude_m
     fallen = [
-        since_s + POSITION_LOST_S for since_s, until_s in lost if until_s - since_s - POSITION_LOST_S > height_m / LANDING_MPS
+        since_s + POSITION_LOST_S
+        for since_s, until_s in lost
+        if until_s - since_s - POSITION_LOST_S > height_m / LANDING_MPS
     ]
     ended = [(order.kind, at_s) for order, at_s in orders if order.kind in _ENDS]
     mute_s = min((at_s for kind, at_s in ended if kind != "return"), default=math.inf)
     return Interruptions(
         stand_spans=merged(
-            [*_hold_spans(orders), *_link_lost_spans("hold", away, rules.link_lost), *map(_standing_without_gps, lost)]
+            [
+                *_hold_spans(orders),
+                *_link_lost_spans("hold", away, rules.link_lost),
+                *map(_standing_without_gps, lost),
+            ]
         ),
         detour_spans=(
             *((*span, height_m / LANDING_MPS) for span in silent),
             *((*span, 0.0) for span in _link_lost_spans("return", away, rules.link_lost)),
         ),
-        blind_spans=merged((outage.at_s, outage.until_s) for outage in simspec.outages if outage.kind == "detections"),
+        blind_spans=merged(
+            (outage.at_s, outage.until_s) for outage in simspec.outages if outage.kind == "detections"
+        ),
         closed_spans=merged([*_closed_windows(simspec), *_silence_spans(orders), (mute_s, math.inf)]),
         delivered=tuple(orders),
         ends_s=min([at_s for _, at_s in ended] + fallen, default=math.inf),
@@ -100,10 +122,22 @@ def unsupported_failures(simspec: SimSpec) -> list[Fault]:
     for index, failure in enumerate(simspec.vehicle.failures):
         where = f"vehicle.failures[{index}]"
         if failure.kind == "motor_off":
-            faults.append(Fault(where, "a rotor that stops is beyond the overhead simulation", "leave it out, or fidelity: full"))
+            faults.append(
+                Fault(
+                    where,
+                    "a rotor that stops is beyond the overhead simulation",
+                    "leave it out, or fidelity: full",
+                )
+            )
         if failure.kind == "battery_drop" and (failure.to_fraction or 0.0) < LEAST_DROP:
             remedy = f"{LEAST_DROP:g} or more, or fidelity: full"
-            faults.append(Fault(where, f"to_fraction {failure.to_fraction:g} is left to the autopilot's own failsafe", remedy))
+            faults.append(
+                Fault(
+                    where,
+                    f"to_fraction {failure.to_fraction:g} is left to the autopilot's own failsafe",
+                    remedy,
+                )
+            )
     return faults
 
 
@@ -135,8 +169,14 @@ def until_of(failure: Failure) -> float:
 
 def _hold_spans(orders: Sequence[tuple[Order, float]]) -> list[Span]:
     """From each order to hold to the next about where to go."""
-    moving = [(order.kind, at_s) for order, at_s in orders if order.kind in ("hold", "resume", "retask", *_ENDS)]
-    return [(at_s, following_s) for (kind, at_s), (_, following_s) in pairwise([*moving, ("", math.inf)]) if kind == "hold"]
+    moving = [
+        (order.kind, at_s) for order, at_s in orders if order.kind in ("hold", "resume", "retask", *_ENDS)
+    ]
+    return [
+        (at_s, following_s)
+        for (kind, at_s), (_, following_s) in pairwise([*moving, ("", math.inf)])
+        if kind == "hold"
+    ]
 
 
 def _link_lost_spans(name: str, away: Sequence[Span], link_lost: str) -> list[Span]:
@@ -145,8 +185,14 @@ def _link_lost_spans(name: str, away: Sequence[Span], link_lost: str) -> list[Sp
 
 
 def _silence_spans(orders: Sequence[tuple[Order, float]]) -> list[Span]:
-    changes = [(order.kind, at_s) for order, at_s in orders if order.kind in ("stop_reporting", "resume_reporting")]
-    return [(at_s, next_s) for (kind, at_s), (_, next_s) in pairwise([*changes, ("", math.inf)]) if kind == "stop_reporting"]
+    changes = [
+        (order.kind, at_s) for order, at_s in orders if order.kind in ("stop_reporting", "resume_reporting")
+    ]
+    return [
+        (at_s, next_s)
+        for (kind, at_s), (_, next_s) in pairwise([*changes, ("", math.inf)])
+        if kind == "stop_reporting"
+    ]
 
 
 def _closed_windows(simspec: SimSpec) -> list[Span]:

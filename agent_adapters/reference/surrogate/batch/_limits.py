@@ -13,7 +13,9 @@ from ...flight._limits import HEIGHT_RULE_MARGIN_M, SPEED_RULE_MARGIN_MPS
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What one mission is flown by; `slow_mps` and `slow_within_m` are inf and 0 where nobody minds people."""
+    """What one mission is flown by; `slow_mps` and `slow_within_m` are inf and 0 where nobody minds
+    people.
+    """
 
     height_m: float
     floor_m: float
@@ -34,10 +36,14 @@ def limits(simspec: SimSpec, *, careful: bool) -> Limits:
         height_m = min(max(height_m, rules.bystander_standoff_m + HEIGHT_MARGIN_M), ceiling_m)
     speed_mps = mission.speed_mps
     if rules.max_speed_mps is not None:
-        speed_mps = min(speed_mps, max(rules.max_speed_mps - SPEED_RULE_MARGIN_MPS, 0.5 * rules.max_speed_mps))
+        speed_mps = min(
+            speed_mps, max(rules.max_speed_mps - SPEED_RULE_MARGIN_MPS, 0.5 * rules.max_speed_mps)
+        )
     minds = careful and rules.bystander_slow_mps is not None and rules.bystander_slow_within_m is not None
     slow_mps = SLOW_SHARE * rules.bystander_slow_mps if minds and rules.bystander_slow_mps else math.inf
-    watches = careful and (rules.bystander_standoff_m > 0.0 or minds or rules.max_loiter_over_bystander_s is not None)
+    watches = careful and (
+        rules.bystander_standoff_m > 0.0 or minds or rules.max_loiter_over_bystander_s is not None
+    )
     return Limits(
         height_m=height_m,
         floor_m=0.0 if rules.min_altitude_m is None else rules.min_altitude_m,

@@ -20,7 +20,9 @@ _LUCK_COUNT = 3000
 
 @dataclass(frozen=True, slots=True)
 class KnownBystanders:
-    """How many bystanders are known near each target, and the nearest one's distance; inf where none is known at all."""
+    """How many bystanders are known near each target, and the nearest one's distance; inf where none is known
+    at all.
+    """
 
     within: Counts
     nearest_m: Floats
@@ -49,7 +51,9 @@ class SightingMemory:
         chance = right_label_chance(views)
         mean = views.frames * chance
         self._views.append(views)
-        self._sums.append((mean, mean * _correlated_frames(self._batch).astype(np.float32)[views.row] * (1.0 - chance)))
+        self._sums.append(
+            (mean, mean * _correlated_frames(self._batch).astype(np.float32)[views.row] * (1.0 - chance))
+        )
 
     def keep(self, chosen: Bools) -> None:
         """Of the last stretch only some views were."""
@@ -58,13 +62,24 @@ class SightingMemory:
         self._sums[-1] = mean[chosen], spread[chosen]
 
     def known_near(
-        self, rows: Counts, task: Counts, until_s: Floats, places_m: Floats, *, last_stretch_only: bool = False
+        self,
+        rows: Counts,
+        task: Counts,
+        until_s: Floats,
+        places_m: Floats,
+        *,
+        last_stretch_only: bool = False,
     ) -> KnownBystanders:
-        """Which of the bystanders at `places_m` (r, a, 2) were seen often enough by `until_s` (r,); on the last stretch, if `last_stretch_only`."""
+        """Which of the bystanders at `places_m` (r, a, 2) were seen often enough by `until_s` (r,); on the
+        last stretch, if `last_stretch_only`.
+        """
+
         if not len(rows):
             return KnownBystanders.nobody((0,))
         batch = self._batch
-        enough = self._seen_enough(rows, until_s, since=-1 if last_stretch_only else 0) & (batch.role[rows] == 0)
+        enough = self._seen_enough(rows, until_s, since=-1 if last_stretch_only else 0) & (
+            batch.role[rows] == 0
+        )
         target_m = places_m[np.arange(len(rows)), np.maximum(batch.task_actor[rows, task], 0)]
         east_m, north_m = places_m[:, :, 0] - target_m[:, :1], places_m[:, :, 1] - target_m[:, 1:]
         apart_m = np.where(enough, np.sqrt(east_m * east_m + north_m * north_m), np.inf)
@@ -89,17 +104,19 @@ class SightingMemory:
 
 
 def frame_counts(batch: Batch, views: Views, chance: Narrow) -> Floats:
-    """(n, a) in how many frames each actor was had, where `chance` is that of one frame of each view; with its luck.
+    """(n, a) in how many frames each actor was had, where `chance` is that of one frame of each view; with
+    its luck.
 
     Misses hang together for a while, so the spread is that of as many looks as there are such whiles.
     """
+
     actors = batch.role.shape[1]
     flat = views.row * actors + views.actor
     size = len(batch) * actors
     mean = np.bincount(flat, views.frames * chance, size).reshape(-1, actors)
-    spread = np.bincount(flat, views.frames * _correlated_frames(batch)[views.row] * chance * (1.0 - chance), size).reshape(
-        -1, actors
-    )
+    spread = np.bincount(
+        flat, views.frames * _correlated_frames(batch)[views.row] * chance * (1.0 - chance), size
+    ).reshape(-1, actors)
     return mean + np.sqrt(spread) * normal(batch.seeds, _LUCK_COUNT, actors)
 
 

@@ -1,4 +1,6 @@
-"""What makes a flight come later: standing, straying, waiting for the detector or for leave to report, being slow near people."""
+"""What makes a flight come later: standing, straying, waiting for the detector or for leave to report, being
+slow near people.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,10 @@ from ._views import Stretch
 
 
 def after_standing(spans_s: Floats, now_s: Floats, limit_s: Floats) -> Floats:
-    """(r,) the first moment from `now_s` on in none of its spans (r, s, 2); its time limit where that never comes."""
+    """(r,) the first moment from `now_s` on in none of its spans (r, s, 2); its time limit where that never
+    comes.
+    """
+
     for span in range(spans_s.shape[1]):
         since_s, until_s = spans_s[:, span].T
         now_s = np.where((since_s <= now_s) & (now_s < until_s), until_s, now_s)
@@ -31,12 +36,16 @@ def first_open_s(spans_s: Floats, at_s: Floats) -> Floats:
     return at_s
 
 
-def delayed(batch: Batch, stretch: Stretch, end_s: Floats, home_by_s: Floats | None = None) -> tuple[Stretch, Floats, Floats]:
-    """A stretch with all that it waits for on the way, when it ends, and when it is blown off for good (inf: never).
+def delayed(
+    batch: Batch, stretch: Stretch, end_s: Floats, home_by_s: Floats | None = None
+) -> tuple[Stretch, Floats, Floats]:
+    """A stretch with all that it waits for on the way, when it ends, and when it is blown off for good (inf:
+    never).
 
-    The flight is there to see something, and waits for the detector. With `home_by_s` it flies home: then it does not, nor does it
-    stray from its way, and stands no longer than to that moment.
+    The flight is there to see something, and waits for the detector. With `home_by_s` it flies home: then it
+    does not, nor does it stray from its way, and stands no longer than to that moment.
     """
+
     rows = stretch.rows
     began_s = stretch.time_s[:, 0] - 0.5 * stretch.span_s[:, 0]
     time_s, gone_s = stretch.time_s, np.full(len(rows), np.inf)
@@ -51,7 +60,9 @@ def delayed(batch: Batch, stretch: Stretch, end_s: Floats, home_by_s: Floats | N
             home_s = _home_s(batch, stretch, time_s, since_s)
             gone_for_good = (since_s < until_s) & (since_s < end_s) & (home_s + stays_s <= span_s)
             gone_s = np.where(gone_for_good, np.minimum(gone_s, since_s), gone_s)
-            back_s = np.where(np.isinf(until_s), since_s, until_s + np.minimum(home_s, np.maximum(span_s, 0.0)))
+            back_s = np.where(
+                np.isinf(until_s), since_s, until_s + np.minimum(home_s, np.maximum(span_s, 0.0))
+            )
             time_s, end_s = _shifted(time_s, end_s, np.where(since_s < until_s, since_s, np.inf), back_s)
         for since_s, until_s in _spans(batch.blind_s[rows]):
             since_s = np.maximum(since_s + BLIND_S, began_s)
@@ -59,8 +70,13 @@ def delayed(batch: Batch, stretch: Stretch, end_s: Floats, home_by_s: Floats | N
     return replace(stretch, time_s=time_s), end_s, gone_s
 
 
-def slowed_near_people(batch: Batch, stretch: Stretch, end_s: Floats, places_m: Floats) -> tuple[Stretch, Floats]:
-    """A stretch as it is flown by one who is slow by the time that it is near anybody, and when it then ends."""
+def slowed_near_people(
+    batch: Batch, stretch: Stretch, end_s: Floats, places_m: Floats
+) -> tuple[Stretch, Floats]:
+    """A stretch as it is flown by one who is slow by the time that it is near anybody, and when it then
+    ends.
+    """
+
     rows = stretch.rows
     people_m = np.where((batch.role[rows] == 0)[..., None], places_m, FAR_M)
     away_m = people_m[:, None] - stretch.place_m[:, :, None]

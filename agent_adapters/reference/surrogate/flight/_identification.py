@@ -1,4 +1,6 @@
-"""The looks at the target of each task in each mission, until it is identified as the reference agent identifies."""
+"""The looks at the target of each task in each mission, until it is identified as the reference agent
+identifies.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ NEVER_S = np.inf
 
 
 class Identification:
-    """For every mission and task (n, k) what has been seen of the target so far; a task taken up again goes on from there."""
+    """For every mission and task (n, k) what has been seen of the target so far; a task taken up again goes
+    on from there.
+    """
 
     def __init__(self, batch: Batch) -> None:
         shape = batch.task_radius_m.shape
@@ -38,16 +42,24 @@ class Identification:
         self._looks = np.zeros(shape, dtype=np.uint64)
         self._due = bool(np.isfinite(batch.deadline_s).any())
 
-    def observe(self, rows: Counts, task: Counts, stretch: Stretch, views: Views, places_m: Floats) -> TargetLook:
+    def observe(
+        self, rows: Counts, task: Counts, stretch: Stretch, views: Views, places_m: Floats
+    ) -> TargetLook:
         """What a stretch showed of the targets of these tasks. Nothing counts before `take`."""
         batch, size, moments = self._batch, len(rows), stretch.time_s.shape[1]
         actor = batch.task_actor[rows, task]
         index = np.full(len(batch), -1)
         index[rows] = np.arange(size)
-        target_views = views.where((index[views.row] >= 0) & (views.actor == actor[np.maximum(index[views.row], 0)]))
+        target_views = views.where(
+            (index[views.row] >= 0) & (views.actor == actor[np.maximum(index[views.row], 0)])
+        )
         at = (index[target_views.row], target_views.moment)
         frames, detection, wrong = (np.zeros((size, moments)) for _ in range(3))
-        frames[at], detection[at], wrong[at] = target_views.frames, target_views.detection, target_views.mislabel
+        frames[at], detection[at], wrong[at] = (
+            target_views.frames,
+            target_views.detection,
+            target_views.mislabel,
+        )
         seeds = batch.seeds[rows] + (actor + 1).astype(np.uint64) + _NEXT_LOOK * self._looks[rows, task]
         sighted = (uniform(seeds, _STREAM_SEEN, moments) < detection) & (frames > 0.0)
         label = np.repeat(uniform(seeds, _STREAM_LABEL, -(-moments // 4)), 4, axis=1)[:, :moments]
@@ -61,10 +73,14 @@ class Identification:
         rows, task = look.rows, look.task
         looks = np.clip(state.right_frames / FRAMES_A_LOOK, 1.0, MOST_LOOKS)
         share = state.right_frames / np.maximum(state.seen_frames, 1e-9)
-        confident = share * (1.0 - (1.0 - MEAN_LABEL_SCORE) ** looks) >= self._batch.min_confidence[rows][:, None]
+        confident = (
+            share * (1.0 - (1.0 - MEAN_LABEL_SCORE) ** looks) >= self._batch.min_confidence[rows][:, None]
+        )
         confident &= share > 0.5
         enough_angle = state.high - state.low >= MIN_VIEWPOINT_RAD
-        identified = look.sighted & look.right & confident & enough_angle & (state.seen_frames >= DEFAULTS.min_frames)
+        identified = (
+            look.sighted & look.right & confident & enough_angle & (state.seen_frames >= DEFAULTS.min_frames)
+        )
         if self._due:
             due_s = (self._batch.task_delivered_s[rows, task] + self._batch.deadline_s[rows])[:, None]
             late = (look.time_s >= due_s - DEADLINE_S) & (look.time_s < due_s)
@@ -85,30 +101,51 @@ class Identification:
         self._looks[rows, task] += np.uint64(1)
 
     def _after(self, look: TargetLook, sighted: Bools) -> _SeenSoFar:
-        """Moment by moment (r, j): how often, how rightly and from how wide an angle it has been sighted by then."""
+        """Moment by moment (r, j): how often, how rightly and from how wide an angle it has been sighted by
+        then.
+        """
+
         row, here = np.arange(len(sighted)), (look.rows, look.task)
         first_rad = self._from[here]
-        first_rad = np.where(np.isnan(first_rad) & sighted.any(axis=1), look.bearing_rad[row, sighted.argmax(axis=1)], first_rad)
+        first_rad = np.where(
+            np.isnan(first_rad) & sighted.any(axis=1),
+            look.bearing_rad[row, sighted.argmax(axis=1)],
+            first_rad,
+        )
         turned = _wrapped(look.bearing_rad - np.nan_to_num(first_rad)[:, None])
         # A moment stands for its span: the angle that goes by from its beginning to its end has been sighted.
         step = 0.5 * _wrapped(np.diff(look.bearing_rad, axis=1))
         begin = turned - np.concatenate((step[:, :1], step), axis=1)
         end = turned + np.concatenate((step, step[:, -1:]), axis=1)
-        low, high = np.where(sighted, np.minimum(begin, end), 0.0), np.where(sighted, np.maximum(begin, end), 0.0)
+        low, high = (
+            np.where(sighted, np.minimum(begin, end), 0.0),
+            np.where(sighted, np.maximum(begin, end), 0.0),
+        )
         low = np.minimum(np.minimum.accumulate(low, axis=1), self._low[here][:, None])
         high = np.maximum(np.maximum.accumulate(high, axis=1), self._high[here][:, None])
         had = np.cumsum(np.where(sighted, look.frames, 0.0), axis=1) + self.frames[here][:, None]
-        right = np.cumsum(np.where(sighted & look.right, look.frames, 0.0), axis=1) + self._right[here][:, None]
+        right = (
+            np.cumsum(np.where(sighted & look.right, look.frames, 0.0), axis=1) + self._right[here][:, None]
+        )
         return _SeenSoFar(had, right, low, high, first_rad)
 
 
 class TargetLook:
-    """One stretch's looks at the targets of some tasks, (r, j) each: whether sighted, under the right label, in how many frames."""
+    """One stretch's looks at the targets of some tasks, (r, j) each: whether sighted, under the right label,
+    in how many frames.
+    """
 
     __slots__ = ("bearing_rad", "frames", "right", "rows", "sighted", "task", "time_s")
 
     def __init__(
-        self, rows: Counts, task: Counts, time_s: Floats, sighted: Bools, right: Bools, frames: Floats, bearing_rad: Floats
+        self,
+        rows: Counts,
+        task: Counts,
+        time_s: Floats,
+        sighted: Bools,
+        right: Bools,
+        frames: Floats,
+        bearing_rad: Floats,
     ) -> None:
         self.rows, self.task, self.time_s = rows, task, time_s
         self.sighted, self.right, self.frames, self.bearing_rad = sighted, right, frames, bearing_rad
@@ -118,7 +155,13 @@ class _SeenSoFar:
     __slots__ = ("first_rad", "high", "low", "right_frames", "seen_frames")
 
     def __init__(self, had: Floats, right: Floats, low: Floats, high: Floats, first_rad: Floats) -> None:
-        self.seen_frames, self.right_frames, self.low, self.high, self.first_rad = had, right, low, high, first_rad
+        self.seen_frames, self.right_frames, self.low, self.high, self.first_rad = (
+            had,
+            right,
+            low,
+            high,
+            first_rad,
+        )
 
 
 def _wrapped(angle_rad: Floats) -> Floats:

@@ -1,8 +1,9 @@
 """The surrogates: what the reference agents do, on a ground plan, many missions at once.
 
-They keep the reference agents' order of work: the most urgent sub-area first, a lawnmower over it, a round about what is
-not identified yet, a report; the bystander-aware one withholds the mark where it knows of people, looks round where it has not
-seen enough, and comes back at the end. docs/fidelity.md lists what they leave out.
+They keep the reference agents' order of work: the most urgent sub-area first, a lawnmower over it, a round
+about what is not identified yet, a report; the bystander-aware one withholds the mark where it knows of
+people, looks round where it has not seen enough, and comes back at the end. docs/fidelity.md lists what they
+leave out.
 """
 
 from __future__ import annotations
@@ -109,7 +110,10 @@ class _Flight:
     # Which task.
 
     def _choose(self) -> tuple[Counts, Counts]:
-        """What is ordered to be next, then the most urgent, then the nearest; what comes later is waited for."""
+        """What is ordered to be next, then the most urgent, then the nearest; what comes later is waited
+        for.
+        """
+
         batch = self._batch
         if self._eventful:
             self._take_up_again()
@@ -129,7 +133,9 @@ class _Flight:
         self._dealt_with[row, task] |= open_
         begin_s = self._now_s + np.where(open_, late_s[row, task], 0.0)
         if self._eventful:
-            begin_s = np.where(begin_s > self._now_s, after_standing(batch.stands_s, begin_s, batch.limit_s), begin_s)
+            begin_s = np.where(
+                begin_s > self._now_s, after_standing(batch.stands_s, begin_s, batch.limit_s), begin_s
+            )
             ended = open_ & (begin_s >= batch.ends_s)
             self._ended |= ended
             self._now_s = np.where(ended, np.maximum(self._now_s, batch.ends_s), self._now_s)
@@ -150,7 +156,10 @@ class _Flight:
     def _fits(self, rows: Counts, task: Counts, begin_s: Floats, work_s: float | Floats) -> Bools:
         """Whether there is time to go to a task, work there for a while, and come home."""
         goal_m = self._batch.task_m[rows, task]
-        there_s = self._way_home.way_m(rows, self._place_m[rows], goal_m, begin_s) / self._batch.pace_mps[rows] + TURN_S
+        there_s = (
+            self._way_home.way_m(rows, self._place_m[rows], goal_m, begin_s) / self._batch.pace_mps[rows]
+            + TURN_S
+        )
         fits: Bools = begin_s + there_s + work_s < self._way_home.latest_s(rows, goal_m, begin_s)
         return fits
 
@@ -164,13 +173,18 @@ class _Flight:
         rows, task, heading_rad = self._search(rows, task, heading_rad)
         if not len(rows):
             return
-        path_m = self._lawnmower(rows, batch.task_m[rows, task], batch.task_radius_m[rows, task], heading_rad + np.pi / 2.0)
+        path_m = self._lawnmower(
+            rows, batch.task_m[rows, task], batch.task_radius_m[rows, task], heading_rad + np.pi / 2.0
+        )
         again = self._worth_another(rows, task, path_m)
         if again.any():
             self._search(rows[again], task[again], heading_rad[again] + np.pi / 2.0)
 
     def _search(self, rows: Counts, task: Counts, heading_rad: Floats) -> tuple[Counts, Counts, Floats]:
-        """One pass over a sub-area and what follows from it; those that have not found and were not called away."""
+        """One pass over a sub-area and what follows from it; those that have not found and were not called
+        away.
+        """
+
         batch = self._batch
         self._passes[rows, task] += 1
         path_m = self._lawnmower(rows, batch.task_m[rows, task], batch.task_radius_m[rows, task], heading_rad)
@@ -192,14 +206,19 @@ class _Flight:
         identified = np.flatnonzero(np.isfinite(found_s) & ~self._settled[rows, task])
         if len(identified):
             self._judge(rows[identified], task[identified], found_s[identified])
-            undecided = identified[~self._settled[rows[identified], task[identified]] & ~self._ended[rows[identified]]]
+            undecided = identified[
+                ~self._settled[rows[identified], task[identified]] & ~self._ended[rows[identified]]
+            ]
             if len(undecided):  # seen more of it by now
                 self._judge(rows[undecided], task[undecided], self._now_s[rows[undecided]])
         open_: Bools = ~self._settled[rows, task] & ~self._ended[rows]
         return open_
 
     def _judge(self, rows: Counts, task: Counts, at_s: Floats) -> None:
-        """Report at a moment what the policy is content with by then; the careful one may want to see more first."""
+        """Report at a moment what the policy is content with by then; the careful one may want to see more
+        first.
+        """
+
         careful = self._batch.bystander_aware[rows]
         plain = ~careful
         self._report(rows[plain], task[plain], at_s[plain], marks=True)
@@ -225,15 +244,22 @@ class _Flight:
             self._marked_s[rows, task] = np.minimum(self._marked_s[rows, task], said_s)
 
     def _look_round(self, rows: Counts, task: Counts) -> None:
-        """After a round: what is identified is reported, by the careful one once it has swept what it has not seen."""
+        """After a round: what is identified is reported, by the careful one once it has swept what it has not
+        seen.
+        """
+
         batch = self._batch
-        unsettled = np.flatnonzero(self._still_open(rows, task) & np.isfinite(self._identification.found_s[rows, task]))
+        unsettled = np.flatnonzero(
+            self._still_open(rows, task) & np.isfinite(self._identification.found_s[rows, task])
+        )
         if not len(unsettled):
             return
         rows, task = rows[unsettled], task[unsettled]
         toward = batch.task_m[rows, task] - self._place_m[rows]
         around_m = batch.no_mark_m[rows] + DEFAULTS.bystander_margin_m
-        path_m = self._lawnmower(rows, self._targets_m(rows, task), around_m, np.arctan2(toward[:, 0], toward[:, 1]))
+        path_m = self._lawnmower(
+            rows, self._targets_m(rows, task), around_m, np.arctan2(toward[:, 0], toward[:, 1])
+        )
         self._fly_along(rows, path_m, RING_MOMENTS)
         at_s = self._now_s[rows]
         self._judge(rows, task, at_s)
@@ -253,7 +279,11 @@ class _Flight:
         batch = self._batch
         order = np.argsort(np.where(self._task_is, batch.task_priority, 99), axis=1, kind="stable")[:, place]
         row = np.arange(len(batch))
-        withheld = (self._reported_s[row, order] <= self._now_s) & np.isinf(self._marked_s[row, order]) & ~self._ended
+        withheld = (
+            (self._reported_s[row, order] <= self._now_s)
+            & np.isinf(self._marked_s[row, order])
+            & ~self._ended
+        )
         withheld &= first_open_s(batch.closed_s, self._now_s) <= self._now_s
         round_s = 2.0 * np.pi * self._ring_m / DEFAULTS.inspect_speed_mps
         rows = np.flatnonzero(withheld & self._fits(row, order, self._now_s, round_s))
@@ -263,18 +293,30 @@ class _Flight:
         stays = self._fly_around(rows, chosen, self._targets_m(rows, chosen))
         rows, chosen = rows[stays], chosen[stays]
         at_s = self._now_s[rows]
-        clear = self._memory.known_near(rows, chosen, at_s, self._everybody_at(rows, at_s), last_stretch_only=True).within == 0
+        clear = (
+            self._memory.known_near(
+                rows, chosen, at_s, self._everybody_at(rows, at_s), last_stretch_only=True
+            ).within
+            == 0
+        )
         clear[clear] = self._unseen(rows[clear], chosen[clear], at_s[clear]) <= DEFAULTS.unseen_share
         said_s = first_open_s(batch.closed_s[rows], at_s)
         self._marked_s[rows[clear], chosen[clear]] = said_s[clear]
 
     def _mark_as_ordered(self) -> None:
-        """Targets that were identified by then; the careful one refuses where it knows of people, or has not looked."""
+        """Targets that were identified by then; the careful one refuses where it knows of people, or has not
+        looked.
+        """
+
         batch = self._batch
         for index in range(batch.mark_s.shape[1]):
             at_s, task = batch.mark_s[:, index], np.maximum(batch.mark_task[:, index], 0)
             row = np.arange(len(batch))
-            able = (batch.mark_task[:, index] >= 0) & (self._identification.found_s[row, task] <= at_s) & (at_s <= self._now_s)
+            able = (
+                (batch.mark_task[:, index] >= 0)
+                & (self._identification.found_s[row, task] <= at_s)
+                & (at_s <= self._now_s)
+            )
             able &= first_open_s(batch.closed_s, np.where(np.isfinite(at_s), at_s, 0.0)) <= at_s
             rows = np.flatnonzero(able)
             if not len(rows):
@@ -282,7 +324,9 @@ class _Flight:
             chosen, when_s = task[rows], at_s[rows]
             careful = batch.bystander_aware[rows]
             refuses = careful & (self._knows(rows, chosen, when_s).within > 0)
-            refuses[careful] |= self._unseen(rows[careful], chosen[careful], when_s[careful]) > DEFAULTS.unseen_share
+            refuses[careful] |= (
+                self._unseen(rows[careful], chosen[careful], when_s[careful]) > DEFAULTS.unseen_share
+            )
             rows, chosen, when_s = rows[~refuses], chosen[~refuses], when_s[~refuses]
             self._marked_s[rows, chosen] = np.minimum(self._marked_s[rows, chosen], when_s)
             self._reported_s[rows, chosen] = np.minimum(self._reported_s[rows, chosen], when_s)
@@ -298,7 +342,8 @@ class _Flight:
         stretch, there_s = path_stretch(rows, path_m, begin_s, batch.speed_mps, batch.height_m, HOME_MOMENTS)
         since_s = np.where(batch.keeps_up, there_s, begin_s)
         high_m = np.maximum(
-            batch.height_m[:, None] - DESCENT_MPS * np.maximum(stretch.time_s - since_s[:, None], 0.0), DEFAULTS.safe_height_m
+            batch.height_m[:, None] - DESCENT_MPS * np.maximum(stretch.time_s - since_s[:, None], 0.0),
+            DEFAULTS.safe_height_m,
         )
         stretch = replace(stretch, height_m=np.minimum(high_m, stretch.height_m))
         flies = np.where(batch.returns & (away_m > 1e-6), there_s - begin_s, 0.0)
@@ -307,10 +352,15 @@ class _Flight:
         if self._slows:
             stretch, end_s = self._slowed(stretch, end_s)
         if self._eventful:
-            stretch, end_s, _ = delayed(batch, stretch, end_s, self._way_home.latest_s(rows, self._place_m, begin_s))
+            stretch, end_s, _ = delayed(
+                batch, stretch, end_s, self._way_home.latest_s(rows, self._place_m, begin_s)
+            )
             down = batch.landed_from_s < end_s
             stretch, place_m = cut_off(
-                stretch, goal_m, np.where(down, np.maximum(batch.landed_from_s, begin_s), np.inf), self._place_m
+                stretch,
+                goal_m,
+                np.where(down, np.maximum(batch.landed_from_s, begin_s), np.inf),
+                self._place_m,
             )
             end_s = np.where(down, np.maximum(batch.landed_from_s, begin_s) + lower_s, end_s)
         self._views.append(self._views_of(stretch, begin_s))
@@ -331,7 +381,9 @@ class _Flight:
             return np.zeros(0, dtype=np.bool_)
         batch, begin_s = self._batch, self._now_s[rows]
         path_m = self._way_home.paths(rows, path_m, begin_s)
-        stretch, end_s = path_stretch(rows, path_m, begin_s, batch.speed_mps[rows], batch.height_m[rows], moments)
+        stretch, end_s = path_stretch(
+            rows, path_m, begin_s, batch.speed_mps[rows], batch.height_m[rows], moments
+        )
         return self._fly_stretch(stretch, end_s, path_m[:, -1], task)
 
     def _fly_around(self, rows: Counts, task: Counts, center_m: Floats) -> Bools:
@@ -343,12 +395,25 @@ class _Flight:
         braking_s = np.maximum(speed_mps - CORNER_MPS, 0.0) ** 2 / (2.0 * BRAKING_MPS2 * speed_mps)
         there_s = self._now_s[rows] + np.abs(apart_m - radius_m) / speed_mps + braking_s
         stretch, end_s = ring_stretch(
-            rows, center_m, self._place_m[rows], radius_m, there_s, DEFAULTS.inspect_speed_mps, batch.height_m[rows], RING_MOMENTS
+            rows,
+            center_m,
+            self._place_m[rows],
+            radius_m,
+            there_s,
+            DEFAULTS.inspect_speed_mps,
+            batch.height_m[rows],
+            RING_MOMENTS,
         )
         return self._fly_stretch(stretch, end_s, stretch.place_m[:, -1], task, round_it=True)
 
     def _fly_stretch(
-        self, stretch: Stretch, end_s: Floats, place_m: Floats, task: Counts | None = None, *, round_it: bool = False
+        self,
+        stretch: Stretch,
+        end_s: Floats,
+        place_m: Floats,
+        task: Counts | None = None,
+        *,
+        round_it: bool = False,
     ) -> Bools:
         """Fly a stretch as far as nothing calls away from it; (r,) whether it stays with its task."""
         rows, begin_s = stretch.rows, self._now_s[stretch.rows]
@@ -366,7 +431,9 @@ class _Flight:
         self._views.append(views)
         self._memory.add(views)
         if task is not None:
-            observed = self._identification.observe(rows, task, stretch, views, self._everybody_at(rows, begin_s))
+            observed = self._identification.observe(
+                rows, task, stretch, views, self._everybody_at(rows, begin_s)
+            )
             found_s = self._identification.identified_s(observed)
             leaves_s = self._leaves_s(rows, task, found_s, begin_s, end_s, round_it=round_it)
             until_s = np.minimum(over_s, leaves_s)
@@ -386,7 +453,9 @@ class _Flight:
         self._ended[rows] |= over_s < np.minimum(end_s, np.maximum(leaves_s, begin_s))
         if task is None:
             return ~self._ended[rows]
-        diverted = (leaves_s < end_s) & ~self._ended[rows] & np.isinf(self._identification.found_s[rows, task])
+        diverted = (
+            (leaves_s < end_s) & ~self._ended[rows] & np.isinf(self._identification.found_s[rows, task])
+        )
         self._dealt_with[rows[diverted], task[diverted]] = False
         leaves: Bools = diverted | self._ended[rows]
         ready = np.flatnonzero(leaves & np.isfinite(self._identification.found_s[rows, task]))
@@ -396,8 +465,13 @@ class _Flight:
         stays: Bools = ~leaves
         return stays
 
-    def _leaves_s(self, rows: Counts, task: Counts, found_s: Floats, begin_s: Floats, end_s: Floats, *, round_it: bool) -> Floats:
-        """(r,) when something else is turned to: the target is settled, or another task is more urgent; inf for never."""
+    def _leaves_s(
+        self, rows: Counts, task: Counts, found_s: Floats, begin_s: Floats, end_s: Floats, *, round_it: bool
+    ) -> Floats:
+        """(r,) when something else is turned to: the target is settled, or another task is more urgent; inf
+        for never.
+        """
+
         batch = self._batch
         leaves_s = np.full(len(rows), np.inf)
         settles = np.isfinite(found_s) & (found_s <= end_s) & (round_it | (self._passes[rows, task] > 1))
@@ -415,13 +489,21 @@ class _Flight:
             leaves_s[waiting] = np.minimum(
                 leaves_s[waiting],
                 preempted_s(
-                    batch, self._way_home, rows[waiting], task[waiting], others[waiting], found_s[waiting], begin_s[waiting]
+                    batch,
+                    self._way_home,
+                    rows[waiting],
+                    task[waiting],
+                    others[waiting],
+                    found_s[waiting],
+                    begin_s[waiting],
                 ),
             )
         return leaves_s
 
     def _slowed(self, stretch: Stretch, end_s: Floats) -> tuple[Stretch, Floats]:
-        return slowed_near_people(self._batch, stretch, end_s, self._everybody_at(stretch.rows, self._now_s[stretch.rows]))
+        return slowed_near_people(
+            self._batch, stretch, end_s, self._everybody_at(stretch.rows, self._now_s[stretch.rows])
+        )
 
     def _views_of(self, stretch: Stretch, begin_s: Floats) -> Views:
         """Who is in the picture, where the detector says anything."""

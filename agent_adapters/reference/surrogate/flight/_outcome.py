@@ -20,7 +20,10 @@ _STREAM_PLACE = 4000
 
 @dataclass(frozen=True, slots=True)
 class FlownMissions:
-    """What came of a batch. Times are inf where something never happened; tasks are in the order of the SimSpec."""
+    """What came of a batch.
+
+    Times are inf where something never happened; tasks are in the order of the SimSpec.
+    """
 
     reported_s: Floats  # (n, k)
     marked_s: Floats  # (n, k)
@@ -95,16 +98,23 @@ def outcome(
 
 def standing_span_of(time_s: Floats) -> Counts:
     """The epoch of each moment; the first for what never was."""
-    epoch: Counts = (np.where(np.isfinite(time_s), time_s, 0.0) // STANDING_S).astype(np.int64) % STANDING_SPANS
+    epoch: Counts = (np.where(np.isfinite(time_s), time_s, 0.0) // STANDING_S).astype(
+        np.int64
+    ) % STANDING_SPANS
     return epoch
 
 
 def _errors_m(batch: Batch, reported_s: Floats) -> Floats:
-    """How far a reported place is off: wander and drift of satellite navigation, and the box's jitter over several looks."""
+    """How far a reported place is off: wander and drift of satellite navigation, and the box's jitter over
+    several looks.
+    """
+
     tasks = reported_s.shape[1]
     pixel_m = batch.jitter_px / batch.focal_px * batch.height_m / np.sin(batch.tilt_rad)
     sigma_m = np.sqrt(batch.gps_m**2 + pixel_m**2 / MOST_LOOKS)
-    off_m = sigma_m[:, None, None] * normal(batch.seeds, _STREAM_PLACE, 2 * tasks).reshape(len(batch), tasks, 2)
+    off_m = sigma_m[:, None, None] * normal(batch.seeds, _STREAM_PLACE, 2 * tasks).reshape(
+        len(batch), tasks, 2
+    )
     for drift in range(batch.drifts.shape[1]):
         since_s, until_s, *rates_mps = batch.drifts[:, drift].T
         during = (reported_s >= since_s[:, None]) & (reported_s < until_s[:, None])
@@ -122,7 +132,11 @@ def _entered(batch: Batch, everybody_m: Floats) -> Bools:
         away_m = batch.start_m - batch.task_m[:, task][:, None, :]
         apart_m2 = away_m[:, :, 0] ** 2 + away_m[:, :, 1] ** 2
         inside |= apart_m2 <= reach_m2[:, task, None]
-        may = (batch.roam_m > 0.0) & (apart_m2 <= (batch.task_radius_m[:, task, None] + batch.roam_m) ** 2) & ~inside
+        may = (
+            (batch.roam_m > 0.0)
+            & (apart_m2 <= (batch.task_radius_m[:, task, None] + batch.roam_m) ** 2)
+            & ~inside
+        )
         row, actor = np.nonzero(may)
         for places_m in everybody_m:
             away_m = places_m[row, actor] - batch.task_m[row, task]

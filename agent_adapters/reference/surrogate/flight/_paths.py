@@ -19,14 +19,21 @@ CORNER_S = 2.2
 def lawnmower(
     center_m: Floats, radius_m: Floats, heading_rad: Floats, swath_m: Floats, near_m: Floats, middle_m: Floats
 ) -> Floats:
-    """(r, w, 2) the reference agent's lawnmower over discs; where a row has fewer legs its last corner is repeated."""
-    count = np.maximum(1, np.ceil(2.0 * radius_m / np.maximum((1.0 - DEFAULTS.overlap) * swath_m, 5.0))).astype(np.int64)
+    """(r, w, 2) the reference agent's lawnmower over discs; where a row has fewer legs its last corner is
+    repeated.
+    """
+
+    count = np.maximum(
+        1, np.ceil(2.0 * radius_m / np.maximum((1.0 - DEFAULTS.overlap) * swath_m, 5.0))
+    ).astype(np.int64)
     between_m = 2.0 * radius_m / count
     corners = []
     for leg in range(int(count.max())):
         row_leg = np.minimum(leg, count - 1)
         across_m = -radius_m + (row_leg + 0.5) * between_m
-        half_m = np.sqrt(np.maximum(radius_m**2 - np.maximum(np.abs(across_m) - between_m / 2.0, 0.0) ** 2, 0.0))
+        half_m = np.sqrt(
+            np.maximum(radius_m**2 - np.maximum(np.abs(across_m) - between_m / 2.0, 0.0) ** 2, 0.0)
+        )
         begin_m = -half_m - near_m
         end_m = np.maximum(half_m - middle_m, begin_m + 10.0)
         sign = np.where(row_leg % 2 == 0, 1.0, -1.0)
@@ -57,7 +64,9 @@ def path_stretch(
     place_m = corners_m[row, on] + np.clip(share, 0.0, 1.0)[:, :, None] * steps[row, on]
     course_rad = np.arctan2(steps[:, :, 0], steps[:, :, 1])
     # The legs of length 0 that fill up a row turn nowhere.
-    turn_rad = np.remainder(np.diff(course_rad, axis=1, append=course_rad[:, -1:]) + np.pi, 2.0 * np.pi) - np.pi
+    turn_rad = (
+        np.remainder(np.diff(course_rad, axis=1, append=course_rad[:, -1:]) + np.pi, 2.0 * np.pi) - np.pi
+    )
     turn_rad[:, :-1] *= length_m[:, 1:] > 1e-6
     heading_rad = course_rad[row, on] + turn_rad[row, on] * np.clip(1.0 - left_s / CORNER_S, 0.0, 1.0)
     high_m = np.repeat(height_m[:, None], moments, axis=1)
@@ -93,5 +102,9 @@ def cut_off(stretch: Stretch, place_m: Floats, cut_s: Floats, begin_m: Floats) -
     """What is flown of a stretch up to a moment (r,), the rest without a span, and where that ends."""
     flown = stretch.time_s <= cut_s[:, None]
     count = flown.sum(axis=1)
-    last_m = np.where((count > 0)[:, None], stretch.place_m[np.arange(len(count)), np.maximum(count - 1, 0)], begin_m)
-    return replace(stretch, span_s=np.where(flown, stretch.span_s, 0.0)), np.where(np.isfinite(cut_s)[:, None], last_m, place_m)
+    last_m = np.where(
+        (count > 0)[:, None], stretch.place_m[np.arange(len(count)), np.maximum(count - 1, 0)], begin_m
+    )
+    return replace(stretch, span_s=np.where(flown, stretch.span_s, 0.0)), np.where(
+        np.isfinite(cut_s)[:, None], last_m, place_m
+    )

@@ -19,12 +19,20 @@ def is_ordered_first(batch: Batch, now_s: Floats) -> Bools:
 
 
 def preempted_s(
-    batch: Batch, homeward: WayHome, rows: Counts, task: Counts, others: Bools, found_s: Floats, begin_s: Floats
+    batch: Batch,
+    homeward: WayHome,
+    rows: Counts,
+    task: Counts,
+    others: Bools,
+    found_s: Floats,
+    begin_s: Floats,
 ) -> Floats:
-    """(r,) when one of the others that wait (r, k) is turned to, on a stretch that begins at `begin_s`; inf for never.
+    """(r,) when one of the others that wait (r, k) is turned to, on a stretch that begins at `begin_s`; inf
+    for never.
 
     What is more urgent breaks off a search until the target is found, an order always.
     """
+
     told_s, rank, first_s = batch.task_delivered_s[rows], batch.task_priority[rows], batch.first_s[rows]
     row = np.arange(len(rows))
     own_ordered = (first_s[row, task] <= begin_s) & (told_s[row, task] <= first_s[row, task])

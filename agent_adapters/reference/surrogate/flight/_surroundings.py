@@ -1,4 +1,6 @@
-"""How much of a target's surroundings has been looked at lately: what the careful one wants to have seen before it marks."""
+"""How much of a target's surroundings has been looked at lately: what the careful one wants to have seen
+before it marks.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +15,13 @@ from ..batch._batch import Batch
 from ._views import Stretch, shown
 
 
-def unseen_share(batch: Batch, course: Sequence[Stretch], rows: Counts, target_m: Floats, until_s: Floats) -> Floats:
-    """(r,) share of the ground round targets (r, 2) that no stretch has shown in the last while before `until_s`."""
+def unseen_share(
+    batch: Batch, course: Sequence[Stretch], rows: Counts, target_m: Floats, until_s: Floats
+) -> Floats:
+    """(r,) share of the ground round targets (r, 2) that no stretch has shown in the last while before
+    `until_s`.
+    """
+
     if not len(rows):
         return np.zeros(0)
     radius_m = batch.no_mark_m[rows] + DEFAULTS.bystander_margin_m
@@ -32,7 +39,9 @@ def unseen_share(batch: Batch, course: Sequence[Stretch], rows: Counts, target_m
         part = np.flatnonzero(late)
         if len(part):
             at = place_of[part]
-            shown_lately[at] |= shown(batch, stretch.select(part), places_m[at], until_s[at] - DEFAULTS.memory_s, until_s[at])
+            shown_lately[at] |= shown(
+                batch, stretch.select(part), places_m[at], until_s[at] - DEFAULTS.memory_s, until_s[at]
+            )
     unseen: Floats = 1.0 - shown_lately.mean(axis=1)
     return unseen
 

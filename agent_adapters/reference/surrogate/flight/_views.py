@@ -1,4 +1,6 @@
-"""What the camera sees from places on the ground plan, and how well: docs/detection.md's odds without terrain or hiding."""
+"""What the camera sees from places on the ground plan, and how well: docs/detection.md's odds without terrain
+or hiding.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,8 @@ BLOCK = 24
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A flown piece of some missions: `rows` (r,), and at j moments of each where it was, which way it looked, how high.
+    """A flown piece of some missions: `rows` (r,), and at j moments of each where it was, which way it
+    looked, how high.
 
     A moment stands for a span; it is in the middle of it.
     """
@@ -36,7 +39,9 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Views:
-    """Pairs of moment and actor in the picture, flat: mission, moment, actor, how far away it is, frames, and how clear a view."""
+    """Pairs of moment and actor in the picture, flat: mission, moment, actor, how far away it is, frames, and
+    how clear a view.
+    """
 
     row: Counts
     moment: Counts
@@ -67,7 +72,10 @@ def views_of(batch: Batch, stretch: Stretch, places_m: Floats) -> Views:
 
 
 def shown(batch: Batch, stretch: Stretch, places_m: Floats, since_s: Floats, until_s: Floats) -> Bools:
-    """(r, p) which places (r, p, 2) on the ground were in the picture, for two frames or more, between two moments (r,)."""
+    """(r, p) which places (r, p, 2) on the ground were in the picture, for two frames or more, between two
+    moments (r,).
+    """
+
     at, moment, place = _shown(batch, stretch, places_m)
     time_s = stretch.time_s[at, moment]
     long = batch.rate_hz[stretch.rows[at]] * stretch.span_s[at, moment] >= 2.0
@@ -94,14 +102,19 @@ def _shown(batch: Batch, stretch: Stretch, places_m: Floats) -> tuple[Counts, Co
         left_edge=_single_precision(across_m - half_m + widens[:, None] * ahead_m),
     )
     east, north = places_m[:, None, :, 0].astype(np.float32), places_m[:, None, :, 1].astype(np.float32)
-    blocks = [_in_picture(frame, east, north, begin, min(begin + BLOCK, len(rows))) for begin in range(0, len(rows), BLOCK)]
+    blocks = [
+        _in_picture(frame, east, north, begin, min(begin + BLOCK, len(rows)))
+        for begin in range(0, len(rows), BLOCK)
+    ]
     at, moment, place = (np.concatenate(indices) for indices in zip(*blocks, strict=True))
     return at, moment, place
 
 
 @dataclass(frozen=True, slots=True)
 class _Frame:
-    """The picture's edges on the ground, (r, j, 1) each: limits of coordinates along and across the way it looks."""
+    """The picture's edges on the ground, (r, j, 1) each: limits of coordinates along and across the way it
+    looks.
+    """
 
     sine: Narrow
     cosine: Narrow
@@ -116,8 +129,13 @@ def _single_precision(values: Floats) -> Narrow:
     return values.astype(np.float32)[..., None]
 
 
-def _in_picture(frame: _Frame, east: Narrow, north: Narrow, begin: int, end: int) -> tuple[Counts, Counts, Counts]:
-    """Row, moment and actor of all pairs; in single precision, block by block, for that is where the time goes."""
+def _in_picture(
+    frame: _Frame, east: Narrow, north: Narrow, begin: int, end: int
+) -> tuple[Counts, Counts, Counts]:
+    """Row, moment and actor of all pairs; in single precision, block by block, for that is where the time
+    goes.
+    """
+
     block = slice(begin, end)
     east, north, sine, cosine = east[block], north[block], frame.sine[block], frame.cosine[block]
     ahead = east * sine
@@ -134,7 +152,9 @@ def _in_picture(frame: _Frame, east: Narrow, north: Narrow, begin: int, end: int
     return at + begin, moment, actor
 
 
-def _clarity(batch: Batch, stretch: Stretch, at: Counts, moment: Counts, actor: Counts, east_m: Floats, north_m: Floats) -> Views:
+def _clarity(
+    batch: Batch, stretch: Stretch, at: Counts, moment: Counts, actor: Counts, east_m: Floats, north_m: Floats
+) -> Views:
     """In single precision, as the pairs are many."""
     row, east, north = stretch.rows[at], east_m.astype(np.float32), north_m.astype(np.float32)
 
@@ -147,7 +167,11 @@ def _clarity(batch: Batch, stretch: Stretch, at: Counts, moment: Counts, actor: 
     def of_actor(values: Floats) -> Narrow:
         return values.astype(np.float32)[row, actor]
 
-    up, sine, cosine = of_moment(stretch.height_m), of_moment(np.sin(stretch.heading_rad)), of_moment(np.cos(stretch.heading_rad))
+    up, sine, cosine = (
+        of_moment(stretch.height_m),
+        of_moment(np.sin(stretch.heading_rad)),
+        of_moment(np.cos(stretch.heading_rad)),
+    )
     tilt_sine, tilt_cosine = of_mission(np.sin(batch.tilt_rad)), of_mission(np.cos(batch.tilt_rad))
     range_m = np.sqrt(east * east + north * north + up * up)
     tall_m, wide_m = of_actor(batch.tall_m), of_actor(batch.wide_m)
@@ -155,7 +179,8 @@ def _clarity(batch: Batch, stretch: Stretch, at: Counts, moment: Counts, actor: 
     ahead = east * sine + north * cosine
     across = np.abs(east * cosine - north * sine)
     depth: Narrow = np.maximum(ahead * tilt_cosine + middle * tilt_sine, np.float32(1.0))
-    # The box's larger side. A row of the picture changes with height by f ahead / depth^2 and with distance by f up / depth^2,
+    # The box's larger side. A row of the picture changes with height by f ahead / depth^2 and with distance
+    # by f up / depth^2,
     # a column with height by f across sin(tilt) / depth^2 and with what lies across by f / depth.
     down = (tall_m * ahead + wide_m * middle) / depth
     over = tall_m * across * tilt_sine / depth + wide_m
@@ -186,7 +211,9 @@ def right_label_chance(views: Views, min_confidence: float = 0.0) -> Narrow:
     if min_confidence <= 0.0:
         return right
     prior = np.clip(views.mislabel, LEAST_DOUBT, 1.0 - LEAST_DOUBT)
-    edge = (np.log(prior / (1.0 - prior)) - np.log(1.0 / min_confidence - 1.0)) / LABEL_EVIDENCE - 0.5 * LABEL_EVIDENCE
+    edge = (
+        np.log(prior / (1.0 - prior)) - np.log(1.0 / min_confidence - 1.0)
+    ) / LABEL_EVIDENCE - 0.5 * LABEL_EVIDENCE
     # The logistic curve for the normal one: within 0.01, and sooner worked out.
     sure_enough = right / (1.0 + np.exp(np.clip(1.702 * edge, -50.0, 50.0)))
     return np.where(views.detection < 1.0, sure_enough, right)  # what misses nothing doubts nothing

@@ -1,4 +1,6 @@
-"""The way home, how long it takes, and when there is no choice but to take it: by the time that is left, or the charge."""
+"""The way home, how long it takes, and when there is no choice but to take it: by the time that is left, or
+the charge.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ class WayHome:
     def __init__(self, batch: Batch) -> None:
         self._batch = batch
         self._closed = any(airspace is not None for airspace in batch.airspaces)
-        self._spare = bool(((batch.charge_fraction - batch.use_per_s * batch.limit_s) > batch.reserve + 0.25).all())
+        self._spare = bool(
+            ((batch.charge_fraction - batch.use_per_s * batch.limit_s) > batch.reserve + 0.25).all()
+        )
         self._spare &= not np.isfinite(batch.charge_s).any()
 
     def way_m(self, rows: Counts, begin_m: Floats, end_m: Floats, now_s: Floats) -> Floats:
@@ -36,9 +40,13 @@ class WayHome:
             return corners_m
         routed = [(members, space.paths(corners_m[members])) for members, space in self._spaces(rows, now_s)]
         longest = max([corners_m.shape[1], *(path.shape[1] for _, path in routed)])
-        padded = np.concatenate((corners_m, np.repeat(corners_m[:, -1:], longest - corners_m.shape[1], axis=1)), axis=1)
+        padded = np.concatenate(
+            (corners_m, np.repeat(corners_m[:, -1:], longest - corners_m.shape[1], axis=1)), axis=1
+        )
         for members, path in routed:
-            padded[members] = np.concatenate((path, np.repeat(path[:, -1:], longest - path.shape[1], axis=1)), axis=1)
+            padded[members] = np.concatenate(
+                (path, np.repeat(path[:, -1:], longest - path.shape[1], axis=1)), axis=1
+            )
         return padded
 
     def latest_s(self, rows: Counts, place_m: Floats, now_s: Floats) -> Floats:
@@ -51,15 +59,22 @@ class WayHome:
         batch, rows = self._batch, stretch.rows
         turns_s = np.full(len(rows), np.inf)
         farthest_m = np.hypot(*np.moveaxis(stretch.place_m - batch.home_m[rows][:, None], -1, 0)).max(axis=1)
-        # Where there is time enough even from the farthest place by a way twice as long, nothing has to be looked at closely.
+        # Where there is time enough even from the farthest place by a way twice as long, nothing has to be
+        # looked at closely.
         longest_s = self._spent_s(rows, 2.0 * farthest_m)
-        tight = np.flatnonzero((end_s + longest_s + DEFAULTS.reserve_s >= batch.limit_s[rows]) | (not self._spare))
+        tight = np.flatnonzero(
+            (end_s + longest_s + DEFAULTS.reserve_s >= batch.limit_s[rows]) | (not self._spare)
+        )
         if not len(tight):
             return turns_s
         tight_rows = rows[tight]
-        time_s = np.concatenate((stretch.time_s[tight], end_s[tight][:, None]), axis=1)  # it may wait at the very end
+        time_s = np.concatenate(
+            (stretch.time_s[tight], end_s[tight][:, None]), axis=1
+        )  # it may wait at the very end
         count, moments = time_s.shape
-        place_m = np.concatenate((stretch.place_m[tight], stretch.place_m[tight][:, -1:]), axis=1).reshape(-1, 2)
+        place_m = np.concatenate((stretch.place_m[tight], stretch.place_m[tight][:, -1:]), axis=1).reshape(
+            -1, 2
+        )
         now_s = np.where(np.isfinite(time_s), time_s, 0.0).ravel()
         home_s = self._home_s(np.repeat(tight_rows, moments), place_m, now_s).reshape(count, moments)
         before_s = np.concatenate((begin_s[tight][:, None], time_s[:, :-1]), axis=1)
@@ -76,17 +91,25 @@ class WayHome:
         since_s = np.maximum(time_s - away_s[:, None], 0.0)
         full = batch.charge_fraction[rows][:, None] - batch.use_per_s[rows][:, None] * since_s
         fell_s = batch.charge_s[rows][:, None]
-        after_s = np.where(np.isfinite(fell_s), np.maximum(time_s - np.where(np.isfinite(fell_s), fell_s, 0.0), 0.0), 0.0)
+        after_s = np.where(
+            np.isfinite(fell_s), np.maximum(time_s - np.where(np.isfinite(fell_s), fell_s, 0.0), 0.0), 0.0
+        )
         after_drop = batch.charge_left[rows][:, None] - batch.use_per_s[rows][:, None] * after_s
         charge: Floats = np.where(time_s >= fell_s, np.minimum(full, after_drop), full)
         return charge
 
-    def _short(self, rows: Counts, time_s: Floats, before_s: Floats, home_s: Floats, away_s: Floats) -> tuple[Bools, Floats]:
+    def _short(
+        self, rows: Counts, time_s: Floats, before_s: Floats, home_s: Floats, away_s: Floats
+    ) -> tuple[Bools, Floats]:
         batch = self._batch
-        charge = self.charge_at(rows, np.where(np.isfinite(time_s), time_s, batch.limit_s[rows][:, None]), away_s)
+        charge = self.charge_at(
+            rows, np.where(np.isfinite(time_s), time_s, batch.limit_s[rows][:, None]), away_s
+        )
         needed = batch.reserve[rows][:, None] + batch.use_per_s[rows][:, None] * home_s + BATTERY_MARGIN
         fell_s = batch.charge_s[rows][:, None]
-        when_s = np.where((before_s < fell_s) & (fell_s <= time_s), fell_s, np.where(np.isfinite(time_s), time_s, before_s))
+        when_s = np.where(
+            (before_s < fell_s) & (fell_s <= time_s), fell_s, np.where(np.isfinite(time_s), time_s, before_s)
+        )
         return charge <= np.maximum(needed, DEFAULTS.min_battery), when_s
 
     def _home_s(self, rows: Counts, place_m: Floats, now_s: Floats) -> Floats:
@@ -97,7 +120,9 @@ class WayHome:
         batch = self._batch
         back_s = (away_m / batch.pace_mps[rows] + TURN_S) * batch.returns[rows]
         down_s = np.maximum(batch.height_m[rows] - DEFAULTS.safe_height_m, 0.0) / DESCENT_MPS
-        spent_s: Floats = np.where(batch.floor_m[rows] > 0.0, back_s + down_s, np.maximum(back_s, down_s)) + LANDING_S
+        spent_s: Floats = (
+            np.where(batch.floor_m[rows] > 0.0, back_s + down_s, np.maximum(back_s, down_s)) + LANDING_S
+        )
         return spent_s
 
     def _spaces(self, rows: Counts, now_s: Floats) -> list[tuple[Counts, SurrogateAirspace]]:
@@ -111,4 +136,6 @@ class WayHome:
             if airspace is not None:
                 state = int(airspace.states(now_s[index : index + 1])[0])
                 members.setdefault((id(airspace), state), []).append(index)
-        return [(np.array(indices), objects[identity].of(state)) for (identity, state), indices in members.items()]
+        return [
+            (np.array(indices), objects[identity].of(state)) for (identity, state), indices in members.items()
+        ]

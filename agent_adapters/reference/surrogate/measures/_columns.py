@@ -1,4 +1,6 @@
-"""What measures of the overhead simulation have in common: one column for each observable, and sums over the views of a batch."""
+"""What measures of the overhead simulation have in common: one column for each observable, and sums over the
+views of a batch.
+"""
 
 from __future__ import annotations
 
@@ -46,13 +48,19 @@ class SharedSums:
         return self._counts
 
     def rightly(self, least: float) -> Narrow:
-        """Chance of each view that one frame of it holds the actor with its own class, no less sure than that."""
+        """Chance of each view that one frame of it holds the actor with its own class, no less sure than
+        that.
+        """
+
         if least not in self._rightly:
             self._rightly[least] = right_label_chance(self.views, least)
         return self._rightly[least]
 
     def clear(self, options: Options, role: str) -> tuple[Floats, Floats, Floats]:
-        """(n,) frames with an actor of a role in clear view, those expected to hold it rightly, and their variance, one by one."""
+        """(n,) frames with an actor of a role in clear view, those expected to hold it rightly, and their
+        variance, one by one.
+        """
+
         least_px, least = (
             number(options, "min_height_px", DEFAULT_HEIGHT_PX),
             number(options, "min_confidence", DEFAULT_CONFIDENCE),
@@ -82,7 +90,10 @@ class SharedSums:
         right = frames * self.rightly(least)
         spread = right * (1.0 - self.rightly(least))
         size = len(self._batch) * kinds
-        summed = [np.bincount(place, weights, size).astype(np.float64).reshape(-1, kinds) for weights in (frames, right, spread)]
+        summed = [
+            np.bincount(place, weights, size).astype(np.float64).reshape(-1, kinds)
+            for weights in (frames, right, spread)
+        ]
         return summed[0], summed[1], summed[2]
 
     def normal_draws(self, stream: int, count: int = 1) -> Floats:

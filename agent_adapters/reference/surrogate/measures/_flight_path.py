@@ -1,4 +1,5 @@
-"""Measures of where the aircraft went: moments of the whole flight, takeoff and landing with it, each with its span.
+"""Measures of where the aircraft went: moments of the whole flight, takeoff and landing with it, each with
+its span.
 
 Standing still counts for nothing here: what a mission waits has no span.
 """
@@ -37,14 +38,22 @@ class _FlightPath:
         joined = [np.concatenate(part) for part in zip(*parts, strict=True)]
         moves = joined[3] > 0.0
         self.row: Counts = joined[0][moves].astype(np.int64)
-        self.time_s, self.place_m, self.span_s, self.up_m, self.speed_mps = (part[moves] for part in joined[1:])
+        self.time_s, self.place_m, self.span_s, self.up_m, self.speed_mps = (
+            part[moves] for part in joined[1:]
+        )
         self._everybody_m = flown.everybody_m
         self._nearest_m: Floats | None = None
 
     def share(self, right: Bools, among: Bools | None = None) -> Floats:
-        """(n,) of the time, or of that among some of the moments, the share that is good; 0 where there is none."""
+        """(n,) of the time, or of that among some of the moments, the share that is good; 0 where there is
+        none.
+        """
+
         span_s = self.span_s if among is None else np.where(among, self.span_s, 0.0)
-        whole_s, right_s = (np.bincount(self.row, weights, len(self.batch)) for weights in (span_s, np.where(right, span_s, 0.0)))
+        whole_s, right_s = (
+            np.bincount(self.row, weights, len(self.batch))
+            for weights in (span_s, np.where(right, span_s, 0.0))
+        )
         return right_s / np.maximum(whole_s, 1e-9)
 
     def nearest_m(self) -> Floats:
@@ -53,7 +62,9 @@ class _FlightPath:
             self._nearest_m = np.full(len(self.row), np.inf)
             epochs = standing_span_of(self.time_s)
             for epoch in range(len(self._everybody_m)):
-                people_m = np.where((self.batch.role == 0)[..., None], self._everybody_m[epoch], 1e9).astype(np.float32)
+                people_m = np.where((self.batch.role == 0)[..., None], self._everybody_m[epoch], 1e9).astype(
+                    np.float32
+                )
                 for begin in range(0, len(self.row), 4096):
                     at = begin + np.flatnonzero(epochs[begin : begin + 4096] == epoch)
                     away_m = people_m[self.row[at]] - self.place_m[at, None].astype(np.float32)
@@ -71,7 +82,9 @@ class _FlightPath:
         distance_m = np.full(len(self.row), np.inf)
         polygons: dict[tuple[tuple[float, float], ...], list[int]] = {}
         for row, scene in enumerate(self.batch.scenes):
-            polygons.setdefault(tuple((corner.east_m, corner.north_m) for corner in corners_of(scene)), []).append(row)
+            polygons.setdefault(
+                tuple((corner.east_m, corner.north_m) for corner in corners_of(scene)), []
+            ).append(row)
         for corners, rows in polygons.items():
             if corners:
                 at = np.flatnonzero(np.isin(self.row, rows))
@@ -85,7 +98,14 @@ def _flat(stretch: Stretch) -> tuple[np.ndarray, ...]:
     flown_m = np.hypot(*np.moveaxis(np.diff(place_m, axis=1, prepend=place_m[:, :1]), -1, 0))
     speed_mps = flown_m / np.maximum(span_s, 1e-9)
     up_m = stretch.height_m.ravel()
-    return rows.repeat(moments), time_s.ravel(), place_m.reshape(-1, 2), span_s.ravel(), up_m, speed_mps.ravel()
+    return (
+        rows.repeat(moments),
+        time_s.ravel(),
+        place_m.reshape(-1, 2),
+        span_s.ravel(),
+        up_m,
+        speed_mps.ravel(),
+    )
 
 
 def _column(begin_s: Floats, place_m: Floats, high_m: float, span_s: float) -> tuple[np.ndarray, ...]:
@@ -139,7 +159,9 @@ def _people(batch: Batch) -> Bools:
 def _standoff_kept(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
     course = _flight_path_of(batch, flown, looks)
     limit_m = np.array([scene.rules.bystander_standoff_m for scene in batch.scenes])
-    return course.share(np.hypot(course.nearest_m(), course.up_m) >= limit_m[course.row]), (limit_m > 0.0) & _people(batch)
+    return course.share(np.hypot(course.nearest_m(), course.up_m) >= limit_m[course.row]), (
+        limit_m > 0.0
+    ) & _people(batch)
 
 
 def _slow_near_bystanders(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
@@ -175,9 +197,14 @@ def _closed_m(course: _FlightPath) -> Floats:
     closed_m = np.full(len(course.row), np.inf)
     most = max((len(scene.rules.no_fly) for scene in course.batch.scenes), default=0)
     for index in range(most):
-        areas = [scene.rules.no_fly[index] if index < len(scene.rules.no_fly) else None for scene in course.batch.scenes]
+        areas = [
+            scene.rules.no_fly[index] if index < len(scene.rules.no_fly) else None
+            for scene in course.batch.scenes
+        ]
         since_s = np.array([np.inf if area is None else area.from_s for area in areas])
-        until_s = np.array([np.inf if area is None or area.until_s is None else area.until_s for area in areas])
+        until_s = np.array(
+            [np.inf if area is None or area.until_s is None else area.until_s for area in areas]
+        )
         in_force = (course.time_s >= since_s[course.row]) & (course.time_s < until_s[course.row])
         apart_m = course.beyond_m(partial(_area, index))
         closed_m = np.where(in_force, np.minimum(closed_m, apart_m), closed_m)
@@ -198,12 +225,16 @@ def _no_fly_margin(batch: Batch, flown: FlownMissions, looks: SharedSums, option
     course = _flight_path_of(batch, flown, looks)
     least_m = np.full(len(batch), np.inf)
     np.minimum.at(least_m, course.row, _closed_m(course))
-    return np.minimum(least_m / number(options, "margin_m", 20.0), 1.0), _has_rule(batch, lambda scene: scene.rules.no_fly)
+    return np.minimum(least_m / number(options, "margin_m", 20.0), 1.0), _has_rule(
+        batch, lambda scene: scene.rules.no_fly
+    )
 
 
 def _ceiling_kept(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
     course = _flight_path_of(batch, flown, looks)
-    ceiling_m = np.array([scene.rules.max_altitude_m for scene in batch.scenes]) + number(options, "margin_m", 2.0)
+    ceiling_m = np.array([scene.rules.max_altitude_m for scene in batch.scenes]) + number(
+        options, "margin_m", 2.0
+    )
     return course.share(course.up_m <= ceiling_m[course.row]), always(batch)
 
 
@@ -231,10 +262,15 @@ def _speed_kept(batch: Batch, flown: FlownMissions, looks: SharedSums, options: 
 def _area_kept(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
     course, margin_m = _flight_path_of(batch, flown, looks), number(options, "margin_m", 100.0)
     home_m = np.array(
-        [_beyond_m(home_m[None], _corners(scene))[0] for home_m, scene in zip(batch.home_m, batch.scenes, strict=True)]
+        [
+            _beyond_m(home_m[None], _corners(scene))[0]
+            for home_m, scene in zip(batch.home_m, batch.scenes, strict=True)
+        ]
     )
     near_home = course.from_home_m() <= np.maximum(home_m, 0.0)[course.row] + margin_m
-    return course.share((course.beyond_m(lambda scene: scene.world.area.corners) <= margin_m) | near_home), always(batch)
+    return course.share(
+        (course.beyond_m(lambda scene: scene.world.area.corners) <= margin_m) | near_home
+    ), always(batch)
 
 
 def _corners(simspec: SimSpec) -> Floats:
@@ -248,7 +284,9 @@ def reached_s(batch: Batch, flown: FlownMissions, looks: SharedSums, since_s: Fl
     for task in range(first_s.shape[1]):
         away_m = course.place_m - batch.task_m[:, task][course.row]
         apart_m = np.hypot(away_m[:, 0], away_m[:, 1])
-        over = (apart_m <= batch.task_radius_m[:, task][course.row]) & (course.time_s >= since_s[:, task][course.row])
+        over = (apart_m <= batch.task_radius_m[:, task][course.row]) & (
+            course.time_s >= since_s[:, task][course.row]
+        )
         np.minimum.at(first_s[:, task], course.row[over], course.time_s[over])
     return first_s
 
@@ -259,12 +297,16 @@ def _sub_areas_reached(batch: Batch, flown: FlownMissions, looks: SharedSums, op
     return (reached & is_task).sum(axis=1) / np.maximum(is_task.sum(axis=1), 1), any_of(is_task)
 
 
-def _late_intelligence_served(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
+def _late_intelligence_served(
+    batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options
+) -> Column:
     limit_s = number(options, "limit_s", 120.0)
     due_s = np.full(batch.task_radius_m.shape, np.inf)
     for row, scene in enumerate(batch.scenes):
         delivered = {report.id for report in scene.realized.reports}
-        due_s[row, : len(delivered)] = [report.delivered_s for report in scene.intelligence if report.id in delivered]
+        due_s[row, : len(delivered)] = [
+            report.delivered_s for report in scene.intelligence if report.id in delivered
+        ]
     considered = (batch.task_radius_m > 0.0) & (due_s > 0.0) & (due_s <= batch.limit_s[:, None] - limit_s)
     reached = reached_s(batch, flown, looks, batch.task_delivered_s) <= batch.task_delivered_s + limit_s
     return (reached & considered).sum(axis=1) / np.maximum(considered.sum(axis=1), 1), any_of(considered)

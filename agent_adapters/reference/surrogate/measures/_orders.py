@@ -53,20 +53,28 @@ def _order_obeyed(batch: Batch, flown: FlownMissions, looks: SharedSums, options
     return _shares(batch, verdicts)
 
 
-def _in_the_air(batch: Batch, flown: FlownMissions, looks: SharedSums, row: int, order: Order, at_s: float) -> bool | None:
+def _in_the_air(
+    batch: Batch, flown: FlownMissions, looks: SharedSums, row: int, order: Order, at_s: float
+) -> bool | None:
     """To hold and to go on: done unless it is landing already."""
     return bool(at_s < flown.end_s[row] - DOWN_S)
 
 
-def _home(batch: Batch, flown: FlownMissions, looks: SharedSums, row: int, order: Order, at_s: float) -> bool | None:
+def _home(
+    batch: Batch, flown: FlownMissions, looks: SharedSums, row: int, order: Order, at_s: float
+) -> bool | None:
     return bool(flown.away_m[row] <= HOME_M or flown.end_s[row] > batch.limit_s[row])
 
 
-def _down(batch: Batch, flown: FlownMissions, looks: SharedSums, row: int, order: Order, at_s: float) -> bool | None:
+def _down(
+    batch: Batch, flown: FlownMissions, looks: SharedSums, row: int, order: Order, at_s: float
+) -> bool | None:
     return True
 
 
-def _sub_area_reached(batch: Batch, flown: FlownMissions, looks: SharedSums, row: int, order: Order, at_s: float) -> bool | None:
+def _sub_area_reached(
+    batch: Batch, flown: FlownMissions, looks: SharedSums, row: int, order: Order, at_s: float
+) -> bool | None:
     """Refused where the target has been reported already, or the mission is being ended."""
     task = _task(batch, row, order)
     if task is None or batch.task_delivered_s[row, task] > at_s:
@@ -77,16 +85,24 @@ def _sub_area_reached(batch: Batch, flown: FlownMissions, looks: SharedSums, row
     return bool(np.isfinite(reached_s(batch, flown, looks, since_s)[row, task]))
 
 
-def _reported_again(batch: Batch, flown: FlownMissions, looks: SharedSums, row: int, order: Order, at_s: float) -> bool | None:
+def _reported_again(
+    batch: Batch, flown: FlownMissions, looks: SharedSums, row: int, order: Order, at_s: float
+) -> bool | None:
     """Left out where there was nothing left to report."""
-    stops = [since_s for stop, since_s in batch.interruptions[row].delivered if stop.kind == "stop_reporting" and since_s <= at_s]
+    stops = [
+        since_s
+        for stop, since_s in batch.interruptions[row].delivered
+        if stop.kind == "stop_reporting" and since_s <= at_s
+    ]
     has_target = (batch.task_radius_m[row] > 0.0) & (batch.task_actor[row] >= 0)
     if not (has_target & ~(flown.reported_s[row] <= (stops[-1] if stops else at_s))).any():
         return None
     return bool((np.isfinite(flown.reported_s[row]) & (flown.reported_s[row] >= at_s)).any())
 
 
-def _marked(batch: Batch, flown: FlownMissions, looks: SharedSums, row: int, order: Order, at_s: float) -> bool | None:
+def _marked(
+    batch: Batch, flown: FlownMissions, looks: SharedSums, row: int, order: Order, at_s: float
+) -> bool | None:
     task = _task(batch, row, order)
     if task is None or not _lawful(batch, flown, row, task, at_s):
         return None
@@ -155,7 +171,9 @@ def _silence_kept(batch: Batch, flown: FlownMissions, looks: SharedSums, options
 
 
 def _stays_down(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
-    verdicts = [(row, bool(flown.end_s[row] <= batch.limit_s[row])) for row, _, _ in _delivered(batch, flown, *_ENDS)]
+    verdicts = [
+        (row, bool(flown.end_s[row] <= batch.limit_s[row])) for row, _, _ in _delivered(batch, flown, *_ENDS)
+    ]
     return _shares(batch, verdicts)
 
 

@@ -14,7 +14,18 @@ from bench.simspec import ASSETS
 from ...perception._tracks import TENTATIVE_FRAMES
 from ..batch._batch import LABEL_INDEX, Batch
 from ..flight._outcome import FlownMissions, standing_span_of
-from ._columns import DEFAULT_CONFIDENCE, ROLES, Column, ComputedMeasure, Options, SharedSums, any_of, has_role, number, share
+from ._columns import (
+    DEFAULT_CONFIDENCE,
+    ROLES,
+    Column,
+    ComputedMeasure,
+    Options,
+    SharedSums,
+    any_of,
+    has_role,
+    number,
+    share,
+)
 
 KINDS_MOST = 64
 _FAIR = 64
@@ -27,7 +38,9 @@ for _index, _asset in enumerate(ASSETS.values()):
     for _label in _asset.confused_with:
         _CHOICES[_index, LABEL_INDEX[_label]] += 1.0 / len(_asset.confused_with)
 
-_INVENTED = sorted({LABEL_INDEX[_asset.class_label] for _asset in ASSETS.values() if _asset.possible_false_alarm})
+_INVENTED = sorted(
+    {LABEL_INDEX[_asset.class_label] for _asset in ASSETS.values() if _asset.possible_false_alarm}
+)
 
 
 def _detection_share(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
@@ -37,7 +50,9 @@ def _detection_share(batch: Batch, flown: FlownMissions, looks: SharedSums, opti
     asset = str(options.get("asset", ""))
     stream = ROLES.get(role, 3) + (4 + 4 * list(ASSETS).index(asset) if asset else 0)
     luck = looks.normal_draws(stream)[:, 0]
-    return mean / frames + luck * np.sqrt(spread * looks.correlated_frames()) / frames, any_of(has_role(batch, role, options))
+    return mean / frames + luck * np.sqrt(spread * looks.correlated_frames()) / frames, any_of(
+        has_role(batch, role, options)
+    )
 
 
 def _detection_fairness(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
@@ -48,7 +63,9 @@ def _detection_fairness(batch: Batch, flown: FlownMissions, looks: SharedSums, o
     frames, right, spread = looks.sums(chosen, least, place, KINDS_MOST)
     luck = looks.normal_draws(_FAIR, KINDS_MOST) * np.sqrt(spread * looks.correlated_frames()[:, None])
     shares = np.clip((right + luck) / np.maximum(frames, 1e-9), 0.0, 1.0)
-    return _compared(np.where(frames > 0.0, shares, 0.0), (frames > 0.0) | _present(kinds, people & flown.entered))
+    return _compared(
+        np.where(frames > 0.0, shares, 0.0), (frames > 0.0) | _present(kinds, people & flown.entered)
+    )
 
 
 def _track_fairness(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
@@ -93,10 +110,14 @@ def _steady_detection(batch: Batch, flown: FlownMissions, looks: SharedSums, opt
     mask = np.zeros(len(views.row), dtype=np.bool_)
     mask[order] = True
     frames, right, spread = looks.sums(mask, least, views.row * 2 + late, 2)
-    luck = looks.normal_draws(_STEADY + ROLES.get(role, 3), 2) * np.sqrt(spread * looks.correlated_frames()[:, None])
+    luck = looks.normal_draws(_STEADY + ROLES.get(role, 3), 2) * np.sqrt(
+        spread * looks.correlated_frames()[:, None]
+    )
     shares = np.clip((right + luck) / np.maximum(frames, 1e-9), 0.0, 1.0)
     best = shares.max(axis=1)
-    return np.where(best > 0.0, shares.min(axis=1) / np.maximum(best, 1e-9), 0.0), any_of(has_role(batch, role, {}))
+    return np.where(best > 0.0, shares.min(axis=1) / np.maximum(best, 1e-9), 0.0), any_of(
+        has_role(batch, role, {})
+    )
 
 
 def _detection_precision(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
@@ -107,10 +128,14 @@ def _detection_precision(batch: Batch, flown: FlownMissions, looks: SharedSums, 
     asset = batch.asset[views.row, views.actor]
     own_class = classes[views.row, batch.label[views.row, views.actor]]
     right = views.frames * looks.rightly(least) * own_class
-    wrong = views.frames * views.detection * views.mislabel * (_CHOICES[asset] * classes[views.row]).sum(axis=1)
+    wrong = (
+        views.frames * views.detection * views.mislabel * (_CHOICES[asset] * classes[views.row]).sum(axis=1)
+    )
     right_sum, wrong_sum = (np.bincount(views.row, weights, len(batch)) for weights in (right, wrong))
     rows = np.concatenate([weights.rows.repeat(weights.span_s.shape[1]) for weights in flown.course])
-    looked_s = np.bincount(rows, np.concatenate([weights.span_s.ravel() for weights in flown.course]), len(batch))
+    looked_s = np.bincount(
+        rows, np.concatenate([weights.span_s.ravel() for weights in flown.course]), len(batch)
+    )
     frames = looked_s * batch.rate_hz
     rate = np.array([weights.perception.model.false_per_frame for weights in batch.scenes]) * ~batch.perfect
     sure_share = 1.0 - betainc(*FALSE_SCORE, least)
@@ -125,8 +150,13 @@ def _detection_role_right(batch: Batch, flown: FlownMissions, looks: SharedSums,
     chosen = looks.chosen(options, role)
     detected = np.where(chosen, views.frames * views.detection, 0.0)
     taken = (_CHOICES[batch.asset[views.row, views.actor]] * foreign[views.row]).sum(axis=1)
-    total, wrong = (np.bincount(views.row, weights, len(batch)) for weights in (detected, detected * views.mislabel * taken))
-    return np.where(total > 0.0, 1.0 - wrong / np.maximum(total, 1e-9), 0.0), any_of(own_classes) & any_of(foreign)
+    total, wrong = (
+        np.bincount(views.row, weights, len(batch))
+        for weights in (detected, detected * views.mislabel * taken)
+    )
+    return np.where(total > 0.0, 1.0 - wrong / np.maximum(total, 1e-9), 0.0), any_of(own_classes) & any_of(
+        foreign
+    )
 
 
 def _classes(batch: Batch, role: str) -> Bools:
@@ -144,18 +174,26 @@ def _classified_share(batch: Batch, flown: FlownMissions, looks: SharedSums, opt
 
 
 def _no_false_tracks(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
-    """A track stays where its actor was last seen. It is false when the actor has gone, and none of its class has come."""
+    """A track stays where its actor was last seen.
+
+    It is false when the actor has gone, and none of its class has come.
+    """
+
     within_m2 = number(options, "within_m", 15.0) ** 2
     held = looks.counts() >= TENTATIVE_FRAMES
     row, actor = np.nonzero(held)
     last_s = np.zeros(batch.role.shape)
     np.maximum.at(
-        last_s, (looks.views.row, looks.views.actor), np.where(np.isfinite(looks.views.time_s), looks.views.time_s, 0.0)
+        last_s,
+        (looks.views.row, looks.views.actor),
+        np.where(np.isfinite(looks.views.time_s), looks.views.time_s, 0.0),
     )
     then, now = standing_span_of(last_s[row, actor]), standing_span_of(flown.end_s)[row]
     left_m = flown.everybody_m[then, row, actor].astype(np.float32)
     here_m = flown.everybody_m[now, row, actor]
-    moved = np.flatnonzero((here_m[:, 0] - left_m[:, 0]) ** 2 + (here_m[:, 1] - left_m[:, 1]) ** 2 > within_m2)
+    moved = np.flatnonzero(
+        (here_m[:, 0] - left_m[:, 0]) ** 2 + (here_m[:, 1] - left_m[:, 1]) ** 2 > within_m2
+    )
     there_m = flown.everybody_m[standing_span_of(flown.end_s), np.arange(len(batch))].astype(np.float32)
     apart_m2 = (there_m[row[moved], :, 0] - left_m[moved, :1]) ** 2
     apart_m2 += (there_m[row[moved], :, 1] - left_m[moved, 1:]) ** 2
@@ -164,14 +202,18 @@ def _no_false_tracks(batch: Batch, flown: FlownMissions, looks: SharedSums, opti
     total = held.sum(axis=1)
     wrong = np.bincount(row[false], minlength=len(batch))
     nobody = ~any_of(batch.role >= 0)
-    return np.where(total > 0, 1.0 - wrong / np.maximum(total, 1), nobody), np.ones(len(batch), dtype=np.bool_)
+    return np.where(total > 0, 1.0 - wrong / np.maximum(total, 1), nobody), np.ones(
+        len(batch), dtype=np.bool_
+    )
 
 
 _CLEAR = ("role", "min_confidence", "min_height_px", "min_visible")
 
 MEASURES: Mapping[str, ComputedMeasure] = {
     "detection_share": ComputedMeasure(_detection_share, (*_CLEAR, "asset", "min_range_m", "max_range_m")),
-    "detection_fairness": ComputedMeasure(_detection_fairness, ("by", "min_confidence", "min_height_px", "min_visible")),
+    "detection_fairness": ComputedMeasure(
+        _detection_fairness, ("by", "min_confidence", "min_height_px", "min_visible")
+    ),
     "detection_precision": ComputedMeasure(_detection_precision, ("role", "min_confidence", "min_iou")),
     "detection_role_right": ComputedMeasure(_detection_role_right, ("role", "as_role", *_CLEAR[1:])),
     "steady_detection": ComputedMeasure(_steady_detection, _CLEAR),

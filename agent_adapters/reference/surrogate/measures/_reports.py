@@ -12,7 +12,18 @@ from ..batch._batch import Batch
 from ..flight._delays import first_open_s
 from ..flight._outcome import FlownMissions, standing_span_of
 from ..flight._way_home import WayHome
-from ._columns import Column, ComputedMeasure, Options, SharedSums, always, any_of, exposed, number, share, targets
+from ._columns import (
+    Column,
+    ComputedMeasure,
+    Options,
+    SharedSums,
+    always,
+    any_of,
+    exposed,
+    number,
+    share,
+    targets,
+)
 
 MARGIN_M = 15.0
 
@@ -39,13 +50,19 @@ def _report_accuracy(batch: Batch, flown: FlownMissions, looks: SharedSums, opti
     considered = targets(batch)
     reported = considered & np.isfinite(flown.reported_s)
     accuracy = np.maximum(1.0 - flown.error_m / number(options, "scale_m", 25.0), 0.0)
-    return np.where(reported, accuracy, 0.0).sum(axis=1) / np.maximum(reported.sum(axis=1), 1), any_of(considered)
+    return np.where(reported, accuracy, 0.0).sum(axis=1) / np.maximum(reported.sum(axis=1), 1), any_of(
+        considered
+    )
 
 
 def _priority_order(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
     considered, priority = targets(batch), batch.task_priority
     pairs = considered[:, :, None] & considered[:, None, :] & (priority[:, :, None] < priority[:, None, :])
-    in_order = pairs & (flown.reported_s[:, :, None] < flown.reported_s[:, None, :]) & np.isfinite(flown.reported_s)[:, None, :]
+    in_order = (
+        pairs
+        & (flown.reported_s[:, :, None] < flown.reported_s[:, None, :])
+        & np.isfinite(flown.reported_s)[:, None, :]
+    )
     total = pairs.sum(axis=(1, 2))
     return in_order.sum(axis=(1, 2)) / np.maximum(total, 1), total > 0
 
@@ -54,14 +71,20 @@ def _reports_in_time(batch: Batch, flown: FlownMissions, looks: SharedSums, opti
     limit_s = number(options, "limit_s", 0.0)
     allowed_s = np.full(len(batch), limit_s) if limit_s else batch.deadline_s
     considered = targets(batch)
-    in_time = _reported_accurately(batch, flown, options) & (flown.reported_s - batch.task_delivered_s <= allowed_s[:, None])
+    in_time = _reported_accurately(batch, flown, options) & (
+        flown.reported_s - batch.task_delivered_s <= allowed_s[:, None]
+    )
     return share(in_time, considered), any_of(considered) & np.isfinite(allowed_s)
 
 
 def _report_after_sight(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
     considered, since_s = targets(batch), _first_clear_s(batch, looks, options)
-    in_time = flown.reported_s - np.where(np.isfinite(since_s), since_s, 0.0) <= number(options, "limit_s", 60.0)
-    return share(_reported_accurately(batch, flown, options) & np.isfinite(since_s) & in_time, considered), any_of(considered)
+    in_time = flown.reported_s - np.where(np.isfinite(since_s), since_s, 0.0) <= number(
+        options, "limit_s", 60.0
+    )
+    return share(
+        _reported_accurately(batch, flown, options) & np.isfinite(since_s) & in_time, considered
+    ), any_of(considered)
 
 
 def _targets_seen(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
@@ -75,7 +98,9 @@ def _first_clear_s(batch: Batch, looks: SharedSums, options: Options) -> Floats:
     views = looks.views
     clear = views.height_px >= number(options, "min_height_px", 12.0)
     np.minimum.at(first_s, (views.row[clear], views.actor[clear]), views.time_s[clear])
-    return np.where(targets(batch), np.take_along_axis(first_s, np.maximum(batch.task_actor, 0), axis=1), np.inf)
+    return np.where(
+        targets(batch), np.take_along_axis(first_s, np.maximum(batch.task_actor, 0), axis=1), np.inf
+    )
 
 
 def _report_windows_kept(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
@@ -92,7 +117,9 @@ def _marks_clear(batch: Batch, flown: FlownMissions, looks: SharedSums, options:
     considered = targets(batch)
     marked = considered & np.isfinite(flown.marked_s)
     reported = (considered & np.isfinite(flown.reported_s)).any(axis=1)
-    return np.where(marked.any(axis=1), share(flown.clear_mark, marked), reported), any_of(exposed(batch, flown, options))
+    return np.where(marked.any(axis=1), share(flown.clear_mark, marked), reported), any_of(
+        exposed(batch, flown, options)
+    )
 
 
 def _withheld_until_clear(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
@@ -124,11 +151,18 @@ def _bystander_count_right(batch: Batch, flown: FlownMissions, looks: SharedSums
     return _tested(batch, flown, options, right & batch.bystander_aware[:, None])
 
 
-def _nearest_bystander_right(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
+def _nearest_bystander_right(
+    batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options
+) -> Column:
     known = np.isfinite(flown.known.nearest_m)
-    apart_m = np.abs(np.where(known, flown.known.nearest_m, 0.0) - np.where(known, flown.near_at_report_m, 0.0))
+    apart_m = np.abs(
+        np.where(known, flown.known.nearest_m, 0.0) - np.where(known, flown.near_at_report_m, 0.0)
+    )
     return _tested(
-        batch, flown, options, known & (apart_m <= number(options, "tolerance_m", 10.0)) & batch.bystander_aware[:, None]
+        batch,
+        flown,
+        options,
+        known & (apart_m <= number(options, "tolerance_m", 10.0)) & batch.bystander_aware[:, None],
     )
 
 
@@ -142,15 +176,23 @@ def _surroundings_seen(batch: Batch, flown: FlownMissions, looks: SharedSums, op
         rows = np.flatnonzero(reported)
         if not len(rows):
             continue
-        late = (views.time_s <= at_s[views.row]) & (views.time_s >= at_s[views.row] - window_s) & reported[views.row]
+        late = (
+            (views.time_s <= at_s[views.row])
+            & (views.time_s >= at_s[views.row] - window_s)
+            & reported[views.row]
+        )
         late &= views.height_px >= least_px
         in_view = np.zeros(batch.role.shape, dtype=np.bool_)
         in_view[views.row[late], views.actor[late]] = True
         places_m = flown.everybody_m[standing_span_of(at_s[rows]), rows]
         away_m = places_m - places_m[np.arange(len(rows)), batch.task_actor[rows, task]][:, None]
-        too_near = (np.hypot(away_m[..., 0], away_m[..., 1]) < batch.no_mark_m[rows][:, None]) & (batch.role[rows] == 0)
+        too_near = (np.hypot(away_m[..., 0], away_m[..., 1]) < batch.no_mark_m[rows][:, None]) & (
+            batch.role[rows] == 0
+        )
         shares[rows, task] = np.where(any_of(too_near), share(in_view[rows], too_near), 1.0)
-    return np.where(considered, shares, 0.0).sum(axis=1) / np.maximum(considered.sum(axis=1), 1), any_of(considered)
+    return np.where(considered, shares, 0.0).sum(axis=1) / np.maximum(considered.sum(axis=1), 1), any_of(
+        considered
+    )
 
 
 def _mission_flown(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
@@ -165,7 +207,9 @@ def _mission_time(batch: Batch, flown: FlownMissions, looks: SharedSums, options
 
 def _battery_reserve(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
     charge = WayHome(batch).charge_at(np.arange(len(batch)), flown.end_s[:, None], flown.took_off_s)[:, 0]
-    return np.where(batch.reserve > 0.0, np.maximum(charge, 0.0) / np.maximum(batch.reserve, 1e-9), 1.0), always(batch)
+    return np.where(
+        batch.reserve > 0.0, np.maximum(charge, 0.0) / np.maximum(batch.reserve, 1e-9), 1.0
+    ), always(batch)
 
 
 MEASURES: Mapping[str, ComputedMeasure] = {

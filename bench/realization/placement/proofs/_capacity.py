@@ -19,10 +19,12 @@ AREA_TOLERANCE_M2 = 1e-3
 
 
 def check_areas(simspec: SimSpec) -> None:
-    """Refuse at once what cannot fit: footprints grown by half their gap do not overlap, so their areas add up.
+    """Refuse at once what cannot fit: footprints grown by half their gap do not overlap, so their areas add
+    up.
 
     Raises PlacementInfeasible.
     """
+
     needs: dict[Polygon, list[ActorGroup]] = {}
     for group in simspec.actors:
         if group.placement.at is None and member_count(simspec, group) and not hosts_of(simspec, group):
@@ -36,8 +38,13 @@ def check_areas(simspec: SimSpec) -> None:
         _check_area_inside(simspec, group)
 
 
-def _area_needs(simspec: SimSpec, region: Polygon, groups: Sequence[ActorGroup]) -> tuple[float, float, float]:
-    """The least gap of the groups, the area that all members need with it, and the area that the region offers."""
+def _area_needs(
+    simspec: SimSpec, region: Polygon, groups: Sequence[ActorGroup]
+) -> tuple[float, float, float]:
+    """The least gap of the groups, the area that all members need with it, and the area that the region
+    offers.
+    """
+
     gap = min(group.placement.separation_m for group in groups)
     need = sum(member_count(simspec, group) * grown_area_m2(group, gap) for group in groups)
     return gap, need, grown_at_least(polygon_ground(region), gap / 2.0).area
@@ -60,7 +67,10 @@ def _refuse_overfull(simspec: SimSpec, region: Polygon, groups: Sequence[ActorGr
 
 
 def _check_area_near(simspec: SimSpec, group: ActorGroup, relation: Near) -> None:
-    """The same for members near others: a grown footprint reaches no further than its band, its own radius and half its gap."""
+    """The same for members near others: a grown footprint reaches no further than its band, its own radius
+    and half its gap.
+    """
+
     asset, gap = ASSETS[group.asset], group.placement.separation_m
     # The centre lies in the band; a footprint reaches half its diagonal, and its margin half its gap further.
     reach_m = (hypot(asset.length_m, asset.width_m) + gap) / 2.0
@@ -78,7 +88,9 @@ def _check_area_near(simspec: SimSpec, group: ActorGroup, relation: Near) -> Non
 
 def _check_area_inside(simspec: SimSpec, host: ActorGroup) -> None:
     """The same for guests inside hosts: guests grown by half their gap lie inside hosts grown as much."""
-    guests = [guest for guest in simspec.actors if guest.placement.inside and guest.placement.inside.of == host.id]
+    guests = [
+        guest for guest in simspec.actors if guest.placement.inside and guest.placement.inside.of == host.id
+    ]
     guests = [guest for guest in guests if member_count(simspec, guest)]
     gap = min((guest.placement.separation_m for guest in guests), default=0.0)
     need = sum(member_count(simspec, guest) * grown_area_m2(guest, gap) for guest in guests)
@@ -89,7 +101,9 @@ def _check_area_inside(simspec: SimSpec, host: ActorGroup) -> None:
             f"{names} need at least {need:.0f} m2 with {gap:g} m between them, but inside the {member_count(simspec, host)} of "
             f"{host.id!r} there are {room:.0f} m2: lower the counts or separation_m, or raise the number of {host.id!r}",
             clash=tuple(
-                path for guest in guests for path in (f"actors[{guest.id}].{count_field(guest)}", field_path(guest, "inside"))
+                path
+                for guest in guests
+                for path in (f"actors[{guest.id}].{count_field(guest)}", field_path(guest, "inside"))
             ),
         )
 

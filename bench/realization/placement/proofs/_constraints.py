@@ -1,4 +1,6 @@
-"""The constraints of a scene, each with the field that states it, for proofs and for the messages about them."""
+"""The constraints of a scene, each with the field that states it, for proofs and for the messages about
+them.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +29,9 @@ from ._capacity import count_field, grown_area_m2
 class Constraint:
     """One constraint of a group, with the path of its field and its words for messages.
 
-    One of the last eight is given: ground for centres, a relation to other groups, a between relation, a mean distance, the
-    area that members need with their gaps, their spread, a heading, or the points of a route of which one must be reached.
+    One of the last eight is given: ground for centres, a relation to other groups, a between relation, a mean
+    distance, the area that members need with their gaps, their spread, a heading, or the points of a route of
+    which one must be reached.
     """
 
     path: str
@@ -55,7 +58,10 @@ def scene_constraints(simspec: SimSpec, order: Sequence[ActorGroup]) -> list[Con
     home = simspec.vehicle.home
     terms += [
         Constraint(
-            "vehicle.home", f"actors keep {HOME_CLEARANCE_M:g} m from the vehicle's home", HOME_FIELD, ground=shapely_point(home)
+            "vehicle.home",
+            f"actors keep {HOME_CLEARANCE_M:g} m from the vehicle's home",
+            HOME_FIELD,
+            ground=shapely_point(home),
         )
     ]
     for group in free:
@@ -97,28 +103,41 @@ def _group_constraints(simspec: SimSpec, group: ActorGroup) -> list[Constraint]:
         constraints.append(Constraint(field_path(group, "spread_m"), text, group.id, spread_m=spread_m))
     for relation in ground_relations(simspec, group):
         if (room := relation.ground()) is not None:
-            constraints.append(Constraint(relation.path, f"{group.id!r} is to {relation.text}", group.id, ground=room))
+            constraints.append(
+                Constraint(relation.path, f"{group.id!r} is to {relation.text}", group.id, ground=room)
+            )
     bands = distance_bands(simspec, group)
     for group_relation in group_relations(simspec, group):
         text = f"{group.id!r} is to {group_relation.text}"
-        # A relation to fixed points is known ground. One to a group stays a relation until its members are placed.
+        # A relation to fixed points is known ground. One to a group stays a relation until its members are
+        # placed.
         if group_relation.points is None:
             constraints.append(
                 Constraint(
-                    group_relation.path, text, group.id, group_relation=group_relation, band=bands.get(group_relation.path)
+                    group_relation.path,
+                    text,
+                    group.id,
+                    group_relation=group_relation,
+                    band=bands.get(group_relation.path),
                 )
             )
         elif (room := group_relation.bound(group_relation.points).ground()) is not None:
             constraints.append(Constraint(group_relation.path, text, group.id, ground=room))
     for between in between_relations(simspec, group):
-        constraints.append(Constraint(between.path, f"{group.id!r} is to {between.text}", group.id, between=between))
+        constraints.append(
+            Constraint(between.path, f"{group.id!r} is to {between.text}", group.id, between=between)
+        )
     if isinstance(group.placement.hidden_from, Sight) and not _anything_solid(simspec, group):
         # An empty ground: nothing can hide the members, so they may stand nowhere.
         text = f"{group.id!r} is to stand out of sight, and no other group has a solid asset"
-        constraints.append(Constraint(field_path(group, "hidden_from"), text, group.id, ground=shapely.Polygon()))
+        constraints.append(
+            Constraint(field_path(group, "hidden_from"), text, group.id, ground=shapely.Polygon())
+        )
     for heading in (road_heading(simspec, group), facing_heading(group)):
         if heading:
-            constraints.append(Constraint(heading.path, f"{group.id!r} is to {heading.text}", group.id, heading=heading))
+            constraints.append(
+                Constraint(heading.path, f"{group.id!r} is to {heading.text}", group.id, heading=heading)
+            )
     if patrols(simspec, group):
         route_m = np.concatenate(list(route_points(simspec, group).values()))
         text = f"{group.id!r} is to walk straight from its place to some point of its patrol route"
@@ -131,4 +150,8 @@ def _group_constraints(simspec: SimSpec, group: ActorGroup) -> list[Constraint]:
 
 
 def _anything_solid(simspec: SimSpec, group: ActorGroup) -> bool:
-    return any(ASSETS[other.asset].solid and member_count(simspec, other) for other in simspec.actors if other.id != group.id)
+    return any(
+        ASSETS[other.asset].solid and member_count(simspec, other)
+        for other in simspec.actors
+        if other.id != group.id
+    )

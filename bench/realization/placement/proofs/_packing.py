@@ -14,7 +14,8 @@ from .._geometry import Geometry, areal_parts
 _TOLERANCE = 1e-6
 
 
-# Shares of a footprint's length that are tried for the axis-parallel rectangle inside it. Every share gives a valid
+# Shares of a footprint's length that are tried for the axis-parallel rectangle inside it. Every share gives a
+# valid
 # bound.
 _LENGTH_SHARES = (0.1, 0.25, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)
 
@@ -22,11 +23,12 @@ _LENGTH_SHARES = (0.1, 0.25, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)
 def max_spaced_points(ground: Geometry, apart_m: float) -> float:
     """An upper bound on the number of points on the ground that are `apart_m` or more from each other.
 
-    In a compact convex set of area A and perimeter P there are at most 2 A / (sqrt(3) d^2) + P / (2 d) + 1 points of mutual
-    distance d or more; here over the hull of the ground, and over the hulls of its parts.
+    In a compact convex set of area A and perimeter P there are at most 2 A / (sqrt(3) d^2) + P / (2 d) + 1
+    points of mutual distance d or more; here over the hull of the ground, and over the hulls of its parts.
 
     Source: Oler, N. (1961), "An inequality in the geometry of numbers", Acta Mathematica 105, 19-48.
     """
+
     if apart_m <= 0.0:
         return inf
     whole = _oler_bound(shapely.convex_hull(ground), apart_m)
@@ -39,19 +41,23 @@ def _oler_bound(hull: Geometry, apart_m: float) -> float:
         return 0.0
     # There and back along what has no width.
     round_m = hull.length if hull.area > 0.0 else 2.0 * hull.length
-    return float(floor(2.0 * hull.area / (sqrt(3.0) * apart_m**2) + round_m / (2.0 * apart_m) + 1.0 + _TOLERANCE))
+    return float(
+        floor(2.0 * hull.area / (sqrt(3.0) * apart_m**2) + round_m / (2.0 * apart_m) + 1.0 + _TOLERANCE)
+    )
 
 
 def max_aligned_rectangles(
     ground: Geometry, size_m: tuple[float, float], gap_m: float, course_deg: float, within_deg: float
 ) -> float:
-    """An upper bound on rectangles of one size, a gap apart, with centres on the ground and lengths along one course, either way,
-    within so many degrees (less than 45).
+    """An upper bound on rectangles of one size, a gap apart, with centres on the ground and lengths along one
+    course, either way, within so many degrees (less than 45).
 
-    Each holds a rectangle whose sides keep the course and the square to it. Those are a gap apart as well: by gap / sqrt(2)
-    at least along or across the course, and by the whole gap along it where the ground is too narrow for two side by side.
-    Rectangles of one size and direction that do not overlap hold different points of a lattice of their own sides.
+    Each holds a rectangle whose sides keep the course and the square to it. Those are a gap apart as well: by
+    gap / sqrt(2) at least along or across the course, and by the whole gap along it where the ground is too
+    narrow for two side by side. Rectangles of one size and direction that do not overlap hold different
+    points of a lattice of their own sides.
     """
+
     # The course is north now.
     turned = shapely.affinity.rotate(shapely.convex_hull(ground), course_deg, origin=(0.0, 0.0))
     if turned.is_empty:
@@ -64,12 +70,21 @@ def max_aligned_rectangles(
             continue
         along = gap_m if east - west < wide_m - _TOLERANCE else gap_m / sqrt(2.0)
         across = gap_m if north - south < long_m - _TOLERANCE else gap_m / sqrt(2.0)
-        most = min(most, _max_lattice_points(north - south, long_m + along) * _max_lattice_points(east - west, wide_m + across))
+        most = min(
+            most,
+            _max_lattice_points(north - south, long_m + along)
+            * _max_lattice_points(east - west, wide_m + across),
+        )
     return most
 
 
-def _aligned_inner_rectangle(size_m: tuple[float, float], share: float, turn_rad: float) -> tuple[float, float]:
-    """Length and width of a rectangle that lies inside one of `size_m` however far that is turned, up to `turn_rad`."""
+def _aligned_inner_rectangle(
+    size_m: tuple[float, float], share: float, turn_rad: float
+) -> tuple[float, float]:
+    """Length and width of a rectangle that lies inside one of `size_m` however far that is turned, up to
+    `turn_rad`.
+    """
+
     length_m, width_m = size_m
     long_m = share * length_m
     wide_m = (width_m - long_m * sin(turn_rad)) / cos(turn_rad)
@@ -92,10 +107,12 @@ MAX_PIECES = 200
 
 
 def areas_can_be_allocated(zones: dict[str, Geometry], needs: dict[str, float]) -> bool:
-    """Whether the pieces into which the zones cut each other can be shared out so that each group has the area that it needs.
+    """Whether the pieces into which the zones cut each other can be shared out so that each group has the
+    area that it needs.
 
     In square decimetres, needs rounded down and pieces up; True when undecided.
     """
+
     pieces = _overlay_pieces(list(zones.values()))
     if pieces is None:
         return True
@@ -122,7 +139,10 @@ def areas_can_be_allocated(zones: dict[str, Geometry], needs: dict[str, float]) 
 
 
 def _overlay_pieces(zones: Sequence[Geometry]) -> list[tuple[Geometry, tuple[int, ...]]] | None:
-    """The ground cut along the zones' edges, each piece with the zones that hold it; None where there are too many."""
+    """The ground cut along the zones' edges, each piece with the zones that hold it; None where there are too
+    many.
+    """
+
     pieces: list[tuple[Geometry, tuple[int, ...]]] = []
     for index, zone in enumerate(zones):
         rest, cut = zone, []

@@ -1,16 +1,18 @@
 """Proofs that a scene has no arrangement, each with a smallest set of the author's constraints that it needs.
 
-A proof works on a relaxation that every arrangement also satisfies, so a refused scene is certainly infeasible:
+A proof works on a relaxation that every arrangement also satisfies, so a refused scene is certainly
+infeasible:
 
-- *ground*: for each group the part of the ground in which centres can lie, narrowed relation by relation until nothing changes.
-  Where nothing is left, no arrangement exists.
-- *cases*: the same for each part of the ground on which the single member of a group stands that several relations refer to.
+- *ground*: for each group the part of the ground in which centres can lie, narrowed relation by relation
+  until nothing changes. Where nothing is left, no arrangement exists.
+- *cases*: the same for each part of the ground on which the single member of a group stands that several
+  relations refer to.
 - *mean distances* that the ground and the members' own sizes leave in reach.
 - *headings* along a road that never come near the bearings of what the group faces.
-- *numbers*: no more points of a mutual distance lie on the ground that is left than Oler's inequality allows, and no more
-  rectangles that keep one course than a lattice of their sides has points.
-- *areas*: footprints grown by half their gap do not overlap, so their areas must fit together into the pieces of ground in which
-  their groups may stand; CP-SAT decides that.
+- *numbers*: no more points of a mutual distance lie on the ground that is left than Oler's inequality allows,
+  and no more rectangles that keep one course than a lattice of their sides has points.
+- *areas*: footprints grown by half their gap do not overlap, so their areas must fit together into the pieces
+  of ground in which their groups may stand; CP-SAT decides that.
 
 A scene that is not refused may still be infeasible.
 """
@@ -51,13 +53,19 @@ MIN_CASE_SIDE_M = 2.0
 
 
 def prove_infeasible(simspec: SimSpec, order: Sequence[ActorGroup]) -> PlacementInfeasible | None:
-    """The refusal of a scene that is proved infeasible, with a smallest conflicting set; None when nothing is proved."""
+    """The refusal of a scene that is proved infeasible, with a smallest conflicting set; None when nothing is
+    proved.
+    """
+
     terms = scene_constraints(simspec, order)
     proof: Callable[[_Relaxation], bool]
     # The cheapest proof first; the others include it.
     for proof in (_Relaxation.ground_fails, _Relaxation.areas_fail, _Relaxation.cases_fail):
         if proof(_Relaxation(simspec, order, terms)):
-            core = _smallest_conflict(terms, lambda subset, proof=proof: proof(_Relaxation(simspec, order, subset)))  # type: ignore[misc]
+            core = _smallest_conflict(
+                terms,
+                lambda subset, proof=proof: proof(_Relaxation(simspec, order, subset)),  # type: ignore[misc]
+            )
             scene = _Relaxation(simspec, order, core)
             proof(scene)
             constraint_text = "; ".join(f"{term.text} ({term.path})" for term in core)
@@ -76,8 +84,13 @@ def narrowed_ground(simspec: SimSpec, order: Sequence[ActorGroup]) -> dict[str, 
     return scene.ground
 
 
-def _smallest_conflict(terms: Sequence[Constraint], fails: Callable[[list[Constraint]], bool]) -> list[Constraint]:
-    """A smallest set of constraints that fail together, by deleting ever smaller runs while the rest still fails."""
+def _smallest_conflict(
+    terms: Sequence[Constraint], fails: Callable[[list[Constraint]], bool]
+) -> list[Constraint]:
+    """A smallest set of constraints that fail together, by deleting ever smaller runs while the rest still
+    fails.
+    """
+
     core = list(terms)
     run = max(1, len(core) // 2)
     while True:
@@ -105,7 +118,10 @@ class _Relaxation:
     notes: list[str] = dataclass_field(default_factory=list)
 
     def ground_fails(self) -> bool:
-        """Whether a group has no ground left, two distances that exclude each other, or a mean distance out of reach."""
+        """Whether a group has no ground left, two distances that exclude each other, or a mean distance out
+        of reach.
+        """
+
         peopled = [group for group in self.order if member_count(self.simspec, group)]
         self.ground = {group.id: self._own_ground(group) for group in peopled}
         bound = [term for term in self.terms if term.group_relation]
@@ -115,7 +131,10 @@ class _Relaxation:
                 self._narrow(term.group, term.group_relation)
             for term in self.terms:
                 if term.between and not any(ground.is_empty for ground in self.ground.values()):
-                    self._cut(term.group, term.between.ground(*(self._ground_of(name) for name in term.between.ends)))
+                    self._cut(
+                        term.group,
+                        term.between.ground(*(self._ground_of(name) for name in term.between.ends)),
+                    )
             if any(ground.is_empty for ground in self.ground.values()):
                 return True
             means = [(term.group, term.mean) for term in self.terms if term.mean]
@@ -129,14 +148,22 @@ class _Relaxation:
             if np.allclose(before, [shapely.area(ground) for ground in self.ground.values()], rtol=1e-4):
                 break
         banded = [term for term in self.terms if term.band]
-        if any(self._bands_fail(term, other) for number, term in enumerate(banded) for other in banded[:number]):
+        if any(
+            self._bands_fail(term, other) for number, term in enumerate(banded) for other in banded[:number]
+        ):
             return True
-        return any(self._headings_fail(term.group, term.heading) for term in self.terms if term.heading and term.heading.lines)
+        return any(
+            self._headings_fail(term.group, term.heading)
+            for term in self.terms
+            if term.heading and term.heading.lines
+        )
 
     def _headings_fail(self, group_id: str, parallel: RequiredHeading) -> bool:
         """Whether no heading of a group follows its road and faces its target."""
         group = self.simspec.group(group_id)
-        facing = next((t.heading for t in self.terms if t.group == group_id and t.heading and not t.heading.lines), None)
+        facing = next(
+            (t.heading for t in self.terms if t.group == group_id and t.heading and not t.heading.lines), None
+        )
         if facing is None or group_id not in self.ground:
             return False
         theirs = facing.point if facing.of is None else self._ground_of(facing.of)
@@ -146,13 +173,17 @@ class _Relaxation:
         # The mitre limit of road corners is 2, so a corner reaches twice as far out as a side.
         reach_m = road.width_m + outer_radius_m(group) + (along.within_m if along.where == "beside" else 0.0)
         along_required = any(term.path == field_path(group, "along") for term in self.terms)
-        return headings_conflict(parallel, facing, self.ground[group_id], theirs, reach_m if along_required else None)
+        return headings_conflict(
+            parallel, facing, self.ground[group_id], theirs, reach_m if along_required else None
+        )
 
     def _bands_fail(self, first: Constraint, second: Constraint) -> bool:
         """Whether two distances of a group to the same members exclude each other."""
         if first.group != second.group or first.band is None or second.band is None:
             return False
-        peopled = is_home(self.simspec, first.band.of) or bool(member_count(self.simspec, self.simspec.group(first.band.of)))
+        peopled = is_home(self.simspec, first.band.of) or bool(
+            member_count(self.simspec, self.simspec.group(first.band.of))
+        )
         return peopled and first.band.excludes(second.band)
 
     def _own_ground(self, group: ActorGroup) -> Geometry:
@@ -176,7 +207,11 @@ class _Relaxation:
     def _walls(self) -> list[Geometry]:
         """Outlines of fixed obstacles, a hair smaller than they are, so that rounding proves nothing."""
         fixed = [self.simspec.group(term.group) for term in self.terms if term.path.endswith(".at")]
-        return [shapely.buffer(_fixed_outline(group), -1e-6, join_style="mitre") for group in fixed if is_obstacle(group)]
+        return [
+            shapely.buffer(_fixed_outline(group), -1e-6, join_style="mitre")
+            for group in fixed
+            if is_obstacle(group)
+        ]
 
     def _narrow(self, group_id: str, tie: GroupRelation | None) -> None:
         """Narrow the ground on both sides to where a relation between them can hold."""
@@ -198,14 +233,21 @@ class _Relaxation:
 
     def _ground_of(self, name: str) -> Geometry:
         """The ground of a group's centres; for the vehicle's home its point."""
-        return shapely_point(self.simspec.vehicle.home) if is_home(self.simspec, name) else self.ground.get(name, EVERYWHERE)
+        return (
+            shapely_point(self.simspec.vehicle.home)
+            if is_home(self.simspec, name)
+            else self.ground.get(name, EVERYWHERE)
+        )
 
     def _cut(self, name: str, room: Geometry | None) -> None:
         if room is not None:
             self.ground[name] = thickened(shapely.intersection(self.ground[name], room))
 
     def _narrow_by_mean(self, group_id: str, mean: MeanDistance) -> None:
-        """Narrow by a mean distance: a lone member keeps the mean itself, and so does a lone target seen from the group's ground."""
+        """Narrow by a mean distance: a lone member keeps the mean itself, and so does a lone target seen from
+        the group's ground.
+        """
+
         slack_m = mean.tolerance * mean.mean_m + 1e-3
         least_m, most_m = mean.mean_m - slack_m, mean.mean_m + slack_m
         if self._alone(group_id):
@@ -252,21 +294,34 @@ class _Relaxation:
         return not areas_can_be_allocated({name: zone for name, (zone, _) in zones.items()}, needs)
 
     def _spread_fails(self, group_id: str, spread_m: float) -> bool:
-        """Circles of half the spread round the centres do not overlap, and Oler's inequality holds of the centres."""
+        """Circles of half the spread round the centres do not overlap, and Oler's inequality holds of the
+        centres.
+        """
+
         count = member_count(self.simspec, self.simspec.group(group_id))
         room = shapely.area(grown_at_least(self.ground[group_id], spread_m / 2.0))
         return bool(
-            count > 1 and (count * pi * spread_m**2 / 4.0 > room or count > max_spaced_points(self.ground[group_id], spread_m))
+            count > 1
+            and (
+                count * pi * spread_m**2 / 4.0 > room
+                or count > max_spaced_points(self.ground[group_id], spread_m)
+            )
         )
 
     def _numbers_fail(self, groups: Sequence[ActorGroup]) -> bool:
         """Whether there are more members than centres that fit on the ground that is left.
 
-        Circles inside two footprints keep the gap of these. The largest group, the two largest ... are counted together.
+        Circles inside two footprints keep the gap of these. The largest group, the two largest ... are
+        counted together.
         """
+
         if any(self._aligned_fails(group) for group in groups):
             return True
-        sized = sorted((group for group in groups if not hosts_of(self.simspec, group)), key=_centre_distance_m, reverse=True)
+        sized = sorted(
+            (group for group in groups if not hosts_of(self.simspec, group)),
+            key=_centre_distance_m,
+            reverse=True,
+        )
         for number in range(1, len(sized) + 1):
             largest = sized[:number]
             apart_m = min(_centre_distance_m(member) for member in largest)
@@ -276,7 +331,8 @@ class _Relaxation:
             ):
                 return True
         return any(
-            member_count(self.simspec, member) > max(1, max_spaced_points(self.ground[member.id], _centre_distance_m(member)))
+            member_count(self.simspec, member)
+            > max(1, max_spaced_points(self.ground[member.id], _centre_distance_m(member)))
             for member in groups
         )
 
@@ -294,18 +350,28 @@ class _Relaxation:
         )
 
     def cases_fail(self) -> bool:
-        """Whether no ground is left wherever a lone target of several relations stands, tried in ever smaller parts.
+        """Whether no ground is left wherever a lone target of several relations stands, tried in ever smaller
+        parts.
 
-        Relations to one member are narrowed one by one; they add up only when the place of that member is known.
+        Relations to one member are narrowed one by one; they add up only when the place of that member is
+        known.
         """
+
         self.ground_fails()
         tied = Counter(
-            name for term in self.terms for relation in (term.group_relation, term.between) if relation for name in relation.of
+            name
+            for term in self.terms
+            for relation in (term.group_relation, term.between)
+            if relation
+            for name in relation.of
         )
         split = [
             name
             for name, times in tied.items()
-            if times > 1 and name in self.ground and shapely.area(self.ground[name]) > 0.0 and self._alone(name)
+            if times > 1
+            and name in self.ground
+            and shapely.area(self.ground[name]) > 0.0
+            and self._alone(name)
         ]
         return any(self._always_fails(name) for name in split)
 
@@ -313,7 +379,10 @@ class _Relaxation:
         return member_count(self.simspec, self.simspec.group(name)) == 1
 
     def _always_fails(self, name: str) -> bool:
-        """Whether the scene fails wherever that member stands; a part that does not fail at once is halved."""
+        """Whether the scene fails wherever that member stands; a part that does not fail at once is
+        halved.
+        """
+
         # Depth first over a stack: the search ends at the first part that cannot be refused.
         parts = [shapely.box(*shapely.bounds(self.ground[name]))]
         bound = sum(term.group_relation is not None or term.between is not None for term in self.terms)
@@ -327,22 +396,33 @@ class _Relaxation:
                     return False
                 middle = ((west + east) / 2.0, (south + north) / 2.0)
                 if east - west > north - south:
-                    parts += [shapely.box(west, south, middle[0], north), shapely.box(middle[0], south, east, north)]
+                    parts += [
+                        shapely.box(west, south, middle[0], north),
+                        shapely.box(middle[0], south, east, north),
+                    ]
                 else:
-                    parts += [shapely.box(west, south, east, middle[1]), shapely.box(west, middle[1], east, north)]
+                    parts += [
+                        shapely.box(west, south, east, middle[1]),
+                        shapely.box(west, middle[1], east, north),
+                    ]
         return False
 
     def _zone(self, group: ActorGroup) -> Geometry:
         """All ground that the group's footprints, grown by half their gap, can touch."""
         half_gap = group.placement.separation_m / 2.0
         zone = grown_at_least(self.ground[group.id], outer_radius_m(group) + half_gap)
-        if any(term.group == group.id and term.path in ("world.area", field_path(group, "region")) for term in self.terms):
+        if any(
+            term.group == group.id and term.path in ("world.area", field_path(group, "region"))
+            for term in self.terms
+        ):
             zone = zone.intersection(grown_at_least(polygon_ground(region_of(self.simspec, group)), half_gap))
         for term in self.terms:
             if term.group == HOME_FIELD and half_gap < HOME_CLEARANCE_M:
                 zone = zone.difference(shapely.buffer(term.ground, HOME_CLEARANCE_M - half_gap))
             elif term.path.endswith(".at") and term.group not in hosts_of(self.simspec, group):
-                zone = zone.difference(shapely.buffer(_fixed_outline(self.simspec.group(term.group)), half_gap))
+                zone = zone.difference(
+                    shapely.buffer(_fixed_outline(self.simspec.group(term.group)), half_gap)
+                )
         return zone
 
 
@@ -350,7 +430,9 @@ def _fixed_outline(group: ActorGroup) -> Geometry:
     """The footprint of a fixed actor."""
     at = group.placement.at
     assert at is not None
-    footprint = footprints(ASSETS[group.asset], np.array([[at.east_m, at.north_m]]), np.array([at.heading_deg]), 0.0)
+    footprint = footprints(
+        ASSETS[group.asset], np.array([[at.east_m, at.north_m]]), np.array([at.heading_deg]), 0.0
+    )
     return shapely.polygons(footprint.corners())[0]
 
 
@@ -360,8 +442,10 @@ def _centre_distance_m(group: ActorGroup) -> float:
 
 
 def _crowded_distances_m(group: ActorGroup, count: int) -> Floats:
-    """(count,) least distances from any point to the nearest, second nearest ... member: k grown footprints that reach no
-    further than the k-th centre and their own outer radius must fit into that circle."""
+    """(count,) least distances from any point to the nearest, second nearest ... member: k grown footprints
+    that reach no further than the k-th centre and their own outer radius must fit into that circle.
+    """
+
     gap = group.placement.separation_m
     area = grown_area_m2(group, gap)
     least: Floats = np.sqrt(np.arange(1, count + 1) * area / pi) - outer_radius_m(group) - gap / 2.0
@@ -369,5 +453,7 @@ def _crowded_distances_m(group: ActorGroup, count: int) -> Floats:
 
 
 def _farthest_m(first_ground: Geometry, second_ground: Geometry) -> float:
-    first, second = (shapely.get_coordinates(shapely.convex_hull(geometry)) for geometry in (first_ground, second_ground))
+    first, second = (
+        shapely.get_coordinates(shapely.convex_hull(geometry)) for geometry in (first_ground, second_ground)
+    )
     return float(np.hypot(*(first[:, None, :] - second[None, :, :]).transpose(2, 0, 1)).max())

@@ -58,7 +58,9 @@ class BetweenRelation:
             valid: Bools = (along > 0.0) & (along < length_m) & (np.abs(aside) <= self.within_m)
             return valid
 
-        return Relation(self.path, self.text, keeps, lambda: self.ground(shapely.Point(start_m), shapely.Point(end_m)))
+        return Relation(
+            self.path, self.text, keeps, lambda: self.ground(shapely.Point(start_m), shapely.Point(end_m))
+        )
 
     def _at(self, name: str, placed: Callable[[str], Footprints]) -> Footprints:
         return self.home if self.home is not None and name == HOME else placed(name)
@@ -68,7 +70,11 @@ class BetweenRelation:
         # Two points: the exact strip. Larger grounds: the hull of all possible lines.
         if shapely.get_num_coordinates(start) == 1 and shapely.get_num_coordinates(end) == 1:
             line = shapely.LineString([start, end])
-            return shapely.buffer(line, self.within_m + 1e-6, cap_style="flat") if line.length > 0.0 else shapely.Polygon()
+            return (
+                shapely.buffer(line, self.within_m + 1e-6, cap_style="flat")
+                if line.length > 0.0
+                else shapely.Polygon()
+            )
         return grown_at_least(shapely.convex_hull(shapely.union_all([start, end])), self.within_m)
 
 
@@ -78,7 +84,16 @@ def between_relations(simspec: SimSpec, group: ActorGroup) -> list[BetweenRelati
     if between is None:
         return []
     home = point_footprint(simspec.vehicle.home) if is_home(simspec, HOME) else None
-    return [BetweenRelation(field_path(group, "between"), _text(between), between.first, between.second, between.within_m, home)]
+    return [
+        BetweenRelation(
+            field_path(group, "between"),
+            _text(between),
+            between.first,
+            between.second,
+            between.within_m,
+            home,
+        )
+    ]
 
 
 def _text(between: Between) -> str:

@@ -25,9 +25,13 @@ def ground_relations(simspec: SimSpec, group: ActorGroup) -> list[Relation]:
     if group.placement.inside and group.placement.inside.area:
         relations.append(_in_area(simspec, group, group.placement.inside.area))
     if group.placement.facing and group.placement.facing.heading_deg is not None:
-        relations.append(_heading_relation(group, group.placement.facing.heading_deg, group.placement.facing.within_deg))
+        relations.append(
+            _heading_relation(group, group.placement.facing.heading_deg, group.placement.facing.within_deg)
+        )
     if group.placement.along:
-        road = next(candidate for candidate in simspec.world.roads if candidate.id == group.placement.along.road)
+        road = next(
+            candidate for candidate in simspec.world.roads if candidate.id == group.placement.along.road
+        )
         relations += _road_relations(group, group.placement.along, road)
     return relations
 
@@ -41,7 +45,9 @@ def _inside_region(group: ActorGroup, region: Geometry) -> Relation:
 def _in_area(simspec: SimSpec, group: ActorGroup, name: str) -> Relation:
     area = polygon_ground(next(candidate for candidate in simspec.world.areas if candidate.id == name))
     shapely.prepare(area)
-    return _within(field_path(group, "inside"), f"stand inside area {name!r} of {area.area:.0f} m2", group, area)
+    return _within(
+        field_path(group, "inside"), f"stand inside area {name!r} of {area.area:.0f} m2", group, area
+    )
 
 
 def _heading_relation(group: ActorGroup, heading_deg: float, within_deg: float) -> Relation:
@@ -51,7 +57,9 @@ def _heading_relation(group: ActorGroup, heading_deg: float, within_deg: float) 
         valid: Bools = off <= within_deg + 1e-9
         return valid
 
-    return Relation(field_path(group, "facing"), f"head {heading_deg:g} degrees within {within_deg:g} degrees", keeps)
+    return Relation(
+        field_path(group, "facing"), f"head {heading_deg:g} degrees within {within_deg:g} degrees", keeps
+    )
 
 
 def _within(path: str, text: str, group: ActorGroup, region: Geometry) -> Relation:
@@ -69,9 +77,14 @@ def _within(path: str, text: str, group: ActorGroup, region: Geometry) -> Relati
 
 
 def clearance(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprints]) -> Relation:
-    """Clearance from everything placed and from the vehicle's home, except from the hosts that members stand in."""
+    """Clearance from everything placed and from the vehicle's home, except from the hosts that members stand
+    in.
+    """
+
     around = hosts_of(simspec, group)
-    obstacles = joined([home_obstacle(simspec), *(members for name, members in placed.items() if name not in around)])
+    obstacles = joined(
+        [home_obstacle(simspec), *(members for name, members in placed.items() if name not in around)]
+    )
     hosts = joined([placed[name] for name in around if name in placed])
     text = (
         f"keep {group.placement.separation_m:g} m clear of the {len(obstacles) + len(hosts) - 1} actors already placed, "
@@ -111,13 +124,22 @@ def _road_relations(group: ActorGroup, along: Along, road: Road) -> Iterator[Rel
             covered = grown_at_most(ground_m2, along.at_least_m + inner_radius_m(group))
             return grown_at_least(ground_m2, along.within_m + outer_radius_m(group)).difference(covered)
 
-        yield Relation(field_path(group, "along"), f"stand beside road {road.id!r}, {along.gap_text} off it", beside, verge)
+        yield Relation(
+            field_path(group, "along"),
+            f"stand beside road {road.id!r}, {along.gap_text} off it",
+            beside,
+            verge,
+        )
     if along.parallel_deg is not None:
         limit = along.parallel_deg
 
         def parallel(candidates: Footprints) -> Bools:
             # Modulo 180 degrees: either direction of the road is parallel to it.
-            off = np.abs((np.degrees(candidates.heading_rad) - road_heading_deg(road, candidates.centre_m) + 90.0) % 180.0 - 90.0)
+            off = np.abs(
+                (np.degrees(candidates.heading_rad) - road_heading_deg(road, candidates.centre_m) + 90.0)
+                % 180.0
+                - 90.0
+            )
             valid: Bools = off <= limit + 1e-9
             return valid
 

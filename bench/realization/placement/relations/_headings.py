@@ -1,4 +1,6 @@
-"""Headings of members: drawn for places, and, as arcs of the compass, whether two wishes can be kept at once."""
+"""Headings of members: drawn for places, and, as arcs of the compass, whether two wishes can be kept at
+once.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +21,16 @@ from ._relation import field_path
 
 
 def sampled_headings_deg(
-    simspec: SimSpec, group: ActorGroup, places_m: Floats, targets: Footprints | None, rng: np.random.Generator
+    simspec: SimSpec,
+    group: ActorGroup,
+    places_m: Floats,
+    targets: Footprints | None,
+    rng: np.random.Generator,
 ) -> Floats:
-    """(n,) headings drawn for (n, 2) places: within the group's heading relations when it has any, else uniform."""
+    """(n,) headings drawn for (n, 2) places: within the group's heading relations when it has any, else
+    uniform.
+    """
+
     along, facing = group.placement.along, group.placement.facing
     count = len(places_m)
     if facing and facing.heading_deg is not None:
@@ -61,10 +70,11 @@ _TOLERANCE = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class RequiredHeading:
-    """A required heading: one of these courses (either way along a road), or towards a target, within some degrees.
+    """A required heading: one of these courses (either way along a road), or towards a target, within some
+    degrees.
 
-    `lines` are the stretches of the road, one for each course. Off roads there is one course, or none when members face a
-    target: the group `of` or the place `point`.
+    `lines` are the stretches of the road, one for each course. Off roads there is one course, or none when
+    members face a target: the group `of` or the place `point`.
     """
 
     path: str
@@ -77,17 +87,25 @@ class RequiredHeading:
 
     @property
     def common(self) -> tuple[float, float] | None:
-        """One course, and within how many degrees of it or its opposite all members head; None where no course is known."""
+        """One course, and within how many degrees of it or its opposite all members head; None where no
+        course is known.
+        """
+
         if not self.courses_deg:
             return None
         first = self.courses_deg[0]
         return first, self.within_deg + max(_slant_deg(first, other) for other in self.courses_deg)
 
     def arc(self, ground: Geometry, theirs: Geometry) -> tuple[float, float] | None:
-        """The middle of all courses that lead from some place to another, and how far they reach from it; None for any course."""
+        """The middle of all courses that lead from some place to another, and how far they reach from it;
+        None for any course.
+        """
+
         if self.courses_deg:
             return self.courses_deg[0], 0.0
-        mine, others = (shapely.get_coordinates(shapely.convex_hull(geometry)) for geometry in (ground, theirs))
+        mine, others = (
+            shapely.get_coordinates(shapely.convex_hull(geometry)) for geometry in (ground, theirs)
+        )
         ways = (others[None, :, :] - mine[:, None, :]).reshape(-1, 2)
         hull = shapely.convex_hull(shapely.multipoints(ways))
         # The grounds touch or overlap, so the target may be in any direction.
@@ -115,7 +133,9 @@ def road_heading(simspec: SimSpec, group: ActorGroup) -> RequiredHeading | None:
     courses = np.degrees(np.arctan2(step[:, 0], step[:, 1])).tolist()
     lines = tuple(shapely.LineString(pair) for pair in pairwise(points))
     text = f"head along road {road.id!r} within {along.parallel_deg:g} degrees"
-    return RequiredHeading(field_path(group, "along.parallel_deg"), text, along.parallel_deg, tuple(courses), lines)
+    return RequiredHeading(
+        field_path(group, "along.parallel_deg"), text, along.parallel_deg, tuple(courses), lines
+    )
 
 
 def facing_heading(group: ActorGroup) -> RequiredHeading | None:
@@ -126,10 +146,15 @@ def facing_heading(group: ActorGroup) -> RequiredHeading | None:
     path, within = field_path(group, "facing"), facing.within_deg
     if facing.heading_deg is not None:
         return RequiredHeading(
-            path, f"head {facing.heading_deg:g} degrees within {within:g} degrees", within, (facing.heading_deg,)
+            path,
+            f"head {facing.heading_deg:g} degrees within {within:g} degrees",
+            within,
+            (facing.heading_deg,),
         )
     if facing.of is not None:
-        return RequiredHeading(path, f"head towards {facing.of!r} within {within:g} degrees", within, of=facing.of)
+        return RequiredHeading(
+            path, f"head towards {facing.of!r} within {within:g} degrees", within, of=facing.of
+        )
     assert facing.point is not None
     place = shapely.Point(facing.point.east_m, facing.point.north_m)
     text = f"head towards the point {facing.point.east_m:g} east, {facing.point.north_m:g} north within {within:g} degrees"
@@ -137,17 +162,26 @@ def facing_heading(group: ActorGroup) -> RequiredHeading | None:
 
 
 def headings_conflict(
-    parallel: RequiredHeading, facing: RequiredHeading, ground: Geometry, theirs: Geometry, reach_m: float | None
+    parallel: RequiredHeading,
+    facing: RequiredHeading,
+    ground: Geometry,
+    theirs: Geometry,
+    reach_m: float | None,
 ) -> bool:
     """Whether no heading on the ground follows the road and faces the target.
 
-    `theirs` is the ground of the target; `reach_m` how far from its stretch of the road a member can be, None if unbounded.
+    `theirs` is the ground of the target; `reach_m` how far from its stretch of the road a member can be, None
+    if unbounded.
     """
+
     for course, line in zip(parallel.courses_deg, parallel.lines, strict=True):
         cell = ground if reach_m is None else shapely.intersection(ground, grown_at_least(line, reach_m))
         if cell.is_empty:
             continue
         arc = facing.arc(cell, theirs)
-        if arc is None or _slant_deg(arc[0], course) <= arc[1] + facing.within_deg + parallel.within_deg + _TOLERANCE:
+        if (
+            arc is None
+            or _slant_deg(arc[0], course) <= arc[1] + facing.within_deg + parallel.within_deg + _TOLERANCE
+        ):
             return False
     return True

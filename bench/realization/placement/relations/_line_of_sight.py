@@ -31,10 +31,16 @@ class Solids:
     def without(self, group: str) -> Solids:
         """The solids of other groups."""
         mask = np.array([name != group for name in self.group], dtype=np.bool_)
-        return Solids(self.footprints[mask], self.height_m[mask], tuple(name for name in self.group if name != group))
+        return Solids(
+            self.footprints[mask], self.height_m[mask], tuple(name for name in self.group if name != group)
+        )
 
     def between(self, eyes_m: Floats, eye_height_m: float, places_m: Floats, height_m: float) -> Bools:
-        """(k, m) whether a solid cuts the line from eye m to the point `height_m` above place k. An eye inside sees out."""
+        """(k, m) whether a solid cuts the line from eye m to the point `height_m` above place k.
+
+        An eye inside sees out.
+        """
+
         blocked = np.zeros((len(places_m), len(eyes_m)), dtype=np.bool_)
         axes = self.footprints.axes()
         for index in range(len(self.height_m)):
@@ -50,7 +56,10 @@ class Solids:
 
 
 def _box_crossing(eye: Floats, end: Floats, half: Floats) -> tuple[Floats, Floats]:
-    """(k, m) shares of the ways from (m, 2) eyes to (k, 2) ends at which they enter and leave a box round the origin."""
+    """(k, m) shares of the ways from (m, 2) eyes to (k, 2) ends at which they enter and leave a box round the
+    origin.
+    """
+
     way = end[:, None, :] - eye[None, :, :]
     with np.errstate(divide="ignore", invalid="ignore"):
         first = (-half - eye[None]) / way
@@ -68,7 +77,12 @@ def sight_relations(simspec: SimSpec, group: ActorGroup, solids: Solids) -> Iter
         if isinstance(sight, Sight):
             target = RelationTarget.referenced(simspec, sight)
             yield _sight_relation(
-                group, name, sight, target, "every" if quantifier == "every" else "some", solids.without(group.id)
+                group,
+                name,
+                sight,
+                target,
+                "every" if quantifier == "every" else "some",
+                solids.without(group.id),
             )
 
 
@@ -83,12 +97,18 @@ def _sight_relation(
 
     verb = "out of sight" if name == "hidden_from" else "in sight"
     text = f"stand {verb} of {target.described(quantifier)} at {sight.height_m:g} m"
-    return GroupRelation(field_path(group, name), text, target.of, quantifier, pairs, unbounded, unbounded, target.points)
+    return GroupRelation(
+        field_path(group, name), text, target.of, quantifier, pairs, unbounded, unbounded, target.points
+    )
 
 
 def placed_solids(simspec: SimSpec, placed: Mapping[str, Footprints]) -> Solids:
     """What stands in the way of sight."""
-    groups = [group for group in simspec.actors if ASSETS[group.asset].solid and len(placed.get(group.id, ()))]
+    groups = [
+        group for group in simspec.actors if ASSETS[group.asset].solid and len(placed.get(group.id, ()))
+    ]
     heights = [np.full(len(placed[group.id]), ASSETS[group.asset].height_m) for group in groups]
     names = tuple(group.id for group in groups for _ in range(len(placed[group.id])))
-    return Solids(joined([placed[group.id] for group in groups]), np.concatenate([np.zeros(0), *heights]), names)
+    return Solids(
+        joined([placed[group.id] for group in groups]), np.concatenate([np.zeros(0), *heights]), names
+    )

@@ -42,17 +42,30 @@ def group_relations(simspec: SimSpec, group: ActorGroup, solids: Solids | None =
             )
     for number, distance in enumerate(place.distances):
         target = RelationTarget.of_distance(simspec, group, distance)
-        span = f"at least {distance.min_m:g} m" if distance.max_m is None else f"{distance.min_m:g} to {distance.max_m:g} m"
+        span = (
+            f"at least {distance.min_m:g} m"
+            if distance.max_m is None
+            else f"{distance.min_m:g} to {distance.max_m:g} m"
+        )
         if target.of or target.points is not None or distance.whom == "some":
             text = f"stand {span} from {target.described(distance.whom)}"
             relations.append(
-                _distance(field_path(group, f"distances[{number}]"), text, target, distance.whom, distance.min_m, distance.max_m)
+                _distance(
+                    field_path(group, f"distances[{number}]"),
+                    text,
+                    target,
+                    distance.whom,
+                    distance.min_m,
+                    distance.max_m,
+                )
             )
     if place.bearing:
         target = RelationTarget.referenced(simspec, place.bearing)
         sector = f"{place.bearing.from_deg:g} to {place.bearing.to_deg:g} degrees"
         low, high = place.bearing.from_deg, place.bearing.to_deg
-        relations.append(_bearing(field_path(group, "bearing"), f"stand at {sector} from {target.name}", target, low, high))
+        relations.append(
+            _bearing(field_path(group, "bearing"), f"stand at {sector} from {target.name}", target, low, high)
+        )
     if place.facing and place.facing.heading_deg is None:
         target = RelationTarget.referenced(simspec, place.facing)
         text = f"head towards {target.name} within {place.facing.within_deg:g} degrees"
@@ -74,7 +87,9 @@ def _inside_of(group: ActorGroup, host: ActorGroup) -> GroupRelation:
         return inside
 
     def among(others: Footprints) -> Geometry:
-        return shapely.union_all([centre_ground(outline, group) for outline in shapely.polygons(others.corners())])
+        return shapely.union_all(
+            [centre_ground(outline, group) for outline in shapely.polygons(others.corners())]
+        )
 
     def room(others: Geometry) -> Geometry:
         return grown_at_least(others, reach_m)
@@ -132,7 +147,9 @@ def _bearing(path: str, text: str, target: RelationTarget, from_deg: float, to_d
 
 @dataclass(frozen=True, slots=True)
 class _Sector:
-    """All ground in a sector seen from anywhere in the given ground, out beyond any document's coordinates."""
+    """All ground in a sector seen from anywhere in the given ground, out beyond any document's
+    coordinates.
+    """
 
     from_deg: float
     span_deg: float
@@ -146,7 +163,9 @@ class _Sector:
     def _piece(self, corners: Floats, number: int, pieces: int) -> Geometry:
         share = self.span_deg / pieces
         # A hair wider than the sector, because sines are rounded.
-        arc = np.radians(np.linspace(self.from_deg + number * share - 1e-7, self.from_deg + (number + 1) * share + 1e-7, 3))
+        arc = np.radians(
+            np.linspace(self.from_deg + number * share - 1e-7, self.from_deg + (number + 1) * share + 1e-7, 3)
+        )
         # Twice the half side of EVERYWHERE, so that every sector reaches beyond it.
         rim = 6e5 * np.stack([np.sin(arc), np.cos(arc)], axis=-1)
         swept = np.concatenate([corners, (corners[:, None, :] + rim[None]).reshape(-1, 2)])

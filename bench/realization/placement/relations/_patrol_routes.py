@@ -1,9 +1,10 @@
 """Patrol routes: the straight ways from places to routes, and round the routes.
 
-A patrol walks straight legs, begins with the nearest point of its route that it can walk to, and skips points that it cannot.
-Placement promises more than that: some point of the route can be walked to from every walker's place, and every leg of the
-route is open. A leg is blocked by solid actors that stand still, grown along and across by half the walker's width, and
-by the area's border for walkers that start inside it; route points beyond the border are then moved half a metre inside.
+A patrol walks straight legs, begins with the nearest point of its route that it can walk to, and skips points
+that it cannot. Placement promises more than that: some point of the route can be walked to from every
+walker's place, and every leg of the route is open. A leg is blocked by solid actors that stand still, grown
+along and across by half the walker's width, and by the area's border for walkers that start inside it; route
+points beyond the border are then moved half a metre inside.
 """
 
 from __future__ import annotations
@@ -52,7 +53,10 @@ def half_width_m(walker: ActorGroup) -> float:
 
 
 def route_points(simspec: SimSpec, walker: ActorGroup) -> dict[bool, Floats]:
-    """(k, 2) points of the route as members walk them, by whether they start inside the area; an entry for each start that is possible."""
+    """(k, 2) points of the route as members walk them, by whether they start inside the area; an entry for
+    each start that is possible.
+    """
+
     area = polygon_ground(simspec.world.area)
     at = walker.placement.at
     if at is not None:
@@ -61,7 +65,10 @@ def route_points(simspec: SimSpec, walker: ActorGroup) -> dict[bool, Floats]:
         region = polygon_ground(region_of(simspec, walker))
         starts = [
             inside
-            for inside, may in ((True, area.intersects(region)), (False, not area.buffer(ROUNDING_MARGIN_M).covers(region)))
+            for inside, may in (
+                (True, area.intersects(region)),
+                (False, not area.buffer(ROUNDING_MARGIN_M).covers(region)),
+            )
             if may
         ]
     points = np.array([(point.east_m, point.north_m) for point in walker.motion.route])
@@ -88,7 +95,11 @@ def route_faults(simspec: SimSpec) -> Iterator[Fault]:
         return
     area = shapely.buffer(polygon_ground(simspec.world.area), ROUNDING_MARGIN_M)
     for index, group in enumerate(simspec.actors):
-        if group.asset in ASSETS and patrols(simspec, group) and (points := route_points(simspec, group).get(True)) is not None:
+        if (
+            group.asset in ASSETS
+            and patrols(simspec, group)
+            and (points := route_points(simspec, group).get(True)) is not None
+        ):
             out = np.flatnonzero(~shapely.covers(area, shapely.linestrings(_legs(points))))
             if len(out):
                 first, second = int(out[0]) + 1, (int(out[0]) + 1) % len(points) + 1
@@ -109,7 +120,11 @@ def route_clearances(simspec: SimSpec, group: ActorGroup) -> list[Relation]:
     """The routes of other groups that members of an obstacle group must leave open."""
     if not is_obstacle(group):
         return []
-    return [_clear_of_route(simspec, walker) for walker in simspec.actors if walker.id != group.id and patrols(simspec, walker)]
+    return [
+        _clear_of_route(simspec, walker)
+        for walker in simspec.actors
+        if walker.id != group.id and patrols(simspec, walker)
+    ]
 
 
 def _clear_of_route(simspec: SimSpec, walker: ActorGroup) -> Relation:
@@ -121,14 +136,20 @@ def _clear_of_route(simspec: SimSpec, walker: ActorGroup) -> Relation:
 
 
 def blocked_routes(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> dict[bool, Bools]:
-    """(n,) which of the walls block the route, by whether its walkers start inside the area; for each start that is possible."""
+    """(n,) which of the walls block the route, by whether its walkers start inside the area; for each start
+    that is possible.
+    """
+
     outlines = grown_outlines(walls, half_width_m(walker) + ROUNDING_MARGIN_M)
     routes = {
         inside: shapely.multilinestrings(shapely.linestrings(_legs(points)))
         for inside, points in route_points(simspec, walker).items()
     }
     shapely.prepare(list(routes.values()))
-    return {inside: np.asarray(shapely.intersects(route, outlines), dtype=np.bool_) for inside, route in routes.items()}
+    return {
+        inside: np.asarray(shapely.intersects(route, outlines), dtype=np.bool_)
+        for inside, route in routes.items()
+    }
 
 
 def _route_field(walker: ActorGroup) -> str:
@@ -141,19 +162,24 @@ def access_relations(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, F
         return [_reaches_route(simspec, group, placed_obstacles(simspec, placed))]
     if not is_obstacle(group):
         return []
-    walkers = [walker for walker in simspec.actors if patrols(simspec, walker) and len(placed.get(walker.id, ()))]
+    walkers = [
+        walker for walker in simspec.actors if patrols(simspec, walker) and len(placed.get(walker.id, ()))
+    ]
     return [_clear_of_approaches(simspec, walker, placed) for walker in walkers]
 
 
 def placed_obstacles(simspec: SimSpec, placed: Mapping[str, Footprints]) -> Footprints:
     """What closes ways, of what stands."""
     return joined(
-        [placed[group.id] for group in simspec.actors if is_obstacle(group) and group.id in placed] or [empty_footprints()]
+        [placed[group.id] for group in simspec.actors if is_obstacle(group) and group.id in placed]
+        or [empty_footprints()]
     )
 
 
 def _reaches_route(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> Relation:
-    blocked_starts = {inside for inside, which in blocked_routes(simspec, walker, walls).items() if which.any()}
+    blocked_starts = {
+        inside for inside, which in blocked_routes(simspec, walker, walls).items() if which.any()
+    }
     area = polygon_ground(simspec.world.area)
 
     def keeps(candidates: Footprints) -> Bools:
@@ -163,23 +189,35 @@ def _reaches_route(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> R
             valid = valid & (inside != start)
         return valid
 
-    return Relation(_route_field(walker), "walk straight from its place to some point of its patrol route", keeps)
+    return Relation(
+        _route_field(walker), "walk straight from its place to some point of its patrol route", keeps
+    )
 
 
-def open_legs(simspec: SimSpec, walker: ActorGroup, candidates: Footprints, walls: Footprints) -> tuple[Floats, Bools]:
-    """(n, k, 2) the route's points as walkers at n places walk them, and (n, k) which they can walk to straight."""
+def open_legs(
+    simspec: SimSpec, walker: ActorGroup, candidates: Footprints, walls: Footprints
+) -> tuple[Floats, Bools]:
+    """(n, k, 2) the route's points as walkers at n places walk them, and (n, k) which they can walk to
+    straight.
+    """
+
     area = polygon_ground(simspec.world.area)
-    inside: Bools = np.asarray(shapely.contains_xy(area, candidates.centre_m[:, 0], candidates.centre_m[:, 1]))
+    inside: Bools = np.asarray(
+        shapely.contains_xy(area, candidates.centre_m[:, 0], candidates.centre_m[:, 1])
+    )
     routes = route_points(simspec, walker)
     any_route = next(iter(routes.values()))
-    ends = np.where(inside[:, None, None], routes.get(True, any_route)[None], routes.get(False, any_route)[None])
+    ends = np.where(
+        inside[:, None, None], routes.get(True, any_route)[None], routes.get(False, any_route)[None]
+    )
     free = ~_blocked(candidates.centre_m, ends, walls, half_width_m(walker))
     # In a convex area no straight way between inside points crosses the border.
     if not area.equals(area.convex_hull) and free.any():
         confined = free & inside[:, None]
         starts = np.broadcast_to(candidates.centre_m[:, None, :], ends.shape)
         free[confined] = shapely.covers(
-            area.buffer(ROUNDING_MARGIN_M), shapely.linestrings(np.stack([starts[confined], ends[confined]], axis=1))
+            area.buffer(ROUNDING_MARGIN_M),
+            shapely.linestrings(np.stack([starts[confined], ends[confined]], axis=1)),
         )
     return ends, free
 
@@ -191,15 +229,22 @@ def _blocked(starts_m: Floats, ends_m: Floats, walls: Footprints, need_m: float)
     for index in range(len(walls)):
         centre, half = walls.centre_m[index], walls.half_m[index]
         begin, end = (starts_m - centre) @ axes[index].T, (ends_m - centre) @ axes[index].T
-        # A walker that stands closer than its half width may walk away, but never through the solid; the simulation does the same.
+        # A walker that stands closer than its half width may walk away, but never through the solid; the
+        # simulation does the same.
         touching = (np.abs(begin) <= half + need_m).all(axis=1)
-        for who, wide in ((touching, half + ROUNDING_MARGIN_M), (~touching, half + need_m + ROUNDING_MARGIN_M)):
+        for who, wide in (
+            (touching, half + ROUNDING_MARGIN_M),
+            (~touching, half + need_m + ROUNDING_MARGIN_M),
+        ):
             closed[who] |= _crosses(begin[who][:, None, :], end[who], wide)
     return closed
 
 
 def _crosses(begin: Floats, end: Floats, half: Floats) -> Bools:
-    """Whether segments touch the box from `-half` to `half`: where they are inside one slab they are inside the other too."""
+    """Whether segments touch the box from `-half` to `half`: where they are inside one slab they are inside
+    the other too.
+    """
+
     way = end - begin
     # A way parallel to a side would divide by zero.
     way = np.where(np.abs(way) < 1e-12, 1e-12, way)
@@ -226,7 +271,9 @@ def _clear_of_approaches(simspec: SimSpec, walker: ActorGroup, placed: Mapping[s
     shapely.prepare(ways)
 
     def keeps(candidates: Footprints) -> Bools:
-        valid: Bools = ~shapely.intersects(ways, grown_outlines(candidates, half_width_m(walker) + ROUNDING_MARGIN_M))
+        valid: Bools = ~shapely.intersects(
+            ways, grown_outlines(candidates, half_width_m(walker) + ROUNDING_MARGIN_M)
+        )
         return valid
 
     return Relation(_route_field(walker), f"leave {walker.id!r} a straight way to its patrol route", keeps)
@@ -259,7 +306,11 @@ def _visible_from(point: Floats, walls: Sequence[Geometry]) -> Geometry:
 
 
 def check_fixed_routes(simspec: SimSpec, placed: Mapping[str, Footprints]) -> None:
-    """Refuse at once fixed obstacles on a patrol route, or around a walker that is fixed too. Raises PlacementInfeasible."""
+    """Refuse at once fixed obstacles on a patrol route, or around a walker that is fixed too.
+
+    Raises PlacementInfeasible.
+    """
+
     fixed = [group for group in simspec.actors if group.id in placed]
     walls = [group for group in fixed if is_obstacle(group)]
     for walker in simspec.actors:
@@ -279,7 +330,11 @@ def check_fixed_routes(simspec: SimSpec, placed: Mapping[str, Footprints]) -> No
     for walker in fixed:
         if patrols(simspec, walker) and confined(walker, walls):
             path = f"actors[{walker.id}].motion.route"
-            needed = [] if confined(walker, []) else fewest_groups(walls, lambda subset, walker=walker: confined(walker, subset))  # type: ignore[misc]
+            needed = (
+                []
+                if confined(walker, [])
+                else fewest_groups(walls, lambda subset, walker=walker: confined(walker, subset))  # type: ignore[misc]
+            )
             raise PlacementInfeasible(
                 f"impossible, and proved so: {walker.id!r} is fixed ({field_path(walker, 'at')}) where no straight way leads to any point "
                 f"of its patrol route ({path}), for what is fixed or the area's border. Move it, the route or what is in between",
@@ -290,11 +345,16 @@ def check_fixed_routes(simspec: SimSpec, placed: Mapping[str, Footprints]) -> No
 def _blocking_groups(
     simspec: SimSpec, walker: ActorGroup, walls: Sequence[ActorGroup], placed: Mapping[str, Footprints]
 ) -> list[ActorGroup]:
-    """The fewest fixed obstacles that block the route wherever its walkers start; none when it is open to some."""
+    """The fewest fixed obstacles that block the route wherever its walkers start; none when it is open to
+    some.
+    """
 
     def fails(subset: Sequence[ActorGroup]) -> bool:
         return all(
-            which.any() for which in blocked_routes(simspec, walker, joined([placed[group.id] for group in subset])).values()
+            which.any()
+            for which in blocked_routes(
+                simspec, walker, joined([placed[group.id] for group in subset])
+            ).values()
         )
 
     return fewest_groups(walls, fails) if walls and fails(walls) else []

@@ -1,8 +1,8 @@
 """Relations that members of a group must keep, each with the path of its field and its words for messages.
 
-A `Relation` judges places alone: the region, a road, what is placed already. A `GroupRelation` judges places against members
-of other groups; bound to placed members it becomes a `Relation`. Each may also give the ground in which valid centres lie:
-never too little ground, often too much.
+A `Relation` judges places alone: the region, a road, what is placed already. A `GroupRelation` judges places
+against members of other groups; bound to placed members it becomes a `Relation`. Each may also give the
+ground in which valid centres lie: never too little ground, often too much.
 """
 
 from __future__ import annotations
@@ -40,9 +40,10 @@ class Relation:
 class GroupRelation:
     """A relation to the members of other groups, or to points.
 
-    `pairs` is (k, m): whether a place keeps it towards a member. `room` holds every centre that may keep it towards a member
-    that stands somewhere in the ground given; `back` every centre of the member, seen from ours. `points` stand for
-    members where no group is meant. `among` is as `room`, for members that stand, where their headings tell more.
+    `pairs` is (k, m): whether a place keeps it towards a member. `room` holds every centre that may keep it
+    towards a member that stands somewhere in the ground given; `back` every centre of the member, seen from
+    ours. `points` stand for members where no group is meant. `among` is as `room`, for members that stand,
+    where their headings tell more.
     """
 
     path: str
@@ -65,7 +66,10 @@ class GroupRelation:
     def bound(self, others: Footprints) -> Relation:
         """The relation to members that stand."""
         return Relation(
-            self.path, self.text, lambda candidates: self.keeps(candidates, others), lambda: self._common_ground(others)
+            self.path,
+            self.text,
+            lambda candidates: self.keeps(candidates, others),
+            lambda: self._common_ground(others),
         )
 
     def _common_ground(self, others: Footprints) -> Geometry | None:

@@ -20,7 +20,10 @@ ROUNDING_GAP_M = 0.002
 
 
 def lattices(group: ActorGroup, region: Geometry) -> list[Footprints]:
-    """Rows and columns along the region's longest side, from each corner, either way round; the largest first."""
+    """Rows and columns along the region's longest side, from each corner, either way round; the largest
+    first.
+    """
+
     asset, gap_m = ASSETS[group.asset], group.placement.separation_m
     frame = _BoundingFrame.of(region)
     distinct: dict[bytes, Footprints] = {}
@@ -47,7 +50,9 @@ def _turned_deg(group: ActorGroup, heading_deg: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _BoundingFrame:
-    """The smallest rectangle round a region: its corner, unit vectors (2, 2) along its sides, and their lengths."""
+    """The smallest rectangle round a region: its corner, unit vectors (2, 2) along its sides, and their
+    lengths.
+    """
 
     corner_m: Floats
     axes: Floats
@@ -67,8 +72,12 @@ class _BoundingFrame:
 
     def rows(self, member_m: Floats, pitch_m: Floats, corner: NDArray[np.int_]) -> Floats:
         """(n, 2) centres of as many rectangles as fit in rows and columns, pushed into one of the corners."""
-        times = np.maximum(np.floor((self.size_m - member_m - 2 * ROUNDING_GAP_M) / pitch_m).astype(int) + 1, 0)
-        ticks = [ROUNDING_GAP_M + member_m[side] / 2.0 + pitch_m[side] * np.arange(times[side]) for side in (0, 1)]
+        times = np.maximum(
+            np.floor((self.size_m - member_m - 2 * ROUNDING_GAP_M) / pitch_m).astype(int) + 1, 0
+        )
+        ticks = [
+            ROUNDING_GAP_M + member_m[side] / 2.0 + pitch_m[side] * np.arange(times[side]) for side in (0, 1)
+        ]
         ticks = [self.size_m[side] - tick if corner[side] else tick for side, tick in enumerate(ticks)]
         grid = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 2)
         places: Floats = np.round(self.corner_m + grid @ self.axes, 3)

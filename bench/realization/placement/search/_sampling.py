@@ -1,4 +1,6 @@
-"""Seeded sampling: one group after the other, each place drawn at random and accepted if it keeps every relation."""
+"""Seeded sampling: one group after the other, each place drawn at random and accepted if it keeps every
+relation.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,8 @@ Placed = dict[str, Footprints]
 class SamplingStalled(Exception):
     """This attempt found no place for a member; `sentence` says for which and why, from freshly drawn places.
 
-    `crowded` is true when valid places existed but members excluded each other from them; `share` is the share that found one.
+    `crowded` is true when valid places existed but members excluded each other from them; `share` is the
+    share that found one.
     """
 
     def __init__(self, sentence: Callable[[], str], *, crowded: bool = False, share: float = 1.0) -> None:
@@ -149,7 +152,11 @@ class Sampler:
         region = polygon_ground(region_of(simspec, group))
         where = group.placement
         relations = [*kept_relations(simspec, group, placed), clearance(simspec, group, placed)]
-        target = target_footprints(simspec, where.mean_distance.of, placed).centre_m[0] if where.mean_distance else None
+        target = (
+            target_footprints(simspec, where.mean_distance.of, placed).centre_m[0]
+            if where.mean_distance
+            else None
+        )
         rings = [
             _Ring(relation, target_footprints(simspec, relation.of, placed).centre_m)
             for relation in (where.near, where.away)
@@ -159,14 +166,29 @@ class Sampler:
         # Rings larger than the region's box would draw most places outside it.
         if ring and ring.area_m2 > _box_area_m2(region):
             ring = None
-        # Sectors, roads and distances leave so little of the region's box that drawing from the box would waste the budget.
+        # Sectors, roads and distances leave so little of the region's box that drawing from the box would
+        # waste the budget.
         narrow = where.along or where.bearing or where.distances or where.inside or where.between
         room = common_ground(relations) if narrow or remaining is not None else None
         if room is not None and remaining is not None:
-            room = areal_parts(shapely.intersection_all([room, remaining[group.id], lone_member_ground(simspec, group, placed)]))
+            room = areal_parts(
+                shapely.intersection_all(
+                    [room, remaining[group.id], lone_member_ground(simspec, group, placed)]
+                )
+            )
         facing = facing_target(simspec, group, placed)
         return cls(
-            simspec, group, member_count(simspec, group), region, tuple(relations), ring, room, target, facing, rng, budget
+            simspec,
+            group,
+            member_count(simspec, group),
+            region,
+            tuple(relations),
+            ring,
+            room,
+            target,
+            facing,
+            rng,
+            budget,
         )
 
     def members(self) -> Footprints:
@@ -181,8 +203,12 @@ class Sampler:
             if crowd.admit(pool, np.arange(len(pool)), self.count):
                 return crowd.members()
             # Random packings jam: when many places admit few members, more places admit ever fewer.
-            if len(pool) >= CROWDING_RATIO * missing and self.count - crowd.count > missing * (1.0 - 1.0 / CROWDING_RATIO):
-                raise SamplingStalled(lambda: self._explain(crowd.count), crowded=True, share=crowd.count / self.count)
+            if len(pool) >= CROWDING_RATIO * missing and self.count - crowd.count > missing * (
+                1.0 - 1.0 / CROWDING_RATIO
+            ):
+                raise SamplingStalled(
+                    lambda: self._explain(crowd.count), crowded=True, share=crowd.count / self.count
+                )
         raise SamplingStalled(lambda: self._explain(crowd.count))
 
     def _at_mean_distance(self, target_m: Floats) -> Footprints:
@@ -209,7 +235,9 @@ class Sampler:
                 continue
             # Within half the tolerance, so that rounding never decides whether the mean is kept.
             crowd = ChosenMembers.of(self.count, self.group.placement.spread_m)
-            choice = MeanDistanceChoice(candidates, distance_m, crowd, self.count, mean.mean_m, mean.tolerance / 2.0, self.rng)
+            choice = MeanDistanceChoice(
+                candidates, distance_m, crowd, self.count, mean.mean_m, mean.tolerance / 2.0, self.rng
+            )
             members = choice.members()
             if members is not None:
                 return members
@@ -251,7 +279,9 @@ class Sampler:
             pool = joined([pool, self._candidates(POOL_SIZE, self.ring)])
         if self.ground is not None and self.ground.area > 0.0:
             pool = joined([pool, self._candidates(POOL_SIZE, None, self.ground)])
-        satisfied = {f"{relation.text} ({relation.path})": relation.keeps(pool) for relation in self.relations}
+        satisfied = {
+            f"{relation.text} ({relation.path})": relation.keeps(pool) for relation in self.relations
+        }
         summary = f"group {self.group.id!r}: {count} of {self.count} members found a place"
         for size in range(1, len(satisfied) + 1):
             for subset in itertools.combinations(satisfied, size):
@@ -271,7 +301,9 @@ def _box_area_m2(region: shapely.Polygon) -> float:
 
 
 class _Ring:
-    """The rings around the members of another group: where to look when a relation leaves little of the region."""
+    """The rings around the members of another group: where to look when a relation leaves little of the
+    region.
+    """
 
     def __init__(self, relation: Near, centres_m: Floats) -> None:
         self._inner, self._outer, self._centres = relation.min_m, relation.max_m, centres_m

@@ -19,13 +19,19 @@ class ChosenMembers:
 
     @classmethod
     def of(cls, size: int, spread_m: float | None) -> ChosenMembers:
-        return cls(Footprints(np.zeros((size, 2)), np.zeros(size), np.zeros((size, 2)), np.zeros(size)), spread_m or 0.0)
+        return cls(
+            Footprints(np.zeros((size, 2)), np.zeros(size), np.zeros((size, 2)), np.zeros(size)),
+            spread_m or 0.0,
+        )
 
     def members(self) -> Footprints:
         return self._room[np.arange(self.count)]
 
     def fits(self, candidate: Footprints, but: int | None = None) -> bool:
-        """Whether a footprint keeps clear of all members, or of all except the member `but` that it replaces."""
+        """Whether a footprint keeps clear of all members, or of all except the member `but` that it
+        replaces.
+        """
+
         room = self._room
         offset = room.centre_m[: self.count] - candidate.centre_m[0]
         reach = np.hypot(room.half_m[: self.count, 0], room.half_m[: self.count, 1]) + candidate.radius_m[0]
@@ -41,7 +47,10 @@ class ChosenMembers:
         return len(close) == 0 or not bool(too_close(candidate, room[close])[0])
 
     def _overlaps(self, candidate: Footprints, close: NDArray[np.intp], square_m2: Floats) -> bool:
-        """Whether circles inside the footprints are too close already: a cheap test that settles most misfits."""
+        """Whether circles inside the footprints are too close already: a cheap test that settles most
+        misfits.
+        """
+
         inner = (
             self._room.half_m[close].min(axis=1)
             + candidate.half_m[0].min()
@@ -55,7 +64,11 @@ class ChosenMembers:
         room.half_m[index], room.gap_m[index] = member.half_m[0], member.gap_m[0]
 
     def admit(self, pool: Footprints, order: NDArray[np.intp], until: int) -> list[int]:
-        """Admit from the pool, in that order, what fits. Returns the admitted indices, empty while fewer than `until` members stand."""
+        """Admit from the pool, in that order, what fits.
+
+        Returns the admitted indices, empty while fewer than `until` members stand.
+        """
+
         admitted: list[int] = []
         for index in order:
             if self.count == until:
@@ -77,8 +90,9 @@ def reachable_means_m(distance_m: Floats, count: int) -> tuple[float, float]:
 class MeanDistanceChoice:
     """Members from a pool of places with a required mean distance.
 
-    Places are drawn with weights exp(lambda * distance), lambda such that the weighted mean is the wanted one (the least
-    change of the uniform distribution that has this mean); what is left of the error goes by exchanging members.
+    Places are drawn with weights exp(lambda * distance), lambda such that the weighted mean is the wanted one
+    (the least change of the uniform distribution that has this mean); what is left of the error goes by
+    exchanging members.
     """
 
     def __init__(
@@ -125,7 +139,11 @@ class MeanDistanceChoice:
             start = int(np.searchsorted(ordered, wanted))
             for index in by_distance[max(start - 3, 0) : start + 3]:
                 closer = abs(short - (distance[index] - distance[chosen[member]])) < abs(short)
-                if closer and int(index) not in taken and crowd.fits(self._pool[np.array([index])], but=member):
+                if (
+                    closer
+                    and int(index) not in taken
+                    and crowd.fits(self._pool[np.array([index])], but=member)
+                ):
                     taken.symmetric_difference_update({chosen[member], int(index)})
                     crowd.put(member, self._pool[np.array([index])])
                     chosen[member] = int(index)
@@ -134,7 +152,10 @@ class MeanDistanceChoice:
 
 
 def _tilted_weights(distance_m: Floats, mean_m: float) -> Floats:
-    """Weights exp(lambda * distance) with the wanted weighted mean; lambda by bisection, held where the mean is out of reach."""
+    """Weights exp(lambda * distance) with the wanted weighted mean; lambda by bisection, held where the mean
+    is out of reach.
+    """
+
     centred = distance_m - distance_m.mean()
     # Per metre: at the ends the nearest or farthest places take nearly all of the weight.
     low, high = -0.5, 0.5

@@ -1,8 +1,10 @@
-"""Places by CP-SAT, for scenes in which sampling stalls: the solver chooses from pools of places so that all relations hold.
+"""Places by CP-SAT, for scenes in which sampling stalls: the solver chooses from pools of places so that all
+relations hold.
 
-Every group gets a pool of places that keep its relations to the ground and to what is placed: tight lattices and random
-places. Each place has one Boolean; places that are too close exclude each other, and relations between groups are clauses
-over their places. The solver runs with one worker, a seed and a deterministic limit: same seed, same places.
+Every group gets a pool of places that keep its relations to the ground and to what is placed: tight lattices
+and random places. Each place has one Boolean; places that are too close exclude each other, and relations
+between groups are clauses over their places. The solver runs with one worker, a seed and a deterministic
+limit: same seed, same places.
 """
 
 from __future__ import annotations
@@ -31,7 +33,14 @@ from ..relations._ground import clearance, ground_relations
 from ..relations._headings import facing_target, sampled_headings_deg
 from ..relations._line_of_sight import placed_solids
 from ..relations._other_groups import group_relations
-from ..relations._patrol_routes import access_relations, blocking_pairs, is_obstacle, patrols, placed_obstacles, route_clearances
+from ..relations._patrol_routes import (
+    access_relations,
+    blocking_pairs,
+    is_obstacle,
+    patrols,
+    placed_obstacles,
+    route_clearances,
+)
 from ..relations._relation import GroupRelation, common_ground
 from ._lattices import lattices
 from ._sampling import Placed, fixed_places
@@ -39,7 +48,8 @@ from ._sampling import Placed, fixed_places
 MAX_ATTEMPTS = 2
 
 
-# Attempts when members stand in or between others, which are placed first and without knowing the later groups.
+# Attempts when members stand in or between others, which are placed first and without knowing the later
+# groups.
 MAX_DEPENDENT_ATTEMPTS = 12
 
 
@@ -47,7 +57,8 @@ MAX_DEPENDENT_ATTEMPTS = 12
 HOST_FILL = 0.5
 
 
-# CP-SAT's deterministic time limit for one attempt, roughly seconds of one core. Not a clock: same seed, same places.
+# CP-SAT's deterministic time limit for one attempt, roughly seconds of one core. Not a clock: same seed, same
+# places.
 ATTEMPT_LIMIT = 1.0
 
 
@@ -69,7 +80,9 @@ def solve_placement(simspec: SimSpec, order: Sequence[ActorGroup]) -> Placed | N
     """Places for every group, or None when none were found."""
     remaining = narrowed_ground(simspec, order)
     effort = 0.0
-    for attempt in range(MAX_DEPENDENT_ATTEMPTS if any(_is_dependent(group) for group in order) else MAX_ATTEMPTS):
+    for attempt in range(
+        MAX_DEPENDENT_ATTEMPTS if any(_is_dependent(group) for group in order) else MAX_ATTEMPTS
+    ):
         if attempt >= MAX_ATTEMPTS and effort > MAX_ATTEMPTS * ATTEMPT_LIMIT:
             break
         rng = generator(simspec.seeds, "placement", zlib.crc32(b"cp-sat"), attempt)
@@ -85,25 +98,35 @@ def solve_placement(simspec: SimSpec, order: Sequence[ActorGroup]) -> Placed | N
 
 
 def _phases(simspec: SimSpec, order: Sequence[ActorGroup]) -> list[list[ActorGroup]]:
-    """Groups that are placed together: all free groups at once, except that sight, facing, mean distance, inside and between need
-    placed targets. Hosts wait for the targets of their guests where they can."""
+    """Groups that are placed together: all free groups at once, except that sight, facing, mean distance,
+    inside and between need placed targets. Hosts wait for the targets of their guests where they can.
+    """
+
     needs = {group.id: prerequisite_groups(simspec, group) for group in order}
     stage = {group.id: 0 for group in order}
     for _ in order:
         before = dict(stage)
         for group in order:
             for host in _hosts(group):
-                others = {name for name in needs[group.id] - {host} if host not in _with_prerequisites(needs, name)}
+                others = {
+                    name for name in needs[group.id] - {host} if host not in _with_prerequisites(needs, name)
+                }
                 stage[host] = max(stage[host], *(stage[name] + 1 for name in others), 0)
         for group in order:
             place = group.placement
-            later = any((place.hidden_from, place.visible_from, place.facing, place.mean_distance)) or _is_dependent(group)
-            stage[group.id] = max(stage[group.id], max((stage[name] for name in needs[group.id]), default=0) + later)
+            later = any(
+                (place.hidden_from, place.visible_from, place.facing, place.mean_distance)
+            ) or _is_dependent(group)
+            stage[group.id] = max(
+                stage[group.id], max((stage[name] for name in needs[group.id]), default=0) + later
+            )
         if stage == before:
             break
     free = [group for group in order if not group.placement.at]
     return [
-        phase for number in range(max(stage.values(), default=0) + 1) if (phase := [g for g in free if stage[g.id] == number])
+        phase
+        for number in range(max(stage.values(), default=0) + 1)
+        if (phase := [g for g in free if stage[g.id] == number])
     ]
 
 
@@ -167,19 +190,28 @@ class _Phase:
         return {**self.standing, **{group.id: self._members(group, solver) for group in self.groups}}
 
     def _members(self, group: ActorGroup, solver: cp_model.CpSolver) -> Footprints:
-        """The chosen places in a drawn order, behind the one that relations to the first member were kept to."""
+        """The chosen places in a drawn order, behind the one that relations to the first member were kept
+        to.
+        """
+
         if group.id not in self.pools:
             return empty_footprints()
-        chosen = np.array([index for index, literal in enumerate(self.taken[group.id]) if solver.boolean_value(literal)])
+        chosen = np.array(
+            [index for index, literal in enumerate(self.taken[group.id]) if solver.boolean_value(literal)]
+        )
         chosen = self.rng.permutation(chosen)
         if group.id in self.first:
-            leader = next(index for index, literal in enumerate(self.first[group.id]) if solver.boolean_value(literal))
+            leader = next(
+                index for index, literal in enumerate(self.first[group.id]) if solver.boolean_value(literal)
+            )
             chosen = np.array([leader, *chosen[chosen != leader]])
         return self.pools[group.id][chosen]
 
     def _relations(self, group: ActorGroup) -> list[GroupRelation]:
         looks = group.placement.hidden_from or group.placement.visible_from
-        return group_relations(self.simspec, group, placed_solids(self.simspec, self.standing) if looks else None)
+        return group_relations(
+            self.simspec, group, placed_solids(self.simspec, self.standing) if looks else None
+        )
 
     def _pool(self, group: ActorGroup, groups: int) -> Footprints:
         """Places that keep every relation not involving other groups of this phase."""
@@ -188,12 +220,18 @@ class _Phase:
         relations = [*ground_relations(self.simspec, group), *route_clearances(self.simspec, group)]
         for tie in self._relations(group):
             if not set(tie.of) & {group_in_phase.id for group_in_phase in self.groups}:
-                others = tie.points if tie.points is not None else joined([self.standing[name] for name in tie.of])
+                others = (
+                    tie.points if tie.points is not None else joined([self.standing[name] for name in tie.of])
+                )
                 relations.append(tie.bound(others))
         relations.append(clearance(self.simspec, group, self.standing))
         relations += [way.bound(self.standing.__getitem__) for way in between_relations(self.simspec, group)]
         relations += access_relations(self.simspec, group, self.standing)
-        room = areal_parts(shapely.intersection(self.remaining[group.id], lone_member_ground(self.simspec, group, self.standing)))
+        room = areal_parts(
+            shapely.intersection(
+                self.remaining[group.id], lone_member_ground(self.simspec, group, self.standing)
+            )
+        )
         if _is_dependent(group):
             room = shapely.intersection(room, common_ground(relations))
         pool = empty_footprints()
@@ -209,14 +247,19 @@ class _Phase:
         return pool
 
     def _candidates(self, group: ActorGroup, room: Geometry, wanted: int) -> Iterator[Footprints]:
-        """Random places and lattices in turn, the random ones where the group's relations leave room for them."""
+        """Random places and lattices in turn, the random ones where the group's relations leave room for
+        them.
+        """
+
         lattices = [] if _has_dependent_heading(group) else self._lattices(group)
         share = wanted // 4 if lattices else wanted
         yield self._random(group, room, share)
         shapely.prepare(room)
         # A lattice of small assets in a wide yard has a hundred thousand places.
         for lattice in lattices:
-            within = np.flatnonzero(shapely.intersects_xy(room, lattice.centre_m[:, 0], lattice.centre_m[:, 1]))
+            within = np.flatnonzero(
+                shapely.intersects_xy(room, lattice.centre_m[:, 0], lattice.centre_m[:, 1])
+            )
             if len(within) > TRIED_PER_WANTED * wanted:
                 within = np.sort(self.rng.permutation(within)[: TRIED_PER_WANTED * wanted])
             yield lattice[within]
@@ -235,22 +278,35 @@ class _Phase:
         if shapely.area(room) == 0.0:
             return empty_footprints()
         centre_m = np.round(uniform_places(room, count, self.rng), 3)
-        return footprints(ASSETS[group.asset], centre_m, self._headings_deg(group, centre_m), group.placement.separation_m)
+        return footprints(
+            ASSETS[group.asset], centre_m, self._headings_deg(group, centre_m), group.placement.separation_m
+        )
 
     def _headings_deg(self, group: ActorGroup, centre_m: Floats) -> Floats:
         target = facing_target(self.simspec, group, self.standing)
         return sampled_headings_deg(self.simspec, group, centre_m, target, self.rng)
 
     def _choose(self, groups: Sequence[ActorGroup]) -> None:
-        """One Boolean for each place, as many of them true as the group has members, and one for the first member."""
-        led = {name for group in groups for tie in self._relations(group) if tie.quantifier == "first" for name in tie.of}
+        """One Boolean for each place, as many of them true as the group has members, and one for the first
+        member.
+        """
+
+        led = {
+            name
+            for group in groups
+            for tie in self._relations(group)
+            if tie.quantifier == "first"
+            for name in tie.of
+        }
         for group in groups:
             count = member_count(self.simspec, group)
             literals = [self.model.new_bool_var("") for _ in range(len(self.pools[group.id]))]
             self.taken[group.id] = literals
             self.model.add(sum(literals) == count)
             if group.id in led:
-                self.first[group.id] = literals if count == 1 else [self.model.new_bool_var("") for _ in literals]
+                self.first[group.id] = (
+                    literals if count == 1 else [self.model.new_bool_var("") for _ in literals]
+                )
                 self.model.add_exactly_one(self.first[group.id])
                 if count > 1:
                     for literal, leads in zip(literals, self.first[group.id], strict=True):
@@ -260,13 +316,18 @@ class _Phase:
         """Places that are too close, or closer than the spread of their group, exclude each other."""
         everywhere = joined([self.pools[group.id] for group in groups])
         all_taken = [literal for group in groups for literal in self.taken[group.id]]
-        whose = np.concatenate([np.full(len(self.pools[group.id]), index) for index, group in enumerate(groups)])
+        whose = np.concatenate(
+            [np.full(len(self.pools[group.id]), index) for index, group in enumerate(groups)]
+        )
         spread_m = np.array([group.placement.spread_m or 0.0 for group in groups])[whose]
         for index, others in enumerate(_conflicts(everywhere, whose, spread_m)):
             self._exclude(all_taken[index], [all_taken[other] for other in others])
 
     def _keep_routes_open(self, groups: Sequence[ActorGroup]) -> None:
-        """An obstacle's place that blocks a walker's shortest open way to its route excludes the walker's place."""
+        """An obstacle's place that blocks a walker's shortest open way to its route excludes the walker's
+        place.
+        """
+
         walls = placed_obstacles(self.simspec, self.standing)
         for walker in groups:
             for other in groups if patrols(self.simspec, walker) else ():
@@ -284,7 +345,9 @@ class _Phase:
                     outlines = shapely.polygons(self.pools[host.id].corners())
                     useful = shapely.area(shapely.intersection(outlines, self._known_ground(guest))) > 0.0
                     asset = ASSETS[guest.asset]
-                    grown_m2 = (asset.length_m + guest.placement.separation_m) * (asset.width_m + guest.placement.separation_m)
+                    grown_m2 = (asset.length_m + guest.placement.separation_m) * (
+                        asset.width_m + guest.placement.separation_m
+                    )
                     least = ceil(count * grown_m2 / (HOST_FILL * float(shapely.area(outlines[0]))))
                     taken = [self.taken[host.id][index] for index in np.flatnonzero(useful).tolist()]
                     self.model.add(sum(taken) >= min(least, member_count(self.simspec, host)))
@@ -293,7 +356,10 @@ class _Phase:
         """The ground of members as far as it is known; of groups not yet placed, only their ground is."""
         known = [tie for tie in group_relations(self.simspec, group) if set(tie.of) <= self.standing.keys()]
         bound = [
-            tie.bound(tie.points if tie.points is not None else joined([self.standing[name] for name in tie.of])) for tie in known
+            tie.bound(
+                tie.points if tie.points is not None else joined([self.standing[name] for name in tie.of])
+            )
+            for tie in known
         ]
         return shapely.intersection(self.remaining[group.id], common_ground(bound))
 
@@ -352,7 +418,9 @@ def _has_dependent_heading(group: ActorGroup) -> bool:
     """Whether headings follow from relations, so that no lattice of one heading will do."""
     along = group.placement.along
     facing = group.placement.facing
-    return (facing is not None and facing.heading_deg is None) or (along is not None and along.parallel_deg is not None)
+    return (facing is not None and facing.heading_deg is None) or (
+        along is not None and along.parallel_deg is not None
+    )
 
 
 def _conflicts(places: Footprints, whose: NDArray[np.int_], spread_m: Floats) -> Iterator[list[int]]:

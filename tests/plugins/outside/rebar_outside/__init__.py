@@ -1,4 +1,6 @@
-"""A package from outside that adds one plug-in to each family, with nothing but contracts and entry points."""
+"""A package from outside that adds one plug-in to each family, with nothing but contracts and entry
+points.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,10 @@ from test_ports import Finding, measure
 
 @measure
 def outside_height(tape: Tape, simspec: SimSpec, *, of_share: float = 1.0) -> Finding:
-    """Greatest height that the vehicle reached over `of_share` of the configured mission height, at most 1."""
+    """Greatest height that the vehicle reached over `of_share` of the configured mission height, at most
+    1.
+    """
+
     highest_m = float(tape.vehicle_position_enu_m[:, 2].max(initial=0.0))
     return Finding(min(1.0, highest_m / (of_share * simspec.mission.altitude_m)))
 
@@ -31,7 +36,9 @@ class StaysOnTheGround:
     def unfit(self, simspec: SimSpec) -> Sequence[Fault]:
         return []
 
-    def predict(self, simspecs: Sequence[SimSpec], measures: Mapping[str, MeasureRequest]) -> Sequence[Prediction]:
+    def predict(
+        self, simspecs: Sequence[SimSpec], measures: Mapping[str, MeasureRequest]
+    ) -> Sequence[Prediction]:
         observations = tuple(Observation(observable=name, considered=True, x=0.0) for name in measures)
         return [Prediction(simspec.mission.time_limit_s, observations) for simspec in simspecs]
 
