@@ -31,8 +31,7 @@ class Prediction:
 
 
 class Surrogate(Protocol):
-    """A fast model of one agent, the entry point of group `rebar.surrogates` under the name of the agent's
-    manifest.
+    """A fast model of one agent, the entry point of group `rebar.surrogates` under `AgentSpec.label`: the manifest's entry-point name, or its file's stem.
 
     It serves campaigns with `fidelity: overhead`, and estimates. The same SimSpec gives the same prediction,
     whichever others are predicted in the same call.

@@ -261,7 +261,13 @@ def _two_units(factor: DesignFactor, paths: Mapping[str, SpecPath]) -> list[Faul
         return []
     fields = ", ".join(f"{text} ({unit})" for unit, text in stated.items())
     what = f"sets fields of different units: {fields}"
-    return [Fault(f"design: factor {factor.name!r}", what, "let a factor with a formula set the other one")]
+    return [
+        Fault(
+            f"design: factor {factor.name!r}",
+            what,
+            "keep the fields of one unit here, and set the others by a second factor with a formula",
+        )
+    ]
 
 
 def _set_twice(design: Design, paths: Mapping[str, SpecPath]) -> list[Fault]:

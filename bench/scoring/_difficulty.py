@@ -17,7 +17,7 @@ from bench.statistics import DIFFICULTY_DECIMALS
 from decompositions import Decomposition, KeyFactor, Level, Policies
 
 
-def rate(table: KeyFactor, value: float, policies: Policies | None = None) -> float:
+def rate(row: KeyFactor, value: float, policies: Policies | None = None) -> float:
     """Rating in [0, 100] of one value in one row of a key factor table.
 
     A value between two columns has the interpolated rating, with `step` the rating of the easier column. A
@@ -28,23 +28,23 @@ def rate(table: KeyFactor, value: float, policies: Policies | None = None) -> fl
 
     rules = policies or Policies()
     if not math.isfinite(value):
-        raise ValueError(f"the key factor {table.factor!r} has the value {value}, which no table can rate")
+        raise ValueError(f"the key factor {row.factor!r} has the value {value}, which no table can rate")
     # Rulings 1 to 3. A table may rise or fall; with the sign below its values always rise, so one search
     # serves both.
-    sign = 1.0 if table.values[-1] > table.values[0] else -1.0
-    rising_values = [sign * column for column in table.values]
+    sign = 1.0 if row.values[-1] > row.values[0] else -1.0
+    rising_values = [sign * column for column in row.values]
     position = sign * value
     after = bisect_left(rising_values, position)
     if after == len(rising_values):
-        return table.ratings[-1]
+        return row.ratings[-1]
     if rising_values[after] == position:
-        return table.ratings[
+        return row.ratings[
             after if rules.shared_value == "lower" else bisect_right(rising_values, position) - 1
         ]
     if after == 0:
-        return table.ratings[0] if rules.easier_than_table == "first" else 0.0
-    low, high = table.ratings[after - 1], table.ratings[after]
-    if table.mapping == "step":
+        return row.ratings[0] if rules.easier_than_table == "first" else 0.0
+    low, high = row.ratings[after - 1], row.ratings[after]
+    if row.mapping == "step":
         return low
     return low + (high - low) * (position - rising_values[after - 1]) / (
         rising_values[after] - rising_values[after - 1]
@@ -257,7 +257,7 @@ def _require_values(decomposition: Decomposition, values: Mapping[str, float]) -
 def _missing_value(decomposition: Decomposition, factor: str, observables: list[str]) -> Fault:
     known = FACTORS.get(factor)
     remedy = (
-        f"it is: {known.text} Add that to the SimSpec"
+        f"it means: {known.text} Add that to the SimSpec"
         if known
         else "no SimSpec has this factor; correct the table"
     )

@@ -13,7 +13,7 @@ from bench.contracts import Vector
 NorthEast = tuple[float, float]
 """A place or a velocity in the local frame: north, east."""
 
-# PX4's EKF2_NOAID_TOUT.
+# PX4's EKF2_NOAID_TOUT, used for ArduPilot too (not observed there).
 DEAD_RECKONING_NS = 5_000_000_000
 
 

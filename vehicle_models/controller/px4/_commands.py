@@ -11,7 +11,7 @@ from ..links._enums import MAV_CMD
 from ..policies._commands import CommandAnswer, CommandPolicy, roi_by_kind
 from ..telemetry._texts import CRITICAL
 
-# Accepted, and without effect here.
+# Accepted without effect, unless a service has a handler: handlers come first.
 _ACCEPTED = (
     MAV_CMD.DO_SET_ACTUATOR,
     MAV_CMD.DO_GO_AROUND,

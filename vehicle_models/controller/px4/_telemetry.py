@@ -32,6 +32,7 @@ _COMMON_RATES_HZ = {
 }
 _ONBOARD_RATES_HZ = {
     **_COMMON_RATES_HZ,
+    # PX4's own rate. A controller step sends a message at most once, so 50 Hz go out.
     "ATTITUDE": 100.0,
     "LOCAL_POSITION_NED": 30.0,
     "ODOMETRY": 30.0,

@@ -43,12 +43,15 @@ from ._capacity import AREA_TOLERANCE_M2, grown_area_m2
 from ._constraints import HOME_FIELD, Constraint, scene_constraints, shapely_point
 from ._packing import areas_can_be_allocated, max_aligned_rectangles, max_spaced_points
 
+# Rounds in which groups cut each other's ground before the proof looks at what is left. Chosen, not measured.
 NARROWING_ROUNDS = 6
 
 
+# Parts into which the ground of a single member is split at the most. Chosen, not measured.
 MAX_CASES = 48
 
 
+# A part narrower than this is not split further. Chosen, not measured.
 MIN_CASE_SIDE_M = 2.0
 
 
