@@ -106,7 +106,6 @@ def test_px4_returns_although_the_second_cause_has_ended(make: Make) -> None:
     assert state(client) == ("AUTO_LOITER", "")
 
 
-@pytest.mark.xfail(strict=True, raises=KeyError, reason="the Hold still names the cause that has ended")
 def test_px4_keeps_the_second_cause_when_the_first_has_ended(make: Make) -> None:
     """The sticks come back during their Hold; the station stays lost, so it returns."""
     client = px4_by_sticks(make)

@@ -137,7 +137,12 @@ class Failsafe:
         del self._active[cause]
         flight = self._context.flight
         flight.failsafe = next(reversed(self._active), None)
-        if not (held or reaction.resumes) or any(active.action for active in self._active.values()):
+        remaining = [other for other, active in self._active.items() if active.action is not None]
+        if held and self._hold is not None and remaining:
+            # The Hold goes on for the cause that is left with the strongest action, or it would end for none.
+            strongest = max(remaining, key=lambda other: _strength(self._active[other]))
+            self._hold = (self._hold[0], strongest)
+        if not (held or reaction.resumes) or remaining:
             return
         previous, self._previous_mode, self._hold = self._previous_mode, None, None
         if previous is not None and flight.flying:
