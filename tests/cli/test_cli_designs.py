@@ -56,4 +56,4 @@ def test_levels_that_do_not_fit_are_faults(tmp_path: Path, capsys: pytest.Captur
     assert run(["run", str(campaign), "--dry-run"]) == 2
     output = capsys.readouterr().err
     assert "small.yaml:6" in output
-    assert "names 'fgo', which is no factor" in output
+    assert "names 'fgo', which is not a factor" in output
