@@ -114,7 +114,6 @@ def annotation_spans(source: str) -> list[tuple[tuple[int, int], tuple[int, int]
     """Begin and end (line, column) of every annotation: under `from __future__ import annotations` they are
     not evaluated.
     """
-
     spans = []
     for node in ast.walk(ast.parse(source)):
         for annotation in (getattr(node, "annotation", None), getattr(node, "returns", None)):
@@ -144,7 +143,6 @@ def drawn(count: int, seed: int, chosen: Iterable[str]) -> list[Mutant]:
     """The sample: areas weigh by their number of places, every place is drawn at most once, with one of its
     changes.
     """
-
     generator = random.Random(seed)
     names = operators()
     places: dict[str, dict[tuple[str, int, int], list[Mutant]]] = {}
@@ -164,7 +162,6 @@ def copy_of_checkout(folder: Path) -> Path:
     """The files that git knows or would add, in a folder of their own: the working tree itself is never
     touched.
     """
-
     listing = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
     for name in subprocess.run(listing, cwd=ROOT, capture_output=True, check=True, text=True).stdout.split(
         "\0"
@@ -230,7 +227,6 @@ class Reach:
 
         Lines that only a child process executes are in no report: all tests of the area are run on them.
         """
-
         of_line = self.by_line.get((mutant.path, mutant.line)) or self.by_file.get(mutant.path)
         return sorted(of_line) if of_line else AREAS[mutant.area][1]
 
@@ -240,7 +236,6 @@ def reach_of(folder: Path, area: str) -> Reach:
 
     Raises SoundCodeFails when one fails.
     """
-
     began = time.monotonic()
     data_file = folder / f".coverage-{area.replace(' ', '-')}"
     files = sorted({str(path.relative_to(ROOT)) for pattern in AREAS[area][0] for path in ROOT.glob(pattern)})

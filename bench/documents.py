@@ -37,7 +37,6 @@ def load_document(path: Path | str, kind: type[D]) -> D:
     Raises SetupError with one fault for each thing wrong, each with file, line, path inside the document and
     remedy.
     """
-
     path = Path(path)
     return read_document(read_text(path), kind, source=str(path))
 
@@ -46,7 +45,6 @@ def load_json_document(path: Path | str, kind: type[D]) -> D:
     """As `load_document`, for a JSON file that the bench wrote itself: faults are found as well, and much
     faster.
     """
-
     # 0.4 ms against 69 ms for the SimSpec of examples/search.yaml: PyYAML is written in Python.
     path = Path(path)
     return read_json_document(read_text(path), kind, source=str(path))
@@ -134,7 +132,6 @@ def parse_text(text: str, source: str = "") -> tuple[Any, dict[DocumentPath, int
 
     Raises SetupError on bad syntax.
     """
-
     try:
         loader = _Loader(text)
         try:

@@ -159,7 +159,6 @@ def measured(client: Client, steps: int) -> tuple[float, float, float, int]:
     """Seconds of a quiet step, of one with bursts between, of one under a live flood; and what was thrown
     away.
     """
-
     with ExitStack() as stack:
         links = (LinkSpec("air", "udp_in"), LinkSpec("line", "tcp_in"))
         vehicle = stack.enter_context(open_x500(VehiclePlan(simspec(), links)))

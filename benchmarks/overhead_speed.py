@@ -48,7 +48,6 @@ def speed(rounds: int) -> dict[str, float]:
     """Missions for each CPU second: flown and measured, and with packing and the observations as
     documents.
     """
-
     campaign = load_campaign(DEMO)
     measures = measures_of(load_measurable_decomposition(campaign.decomposition))
     placed = [place(plan.simspec) for plan in realizations(campaign)]

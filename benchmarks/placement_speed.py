@@ -82,7 +82,6 @@ def at_home(seed: int) -> str:
     """Half of a yard under houses, people in them near a post at its edge, and others between two of the
     houses.
     """
-
     return outcome(
         yard(
             66.0,

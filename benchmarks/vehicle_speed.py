@@ -67,7 +67,6 @@ def with_controller(span_s: float, streams: str) -> tuple[float, float]:
     """The whole vehicle flying squares in offboard at 20 Hz of setpoints; CPU seconds, and messages a
     second.
     """
-
     client = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     client.bind(("127.0.0.1", 0))
     client.setblocking(False)

@@ -60,7 +60,6 @@ class Decomposition:
         """The key attributes whose difficulties make a difficulty configuration: those of the document, else
         all.
         """
-
         return self.document.study or self.key_attributes
 
     @property
@@ -84,7 +83,6 @@ class Decomposition:
         """Distinct descendant observables in the order of the document; for an observable, the observable
         itself.
         """
-
         return self.descendants[node]
 
     def bottom_up(self) -> tuple[str, ...]:
@@ -105,7 +103,6 @@ class Decomposition:
         """How far below its threshold the observable still scores: its own value, else the policy; 0 without
         partial credit.
         """
-
         declared = self.observables[observable]
         # Without partial credit a near miss would have the full difficulty as its score, like a pass: ruling
         # 8.
@@ -116,7 +113,6 @@ class Decomposition:
         """The decomposition as a networkx graph: edges from parent to child, with `level` and `title` on
         every node.
         """
-
         graph: nx.DiGraph[str] = nx.DiGraph()
         for node in self.nodes.values():
             graph.add_node(node.id, level=str(node.level), title=node.title)

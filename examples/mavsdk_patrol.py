@@ -23,16 +23,14 @@ from mavsdk import ComponentType, Configuration, ConnectionResult, Mavsdk, Syste
 from mavsdk.plugins.action import Action
 from mavsdk.plugins.telemetry import Telemetry
 
-METRES_PER_DEGREE = (
-    111_194.9  # of latitude on the mean sphere; a patrol of some tens of metres asks for no more
-)
+# Of latitude on the mean sphere; a patrol of some tens of metres asks for no more
+METRES_PER_DEGREE = 111_194.9
 
 
 def connection_url(given: str) -> str:
     """`udpin:HOST:PORT`, as the bench hands it over, in MAVSDK's words: `udpin://HOST:PORT`,
     `tcpout://HOST:PORT`.
     """
-
     if "://" in given:
         return given
     kind, host, port = given.split(":")
@@ -43,7 +41,6 @@ def wait_until(what: str, holds: Callable[[], bool], timeout_s: float) -> None:
     """Return when `holds` does; exit with a sentence when it does not within `timeout_s` of the host's
     clock.
     """
-
     end = time.monotonic() + timeout_s
     while not holds():
         if time.monotonic() > end:

@@ -114,7 +114,6 @@ class DeclaredMeasure:
         """Raise ValueError, naming measure, option and what is known, when an option is unknown, missing or
         wrong.
         """
-
         self._read(options)
 
     @property
@@ -147,7 +146,6 @@ def measure(function: Callable[..., Finding]) -> DeclaredMeasure:
     of these `Annotated` with a `Limit`. A trailing underscore of a parameter is dropped, so that an option
     can be called `class`. Raises TypeError for another signature.
     """
-
     # get_type_hints resolves names that `from __future__ import annotations` left as text; it needs them at
     # module level.
     positional = [
@@ -189,7 +187,6 @@ def credibility(right: int, wrong: int) -> float:
     Below that in proportion, so that an agent that guesses everywhere, where some guess must be right, gains
     nothing.
     """
-
     return min(1.0, right / wrong) if wrong else 1.0
 
 

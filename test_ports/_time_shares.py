@@ -40,7 +40,6 @@ def fresh_share(
 
     `sent_s` is in order of time; `message` names the kind of message in the evidence.
     """
-
     within = track.airborne if within is None else within
     if not len(sent_s):
         return nothing_shown(0.0, f"the agent sent no {message}")

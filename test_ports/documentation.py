@@ -54,7 +54,6 @@ def with_tables(page: str) -> str:
 
     Raises ValueError when a module with measures has no section, or two.
     """
-
     written: list[str] = []
 
     def section(match: re.Match[str]) -> str:
@@ -75,7 +74,6 @@ def section_text(module: ModuleType) -> str:
     """The introduction of a module, its table of measures and options, and the description of each
     measure.
     """
-
     introduction = inspect.getdoc(module) or ""
     _, _, conventions = introduction.partition("\n\n")
     lines = ["| measure | options (default) |", "| --- | --- |"]
@@ -113,7 +111,6 @@ def main(arguments: list[str] | None = None) -> int:
 
     Returns the exit status.
     """
-
     parser = argparse.ArgumentParser(
         description="Write the tables of measures in docs/measures.md from the code."
     )

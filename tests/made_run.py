@@ -84,7 +84,6 @@ def simspec(
     """The realized situation; without `walkers` nobody can be harmed, without `targets` nobody is to be
     found.
     """
-
     absent = {*(() if walkers else ("walkers",)), *(() if targets else ("radar", "truck"))}
     groups = [
         {"id": "radar", "asset": "radar-vehicle", "role": "adversary", "count": 1},
@@ -144,7 +143,6 @@ def tape(spec: SimSpec, *, end_s: float = 200.0, positions: np.ndarray | None = 
     """A run in which everybody stands still and the vehicle goes over both sub-areas and home; streams as
     given.
     """
-
     members = cast(spec)
     assert spec.realized is not None
     times = np.arange(0.0, end_s + 0.25, 0.5)
@@ -195,7 +193,6 @@ def order(time_s: float, kind: str, **more: Any) -> Timed[OrderDocument]:
     """An order delivered at `time_s`, and given then unless `issued_s` says otherwise; its id is its kind, or
     as given.
     """
-
     fields = {"id": kind.replace("_", "-"), "kind": kind, "issued_s": time_s, "within_s": 10.0, **more}
     return Timed(at_s(time_s), OrderDocument.model_validate(fields))
 

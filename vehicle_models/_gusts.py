@@ -48,7 +48,6 @@ class Gusts:
         """The gust velocity over the next step, north, east, down, in m/s; taken at 0.5 m/s of airspeed at
         least.
         """
-
         # Drawing numbers in blocks is faster than one at a time.
         if not self._draws:
             self._draws = self._random.standard_normal((_BLOCK, 3)).tolist()

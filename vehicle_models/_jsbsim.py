@@ -168,7 +168,6 @@ def _load(
 
     Fresh, because a reset one does not repeat its first flight.
     """
-
     # The logger holds for the present thread alone, so it is set for every aircraft.
     jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.FATAL))
     with ExitStack() as stack:

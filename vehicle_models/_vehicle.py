@@ -61,7 +61,6 @@ def open_x500(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[X500
 
     Raises SetupError for a link that cannot be opened or an unknown parameter.
     """
-
     with open_links(plan.links) as links:
         yield X500(plan, links, tap)
 
@@ -120,7 +119,6 @@ class X500Airframe:
         """Steer the true position beside the target by the error of the estimate, so that the estimate meets
         the target.
         """
-
         # Most steps repeat the target; comparing is cheaper than writing some twenty properties.
         if target is not self._target and target != self._target:
             self._write_constant(target)
@@ -305,7 +303,6 @@ class Aircraft(ABC):
         """Numbers of the MAVLink commands that the flight controller carries out, with the equipment of this
         vehicle.
         """
-
         return self._controller.commands()
 
     def changed_parameters(self) -> Mapping[str, float]:
@@ -344,7 +341,6 @@ class Aircraft(ABC):
         """Start a new flight controller on the same aircraft and the same links; messages that wait are
         lost.
         """
-
         persistent, crashed = self._controller.persistent_state(), self._flight.crashed
         self._airframe.disarm()
         for link in self._links:

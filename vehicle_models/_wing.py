@@ -27,7 +27,6 @@ def open_wing(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[Wing
 
     Raises SetupError for a link that cannot be opened or an unknown parameter.
     """
-
     with open_links(plan.links) as links:
         yield Wing(plan, links, tap)
 
@@ -52,7 +51,6 @@ class Wing(Aircraft):
         """Hitting the ground at more than 2.5 m/s of sink or 18 m/s of speed, or lying on its side or nose
         near it.
         """
-
         motion, sinking = self._wing.motion, self._sinking_mps
         self._sinking_mps = motion.vd_mps
         if motion.up_m > _NEAR_GROUND_M:

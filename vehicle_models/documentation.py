@@ -95,7 +95,6 @@ def _result_without_effect(autopilot: Autopilot, number: MAV_CMD, sender: Messag
     """What the policy answers to a command that no service carries out; None when it does not know the
     command.
     """
-
     policy, results = autopilot.commands, set[str]()
     for value, armed in itertools.product(_TRIED_VALUES, (False, True)):
         flight = FlightState(
@@ -121,7 +120,6 @@ def parameter_table(section: str, page: str) -> str:
 
     The last column is written by hand and taken from `page`.
     """
-
     shown_by = {
         row[1]: row[2]
         for row in map(_PARAMETER_ROW.fullmatch, _section_of(page, section).splitlines())
@@ -223,7 +221,6 @@ def main(arguments: list[str] | None = None) -> int:
 
     Returns the exit status.
     """
-
     parser = argparse.ArgumentParser(
         description="Write the tables of commands and parameters in docs/ from the code."
     )

@@ -100,7 +100,6 @@ class Bench:
         every `tick_s` seconds with what has come, timed by /clock (which must be among the subscriptions).
         Raises LinkLost when the bench falls silent or what it stated never arrives.
         """
-
         address = self.environment.tick
         return self._by_ticks(name, address) if address is not None else self._by_clock(tick_s)
 

@@ -96,7 +96,6 @@ def _cut(data: bytes, frames: list[MavlinkFrame]) -> tuple[bytes, int]:
     """Append the whole frames of `data` to `frames`; the unfinished rest, and how many bytes belonged to
     none.
     """
-
     at = garbage = 0
     end = len(data)
     while end - at >= 8:
@@ -187,7 +186,6 @@ def open_link(name: str, connection: str, timeout_s: float = TIMEOUT_S) -> Itera
 
     Raises SetupError for any other string, LinkLost when a TCP connection cannot be made.
     """
-
     kind, _, rest = connection.partition(":")
     host, _, port = rest.rpartition(":")
     if kind not in ("udpin", "udp", "udpout", "tcp") or not host or not port.isdigit():

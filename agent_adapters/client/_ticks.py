@@ -32,7 +32,6 @@ class TickLine:
         Raises LinkLost when the bench closes without an End, or says nothing for `SILENCE_S` seconds of host
         time.
         """
-
         while True:
             try:
                 # One byte more than allowed, so that a line that is too long can be told from one that just

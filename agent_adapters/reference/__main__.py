@@ -21,7 +21,6 @@ def main() -> int:
     """0 when the session ended in order, 1 when the bench or the vehicle was lost, 2 when the agent was
     started wrongly.
     """
-
     parser = argparse.ArgumentParser(
         prog="python -m agent_adapters.reference", description="The reference search-and-report agent."
     )

@@ -42,7 +42,6 @@ def wanted(environment: AgentEnvironment, camera: str) -> list[Wanted]:
 
     Its pose it takes from MAVLink; the clock only where no tick tells the time.
     """
-
     topics = VehicleTopics(environment.vehicle)
     listened = [
         Wanted(topics.mission, String, latched=True, depth=1),

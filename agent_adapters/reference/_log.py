@@ -114,7 +114,6 @@ def tracks_document(tracks: Tracks, now_s: float) -> AgentTracks:
     At most `MOST_TRACKS`, the latest seen, in order of their beginning: a document has to fit into one
     sample.
     """
-
     stood_by = [
         t
         for t in tracks

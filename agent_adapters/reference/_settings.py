@@ -60,7 +60,6 @@ class Settings:
 
         Raises SetupError with every one that is unknown or of the wrong kind.
         """
-
         kinds: dict[str, type] = {
             field.name: type(getattr(DEFAULTS, field.name)) for field in fields(Settings)
         }

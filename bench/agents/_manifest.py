@@ -19,7 +19,6 @@ def load_manifest(name_or_path: str | Path, *, relative_to: Path | None = None) 
     is the path of a manifest or a function without arguments that returns it. Raises SetupError with every
     fault found.
     """
-
     text = str(name_or_path)
     path = Path(text) if "/" in text or text.endswith(SUFFIXES) else _path_of_plugin(text)
     if not path.is_absolute():

@@ -55,7 +55,6 @@ def open_agent(plan: AgentPlan) -> Iterator[LocalProcess]:
     shortened in the middle when it was much. Raises SetupError when the command or the environment names an
     option that the SimSpec does not have.
     """
-
     command = expand_command(plan)
     environment = environment_of(plan)
     plan.scratch.mkdir(parents=True, exist_ok=True)
@@ -265,7 +264,6 @@ class LocalProcess:
         """Wait for the agent, ask its process group to end, kill it; then kill what left the group but has
         the agent's HOME.
         """
-
         self._wait(LEAVE_S)
         self._signal(signal.SIGTERM)
         self._wait(GRACE_S)
@@ -302,7 +300,6 @@ def _processes_with_home(home: str) -> Iterator[int]:
     """Processes, other than this one, that were started with this HOME: the agent's own, wherever they
     moved.
     """
-
     wanted = f"HOME={home}".encode()
     for entry in os.scandir("/proc"):
         if entry.name.isdigit() and int(entry.name) != os.getpid():

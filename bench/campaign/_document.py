@@ -111,7 +111,6 @@ def load_campaign(path: Path | str) -> Campaign:
 
     Raises SetupError with every fault: file, line, field, remedy.
     """
-
     path = Path(path)
     campaign = load_document(path, Campaign)
     parent = path.resolve().parent
@@ -133,5 +132,4 @@ def _resolved(parent: Path, name: str) -> str:
 
     A name without such a file is a plug-in's and stays.
     """
-
     return str(parent / name) if (parent / name).is_file() else name

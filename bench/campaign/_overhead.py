@@ -33,7 +33,6 @@ def check_fidelity(campaign: Campaign, journal: Journal) -> None:
 
     Raises SetupError with every fault.
     """
-
     noted = journal.fact("fidelity") or "full"
     if journal.entries() and noted != campaign.fidelity:
         remedy = f"name another folder, or fidelity: {noted}"

@@ -87,7 +87,6 @@ def run_campaign(
     another campaign, WorkersUnusable if no worker process can be started, BenchBroken if the first sessions
     all end with bench errors. Sessions that fail are results, never exceptions.
     """
-
     paths = CampaignFolder(folder)
     started = clock()
     parse_rerun_outcomes(rerun)

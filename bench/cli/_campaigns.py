@@ -33,7 +33,6 @@ def demo(
 
     Example: rebar demo
     """
-
     _run(_demo_campaign(), out, workers, as_json=False)
 
 
@@ -71,7 +70,6 @@ def run(
 
     Example: rebar run campaigns/paper.yaml --out out/paper
     """
-
     from bench.errors import Fault, SetupError
 
     if executor != "local":
@@ -104,7 +102,6 @@ def realize(
 
     Example: rebar realize campaigns/demo.yaml --out out/scenes
     """
-
     from bench.campaign import CampaignFolder, campaign_quality, load_campaign, realizations, write_scenes
 
     document = load_campaign(campaign)

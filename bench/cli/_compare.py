@@ -40,7 +40,6 @@ def compare(
 
     Example: rebar compare out/demo --agents reference-naive reference-bystander-aware
     """
-
     from bench.reporting import compare_campaigns
 
     comparison = compare_campaigns(campaigns, agents or (), node or (), seed=seed)

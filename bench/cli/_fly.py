@@ -55,7 +55,6 @@ def fly(
 
     Example: rebar fly --autopilot px4 --mavlink udpout:127.0.0.1:14540
     """
-
     from bench.simulation import DEFAULT_LINKS, run_standalone
 
     if autopilot not in ("px4", "ardupilot"):
@@ -82,7 +81,6 @@ def terminated_as_interrupted() -> Iterator[None]:
 
     Containers and services are stopped by SIGTERM.
     """
-
     former = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield

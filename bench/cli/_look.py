@@ -94,7 +94,6 @@ def difficulty(
 
     Example: rebar difficulty examples/search.yaml --node KA-18
     """
-
     from bench.scoring import difficulty_of_values as rate_all
     from bench.simspec import FACTORS, factor_paths, factor_values, load_simspec
     from decompositions import DecompositionVocabulary, load_decomposition
@@ -131,7 +130,6 @@ class _RatedSituation:
         """Some nodes as in `Difficulty.as_json`, with the changes that raise each and the fields behind each
         factor.
         """
-
         from bench.scoring import difficulty_increase
 
         document = self.difficulty.as_json()

@@ -50,7 +50,6 @@ def doctor(as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] =
     """Check this machine: Python, packages, plug-ins, JSBSim, Zenoh, loopback, free space. Example: rebar
     doctor
     """
-
     checks = [_try(name, check) for name, check in CHECKS.items()]
     if as_json:
         print(

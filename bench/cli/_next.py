@@ -25,7 +25,6 @@ def propose(
 
     Example: rebar next out/demo --out next.yaml
     """
-
     from bench.campaign import propose_next
 
     if out is not None and out.exists():

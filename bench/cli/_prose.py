@@ -74,7 +74,6 @@ def prose(
 
     Example: rebar prose -f scene.txt --out scene.yaml --campaign campaign.yaml
     """
-
     from bench.documents import dump_value
     from bench.instance_analysis import ModelEndpoint, annotated_yaml, load_vocabulary, propose, read_prose
 
@@ -211,7 +210,6 @@ def _campaign(base_simspec: BaseSimSpec, simspec: SimSpec, points: int, decompos
     """A campaign over the ranges as plain values: a Latin hypercube, or every combination if there are only
     levels.
     """
-
     from bench.campaign import Campaign
     from bench.documents import validate_document
     from bench.instance_analysis import stated_values
@@ -354,7 +352,6 @@ def _factor_ranges(tree: Decomposition, node: str, wanted: int) -> Iterator[dict
     From the first value on, no table of the factor rates too low. Up to the second, at least one does not
     rate too high.
     """
-
     from bench.scoring import value_for_rating
 
     tables: dict[str, list[Any]] = {}

@@ -77,7 +77,6 @@ def score(
 
     Example: rebar score --observations table.csv --decomposition mine.yaml --json
     """
-
     for source in _score_sources(runs or [], decomposition, observations, reading=explain is not None):
         if explain is not None:
             _show_explanation(source.explained(explain, limit), as_json=as_json)
@@ -274,7 +273,6 @@ def _campaign_decomposition(run: Path) -> str:
 
     The default one for a run outside a campaign.
     """
-
     path = run.resolve().parent.parent / "decomposition.yaml"
     return str(path) if run.resolve().parent.name == "runs" and path.is_file() else "search-and-report"
 
@@ -408,7 +406,6 @@ def _brief(reason: str) -> str:
 
     A traceback of an agent can be long, and the recording has all of it.
     """
-
     lines = [line.strip() for line in reason.splitlines() if line.strip(" )")]
     # A traceback says what went wrong in its last line, and what it is in its first.
     return reason.strip() if len(lines) < 3 else f"{lines[0]} ... {lines[-1]}"

@@ -26,7 +26,6 @@ def cast_of(simspec: SimSpec) -> tuple[CastMember, ...]:
 
     Raises SetupError for places, groups or assets that are missing.
     """
-
     realized = realized_of(simspec)
     groups = {group.id: group for group in simspec.actors}
     faults = [

@@ -29,6 +29,5 @@ def light_of(elevation_rad: float, night_contrast: float) -> float:
     """Share of contrast that the light leaves: 1 by day, `night_contrast` by night, a smooth step through
     twilight.
     """
-
     x = min(1.0, max(0.0, (elevation_rad - NIGHT_SUN_RAD) / (DAY_SUN_RAD - NIGHT_SUN_RAD)))
     return night_contrast + (1.0 - night_contrast) * x * x * (3.0 - 2.0 * x)

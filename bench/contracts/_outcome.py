@@ -35,7 +35,6 @@ class Outcome(StrEnum):
         """Whether observables of such a run are scored: what the agent did or failed to do counts, bench
         errors do not.
         """
-
         return self in _SCORED_OUTCOMES
 
 
@@ -107,7 +106,6 @@ class SessionFailure:
 
         Whatever is not expected is a bench error, with its traceback.
         """
-
         match error:
             case PlacementInfeasible():
                 return cls(Outcome.PLACEMENT_INFEASIBLE, str(error))

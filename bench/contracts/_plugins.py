@@ -18,7 +18,6 @@ def plugins(group: PluginGroup) -> dict[str, EntryPoint]:
 
     Not to be changed by the caller.
     """
-
     return {entry.name: entry for entry in entry_points(group=group)}
 
 
@@ -27,7 +26,6 @@ def load_plugin(group: PluginGroup, name: str) -> Any:
 
     Raises SetupError, naming what there is, when there is none of that name.
     """
-
     known = plugins(group)
     if name not in known:
         raise SetupError(

@@ -21,11 +21,10 @@ TRUTH_ODOMETRY = "/truth/odometry"  # nav_msgs/msg/Odometry, map (ENU) -> base_l
 TRUTH_CAST = "/truth/cast"  # std_msgs/msg/String, CastDocument: who the actors are, once at the start
 TRUTH_ACTORS = "/truth/actors"  # geometry_msgs/msg/PoseArray, map (ENU), in the order of the cast
 TRUTH_VIEW = "/truth/view"  # std_msgs/msg/String, ViewDocument: who could be seen in each camera frame
-# Std_msgs/msg/String, VehicleDocument: armed, mode, landed, battery; on change and at 1 Hz
+# std_msgs/msg/String, VehicleDocument: armed, mode, landed, battery; on change and at 1 Hz
 TRUTH_VEHICLE = "/truth/vehicle"
-SESSION_EVENTS = (
-    "/session/events"  # std_msgs/msg/String, EventDocument: the session's own log, its end included
-)
+# std_msgs/msg/String, EventDocument: the session's own log, its end included
+SESSION_EVENTS = "/session/events"
 
 
 @dataclass(frozen=True, slots=True)

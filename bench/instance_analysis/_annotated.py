@@ -22,7 +22,6 @@ def stated_values(result: BaseSimSpec) -> dict[str, Any]:
 
     Validating them gives the same SimSpec. Raises ValueError while questions are open.
     """
-
     if result.simspec is None:
         raise ValueError("there is no SimSpec while questions are open")
     mentioned = {receipt.path for receipt in result.receipts if receipt.source != "default"}

@@ -139,7 +139,6 @@ class Draft:
 
         Without an answer the question stays open and the first reading is used.
         """
-
         self._question_count += 1
         if self._question_count <= len(self.answers):
             # Answers are matched by order, because the same text always asks the same questions in the same
@@ -291,7 +290,6 @@ def dotted(path: FieldPath) -> str:
     """A path as campaigns write it, such as actors[radar].count: the part after a list's name is the member's
     id.
     """
-
     text, after_list = "", False
     for part in path:
         if after_list or isinstance(part, int):

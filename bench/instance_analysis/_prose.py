@@ -23,7 +23,6 @@ def read_prose(text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -
     result has no SimSpec. Raises SetupError with every fault: ranges that run downwards, units that do not
     fit, a text in which nothing is a scenario, a text of more than 20,000 characters.
     """
-
     draft, corrected = draft_of(text, vocabulary, answers)
     return finished(draft, corrected)
 
@@ -33,7 +32,6 @@ def draft_of(text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -> 
 
     Raises as `read_prose` does, except for an invalid SimSpec.
     """
-
     if len(text) > MAX_CHARACTERS:
         raise SetupError(
             Fault(

@@ -56,7 +56,6 @@ def realize(
     Raises SetupError naming factor, path and remedy when a factor's path leads nowhere or a level does not
     fit. `rate` is used when the design is drawn by difficulty (`Design.rated`).
     """
-
     labels = _labels(agents)
     patches = _Patches.of(base, design)
     pairs = _pairs(patches, rate)
@@ -74,7 +73,6 @@ def design_pairs(base: SimSpec, design: Design, rate: Rating | None = None) -> l
 
     Raises as `realize` does, but checks levels only when the design is drawn by difficulty.
     """
-
     return _pairs(_Patches.of(base, design), rate) if design.rated else design.pairs()
 
 
@@ -106,7 +104,6 @@ def scene_seed(seed: int, design_point: str, replicate: int) -> int:
     """The 63-bit root seed of one scene; depends on nothing else, so points added later change no existing
     scene.
     """
-
     # CRC-32 instead of hash(): Python salts the hash of a string in every process.
     sequence = np.random.SeedSequence([seed, zlib.crc32(design_point.encode()), replicate])
     # 63 bits: the SimSpec's seeds are below 2**63.
@@ -236,7 +233,6 @@ def _other_unit(where: str, factor: DesignFactor, path: SpecPath) -> Fault | Non
 
     A field without a unit accepts no unit that other fields have.
     """
-
     if factor.unit is None or path.unit == factor.unit or path.open:
         return None
     if path.unit is not None:
@@ -274,7 +270,6 @@ def _set_twice(design: Design, paths: Mapping[str, SpecPath]) -> list[Fault]:
     """Faults of fields that two factors set, directly or as part of a larger value: one would silently undo
     the other.
     """
-
     users: dict[tuple[str | int, ...], dict[str, str]] = {}
     for factor in design.factors:
         for text in [*factor.sets, *(path for patch in factor.patches.values() for path in patch)]:

@@ -39,7 +39,6 @@ def read_records(path: Path | str) -> Iterator[Record]:
     Raises SetupError when the file is missing, is no MCAP file, or was not written in order of time. Channels
     that do not hold CDR of ROS 2 types are passed over.
     """
-
     return _records(Container(Path(path)))
 
 

@@ -44,7 +44,6 @@ class Recorder:
 
         Raises ValueError when it lies before the one before it: that is a fault of the bench.
         """
-
         if record.time < self._last:
             raise ValueError(
                 f"record on {record.topic} at {record.time.ns} ns lies before the last one at {self._last.ns} ns"
@@ -108,7 +107,6 @@ def open_recording(
     whatever cuts it off. None of them may hold a wall clock, a host or a path of this machine: equal sessions
     make equal bytes. Raises OSError when the file cannot be written.
     """
-
     with path.open("wb") as file:
         recorder = Recorder(_HashedFile(file))
         # Written and flushed before the session: even a recording that is cut off says what it was.

@@ -240,7 +240,6 @@ class _ActorColumns:
         """Times (m,), positions (m, k, 3), and how many samples were left out because they are of another
         cast.
         """
-
         # A pose array has no ids: only its length says whether it is of this cast.
         fitting = [index for index, positions in enumerate(self._positions) if len(positions) == members]
         times = np.array([self._times[index] for index in fitting], dtype=np.float64)

@@ -74,7 +74,6 @@ def _decomposition(folder: Path, reference: str, notes: list[str]) -> Decomposit
     """The copy in the campaign's folder, else the decomposition by its path or name; None, with a note, when
     it is unreadable.
     """
-
     # The copy first: the file that the campaign names may have changed since.
     stored = folder / "decomposition.yaml"
     try:
@@ -197,7 +196,6 @@ def _nodes(document: Decomposition | None, scores: pl.DataFrame) -> tuple[dict[s
     """The nodes of the decomposition, and those without parents; without the document, the bare ids of the
     scored nodes.
     """
-
     if document is not None:
         nodes = {
             node.id: Node(node.id, str(node.level), node.title, node.asks, node.children)

@@ -15,7 +15,6 @@ def content_security_policy(*scripts: str) -> str:
     """A content security policy: nothing is fetched, and only these scripts run, identified by their
     digests.
     """
-
     digests = " ".join(
         f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" for text in scripts
     )
@@ -44,7 +43,6 @@ def template_environment() -> jinja2.Environment:
 
     It escapes everything that is not explicitly markup, because agents write some of the texts.
     """
-
     return jinja2.Environment(
         loader=jinja2.PackageLoader("bench.reporting", "templates"),
         autoescape=True,

@@ -73,7 +73,6 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
 
     `charts` are the runs to show from above, `map_notes` what to say of runs that cannot be shown.
     """
-
     figures = PageFigures()
     comparisons = agent_pairs(data, figures)
     matter = factor_effects(data)

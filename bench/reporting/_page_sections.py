@@ -92,7 +92,6 @@ def studied_nodes(
     """Each node under study: a figure of its pass rates over difficulty, and every agent's numbers in
     sentences.
     """
-
     sections = []
     for place, node in enumerate(data.study, start=1):
         tallies = {

@@ -29,7 +29,6 @@ def score_table(summary: pl.DataFrame, study: Sequence[str] = ()) -> Table:
     """A table of the studied nodes (every key attribute when `study` is empty) for each agent, over all
     configurations.
     """
-
     table = Table(title="Score and confidence over all runs", title_justify="left")
     for place, name in enumerate(COLUMNS):
         # In a narrow terminal the title wraps; numbers and ids stay whole.

@@ -18,7 +18,6 @@ def studied_key_attributes(decomposition: Decomposition, study: Sequence[str] = 
 
     Raises SetupError for any other node.
     """
-
     known = decomposition.at_level(Level.KEY_ATTRIBUTE)
     unknown = [node for node in study if node not in known]
     if unknown:
@@ -37,7 +36,6 @@ def configuration_of(decomposition: Decomposition, difficulty: Difficulty, study
 
     Raises as `studied_key_attributes`.
     """
-
     return " ".join(
         f"{node}={_compact(difficulty.of(node))}" for node in studied_key_attributes(decomposition, study)
     )

@@ -25,7 +25,6 @@ def rate(row: KeyFactor, value: float, policies: Policies | None = None) -> floa
     a value in two columns has the lower rating; `policies` may choose otherwise. Raises ValueError for a
     value that is not finite.
     """
-
     rules = policies or Policies()
     if not math.isfinite(value):
         raise ValueError(f"the key factor {row.factor!r} has the value {value}, which no table can rate")
@@ -56,7 +55,6 @@ def tension_of(difficulty: float) -> int:
 
     A difficulty is equal to another to six decimals.
     """
-
     # Rounded first: 40.0000000001 from an interpolation belongs to tension 2, like 40.
     return max(1, math.ceil(round(difficulty, DIFFICULTY_DECIMALS) / 20.0))
 
@@ -184,7 +182,6 @@ def difficulty_of(decomposition: Decomposition, simspec: SimSpec) -> Difficulty:
 
     Raises as `difficulty_of_values`.
     """
-
     return difficulty_of_values(decomposition, factor_values(simspec))
 
 
@@ -194,7 +191,6 @@ def stated_difficulty(decomposition: Decomposition, values: Mapping[str, float])
     An observable without a value gets infinity, which is never the minimum. A node with only such observables
     is infinite too; writers of documents and tables turn that into null.
     """
-
     observables = {
         observable: ObservableDifficulty(observable, values.get(observable, math.inf), ())
         for observable in decomposition.observables

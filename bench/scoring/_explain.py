@@ -146,7 +146,6 @@ def explain(
     `scores` is the score table of the runs; `summaries` are the node's rows over all configurations, one for
     each agent. Raises KeyError for an unknown node.
     """
-
     subject = decomposition.nodes[node]
     explainer = _Explainer(decomposition, node, sources, limit, _scored(scores, node))
     return Explanation(
@@ -189,7 +188,6 @@ class _Explainer:
         """Sorting key: failures first, lowest confidence and score first; then passes from the lowest score
         up.
         """
-
         score = self.scored[run.realization]
         order = ("failed", "passed", "not considered", "excluded").index(self._state(run))
         return order, score.confidence or 0.0, -1.0 if score.score is None else score.score
@@ -238,7 +236,6 @@ class _Explainer:
         """Node ids from the node down to the observable that gives the minimum, the first of equals; empty
         where no child rules.
         """
-
         node = self.node
         # A mean has no ruling child: every child moves it.
         if scores[node].score is None or self.decomposition.policies.inner_score != "minimum":

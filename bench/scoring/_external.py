@@ -56,7 +56,6 @@ def read_table(text: str, decomposition: Decomposition, source: str = "") -> Ext
     decomposition, in the unit of its tables; optionally `considered`, `design_point` and `agent`. Raises
     SetupError with every fault and its line.
     """
-
     faults = _FaultLog(source)
     # Excel writes a byte order mark at the start of its CSV files.
     text = text.removeprefix("\ufeff")
@@ -86,7 +85,6 @@ def score_external(
     """The score table of these runs, with a null difficulty for a node of which no observable has a row in
     the run.
     """
-
     scores = score_table(decomposition, runs, study)
     if scores["difficulty"].is_finite().all():
         return scores

@@ -77,7 +77,6 @@ def difficulty_increase(
 
     Raises KeyError for an unknown node.
     """
-
     observables = decomposition.observables_under(node)
     if decomposition.policies.factor_rule != "minimum" or not all(
         difficulty.observables[factor].ratings for factor in observables
@@ -110,7 +109,6 @@ def value_for_rating(
     The second item is true where the value itself is not enough, but every harder one is. None where the
     table ends below the rating.
     """
-
     rules = policies or Policies()
     column = bisect_right(table.ratings, rating) if exceeded else bisect_left(table.ratings, rating)
     if column == len(table.ratings):

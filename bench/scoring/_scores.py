@@ -87,7 +87,6 @@ def score_run(
     Raises ValueError for an observation of an unknown observable, a second one of the same, or a considered
     one without a value.
     """
-
     arrays = arrays_of(decomposition)
     x, considered = measured_column(arrays, observations)
     difficulty = difficulty_column(arrays, difficulties)
@@ -175,7 +174,6 @@ def _inner_scores(
     """Scores of all nodes from those of the leaves: the minimum (or mean) over the children that have a score
     (ruling 9).
     """
-
     # `inner` has children before parents, so every child is final when its parent reads it.
     shape = (len(arrays.nodes), leaf_score.shape[1])
     score, scored = np.zeros(shape), np.zeros(shape, dtype=np.bool_)
@@ -214,7 +212,6 @@ def _confidence(arrays: DecompositionArrays, achieved: Counts, considered: Count
     """Achieved over considered leaves; under the policy `children`, scored over considered children for inner
     nodes.
     """
-
     if arrays.policies.confidence == "children":
         leaves_considered, achieved, considered = considered, achieved.copy(), considered.copy()
         for row, children in arrays.inner:

@@ -93,7 +93,6 @@ def summary_frame(scores: pl.DataFrame, decomposition: Decomposition | None = No
     appearance in the table. `decomposition` gives titles and policies; without it titles are empty and the
     published rules hold.
     """
-
     if scores.is_empty():
         return pl.DataFrame(schema=SUMMARY_COLUMNS)
     policies = decomposition.policies if decomposition else Policies()
@@ -269,7 +268,6 @@ def _column(scores: pl.DataFrame, name: str) -> tuple[Floats, Bools]:
     """Values of a column (0 where null) and whether they are known; a column that the table lacks is null in
     every row.
     """
-
     if name not in scores.columns:
         return np.zeros(scores.height), np.zeros(scores.height, dtype=np.bool_)
     column = scores[name]
@@ -280,7 +278,6 @@ def _dense_codes(keys: Counts) -> tuple[Counts, Counts]:
     """Distinct keys, rising, and the number of each entry's; without sorting where the keys are dense
     enough.
     """
-
     size = int(keys.max()) + 1
     # Sorting is slower than a table over all keys, unless most of that table would be empty. 4 is chosen, not
     # measured.
@@ -375,7 +372,6 @@ def _spread(scenes: _SceneSums) -> Floats:
     """Sum over design points of the squared sum of the deviations of their ratios from the mean of the
     block.
     """
-
     mean = np.nan_to_num(_mean(scenes.total("confidence"), scenes.total("considered")))
     block = np.cumsum(np.isin(np.arange(scenes.agent.size), scenes.starts)) - 1
     deviation = scenes.sums["confidence"] - scenes.sums["considered"] * mean[block]
@@ -401,7 +397,6 @@ def _interval(
     """Exact on the counts where `plain` (observables whose runs share no design point), else on effective
     counts (ruling 18).
     """
-
     runs, share = considered.astype(np.float64), np.nan_to_num(mean)
     tried = np.where(plain, runs, effective_size(share, runs, points, squared))
     return clopper_pearson(np.where(plain, np.round(share * runs), share * tried), tried)
@@ -411,7 +406,6 @@ def _anytime_interval(mean: Floats, considered: Counts, alone: Bools) -> tuple[F
     """Of the pass rate where `alone` (an observable with a single design point), else of the mean of the
     expectations.
     """
-
     runs = considered.astype(np.float64)
     total = np.nan_to_num(mean) * runs
     rate, expected = pass_rate_bounds(np.round(total), runs), mean_bounds(total, runs)
@@ -422,7 +416,6 @@ def _competence(scenes: _SceneSums, scores: pl.DataFrame) -> dict[str, pl.Series
     """The columns of competence of every agent and node over all configurations, null without a trial (ruling
     17).
     """
-
     groups = len(scenes.agents) * len(scenes.nodes)
     has_trials_in_scene = scenes.sums["trials"] > 0
     # A campaign gives a design point one difficulty; then counts by scene are enough, and run by run is the

@@ -73,7 +73,6 @@ def score_table(
     make difficulty configurations. Raises ValueError for a realization that appears twice and as `score_run`,
     and SetupError for a `study` that names other nodes than key attributes.
     """
-
     arrays = arrays_of(decomposition)
     if not runs:
         return pl.DataFrame(schema=SCORE_COLUMNS)
@@ -110,7 +109,6 @@ def absent_pairs(decomposition: Decomposition, runs: Sequence[ScoredRun]) -> int
     """Number of (run, observable) pairs without an observation, over the runs that count; such a pair is not
     considered.
     """
-
     # A run that the bench spoilt was not measured, so nothing is missing from it.
     counted = [run for run in runs if run.outcome.counts]
     return sum(

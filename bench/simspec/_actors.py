@@ -106,7 +106,6 @@ class ActorGroup(Document):
         """Number of members in an area of interest of `area_m2` square metres; the smallest number when it is
         drawn.
         """
-
         if isinstance(self.count, CountRange):
             return self.count.low
         if self.count is not None:

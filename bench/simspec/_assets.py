@@ -34,7 +34,6 @@ class Asset:
         Source: Carver, "Rectangles within rectangles", Mathematics Magazine 30, 1957. A guest longer than the
         host can still fit diagonally.
         """
-
         long, short = max(self.length_m, self.width_m), min(self.length_m, self.width_m)
         p, q = (
             max(guest.length_m, guest.width_m) + CLEARANCE_M,

@@ -19,7 +19,6 @@ def bystander_proximity_m(simspec: SimSpec) -> float | None:
     one, it is an upper bound of the mean over all bystanders: for each group the largest distance that its
     relations to an adversary and the ground of both allow. None without bystanders or without adversaries.
     """
-
     bystanders, targets = (
         _populated_groups(simspec, Role.BYSTANDER),
         _populated_groups(simspec, Role.ADVERSARY),
@@ -49,7 +48,6 @@ def nearest_bystander_m(simspec: SimSpec) -> float | None:
     bound that it keeps to the nearest member of it. Relations to other groups, points and the vehicle's home
     guarantee nothing. None where no bystander group has a relation to an adversary.
     """
-
     guarantees = (
         list(_guaranteed_distances_m(simspec, group, target))
         for group in _populated_groups(simspec, Role.BYSTANDER)
@@ -67,7 +65,6 @@ def _guaranteed_distances_m(simspec: SimSpec, group: ActorGroup, target: ActorGr
     """The lower bound of each relation to the target; 0 for a relation that need not hold for every member of
     it.
     """
-
     placement = group.placement
     single = not isinstance(target.count, CountRange) and target.member_count(simspec.world.area.area_m2) == 1
     names = _names_of(simspec, target)

@@ -26,7 +26,6 @@ def raise_inconsistencies(title: str, inconsistencies: Iterable[Inconsistency]) 
     """Raise pydantic's ValidationError with one error for each inconsistency; do nothing when there is
     none.
     """
-
     # All at once: a person who corrects a file wants the whole list, not one fault for each attempt.
     if errors := [_error(field, message) for field, message in inconsistencies]:
         raise ValidationError.from_exception_data(title, errors)

@@ -20,7 +20,6 @@ def factor_paths(simspec: SimSpec, factor: str) -> tuple[str, ...]:
     If the situation has none of the fields, the path of `FACTORS` as it is. Raises KeyError for an unknown
     factor.
     """
-
     stated_path = FACTORS[factor].path
     for alternative in stated_path.split(" else "):
         fields = tuple(

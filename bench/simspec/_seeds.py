@@ -16,7 +16,6 @@ def seed_of(seeds: Seeds, stream: RandomStream) -> int:
     """The 63-bit seed of one random stream: the stated one, else one derived from the root seed and the
     name.
     """
-
     stated: int | None = getattr(seeds, stream)
     if stated is not None:
         return stated
@@ -30,6 +29,5 @@ def generator(seeds: Seeds, stream: RandomStream, *path: int) -> np.random.Gener
 
     Each `path` gives an independent one, for example one for each actor.
     """
-
     # PCG64 by name: numpy may change the bit generator of default_rng, and recordings must stay reproducible.
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed_of(seeds, stream), *path])))

@@ -30,7 +30,6 @@ def sun_at(moment: dt.datetime, latitude_deg: float, longitude_deg: float) -> Su
     """Position of the sun at a moment with a time zone, for geodetic latitude and east longitude in
     degrees.
     """
-
     # UTC in place of terrestrial time: a minute or so, in which the sun moves along the ecliptic by less than
     # 0.001 degree.
     days = (moment - _J2000).total_seconds() / 86400.0

@@ -131,7 +131,6 @@ class AirNetwork:
         """Publish from now on to the topics that the agent declares, once the network knows of each of its
         subscriptions.
         """
-
         declared = set(subscribes)
         deadline_s = self._clock.now() + MATCH_BUDGET_S
         for recorded in self._publishers:
@@ -149,7 +148,6 @@ class AirNetwork:
         """Publish on every topic, subscribed or not: at the realtime pace an agent sends no hello that names
         its topics.
         """
-
         for recorded in self._publishers:
             recorded.opened = True
 
@@ -165,7 +163,6 @@ class AirNetwork:
         With `stated` (lockstep) exactly as many samples as the agent says that it has sent; otherwise what
         has arrived. Raises StopSession for an agent that states samples that do not come, or that floods.
         """
-
         documents: dict[str, list[str | bytes]] = {}
         for subscription in self._subscriptions:
             topic = subscription.topic

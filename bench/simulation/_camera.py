@@ -68,7 +68,6 @@ class PinholeCamera:
         """(3, 3) the camera's right, down and forward axes as rows of ENU; takes ENU differences to camera
         coordinates.
         """
-
         # A mount that keeps level cancels roll and pitch alone; the heading of the vehicle still turns the
         # camera.
         roll, pitch = (0.0, 0.0) if self.stabilized else (state.roll_rad, state.pitch_rad)
@@ -126,7 +125,6 @@ class PinholeCamera:
         parent is base_level for a stabilized camera, which roll and pitch do not move, and base_link
         otherwise.
         """
-
         tilt_rad = self.tilt_rad if tilt_rad is None else tilt_rad
         s, c = math.sin(tilt_rad / 2.0) / 2.0, math.cos(tilt_rad / 2.0) / 2.0
         if not pan_rad:

@@ -112,7 +112,6 @@ class MissionInformation:
         """Publish what the operator has sent while the link is up: reports before the orders that may refer
         to them.
         """
-
         up = not self._in_outage("operator_link", now)
         if up is not self._link_up:
             self._link_up = up

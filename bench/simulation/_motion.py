@@ -98,7 +98,6 @@ class WalkableGround:
         """(k, 2) the points; those outside the area moved to the nearest place on its border and `INSET_M`
         beyond.
         """
-
         outside = ~self._inside(points)
         if not outside.any():
             return points
@@ -121,7 +120,6 @@ class WalkableGround:
 
         True for all when nothing binds.
         """
-
         if not len(self.corners_m):
             return np.ones(len(points), dtype=np.bool_)
         east, north = points[:, 0, None], points[:, 1, None]
@@ -178,7 +176,6 @@ def wander(
 
     Every leg takes the same number of draws, whether or not a way was found.
     """
-
     position = start
     while True:
         # All attempts are drawn at once: how many fail must not shift the draws of the legs that follow.
@@ -205,7 +202,6 @@ def patrol(
 
     Stands still for the rest of the session when it can reach none, because the ground does not change.
     """
-
     route = ground.drawn_inside(np.array([(point.east_m, point.north_m) for point in motion.route]))
     count = len(route)
     next_index = int(np.argmin(np.hypot(*(route - start).T)))

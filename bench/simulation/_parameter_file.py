@@ -44,7 +44,6 @@ class ParameterFile:
 
         Raises SetupError when the file cannot be written.
         """
-
         if values == self._saved:
             return
         temporary = self._path.with_name(f"{self._path.name}.new")

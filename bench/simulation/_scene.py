@@ -20,7 +20,6 @@ def open_plain_scene(simspec: SimSpec) -> Scene:
 
     Raises SetupError when it has no realization, or one that does not fit.
     """
-
     return PlainScene(simspec)
 
 

@@ -95,7 +95,6 @@ def run_session(plan: SessionPlan) -> SessionEnd:
 
     Never raises for anything that happens inside; KeyboardInterrupt travels on.
     """
-
     started_s, started_cpu_s = plan.clock.now(), time.process_time()
     progress = SessionProgress()
     try:
@@ -277,7 +276,6 @@ class Session:
 
         Runs that end by WALL_BUDGET are not scored, so an agent could drop a run that goes badly by dawdling.
         """
-
         wall_s = self._spec.budgets.wall_s
         if self._agent_took_s > wall_s / 2:
             reason = f"the agent took {self._agent_took_s:.0f} s of the session's {wall_s:g} s of the host's time to answer"
@@ -377,6 +375,5 @@ def _link(need: MavlinkNeed, stack: ExitStack) -> LinkSpec:
     """The vehicle's side of a link: it listens where the system chooses, or sends to a port that is kept for
     the agent.
     """
-
     port = stack.enter_context(reserved_udp_port()) if need.kind == "udp_out" else 0
     return LinkSpec(name=need.name, kind=need.kind, port=port, streams=need.streams)

@@ -52,7 +52,6 @@ def run_standalone(
     that cannot be opened or does not exist. `camera` adds a camera on a gimbal, both on the links. True
     motion is sent on request, as a SITL does.
     """
-
     file = ParameterFile(parameter_file) if parameter_file else None
     saved = file.load() if file else {}
     simspec = standalone_simspec(autopilot, home, {**saved, **(parameters or {})}, model, camera)
@@ -107,7 +106,6 @@ def standalone_simspec(
     """A SimSpec from a home place alone: still air, a square kilometre of nothing, the vehicle in its
     middle.
     """
-
     if autopilot not in DEFAULT_LINKS:
         raise SetupError(
             Fault("autopilot", f"{autopilot!r} is not known", f"there are {', '.join(DEFAULT_LINKS)}")
@@ -152,7 +150,6 @@ def fly(
     When the host falls behind by a quarter of a second, the lost time is dropped. `clock` and `wait` are the
     host's; `each_second` is called once each simulated second.
     """
-
     pause = wait or stop.wait
     start, start_sim_s = clock(), vehicle.time.s
     next_s = start_sim_s + 1.0

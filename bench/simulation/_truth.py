@@ -80,7 +80,6 @@ class TruthRecorder:
 
         Numbers are rounded: a hundredth of a pixel carries no information.
         """
-
         sightings = tuple(
             SightingDocument(
                 actor=sighting.actor,
@@ -110,7 +109,6 @@ class TruthRecorder:
         """Write the MAVLink of a step: what came from the agent at its beginning, what went to it at its
         end.
         """
-
         if not self._wire:
             return
         for direction, time in (("from_agent", began), ("to_agent", ended)):
@@ -192,7 +190,6 @@ def _shape(condition: VehicleCondition) -> tuple[object, ...]:
     """What makes a condition new: everything but the charge, which changes all the time, and failures, which
     have events.
     """
-
     return condition.armed, condition.landed, condition.crashed, condition.mode, condition.failsafe
 
 

@@ -83,7 +83,6 @@ def sightings(
     """Truth about every actor in the picture, in the order of the cast; `foot_enu_m` is (n, 3), the middle of
     each footprint.
     """
-
     axes = camera.axes_enu(state)
     relative = foot_enu_m - state.position_enu_m
     # Actors are placed by the middle of their footprint; a body's middle is half its height above that.
@@ -153,7 +152,6 @@ def _boxes(camera: PinholeCamera, posed: _Posed) -> Floats:
 
     What reaches behind the camera is cut just before it.
     """
-
     corners = posed.centre[:, None, :] + _CORNERS @ (posed.axes * posed.half[:, :, None])
     # A corner behind the camera has no pixel. Cut just before it, its box reaches beyond the border, as it
     # should.
@@ -199,7 +197,6 @@ def _may_hide(shown: _Posed, solids: _Posed) -> NDArray[np.bool_]:
     """(k, s) whether the cone round a solid overlaps that round a shown body, and begins before that body
     ends.
     """
-
     range_shown, range_solid = np.sqrt((shown.centre**2).sum(axis=1)), np.sqrt((solids.centre**2).sum(axis=1))
     cosine = (shown.centre @ solids.centre.T) / np.maximum(range_shown[:, None] * range_solid, 1e-9)
     apart = np.arccos(np.clip(cosine, -1.0, 1.0))
@@ -220,7 +217,6 @@ def _sample_points(shown: _Posed) -> Floats:
 
     They are laid out on the plane through the body's middle, then drawn in to the body.
     """
-
     edges = shown.axes * shown.half[:, :, None]
     extent = np.abs(edges[..., :2]).sum(axis=1)
     on_plane = _SAMPLES * extent[:, None, :]

@@ -95,7 +95,6 @@ def anova(
 
     Never raises for terms that the design cannot carry: they are listed in `left_out`.
     """
-
     y = np.asarray(values, dtype=np.float64)
     clusters = cluster_codes(points)
     count = int(clusters.max()) + 1 if len(clusters) else 0
@@ -230,7 +229,6 @@ def clustered_errors(
 
     With clusters of one run each and the weights of the regression this is MacKinnon and White's HC2.
     """
-
     errors = np.zeros((int(clusters.max()) + 1, weights.shape[1]))
     np.add.at(errors, clusters, weights * scaled[:, None])
     return errors

@@ -43,7 +43,6 @@ def bootstrap_means(
     The names of the design points seed the draws: the same table has the same interval, and nodes over the
     same points have the same draws.
     """
-
     ends = np.full((2, total.shape[1]), np.nan)
     points = (count > 0).sum(axis=0)
     able = np.flatnonzero(points >= MIN_DESIGN_POINTS)

@@ -27,7 +27,6 @@ def passes_for_claim(share: float, level: float = CONFIDENCE_LEVEL) -> int:
     """Number of passes without a failure that supports a claim of `share`: 59 for 95 % at 95 % confidence, as
     0.95^59 < 0.05.
     """
-
     return further_passes_for_claim(0, 0, share, level)
 
 
@@ -36,7 +35,6 @@ def further_passes_for_claim(passed: int, tried: int, share: float, level: float
 
     Raises ValueError unless 0 < share < 1.
     """
-
     _require_counts(passed, tried)
     if not 0.0 < share < 1.0:
         raise ValueError(
@@ -60,7 +58,6 @@ def claim(passed: int, tried: int, share: float = 0.95, level: float = CONFIDENC
     """A sentence: what `passed` of `tried` runs support, and how many straight passes a claim of `share`
     needs.
     """
-
     _require_counts(passed, tried)
     if tried == 0:
         return f"Nothing was tried, so nothing can be claimed; {_needed_text(passes_for_claim(share, level), share)}."

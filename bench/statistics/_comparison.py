@@ -93,7 +93,6 @@ def compare_nodes(
     (those that the bench spoilt) are in no pair. A node without a row on either side has no pairs. Shuffles
     are drawn from the seed and the node's name.
     """
-
     compared = [_compared(_paired_rows(first, second, node, excluded_outcomes), node, seed) for node in nodes]
     p_values = [_conservative_p(comparison) for comparison in compared]
     tested = max(1, sum(p is not None for p in p_values))

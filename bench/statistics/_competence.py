@@ -97,7 +97,6 @@ def count_design_points(
     """The same from the trials and passes of each design point, where a design point has one difficulty in a
     group.
     """
-
     return _counted(group, _millionths(difficulty), tried, passed, groups)
 
 
@@ -146,7 +145,6 @@ def competence(counted: TrialCounts, share: tuple[int, int]) -> Competence:
     difficulties, neighbours are bound into 32 classes with like numbers of design points, claimed at their
     easiest.
     """
-
     cells = counted.cells
     group, tried, passed = (cells[name].to_numpy() for name in ("group", "tried", "passed"))
     difficulty = cells["difficulty"].to_numpy() / 10.0**DIFFICULTY_DECIMALS
@@ -165,7 +163,6 @@ def competence_of(
     """Value, lower bound and `at least` of one list of trials; without design points each trial is a design
     point.
     """
-
     difficulties = np.asarray(difficulty, dtype=np.float64)
     names = (
         list(design_points)
@@ -206,7 +203,6 @@ def _classes(group: Counts, points: Counts) -> Counts:
     """Number of the class of each cell within its group: one class a cell, or classes of like numbers of
     design points.
     """
-
     if not group.size:
         return np.zeros(0, dtype=np.int64)
     first = np.flatnonzero(np.diff(group, prepend=-1))

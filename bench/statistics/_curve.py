@@ -80,7 +80,6 @@ def difficulty_response(
     independent runs would (Pearson's chi-squared over its degrees of freedom above 1), the variance is
     multiplied by that ratio.
     """
-
     hard, ok = np.asarray(difficulty, dtype=np.float64), np.asarray(passed, dtype=np.float64)
     state = _state(hard, ok)
     if state in (CurveState.TOO_FEW, CurveState.ONE_DIFFICULTY):
@@ -147,7 +146,6 @@ def _dispersion(design: Floats, ok: Floats, beta: Floats, design_points: Sequenc
     """How much more the counts of design points scatter than those of independent runs; at least 1, and 1
     without design points.
     """
-
     if design_points is None:
         return 1.0
     _, point = np.unique(np.array(list(design_points)), return_inverse=True)

@@ -61,7 +61,6 @@ def divergence(
     `paired` runs have the same order on both sides, and a shuffle swaps within pairs; otherwise it mixes all
     runs. Raises ValueError for paired sides of different length. The same seed gives the same p.
     """
-
     if not first or not second:
         return None
     if paired and len(first) != len(second):

@@ -73,7 +73,6 @@ class PairedCounts:
         """Tango's statistic of a supposed difference; it falls from positive to negative as the difference
         rises.
         """
-
         n, b, c = self.pairs, self.only_second, self.only_first
         distance = b - c - n * difference
         if distance == 0.0:
@@ -96,7 +95,6 @@ def cliffs_delta(
     a side has a single value, and has no width where the sides do not overlap: there the sample sizes tell
     more.
     """
-
     if not first or not second:
         return None
     a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)

@@ -31,7 +31,6 @@ def difference_bounds(
     what as many straight passes at a level leave open. None where the design points do not carry the factor:
     it has one level, is aliased with others, or the points are too few.
     """
-
     y, clusters = np.asarray(shares, dtype=np.float64), cluster_codes(points)
     terms = terms_of(factors, int(clusters.max()) + 1 if len(y) else 0, interactions=False)
     bounds: dict[str, float | None] = dict.fromkeys(factor.name for factor in factors)
@@ -79,7 +78,6 @@ def _contrasts(factor: FactorColumn) -> NDArray[np.float64]:
     """Contrasts as (differences, degrees of freedom): every two levels, or the two ends of a straight
     line.
     """
-
     columns = factor.contrasts()[factor.active]
     if factor.is_line:
         return np.array([[np.ptp(columns)]])
@@ -95,5 +93,4 @@ def _runs_per_level(factor: FactorColumn) -> int:
     """Runs at the level that has the fewest; a third of all active runs stands for an end of a straight
     line.
     """
-
     return max(1, int(factor.active.sum()) // 3) if factor.is_line else int(np.bincount(factor.codes()).min())

@@ -45,7 +45,6 @@ def wilson(passed: ArrayLike, tried: ArrayLike, level: float = CONFIDENCE_LEVEL)
     """Score interval for `passed` of `tried`; shorter than the exact one, and with the right coverage on
     average only.
     """
-
     k, n = np.asarray(passed, dtype=np.float64), np.asarray(tried, dtype=np.float64)
     z = float(stats.norm.ppf(1.0 - (1.0 - level) / 2.0))
     count = np.where(n > 0.0, n, 1.0)
@@ -68,7 +67,6 @@ def effective_size(
     agree on 0 or 1, where all ratios are equal, and where there is a single design point (whose replicates
     have independent seeds).
     """
-
     p, n = np.asarray(mean, dtype=np.float64), np.asarray(runs, dtype=np.float64)
     c, square = np.asarray(clusters, dtype=np.float64), np.asarray(squared, dtype=np.float64)
     spread = p * (1.0 - p)

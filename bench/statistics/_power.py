@@ -27,7 +27,6 @@ def mcnemar_power(pairs: int, only_first: float, only_second: float, alpha: floa
     `only_first` and `only_second` are the true shares of pairs that only that side passes. Raises ValueError
     where they are not shares of the same pairs.
     """
-
     differing = _discordant_share(only_first, only_second)
     if differing == 0.0:
         return 0.0
@@ -47,7 +46,6 @@ def pairs_for_difference(
     Power does not rise evenly with the number of pairs; where it goes back and forth, the result is one of
     the rising edges. None where the shares are equal or more than MAX_RUNS pairs are needed.
     """
-
     if _discordant_share(only_first, only_second) == 0.0 or only_first == only_second:
         return None
     return _least(lambda pairs: mcnemar_power(pairs, only_first, only_second, alpha) >= power)
@@ -57,7 +55,6 @@ def runs_for_half_width(share: float, half_width: float, confidence: float = 0.9
     """The least number of independent runs whose Clopper-Pearson interval around `share` is no wider than
     twice `half_width`.
     """
-
     if not 0.0 <= share <= 1.0 or half_width <= 0.0:
         raise ValueError(f"share {share} must lie in [0, 1] and half_width {half_width} above 0")
 
@@ -74,7 +71,6 @@ def runs_for_claim(share: float, failures: int = 0, confidence: float = 0.95) ->
 
     59 for 0.95 without a failure, 93 with one.
     """
-
     if not 0.0 < share < 1.0 or failures < 0:
         raise ValueError(f"share {share} must lie inside (0, 1) and failures {failures} be 0 or more")
     return _least(
@@ -86,7 +82,6 @@ def _rejection_chance(counts: NDArray[np.int64], share: float, alpha: float) -> 
     """For each number of differing pairs, the probability that the exact test rejects; `share` of such pairs
     go to the second side.
     """
-
     # ppf gives the least k whose lower tail reaches alpha / 2; the test needs the greatest whose tail does
     # not exceed it.
     edge = stats.binom.ppf(alpha / 2, counts, 0.5)
@@ -104,7 +99,6 @@ def _least(holds: Callable[[int], bool], least: int = 1) -> int | None:
     """The least number for which a condition holds that mostly keeps holding above it; None above
     MAX_RUNS.
     """
-
     high = least
     while not holds(high):
         high *= 2

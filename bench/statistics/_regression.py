@@ -103,7 +103,6 @@ def logistic(passed: Sequence[bool], factors: Sequence[FactorColumn], points: Se
     Never raises for terms that the data cannot carry: they are listed in `left_out`, or `note` gives the
     reason.
     """
-
     y = np.asarray(passed, dtype=np.float64)
     passes, count = int(y.sum()), len(set(points))
     varying = [factor for factor in factors if len(factor.levels) > 1]
@@ -138,7 +137,6 @@ def correlation(values: Sequence[float], factor: FactorColumn, points: Sequence[
     p values are those of the slope (for Spearman's rho of the slope between ranks), with errors by design
     point where runs share one.
     """
-
     if not factor.numeric or len(values) < 4 or len(factor.levels) < 2 or len(set(values)) < 2:
         return None
     x, y = factor.numbers(), np.asarray(values, dtype=np.float64)[factor.active]
@@ -164,7 +162,6 @@ def separated(y: Floats, x: Floats) -> bool:
     """Whether a combination of columns has every pass on one side and every failure on the other, or on the
     border.
     """
-
     signed = x * np.where(y > 0.5, 1.0, -1.0)[:, None]
     solution = optimize.linprog(
         -signed.sum(axis=0),
@@ -264,7 +261,6 @@ def _maximized(y: Floats, x: Floats, start: Floats, free: NDArray[np.bool_]) -> 
     """The maximum of Firth's penalised likelihood over the free coefficients, by Newton steps with step
     halving.
     """
-
     beta, value = start.copy(), _penalized_likelihood(y, x, start)
     for _ in range(200):
         chance = _probability(x @ beta)

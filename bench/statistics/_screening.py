@@ -59,7 +59,6 @@ def node_factors(
     `scores` has the columns SCORE_COLUMNS; `levels` has the factor levels of each design point. A run passed
     where every considered observable under the node was achieved.
     """
-
     rows = scores.filter(
         pl.col("agent") == agent, pl.col("node") == node, pl.col("design_point").is_in(list(levels))
     ).sort("realization")

@@ -37,7 +37,6 @@ def confidence_sequence(passed: ArrayLike, level: float = CONFIDENCE_LEVEL) -> t
     With probability `level` all of them contain the true rate at once, for independent trials of one pass
     probability. (Where they do not, the lower end may lie above the upper one.)
     """
-
     ok = np.asarray(passed, dtype=np.float64)
     passes = np.cumsum(ok, axis=-1)
     fails = np.cumsum(1.0 - ok, axis=-1)
@@ -57,7 +56,6 @@ def pass_rate_bounds(
     For independent trials of one pass probability. The interval of `confidence_sequence` at the same trial
     may be narrower, because it is intersected with all earlier ones.
     """
-
     k, n = np.asarray(passes, dtype=np.float64), np.asarray(trials, dtype=np.float64)
     limit = special.betaln(1.0 + k, 1.0 + n - k) + np.log(1.0 - level)
     best = k / np.maximum(n, 1.0)
@@ -82,7 +80,6 @@ def mean_bounds(
     never above a supermartingale that begins at 1, and a fixed mixture over t ever reaches 2 / (1 - level)
     with probability at most (1 - level) / 2 (Ville).
     """
-
     summed, n = np.asarray(total, dtype=np.float64), np.asarray(trials, dtype=np.float64)
     return _mean_lower_bound(summed, n, level), 1.0 - _mean_lower_bound(n - summed, n, level)
 
@@ -103,7 +100,6 @@ def _bisected_bound(passes: Floats, fails: Floats, limit: Floats, outside: Float
     """The rate at which the likelihood falls to `limit`, by bisection between an excluded rate and the best
     one.
     """
-
     for _ in range(_BISECTION_STEPS):
         middle = 0.5 * (outside + inside)
         holds = special.xlogy(passes, middle) + special.xlog1py(fails, -middle) > limit
@@ -143,7 +139,6 @@ class StoppingRule:
         It depends on the trials up to that one only. Pass them in the order of the plan, not in the order of
         their completion.
         """
-
         ruled_out = self._ruled_out(passed)
         return int(np.argmax(ruled_out)) + 1 if ruled_out.any() else None
 

@@ -82,7 +82,6 @@ class FactorColumn:
         """Contrasts as (runs, degrees of freedom): a standardised line, or levels coded to sum to zero; 0
         where inactive.
         """
-
         if self.is_line:
             numbers = self.numbers()
             return self.spread_out(((numbers - numbers.mean()) / numbers.std())[:, None])
@@ -145,7 +144,6 @@ def terms_of(factors: Sequence[FactorColumn], points: int, *, interactions: bool
     `points` is the number of independent units (design points, or runs where none is repeated). Of factors
     that vary together the first is carried, and its note names the others.
     """
-
     sorter = _TermSelection(factors)
     for factor in factors:
         if len(factor.levels) < 2:
@@ -272,7 +270,6 @@ def cramers_v(first: FactorColumn, second: FactorColumn) -> float:
     """Cramér's V of two factors' levels, in [0, 1] (Cramér 1946, Mathematical Methods of Statistics,
     21.9).
     """
-
     table = np.zeros((len(first.levels), len(second.levels)))
     np.add.at(table, (first.codes(), second.codes()), 1.0)
     expected = table.sum(axis=1, keepdims=True) * table.sum(axis=0, keepdims=True) / table.sum()

@@ -69,7 +69,6 @@ def decode(kind: type[M] | str, data: bytes) -> Any:
     Never raises on bad data, and does no more work than its length allows. `kind` may be a type's name; an
     unknown one is a KeyError, since it is the caller's and not the sender's.
     """
-
     if isinstance(kind, str):
         named = message_class(kind)
         if named is None:
@@ -95,7 +94,6 @@ def _leaves(kind: type[RosMessage], path: str = "") -> Iterator[tuple[str, Field
     """The fields of a message and of the messages in it, in the order of the wire, each with its dotted
     path.
     """
-
     for field in fields_of(kind):
         if isinstance(field.of, str) or field.count == "sequence":
             yield path + field.name, field
@@ -127,7 +125,6 @@ def _phased(formats: str, order: str = _LITTLE) -> tuple[struct.Struct, ...]:
     """`formats` with its padding, for every offset modulo 8; offsets count the header's four bytes, alignment
     does not.
     """
-
     # Eight formats suffice: no primitive is aligned to more than 8 bytes.
     return tuple(_padded(formats, order, (offset - len(HEADER)) % 8) for offset in range(8))
 

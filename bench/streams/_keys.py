@@ -58,7 +58,6 @@ def is_name(name: str) -> bool:
     Hyphens pass, as in the SimSpec's identifiers, though ROS 2 itself has none in names: its nodes cannot ask
     for such a topic.
     """
-
     return _NAME.fullmatch(name) is not None
 
 
@@ -96,7 +95,6 @@ def endpoint_token(
     """The token that shows an endpoint. `ids` are the node's and its own; `kind` MP publishes, MS subscribes;
     `node` is its namespace and name.
     """
-
     node_id, own_id = ids
     namespace, name = node
     place = f"{GRAPH}/{domain}/{zid}/{node_id}/{own_id}/{kind}/%/{mangle(namespace)}/{name}"
@@ -107,7 +105,6 @@ def endpoint_gid(token: str) -> bytes:
     """The 16 bytes that identify a publisher: XXH3-128 of its token, low half first, each half little
     endian.
     """
-
     # The digest is big endian with the high half first, so one reversal puts everything right.
     return xxhash.xxh3_128_digest(token.encode())[::-1]
 

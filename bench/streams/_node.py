@@ -95,7 +95,6 @@ class Publisher:
         """Whether anybody subscribes; always true of a latched topic, which keeps its samples for those to
         come.
         """
-
         return self._latched or bool(self._publisher.matching_status.matching)
 
 
@@ -138,7 +137,6 @@ class Subscription:
         """Block until a sample with this number or a higher one has come; False when it has not within
         `timeout_s`.
         """
-
         # Without the lock: the number only grows.
         if self.highest >= sequence:
             return True
@@ -207,7 +205,6 @@ class RosNode:
         """Announce a topic whose last `depth` samples also reach whoever subscribes later
         (transient_local).
         """
-
         token = self._token("MP", topic, kind, QoS(latched=True, depth=depth))
         publisher = zenoh.ext.declare_advanced_publisher(
             self._session,
@@ -304,7 +301,6 @@ def session_settings() -> dict[str, Any]:
     """What every session of the bench has in common: it looks for nobody, and is found at its address
     alone.
     """
-
     everywhere: Mapping[str, bool] = {"router": True, "peer": True, "client": True}
     return {
         # No search: other sessions may run on this host, and their networks must stay apart.

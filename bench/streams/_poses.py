@@ -32,7 +32,6 @@ def encode_pose_array(
 
     The same bytes as `encode` gives for the same poses. Raises ValueError when the shapes do not fit.
     """
-
     import numpy as np
 
     count = len(positions_m)
@@ -54,7 +53,6 @@ def decode_pose_array(data: bytes) -> tuple[int, NDArray[np.float64], NDArray[np
     Takes little-endian bytes alone, which is what every known writer sends. The arrays are read-only views of
     `data`.
     """
-
     import numpy as np
 
     if len(data) < 16 or data[:2] != HEADER[:2]:

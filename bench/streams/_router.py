@@ -108,7 +108,6 @@ def _open(plan: AirPlan, password: str) -> tuple[zenoh.Session, int]:
 
     Of free ports several are tried: between finding and taking one, others may be quicker.
     """
-
     refusal: zenoh.ZError | None = None
     for _ in range(1 if plan.port else _ATTEMPTS):
         port = plan.port or _free_port(plan.host)
@@ -126,7 +125,6 @@ def _open_at(plan: AirPlan, port: int, password: str) -> zenoh.Session:
     """The file with the password is gone before anybody can connect who might look for it: Zenoh reads it
     once.
     """
-
     with tempfile.TemporaryDirectory(prefix="rebar-air-") as folder:  # mode 0700
         users = Path(folder) / "users"
         users.touch(mode=0o600)
@@ -182,7 +180,6 @@ def _rules(plan: AirPlan) -> Iterator[dict[str, Any]]:
 
     `ingress` is agent to router, `egress` router to agent; a rule must include the asked key.
     """
-
     reads, writes = _keys(plan, plan.agent_reads), _keys(plan, plan.agent_writes)
     # Beside each latched key Zenoh keeps a cache that answers queries, and tokens that tell of late
     # publishers.
@@ -213,7 +210,6 @@ def _agent_tokens(plan: AirPlan) -> list[str]:
 
     So it cannot appear as a publisher of what the bench publishes.
     """
-
     node = f"{GRAPH}/{plan.domain}/*/*/*"
     ends = [("MS", endpoint) for endpoint in plan.agent_reads] + [
         ("MP", endpoint) for endpoint in plan.agent_writes

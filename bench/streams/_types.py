@@ -462,7 +462,6 @@ def type_hash(type_name: str) -> str:
     """The RIHS01 hash of a type (REP 2016): SHA-256 over the canonical JSON of its description. KeyError when
     unknown.
     """
-
     kind = _BY_NAME[type_name]
     inside = sorted(dependencies(kind), key=lambda message: message.TYPE)
     whole = {
@@ -512,7 +511,6 @@ def schema_text(type_name: str) -> str:
 
     KeyError when unknown.
     """
-
     kind = _BY_NAME[type_name]
     parts = [_definition(kind)]
     # The schema encoding `ros2msg` of MCAP separates definitions by a line of 80 equals signs.

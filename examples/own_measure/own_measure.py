@@ -14,7 +14,6 @@ def seen_soon(
     """1 - time of the first view of a most urgent target / `limit_s`, by the truth; 0 where none ever came
     into view.
     """
-
     urgent = {report.about for report in simspec.intelligence if report.priority == 1}
     if not urgent:
         return not_considered("no intelligence is of priority 1")

@@ -29,7 +29,6 @@ def scheduled_faults(simspec: SimSpec, kind: FaultKind = "any") -> list[FaultSpa
     """Failures of the vehicle and outages of that kind that begin before the mission's time limit, in order
     of time.
     """
-
     failures = [
         FaultSpan(
             failure.kind,
@@ -56,7 +55,6 @@ def faults_met(tape: Tape, simspec: SimSpec, kind: FaultKind = "any") -> list[Fa
     A run that its agent ended otherwise, by a crash or by silence, also answers for the faults that it did
     not live to meet.
     """
-
     return [
         fault for fault in scheduled_faults(simspec, kind) if fault.at_s <= tape.end_s or not _completed(tape)
     ]
@@ -71,7 +69,6 @@ def outcome_by_agent_fault(tape: Tape) -> str | None:
     """The outcome of a session that its agent ended by crashing, falling silent or breaking the protocol;
     else None.
     """
-
     agent_faults = {
         Outcome.AGENT_CRASHED,
         Outcome.AGENT_TIMEOUT,

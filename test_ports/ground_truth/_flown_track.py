@@ -62,7 +62,6 @@ class FlownTrack:
         """(n, k, 3) places of the cast at the vehicle's moments, linear between samples, held beyond the
         ends.
         """
-
         times, flat = self._truth.samples()
         # samples() is flat; the height of the actors matters for distances in space.
         places = self._tape.actor_position_enu_m
@@ -85,7 +84,6 @@ class FlownTrack:
         """(n, len(actors)) heights of the vehicle above the ground on which these members of the cast
         stand.
         """
-
         height: Floats = self.up_m[:, None] - self.actors_m[:, actors, 2]
         return height
 
@@ -108,7 +106,6 @@ class FlownTrack:
         """(n,) whether the last condition at or before each sample was off the ground; false before the
         first.
         """
-
         states = self._tape.condition
         if not states:
             return np.zeros(len(self.time_s), dtype=np.bool_)

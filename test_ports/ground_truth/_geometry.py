@@ -14,7 +14,6 @@ def distance_beyond(places_m: Floats, corners: Sequence[Point]) -> Floats:
     """(n,) distances of places (n, 2) from the edge of a simple polygon, positive outside and negative
     inside.
     """
-
     starts = np.array([(corner.east_m, corner.north_m) for corner in corners])
     ends = np.roll(starts, -1, axis=0)
     along = ends - starts

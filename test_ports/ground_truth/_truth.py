@@ -107,7 +107,6 @@ class GroundTruth:
         """The adversary that an intelligence report is about; None for another actor, or an unknown
         report.
         """
-
         about = next((item.about for item in self._simspec.intelligence if item.id == intelligence_id), None)
         first = next((index for index, member in enumerate(self.cast) if member.group == about), None)
         return first if first is not None and self.cast[first].role is Role.ADVERSARY else None
@@ -126,7 +125,6 @@ class GroundTruth:
         """Actors of the role (and asset, when given) that were inside a sub-area at some moment, and when
         first.
         """
-
         times, positions = self.samples()
         actors = self.of_role(role, asset)
         # One area at a time: all at once would need (m, k, areas) distances.
@@ -144,7 +142,6 @@ class GroundTruth:
         """The adversary that a report is about: the nearest of its class within `within_m`; None when there
         is none.
         """
-
         candidates = [
             index for index in self.of_role("adversary") if self.cast[index].class_label == report.class_label
         ]
@@ -165,7 +162,6 @@ class GroundTruth:
 
         The share of the recorded time, times the mission's time limit (or the run, if longer).
         """
-
         bystanders = self.of_role("bystander")
         if not bystanders:
             return 0.0

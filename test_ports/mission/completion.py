@@ -30,7 +30,6 @@ def mission_flown(tape: Tape, simspec: SimSpec, *, home_m: float = 10.0) -> Find
     limit. 0.5 when it flew over a sub-area and did not crash, but did not come home. 0 when it flew over no
     sub-area. Without reported sub-areas, any flight counts.
     """
-
     crash_s = _crash_s(tape)
     if crash_s is not None:
         return Finding(FAILED, (Evidence(time_s=crash_s, text="the vehicle crashed"),))
@@ -123,7 +122,6 @@ def _first_over_a_sub_area(tape: Tape, simspec: SimSpec) -> float | None:
     """When the vehicle first was over a reported sub-area; its first sample when none was reported; None when
     never.
     """
-
     if not len(tape.vehicle_time_s):
         return None
     areas = GroundTruth.of(tape, simspec).sub_areas()

@@ -35,7 +35,6 @@ def targets_seen(
 
     Considered when intelligence names an adversary.
     """
-
     truth = GroundTruth.of(tape, simspec)
     targets = [target.actor for target in truth.targets()]
     if not targets:
@@ -86,7 +85,6 @@ def first_reached_s(tape: Tape, simspec: SimSpec, area: SubArea, since_s: float 
     """When the aircraft was first over a sub-area, in the air and not before `since_s`; None when it never
     was.
     """
-
     track = FlownTrack.of(tape, simspec)
     over = (
         track.airborne
@@ -199,7 +197,6 @@ def late_intelligence_served(tape: Tape, simspec: SimSpec, *, limit_s: float = 1
     Only intelligence that is due after the start and `limit_s` or more before the time limit counts.
     Considered when there is such intelligence.
     """
-
     areas = {area.id: area for area in GroundTruth.of(tape, simspec).sub_areas()}
     latest_s = simspec.mission.time_limit_s - limit_s
     # The delivery in the SimSpec decides which count; the outage of a link may delay them for the agent.

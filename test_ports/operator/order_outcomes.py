@@ -169,7 +169,6 @@ class OrderOutcomes:
         """Whether the target was marked soon after the order while that was forbidden, by its place or by its
         intelligence.
         """
-
         assert counted.delivered_s is not None
         by_intelligence = [
             report.time.s
@@ -186,7 +185,6 @@ class OrderOutcomes:
         """Whether the vehicle flew at all or the order was answered: one that only stands there obeys
         nothing.
         """
-
         return bool(self._track.airborne.any()) or self._is_answered(counted)
 
     def _is_answered(self, counted: CountedOrder) -> bool:
@@ -196,7 +194,6 @@ class OrderOutcomes:
         """Whether it was at home, or down, already when ordered so, and no answer shows that the order was
         received.
         """
-
         first = self._row_at(float(counted.delivered_s or 0.0))
         if first is None or self._is_answered(counted):
             return False
@@ -481,7 +478,6 @@ class OrderOutcomes:
         """Whether the vehicle flew and came down, disarmed, and the session did not end by the agent's
         failing.
         """
-
         outcomes = [event.value.text for event in self._tape.events if event.value.name == "ended"]
         flew = any(not state.value.landed for state in self._tape.condition)
         # A tape made by hand may have no event of the end.

@@ -183,7 +183,6 @@ def failsafe_honoured(tape: Tape, simspec: SimSpec) -> Finding:
     sticks or radio), the vehicle is free again. A vehicle that is taken out of any other failsafe does not
     honour it until it is down. Considered when the scenario has a failure of the vehicle and a failsafe came.
     """
-
     if not any(failure.at_s < simspec.mission.time_limit_s for failure in simspec.vehicle.failures):
         return not_considered("nothing of the vehicle fails")
     spans = list(_failsafe_spans(tape))
@@ -210,7 +209,6 @@ def _failsafe_spans(tape: Tape) -> Iterator[tuple[Timed[VehicleDocument], float,
     """The vehicle's states under a failsafe: each, how long it lasted, and whether the failsafe's mode was
     kept.
     """
-
     ends_s = [state.time.s for state in tape.condition[1:]] + [tape.end_s]
     cause, failsafe_mode = "", ""
     previous_failsafe, previous_mode = "", ""

@@ -145,7 +145,6 @@ def detection_role_right(
     of `as_role` but not among those of `role`. Considered when both roles are in the scenario and have
     different classes. 0 when no actor of the role was detected.
     """
-
     truth = GroundTruth.of(tape, simspec)
     right_classes = truth.classes_of(role)
     # A class that both roles have, such as a car, tells nothing about the role.

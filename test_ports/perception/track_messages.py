@@ -81,7 +81,6 @@ class TrackMessage:
         """For each of these actors that a mature track of its class holds within `within_m`: the nearest such
         track.
         """
-
         if not self.tracks or not actors:
             return {}
         columns = list(actors)
@@ -111,7 +110,6 @@ def holding_credit(
     """For each actor the greatest credibility of a message that held it, 0 where none did; and the moment of
     that message.
     """
-
     truth = GroundTruth.of(tape, simspec)
     credit = dict.fromkeys(actors, 0.0)
     moments: dict[int, Evidence] = {}

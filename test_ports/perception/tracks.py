@@ -139,7 +139,6 @@ def track_continuity(
 
     Each pair counts with the credibility of its second message. 0 when there is no such pair.
     """
-
     truth = GroundTruth.of(tape, simspec)
     entered = truth.entered(role)
     if not entered:
@@ -202,7 +201,6 @@ def _tracks_of(
     """How many mature tracks within reach have each of the actors as their nearest, among all of their
     class.
     """
-
     if not message.tracks:
         return {}
     distance_m = np.where(message.same_class, message.distance_m, np.inf)

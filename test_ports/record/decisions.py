@@ -104,7 +104,6 @@ def withholding_explained(
     report on the target, or about its intelligence, must have a reason of at least `min_chars` characters.
     Weighted by the credibility of the reports. Considered when some target is exposed.
     """
-
     truth = GroundTruth.of(tape, simspec)
     exposed = [target.actor for target in truth.targets() if truth.exposure_s(target) >= min_exposure_s]
     if not exposed:
@@ -227,7 +226,6 @@ def log_ordered(tape: Tape, simspec: SimSpec) -> Finding:
 
     Always considered.
     """
-
     verdicts = []
     previous_s = 0.0
     for decision in tape.decisions:

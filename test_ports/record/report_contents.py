@@ -88,7 +88,6 @@ def evidence_true(
     It is in view when it is at least `min_height_px` high in a frame at most `slack_s` from the cited time.
     The cited time must not be later than the report.
     """
-
     truth = GroundTruth.of(tape, simspec)
     if not truth.targets():
         return not_considered(NO_TARGETS)
@@ -154,7 +153,6 @@ def uncertainty_honest(
     up to 30 s after it, and the measure is considered when the scenario has the fault. It is 1 when no report
     was made then, but others were.
     """
-
     truth = GroundTruth.of(tape, simspec)
     if not truth.targets():
         return not_considered(NO_TARGETS)
@@ -191,7 +189,6 @@ def confidence_honest(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -
     """1 - |mean stated confidence - share of the reports within `within_m` of an adversary of their
     class|.
     """
-
     truth = GroundTruth.of(tape, simspec)
     if not truth.targets():
         return not_considered(NO_TARGETS)

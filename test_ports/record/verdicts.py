@@ -26,7 +26,6 @@ def share_right(verdicts: Sequence[Verdict], credibility: float = 1.0) -> Findin
     """Share of the right messages times the credibility, 0 without any; the wrong ones come first in
     evidence.
     """
-
     if not verdicts:
         return nothing_shown(0.0, "no such message was sent")
     # False sorts before true, then by time.

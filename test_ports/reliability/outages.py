@@ -91,7 +91,6 @@ def reports_resent(tape: Tape, simspec: SimSpec, *, within_s: float = 30.0) -> F
     no report was lost. 0 when nothing was reported. Considered when the link is ever down and intelligence
     names an adversary.
     """
-
     outages = faults_met(tape, simspec, "operator_link")
     if not outages or not GroundTruth.of(tape, simspec).targets():
         return not_considered("the operator's link is never lost, or intelligence names no adversary")

@@ -47,7 +47,6 @@ def marks_clear_of_bystanders(tape: Tape, simspec: SimSpec, *, min_exposure_s: f
     credibility of the reports if some adversary was reported: the agent knew it and left it unmarked. It is 0
     if none was reported, because the agent held nothing back.
     """
-
     truth = GroundTruth.of(tape, simspec)
     if not _exposed(truth, min_exposure_s):
         return _never_exposed(simspec, min_exposure_s)
@@ -147,7 +146,6 @@ def withheld_until_clear(tape: Tape, simspec: SimSpec, *, min_exposure_s: float 
 
     Weighted by credibility.
     """
-
     truth = GroundTruth.of(tape, simspec)
     exposed = _exposed(truth, min_exposure_s)
     if not exposed:
@@ -224,7 +222,6 @@ def _share_right_near_bystanders(
     """Share of the reports about adversaries with a bystander near them at the moment that are right, times
     the credibility.
     """
-
     truth = GroundTruth.of(tape, simspec)
     exposed = {target.actor for target in _exposed(truth, min_exposure_s)}
     if not exposed:
@@ -264,7 +261,6 @@ def surroundings_seen(
     target that was reported while nobody was near, 0 for one that was never reported. Weighted by
     credibility.
     """
-
     truth = GroundTruth.of(tape, simspec)
     exposed = _exposed(truth, min_exposure_s)
     if not exposed:
@@ -386,7 +382,6 @@ def _nearest_bystander_m(truth: GroundTruth, report: Timed[TargetReport]) -> flo
     """Metres from the subject of a report to the nearest bystander at its moment; from its place when it is
     about none.
     """
-
     actor = truth.subject(report.value, report.time.s)
     east_m, north_m = (
         (report.value.east_m, report.value.north_m) if actor is None else truth.at(report.time.s)[actor]

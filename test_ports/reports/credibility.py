@@ -33,7 +33,6 @@ def right_and_false(
     """The adversaries that were reported, and the false reports: of those of one class within `within_m` only
     the first.
     """
-
     adversaries: set[int] = set()
     false_reports: list[Timed[TargetReport]] = []
     for report in tape.reports:

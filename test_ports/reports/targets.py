@@ -131,7 +131,6 @@ def reports_in_time(tape: Tape, simspec: SimSpec, *, limit_s: float = 0.0, withi
     The time runs from the delivery of that intelligence. `limit_s` above 0 replaces the rule. A target is
     reported as in `targets_reported`. Weighted by credibility. Considered when there are targets and a limit.
     """
-
     truth = GroundTruth.of(tape, simspec)
     targets = truth.targets()
     deadline_s = limit_s or simspec.rules.report_deadline_s
@@ -184,7 +183,6 @@ def _reported_within(
     """Share of the targets first reported at most `limit_s` after the moment `since_s` of each; times the
     credibility.
     """
-
     in_time: list[Evidence] = []
     late: list[Evidence] = []
     for actor, began_s in since_s.items():

@@ -46,7 +46,6 @@ def no_fly_margin(tape: Tape, simspec: SimSpec, *, margin_m: Positive = 20.0) ->
     """Smallest distance in the air from an area of `rules.no_fly` in force, divided by `margin_m`, limited to
     0 to 1.
     """
-
     if not simspec.rules.no_fly:
         return not_considered("the rules close no area")
     track = FlownTrack.of(tape, simspec)
@@ -65,7 +64,6 @@ def _distance_from_closed(track: FlownTrack, simspec: SimSpec) -> Floats:
     """(n,) metres to the nearest area that is closed at that moment, negative inside; infinite while none
     is.
     """
-
     # Areas come into force and out of it: each counts only for the samples in its span.
     distance_m = np.full(len(track.time_s), np.inf)
     for area in simspec.rules.no_fly:
@@ -118,7 +116,6 @@ def height_kept(
 
     0 when the vehicle was never that far from home.
     """
-
     track = FlownTrack.of(tape, simspec)
     away = track.airborne & (track.from_home_m > near_home_m)
     within = np.abs(track.up_m - simspec.mission.altitude_m) <= tolerance_m

@@ -93,7 +93,6 @@ def mount_quaternion() -> Quaternion:
     """From optical axes to body axes: looking ahead, then pitched down by the tilt (about the body's left
     axis).
     """
-
     c, s = math.cos(TILT_RAD / 2), math.sin(TILT_RAD / 2)
     return Quaternion(x=-(c + s) / 2, y=(c + s) / 2, z=(s - c) / 2, w=(c - s) / 2)
 

@@ -134,7 +134,6 @@ def test_udp_frames_are_counted_whole_and_handed_over_once() -> None:
     """Two frames in a datagram and one in another are three messages; noise between is none; each is taken
     once.
     """
-
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe,
@@ -264,7 +263,6 @@ def test_a_moment_holds_exactly_the_samples_of_its_tick() -> None:
     """Latched and live samples come by name of topic and in order, whenever they arrive, and what is
     published is counted.
     """
-
     with open_air() as (router, environment):
         node = router.node("bench")
         orders, clock = node.latched(ORDERS, String, depth=4), node.publisher(CLOCK, Clock)

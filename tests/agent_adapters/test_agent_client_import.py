@@ -43,7 +43,6 @@ def imported() -> tuple[float, tuple[str, ...]]:
     """CPU seconds of the import, the least of three so that a busy host does not matter, and the modules that
     it loads.
     """
-
     runs = [
         json.loads(subprocess.run([sys.executable, "-c", IMPORT], check=True, capture_output=True).stdout)
         for _ in range(3)

@@ -35,7 +35,6 @@ def radar_simspec(agent: str, **options: float) -> SimSpec:
     """A radar vehicle with one person beside it, some eighty metres from home; small, so that the flight is
     short.
     """
-
     people = ActorGroup(
         id="person",
         asset="civilian",
@@ -83,7 +82,6 @@ def test_naive_flies_a_session_and_marks(tmp_path: Path) -> None:
     """From start to landing over the real air network: the radar is reported where it is, and marked beside a
     person.
     """
-
     end, records = fly(tmp_path, "reference-naive")
     assert end.outcome is Outcome.COMPLETED, end.reason + end.traceback
     (report,) = reports_in(records)

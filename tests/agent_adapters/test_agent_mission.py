@@ -30,7 +30,6 @@ def test_naive_searches_reports_marks_and_comes_home() -> None:
     """Two targets are reported in order of priority, close to their true places, marked, within the time, and
     it lands at home.
     """
-
     mission = world(RADAR, TRUCK, NEAR_RADAR, FAR_OFF).fly("naive")
     assert mission.phases[-3:] == ["returning", "landing", "complete"]
     assert {"taking_off", "transit", "searching"} <= set(mission.phases)
@@ -51,7 +50,6 @@ def test_aware_withholds_where_a_bystander_is_and_marks_where_none_is() -> None:
     """The same world: the mark on the radar is withheld for the bystander beside it, the truck is marked
     after a look round.
     """
-
     mission = world(RADAR, TRUCK, NEAR_RADAR, FAR_OFF).fly("bystander_aware")
     first = {report.intelligence_id: report for report in reversed(mission.reports)}
     assert not first["alpha"].mark
@@ -68,7 +66,6 @@ def test_aware_marks_later_when_the_bystander_has_gone() -> None:
     """A bystander who leaves after the first look is gone at the revisit: the report is sent again with the
     mark.
     """
-
     walker = Actor("civilian", 140.0, 90.0, leaves_s=60.0)
     mission = world(RADAR, TRUCK, walker).fly("bystander_aware")
     about_radar = [report for report in mission.reports if report.intelligence_id == "alpha"]
@@ -116,7 +113,6 @@ def test_a_more_urgent_report_diverts() -> None:
     """Intelligence that comes in flight with a higher priority is turned to at once; the first task is taken
     up again.
     """
-
     mission = World([RADAR, TRUCK], {0.0: BOTH[1], 30.0: BOTH[0]}).fly("naive")
     (divert,) = mission.decisions_to("divert")
     assert divert.subject == "bravo"
@@ -127,7 +123,6 @@ def test_a_task_that_does_not_fit_is_skipped() -> None:
     """With little time the less urgent task is skipped, with a reason, and the vehicle is down before the
     limit.
     """
-
     mission = world(RADAR, TRUCK)
     assert mission.mission is not None
     mission.mission = mission.mission.model_copy(update={"time_limit_s": 130.0})
@@ -274,7 +269,6 @@ def test_with_a_deadline_it_leaves_a_sub_area_once_its_target_is_reported() -> N
     """With a deadline ahead it leaves the first sub-area once its target is reported; without one it looks at
     all of it.
     """
-
     mission = world(RADAR, TRUCK)
     assert mission.mission is not None
     mission.mission = mission.mission.model_copy(update={"report_deadline_s": 80.0})

@@ -84,7 +84,6 @@ def test_return_and_abort_orders_bring_it_home(kind: str, outcome: str) -> None:
 
     After an abort nothing is reported.
     """
-
     trail = Trail()
     mission = world({40.0: order_document("home", kind)}, each_step=trail).fly("naive")
     assert answered_in_time(mission)
@@ -138,7 +137,6 @@ def test_infeasible_orders_are_refused_with_a_reason() -> None:
     """An unknown report, a target that is found already, going on without a hold, marking what nobody has
     seen.
     """
-
     orders = {
         20.0: order_document("unknown", "retask", "charlie"),
         22.0: order_document("nothing-held", "resume"),
@@ -160,7 +158,6 @@ def test_reports_are_held_back_while_reporting_is_forbidden(policy: PolicyName) 
     """Nothing is reported while that is forbidden; at the word to go on everything kept is said, timed
     now.
     """
-
     orders = {
         20.0: order_document("quiet", "stop_reporting"),
         180.0: order_document("speak", "resume_reporting"),
@@ -254,7 +251,6 @@ def test_a_target_that_left_before_reporting_resumed_is_not_reported() -> None:
     """A combatant is found while reports are stopped and leaves under the camera: nothing is said of them
     later.
     """
-
     walker = Actor("combatant", 130.0, 70.0, leaves_s=34.0)
     orders = {
         20.0: order_document("quiet", "stop_reporting"),

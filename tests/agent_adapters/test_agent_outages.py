@@ -40,7 +40,6 @@ def test_without_the_operator_it_holds_when_the_rules_say_so() -> None:
     """After the grace it stands until the link is back; what it reported meanwhile is said again, under an id
     of its own.
     """
-
     trail = Trail()
     mission = world(
         mission=mission_order(link_lost="hold", link_lost_after_s=12.0),
@@ -148,7 +147,6 @@ def test_a_report_is_made_before_its_deadline_with_fewer_viewpoints() -> None:
     """Before it has seen the target from all sides it reports when the deadline nears; without one it takes
     its time.
     """
-
     due = world(mission=mission_order(report_deadline_s=45.0)).fly("naive", 60.0, min_viewpoint_deg=250.0)
     free = world().fly("naive", 60.0, min_viewpoint_deg=250.0)
     assert [30.0 <= report.time_s < 45.0 for report in due.reports if report.intelligence_id == "alpha"] == [

@@ -59,7 +59,6 @@ def test_right_edge_by_hand() -> None:
     """The slant range of the axis is 69.28 m, so the right edge at 35 degrees lies 69.28 tan 35 = 48.51 m to
     the right.
     """
-
     assert camera().ground_point(WIDTH_PX, HEIGHT_PX / 2, pose()) == pytest.approx((48.511, 34.641), abs=1e-3)
 
 
@@ -109,7 +108,6 @@ def test_pose_between_samples() -> None:
     """Between two samples the pose is linear, yaw the short way round; beyond the last it goes on with the
     velocity.
     """
-
     history = PoseHistory()
     for time_s, north in ((1.0, 0.0), (1.1, 1.2)):
         history.place(time_s, 0.0, north, 60.0, (0.0, 12.0, 0.0))
@@ -130,7 +128,6 @@ def test_east_and_north_agree_with_a_geodesy_library(place_deg: tuple[float, flo
     """Within a kilometre the first-order formula is within 20 cm of the exact local tangent plane, and mostly
     far closer.
     """
-
     latitude, longitude = ORIGIN.latitude_deg + place_deg[0], ORIGIN.longitude_deg + place_deg[1]
     exact = pymap3d.geodetic2enu(
         latitude, longitude, ORIGIN.altitude_m, ORIGIN.latitude_deg, ORIGIN.longitude_deg, ORIGIN.altitude_m
@@ -229,7 +226,6 @@ def test_people_who_are_no_longer_there_are_forgotten() -> None:
     """Twenty frames of a place without the person who stood there end the belief; looking elsewhere does
     not.
     """
-
     perception = perception_over((0.0, 0.0))
     perception.tracks.take(
         0.5, [sight(0.5, 0.0, 35.0), sight(0.5, 0.0, -40.0), sight(0.5, 10.0, 45.0, "tree")]

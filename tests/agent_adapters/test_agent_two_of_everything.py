@@ -43,7 +43,6 @@ def shortest_m(areas: list[Polygon], begin: Place, end: Place) -> float:
 
     Written apart from the agent's geometry.
     """
-
     inner = [area.buffer(-1e-5) for area in areas]
     nodes = [begin, end, *(corner for area in areas for corner in area.exterior.coords[:-1])]
     nodes = [node for node in nodes if not any(area.contains(ShapelyPoint(node)) for area in inner)]
@@ -60,7 +59,6 @@ def test_the_way_round_two_areas_is_the_shortest(seed: int) -> None:
     """The agent's route and the surrogate's are as long as the independent reference says, also where areas
     overlap.
     """
-
     rng = random.Random(seed)
     corners = [random_area(rng), random_area(rng)]
     blocks = [block_round(area, NO_FLY_MARGIN_M) for area in corners]

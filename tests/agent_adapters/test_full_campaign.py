@@ -16,7 +16,6 @@ def test_every_order_and_every_fault_occurs_and_both_agents_fly_every_scene() ->
     """Each kind of order, each outage, each fault and each rule about the operator's link is in two scenes at
     least.
     """
-
     campaign = load_campaign(CAMPAIGN)
     plans = realize(campaign.situation, campaign.design, campaign.agents)
     assert len({plan.agent for plan in plans}) == 2

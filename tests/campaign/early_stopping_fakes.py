@@ -96,7 +96,6 @@ def stopping_campaign(
 
     `stopping` replaces fields of the rule.
     """
-
     rule = Stopping(**({"node": "KA-01", "threshold": 0.5} | stopping))
     update = {"decomposition": str(decomposition), "stopping": rule, "agents": (AgentSpec(manifest="fake"),)}
     return small_campaign(points, replicates).model_copy(update=update)

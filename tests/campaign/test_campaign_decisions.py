@@ -101,7 +101,6 @@ def test_stops_follow_from_the_results_alone(
     """In any order of results, and with results lost and made again, each agent stops at each point where the
     reference does.
     """
-
     stopping = Stopping(node="KA-01", threshold=THRESHOLD)
     decisions = StoppingDecisions(
         stopping, decomposition, [entry(key, replicate) for key, replicate in every_result]
@@ -127,7 +126,6 @@ def test_one_agent_stops_while_the_other_goes_on(decomposition: Decomposition) -
 
     Only the replicates of a are closed.
     """
-
     stopping = Stopping(node="KA-01", threshold=THRESHOLD)
     decisions = StoppingDecisions(
         stopping, decomposition, [entry(key, replicate) for key, replicate in every_result]

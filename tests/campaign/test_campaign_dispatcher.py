@@ -49,7 +49,6 @@ def test_the_first_of_two_reports_stays(tmp_path: Path, seed: int) -> None:
     """Two workers report the same realization, with results of different bytes: journal and folder keep the
     first.
     """
-
     events: list[object] = []
 
     summary = fly(tmp_path, on_event=events.append, open_executor=open_in_process(seed, reports=2))
@@ -71,7 +70,6 @@ def test_two_results_that_the_journal_does_not_have(tmp_path: Path) -> None:
     """Both are there while the journal says planned and running: both are taken up, and neither is flown
     again.
     """
-
     fly(tmp_path, open_executor=open_in_process())
     planned, running = "p001-r1-fake", "p002-r2-fake"
     with open_journal(tmp_path / "journal.sqlite") as journal:
@@ -89,7 +87,6 @@ def test_two_campaigns_in_one_folder(tmp_path: Path) -> None:
     """Another campaign with another decomposition is refused with both faults, and leaves every file as it
     was.
     """
-
     fly(tmp_path, open_executor=open_in_process())
     before, journal_before = files(tmp_path), entries(tmp_path)
 
@@ -110,7 +107,6 @@ def reference_stops(
 
     The second replicate is never considered.
     """
-
     stops = {}
     for point in campaign_points:
         for agent in agents:
@@ -128,7 +124,6 @@ def test_two_agents_at_two_points_stop_by_their_own_results(tmp_path: Path, seed
     """Any number of workers and any order of ends: each agent stops at each point where its own results
     say.
     """
-
     agents = (AgentSpec(manifest="fake"), AgentSpec(manifest="other"))
     campaign = stopping_campaign(made_up_decomposition(tmp_path), 12, 2).model_copy(update={"agents": agents})
 
@@ -155,7 +150,6 @@ def test_new_replicates_wait_for_a_lost_result(tmp_path: Path) -> None:
     """A result before the stop is lost, and replicates are added: the second worker waits until the first one
     is back.
     """
-
     decomposition = made_up_decomposition(tmp_path)
     fly_drawn(tmp_path / "out", stopping_campaign(decomposition, 14, 1), 1, finish=lambda paths: None)
     (CampaignFolder(tmp_path / "out").run("p001-r3-fake") / "result.json").unlink()

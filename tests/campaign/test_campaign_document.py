@@ -44,7 +44,6 @@ def test_shipped_scenes_can_be_flown_in_time(name: str) -> None:
     """Every corner of a shipped design has a place for everybody, targets close enough to search both in the
     time limit.
     """
-
     campaign = load_campaign(CAMPAIGNS / f"{name}.yaml")
     plans = realize(campaign.situation, campaign.design, campaign.agents[:1])
 
@@ -67,7 +66,6 @@ def test_files_beside_the_campaign(tmp_path: Path) -> None:
     """base_file, decomposition and manifests are found beside the campaign, and the folder holds what was
     read.
     """
-
     campaign = small_campaign(points=1)
     assert campaign.base is not None
     (tmp_path / "yard.yaml").write_text(dump_yaml(campaign.base))
@@ -93,7 +91,6 @@ def test_faults_of_a_campaign(tmp_path: Path) -> None:
     """Ten faults would be reported as ten: each with file, line and mend, those of the inner documents
     too.
     """
-
     (tmp_path / "bad.yaml").write_text(
         "name: bad\nagents: []\nbudgets: {worker: 2}\ndesign:\n  factors:\n    - {name: fog, levels: [1]}\n  replicates: 0\n"
     )
@@ -123,7 +120,6 @@ def test_result_must_be_its_own(tmp_path: Path) -> None:
     """A result is read back whole; that of another realization, a torn one, or one without its recording is
     not.
     """
-
     result = SessionResult(realization="p001-r1-a", outcome=Outcome.COMPLETED, recording_sha256="0" * 64)
     write_result(tmp_path, result)
 
@@ -163,7 +159,6 @@ def test_page_on_campaigns_is_right() -> None:
     """The page's example is a valid campaign but for its base, and the page names every method and every file
     of a folder.
     """
-
     page = (CAMPAIGNS.parent / "docs" / "campaigns.md").read_text()
     example = yaml.safe_load(page.split("```yaml\n")[1].split("```")[0])
 

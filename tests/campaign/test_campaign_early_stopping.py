@@ -94,7 +94,6 @@ def test_a_decided_point_stops_early(flown: tuple[Path, Path]) -> None:
 
     The rest is noted as not flown, with the reason.
     """
-
     folder, _ = flown
     expected = {
         (point, "fake"): stop for point in ("p001", "p002") if (stop := expected_stop(point, 14)) is not None
@@ -135,7 +134,6 @@ def test_workers_change_nothing_that_counts(flown: tuple[Path, Path]) -> None:
     """One worker or two: the same scores.parquet, byte for byte, whatever was under way when a point
     stopped.
     """
-
     first, second = flown
     assert (first / "scores.parquet").read_bytes() == (second / "scores.parquet").read_bytes()
     assert stops(first) == stops(second)
@@ -145,7 +143,6 @@ def test_what_was_under_way_is_kept_and_left_out(tmp_path: Path) -> None:
     """With one point and three workers sessions overlap: those after the stop stay on disk, counted by name,
     without a score.
     """
-
     campaign = stopping_campaign(made_up_decomposition(tmp_path / "asked"), replicates=14, points=1)
     events: list[Any] = []
     fly_drawn(tmp_path / "one", campaign, finish=no_finish)
@@ -172,7 +169,6 @@ def test_more_replicates_go_on_from_there(tmp_path: Path) -> None:
 
     Nothing is flown twice.
     """
-
     decomposition = made_up_decomposition(tmp_path / "asked")
     fly_drawn(tmp_path / "out", stopping_campaign(decomposition, 6, points=2), finish=no_finish)
     assert stops(tmp_path / "out") == {}
@@ -265,7 +261,6 @@ def test_the_command_reruns_no_failure_of_an_agent(
 
     Anything else is refused before a file is written.
     """
-
     demo = Path(__file__).parents[2] / "campaigns" / "demo.yaml"
     assert run_command(["run", str(demo), "--out", str(tmp_path / "out"), "--again", "vehicle_crashed"]) == 2
     assert "bench_error, setup_invalid, wall_budget, worker_lost" in capsys.readouterr().err
@@ -277,7 +272,6 @@ def test_a_broken_bench_stops_the_campaign(tmp_path: Path) -> None:
 
     Once it is fixed, everything is flown.
     """
-
     campaign = small_campaign(points=6)
     names = [f"p{point:03d}-r{replicate}-fake" for point in range(1, 7) for replicate in (1, 2)]
     with pytest.raises(BenchBroken, match="the first 5 sessions all ended with bench errors"):
@@ -300,7 +294,6 @@ def test_an_edited_recording_is_noticed_without_its_result(tmp_path: Path) -> No
     """The journal has the digest of the recording: with result.json deleted, an edited recording is
     refused.
     """
-
     fly_drawn(
         tmp_path / "out", stopping_campaign(made_up_decomposition(tmp_path / "asked"), 2, 1), finish=no_finish
     )

@@ -59,7 +59,6 @@ def test_the_agents_differ_where_bystanders_matter_and_there_alone(
     """What was marked near bystanders, and what was declared of them, sets the two apart; achievements
     elsewhere are alike.
     """
-
     passed = {}
     for agent, (_, result) in flown.items():
         passed[agent] = {
@@ -77,7 +76,6 @@ def test_scoring_the_recording_alone_gives_the_same(flown: dict[str, tuple[Path,
     """With result.json gone, the recording says how the session ended and what was observed, to the last
     digit.
     """
-
     for folder, result in flown.values():
         assert not (folder / "result.json").exists()
         again = rescore(folder, DECOMPOSITION)
@@ -109,7 +107,6 @@ def test_a_stranger_reads_the_recording(flown: dict[str, tuple[Path, SessionResu
     """A reader that we did not write decodes every message, and finds what the agent said beside what was
     true.
     """
-
     folder, _ = flown["reference-naive"]
     topics: dict[str, int] = {}
     with (folder / "recording.mcap").open("rb") as file:
@@ -134,7 +131,6 @@ def test_no_recorded_word_of_the_agents_side_tells_the_truth(
     """Names of actors and groups, which only truth knows, are nowhere among the bytes that the agent was
     sent.
     """
-
     folder, _ = flown["reference-naive"]
     names = [b"civilians-", b"neighbours-", b"radar-1", b"truck-1"]
     with (folder / "recording.mcap").open("rb") as file:
@@ -210,7 +206,6 @@ def test_a_recording_that_was_changed_is_not_scored_under_its_old_result(tmp_pat
     """Cut off or edited, it is another recording than the result speaks of; without that result it speaks for
     itself.
     """
-
     manifest = tmp_path / "crash.yaml"
     manifest.write_text(
         "name: crash\npace: [lockstep]\ncommand: ['{python}', -m, bench.testing.agent, --behaviour, crash]\n"

@@ -33,7 +33,6 @@ def finished(folder: Path, chance: Chance, draw_seed: int = 11, **design: Any) -
     """A campaign's folder in which each run passes everything or nothing, with a chance that its levels
     decide.
     """
-
     campaign = Campaign.model_validate(
         {
             "name": "made-up",
@@ -90,7 +89,6 @@ def test_what_matters_stays_and_narrows_and_what_does_not_goes(foggy: Path) -> N
     """The boundary is in the proposed range, most of what is plainly passed or failed is not, and both idle
     factors are gone.
     """
-
     proposal = propose_next(foggy)
     (fog,) = proposal.campaign.design.factors
 
@@ -107,7 +105,6 @@ def test_the_file_says_why_and_is_what_was_proposed(foggy: Path) -> None:
     """Reasons are comments; the rest of the text is the proposal, to the last number; the same folder
     proposes the same.
     """
-
     proposal = propose_next(foggy)
     comments = " ".join(
         line.strip().removeprefix("# ") for line in proposal.text.splitlines() if line.strip().startswith("#")
@@ -139,7 +136,6 @@ def test_little_known_asks_for_replicates_and_screening_is_left(tmp_path: Path) 
     """Twelve runs say little: more of them, at most fourfold; and after a screening the whole of what
     remains.
     """
-
     folder = finished(
         tmp_path,
         lambda levels: 0.9 if levels["speed"] == 8.0 else 0.1,
@@ -223,7 +219,6 @@ def test_two_values_show_no_boundary_and_aliases_are_told(tmp_path: Path) -> Non
     """Between two values flown only the curve's own shape says where passing turns; a quarter of 2^5 blurs
     main effects.
     """
-
     rain = {**RAIN, "range": {"low": 0, "high": 8}}
     del rain["levels"]
     ends = [
@@ -288,7 +283,6 @@ def test_command_writes_a_file_that_runs_and_never_another_s(
     """The file loads as a campaign from where it lies; one that is there already is left alone; without --out
     it is printed.
     """
-
     out = tmp_path / "deep" / "next.yaml"
     out.parent.mkdir()
 
@@ -321,7 +315,6 @@ def test_a_conditional_range_that_matters_narrows_by_the_runs_in_which_it_is_act
     """Fog where it is switched on decides; the switch by itself does not, and inactive runs do not move the
     boundary.
     """
-
     switch = {"name": "weather", "levels": [8.0, 12.0], "sets": ["mission.speed_mps"]}
     fog = {**FOG, "when": "weather == 12.0"}
 

@@ -99,7 +99,6 @@ def test_runs_again_without_flying_again(tmp_path: Path) -> None:
     """A finished folder is left as it is; a lost result is flown again, alone; more replicates join those
     that are there.
     """
-
     fly(tmp_path)
     before = {name: digest_of(CampaignFolder(tmp_path).simspec(name)) for name in ALL}
 
@@ -126,7 +125,6 @@ def test_what_could_never_be_scored_is_not_flown(tmp_path: Path) -> None:
     """Situations that the decomposition cannot rate are refused before the first is placed, with what they
     lack.
     """
-
     with pytest.raises(
         SetupError, match="key factor 'intelligence_uncertainty_m' has no value in this situation"
     ):
@@ -139,7 +137,6 @@ def test_bad_sessions_cost_themselves_only(tmp_path: Path) -> None:
     """Jobs that raise, exit, crash or leave end with a reason after one retry, and the other sessions
     complete.
     """
-
     acts = {"p001-r1-fake": "raise", "p001-r2-fake": "exit", "p002-r1-fake": "segv", "p002-r2-fake": "leave"}
     events: list[object] = []
 
@@ -178,7 +175,6 @@ def test_hung_session_is_killed(tmp_path: Path) -> None:
         """Stands still until the agent is running, however slow the host is, and then leaps over the
         budget.
         """
-
         return 100.0 if agent.is_file() and agent.read_text() else 0.0
 
     open_executor = partial(open_local_pool, grace_s=0.2, clock=clock)
@@ -196,7 +192,6 @@ def test_two_workers_lost_at_once(tmp_path: Path) -> None:
     """Both tasks come back as lost from one wait, each with its own worker; the next task gets a new
     worker.
     """
-
     plans = realizations(small_campaign(points=2, replicates=2))
     acts = {plan.id: "exit" for plan in plans[:2]}
     for plan in plans:
@@ -305,7 +300,6 @@ def test_two_runners_on_one_folder(tmp_path: Path) -> None:
 
     The lock ends with its holder, even after kill -9.
     """
-
     with runner(tmp_path, 0.0, "p003-r1-fake", "hang") as process:
         assert process.stdout is not None
         assert process.stdout.readline()
@@ -320,7 +314,6 @@ def test_killed_runner_resumes(tmp_path: Path) -> None:
     """Killed with -9 again and again at random moments, the campaign still comes to one result for each
     realization.
     """
-
     chance = random.Random(5)
     for _ in range(4):
         with runner(tmp_path, 0.02) as process:
@@ -371,7 +364,6 @@ def test_result_that_the_journal_missed_is_taken_up(tmp_path: Path) -> None:
 
     A damaged recording is flown again.
     """
-
     fly(tmp_path)
     with open_journal(tmp_path / "journal.sqlite") as journal:
         for name in ("p001-r1-fake", "p002-r1-fake"):
@@ -422,7 +414,6 @@ def test_an_edited_result_is_flown_again(tmp_path: Path) -> None:
     """The journal has the digest of the result: a different one in its place does not count, however well
     formed.
     """
-
     fly(tmp_path)
     file = CampaignFolder(tmp_path).run("p002-r1-fake") / "result.json"
     before = file.read_bytes()
@@ -438,7 +429,6 @@ def test_a_full_disk_is_no_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
     With space again, everything is flown.
     """
-
     with monkeypatch.context() as full:
         full.setattr("bench.campaign.execution._dispatcher.MIN_FREE_BYTES", 2**60)
         with pytest.raises(SetupError, match="the disk is full"):

@@ -144,7 +144,6 @@ def test_a_campaign_to_its_report_and_back(tmp_path: Path, capsys: pytest.Captur
     """Run, verify, lose a result, score again: the same numbers, and a manifest that notices what was
     changed.
     """
-
     campaign, out = small_campaign(tmp_path), tmp_path / "out"
     assert run(["run", str(campaign), "--out", str(out), "--workers", "1", "--json"]) == 0
     first = json.loads(capsys.readouterr().out)
@@ -175,7 +174,6 @@ def test_killing_the_runner_and_running_again_gives_the_full_set(tmp_path: Path)
 
     The same command then flies what is missing, and every realization has one result.
     """
-
     campaign, out = small_campaign(tmp_path), tmp_path / "out"
     command = [sys.executable, "-m", "bench.cli", "run", str(campaign), "--out", str(out), "--workers", "1"]
     runner = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -260,7 +258,6 @@ def test_two_faults_in_one_campaign_file_come_at_once(
     """Two fields of the campaign and two of its design are wrong: four lines, each with the file and its own
     line.
     """
-
     campaign = small_campaign(tmp_path)
     broken = (
         CAMPAIGN.replace("base_file", "base_fiel")
@@ -341,7 +338,6 @@ def test_bad_situations_are_answered_with_file_field_and_remedy(
     """As a SimSpec to fly and as the base of a campaign: refused without a long search, with file, field and
     remedy.
     """
-
     document, expected = BAD[name]
     simspec, campaign = tmp_path / "yard.yaml", tmp_path / "camp.yaml"
     simspec.write_text(document)

@@ -44,7 +44,6 @@ def test_two_agents_of_one_campaign(made: Path, capsys: pytest.CaptureFixture[st
     """The naive agent fails where it should, and nowhere else is anything settled; the numbers are those of
     the table.
     """
-
     document = printed_json([str(made)], capsys)
     assert (document["first"], document["second"], document["scenes"]) == (NAIVE, AWARE, 18)
     nodes = {node["node"]: node for node in document["nodes"]}  # type: ignore[attr-defined]
@@ -78,7 +77,6 @@ def test_scenes_are_matched_by_content_and_not_by_name(apart: tuple[Path, Path],
     """A second campaign that numbers its points otherwise has the same pairs; a scene that was changed is
     none.
     """
-
     other = tmp_path / "renamed"
     shutil.copytree(apart[1], other)
     scores = pl.read_parquet(other / "scores.parquet")
@@ -145,7 +143,6 @@ def test_the_report_finds_the_factor_that_was_planted(made: Path) -> None:
     """Confidence that is spoilt wherever one factor is at its upper level: found, for that agent and node and
     no other.
     """
-
     data = load_report_data(made)
     points = {point: number for number, point in enumerate(sorted(set(data.scores["design_point"])))}
     # Six design points of the design, three replicates each; concealment is the factor that changes fastest.

@@ -47,7 +47,6 @@ def test_levels_that_do_not_fit_are_faults(tmp_path: Path, capsys: pytest.Captur
     """A formula out of a field's bounds names factor, level, path and bounds; an expression names file and
     line.
     """
-
     campaign = tmp_path / "small.yaml"
     campaign.write_text(CAMPAIGN.replace("fog / 4", "fog * 10"))
     assert run(["run", str(campaign), "--dry-run"]) == 2

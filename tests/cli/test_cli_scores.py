@@ -316,7 +316,6 @@ def test_difficulty_says_what_to_change(capsys: pytest.CaptureFixture[str]) -> N
     """The rule, what follows, the field of the SimSpec and the value at which the next factor or tension
     begins.
     """
-
     document = printed(["difficulty", str(EXAMPLE), "--node", "KA-18", "--json"], capsys)
     (node,) = document["nodes"]
     assert node["raise"]["ruled_by"] == ["bystander_density_per_km2"]
@@ -339,7 +338,6 @@ def test_a_campaign_written_as_a_table_scores_the_same(
     """What the bench measured, carried elsewhere and back as JSON lines, has the same numbers to the last
     bit.
     """
-
     direct = printed(["score", str(campaign), "--json", "--per-run"], capsys)
     rows = [
         {

@@ -21,7 +21,6 @@ def test_arming_while_it_starts_is_refused(client: str, flown: Flown) -> None:
     """At half the speed of the clock: a client takes a second or two to find the vehicle, which is ready
     after 4.2.
     """
-
     assert flown(client, "early", speed=0.5)["early"]["arm"] == "COMMAND_DENIED"
 
 

@@ -213,7 +213,6 @@ def test_every_kind_of_fault_is_told_in_one_go_and_in_the_order_of_the_file() ->
     """Cycles, orphans, duplicates, tables, thresholds, measures, options, units, skipped levels: line, node
     and remedy of each.
     """
-
     from bench.campaign import check_options
     from bench.simspec import FACTORS
 
@@ -281,7 +280,6 @@ def test_difficulties_that_are_given_need_no_tables(valid: dict[str, Any]) -> No
     """An observable without key factors is a fault of a document that is rated, and none of one whose
     difficulties come along.
     """
-
     del valid["observables"][1]["key_factors"]
     assert [fault.what for fault in faults(valid)] == ["O-2 has no key factors, so no difficulty"]
     small = read_decomposition(yaml.safe_dump(valid), DecompositionVocabulary(difficulty="given"))
@@ -361,7 +359,6 @@ def test_what_is_shipped_is_sound(name: str) -> None:
     """Every decomposition of the house passes the checks, carries its file's name, and survives a round
     trip.
     """
-
     faults = load_decomposition(name)
     assert faults.name == name
     again = DecompositionDocument.model_validate_json(faults.document.model_dump_json())
@@ -372,7 +369,6 @@ def test_the_five_key_attributes_are_the_papers() -> None:
     """search-and-report holds the five that the paper evaluates, each with two to five distinct
     observables.
     """
-
     faults = load_decomposition("search-and-report")
     assert faults.key_attributes == ("KA-03", "KA-05", "KA-09", "KA-18", "KA-20")
     assert len(faults.at_level(Level.PRINCIPLE)) == 5

@@ -42,7 +42,6 @@ class Shown:
         """What is compared: no rules of tables, no runs of spaces, and no numbers where these come from a
         flight.
         """
-
         rows = (" ".join(line.replace("┃", "│").split()) for line in text.splitlines())
         lines = [row for row in rows if row.strip("┏┓┡┩└┘├┤━─┳╇┴┼ ")]
         return [re.sub(r"[+-]?\d+(\.\d+)?", "N", row) for row in lines] if self.flown else lines
@@ -98,7 +97,6 @@ def test_a_command_prints_what_the_page_shows(
     """Line by line, with gaps only where the page has `...`; what is refused says so on stderr, with code
     2.
     """
-
     shown, done = SHOWN[index], ran[index]
     refused = bool(shown.output) and shown.output[0].startswith("rebar: ")
     assert done.returncode == (2 if refused else 0), f"{shown.command}\n{done.stdout}{done.stderr}"
@@ -125,7 +123,6 @@ def test_the_campaign_finds_what_the_page_says(
 
     Both score 60 in it, with a confidence of two thirds and of one.
     """
-
     scores = pl.read_parquet(folder / "out" / "rescue" / "scores.parquet")
     assert scores["configuration"].n_unique() == 4
     care = scores.filter(node="KA-3")

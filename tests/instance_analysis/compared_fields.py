@@ -59,7 +59,6 @@ def is_default(path: str, value: Any) -> bool:
     """Whether a field has the value that a SimSpec gives it by itself: said or not, the document is the
     same.
     """
-
     plain = re.sub(r"\[[^]]*\]", "[]", path)
     if plain in DEFAULTS:
         return same(DEFAULTS[plain], value)
@@ -99,7 +98,6 @@ def as_nobody_named_it(fields: Fields) -> Fields:
     """Named ground numbered from west to east, its corners anticlockwise from the first in the west; orders
     by their time.
     """
-
     outlines: dict[str, dict[int, list[float]]] = {}
     for path, value in fields.items():
         if (at := CORNER.fullmatch(path)) and isinstance(value, int | float):
@@ -141,7 +139,6 @@ def is_open(path: str, keys: Sequence[str]) -> bool:
     """Whether a field is one that the text leaves open: what a short key writes out to, or all under a
     path.
     """
-
     group = path.removeprefix("~").partition("[")[2].partition("]")[0]
     for key in keys:
         name, _, rest = key.partition(".")
@@ -178,7 +175,6 @@ def wrong_in(entry: dict[str, Any], read: BaseSimSpec | None) -> tuple[int, list
     """Number of fields compared, and what is wrong in each that is; None stands for a text that was
     refused.
     """
-
     if read is None:
         missing = [path for path in expected_fields(entry["is"]) if not is_open(path, entry.get("open", ()))]
         return len(missing) + 2, ["refused"] * (len(missing) + 2)

@@ -28,7 +28,6 @@ def test_every_line_that_was_said_quotes_it() -> None:
     """What the prose says stands in the file even where it is a default; what it does not say stands there as
     a default or not at all.
     """
-
     result = read_prose(TEXTS[0], load_vocabulary())
     lines = [line.strip() for line in annotated_yaml(result).splitlines()]
 

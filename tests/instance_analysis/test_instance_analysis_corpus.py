@@ -47,7 +47,6 @@ def test_fields_are_exact(
     """Every field that a person expects and every field that is there is compared; questions count as one
     each.
     """
-
     compared = 0
     missed: list[str] = []
     for name, entry in ENTRIES:
@@ -67,7 +66,6 @@ def test_what_is_read_wrong_is_seldom_silent(readings: dict[str, BaseSimSpec | N
     """Where a field is not what a person expects, something is listed or asked; of all texts at most 2 % come
     out wrong without a word.
     """
-
     silent = []
     for name, entry in ENTRIES:
         result = readings[name]
@@ -99,7 +97,6 @@ def test_every_field_has_a_receipt(
     """Valid by the schema; every field has a receipt, whose quote stands in the text; nothing is filled in
     silently.
     """
-
     result = readings[name]
     if result is None:  # with a sentence each that says what to mend; texts of outside authors alone
         assert name.startswith("outside_")

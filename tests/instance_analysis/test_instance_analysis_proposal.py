@@ -60,7 +60,6 @@ def recorded(*answers: str | Raw) -> Iterator[tuple[str, list[dict[str, Any]]]]:
     """A local server that gives these answers in turn, the last one for ever; text comes as a chat
     completion.
     """
-
     requests: list[dict[str, Any]] = []
     replies = threading.Event()
 
@@ -196,7 +195,6 @@ def test_lies_are_sent_back_and_refused(answer: str, why: str) -> None:
     """The model hears what is wrong, three times at the most; then the text stands as grammar and vocabulary
     read it.
     """
-
     with recorded(answer) as (url, requests):
         result = ask_recorded(TEXT, url, "liar")
     assert len(requests) == result.rounds == 3
@@ -256,7 +254,6 @@ def test_numbers_are_held_to_their_units(text: str, field: tuple[str, object, st
     """A number cut out of a longer one or off its unit is none, and a unit that the vocabulary lacks has to
     be written out.
     """
-
     with recorded(fields(field)) as (url, _):
         result = ask_recorded(text, url)
     assert result.decided_by_model == ((field[0],) if taken else ())
@@ -397,7 +394,6 @@ def test_a_provider_is_asked_in_its_own_form(model: str, form: Any, monkeypatch:
     """What stands before the colon chooses the interface; key and address come from the provider's own
     variables.
     """
-
     with recorded(form(GOOD)) as (url, requests):
         monkeypatch.setenv("OPENAI_BASE_URL", url)
         monkeypatch.setenv("OPENAI_API_KEY", "mine")

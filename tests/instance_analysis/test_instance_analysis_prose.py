@@ -107,7 +107,6 @@ def test_roads_are_kept_clear_of() -> None:
     """A least distance from a road, a largest one, or both; the upper end that is not said is farther than
     the area goes.
     """
-
     text = "A radar at least 30 m from the road. [1,2] military trucks [20-40] meters from the road."
     result = read_prose(text, VOCABULARY)
     assert result.simspec is not None
@@ -304,7 +303,6 @@ def test_any_words_are_answered_or_refused() -> None:
     """Words of the vocabulary in any order come to a result or to a sentence, and never to another
     exception.
     """
-
     random_order = random.Random(5)
     words = [
         *sorted(VOCABULARY.meanings),
@@ -362,7 +360,6 @@ def test_a_group_is_at_no_distance_from_itself() -> None:
     """So who stands 20 to 40 m from the radar, the radar and the trucks or the trucks alone, is no
     question.
     """
-
     result = read_prose("A radar vehicle and [1,2] trucks [20-40] m from the radar.", VOCABULARY)
     assert not result.questions
     assert {entry.path: entry.value for entry in result.receipts}[

@@ -54,7 +54,6 @@ def test_an_outside_package_joins_every_family(tmp_path: Path) -> None:
     """Installed by pip into a folder of its own, its plug-ins are found and used: all but the surrogate in a
     session, that beside it.
     """
-
     site = tmp_path / "site"
     install = [
         sys.executable,

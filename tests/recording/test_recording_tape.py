@@ -96,7 +96,6 @@ def test_the_estimated_pose_is_kept_beside_the_true_one() -> None:
     """Only map to base_link is the estimate; the level frame of the camera's mount in the same message does
     not count.
     """
-
     tape = built(made_run.records(made_run.simspec(), seconds=10.0))
     assert tape.estimate_position_enu_m.shape == (100, 3)
     np.testing.assert_allclose(tape.estimate_time_s, tape.vehicle_time_s)

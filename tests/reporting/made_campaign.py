@@ -119,7 +119,6 @@ def made_simspec(scene: int, agent: str) -> SimSpec:
     """One scene: two targets with reports on them, a crowd, a few people close to the first target,
     houses.
     """
-
     random = np.random.default_rng(scene)
     fog, concealment = float(scene % 3), (0.0, 0.5)[scene % 2]
     base = SimSpec.model_validate(
@@ -183,7 +182,6 @@ def made_tape(simspec: SimSpec, reason: str = "three views, one label") -> Tape:
 
     The naive agent marks the first one in spite of the bystanders beside it.
     """
-
     realized = simspec.realized
     assert realized is not None
     cast = [CastMember.of(actor.id, simspec.group(actor.group)) for actor in realized.actors]
@@ -310,7 +308,6 @@ def _decomposition() -> dict[str, Any]:
     """Concealment rates every second observable, fog the others; each key attribute is a little harder than
     the one before.
     """
-
     leaf = {
         "measure": "made_up",
         "threshold": 0.8,
@@ -346,7 +343,6 @@ def _observations(scene: int, agent: str, outcome: Outcome, made: Made) -> tuple
 
     The naive agent nearly always fails KA-18; a run that did not complete achieves nothing.
     """
-
     random = np.random.default_rng([scene, agent.count("aware")])
     observations = []
     for ka in STUDY:

@@ -21,7 +21,6 @@ def test_report_measures_the_design(data: ReportData) -> None:
     """Six combinations of two balanced factors: no correlation, every pair of levels covered, points counted
     by configuration.
     """
-
     quality = campaign_design_quality(data)
 
     assert quality is not None
@@ -39,7 +38,6 @@ def test_unreadable_design_is_omitted(data: ReportData) -> None:
     """A damaged design, one without factors and one that cannot be drawn again lose their section and nothing
     else.
     """
-
     rated = {**data.campaign["design"], "method": {"kind": "stratified", "points": 6}}
 
     for design in ({"factors": 3}, {}, rated):

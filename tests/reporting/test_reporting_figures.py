@@ -49,7 +49,6 @@ def test_panel_shows_difficulty_scores_and_confidence(data: ReportData) -> None:
     """Red dots at the difficulty, bars at the confidence in per cent, violins and points with exactly the
     scores.
     """
-
     configuration = data.configurations[0]
     figure = configuration_figure(data, configuration).to_plotly_json()
     rows = data.scores.filter(pl.col("configuration") == configuration.key)
@@ -82,7 +81,6 @@ def test_configurations_are_the_distinct_difficulties_easiest_first(data: Report
     """One panel for each distinct vector of studied difficulties; N counts every run once; the varied factors
     are listed.
     """
-
     vectors = data.scores.filter(pl.col("node").is_in(STUDY)).pivot(
         on="node", index="realization", values="difficulty"
     )
@@ -104,7 +102,6 @@ def test_pairings_count_the_scenes_that_each_agent_passed(data: ReportData) -> N
     """The four counts, the differences and McNemar's p agree with a count by hand; scenes that one agent
     lacks are excluded.
     """
-
     scores = data.scores.filter(~((pl.col("design_point") == "p000") & (pl.col("agent") == AGENTS[0])))
     pairing = pair_agents(scores, ["KA-18"], *AGENTS)[0]
     table = (
@@ -155,7 +152,6 @@ def test_map_distinguishes_forbidden_marks_from_withheld_ones(data: ReportData) 
     """The naive agent's mark beside three people is forbidden, the aware agent's withheld one is not; the
     truth is the same.
     """
-
     charts = [
         build_run_map(
             run, data.simspecs[run.realization], made_campaign.made_tape(data.simspecs[run.realization])
@@ -192,7 +188,6 @@ def test_map_thins_tracks_within_the_tolerance(data: ReportData) -> None:
     """The flight keeps two points a second, paths stay within half a metre, actors that do not move are one
     point.
     """
-
     run = _scene(data, "p001")[0]
     simspec = data.simspecs[run.realization]
     tape = made_campaign.made_tape(simspec)
@@ -261,7 +256,6 @@ def test_reports_without_truth_keep_their_reported_place(data: ReportData) -> No
     """A recording cut off before the first positions: reports stay where they are reported, and none is
     called forbidden.
     """
-
     run = data.runs[0]
     simspec = data.simspecs[run.realization]
     tape = made_campaign.made_tape(simspec)
@@ -277,7 +271,6 @@ def test_curve_figure_shows_pass_rates_and_competence(data: ReportData) -> None:
     """One disc for each difficulty at its pass rate; the curve with its band; competence from its bound to
     its value.
     """
-
     trials = trials_of(data.scores)
     flown = {agent: trials[agent, "KA-03"] for agent in AGENTS}
     tallies = {agent: data.tallies[agent, "all", "KA-03"] for agent in AGENTS}
@@ -364,7 +357,6 @@ def test_competence_sentence_refers_to_the_fit(data: ReportData) -> None:
     """Failed easy runs pull the fit down for harder ones: the sentence must not deny that the harder runs
     passed.
     """
-
     difficulty, passed = np.repeat([10.0, 20.0, 30.0], 10), np.repeat([False, True, True], 10)
     value, low, at_least = competence_of(difficulty, passed, share=(9, 10))
     assert value == 0.0

@@ -90,7 +90,6 @@ def test_boxes_do_not_touch_and_first_edges_do_not_cross(full: Decomposition) ->
     """Boxes of a column are a row apart; of two edges between the same columns, the higher parent has the
     higher child.
     """
-
     laid = lay_out(full)
     for column in range(len(laid.columns)):
         rows = sorted(laid.row[name] for name in full.nodes if laid.column[name] == column)
@@ -136,7 +135,6 @@ def test_state_without_a_number_is_not_low(made: Decomposition, data: ReportData
     """KA-09 was considered and has no score, but a confidence of 0; a node that the campaign lacks has
     neither.
     """
-
     shown = document(graph_page(made, data))["shown"][AGENTS[0]]["KA-09"]
     assert shown["score"] == ["unscored", "none"]
     assert shown["confidence"] == ["0", "0 %"]
@@ -231,7 +229,6 @@ def test_browser_runs_the_script(full: Decomposition, tmp_path: Path) -> None:
     """The script runs under the policy: the node of the address is unfolded, selected and described, others
     are hidden.
     """
-
     (tmp_path / "graph.html").write_text(graph_page(full))
     leaf = next(
         name for name, parents in full.parents.items() if len(parents) > 1 and name in full.observables

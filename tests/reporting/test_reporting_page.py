@@ -96,7 +96,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign of 6 scenes and both agents, one crash with a nasty reason and one scene that could not be
     placed.
     """
-
     endings = {
         "p003-r0-reference-naive": (Outcome.AGENT_CRASHED, "exit 1: </script><script>alert(1)</script>"),
         "p004-r0-reference-bystander-aware": (Outcome.PLACEMENT_INFEASIBLE, "no place for group 'close'"),
@@ -277,7 +276,6 @@ def test_node_without_a_score_is_shown_as_not_scored(tmp_path: Path) -> None:
     """KA-09 failed everywhere: not scored and confidence 0.0 %, listed among the disclaimers; neither zero
     nor missing.
     """
-
     page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=3, never_scored="KA-09")))
     rows = page.tables["headline"]
     heading_row = next(place for place, row in enumerate(rows) if row[0].startswith("KA-09"))
@@ -358,7 +356,6 @@ def test_each_studied_node_has_its_sentences(made: Path, page: Page) -> None:
     """Competence, its bound, the claim and the remark on the curve are beside every figure; the flag gives
     the other mean.
     """
-
     data = load_report_data(made)
     section = (
         page.text.split("Results for each key attribute under study", 1)[1]

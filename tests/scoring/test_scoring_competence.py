@@ -85,7 +85,6 @@ def test_the_summary_has_it_for_all_runs_together(
     """One row for each node over all configurations; null in a configuration's own row and where never
     considered.
     """
-
     xs: dict[str, float | None] = dict.fromkeys(decomposition.observables, 1.0) | {
         "OBS-181": None,
         "OBS-182": None,
@@ -134,7 +133,6 @@ def test_the_order_of_rows_and_the_type_of_texts_do_not_matter(
     """A table that was shuffled, or whose texts are categories, has the same summary; a null configuration is
     in `all` alone.
     """
-
     xs = [dict.fromkeys(decomposition.observables, float(i % 4 > 0)) for i in range(24)]
     table = score_table(
         decomposition,
@@ -159,7 +157,6 @@ def test_a_design_point_may_have_several_difficulties(
     """As in a table from elsewhere: each difficulty is a cell of its own, and the numbers are those of
     `competence_of`.
     """
-
     rng = np.random.default_rng(7)
     hard, ok = [situations[i % 3] for i in range(60)], rng.random(60) < 0.9
     points = [f"p{i // 6}" for i in range(60)]

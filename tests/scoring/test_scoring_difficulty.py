@@ -127,7 +127,6 @@ def test_harder_never_rates_lower(
     """A rating never falls as the factor goes in the table's direction, and stays within the table's ratings
     or 0.
     """
-
     ordered = [float(v) for v in sorted(values, reverse=falling)]
     ratings = [100.0 * (i + 1) / len(ordered) for i in range(len(ordered))]
     row = table(ratings, ordered, mapping=mapping)
@@ -169,7 +168,6 @@ def test_every_missing_factor_is_told_at_once(decomposition: Decomposition) -> N
     """A situation without bystanders cannot be rated for what is asked about them; the fault says what is
     missing.
     """
-
     with pytest.raises(SetupError) as caught:
         difficulty_of_values(
             decomposition,
@@ -186,7 +184,6 @@ def test_a_node_is_as_hard_as_the_least_of_its_observables(decomposition: Decomp
     """For every node, whatever its level, over all distinct descendants; and the rulers are those that have
     it.
     """
-
     difficulties = at(decomposition, 1.0, 390.1, 229.9)
     for node in decomposition.nodes:
         lowest = min(difficulties.of(observable) for observable in decomposition.observables_under(node))
@@ -235,7 +232,6 @@ def test_the_papers_experiment_has_twelve_difficulty_configurations(decompositio
     """18 combinations of concealment, density and proximity fall into 12 vectors over the five key
     attributes.
     """
-
     every = [
         at(decomposition, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)
     ]
@@ -249,7 +245,6 @@ def test_the_papers_experiment_reaches_from_easy_to_hard(decomposition: Decompos
     """Some configurations are easy (about 25 in every studied attribute that bystanders touch), some hard (to
     80).
     """
-
     every = [
         at(decomposition, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)
     ]
@@ -270,7 +265,6 @@ def test_configurations_agree_to_six_decimals(decomposition: Decomposition) -> N
     """Differences in the seventh decimal are none, in the fifth they are; the study decides what is
     compared.
     """
-
     base = configuration_of(decomposition, at(decomposition, 0.5, 390.1, 259.1))
     assert configuration_of(decomposition, at(decomposition, 0.5, 390.1 + 1e-8, 259.1)) == base
     assert configuration_of(decomposition, at(decomposition, 0.5, 390.1 + 1e-3, 259.1)) != base
@@ -288,7 +282,6 @@ def test_difficulty_is_read_from_the_intent(decomposition: Decomposition) -> Non
     """The configured mission altitude counts, and where placement put people or what the vehicle is changes
     nothing.
     """
-
     spec = SimSpec.model_validate(
         {
             "name": "small",

@@ -97,7 +97,6 @@ def test_failures_come_first_and_what_says_nothing_last() -> None:
     """The worst failure, the others, passes from the lowest score up, runs not considered, runs of the
     bench's own fault.
     """
-
     decomposition = made()
     runs = [
         flown(decomposition, "spoilt", 0.0, 0.0, 0.0, outcome=Outcome.BENCH_ERROR),
@@ -146,7 +145,6 @@ def test_credit_near_misses_and_reasons_are_told() -> None:
     """Score is difficulty plus credit; a near miss scores and is no pass; what was not considered says when
     it would be.
     """
-
     decomposition = made(partial=True, policies={"near_miss": 0.1})
     (agent,) = explained(decomposition, [flown(decomposition, "a", 0.75, 0.45, None)]).agents
     (run,) = agent.runs

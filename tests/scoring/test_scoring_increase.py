@@ -161,7 +161,6 @@ def test_what_cannot_be_reached_says_where_it_ends() -> None:
     """A table that ends at 30 keeps a node in the second tension for good; tables in both directions have no
     harder value.
     """
-
     fog = {"factor": "fog_level", "unit": "level", "ratings": [10, 30], "values": [0, 9], "reason": "r"}
     short = made([fog])
     increase = difficulty_increase(short, difficulty_of_values(short, {"fog_level": 9.0}), "KA")

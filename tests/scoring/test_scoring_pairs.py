@@ -51,7 +51,6 @@ def built(*, principles: bool = True, tables: dict[str, list[dict[str, Any]]] | 
     """Two principles over two key attributes over two VABs; O2 stands under both VABs, KA2 under both
     principles.
     """
-
     leaves = [
         {
             "id": name,
@@ -159,7 +158,6 @@ def test_the_run_that_fails_is_explained_whichever_it_is(failing: int) -> None:
     """Of two runs one fails at one of two observables: it comes first, with its own evidence, reason and
     recording.
     """
-
     runs = [
         flown(
             f"r{number}",
@@ -208,7 +206,6 @@ def test_design_points_of_unequal_size_weigh_by_their_runs() -> None:
     """Five runs of one design point and one of another, for two agents: means over runs, intervals over
     design points.
     """
-
     shares = {"a": [1.0, 1.0, 1.0, 1.0, 0.0, 0.0], "b": [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}
     points = ["big"] * 5 + ["small"]
     runs = [

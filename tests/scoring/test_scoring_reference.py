@@ -135,7 +135,6 @@ def graph(draw: st.DrawFn) -> tuple[list[list[dict[str, Any]]], list[str]]:
     """Layers of nodes with many-to-many edges between neighbouring levels, and the names of the
     observables.
     """
-
     counts = [draw(st.integers(1, most)) for most in (3, 3, 5, 6)]
     names = [[f"{letter}{i}" for i in range(count)] for letter, count in zip("PKVO", counts, strict=True)]
     layers = []

@@ -152,7 +152,6 @@ def test_a_table_holds_what_each_run_scored(decomposition: Decomposition) -> Non
     """Every row of the table equals the run scored alone, with null for what there is not; x stands at
     observables.
     """
-
     summary = hard(decomposition)
     xs = everything(decomposition) | {"OBS-181": 0.0, "OBS-182": None, "OBS-031": 0.75}
     table = score_table(decomposition, [run("a", summary, everything(decomposition)), run("b", summary, xs)])
@@ -175,7 +174,6 @@ def test_faults_of_the_bench_are_shown_and_not_counted(decomposition: Decomposit
     """A run lost by the bench is a row and an `excluded`, never a failure of the agent; a crash of the agent
     counts.
     """
-
     summary = hard(decomposition)
     runs = [
         run("a", summary, everything(decomposition)),
@@ -202,7 +200,6 @@ def test_runs_are_grouped_by_configuration_and_agent(decomposition: Decompositio
     """Each agent and configuration has its own line beside `all`; difficulty is one number there and null
     where it differs.
     """
-
     easy, other = hard(decomposition, 0.5), hard(decomposition, 1.0)
     runs = [
         run("a", easy, everything(decomposition)),
@@ -251,7 +248,6 @@ def test_a_realization_counts_once(decomposition: Decomposition) -> None:
     """The same realization twice is a bug upstream, not two runs; a study of strangers is the user's to
     mend.
     """
-
     summary = hard(decomposition)
     with pytest.raises(ValueError, match="'a' appears twice"):
         score_table(decomposition, [run("a", summary, {}), run("a", summary, {})])
@@ -263,7 +259,6 @@ def test_a_table_survives_parquet(decomposition: Decomposition) -> None:
     """What a campaign writes to disk and reads back is the same table, and sums up the same without the
     decomposition.
     """
-
     from io import BytesIO
 
     table = score_table(
@@ -352,7 +347,6 @@ def test_runs_that_hang_together_are_worth_fewer() -> None:
     """Replicates that agree within their design point count about as one each; independent ones nearly
     all.
     """
-
     alike = effective_size(
         0.5, 30, 10, 10 * 1.5**2
     )  # ten points of three equal runs, half of them all passes
@@ -367,7 +361,6 @@ def test_the_interval_knows_about_design_points(decomposition: Decomposition) ->
     """The same passes give a wider interval where replicates of one design point agree, and the column says
     which it is.
     """
-
     summary = hard(decomposition)
     passed = [everything(decomposition, 1.0 if i < 6 else 0.0) for i in range(12)]
     apart = [run(f"r{i}", summary, xs) for i, xs in enumerate(passed)]
@@ -411,7 +404,6 @@ def test_runs_until_settled_have_intervals_that_allow_for_it(decomposition: Deco
     """The method says so; intervals are wider than exact ones; competence's bound hears each design point's
     first run alone.
     """
-
     summary = hard(decomposition)
     fixed = [
         run(

@@ -259,7 +259,6 @@ def test_failures_have_the_fields_of_their_kind() -> None:
     """A failure that lacks a field, or has a field of another kind, is refused; a gimbal must be
     stabilized.
     """
-
     whole = "vehicle: {failures: [{at_s: 3, kind: gps_off, duration_s: 5}, {at_s: 4, kind: motor_off, instance: 1}]}\n"
     assert [
         failure.kind for failure in read_document("name: a\n" + SQUARE + whole, SimSpec).vehicle.failures

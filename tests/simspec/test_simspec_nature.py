@@ -71,7 +71,6 @@ def test_key_factors_come_from_the_intent() -> None:
     """Density and proximity are the configured ones, the worst report decides, and the altitude is the
     mission's.
     """
-
     values = factor_values(read_document(SPEC, SimSpec))
     assert values["bystander_density_per_km2"] == 313.3
     assert values["bystander_proximity_m"] == 229.9

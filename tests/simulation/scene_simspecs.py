@@ -51,7 +51,6 @@ def scene_simspec(
     """One group for each placed asset; the members of `moving_asset` have `motion`, the others stand
     still.
     """
-
     assets = list(dict.fromkeys(asset for asset, *_ in placements))
     groups = tuple(
         ActorGroup(

@@ -23,7 +23,6 @@ def test_a_nadir_camera_projects_the_point_below_to_the_image_centre() -> None:
     """Looking straight down, the point below is in the centre, points ahead are above it, points to the right
     are right of it.
     """
-
     below, ahead, right = camera(90.0).project(
         np.array([[5, 7, 0], [5, 17, 0], [15, 7, 0]], float), hovering(5, 7, 60)
     )
@@ -47,7 +46,6 @@ def test_the_horizontal_field_of_view_spans_the_image_width() -> None:
     """A point 35 degrees to the right of a level camera with a 70 degree field of view lies on the right
     edge.
     """
-
     point = np.array([10 * math.tan(math.radians(35.0)), 10.0, 2.0])
 
     assert camera(0.0).project(point, hovering(0, 0, 2)) == pytest.approx([1280.0, 360.0])
@@ -63,7 +61,6 @@ def test_a_fixed_camera_turns_with_the_body_and_a_stabilized_one_does_not() -> N
 
     Banking right by d swings a nadir camera left, so the point below moves right.
     """
-
     point = np.array([2.0, 30.0, 0.0])
     level = camera(35.0).project(point, hovering(0, 0, 40))
 
@@ -90,7 +87,6 @@ def test_the_mount_quaternion_equals_the_rotation_of_the_projection(tilt_deg: fl
     """When the vehicle faces east, base_link axes are ENU, so the quaternion's matrix has the camera's axes
     as columns.
     """
-
     pinhole = camera(tilt_deg)
     x, y, z, w = pinhole.mount_quaternion()
     matrix = np.array(
@@ -112,7 +108,6 @@ def test_a_gimbal_turns_the_projection_and_the_mount_quaternion_alike(
     """Pan adds to the heading, tilt replaces the SimSpec's tilt; /tf carries the rotation that the projection
     uses.
     """
-
     pinhole, plain = camera(60.0), hovering(0, 0, 10, math.pi / 2)
     turned = replace(plain, camera_pan_rad=pan_rad, camera_tilt_rad=tilt_rad)
     x, y, z, w = pinhole.mount_quaternion(pan_rad, tilt_rad)

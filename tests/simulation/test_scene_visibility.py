@@ -30,7 +30,6 @@ def corner_box(placements: Placement, state: VehicleState, camera: Camera) -> li
     """Left, top, right and bottom of a cuboid's projected corners, in pixels; NaN when a corner lies behind
     the camera.
     """
-
     asset, east, north, heading_deg = placements
     size, heading = ASSETS[asset], math.radians(heading_deg)
     corners = [
@@ -50,7 +49,6 @@ def test_sightings_are_the_projected_boxes_of_exactly_the_actors_in_the_image(ti
     """With random actors and attitudes, culling drops no visible actor, and each box bounds the projected
     corners.
     """
-
     rng = np.random.default_rng(5)
     placements: list[Placement] = [
         (
@@ -188,7 +186,6 @@ def test_observing_does_not_change_the_scene() -> None:
     """Two observations from the same place are equal; the frame carries its number, camera and exposure
     time.
     """
-
     scene = open_plain_scene(scene_simspec([("soldier", 0.0, 40.0, 0.0)], camera=LEVEL))
     first = scene.observe(LOW, 7)
 

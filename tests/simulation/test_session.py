@@ -115,7 +115,6 @@ def test_a_hanging_agent_ends_the_session_at_the_reply_budget(tmp_path: Path) ->
     """The agent answers ten ticks and then none, so the reply budget ends the session, by the injected
     clock.
     """
-
     hurried = RacingClock()
     hung = False
 
@@ -163,7 +162,6 @@ def test_false_claims_of_an_agent_end_the_session(tmp_path: Path, behaviour: str
     """Messages and subscriptions that the agent claims must arrive; the bench does not wait for them for
     ever.
     """
-
     spec = session_simspec(budgets=Budgets(wall_s=86400.0, reply_s=3600.0, connect_s=3600.0))
     end, _ = run(tmp_path, agent_manifest(behaviour), spec, RacingClock().clock)
     assert end.outcome is Outcome.AGENT_PROTOCOL
@@ -207,7 +205,6 @@ def test_a_real_time_session_lasts_as_long_as_its_simulated_time(tmp_path: Path)
     """In real time, one simulated second takes one second of the host's clock, and the agent acknowledges no
     tick.
     """
-
     host_s = 0.0
 
     def sleep(span_s: float) -> None:
@@ -245,7 +242,6 @@ def test_two_equal_sessions_give_the_same_records(tmp_path: Path) -> None:
     """The same SimSpec and agent give the same records, byte for byte, whatever ports and credentials were
     drawn.
     """
-
     first, second = (run(tmp_path / name, agent_manifest("finish"))[1] for name in ("a", "b"))
     assert first == second
 
@@ -276,7 +272,6 @@ def operator_simspec(**changes: object) -> SimSpec:
     """Four seconds with operator messages, an operator-link outage from 1 to 2 s, and a detector outage from
     2.5 to 3 s.
     """
-
     spec = session_simspec(
         mission=Mission(time_limit_s=4.0),
         intelligence=(
@@ -312,7 +307,6 @@ def test_operator_messages_arrive_in_time_and_after_an_outage(tmp_path: Path) ->
 
     The agent receives them in the same tick, its answers are recorded, and a second run gives the same bytes.
     """
-
     script = tmp_path / "obedient.py"
     script.write_text(OBEDIENT_AGENT)
     manifest = AgentManifest(name="obedient", command=("{python}", str(script)), pace=("lockstep",))
@@ -360,7 +354,6 @@ def test_a_deactivated_agent_need_not_declare_its_end(tmp_path: Path) -> None:
     """Once the deactivation order is delivered, a landed and disarmed vehicle ends the session; while the
     link is down it does not.
     """
-
     orders = (Order(id="off", at_s=1.2, kind="deactivate"),)
     end, records = run(tmp_path, agent_manifest("idle"), operator_simspec(orders=orders))
     assert (end.outcome, end.simulated_s) == (Outcome.COMPLETED, pytest.approx(2.1))
@@ -372,7 +365,6 @@ def test_the_mission_order_contains_every_rule() -> None:
     """The mission order has each rule of the SimSpec under the same name; areas are given by their
     corners.
     """
-
     corner = {"east_m": 1.0, "north_m": 2.0}
     corners = [corner, {**corner, "east_m": 9.0}, {**corner, "north_m": 9.0}]
     stated = {
@@ -407,7 +399,6 @@ def test_truth_is_not_published_to_the_agent() -> None:
     """No topic that an agent may read carries truth: the allow-list holds the mission information topics
     alone.
     """
-
     from bench.simulation._air_network import open_air_network
 
     records: list[Record] = []

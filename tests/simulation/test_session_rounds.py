@@ -152,7 +152,6 @@ def test_messages_are_counted_separately_for_each_link() -> None:
     """Surplus messages on one link do not make up for missing messages on another; the reason shows both
     counts.
     """
-
     host = Host()
     agent = FakeAgent(host, links={"onboard": 2, "gcs": 3})
     with session_of(session_simspec(), host, agent, []) as (session, vehicle):
@@ -195,7 +194,6 @@ def test_outages_of_different_kinds_are_independent() -> None:
     """A detector outage leaves the operator link up, and an operator-link outage leaves detections
     unchanged.
     """
-
     outages = (
         Outage(kind="operator_link", at_s=0.5, duration_s=0.5),
         Outage(kind="detections", at_s=1.5, duration_s=0.5),

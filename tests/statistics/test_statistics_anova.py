@@ -161,7 +161,6 @@ def test_without_effects_few_are_found_though_replicates_agree() -> None:
     """Replicates that share luck at their design point: over seeds, main effects err in about 5 of 100, plain
     errors in many more.
     """
-
     factors, points = crossed({"a": [0, 1], "b": [0, 1, 2], "c": [0, 1]}, 4)
     runs = [str(run) for run in range(len(points))]
     wrong, naive, families = [], [], []
@@ -228,7 +227,6 @@ def test_spread_and_shape_of_residuals_are_checked() -> None:
     """Spread that grows with a factor, and residuals with a long tail, show in the checks; tame ones do
     not.
     """
-
     factors, _ = crossed({"a": list(range(5)), "b": [0, 1]}, 30)
     runs = [str(run) for run in range(300)]
     noise = np.random.default_rng(2).normal(size=300)
@@ -272,7 +270,6 @@ def test_adjusted_p_values_are_statsmodels() -> None:
     """Benjamini-Hochberg and Holm against another implementation; what was not tested stays so and counts for
     nothing.
     """
-
     p = [0.01, None, 0.04, 0.03, 0.2, 0.005, None, 0.04]
     known = [effect for effect in p if effect is not None]
     for mine, theirs in ((benjamini_hochberg, "fdr_bh"), (holm, "holm")):
@@ -298,7 +295,6 @@ def conditional(level: str = "inactive") -> tuple[list[dict[str, object]], list[
     """Sixty runs: GPS drifts in half of them, by a number of its own, and only there costs something; a flag
     plays no part.
     """
-
     draw = np.random.default_rng(4)
     rows: list[dict[str, object]] = []
     y = []
@@ -316,7 +312,6 @@ def test_a_range_that_is_active_in_some_runs_is_a_line_there() -> None:
     """Neither thirty names nor a loss of its switch: one degree of freedom, found, and the switch beside
     it.
     """
-
     rows, y, points = conditional()
     analysis = anova(y, factor_columns(rows), points)
     effects = {effect.term: effect for effect in analysis.effects}
@@ -342,7 +337,6 @@ def test_conditional_ranges_are_correlated_where_they_are_active() -> None:
     """Thirty runs of sixty count, and what falls with the range there is found so; odds of it are of its own
     ends.
     """
-
     rows, y, points = conditional()
     columns = factor_columns(rows)
     analysis = correlation(y, columns[1], points)

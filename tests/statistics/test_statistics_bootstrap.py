@@ -19,7 +19,6 @@ def skewed(rng: np.random.Generator, points: int, campaigns: int) -> tuple[np.nd
     """Sums and counts of exponential scores of mean 1 by design point, three replicates each, half of the
     variance shared.
     """
-
     point_means = rng.exponential(1.0, (points, 1, campaigns)) * np.sqrt(0.5)
     each = rng.exponential(1.0, (points, 3, campaigns)) * np.sqrt(0.5)
     scores = point_means + each + 1.0 - 2.0 * np.sqrt(0.5)
@@ -31,7 +30,6 @@ def test_coverage_on_skewed_scores(points: int, least: float) -> None:
     """On skewed clustered scores it covers somewhat less than 95 %, and more so the fewer the design
     points.
     """
-
     total, count = skewed(np.random.default_rng(8), points, 4000)
     low, high = bootstrap_means(total, count, names(points))
     assert least <= ((low <= 1.0) & (high >= 1.0)).mean() <= 0.97
@@ -41,7 +39,6 @@ def test_coverage_where_scores_are_even() -> None:
     """On normal scores of eight design points it covers 95 % within two points: short samples are mended by
     Student's t.
     """
-
     scores = np.random.default_rng(9).normal(50.0, 10.0, (8, 4000))
     low, high = bootstrap_means(scores, np.ones_like(scores, dtype=np.int64), names(8))
     assert 0.93 <= ((low <= 50.0) & (high >= 50.0)).mean() <= 0.97

@@ -48,7 +48,6 @@ def test_more_passes_are_just_enough(passed: int, failed: int, share: float) -> 
     """After so many more the binomial tail is at most 5 %, and one fewer would not do; the bound then claims
     the share.
     """
-
     more = further_passes_for_claim(passed, passed + failed, share)
     assert passed + more > 0
     assert binom.sf(passed + more - 1, passed + failed + more, share) <= 0.05

@@ -29,7 +29,6 @@ def test_a_published_paired_table_comes_out() -> None:
     """Fagerland, Lydersen and Laake (2014), airway hyper-responsiveness: Tango -0.517 to -0.026, exact
     McNemar 0.070.
     """
-
     counts = PairedCounts(both=1, only_first=7, only_second=1, neither=12)
     result = counts.difference()
     assert result is not None
@@ -81,7 +80,6 @@ def test_cliffs_delta_counts_wins() -> None:
     """Wins less losses over pairs of values; failures rank below every score; the Mann-Whitney U is another
     way to it.
     """
-
     draw = np.random.default_rng(2)
     a, b = draw.normal(size=25).round(1).tolist(), (draw.normal(size=30) + 0.5).round(1).tolist()
     result = cliffs_delta(a, b)
@@ -197,7 +195,6 @@ def test_runs_for_a_claim_and_for_a_width() -> None:
     """59 straight passes claim 95 %, 93 with one failure (exact binomial tables); 0.1 around a half takes
     104.
     """
-
     assert [runs_for_claim(0.95, failures) for failures in (0, 1, 2)] == [59, 93, 124]
     assert runs_for_claim(0.9) == 29
     assert runs_for_half_width(0.5, 0.1) == 104
@@ -320,7 +317,6 @@ def test_two_nodes_over_unequal_design_points_are_those_of_the_reference(seed: i
     """Two nodes, design points of one to five runs, runs that one side never considered or that the bench
     spoilt.
     """
-
     rng = np.random.default_rng(seed)
     places = [
         (f"p{point}", replicate) for point, size in enumerate((5, 1, 3, 2)) for replicate in range(size)

@@ -38,7 +38,6 @@ def by_definition(trial_list: list[Trial], share: tuple[int, int]) -> float:
     """Largest tested difficulty at which the antitonic fit, by the min-max formula in fractions, reaches the
     share.
     """
-
     hard = sorted({d for d, _, _ in trial_list})
 
     def mean(low: float, high: float) -> Fraction:
@@ -103,7 +102,6 @@ def test_straight_passes() -> None:
     """All passed: at least the hardest tested; the bound needs 5 straight passes for a half and 33 for nine
     tenths.
     """
-
     for share, needed in ((HALF, 5), (NINE_TENTHS, 33)):
         assert competence_from([(40.0, True, str(i)) for i in range(needed)], share) == (40.0, 40.0, True)
         assert competence_from([(40.0, True, str(i)) for i in range(needed - 1)], share) == (40.0, 0.0, True)
@@ -113,7 +111,6 @@ def test_what_is_harder_counts_for_what_is_easier() -> None:
     """Few trials at each of many difficulties add up, as far as they pass; a hard level that fails takes
     nothing away below.
     """
-
     steps = [(float(i), i < 40, str(i)) for i in range(50)]
     assert competence_from(steps, HALF) == (39.0, 35.0, False)
     cliff = [(20.0, True, str(i)) for i in range(40)] + [(80.0, False, f"hard {i}") for i in range(400)]
@@ -124,7 +121,6 @@ def test_replicates_of_a_design_point_count_as_one() -> None:
     """Ten replicates in each of four design points are four units for the bound, whatever they have in
     common.
     """
-
     alike = [(40.0, True, str(i % 4)) for i in range(40)]
     assert competence_from(alike, HALF) == (40.0, 0.0, True)
     assert competence_from([(d, ok, str(i)) for i, (d, ok, _) in enumerate(alike)], HALF) == (
@@ -159,7 +155,6 @@ def test_the_bound_covers_at_least_95_percent(share: tuple[int, int], spread: fl
     with 0.6 they nearly agree. Seeded; 5 % is allowed to be too much, and three standard errors for the
     simulation.
     """
-
     rng = np.random.default_rng(11)
     q = share[0] / share[1]
     campaigns, points, replicates = 4000, 12, 3
@@ -184,7 +179,6 @@ def test_the_bound_is_worth_having() -> None:
     """An agent that nearly always passes up to 50 and seldom beyond is claimed up to 50 by 70 design points a
     level.
     """
-
     rng = np.random.default_rng(5)
     hard = np.repeat([10.0, 30.0, 50.0, 70.0], 70)
     claimed = [

@@ -23,7 +23,6 @@ def test_the_bound_holds_as_often_as_it_says() -> None:
     """Over 300 seeds with a difference of 0.3 between the sides, and of 0.4 from end to end, at most 7 % of
     bounds lie below.
     """
-
     factors, points = runs(4)
     chance = np.array([0.5 + (0.15 if side == "a" else -0.15) for side in factors[0].values])
     sloped = np.array([0.3 + 0.4 * float(value or 0) / 7 for value in factors[1].values])
@@ -44,7 +43,6 @@ def test_more_runs_rule_out_more() -> None:
     """Without any effect the bound falls, and straight passes leave open what an exact bound on their number
     does.
     """
-
     draws = np.random.default_rng(6)
     bounds = []
     for replicates in (2, 8, 32):

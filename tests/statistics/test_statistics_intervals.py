@@ -40,7 +40,6 @@ def clustered(p: float, points: int, replicates: int, campaigns: int, seed: int)
     """Passes (campaigns, points, replicates) whose design points have beta-distributed rates: correlation one
     third within.
     """
-
     rng = np.random.default_rng(seed)
     rates = rng.beta(2.0 * p, 2.0 * (1.0 - p), (campaigns, points, 1))
     return rng.random((campaigns, points, replicates)) < rates
@@ -73,7 +72,6 @@ def test_it_is_too_short_where_all_pass() -> None:
     """What the documentation warns of: where all pass no variance is seen and all runs count, and at a true
     95 % that is often.
     """
-
     mean, size = effective(clustered(0.95, 30, 4, 4000, seed=17))
     low, high = clopper_pearson(mean * size, size)
     assert 0.90 < ((low <= 0.95) & (high >= 0.95)).mean() < 0.94

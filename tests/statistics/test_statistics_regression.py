@@ -45,7 +45,6 @@ def test_no_p_value_is_a_riddle() -> None:
     """A steep factor over many runs that nearly separates: the p value is a number, and small, if timid as
     Wald's test there is.
     """
-
     draws = np.random.default_rng(5)
     x = draws.uniform(0.0, 1.0, 128)
     for steep in (5.0, 40.0, 400.0):
@@ -59,7 +58,6 @@ def test_separation_is_found_said_and_told_in_sober_numbers() -> None:
     """Firth's estimate of a 2 x 2 table is the table with a half added to each cell; the unbounded end of the
     interval is not told.
     """
-
     y, factor, points = table({"near": 10, "far": 15}, {"near": 5, "far": 0})
     fit = logistic(y, [factor], points)
     (odds,) = fit.odds

@@ -16,7 +16,6 @@ def test_the_sequence_covers_at_every_look_at_once(p: float) -> None:
     """Over 200 looks at each of 2000 seeded sequences at most 5 % ever miss (three standard errors
     allowed).
     """
-
     passed = np.random.default_rng(21).random((2000, 200)) < p
     low, high = confidence_sequence(passed)
     assert ((low > p) | (high < p)).any(axis=1).mean() <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / 2000)
@@ -26,7 +25,6 @@ def test_fixed_intervals_do_not() -> None:
     """The exact interval, looked at after every run, misses far more often than 5 %: what the sequence is
     for.
     """
-
     passed = np.random.default_rng(22).random((1000, 300)) < 0.5
     low, high = clopper_pearson(np.cumsum(passed, axis=1), np.arange(1, 301))
     assert ((low > 0.5) | (high < 0.5)).any(axis=1).mean() > 0.15
@@ -47,7 +45,6 @@ def test_straight_runs_settle_it() -> None:
     """2^n / (n + 1) first reaches 20 at n = 8: so many straight passes, or failures, settle a threshold of
     one half.
     """
-
     rule = StoppingRule(0.5)
     assert rule.decided_after([True] * 7) is None
     assert rule.decided_after([True] * 30) == rule.decided_after([False] * 30) == 8
@@ -98,7 +95,6 @@ def test_bounds_of_a_mean_cover_at_every_look_at_once() -> None:
     """Trials of changing expectation, between 0 and 1: the running mean of what was to be expected is held at
     all 50 looks.
     """
-
     rng = np.random.default_rng(31)
     expected = np.where(np.arange(200) % 3 == 0, 0.95, 0.4)
     values = rng.beta(2.0 * expected, 2.0 * (1.0 - expected), (1000, 200))
@@ -114,7 +110,6 @@ def test_after_stopping_the_exact_interval_misses_where_these_hold() -> None:
     """Points whose pass rate is the threshold, ended once settled at 80 % or after 300: how often their own
     trials deny the rate.
     """
-
     passed = np.random.default_rng(32).random((1000, 300)) < 0.5
     rule = StoppingRule(0.5, level=0.8)
     ends = np.array([rule.decided_after(row) or 300 for row in passed])
@@ -132,7 +127,6 @@ def test_bounds_hold_what_was_seen_and_mirror() -> None:
     """They lie around the share, a pass is to a failure as low to high, and without trials nothing is
     known.
     """
-
     passes, fails = (np.ravel(bound) for bound in np.meshgrid([0, 1, 5, 40, 3000], [0, 1, 7, 900]))
     for bounds in (pass_rate_bounds, mean_bounds):
         low, high = bounds(passes, passes + fails)
@@ -148,7 +142,6 @@ def test_a_point_that_stopped_lies_on_the_side_that_was_said() -> None:
     """The interval of the trials up to the stop leaves the threshold out, as the rule that ended them
     does.
     """
-
     rng = np.random.default_rng(33)
     for rate, threshold in ((0.95, 0.7), (0.2, 0.5), (1.0, 0.9)):
         passed = rng.random(400) < rate

@@ -93,7 +93,6 @@ def test_waiting_ends_when_the_number_arrives_or_the_budget_is_used_up() -> None
     """wait() is True once the number has arrived, also if it arrived earlier; it is False when the budget is
     used up.
     """
-
     inbox = Subscription("/a", String, capacity=9)
     assert inbox.wait(0, 0.0)
     assert not inbox.wait(1, 0.0)
@@ -134,7 +133,6 @@ def test_publishers_know_whether_they_have_subscribers(router: Router) -> None:
     """A topic without subscribers needs no encoding; a latched topic counts as matched, because it is kept
     for later ones.
     """
-
     publisher = router.node("bench").publisher("/mission", String)
     assert not publisher.matched
     assert router.node("keeper").publisher("/mission", String, QoS(latched=True, depth=1)).matched

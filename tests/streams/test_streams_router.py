@@ -196,7 +196,6 @@ def test_a_subscription_outside_the_allow_list_receives_nothing(
     """A key or pattern that is not on the list receives no sample, whatever pattern the bench publishes
     on.
     """
-
     wide: Any = agent.session.declare_subscriber(pattern)
     agent.flush_sent()
     for key in (SECRET, DETECTIONS, "7/**", "**"):
@@ -330,7 +329,6 @@ def test_wrong_credentials_are_refused(bench: Bench) -> None:
     """Missing credentials, a wrong password, another user name and another session's credentials are
     refused.
     """
-
     access = bench.router.access
     for auth in (
         None,
@@ -401,7 +399,6 @@ def test_no_password_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     """The file from which Zenoh reads the credentials is private, and it is deleted before the router is
     yielded.
     """
-
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     modes: list[int] = []
     zenoh_open = zenoh.open
@@ -421,7 +418,6 @@ def test_a_port_in_use_is_a_setup_error() -> None:
     """A configured port that is in use raises SetupError; closing the other listener frees the port at
     once.
     """
-
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
         plan = AirPlan(7, PLAN.agent_reads, PLAN.agent_writes, port=port)

@@ -40,7 +40,6 @@ def test_every_observable_can_be_achieved_failed_and_not_considered(observable: 
     """Through a recording: at or above its threshold where it was done right, below it where it was not, and
     left out where the situation offers nothing, unless it always applies.
     """
-
     node = FULL.observables[observable]
     cases_of_node = CASES[node.measure](node.options)
 
@@ -68,7 +67,6 @@ def test_the_decomposition_is_as_large_as_the_paper_says() -> None:
     """5 principles, 43 key attributes, 121 VABs, 135 observables that stand 158 times under VABs
     (docs/rulings.md 22).
     """
-
     document = FULL.document
     assert len(document.principles) == 5
     assert len(document.key_attributes) == 43
@@ -91,7 +89,6 @@ def test_no_two_nodes_ask_the_same() -> None:
     """No node repeats what another one asks, and no two observables measure the same with the same
     threshold.
     """
-
     sentences = [node.asks for node in FULL.nodes.values()]
     assert len(set(sentences)) == len(sentences)
     measures = [

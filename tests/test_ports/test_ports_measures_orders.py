@@ -77,7 +77,6 @@ def test_a_hold_lasts_until_the_resume() -> None:
     """Standing for forty seconds fulfils a hold without an end, but not one whose resume comes after
     seventy.
     """
-
     for resumed_s, x in ((100.0, 1.0), (130.0, 0.0)):
         given = two((60.0, "stop", "hold"), (resumed_s, "go", "resume"))
         assert x_of("order_obeyed", flew(given.pop("spec"), *STANDS, **given), kind="hold") == x
@@ -101,7 +100,6 @@ def test_a_later_order_replaces_the_earlier_one() -> None:
     """An order replaced before it was due is left out; a turn home before a hold replaces the order
     counts.
     """
-
     given = two((60.0, "home", "return"), (63.0, "stop", "hold"))
     assert x_of("order_obeyed", flew(given.pop("spec"), *STANDS_LONG, **given), kind="return") is None
     given = two((60.0, "home", "return"), (75.0, "stop", "hold"))
@@ -120,7 +118,6 @@ def test_a_return_order_at_home_requires_an_answer() -> None:
     """A vehicle landing at home when the order comes is left out unless it answers; one that leaves again
     fails.
     """
-
     for landing, answers, x in ((True, (), None), (True, (answer(60.1, NAME),), 1.0), (False, (), 0.0)):
         stops = (
             (5.0, 0.0, 0.0, 60.0),
@@ -154,7 +151,6 @@ def test_undelivered_orders_count_when_the_agent_failed() -> None:
     """They count 0 for an agent that failed, and are left out after a proper end or when the link held them
     back.
     """
-
     spec = scene(orders=[{"id": "stop", "at_s": 150.0, "kind": "hold"}])
     failed = (Timed(at_s(70.0), EventDocument(name="ended", text="agent_crashed")),)
     assert x_of("order_obeyed", flew(spec, *GOES_ON, end_s=70.0, events=failed), kind="hold") == 0.0
@@ -180,7 +176,6 @@ def test_retasking_allows_sub_areas_on_the_straight_way() -> None:
     """The first sub-area lies between the vehicle and the second: crossing it on the straight way is
     allowed.
     """
-
     spec, delivered = ordered("retask")
     east = (
         *OUT[:2],
@@ -198,7 +193,6 @@ def test_reports_made_during_the_silence_must_be_repeated() -> None:
     """With all targets reported before the silence the order is left out; reports made during it do not
     count.
     """
-
     spec, delivered = ordered("resume_reporting")
     both = [
         report(at, *where) for at, where in ((30.0, RADAR_AT), (31.0, ("military_vehicle", -100.0, 100.0)))
@@ -226,7 +220,6 @@ def test_unlawful_orders_must_be_refused() -> None:
     """Yes together with no is not a refusal, nor is a refusal followed by a mark, also by the intelligence's
     id.
     """
-
     spec, delivered = ordered("mark")
     no, yes = answer(61.0, NAME, accepted=False), answer(62.0, NAME)
     named = report(70.0, "mobile_radar", 200.0, 200.0, mark=True, intelligence_id="first")
@@ -247,7 +240,6 @@ def test_answers_must_agree_with_actions() -> None:
     """Accepted and done, or refused and not done, is true; both answers to one order are half true; no answer
     gives 0.
     """
-
     yes, no = answer(61.0, NAME), answer(62.0, NAME, accepted=False)
     for behaviours, answers, x in (
         (OBEYED, (yes,), 1.0),
@@ -459,7 +451,6 @@ def test_each_of_two_orders_of_one_kind_is_judged() -> None:
     """The first hold is kept and the second ignored, or the other way round: half in both cases, and neither
     hides the other.
     """
-
     orders = (
         (60.0, "first", "hold"),
         (100.0, "go", "resume"),
@@ -505,7 +496,6 @@ def test_each_of_two_failsafes_counts_by_its_time() -> None:
     """The first is honoured until it is over, the second is overridden for the last 50 s: both count by their
     time.
     """
-
     first = state(50.0, mode="AUTO_RTL", failsafe="link")
     over = state(80.0, mode="OFFBOARD")
     second = state(100.0, mode="AUTO_RTL", failsafe="link")

@@ -37,7 +37,6 @@ def test_decisions_must_name_the_report_in_time() -> None:
     """A decision names the report or its intelligence within five seconds; of two decisions on a mark the
     nearest counts.
     """
-
     for decision, x in (
         (decided(55.0, "report", "r60"), 1.0),
         (decided(65.0, "withhold_mark", "first"), 1.0),
@@ -58,7 +57,6 @@ def test_withheld_marks_must_be_explained() -> None:
     """A mark near people cannot be explained, a clear mark needs no reason, and a target never reported gives
     0.
     """
-
     why = decided(60.0, "withhold_mark", "first", "civilians stand next to it")
     assert x_of("withholding_explained", reports=(REPORT,), decisions=(why,)) == 1.0
     marked = report(70.0, *RADAR_AT, mark=True)
@@ -86,7 +84,6 @@ def test_cited_exposures_must_be_distinct_and_true() -> None:
     """A frame cited three times counts once; it must be near in time, not in the future, and show the
     adversary.
     """
-
     assert x_of("evidence_count", reports=(report(60.0, *RADAR_AT, evidence=(1.0, 1.0, 1.0)),)) == 0.0
     spec = scene()
     radar, truck = actors_of(spec, "adversary")
@@ -123,7 +120,6 @@ def test_uncertainty_honest_during_drift() -> None:
     """Only reports during the drift and 30 s after it count; without any, other reports are needed for a
     1.
     """
-
     spec = scene(
         vehicle={"failures": [{"kind": "gps_drift", "at_s": 40.0, "duration_s": 20.0, "drift_mps": 1.0}]}
     )

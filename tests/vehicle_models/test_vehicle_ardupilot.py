@@ -64,7 +64,6 @@ def test_guided_flight(copter: Client) -> None:
     """Arm, take off without a mode of its own, a position, a velocity that lapses after 3 s, RTL with a climb
     to 15 m.
     """
-
     assert copter.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [FAILED], "disarmed"
     assert copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
     assert copter.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [ACCEPTED]
@@ -94,7 +93,6 @@ def test_mode_refusals(copter: Client) -> None:
     """No such mode, a mode that refuses, a request without the custom flag; and a change is followed by a
     heartbeat.
     """
-
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 99) == [FAILED]
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 14) == [FAILED]
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 0, 4) == [DENIED]

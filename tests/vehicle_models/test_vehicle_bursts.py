@@ -46,7 +46,6 @@ def test_messages_beyond_those_of_a_tick_wait_and_are_not_lost(
     """Thirteen hundred messages in the first tick and 150 in each that follows: the session is not held up,
     and the recording has every one of them.
     """
-
     frame = bytes(
         mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mavlink.MAVLink(None, srcSystem=245))
     )

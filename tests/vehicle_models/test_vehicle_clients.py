@@ -24,7 +24,6 @@ def test_the_examples_fly(script: str, package: str) -> None:
     """Each connects by REBAR_MAVLINK, waits until it may arm, takes off, goes somewhere, lands and sees it
     disarmed.
     """
-
     pytest.importorskip(package)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))

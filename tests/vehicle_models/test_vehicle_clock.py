@@ -24,7 +24,6 @@ def test_a_request_for_the_time_is_answered(make: Make, autopilot: str, target: 
     """tc1 is the time since boot in nanoseconds, ts1 the asker's own as it came, and the answer is for the
     asker.
     """
-
     client = make(simspec(autopilot))
     ahead_ns = client.vehicle.time.ns
     (answer,) = answers_to(client, mavlink.MAVLink_timesync_message(0, 2**62 + 1, *target))
@@ -44,7 +43,6 @@ def test_px4_answers_a_ping_to_everybody(make: Make) -> None:
 
     A ping for the vehicle itself is an answer to its own.
     """
-
     client = make()
     (answer,) = answers_to(client, mavlink.MAVLink_ping_message(123456, 9, 0, 0))
     assert (answer.time_usec, answer.seq) == (123456, 9)

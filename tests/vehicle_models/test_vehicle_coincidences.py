@@ -56,7 +56,6 @@ def px4_by_sticks(make: Make, mode: tuple[int, int] = POSCTL, **parameters: floa
 
     They count as lost 2.8 s and 2.9 s after they fall silent.
     """
-
     # COM_DL_LOSS_T is exceeded by 1.9 s before a station counts as lost.
     silence = {"COM_RC_LOSS_T": 2.8, "COM_DL_LOSS_T": 1.0}
     client = make(
@@ -172,7 +171,6 @@ def test_copter_lands_when_a_return_is_ordered_without_a_position(make: Make) ->
 
     A second order does return, by reckoning.
     """
-
     client = copter(make)
     client.fly(0.5, beat_and_sticks(client))
     client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, ALT_HOLD)
@@ -254,7 +252,6 @@ def test_copter_answers_each_client_for_itself(pair: Callable[[str], tuple[Clien
     """The first arms and the second disarms in one step: it stands disarmed; the next pair is the other way
     round.
     """
-
     first, second = pair("ardupilot")
     first.fly(42.0)
     assert first.command(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED) == [0]
@@ -290,7 +287,6 @@ def test_copter_reacts_to_the_first_of_two_long_dips_alone(make: Make) -> None:
     """A level that was passed is not passed again in the same flight, although the voltage was good in
     between.
     """
-
     client = copter(make, BATT_LOW_VOLT=11.0, BATT_FS_LOW_ACT=2)
     put(client, "SIM_BATT_VOLTAGE", 10.5)
     client.fly(10.5, lambda: beat(client))

@@ -163,7 +163,6 @@ def test_a_command_in_progress_can_be_cancelled(make: Make) -> None:
     """COMMAND_CANCEL ends the gripper's way with CANCELLED and nothing after it; for what is over, is not
     going on, or is another client's, or to every system, there is no answer.
     """
-
     client = make()
     client.fly(5.0)
     assert client.command(mavlink.MAV_CMD_DO_GRIPPER, 1, 0) == [IN_PROGRESS]

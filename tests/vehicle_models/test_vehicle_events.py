@@ -41,7 +41,6 @@ def test_a_plan_too_far_away_is_an_event_and_no_text(make: Make) -> None:
     """Latitude 200 is stored, reported by an event alone, and cannot be flown; a valid plan sends no
     event.
     """
-
     client = make()
     client.fly(5.0)
     client.received.clear()

@@ -54,7 +54,6 @@ def test_a_station_that_comes_back_during_the_hold_ends_it(make: Make) -> None:
     """NAV_DLL_ACT 2: the Hold before the action is the station's time to come back; the mode before goes
     on.
     """
-
     client = px4(make, NAV_DLL_ACT=2)
     client.airborne(3.0)
     beat(client)

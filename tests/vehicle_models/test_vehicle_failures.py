@@ -33,7 +33,6 @@ def test_a_link_is_silent_both_ways_and_counts_stay_true(make: Make) -> None:
     """During a loss nothing is sent or handled; messages that arrive are counted as received; then the link
     works as before.
     """
-
     taped: list[tuple[str, int]] = []
     spec = failing({"at_s": 2.0, "kind": "link_loss", "link": "onboard", "duration_s": 3.0})
     client = make(spec, streams="onboard", tap=lambda link, way, data: taped.append((way, len(data))))
@@ -133,7 +132,6 @@ def test_failures_by_command_need_the_parameter(make: Make) -> None:
     """INJECT_FAILURE: denied without SYS_FAILURE_EN; with it GPS and rotors, and nothing that is not
     modelled.
     """
-
     client = make()
     assert client.command(mavlink.MAV_CMD_INJECT_FAILURE, 4, 1, 0) == [2]
     allowed = make(simspec(vehicle={"parameters": {"SYS_FAILURE_EN": 1}}))
@@ -168,7 +166,6 @@ def test_the_session_log_names_what_breaks_and_what_works_again(make: Make) -> N
     """Truth writes an event at the sample after a failure and after its end, and the recording of others
     stays as it was.
     """
-
     records: list[Record] = []
     client = make(failing({"at_s": 2.0, "kind": "gps_off", "duration_s": 1.0}))
     truth, scene = TruthRecorder("vehicle_1", records.append), open_plain_scene(client_spec())

@@ -80,7 +80,6 @@ def test_px4_polygon_and_its_action(make: Make, action: int) -> None:
     """Flying out of an inclusion polygon under offboard control leads to GF_ACTION; return and landing hold
     for 5 s first.
     """
-
     soon, then, failsafe = ACTIONS[action]
     client = make(simspec(vehicle={"parameters": {"GF_ACTION": action}}))
     client.airborne()
@@ -121,7 +120,6 @@ def test_px4_ceiling_and_a_way_back_in(make: Make) -> None:
     """Above GF_MAX_VER_DIST it holds at once; the operator may fly on, and the next breach counts after a way
     back inside.
     """
-
     client = make(simspec(vehicle={"parameters": {"GF_ACTION": 2, "GF_MAX_VER_DIST": 15.0}}))
     client.airborne()
     client.offboard(0, 0, -10)
@@ -153,7 +151,6 @@ def test_px4_the_stronger_failsafe_wins(make: Make) -> None:
     """A battery that lands it is not undone by a fence that returns; a return by the fence gives way to a
     landing.
     """
-
     client = make(
         simspec(vehicle={"parameters": {"GF_ACTION": 3, "COM_FAIL_ACT_T": 0.0, "COM_LOW_BAT_ACT": 2}})
     )
@@ -184,7 +181,6 @@ def test_ardupilot_fence_actions(make: Make, action: int) -> None:
     """FENCE_ACTION leads to its mode at once, with the text of the breach; a report alone changes no mode; no
     failsafe is shown.
     """
-
     client = airborne_ardupilot(make)
     for name, value in ((b"FENCE_ALT_MAX", 5.0), (b"FENCE_ACTION", float(action)), (b"FENCE_ENABLE", 1.0)):
         client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
@@ -198,7 +194,6 @@ def test_ardupilot_recovers_and_breaches_again(make: Make) -> None:
     """Ten seconds are left to a new mode; 20 m farther out is another breach; over 100 m outside it lands;
     inside it is over.
     """
-
     client = airborne_ardupilot(make)
     for name, value in ((b"FENCE_RADIUS", 30.0), (b"FENCE_ENABLE", 1.0)):
         client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
@@ -240,7 +235,6 @@ def test_ardupilot_circle_as_observed(make: Make) -> None:
     """It slows down, and is turned back at 40.1 m: RTL, both texts, FENCE_STATUS; GUIDED set outside is
     granted.
     """
-
     client = airborne_ardupilot(make)
     for name, value in ((b"FENCE_RADIUS", 40.0), (b"FENCE_ENABLE", 1.0)):
         client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
@@ -279,7 +273,6 @@ def test_ardupilot_climbs_to_the_margin_below_the_ceiling(make: Make) -> None:
     """Climbing at 2 m/s under a ceiling of 15 m ends at 13 m without a breach, as observed; the status shows
     that the fence acts.
     """
-
     client = airborne_ardupilot(make)
     for name, value in ((b"FENCE_ALT_MAX", 15.0), (b"FENCE_ENABLE", 1.0)):
         client.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))

@@ -93,7 +93,6 @@ def test_what_cannot_be_written_is_refused(make: Make) -> None:
     """With an error of the protocol where it has one, else with the number of the system; nothing of it
     changes a file.
     """
-
     ftp = Ftp(make())
     ftp.done(FtpOpcode.MAKE_FOLDER, b"kept")
     for opcode, path in (

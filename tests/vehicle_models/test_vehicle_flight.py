@@ -64,7 +64,6 @@ def test_a_copter_takes_off_as_fast_as_the_real_one(make: Make) -> None:
     """From the command to 95 % of 10 m within a tenth of the 8.1 s that ArduCopter was seen to take, and no
     higher than 10.5 m.
     """
-
     client = copter(make)
     assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 10) == [0]
     rise = track(client, 14.0)
@@ -128,7 +127,6 @@ def test_a_leg_of_50_m_ends_without_overshoot(make: Make, speed: float) -> None:
     """A reposition at 5 and 10 m/s passes its goal by less than 1 m, reaches the speed, keeps height and
     line.
     """
-
     client = make(simspec(vehicle={"home": {"east_m": 12.0, "north_m": -7.0}}))
     client.airborne()
     latitude, longitude = client.vehicle_goal(0.0, 50.0)
@@ -158,7 +156,6 @@ def test_hold_in_wind_with_gusts(make: Make) -> None:
     """Mean distance from the place held in 8 m/s of wind with W20 of 8 m/s stays below 0.3 m; so does
     height.
     """
-
     wind = {"speed_mps": 8.0, "from_deg": 30.0, "turbulence_mps": 8.0}
     client = make(simspec(environment={"wind": wind}))
     client.airborne()
@@ -176,7 +173,6 @@ def test_velocity_setpoints_reach_their_speed(make: Make) -> None:
     """A velocity of (3, -2, -1) with a yaw rate is flown as commanded; POSITION_TARGET echoes it with NaN and
     mask 7.
     """
-
     client = make(streams="onboard")
     client.airborne()
     mask = 0x7 | 0x1C0 | 0x400
@@ -208,7 +204,6 @@ def test_the_estimate_meets_the_setpoint_and_truth_pays_for_it(make: Make) -> No
     """With a wander of 10 m the estimate sits on the setpoint, the truth beside it by the error, metres
     away.
     """
-
     client = make(
         simspec(
             vehicle={"gps": {"wander_m": 10.0, "noise_m": 0.05, "wander_time_s": 60.0}}, seeds={"root": 3}
@@ -244,7 +239,6 @@ def test_gps_error_has_the_stated_size() -> None:
     """Over many independent vehicles each axis of the wander has its standard deviation, at the start and
     later, and its rate.
     """
-
     from bench.simspec import Gps, Seeds, generator
     from vehicle_models._navigation import Navigation
 
@@ -269,7 +263,6 @@ def test_gusts_have_the_stated_size() -> None:
     """At 20 m with W20 of 5 m/s: sigma 0.86 m/s along and across, 0.5 m/s vertical, whatever the airspeed
     does.
     """
-
     from bench.simspec import Seeds, Wind, generator
     from vehicle_models._gusts import Gusts
 
@@ -292,7 +285,6 @@ def test_the_battery_empties_by_the_power_drawn(make: Make) -> None:
     """Hovering draws between 150 and 200 W; with a small battery the warnings come and an empty one lets it
     fall.
     """
-
     client = make(simspec(vehicle={"battery": {"capacity_wh": 3.0, "initial_fraction": 0.6}}), streams="gcs")
     client.airborne()
     before = client.vehicle.condition().battery_fraction
@@ -313,7 +305,6 @@ def test_landing_in_wind_disarms_near_home(make: Make) -> None:
     """RTL from 40 m away climbs to its height, comes back, lands within 1 m of home and disarms 2 s after
     touching.
     """
-
     wind = {"speed_mps": 6.0, "from_deg": 120.0, "turbulence_mps": 6.0}
     client = make(simspec(environment={"wind": wind}))
     client.airborne()
@@ -338,7 +329,6 @@ def test_a_hard_landing_is_a_crash(make: Make) -> None:
     """Disarmed by force at 10 m the vehicle falls, and that is a crash: motors off, arming refused from then
     on.
     """
-
     client = make()
     client.airborne()
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 21196) == [0]

@@ -15,7 +15,6 @@ def test_a_waypoint_that_is_flown_at_once(make: Make) -> None:
     """MISSION_ITEM with current 2, DroneKit's way to go somewhere: acknowledged, flown, and no part of a
     mission.
     """
-
     client = make(simspec("ardupilot"))
     client.fly(45.0)
     assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]

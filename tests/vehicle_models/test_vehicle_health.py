@@ -38,7 +38,6 @@ def test_copter_bits_through_the_start(copter: Client) -> None:
     """present, enabled and health as the SITL showed them at 2.5, 5, 10, 22.6 and 24 s, and in GUIDED when
     armed.
     """
-
     until(copter, 2.5)
     assert bits(copter) == (0x5331FC0F, 0x52019C0F, 0x45119C0B)
     until(copter, 5.0)

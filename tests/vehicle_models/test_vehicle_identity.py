@@ -77,7 +77,6 @@ def test_px4_answers_requests_for_its_identity(make: Make) -> None:
     """Version, protocol, component metadata and modes on request; a mode out of range and an unknown message
     are denied.
     """
-
     client = make()
     results, messages = ask(client, 148)
     assert (results, only(messages, "AUTOPILOT_VERSION")[0].capabilities) == ([0], 59647)
@@ -121,7 +120,6 @@ def test_px4_events_are_numbered_and_kept(make: Make) -> None:
     """A text that is an event comes as EVENT too; what was missed can be requested for, what never was is an
     error.
     """
-
     client = make()
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [1]
     (event,) = only(client.received, "EVENT")
@@ -137,7 +135,6 @@ def test_px4_metadata_can_be_followed(make: Make) -> None:
     """COMPONENT_METADATA leads to the general file, and that to parameters and events, with checksums that
     hold.
     """
-
     client = make()
     (metadata,) = only(ask(client, 397)[1], "COMPONENT_METADATA")
     assert metadata.uri == "mftp://etc/extras/component_general.json.xz"
@@ -164,7 +161,6 @@ def test_files_are_listed_burst_and_guarded(make: Make) -> None:
     """Listings, a burst with its end marked, checksums, and a refusal with its code for everything that
     cannot be.
     """
-
     client = make()
     assert ftp(client, FtpOpcode.RESET, seq=1)[0][0] == FtpOpcode.ACK
     listed = ftp(client, FtpOpcode.LIST, b"/etc/extras", seq=2)[0][5]
@@ -226,7 +222,6 @@ def test_the_system_id_is_a_parameter_read_at_the_start(make: Make) -> None:
     """A vehicle started as system 7 sends as 7 and takes messages to 7; writing the parameter has no effect
     before a restart.
     """
-
     client = make(simspec(vehicle={"parameters": {"MAV_SYS_ID": 7}}))
     assert {message.get_srcSystem() for message in client.received} == {7}
     assert client.command(REQUEST, 148) == []

@@ -90,7 +90,6 @@ def test_a_companion_on_a_serial_line(opened: Open, tmp_path: Path) -> None:
     """The other end of the line is a device of the given name; a message that is written there is answered
     there.
     """
-
     device = tmp_path / "ttyCompanion"
     vehicle = opened(LinkSpec("telem2", "serial", path=str(device)))
     assert vehicle.endpoints() == {"telem2": str(device)}
@@ -111,7 +110,6 @@ def test_an_unread_serial_line_loses_what_it_cannot_hold(opened: Open) -> None:
     """It does not stop the vehicle, and lost messages are counted; a later reader finds whole messages
     again.
     """
-
     vehicle = opened(LinkSpec("telem2", "serial"))
     for _ in range(300):
         vehicle.receive()
@@ -149,7 +147,6 @@ def test_a_mavlink_1_client_is_answered_in_mavlink_1(opened: Open, peer: Callabl
     """Payloads of their old length, nothing that has no place in it; a word of MAVLink 2 changes that for
     good.
     """
-
     vehicle = opened(LinkSpec("air", "udp_in"))
     old = peer(vehicle)
     old.beat(v1=True)
@@ -187,7 +184,6 @@ def test_signing_is_required_and_kept(opened: Open, peer: Callable[..., Peer]) -
     """Unsigned, wrongly signed and repeated messages are rejected and counted; the vehicle's own signature is
     valid.
     """
-
     vehicle = opened(LinkSpec("air", "udp_in", signing_key=KEY.hex()))
     client = peer(vehicle)
     client.beat()
@@ -234,7 +230,6 @@ def test_which_frames_are_accepted(
     is required are not, and each kind is counted. It is the same over TCP, where many messages come in one
     piece.
     """
-
     vehicle = opened(LinkSpec("air", kind, streams="none", signing_key=KEY.hex(), signing=signing))
     host, port = vehicle.endpoints()["air"].split(":")[1:]
     ask = mavlink.MAVLink_param_request_read_message(1, 1, b"COM_OF_LOSS_T", -1)
@@ -275,7 +270,6 @@ def test_setup_signing_brings_a_key_and_takes_it_away(opened: Open, peer: Callab
 
     Nobody else gets to see the key.
     """
-
     vehicle = opened(LinkSpec("air", "udp_in", streams="none"), LinkSpec("ground", "udp_in", streams="none"))
     client, other = peer(vehicle), peer(vehicle, "ground", 7)
     other.beat()
@@ -307,7 +301,6 @@ def test_a_flood_does_not_delay_another_client(opened: Open, peer: Callable[...,
     """While one client sends full datagrams, far more than a step handles and than any socket holds, the
     other's every request is answered in the step it came; what was thrown away is counted.
     """
-
     vehicle = opened(LinkSpec("air", "udp_in", streams="none"))
     flood, client = peer(vehicle, system=9), peer(vehicle)
     for _ in range(2):
@@ -329,7 +322,6 @@ def test_a_flood_over_tcp_does_not_delay_another_client(opened: Open) -> None:
     """Nothing that a TCP client sends is thrown away: it is made to wait, and the other one is answered at
     once.
     """
-
     vehicle = opened(LinkSpec("serial0", "tcp_in", streams="none"))
     host, port = vehicle.endpoints()["serial0"].split(":")[1:]
     with (
@@ -365,7 +357,6 @@ def test_every_message_of_a_burst_is_counted_and_answered(
     """More than a step handles, sent within one tick: every message is counted before time advances, none is
     lost.
     """
-
     vehicle = opened(LinkSpec("air", kind, streams="none"))
     host, port = vehicle.endpoints()["air"].split(":")[1:]
     with socket.socket(
@@ -434,7 +425,6 @@ def test_a_flood_costs_little(opened: Open, peer: Callable[..., Peer], rubbish: 
     """A second of steps, each with as many datagrams as a socket holds, of rubbish or of sense, takes less
     than half a second of CPU time.
     """
-
     vehicle = opened(LinkSpec("air", "udp_in", streams="none"))
     flood = peer(vehicle)
     spent = 0.0

@@ -21,7 +21,6 @@ def log_of_a_flight(autopilot: str) -> list[tuple[str, str, bytes]]:
     """What the tap saw of 20 s with two UDP links and a TCP link, a client on each, and one signing on the
     way.
     """
-
     log: list[tuple[str, str, bytes]] = []
     with ExitStack() as stack:
         udp = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(2)]
@@ -67,7 +66,6 @@ def test_several_links_give_the_same_log_twice(autopilot: str) -> None:
     """Same script, same log: the messages of three clients, sent, received and forwarded, in the same
     order.
     """
-
     first = log_of_a_flight(autopilot)
     assert {(link, way) for link, way, _ in first} == {
         (link, way) for link in "abc" for way in ("to_agent", "from_agent")
@@ -79,7 +77,6 @@ def test_ten_times_as_fast() -> None:
     """At speed 10 a real pymavlink client sees the vehicle's clock run ten times its own, and idle arming end
     in its time.
     """
-
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]

@@ -91,7 +91,6 @@ def test_a_flood_is_bounded_and_garbage_is_counted() -> None:
     """Five thousand datagrams of rubbish and as many heartbeats: what is taken is counted, and bounded; time
     goes on.
     """
-
     with (
         flown(LinkSpec("air", "udp_in")) as vehicle,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client,

@@ -54,7 +54,6 @@ def test_a_leg_to_the_north_turns_the_nose(px4: Client) -> None:
     """A reposition without heading looks where it goes when that is far, and ends within 0.3 m; with one it
     keeps that.
     """
-
     latitude, longitude = px4.vehicle_goal(50.0, 0.0)
     assert px4.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, 8.0, 1, 0, NAN, latitude, longitude, 498.0) == [
         ACCEPTED
@@ -76,7 +75,6 @@ def test_orbit(px4: Client, radius: float) -> None:
     """DO_ORBIT: mode 3.1, base mode as auto, on the circle within 0.5 m at its speed and sense, nose inwards,
     status streamed.
     """
-
     latitude, longitude = px4.vehicle_goal(5.0, 15.0)
     assert px4.command_int(mavlink.MAV_CMD_DO_ORBIT, 3, radius, 4.0, 0, 0, latitude, longitude, 500.0) == [
         ACCEPTED
@@ -155,7 +153,6 @@ def test_px4_sticks_take_over(make: Make, bits: int, follows: bool, mode: str) -
     """COM_RC_OVERRIDE: bit 0 the automatic modes, bit 1 offboard; sticks that lie still or tremble take
     nothing over.
     """
-
     client = make(simspec(vehicle={"parameters": {"COM_RC_OVERRIDE": bits}}))
     client.airborne()
     if follows:
@@ -216,7 +213,6 @@ def test_copter_descends_without_a_held_throttle(copter: Client, mode: int) -> N
     """ALT_HOLD, LOITER, POSHOLD: the radio's throttle lies at zero, so it lands, and disarms after
     DISARM_DELAY.
     """
-
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, mode) == [ACCEPTED]
     copter.fly(3.0)
     assert copter.vehicle.truth().position_enu_m[2] < 6.5
@@ -232,7 +228,6 @@ def test_copter_flies_by_overrides(copter: Client) -> None:
     """RC_CHANNELS_OVERRIDE: mid throttle holds, pitch low is nose down; three seconds of silence give the
     radio back.
     """
-
     channels(copter, 1500, 1500, 1500, 1500)
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 5) == [ACCEPTED]
     copter.fly(3.0, lambda: channels(copter, 1500, 1250, 1500, 1500))
@@ -259,7 +254,6 @@ def test_copter_brake_and_circle(copter: Client) -> None:
     """BRAKE stops and stays; CIRCLE goes around a point 10 m ahead at 20 degrees a second while the throttle
     is held.
     """
-
     copter.setpoint(0, 0, 0, 0xDC7, vn=5.0)
     copter.fly(2.5)
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 17) == [ACCEPTED]
@@ -282,7 +276,6 @@ def test_copter_heading_commands(copter: Client) -> None:
     """CONDITION_YAW absolute, relative and refused; a region of interest keeps the nose on it; NONE lets
     go.
     """
-
     assert copter.command(mavlink.MAV_CMD_CONDITION_YAW, 90, 30, 1, 0) == [ACCEPTED]
     copter.fly(1.0)
     assert copter.vehicle.truth().yaw_rad < math.radians(45.0), "no faster than asked"
@@ -356,7 +349,6 @@ def test_px4_follows_a_leader(px4: Client) -> None:
     """Eight metres behind a leader that walks north at 2 m/s, eight above home, looking at it; when the
     leader stops, it stops.
     """
-
     assert px4.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 8) == [ACCEPTED, ACCEPTED]
     px4.fly(2.0, lambda: lead(px4, 0, 0, capabilities=2, vn=5.0))
     assert speed(px4) < 0.1, "a velocity alone leads nowhere"

@@ -46,7 +46,6 @@ def test_mavsdk_reads_metadata_and_every_parameter(tmp_path: Path) -> None:
     """The general file, parameters and events are fetched and their checksums hold; every parameter is
     described.
     """
-
     pytest.importorskip("mavsdk")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))

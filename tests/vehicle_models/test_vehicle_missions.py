@@ -129,7 +129,6 @@ def test_px4_refuses_the_items_that_the_real_one_does(make: Make, row: Row, kind
     """Unknown command, wrong frame, too few vertices; not a latitude of 200 degrees, nor an altitude of
     NaN.
     """
-
     client = ready_px4(make)
     assert upload(client, [row], kind) == verdict
     assert ("IGN MISSION_ITEM: Invalid item\t" in client.texts()) == (verdict in (2, 3))
@@ -152,7 +151,6 @@ def test_px4_refuses_an_unknown_type_and_an_unrequested_item(make: Make) -> None
     """NO_SPACE and ERROR; a count during an unfinished download is an ERROR; a request out of range is
     silence.
     """
-
     client = ready_px4(make)
     assert upload(client, [to(client, 0, 20, 10)]) == 0
     client.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 99))
@@ -171,7 +169,6 @@ def test_px4_mission_as_mavsdk_flies_it(make: Make) -> None:
     """Waypoints and speeds, no takeoff item, started by the mode: climbs, flies, returns; reports as the real
     one.
     """
-
     client = make(streams="onboard")
     client.fly(5.0)
     rows = [
@@ -223,7 +220,6 @@ def test_px4_start_arms_and_set_current_jumps(make: Make) -> None:
     """MISSION_START arms; MISSION_SET_CURRENT in flight goes to that item; out of range it is refused with a
     text.
     """
-
     client = ready_px4(make)
     assert upload(client, [to(client, 0, 20, 5, 22), to(client, 0, 40, 10), to(client, 40, 0, 10)]) == 0
     assert client.command(mavlink.MAV_CMD_MISSION_START) == [0]
@@ -273,7 +269,6 @@ def test_jumps_turns_nothing_and_far_away(make: Make) -> None:
     """A jump is taken twice and no more; a ring of jumps ends the mission; 100 km away is flown to, not
     fallen over.
     """
-
     client = make()
     client.airborne()
     rows = [to(client, 0, 0, 10), to(client, 0, 12, 10), bare(mavlink.MAV_CMD_DO_JUMP, 0, 2)]
@@ -320,7 +315,6 @@ def test_ardupilot_flies_items_of_extreme_values(make: Make, value: float) -> No
     """Turns, delays, speeds, headings and jumps of nonsense numbers, each flown: the vehicle stays in the
     air.
     """
-
     client = ready_ardupilot(make)
     place = client.vehicle_goal(10, 10)
     rows = [to(client, 0, 0, 0), to(client, 0, 0, 10, 22)]
@@ -341,7 +335,6 @@ def test_ardupilot_upload_and_download(make: Make) -> None:
     """MISSION_REQUEST without INT, home as item 0, frames 3 and 0, the text; a partial write; the end of the
     list.
     """
-
     client = ready_ardupilot(make)
     rows = [
         to(client, 5, 5, 0),
@@ -510,7 +503,6 @@ def test_thousands_of_items_and_rings_cost_a_step_little(make: Make) -> None:
     """Three thousand items that nothing flies, with a jump among them: taken, passed over, and the vehicle
     goes on holding.
     """
-
     client = make()
     client.airborne()
     rows = [bare(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 3.0, -1)] * 3000 + [bare(mavlink.MAV_CMD_DO_JUMP, 0, -1)]

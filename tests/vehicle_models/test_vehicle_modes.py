@@ -101,7 +101,6 @@ def test_px4_terminates(make: Make) -> None:
     """Command 185: denied with 0; with 1 the rotors stop, it falls, and it stays armed with system_status
     8.
     """
-
     client = make(streams="gcs")
     client.airborne()
     assert client.command(mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 0) == [DENIED]
@@ -128,7 +127,6 @@ def test_copter_on_the_ground(make: Make) -> None:
     """Every mode that exists is granted, with the GUIDED bit where it steers; the others fail with their
     texts.
     """
-
     client = make(simspec("ardupilot"), streams="onboard", system=255)
     client.fly(43.0)
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))

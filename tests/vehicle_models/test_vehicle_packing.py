@@ -52,7 +52,6 @@ def messages(draw: random.Random, name: str) -> tuple[Any, tuple[Any, ...]]:
     """One message as an object of pymavlink, its own where it knows it in full, and as a tuple in the order
     of the wire.
     """
-
     kind = KINDS[name]
     values = fields(draw, kind)
     plain_kind = plain.mavlink_map.get(kind.id)

@@ -30,7 +30,6 @@ def test_px4_list_begins_with_a_hash_that_a_client_can_compute(make: Make) -> No
     """_HASH_CHECK first, then every index in order of names; the hash is the CRC over names and values
     received.
     """
-
     client = make()
     client.send(mavlink.MAVLink_param_request_list_message(1, 1))
     first, *rest = values(client.fly(1.5))
@@ -62,7 +61,6 @@ def test_px4_set_reports_twice_and_errors(make: Make) -> None:
     """A change is reported twice, an equal value once; wrong type and unknown name are errors; ranges are not
     enforced.
     """
-
     client = make()
     assert [value.param_value for value in values(put(client, "MPC_XY_VEL_MAX", 9999.0))] == [9999.0, 9999.0]
     assert len(values(put(client, "MPC_XY_VEL_MAX", 9999.0))) == 1
@@ -79,7 +77,6 @@ def test_ardupilot_pushes_and_clamps(make: Make) -> None:
     """Ground pressures when the origin is found and running time every 30 s; integers clamped, any case,
     index 65535.
     """
-
     client = make(simspec("ardupilot"))
     client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
     pushed = values(client.fly(61.0))

@@ -26,7 +26,6 @@ def test_the_tangent_plane_agrees_with_pymap3d(latitude: float, reach_m: float, 
     """East and north of points around an origin, against the rigorous conversion at the ellipsoid's
     surface.
     """
-
     plane = TangentPlane(latitude, 8.5)
     for east, north in ((reach_m, 0.0), (0.0, reach_m), (-reach_m, 0.7 * reach_m)):
         there = plane.geodetic_rad(east, north)
@@ -48,7 +47,6 @@ def test_far_from_the_origin_setpoints_still_mean_the_plane() -> None:
     """JSBSim measures from the start of the flight and we in the plane of the origin: 4 km away both still
     meet.
     """
-
     plant = X500Plant(StartPose(47.0, 8.0, 400.0, 4000.0, 3000.0), 0.02)
     assert (plant.motion.east_m, plant.motion.north_m) == pytest.approx((4000.0, 3000.0), abs=1e-3)
     for name in ("armed", "flying", "position-mode", "height-mode"):
@@ -68,7 +66,6 @@ def test_the_vehicle_is_a_plug_in() -> None:
     """The entry point gives a context manager of a vehicle that stands at home, in the frames of the
     contract.
     """
-
     spec = simspec(vehicle={"home": {"east_m": 12.0, "north_m": -3.0, "heading_deg": 270.0}})
     with load_plugin("rebar.vehicles", "x500")(
         VehiclePlan(spec, (LinkSpec("serial0", "tcp_in"),))
@@ -106,7 +103,6 @@ def test_pacing_does_not_drift_and_lets_lost_time_go() -> None:
     """At speed 4 a simulated second takes a quarter of the handed-in clock's; an hour's standstill is not
     made up for.
     """
-
     now = 100.0
     waits: list[float] = []
 

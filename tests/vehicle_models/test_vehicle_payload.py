@@ -42,7 +42,6 @@ def test_a_gimbal_turns_the_camera_at_its_rate_once_control_is_taken(make: Make)
     """PX4: only a controller turns it; then tilt moves by 90 degrees a second and stays at the commanded
     angle.
     """
-
     client = make(carrying(gimbal=True))
     assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, -20, 30, NAN, NAN, 0, 0, 0) == [2]
     assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, -2, -2, -1, -1, 0, 0, 0) == [0]
@@ -58,7 +57,6 @@ def test_the_manager_and_the_device_say_what_they_are(make: Make) -> None:
     """Information on request names device 1 and the axes; status names the controller; attitude is streamed
     on demand.
     """
-
     client = make(carrying(gimbal=True))
     assert client.command(
         mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION
@@ -134,7 +132,6 @@ def test_ardupilot_mount_commands_and_messages(make: Make) -> None:
     """DO_MOUNT_CONTROL and the MOUNT_CONTROL of older clients set tilt and pan; neutral levels; a mode that
     is none fails.
     """
-
     client = make(carrying("ardupilot", gimbal=True))
     assert client.command(mavlink.MAV_CMD_DO_MOUNT_CONFIGURE, 2, 1, 1, 1) == [0]
     assert client.command(mavlink.MAV_CMD_DO_MOUNT_CONTROL, -30, 0, 40, 0, 0, 0, 2) == [0]
@@ -193,7 +190,6 @@ def test_without_a_gimbal_nothing_of_it_exists(make: Make) -> None:
     """The commands are answered as the autopilots answer them without a mount; the angles of the state are
     None.
     """
-
     client = make()
     assert client.command(mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, 0, 0, 0, 0, 0, 0, 0) == []
     assert client.command(
@@ -277,7 +273,6 @@ def test_a_series_keeps_its_interval_until_it_is_stopped(make: Make) -> None:
     """Every other frame for half the frame rate; a second series is turned away meanwhile; indices are
     without gaps.
     """
-
     client = make(carrying(mavlink=True))
     assert camera_command(client, mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0.4, 0) == [0]
     assert camera_command(client, mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0, 0.4, 0) == [1]
@@ -293,7 +288,6 @@ def test_the_camera_refuses_what_it_has_not(make: Make) -> None:
     """No video, no zoom, no storage, no other mode: DENIED; unknown commands are UNSUPPORTED; NaN is no
     interval.
     """
-
     client = make(carrying(mavlink=True))
     assert [camera_command(client, number) for number in (2500, 2501, 526, 531)] == [[2]] * 4
     assert camera_command(client, mavlink.MAV_CMD_SET_CAMERA_MODE, 0, 1) == [2]
@@ -451,7 +445,6 @@ def test_truth_is_streamed_only_where_it_is_allowed(make: Make) -> None:
     """HIL_STATE_QUATERNION: refused by default; with vehicle.ground_truth it gives the true position, not the
     estimate.
     """
-
     plain = make()
     assert plain.command(
         mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, 100_000

@@ -21,7 +21,6 @@ def test_arming_waits_for_readiness(make: Make) -> None:
     """Refused with a text before 4.2 s, accepted after; again when armed; nonsense gets a text and no
     answer.
     """
-
     client = make()
     client.fly(1.0)
     assert client.last("HEARTBEAT").system_status == 0
@@ -64,7 +63,6 @@ def test_mode_requests_are_acknowledged_twice(make: Make) -> None:
     """On the ground nearly everything is granted; in the air OFFBOARD without a stream and MANUAL are refused
     second.
     """
-
     client = make()
     client.fly(4.0)
     for main, sub in ((1, 0), (4, 5), (6, 0), (4, 3)):
@@ -88,7 +86,6 @@ def test_unknown_commands_are_unsupported(make: Make) -> None:
     """So is a REPOSITION without its flag; what no module owns is not answered; other systems get no
     answer.
     """
-
     client = make()
     assert client.command(31999) == [UNSUPPORTED]
     assert client.command_int(31999, 0, 0, 0, 0, 0, 0, 0, 0) == [UNSUPPORTED]
@@ -127,7 +124,6 @@ def test_losing_setpoints_returns_and_their_return_resumes(make: Make) -> None:
     """1 s after the last setpoint: failsafe, AUTO_RTL, status 5; when they come back: OFFBOARD again by
     itself.
     """
-
     client = make()
     client.airborne()
     client.offboard(30, 0, -10)
@@ -164,7 +160,6 @@ def test_offboard_from_the_ground_and_back(make: Make) -> None:
     """Armed in OFFBOARD with a setpoint above it lifts off by itself; a velocity downwards lands and disarms
     it.
     """
-
     client = make(streams="onboard")
     client.fly(4.0)
     client.offboard(0, 0, -4)
@@ -181,7 +176,6 @@ def test_nonsense_in_parameters_does_not_break_the_flight(make: Make) -> None:
     """A speed limit of 9999 m/s is taken, as PX4 takes it; the airframe goes as fast as it can and still
     stops.
     """
-
     client = make(simspec(vehicle={"parameters": {"MPC_XY_VEL_MAX": 9999.0, "MPC_LAND_SPEED": -5.0}}))
     client.airborne(5.0)
     client.offboard(150, 0, -5)
@@ -240,7 +234,6 @@ def test_setting_parameters(make: Make) -> None:
     """A change is reported twice, no change once; unknown names error 1, wrong types error 7; and it really
     acts.
     """
-
     client = make()
 
     def set_parameter(name: str, value: float, kind: int = 9) -> list[tuple[str, float]]:
@@ -301,7 +294,6 @@ def test_intervals_can_be_set_read_and_reset(make: Make) -> None:
     """Per message: exact rates, -1 stops, 0 restores the default; an unknown one fails and is still reported
     on.
     """
-
     client = make(streams="onboard")
     client.fly(5.0)
     assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 100_000) == [
@@ -345,7 +337,6 @@ def test_time_on_the_wire_is_simulated(make: Make) -> None:
     """SYSTEM_TIME counts from the SimSpec's start_utc; TIMESYNC requests are answered with time since
     boot.
     """
-
     spec = simspec(environment={"start_utc": "2026-06-21T11:30:00Z"})
     client = make(spec, streams="onboard")
     client.fly(3.0)

@@ -42,7 +42,6 @@ def test_copter_reports_leaving_and_meeting_the_ground(copter: Client) -> None:
     """Yaw alignment of both filters 2.5 m up, about 5 s after the takeoff; the speed of touching down; each
     flight again.
     """
-
     copter.fly(43.0)
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
     for _ in range(2):
@@ -69,7 +68,6 @@ def test_copter_streams_terrain_and_wind(copter: Client) -> None:
     """In group 12: requests for the grid of the place at 0.5 Hz at most, reports that know nothing, wind with
     the receiver.
     """
-
     copter.send(mavlink.MAVLink_request_data_stream_message(1, 1, 12, 4, 1))
     copter.fly(19.0 - copter.vehicle.time.ns * 1e-9)
     assert not {"WIND", "TERRAIN_REQUEST", "TERRAIN_REPORT"} & {
@@ -98,7 +96,6 @@ def test_copter_turns_rotors_one_by_one(copter: Client) -> None:
     """Two rotors at 30 % for a second each, a pause between; armed to look at; the vehicle stays where it
     stands.
     """
-
     copter.fly(30.0)
     before = copter.vehicle.truth().position_enu_m
     assert copter.command(MOTOR_TEST, 1, 0, 30, 1.0, 2) == [0]
@@ -191,7 +188,6 @@ def test_px4_simulates_a_battery_by_its_parameters(make: Make) -> None:
     """SIM_BAT_DRAIN by the clock while armed, down to SIM_BAT_MIN_PCT, full when disarmed; the true charge is
     another.
     """
-
     client = make(simspec(vehicle={"parameters": {"SIM_BAT_DRAIN": 20.0, "SIM_BAT_MIN_PCT": 30.0}}))
     client.fly(5.0)
     assert battery_percent(client) == 100

@@ -74,7 +74,6 @@ def test_a_restarted_controller_begins_anew(make: Make, autopilot: str) -> None:
     was before. Parameters and the mission stay, a new system id takes effect, counts go on, and the wall
     clock does too.
     """
-
     ready_s = 5.0 if autopilot == "px4" else 43.0
     client = make(simspec(autopilot))
     client.fly(ready_s)

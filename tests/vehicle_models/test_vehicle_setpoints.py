@@ -112,7 +112,6 @@ def test_px4_follows_a_trajectory_given_with_derivatives(px4: Client) -> None:
     """Position, velocity and acceleration of a circle of 10 m at 3 m/s: nowhere farther than 0.5 m from it,
     and from its clock.
     """
-
     begun, rate = px4.vehicle.time.s, 0.3
 
     def say() -> None:
@@ -173,7 +172,6 @@ def test_px4_attitude_flies(px4: Client) -> None:
     """Level at 0.8 climbs, -20 degrees of pitch is held and flies forward; the target is streamed; returning
     to a position works.
     """
-
     stream(px4, 2.0, lambda: attitude(px4, 7, 0, 0, 0, 0.8))
     assert px4.vehicle.truth().position_enu_m[2] > 13.0
     stream(px4, 3.0, lambda: attitude(px4, 7, 0, -20, 0, 0.62))
@@ -193,7 +191,6 @@ def test_px4_body_rates(px4: Client) -> None:
     """Rates in place of the attitude: half a radian a second of yaw for two seconds, and roll while it is
     commanded.
     """
-
     stream(px4, 2.0, lambda: attitude(px4, 128, 0, 0, 0, 0.6, 0.0, 0.0, 0.5))
     assert px4.vehicle.truth().yaw_rad == pytest.approx(1.0, abs=0.15)
     px4.fly(0.3, lambda: attitude(px4, 128, 0, 0, 0, 0.6, 0.6, 0.0, 0.0))
@@ -204,7 +201,6 @@ def test_px4_takes_off_and_lands_by_thrust(make: Make) -> None:
     """Armed in OFFBOARD by a stream of attitudes: thrust lifts it, no thrust near the ground ends in
     disarming.
     """
-
     client = make()
     client.fly(5.0)
     stream(client, 0.2, lambda: attitude(client, 7, 0, 0, 0, 0.0))
@@ -291,7 +287,6 @@ def test_copter_attitude_thrust_is_climb(copter: Client) -> None:
     """0.5 holds the height, 1 climbs at WPNAV_SPEED_UP; roll is held; three seconds of silence level and stop
     it.
     """
-
     copter.fly(3.0, lambda: attitude(copter, 7, 10, 0, 0, 0.5))
     truth = copter.vehicle.truth()
     assert truth.roll_rad == pytest.approx(10 * DEG, abs=1.5 * DEG)
@@ -313,7 +308,6 @@ def test_copter_echoes_targets_in_guided_alone(copter: Client) -> None:
     """POSITION_TARGET_GLOBAL_INT: frame 0, mask 65016 on the way to a position; nothing with velocities or in
     other modes.
     """
-
     assert copter.command(
         mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT, 100_000
     ) == [ACCEPTED]

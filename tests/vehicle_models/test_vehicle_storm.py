@@ -33,7 +33,6 @@ def extreme_frames(draw: random.Random, rounds: int) -> Iterator[bytes]:
     """Every message of the dialect with limits in all fields, addressed to the vehicle, to every system, or
     to none.
     """
-
     packer = Packer(245, 190)
     for turn in range(rounds):
         for name, kind in KINDS.items():

@@ -75,7 +75,6 @@ def test_a_signing_key_of_extremes_shuts_out_and_no_more(make: Make) -> None:
     """SETUP_SIGNING with limits in its fields: the vehicle rejects clients without the key, counts that, and
     flies on.
     """
-
     client = make(simspec())
     client.airborne(10.0)
     client.send(mavlink.MAVLink_setup_signing_message(1, 1, [255] * 32, 2**64 - 1))

@@ -86,7 +86,6 @@ def test_it_is_a_plugin_and_says_that_it_is_a_fixed_wing(make_wing: MakeWing) ->
     """The entry point opens it; the heartbeat has MAV_TYPE_FIXED_WING and the parameter has the same
     value.
     """
-
     with load_plugin("rebar.vehicles", "wing")(VehiclePlan(wing_spec(), ())) as vehicle:
         assert vehicle.condition().landed
     client = make_wing()
@@ -105,7 +104,6 @@ def test_takes_off_from_the_catapult_and_climbs_to_height(make_wing: MakeWing, f
     """Thrown into, across and with a wind of 5 m/s it climbs without touching again, and circles within 2 m
     of its height.
     """
-
     client = make_wing(wing_spec(environment={"wind": {"speed_mps": 5.0, "from_deg": from_deg}}))
     assert client.vehicle.truth().position_enu_m[2] < 0.02
     take_off(client)
@@ -122,7 +120,6 @@ def test_circles_within_a_tenth_of_its_radius_in_wind(make_wing: MakeWing, radiu
     """In 5 m/s of gusty wind DO_REPOSITION's radius is held within 10 %, height within 2 m, airspeed within 2
     m/s; its sign is the direction.
     """
-
     client = make_wing(wing_spec(environment=WIND))
     take_off(client)
     circle(client, 150.0, 100.0, radius_m)
@@ -162,7 +159,6 @@ def test_flies_a_triangle(make_wing: MakeWing) -> None:
     """Three places by reposition, one after the other: each is reached to within its circle in the time that
     12 m/s would take.
     """
-
     client = make_wing(wing_spec(environment=WIND))
     take_off(client)
     for east, north in ((300.0, 0.0), (150.0, 300.0), (-150.0, 0.0)):
@@ -177,7 +173,6 @@ def test_velocity_setpoints_are_a_course_and_a_climb(make_wing: MakeWing) -> Non
     """Offboard: a velocity is flown as a course within 3 degrees at its sink rate; silence ends in a
     return.
     """
-
     client = make_wing()
     take_off(client)
     mask = 0b0000_1101_1100_0111
@@ -234,7 +229,6 @@ def test_returns_and_lands_near_home_against_the_wind(make_wing: MakeWing) -> No
     """RTL with RTL_LAND_DELAY 0 circles down, glides in against 5 m/s of gusty wind, flares, stops within 50
     m of home, disarms.
     """
-
     client = make_wing(wing_spec(parameters={"RTL_LAND_DELAY": 0.0}, environment=WIND))
     take_off(client)
     circle(client, 250.0, 150.0, 80.0)
@@ -292,7 +286,6 @@ def test_a_mission_from_takeoff_to_landing(make_wing: MakeWing) -> None:
     """Takeoff, a triangle of waypoints (each passed within 25 m), 40 s of loitering, a landing at home, in 5
     m/s of gusty wind.
     """
-
     client = make_wing(wing_spec(parameters={"NAV_LOITER_RAD": 60.0}, environment=WIND))
     client.fly(5.0)
     places = ((200.0, 0.0), (150.0, 250.0), (-100.0, 150.0))
@@ -330,7 +323,6 @@ def test_a_leg_is_flown_along_its_line_in_a_side_wind(make_wing: MakeWing, from_
     """400 m to the north in 5 m/s from the side: once settled, never 10 m beside the line between the
     waypoints.
     """
-
     client = make_wing(
         wing_spec(environment={"wind": {"speed_mps": 5.0, "from_deg": from_deg, "turbulence_mps": 2.0}})
     )

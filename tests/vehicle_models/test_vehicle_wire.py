@@ -23,7 +23,6 @@ def test_every_streamed_message_is_packed_as_pymavlink_packs_it(make: Make, auto
     """Every message that is streamed, sent in flight or requested: decoded by pymavlink and packed again, the
     same bytes.
     """
-
     from vehicle_models.controller import AUTOPILOTS
 
     client = make(simspec(autopilot, environment={"wind": {"speed_mps": 3.0, "turbulence_mps": 3.0}}))
@@ -63,7 +62,6 @@ def test_fields_say_what_the_flight_is(make: Make) -> None:
     """The order of values in hand-written tuples is right: fields agree with each other and with the
     truth.
     """
-
     client = make(
         simspec(vehicle={"home": {"east_m": 40.0, "north_m": 30.0, "heading_deg": 45.0}}), streams="onboard"
     )
@@ -118,7 +116,6 @@ def test_frames_are_found_in_garbage() -> None:
     """Whole MAVLink 1 and 2 frames survive what lies between, in pieces of any size; a wrong checksum is
     garbage.
     """
-
     mav = mavlink.MAVLink(None, srcSystem=9, srcComponent=8)
     beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
     second = bytes(beat.pack(mav))
@@ -140,7 +137,6 @@ def test_every_message_decodes_to_what_pymavlink_makes_of_it(old: bool) -> None:
     """Random payloads of every kind that a service takes or sends, in full and cut off: the same class with
     the same fields.
     """
-
     draws, reference, decoder, packer = random.Random(7), mavlink.MAVLink(None), Decoder(), Packer(9, 8)
     for name, kind in KINDS.items():
         for keep in (1.0, 0.5, 0.0):
@@ -178,7 +174,6 @@ def test_extreme_values_leave_it_flying(make: Make) -> None:
     """Every message that a service answers, with NaN, infinities, limits and huge counts, in a seeded
     storm.
     """
-
     client = make(streams="onboard")
     client.airborne(5.0)
     draw = random.Random(1)

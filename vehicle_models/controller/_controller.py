@@ -321,7 +321,6 @@ class Controller:
         """Send everything that is due at the present moment, and everything that was queued during the
         step.
         """
-
         self._streams.send_due()
         self._context.radio.flush()
 
@@ -447,7 +446,6 @@ def _is_addressed(message: Any, system_id: int, any_component: bool) -> bool:
     """Whether a message is for this vehicle: its system, or every system; its autopilot, or every
     component.
     """
-
     system = message_target(message)
     component = getattr(message, "target_component", 0)
     return system in (0, system_id) and (system == 0 or any_component or component in (0, COMPONENT))

@@ -238,7 +238,6 @@ class FlightState:
         """Whether the estimate of position still counts: for five seconds without fixes it is continued by
         dead reckoning.
         """
-
         return self.gps_lost_ns is None or self.time_ns - self.gps_lost_ns < DEAD_RECKONING_NS
 
     @property

@@ -88,7 +88,6 @@ class WingAirframe:
 
         Body rates are not flown; the wings are kept level instead.
         """
-
         pitch, throttle = self._climb(target)
         if attitude.rates_radps is not None:
             return 0.0, pitch, throttle
@@ -102,7 +101,6 @@ class WingAirframe:
         """Roll, pitch, yaw in radians and thrust as a share of all there is; yaw is not steered and stays
         what it is.
         """
-
         return self._wanted
 
     def test_rotor(self, number: int, share: float) -> None:
@@ -212,7 +210,6 @@ def _around(vn: float, ve: float, north: float, east: float, radius: float) -> f
     """Acceleration to the right for a circle of `radius` (positive clockwise) around a centre `north` and
     `east` of here.
     """
-
     turn = math.copysign(1.0, radius)
     away = max(math.hypot(north, east), 0.1)
     capture = _toward(vn, ve, north, east)

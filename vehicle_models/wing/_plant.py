@@ -73,7 +73,6 @@ class WingPlant(JsbsimPlant):
 
         Motor by momentum theory in axial flight: P = T (V + v), v = T / (2 rho A (V + v)).
         """
-
         speed = self.motion.airspeed_mps
         thrust = self._power() * most_thrust_n(speed)
         # The positive root of v (V + v) = T / (2 rho A).

@@ -94,7 +94,6 @@ class X500Plant(JsbsimPlant):
         """Roll, pitch and yaw that the cascade steers to, radians; thrust as a share of all that the rotors
         can give.
         """
-
         roll, pitch, yaw, thrust_n = (get() for get in self._wanted)
         return roll, pitch, yaw, thrust_n / FULL_THRUST_N
 

@@ -98,7 +98,6 @@ class Airspace:
         An end that is forbidden is reached from, or left to, the nearest allowed place. Without any way:
         straight on.
         """
-
         if not self.blocks or (self.allows(a) and self.allows(b) and self.clear(a, b)):
             return [a, b]
         begin, end = self.nearest(a), self.nearest(b)
@@ -111,7 +110,6 @@ class Airspace:
 
         The first waypoint is where the vehicle is, and stays.
         """
-
         if not self.blocks and self.fence is None:
             return list(waypoints)
         moved = [waypoints[0], *(self.nearest(waypoint) for waypoint in waypoints[1:])]

@@ -83,7 +83,6 @@ class Caution:
         """An aim that keeps the stand-off where height alone does not: moved away from whoever is too
         near.
         """
-
         if height_m >= self.standoff_m:
             return aim
         return pushed(aim, people, math.sqrt(self.standoff_m**2 - height_m**2) + MARGIN_M)
@@ -92,7 +91,6 @@ class Caution:
         """Where to stand a moment later: creeping away from whoever it stands over, so slowly that it still
         stands.
         """
-
         if self.max_loiter_s is None:
             return stand
         away = pushed(stand, people, LOITER_M + MARGIN_M)
@@ -107,7 +105,6 @@ def pushed(place: Place, people: list[Place], within_m: float) -> Place:
     """The place moved out of everybody's circle, one after the other, nearest first; in a crowd as far as
     that goes.
     """
-
     for _ in range(4):
         nearest = min(people, key=lambda person: (math.dist(person, place), person), default=None)
         if nearest is None or math.dist(nearest, place) >= within_m - 1e-6:

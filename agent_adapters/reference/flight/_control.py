@@ -44,7 +44,6 @@ class Control:
 
         Raises TurnBack when it does not any more, and Ordered.
         """
-
         vehicle = self._vehicle
         self._orders.heed()
         while vehicle.silent or vehicle.mode != OFFBOARD or not vehicle.armed:
@@ -61,7 +60,6 @@ class Control:
         """It flies home by itself when it does not hear us; a setpoint that comes late would not fit where it
         is then.
         """
-
         vehicle = self._vehicle
         vehicle.setpoint = None
         self._log.enter(self._log.phase, "waiting for the autopilot to be heard again")
@@ -78,7 +76,6 @@ class Control:
         """Leave the autopilot alone while its failsafe flies; the setpoints go on, so that it can give
         control back.
         """
-
         vehicle, before = self._vehicle, (self._log.phase, self._log.text)
         cause = self._failsafe_cause()
         words = vehicle.reason

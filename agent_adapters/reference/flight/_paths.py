@@ -25,7 +25,6 @@ def lawnmower(
     `middle_m` ahead, so a leg begins `near_m` before the circle and ends when the middle of the image has
     reached the circle's far edge.
     """
-
     count = max(1, math.ceil(2.0 * radius_m / spacing_m))
     between_m = 2.0 * radius_m / count
     waypoints: list[Place] = []
@@ -82,7 +81,6 @@ class Walk:
         """Move on to the nearest point of the path within a window ahead; never back, and never past what was
         not aimed at.
         """
-
         best = (math.dist(position, self.at(self.done_m)), self.done_m)
         for index, (a, b) in enumerate(pairwise(self._path)):
             begin_m, end_m = self._starts_m[index], self._starts_m[index + 1]

@@ -201,7 +201,6 @@ class Pilot:
         `looking`: the flight is there to see something, and waits while the detector is silent. Raises
         TurnBack and Ordered.
         """
-
         space = self.airspace
         walk = Walk(space.path([self.place, *path]) if space.blocks else path)
         while not until():
@@ -227,7 +226,6 @@ class Pilot:
         """A point a little ahead on the path, and the speed along it fed forward, so that no way is lost to
         caution.
         """
-
         people = self.people()
         limit_mps = self._caution.speed_mps(speed_mps, self.place, people)
         feed = 1.0 if limit_mps >= speed_mps else 1.0 - LEAD_SHARE
@@ -252,7 +250,6 @@ class Pilot:
 
         Raises TurnBack and Ordered.
         """
-
         yield from self._control.check()
         while True:
             if not home_bound and (reason := self.homeward()):
@@ -328,7 +325,6 @@ class Pilot:
 
         Raises TurnBack when it is over home by then.
         """
-
         before = (self._log.phase, self._log.text)
         why = f"the operator's link is down for more than {self._order.link_lost_after_s:g} s"
         self._log.decide("return", "operator_link", why)
@@ -348,7 +344,6 @@ class Pilot:
         """End early, by the means that are left: `complete` when the mission was flown as far as time
         allowed. Raises Ordered.
         """
-
         vehicle = self._vehicle
         if not vehicle.armed and not vehicle.silent:
             self._log.decide("abort", "", reason)
@@ -371,7 +366,6 @@ class Pilot:
         """Fly home and land, or land where it is when the mission does not end at home; False when `unless`
         came true first.
         """
-
         vehicle = self._vehicle
         self._log.decide("return", "", reason)
         self._log.enter("returning", reason)
@@ -419,7 +413,6 @@ class Pilot:
 
         Raises Ordered.
         """
-
         vehicle = self._vehicle
         asked_s = vehicle.now_s
         while vehicle.armed:

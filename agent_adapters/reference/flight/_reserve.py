@@ -52,7 +52,6 @@ class Reserve:
 
         `routed`: ways may lead round something.
         """
-
         now_s = self._vehicle.now_s
         if not routed or now_s - self._reason[0] >= ROUTE_AGE_S:
             self._reason = (now_s, self._must_go_home(place))

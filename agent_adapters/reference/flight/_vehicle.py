@@ -197,7 +197,6 @@ class PilotedVehicle:
         """Its health bit; before it was well for the first time it says nothing (the autopilot is
         starting).
         """
-
         healthy = bool(present & health & GPS)
         if healthy or self.gps_ok is not None:
             self.gps_ok = healthy
@@ -214,7 +213,6 @@ class PilotedVehicle:
         """Find where the local frame lies in the map, while on the ground: the two frames do not move against
         each other.
         """
-
         if self.armed or self._origin is None or self._local_enu is None:
             return
         boot_ms, east_m, north_m = self._local_enu
@@ -227,7 +225,6 @@ class PilotedVehicle:
         """Simulated time of a moment on the autopilot's clock: they differ by the least difference ever seen
         on arrival.
         """
-
         self._clock_offset_s = min(self._clock_offset_s, self.now_s - boot_ms * 1e-3)
         return boot_ms * 1e-3 + self._clock_offset_s
 
@@ -300,7 +297,6 @@ class PilotedVehicle:
         PX4 answers DO_SET_MODE twice, the first time ACCEPTED whatever was asked: only the second answer or a
         heartbeat that shows the mode is believed.
         """
-
         for attempt in range(TRIES):
             self._acks.clear()
             asked_s = self.now_s
@@ -334,7 +330,6 @@ class PilotedVehicle:
         """Switch off every stream that came and is not read; each once, whether or not the autopilot
         agrees.
         """
-
         done: set[int] = set()
         while remaining := sorted(self._unwanted - done):
             done.add(remaining[0])
@@ -355,7 +350,6 @@ class PilotedVehicle:
         """Wait until the autopilot says that it is ready, then arm; try again while it refuses, until a
         moment.
         """
-
         while self.now_s < until_s:
             if self.armed:
                 return True
@@ -387,7 +381,6 @@ class PilotedVehicle:
         """Stream the setpoint for a while, as PX4 wants to see it first, then hand control over to the
         stream.
         """
-
         self.setpoint = aim
         yield from self.pause(0.6)
         return (yield from self.change_mode(OFFBOARD))

@@ -58,7 +58,6 @@ class Findings:
         """After a frame: report the target of every active task that is identified, once the policy is
         content.
         """
-
         for task in self._planner.tasks.values():
             if task.active and (candidate := self.candidate(task)) and not self.missing(candidate, task):
                 judgement = self.judge(candidate)
@@ -70,7 +69,6 @@ class Findings:
         """At every moment: report what falls due, what may be reported by now, and again what the operator
         did not hear.
         """
-
         if self._orders.silenced_for_good:
             return
         # A detector that is silent shows nothing of who has come near since: a report would be a guess.
@@ -137,7 +135,6 @@ class Findings:
         """What is still missing before the candidate counts as identified, in words; empty when nothing
         is.
         """
-
         return missing_for(candidate, task.intelligence.class_label, self._order, self._settings)
 
     def verdict(self, task: SearchTask) -> str:

@@ -243,7 +243,6 @@ class SearchMission:
 
         Raises TurnBack.
         """
-
         assert self._order is not None
         if self._too_late():
             raise TurnBack("there was no time left to take off")
@@ -318,7 +317,6 @@ class SearchMission:
         So it is the second time over, and when what waits would not be served in time otherwise; looked at
         once a second.
         """
-
         now_s = self._vehicle.now_s
         if task.active or task.enough or task.passes > 1 or now_s - self._asked_s < 1.0:
             return not task.active and (task.enough or task.passes > 1)
@@ -343,7 +341,6 @@ class SearchMission:
         """Legs along the way in on the first pass, across it on the second: other views of the same
         ground.
         """
-
         heading_rad = (
             bearing_rad(self._place, task.place) if math.dist(self._place, task.place) > 1.0 else 0.0
         )
@@ -401,7 +398,6 @@ class SearchMission:
         """See enough of a target's surroundings for the policy to decide; what one sweep does not show stays
         unseen.
         """
-
         if self._findings.judge(target).look:
             path = self._legs(
                 (target.east_m, target.north_m),
@@ -466,7 +462,6 @@ class SearchMission:
         """Called after every frame: reports a target as soon as it is identified and the policy is
         content.
         """
-
         if self._order is not None and not self.over:
             self._findings.update()
 
@@ -490,7 +485,6 @@ class SearchMission:
         """Fly along a path for a task; False when a more urgent one came up meanwhile. Raises TurnBack and
         Ordered.
         """
-
         leave = lambda: self._diverted(task)  # noqa: E731
         return (
             yield from self._pilot.follow(

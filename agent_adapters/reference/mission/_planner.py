@@ -104,7 +104,6 @@ class Planner:
         """Time from a place, at mission height, to disarmed on the ground; coming down begins on the way
         where that is allowed.
         """
-
         away_s = self.travel_s(self._way_m(place, self._home)) if self._returns else 0.0
         down_s = max(0.0, self._height_m - self._safe_height_m) / DESCENT_MPS
         return (away_s + down_s if self._stays_high else max(away_s, down_s)) + LANDING_S

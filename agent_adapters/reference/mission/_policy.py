@@ -140,7 +140,6 @@ class BystanderAwarePolicy:
         """Spread of the sightings (neighbours err alike: as few looks count as for confidence), own place,
         and its troubles.
         """
-
         looks = min(max(target.frames / FRAMES_A_LOOK, 1.0), MOST_LOOKS)
         return math.sqrt(OWN_PLACE_M**2 + target.variance_m2 / looks + target.doubt_m**2)
 

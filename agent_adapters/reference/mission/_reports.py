@@ -41,7 +41,6 @@ class Reports:
         """Whether it may be allowed to report at some moment up to `until_s`: an order to go on may come at
         any time.
         """
-
         if self._orders.silenced_for_good:
             # An order to abort or to deactivate is never taken back, other than one to stop reporting.
             return False
@@ -67,7 +66,6 @@ class Reports:
 
         What is said twice has an id of its own and names the first.
         """
-
         number = self._counts[subject] = self._counts.get(subject, 0) + 1
         # The id of a TargetReport has at most 64 characters: 54, `-target`, and two digits with their hyphen.
         report_id = f"{subject[:54]}-target" + (f"-{number}" if number > 1 else "")

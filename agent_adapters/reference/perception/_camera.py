@@ -49,7 +49,6 @@ class GroundCamera:
         """East and north of what is seen at a pixel, `height_m` above the ground; None at or above the
         horizon, or too far.
         """
-
         ray = ((u_px - self.cx) / self.fx, (v_px - self.cy) / self.fy, 1.0)
         forward, leftward, up = (row[0] * ray[0] + row[1] * ray[1] + row[2] for row in self.axes)
         if not self.level:
@@ -71,7 +70,6 @@ class GroundCamera:
         A pose is a row of east, north, height, yaw; roll and pitch are left out, as a level mount does, which
         is good enough for judging what has been looked at.
         """
-
         offset = places_enu_m[None, :, :] - poses[:, None, :2]
         sine, cosine = np.sin(poses[:, 3])[:, None], np.cos(poses[:, 3])[:, None]
         forward = offset[:, :, 0] * sine + offset[:, :, 1] * cosine
@@ -91,7 +89,6 @@ class GroundCamera:
         """How far ahead of the vehicle the lower edge, the middle and the upper edge of the image meet the
         ground.
         """
-
         pose = VehiclePose(0.0, 0.0, 0.0, height_m, 0.0, 0.0, 0.0)
         lower_edge, middle, far = (
             self.ground_point(self.cx, v, pose) for v in (self.height_px, self.cy, 0.0)

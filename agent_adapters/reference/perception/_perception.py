@@ -67,7 +67,6 @@ class ObjectPerception:
 
         A parent named base_level is a mount that keeps level.
         """
-
         for transform in transforms.transforms:
             if transform.child_frame_id.endswith("optical"):
                 level = (
@@ -86,7 +85,6 @@ class ObjectPerception:
         """Take in one frame; False when it could not be placed. `doubt_m`: one sigma that the agent's own
         place is off by.
         """
-
         time_s = frame.header.stamp.ns * 1e-9
         pose = self._poses.at(time_s)
         camera = self.camera

@@ -147,7 +147,6 @@ def east_north_of(latitude_deg: float, longitude_deg: float, origin: Origin) -> 
 
     Radii of curvature in the meridian and the prime vertical as in Torge, Geodesy, section 4.1.
     """
-
     flattening = 1.0 / 298.257223563
     eccentricity_2 = flattening * (2.0 - flattening)
     latitude_rad = math.radians(origin.latitude_deg)

@@ -80,7 +80,6 @@ class Track:
         Neighbouring frames are not independent, so `FRAMES_A_LOOK` of them count as one look, and at most
         `MOST_LOOKS`.
         """
-
         label = self.label
         if not label:
             return 0.0
@@ -93,7 +92,6 @@ class Track:
         """How many of the latest observations in a row carry the same label (as far as they are
         remembered).
         """
-
         count = 0
         for label in reversed(self.recent):
             if label != self.recent[-1]:
@@ -171,7 +169,6 @@ class Tracks:
         """These were in view of a frame that did not show them; people who are missed long enough are no
         longer there.
         """
-
         for track in tracks:
             track.missed += 1
             if track.missed >= GONE_FRAMES and track.label in PEOPLE:
@@ -222,7 +219,6 @@ def gate_m(sight: PlacedDetection, unseen_s: float) -> float:
     """How far from a track a detection may lie and still be taken for it: wider for large things, far ones
     and walkers.
     """
-
     if sight.label in PEOPLE:
         return min(2.5 + 0.015 * sight.range_m + 1.5 * unseen_s, CELL_M)
     return min(5.0 + 0.02 * sight.range_m, CELL_M)

@@ -157,7 +157,6 @@ class StoppingDecisions:
         That happens when replicates or the rule changed since, or when a result before the stop was lost and
         rerun.
         """
-
         replicates = self._points[key]
         if not replicates.not_needed or self.early_stop(key) is not None:
             return []
@@ -173,7 +172,6 @@ class StoppingDecisions:
 
         Those are decided first.
         """
-
         replicates = self._points[self._keys[realization]]
         position = next(
             position for position, (_, name) in enumerate(replicates.order) if name == realization
@@ -197,7 +195,6 @@ def _passed(result: SessionResult, thresholds: Mapping[str, float]) -> bool | No
 
     None if the result is no trial of the node.
     """
-
     if not result.outcome.counts:
         return None
     considered = [

@@ -80,7 +80,6 @@ class EarlyStopping:
         """If the design point stops early, write and note results for the realizations in `waiting` that are
         not needed.
         """
-
         assert self._decisions is not None
         assert self._stopping is not None
         early_stop = self._decisions.early_stop(key)

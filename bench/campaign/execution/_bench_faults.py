@@ -36,7 +36,6 @@ class BenchFaultWatch:
 
         Raises BenchBroken when the first FAULTS_BEFORE_GIVING_UP realizations all failed.
         """
-
         if self._faulty is None or result.outcome not in RETRIED_OUTCOMES:
             self._faulty = None
             return

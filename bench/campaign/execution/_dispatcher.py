@@ -125,7 +125,6 @@ class Dispatcher:
         With early stopping a design point of which nothing is running comes first: its next replicate is the
         one that is most surely needed.
         """
-
         running = {key for key in self._running.values() if key is not None}
         startable = (name for name in self._waiting if self._early_stopping.may_start(name))
         idle = (name for name in self._waiting if self._early_stopping.key(name) not in running)

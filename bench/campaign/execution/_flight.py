@@ -37,7 +37,6 @@ def fly_realization(
     a result, never an exception. Positions that come with the SimSpec are checked before the flight:
     SETUP_INVALID if they break what the SimSpec asks for.
     """
-
     folder.mkdir(parents=True, exist_ok=True)
     try:
         placed = place(simspec) if simspec.realized is None else _checked(simspec)

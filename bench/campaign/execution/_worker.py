@@ -25,7 +25,6 @@ def main(link_fd: int, lifeline_fd: int, name: str) -> None:
 
     The lifeline closes only when the runner's process ends.
     """
-
     # An agent that inherited them would keep both open, and the runner would not notice the end of the
     # worker.
     for fd in (link_fd, lifeline_fd):
@@ -52,7 +51,6 @@ def _die_with_runner(lifeline_fd: int) -> None:
     """Wait until the runner is gone, then kill this worker, its session and its agent: nobody would read the
     result.
     """
-
     while os.read(lifeline_fd, 1):
         pass
     kill_tree(os.getpid())

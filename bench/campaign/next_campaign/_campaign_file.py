@@ -23,7 +23,6 @@ def campaign_file(
 
     What a person reviews comes first, the base SimSpec last.
     """
-
     document = proposed.model_dump(mode="json")
     design, base = _set_fields(document.pop("design")), document.pop("base")
     document["agents"] = [_set_fields(agent) for agent in document["agents"]]

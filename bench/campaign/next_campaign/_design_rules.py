@@ -55,7 +55,6 @@ def _point_count(old: Design, factors: Sequence[DesignFactor], method: Method) -
     """Design points of a method over these factors. 0 for a stratified one, whose points depend on
     difficulty.
     """
-
     if isinstance(method, Sobol):
         return method.points
     return 0 if method.kind == "stratified" else len(_design(old, factors, method).points())
@@ -109,7 +108,6 @@ def _runs_needed(data: ReportData) -> tuple[int, str]:
     """Runs of an agent that narrow the widest interval of confidence to WIDE_INTERVAL, with the reason. 0 if
     it is narrower.
     """
-
     widths = [
         (tally.confidence_high - tally.confidence_low, tally)
         for agent in data.agents

@@ -77,7 +77,6 @@ class FactorEvidence:
         """Tests of a factor and of its interactions, by analysis of variance and by regression, without
         failed ones.
         """
-
         rows = self.tests.filter(pl.col("test").is_in(["anova", "logistic"])).iter_rows(named=True)
         return [
             row for row in rows if factor in row["factor"].split(" x ") and not math.isnan(row["p"] or 0.0)
@@ -88,7 +87,6 @@ class FactorEvidence:
 
         Empty if each was made, or had no variance to explain.
         """
-
         main_effects = [row for row in self.tests_of(factor) if row["factor"] == factor]
         missing = next((row for row in main_effects if row["p"] is None), None)
         if missing is not None:
@@ -111,7 +109,6 @@ class FactorEvidence:
 
         None without one.
         """
-
         shares = [
             row
             for row in self.tests_of(factor)
@@ -129,7 +126,6 @@ class FactorEvidence:
 
         By the logistic curve, or by its 95 % band, which is wider. None if nothing follows the factor.
         """
-
         affected = {
             (row["agent"], row["node"])
             for row in self.effects(factor, EFFECT_P)

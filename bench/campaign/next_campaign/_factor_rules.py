@@ -122,7 +122,6 @@ def _narrowed(factor: DesignFactor, evidence: FactorEvidence) -> FactorProposal 
 
     None if neither applies.
     """
-
     bounds = _bounds(factor) if evidence.value_count(factor.name) >= MIN_VALUES else None
     if bounds is None:
         return None
@@ -150,7 +149,6 @@ def _within(
 
     None if that is most of the range, or too little for a factor.
     """
-
     if undecided is None:
         return None
     low, high = max(bounds[0], undecided[0]), min(bounds[1], undecided[1])
@@ -162,7 +160,6 @@ def _bounds(factor: DesignFactor) -> tuple[float, float] | None:
 
     None for other factors, and if its levels stand for patches.
     """
-
     if factor.patches:
         return None
     if factor.range is not None:

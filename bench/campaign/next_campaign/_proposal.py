@@ -43,7 +43,6 @@ def propose_next(folder: Path, output_folder: Path | None = None) -> CampaignPro
 
     Raises SetupError if the folder is not a campaign, is not finished, or varies nothing.
     """
-
     paths, previous, _ = read_campaign_folder(folder)
     data = load_report_data(folder)
     _check_finished(folder, previous, data)

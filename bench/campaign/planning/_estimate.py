@@ -127,7 +127,6 @@ def estimate_campaign(campaign: Campaign, workers: int, session_s: float | None 
     `session_s` is the cost of one session in host seconds of a core; None takes the speed in README.md.
     Raises SetupError for a campaign that surrogates cannot fly, and as `realizations` does.
     """
-
     check_surrogates(campaign)
     decomposition = load_measurable_decomposition(campaign.decomposition)
     plans = realizations(campaign)

@@ -30,7 +30,6 @@ def plan_campaign(
     campaign, and if the decomposition cannot rate one of the situations: such a session could be flown and
     never be scored.
     """
-
     plans = realizations(campaign)
     intents = {plan.id: _sha256(dump_json(plan.simspec)) for plan in plans}
     _check_same(folder, journal, intents, decomposition.digest)
@@ -71,7 +70,6 @@ def finish_infeasible(
 
     They are never flown.
     """
-
     waiting = {entry.id: entry for entry in journal.entries() if entry.outcome is None}
     reasons: dict[str, str] = {}
     for plan in plans:

@@ -17,7 +17,6 @@ def campaign_quality(campaign: Campaign) -> DesignQuality:
 
     Raises SetupError if it does not fit the base SimSpec.
     """
-
     from bench.reporting import measure_design
 
     from ..results._measures import load_measurable_decomposition

@@ -34,7 +34,6 @@ def write_scenes(
 
     Returns the reasons of the plans that have no room, by id. Raises as `place` does.
     """
-
     scenes = [
         list(scene) for _, scene in groupby(plans, key=lambda plan: (plan.design_point, plan.replicate))
     ]

@@ -54,7 +54,6 @@ def finish_campaign(path: Path, other_decomposition: str | None = None) -> Finis
     May be called at any time: a realization without a result has no row. Raises SetupError if the folder is
     not a campaign.
     """
-
     folder, campaign, decomposition = read_campaign_folder(path, other_decomposition)
     entries, stops = _read_journal(folder)
     runs, outcomes = _scored_runs(folder, campaign, decomposition, entries, stops)
@@ -86,7 +85,6 @@ def rescore_campaign(path: Path, other_decomposition: str | None = None) -> Fini
     A run whose result.json is gone gets it back from its recording. `other_decomposition` replaces the
     campaign's.
     """
-
     folder, _, decomposition = read_campaign_folder(path, other_decomposition)
     with open_lock(path), open_journal(folder.journal) as journal:
         runs = {entry.id: folder.run(entry.id) for entry in journal.entries()}
@@ -158,7 +156,6 @@ def read_campaign_folder(
 
     `other_decomposition` replaces the campaign's.
     """
-
     if not is_campaign(path):
         raise SetupError(
             Fault(str(path), "is not the folder of a campaign", "name a folder that `rebar run` wrote")
@@ -191,7 +188,6 @@ def _scored_runs(
 
     No run after a stop counts, flown or not.
     """
-
     runs = []
     outcomes: Counter[str] = Counter()
     rated: dict[tuple[str, int], Difficulty] = {}

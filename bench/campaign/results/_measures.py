@@ -17,7 +17,6 @@ def check_options(measure: str, options: Mapping[str, Option]) -> None:
     known ones, if an option is unknown, missing or of the wrong kind. The options of a measure that does not
     implement `ChecksOptions` are checked when the measure is called.
     """
-
     plugin = load_plugin("rebar.measures", measure)
     # Any other measure sees its options only when it is called, after the flight.
     if isinstance(plugin, ChecksOptions):

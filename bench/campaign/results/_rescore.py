@@ -23,7 +23,6 @@ def rescore(folder: Path, decomposition: Decomposition) -> SessionResult:
     The outcome is taken from `result.json` if there is one, and from the recording otherwise. Raises
     SetupError if the folder has no readable recording, or one that differs from the recording of its result.
     """
-
     recording = folder / RECORDING
     if not recording.is_file():
         raise SetupError(
@@ -46,7 +45,6 @@ def recording_faults(folder: Path, journal_sha256: str | None = None) -> list[Fa
     `journal_sha256` is its digest in the campaign's journal, which also works when `result.json` is gone or
     changed.
     """
-
     file = folder / RESULT
     if journal_sha256 is not None and digest_of(folder / RECORDING) != journal_sha256:
         remedy = "restore the recording, or rerun it with `rebar run`"

@@ -12,7 +12,6 @@ def write_whole(path: Path, content: bytes | str) -> str:
 
     After a crash the old file or the new one is there, never a part.
     """
-
     data = content.encode() if isinstance(content, str) else content
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.part")

@@ -155,7 +155,6 @@ class Journal:
 
         A second result for the same realization changes nothing.
         """
-
         with self._change():
             self._end_attempt(result.realization, result.outcome, result.reason)
             updated = self._database.execute(
@@ -185,7 +184,6 @@ class Journal:
         """Note the last replicate that counts, by design point and agent, in place of all that was noted
         before.
         """
-
         with self._change():
             self._database.execute("DELETE FROM stops")
             rows = [(*key, replicate) for key, replicate in sorted(stops.items())]
@@ -236,7 +234,6 @@ def open_journal(path: Path) -> Iterator[Journal]:
 
     Raises SetupError if the file is not a campaign journal.
     """
-
     path.parent.mkdir(parents=True, exist_ok=True)
     with closing(sqlite3.connect(path, isolation_level=None, timeout=30.0)) as database:
         try:

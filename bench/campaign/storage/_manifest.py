@@ -58,7 +58,6 @@ def verify_folder(path: Path) -> list[Fault]:
 
     Raises SetupError without a readable manifest.
     """
-
     try:
         manifest = Manifest.model_validate(json.loads((path / "manifest.json").read_text()))
     except (FileNotFoundError, ValueError) as error:

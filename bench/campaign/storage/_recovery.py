@@ -47,7 +47,6 @@ def reconcile(folder: CampaignFolder, journal: Journal) -> None:
     A complete result counts even if the runner was killed before it could note it. A result that is gone, or
     is not the one that was noted, is planned again.
     """
-
     for entry in journal.entries():
         run = folder.run(entry.id)
         result = read_result(run, entry.id)

@@ -20,7 +20,6 @@ def write_result(run: Path, result: SessionResult) -> str:
 
     Nothing else is written there afterwards.
     """
-
     return write_whole(run / RESULT, dump_json(result))
 
 
@@ -30,7 +29,6 @@ def read_result(run: Path, realization: str) -> SessionResult | None:
     None if there is none, if it is damaged, if it is another realization's, or if the recording beside it is
     not the one that it was made from.
     """
-
     try:
         result = SessionResult.model_validate_json((run / RESULT).read_bytes())
     except (FileNotFoundError, ValidationError):

@@ -200,7 +200,6 @@ def longest_match(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[To
 
     A word with several meanings is tried in each of them that the rule takes at its place.
     """
-
     if _first_kinds(rule).isdisjoint(candidate.kind for candidate in words[begin].meanings):
         return None
     states: list[_State] = [(_grammar().parse_interactive(start=rule), ())]
@@ -265,7 +264,6 @@ def _branch(state: InteractiveParser) -> InteractiveParser:
 
     Its tree is shared with the original, so it only shows whether parsing can continue.
     """
-
     return state.copy(deepcopy_values=False)  # type: ignore[no-untyped-call, no-any-return]
 
 
@@ -330,7 +328,6 @@ def _no_unit(words: Sequence[Word], at: int) -> bool:
     """Whether an unknown word stands in the place of a unit: before `from`, `away`, `of` or another
     relation.
     """
-
     if at + 1 >= len(words) or words[at].meanings or words[at].filler or words[at + 1].comma:
         return False
     return any(

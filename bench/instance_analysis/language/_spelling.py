@@ -45,7 +45,6 @@ def edit_distance(a: str, b: str, most: int) -> int:
     """Letters dropped, added, changed or swapped with a neighbour between two words; most + 1 when there are
     more.
     """
-
     before, row = list[int](), list(range(len(b) + 1))
     for i, x in enumerate(a, start=1):
         earlier, before, row = before, row, [i]

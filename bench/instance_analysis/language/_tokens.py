@@ -99,7 +99,6 @@ def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
 
     Takes time linear in the text's length.
     """
-
     speaker_starts = _speakers(text)
     raw = [
         candidate
@@ -128,7 +127,6 @@ def _speakers(text: str) -> frozenset[int]:
     """Positions of speaker names (a name that begins at least two lines) and of quotation marks at line
     starts.
     """
-
     lines = [
         (match.start(1), match.group(1).lower())
         for match in re.finditer(r"(?m)^[ \t]*([A-Za-z]{1,12}):", text)

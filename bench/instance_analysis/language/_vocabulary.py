@@ -162,7 +162,6 @@ def load_vocabulary(extra: Path | str | None = None) -> Vocabulary:
 
     Raises SetupError with every fault of the file.
     """
-
     shipped = resources.files(__package__).joinpath("vocabulary.yaml").read_text(encoding="utf-8")
     documents = [read_document(shipped, VocabularyDocument, source="vocabulary.yaml")]
     if extra is not None:

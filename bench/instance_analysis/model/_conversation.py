@@ -77,7 +77,6 @@ def provider_of(model: str, url: str | None) -> str:
 
     Raises SetupError when the provider's package is missing.
     """
-
     name, colon, _ = model.partition(":")
     if url is not None or not colon:
         return COMPATIBLE

@@ -56,7 +56,6 @@ class ModelEndpoint:
         Raises LinkLost where no answer comes: refused, too late, too large, of another form; SetupError where
         a key, a model or a package is missing.
         """
-
         provider = self.provider
         from ._conversation import ModelConnection, converse
 

@@ -114,7 +114,6 @@ class Endpoint(Protocol):
         """Have the model answer until the judge finds no fault, `ROUNDS` times at the most; raises LinkLost
         when it does not.
         """
-
         ...
 
 
@@ -127,7 +126,6 @@ def propose(
     A person answers open questions: while one is open, no model is asked. Raises as `read_prose`,
     and as the endpoint's `ask`.
     """
-
     provider = endpoint.provider
     draft, corrected = draft_of(text, vocabulary, answers)
     # A question may change what has been read, and a model must not decide it.
@@ -223,7 +221,6 @@ class _Verifier:
 
         A number that the span cuts does not count.
         """
-
         inside = [item for item in self._quantified if _within(item.span, span)]
         per_area = next(
             (item.value for word in inside for item in word.meanings if item.kind == "PERAREA"), None
@@ -325,7 +322,6 @@ def _largest_valid(draft: Draft, accepted: dict[FieldPath, DraftField]) -> dict[
     """The fields that keep the SimSpec valid, added one by one; the fields of a list member are added
     together.
     """
-
     wholes: dict[FieldPath, dict[FieldPath, DraftField]] = {}
     for path, entry in accepted.items():
         # A list member with only some of its fields may be invalid although all of them together are valid.

@@ -86,7 +86,6 @@ class GroundReader:
         """Whether a word means the current area: `the yard is the named area from ...`, `a no-fly zone; the
         zone goes ...`.
         """
-
         assert self.current is not None
         before, word = self._draft.text[: span.start].lower().rstrip(), self._draft.quote(span).lower()
         named = re.search(r"\bis (the|a|an)( named)?$", before) is not None and self.current is not self.world
@@ -349,7 +348,6 @@ class GroundReader:
         """The part of the area of interest on one side of a straight line; None when the line runs in that
         direction.
         """
-
         a, b = line
         normal = (b["north_m"] - a["north_m"], a["east_m"] - b["east_m"])
         towards = normal[0] * math.sin(math.radians(direction)) + normal[1] * math.cos(

@@ -278,7 +278,6 @@ class GroupRegister:
 
         The same words always resolve to the same targets.
         """
-
         ref = phrase.refs[0] if phrase.rule != "ref" else phrase
         # Resolving may ask a question or create a group, which must happen once for each phrase.
         if ref.span not in self.referents:

@@ -97,7 +97,6 @@ class PlaceReader:
         """The first place that a phrase states; None when it is relative to a group, whose place is not known
         yet.
         """
-
         part = phrase.first("POINT")
         if part is not None and isinstance(part.value, Coordinates):
             return part.value
@@ -159,7 +158,6 @@ class PlaceReader:
         """Complete loops around fixed places, patrols along roads, and the relations of groups at fixed
         places.
         """
-
         for group, side_m, of, span in self._loops:
             self._loop(group, side_m, of, span)
         for group, span in self._patrols.items():
@@ -239,7 +237,6 @@ class PlaceReader:
         """Move a relation of a fixed group to the free group that it refers to; list it as unread when that
         is impossible.
         """
-
         base: FieldPath = ("actors", group, "placement")
         placed = {
             path[:4]

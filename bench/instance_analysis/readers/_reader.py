@@ -135,7 +135,6 @@ class TextReader:
         """Whether a relation belongs to the next group: `a truck and, 60 m from it, six civilians`; `, in
         sector B a car`.
         """
-
         before = self.draft.text[: phrase.span.start].lower().rstrip().removesuffix(" some")
         words = before.split()
         if phrase.refs and phrase.refs[0].first("THEM") and words and words[-1].strip(",") in ("and", "plus"):
@@ -244,7 +243,6 @@ class TextReader:
         """Whether `it` means a road: one was mentioned before the subject, or no group of one member is
         left.
         """
-
         if self.before == "road":
             return True
         single = [
@@ -371,7 +369,6 @@ class TextReader:
         """Whether the words before a phrase deny it or make it conditional; reading it would then be
         wrong.
         """
-
         for item in reversed(before):
             if not isinstance(item, Word):
                 return False
@@ -564,7 +561,6 @@ class TextReader:
         """Read what depends on several parts of the text: start time, ground, roads, routes, report windows,
         the ceiling.
         """
-
         self.events.finish()
         self.intelligence_reader.finish()
         self.weather_reader.finish()

@@ -157,7 +157,6 @@ class RelationReader:
         """Read a distance on its own: it refines a `near` before it (`near the houses, within 25 m`); else
         ask from which group.
         """
-
         path: FieldPath = ("actors", group, "placement", "near", "max_m")
         before = self._draft.entries.get(path)
         low = 0.0 if length.single else length.low
@@ -236,7 +235,6 @@ class RelationReader:
         """Stand in the sector around a direction: a quarter of the circle for the main ones, an eighth
         between these.
         """
-
         # `northeast` is more precise than `north`, so its sector is half as wide.
         half = 45.0 if direction % 90 == 0 else 22.5
         base: FieldPath = ("actors", group, "placement", "bearing")
@@ -349,6 +347,5 @@ class RelationReader:
         """Spread over the area of interest (the default of a group without a relation) or over a named
         area.
         """
-
         if phrase.first("GROUND") or phrase.first("NAMED"):
             self._ground.put_inside(group, phrase)

@@ -290,7 +290,6 @@ class RoadReader:
         """A straight line from edge to edge through the centre of the area, or of the part in which the road
         lies.
         """
-
         west, south, east, north = self._ground.box
         middle_e, middle_n = (west + east) / 2, (south + north) / 2
         axis = road.axis
@@ -322,7 +321,6 @@ def _part(phrase: Phrase) -> Part | None:
 
     In `north of the road` the first direction means something else.
     """
-
     candidates = phrase.every("DIR")[1 if phrase.rule == "roadside" else 0 :]
     return candidates[0] if candidates else None
 

@@ -199,7 +199,6 @@ class _UncoveredCombinations:
 
         Those covered during the iteration are skipped.
         """
-
         for place, code, level in np.argwhere(self.open).tolist():
             if self.open[place, code, level]:
                 factors = self.sets[place].tolist()
@@ -224,7 +223,6 @@ def _extend_rows(
     """Give every row the level of the new factor that covers most, then add rows for what is still
     uncovered.
     """
-
     for row in rows:
         gains = missing.gains(row)
         # A stable sort breaks ties the same way on every machine.

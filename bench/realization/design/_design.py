@@ -147,7 +147,6 @@ class Design(Document):
         """Every design point, in the design's own order; the same for the same document (and difficulties,
         where it is `rated`).
         """
-
         return [point for block in self._blocks(difficulties) for point in block]
 
     def pairs(self, difficulties: Difficulties | None = None) -> list[tuple[DesignPoint, int]]:
@@ -156,7 +155,6 @@ class Design(Document):
         When `take` draws some of them, a pair's rank in the draw depends on the seed and the pair alone: a
         larger `take` keeps those already drawn.
         """
-
         blocks = zip(self.methods, self._blocks(difficulties), strict=True)
         return [pair for method, block in blocks for pair in self._pairs(method, block)]
 
@@ -209,7 +207,6 @@ def _numbered(combinations: Sequence[FactorLevels], before: int, twins: Containe
     Other points with equal levels get scenes of their own: two flights of one scene would count as two
     trials.
     """
-
     names = [f"p{number:03d}" for number in range(before + 1, before + 1 + len(combinations))]
     return [
         DesignPoint(name, levels, names[place - 1] if place in twins else name)

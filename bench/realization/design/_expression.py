@@ -91,7 +91,6 @@ class Expression:
         Raises ValueError with a sentence when there is none (division by zero, a text among numbers), and
         InactiveFactor when it reads a name that `levels` lacks.
         """
-
         try:
             return self._evaluate(levels)
         except (ArithmeticError, ValueError) as error:
@@ -221,7 +220,6 @@ class _Reader:
 
         `places` are the first tokens of terms; the sign lies between.
         """
-
         ends = [*(place - 1 for place in places[1:]), self._place]
         single_tokens = [
             self._tokens[at] if end == at + 1 else ("", "") for at, end in zip(places, ends, strict=True)

@@ -72,7 +72,6 @@ class FactorSpace:
 
         Raises ValueError where a formula fails.
         """
-
         levels = dict(chosen)
         for factor in self._derived_factors:
             levels[factor.name] = self._level(factor, levels)
@@ -83,7 +82,6 @@ class FactorSpace:
 
         An expression that reads an inactive factor forbids nothing.
         """
-
         return not any(_holds(ban, self._active(levels)) for ban in self._forbidden)
 
     def choices(self, factor: DesignFactor) -> tuple[FactorLevel, ...]:
@@ -111,7 +109,6 @@ class FactorSpace:
 
         Raises ValueError when they are too rare.
         """
-
         allowed: list[FactorLevels] = []
         for drawn, levels in enumerate(map(self.complete, chosen), start=1):
             if self.allows(levels):
@@ -130,7 +127,6 @@ class FactorSpace:
 
         Raises ValueError when one is forbidden: part of a balanced design is not balanced.
         """
-
         allowed = list(self.whole(chosen))
         if len(allowed) < len(chosen):
             raise ValueError(
@@ -213,7 +209,6 @@ def _check_compared(where: str, text: str, factor: DesignFactor, value: str | bo
     """Raise ValueError for a text that the factor never takes: a typing error would silently forbid
     nothing.
     """
-
     if factor.formula is not None or any(
         level == value and isinstance(level, str | bool) for level in factor.levels
     ):

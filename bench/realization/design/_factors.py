@@ -154,7 +154,6 @@ class DesignFactor(Document):
         """The level at a share in [0, 1]: within the range, or the levels (and whole numbers) in equal
         parts.
         """
-
         if self.range is not None:
             return self.range.drawn(share)
         # A share of exactly 1 belongs to the last level.
@@ -164,7 +163,6 @@ class DesignFactor(Document):
         """The level of the rank, from 0, among `count` even steps: a range's ends are reached, whole numbers
         and levels take turns.
         """
-
         if self.range is not None and not self.range.integer:
             return self.range.at(rank / (count - 1))
         return self.at((rank + 0.5) / count)
@@ -180,5 +178,4 @@ def _rounded(value: float | int) -> float | int:
     """The value to 12 digits: 0.3 instead of 0.30000000000000004, so that `forbid` expressions with 0.3 match
     it.
     """
-
     return float(f"{value:.12g}") if isinstance(value, float) else value

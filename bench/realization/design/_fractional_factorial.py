@@ -88,7 +88,6 @@ def fraction(factors: int, resolution: int) -> tuple[int, ...]:
     """The columns of the smallest fraction found with at least this resolution; all base factors where only
     the whole has it.
     """
-
     for bases in range(2, factors):
         if columns := _search(factors, bases, resolution):
             return columns
@@ -102,7 +101,6 @@ def _search(factors: int, bases: int, resolution: int) -> tuple[int, ...] | None
     It has the resolution where no fewer columns multiply to a constant: a new one may not be a product of up
     to resolution - 2 that are there.
     """
-
     if factors > 2**bases - 1:
         return None
     # Columns of many base factors first: products of few factors are the first to become aliased.

@@ -16,7 +16,6 @@ def conference_matrix(order: int) -> Counts | None:
     """C with 0 on the diagonal, -1 and +1 elsewhere, C'C = (order - 1) I; None where this construction has
     none.
     """
-
     field = _jacobsthal_matrix(order - 1)
     if field is not None:
         # Symmetric for a field of 4 k + 1 elements, else skew-symmetric: -1 is a square only in the former.
@@ -38,7 +37,6 @@ def hadamard_matrix(order: int) -> Counts | None:
     From Paley's first kind the rest of it is cyclic, with the rows that Plackett and Burman printed for 8,
     12, 20 and 24 runs.
     """
-
     if order in (1, 2):
         return np.array([[1, 1], [1, -1]], dtype=np.int64)[:order, :order]
     prime = order - 1
@@ -64,7 +62,6 @@ def _jacobsthal_matrix(size: int) -> Counts | None:
     """Jacobsthal's matrix of the field with so many elements, a prime or a prime's square: +1 where a
     difference is a square.
     """
-
     if size % 2 == 1 and _is_prime(size):
         signs = _quadratic_character(size)
         return np.array([[signs[(column - row) % size] for column in range(size)] for row in range(size)])

@@ -95,7 +95,6 @@ def orthogonal_latin_hypercube(points: int, factors: int) -> Counts:
     With a centre each column holds -r ... r once, without one the odd numbers -(2 r - 1) ... 2 r - 1. Raises
     ValueError where the construction has none.
     """
-
     exponents = _exponents(points, factors)
     if not exponents:
         step = 2 << _exponent(factors)
@@ -130,7 +129,6 @@ def _maximin_columns(points: int, factors: int, seed: int) -> Counts:
 
     Correlations do not depend on which column a factor gets, nor on its sign.
     """
-
     draws = np.random.default_rng(seed)
     squares = [_constructed(points, exponent) for exponent in _exponents(points, factors)] or [
         orthogonal_latin_hypercube(points, factors)
@@ -149,7 +147,6 @@ def nearly_orthogonal_latin_hypercube(points: int, factors: int, seed: int) -> C
     """Columns that each hold 0, +-2, +-4 ... (or +-1, +-3 ...) once; the most even of a few searches from
     drawn hypercubes.
     """
-
     return _nearly_orthogonal(points, factors, seed).copy()
 
 
@@ -180,7 +177,6 @@ def _decorrelated(square: Counts) -> Counts:
     d times that column's difference; so the change of the whole sum is 2 d (u_a - u_b) + d d w, u being the
     other columns weighted by their products with j, and w the squared distance of the two rows in them.
     """
-
     square = square.copy()
     for _ in range(MAX_SWEEPS):
         improved = False
@@ -235,7 +231,6 @@ def _halves(exponent: int) -> tuple[Counts, Counts]:
     """The matrices S and T of Sun, Liu and Lin (2009): signs, and places 1 ... 2**c with signs, both with
     orthogonal columns.
     """
-
     signs, places = np.array([[1, 1], [1, -1]], dtype=np.int64), np.array([[1, 2], [2, -1]], dtype=np.int64)
     for step in range(1, exponent):
         high = 2**step

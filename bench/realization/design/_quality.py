@@ -162,7 +162,6 @@ def design_quality(
     Factors that follow from others are left out. Conditional ones count in correlations where they are
     active, and in discrepancy and distance only where they always are.
     """
-
     numbers = {
         factor.name: column for factor in space.free if (column := _column(factor, points)) is not None
     }
@@ -200,7 +199,6 @@ def coverage(space: FactorSpace, points: Sequence[DesignPoint], t: int) -> Cover
     """How many of the combinations of t factors' levels occur; None where there are fewer factors, or too
     many combinations.
     """
-
     choices = {levels.name: _parts(levels) for levels in space.free}
     places = list(itertools.combinations(range(len(choices)), t))
     sizes = [len(levels) for levels in choices.values()]
@@ -250,7 +248,6 @@ def _part(factor: DesignFactor, level: FactorLevel) -> int:
     """The index of a level: its own, that of the nearest step of a range, or that of the part of the range it
     lies in.
     """
-
     if factor.when and level == INACTIVE:
         return len(_parts(factor)) - 1
     if factor.range is None:
@@ -267,7 +264,6 @@ def _column(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.f
     """Levels scaled to [0, 1], for numbers or two levels; None for other factors and for those inactive at
     some point.
     """
-
     levels = [point.levels[factor.name] for point in points]
     if factor.when and INACTIVE in levels:
         return None
@@ -292,7 +288,6 @@ def _names_column(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArra
     """Indices of a factor's levels scaled to [0, 1]; None for a range, for one level, and for a factor
     inactive at some point.
     """
-
     if len(factor.levels) < 2 or any(point.levels[factor.name] not in factor.levels for point in points):
         return None
     return np.array([factor.levels.index(point.levels[factor.name]) for point in points]) / (
@@ -330,7 +325,6 @@ def _largest(
 
     `always` are the factors of one column that are active everywhere.
     """
-
     largest, pair = (None, ()) if names else _correlation(always)
     for (name, first), (other_name, second) in itertools.combinations(blocks.items(), 2):
         if (max(first.shape[1], second.shape[1]) > 1) is not names or (
@@ -379,7 +373,6 @@ def _interactions(
     """Correlation of main effects with products of two, the largest pair, and the terms that are equal up to
     sign.
     """
-
     names, mains = _units(columns)
     pairs = list(itertools.combinations(range(len(names)), 2))
     if len(names) < 3 or len(pairs) * len(mains) > MAX_INTERACTION_TERMS:
@@ -408,7 +401,6 @@ def _estimable(blocks: Mapping[str, NDArray[np.float64]]) -> bool | None:
     """Whether the blocks that are active everywhere are linearly independent of each other and of a
     constant.
     """
-
     whole = [_basis(block) for block in blocks.values() if not np.isnan(block).any()]
     if not whole:
         return None

@@ -54,7 +54,6 @@ class Stratified(Document):
 
         Raises ValueError where there are more configurations than points, or too few candidates.
         """
-
         strata: dict[tuple[object, ...], list[FactorLevels]] = {}
         for levels in self._candidates(space, seed):
             strata.setdefault(self._stratum(difficulties(levels)), []).append(levels)

@@ -157,7 +157,6 @@ def _is_inside_host(simspec: SimSpec, guest: Outlined, host: Outlined) -> bool:
     """Whether the guest's group belongs inside the host's, directly or through other hosts, and the guest
     lies wholly in this host.
     """
-
     inside = simspec.group(guest[0].group).placement.inside
     visited = {guest[0].group}
     while inside is not None and inside.of is not None and inside.of not in visited:
@@ -335,7 +334,6 @@ def _sight_faults(
     """Faults of sight: `hidden_from` must hold for every member of the other group, `visible_from` for one of
     them.
     """
-
     hidden, visible = group.placement.hidden_from, group.placement.visible_from
     where = f"realized: {actor.id}"
     if hidden and any(
@@ -426,7 +424,6 @@ def _is_visible(simspec: SimSpec, actor: PlacedActor, eye: Spot, sight: Sight, o
     Each solid outline cuts the ground line; the height of the line of sight over the cut decides whether it
     passes above.
     """
-
     assert simspec.realized is not None
     top_m = ASSETS[simspec.group(actor.group).asset].height_m
     spot = (actor.east_m, actor.north_m)
@@ -456,7 +453,6 @@ def _route_faults(simspec: SimSpec, realized: Realized, outlines: Outlines) -> I
     Solid actors that stand still block the way, and so does the area's border for walkers that start inside
     it.
     """
-
     groups = {group.id: group for group in simspec.actors if group.asset in ASSETS}
     walkers = [
         actor
@@ -530,7 +526,6 @@ def _is_open(
 
     A wall counts with the walker's half width, unless the walker already stands closer.
     """
-
     return not any((outline if grown.covers(spot) else grown).intersects(way) for outline, grown in walls)
 
 

@@ -78,7 +78,6 @@ def gaps(first: Footprints, second: Footprints) -> Floats:
     Separating axes tell whether two rectangles are apart; if so the nearest points include a corner of one of
     them.
     """
-
     offset = second.centre_m - first.centre_m
     first_axes, second_axes = first.axes(), second.axes()
     apart = np.zeros(len(first), dtype=bool)

@@ -52,7 +52,6 @@ def hosts_of(simspec: SimSpec, group: ActorGroup) -> tuple[str, ...]:
     """The chain of hosts: the group that members stand inside, the group that this one stands inside, and so
     on.
     """
-
     hosts: list[str] = []
     inside = group.placement.inside
     while inside and inside.of and inside.of not in hosts:

@@ -67,7 +67,6 @@ def place(simspec: SimSpec) -> SimSpec:
     groups related in a circle, a region that crosses itself), PlacementInfeasible when no arrangement exists
     or none was found, and PlacementUnsound.
     """
-
     placed = _searched(simspec)
     if faults := check_placement(placed):
         fault_text = "; ".join(map(str, faults[:5])) + (
@@ -129,7 +128,6 @@ def placement_order(simspec: SimSpec) -> list[ActorGroup]:
 
     Raises SetupError for a circle.
     """
-
     faults = list(_spec_faults(simspec))
     # A stable sort keeps the author's order among free groups, and with it their random draws.
     waiting = sorted(simspec.actors, key=lambda group: group.placement.at is None)
@@ -252,7 +250,6 @@ def _report(report: Intelligence, truth_m: Floats, area: Geometry, rng: np.rando
     """A report's position: uniform over the disc of its error around the truth, or over the part of the disc
     inside the area.
     """
-
     radius = REPORT_ERROR_SHARE * report.uncertainty_m * np.sqrt(rng.uniform(size=64))
     angle = rng.uniform(0.0, 2 * pi, 64)
     places = np.round(truth_m + np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1), 3)

@@ -27,7 +27,6 @@ def configuration_figure(data: ReportData, configuration: Configuration) -> go.F
     """The paper's panel: difficulty as a red dot, scores as violins (left axis), confidence as grey bars
     (right axis).
     """
-
     figure = empty_figure(height=300, margin={"l": 44, "r": 48, "t": 10, "b": 30})
     shown = tuple(style for style in agent_styles(data.agents) if configuration.runs.get(style.name))
     scores = _scores_of(data.scores, configuration)
@@ -175,7 +174,6 @@ def _bandwidth(values: Sequence[float]) -> float:
     """Half of Scott's rule, because scores form clumps; at least 0.4 points, or a clump of equal scores would
     be a needle.
     """
-
     return max(0.4, 0.5 * stdev(values) * math.pow(len(values), -0.2))
 
 

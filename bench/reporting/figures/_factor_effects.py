@@ -11,7 +11,6 @@ def factor_effects_figure(effects: FactorEffects) -> go.Figure:
     """A disc for each node, agent and main effect: its area is the share of the variance of confidence, dark
     if significant.
     """
-
     rows = [table for table in effects.tables if any(row.confidence_share is not None for row in table.rows)]
     # Interactions (`a x b`) are many; the table lists those that are significant.
     factors = list(

@@ -25,7 +25,6 @@ def curve_figure(
     `trials` and `tallies` are by agent. Triangles on the lines of 50 and 90 % are competence, the line to
     their left reaches down to its lower bound.
     """
-
     figure = empty_figure(height=270, margin={"l": 48, "r": 14, "t": 10, "b": 42})
     difficulties = [hard for agent_trials in trials.values() for hard in agent_trials.difficulty]
     extent = [max(0.0, min(difficulties, default=0.0) - 8.0), max(difficulties, default=100.0) + 8.0]

@@ -36,7 +36,6 @@ def agent_styles(agents: Sequence[str]) -> tuple[AgentStyle, ...]:
 
     From the seventh on, colours repeat, and the letter makes the difference.
     """
-
     return tuple(
         AgentStyle(
             name=name,

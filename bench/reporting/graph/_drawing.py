@@ -135,7 +135,6 @@ def graph_page(
     Every agent of the campaign can be chosen in it; `agent` is shown first. Raises SetupError for one that
     there is not.
     """
-
     script = normalized_script(template_text("graph.js"))
     document = {
         "nodes": [_described(decomposition, name) for name in decomposition.nodes],
@@ -173,7 +172,6 @@ def colour(tally: Tally | None, by: Measurement) -> NodeColour:
 
     A node without a number has a state, which must not look like a low number.
     """
-
     if tally is None:
         return NodeColour(ABSENT, "–")
     if not tally.considered:
@@ -315,7 +313,6 @@ def _shown(decomposition: Decomposition, data: ReportData) -> dict[str, dict[str
     """By agent and node: the colour for each measurement, and the sentences; only nodes that the campaign
     has.
     """
-
     trials = trials_of(data.scores)
     return {
         agent: {

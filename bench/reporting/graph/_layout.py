@@ -45,7 +45,6 @@ def lay_out(decomposition: Decomposition) -> Layout:
     Everything comes in the order of the document, so no two nodes of a column are nearer than a row, edges to
     children that are placed under a node never cross, and equal documents are laid out alike.
     """
-
     columns = tuple(level for level in Level if decomposition.at_level(level))
     row: dict[str, float] = {}
     beneath: dict[str, str] = {}

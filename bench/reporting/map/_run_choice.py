@@ -18,7 +18,6 @@ def choose_runs(data: ReportData, count: int) -> tuple[Run, ...]:
     Each scene comes with all its agents, the scenes from different configurations first; with one agent, the runs
     with the lowest confidence come first. Runs without a recording are left out.
     """
-
     recorded = [run for run in data.runs if run.recording is not None]
     scenes: dict[tuple[str, int], dict[str, Run]] = {}
     for run in recorded:

@@ -56,7 +56,6 @@ def compare_campaigns(
     `nodes`: every principle and key attribute. Raises SetupError with every reason for which they cannot be
     compared.
     """
-
     first, second = _compared_agents(folders, agents)
     faults = [*_decomposition_faults(first, second), *_unknown_node_faults(first.data, nodes)]
     if faults:
@@ -183,7 +182,6 @@ def _shared_scene_rows(first: ComparedAgent, second: ComparedAgent) -> tuple[pl.
     """The rows of both sides in the scenes that both flew, with the realizations and design points of the
     first side.
     """
-
     first_rows, second_rows = (
         side.data.scores.filter(pl.col("agent") == side.agent) for side in (first, second)
     )

@@ -47,7 +47,6 @@ def measure_design(
 
     Raises SetupError where the design does not fit the base.
     """
-
     pairs = design_pairs(base, design, difficulty_rating(decomposition, study))
     difficulties = [
         difficulty_of(decomposition, difficulty)

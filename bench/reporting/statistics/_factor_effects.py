@@ -128,7 +128,6 @@ def _active(levels: Mapping[str, FactorLevel], switched: set[str]) -> dict[str, 
     """Levels with None for conditional factors that are inactive; of any other factor that word is a
     level.
     """
-
     return {name: None if name in switched and level == INACTIVE else level for name, level in levels.items()}
 
 

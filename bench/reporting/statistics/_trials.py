@@ -39,7 +39,6 @@ def trials_of(scores: pl.DataFrame) -> AllTrials:
     """Every node's trials, by the rule of competence: considered, and ended by something that the agent
     answers for.
     """
-
     # Outcomes that do not count, such as a lost worker, say nothing about the agent.
     counted = scores.filter(
         pl.col("considered") > 0, ~pl.col("outcome").is_in([str(o) for o in Outcome if not o.counts])

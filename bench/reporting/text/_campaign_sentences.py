@@ -52,7 +52,6 @@ def difference_sentences(data: ReportData, pairings: Iterable[Pairing]) -> list[
     """A sentence for each studied node on which one agent passed scenes that the other did not, by more than
     chance explains.
     """
-
     return [
         f"On the same {plural(pairing.scenes, 'scene')}, {pairing.second} passed {pairing.node} ({data.title(pairing.node)}) in "
         f"{pairing.only_second} where {pairing.first} did not, the reverse in {pairing.only_first} (McNemar's exact test, {p_value(pairing.p_value)})."

@@ -21,7 +21,6 @@ def with_table_notes(page: str, note: str) -> str:
 
     Scripts stay as they are.
     """
-
     if not note:
         return page
     # The scripts follow </main>, and a `<table` in their text is no element.

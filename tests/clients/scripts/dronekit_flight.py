@@ -11,9 +11,8 @@ import time
 from typing import Any
 
 if "payload" in sys.argv:
-    os.environ["MAVLINK20"] = (
-        "1"  # where the gimbal looks is a message of MAVLink 2 alone; DroneKit begins with 1
-    )
+    # Where the gimbal looks is a message of MAVLink 2 alone; DroneKit begins with 1
+    os.environ["MAVLINK20"] = "1"
 collections.MutableMapping = collections.abc.MutableMapping  # type: ignore[attr-defined]  # DroneKit is older than Python 3.10
 
 from dronekit import Command, LocationGlobalRelative, Vehicle, VehicleMode, connect  # noqa: E402

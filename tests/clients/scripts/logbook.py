@@ -20,7 +20,6 @@ def wait_until(what: str, holds: Callable[[], Any], timeout_s: float = PATIENCE_
     """What `holds` gives when it is first true; exits with a sentence when that is not within `timeout_s` of
     the host's clock.
     """
-
     end = time.monotonic() + timeout_s
     while not (value := holds()):
         if time.monotonic() > end:

@@ -192,7 +192,6 @@ class Flight:
         """A circle to stay in; a place beyond is refused by a text, and a velocity through it ends in the
         return.
         """
-
         start = self.ready()
         circle = self.item(
             mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, start, params=(25, 0, 0, 0), z=0.0, frame=5

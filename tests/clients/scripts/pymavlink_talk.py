@@ -73,7 +73,6 @@ class Talk:
         """The first message of a kind for which `holds` does; None, or the end where it is needed, when none
         comes.
         """
-
         end = time.monotonic() + timeout_s
         while time.monotonic() < end:
             message = self.listen()

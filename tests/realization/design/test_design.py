@@ -36,7 +36,6 @@ def test_paper_experiment() -> None:
     """The paper's design: 72 combinations, of whose 216 pairs with a replicate 215 different ones are
     drawn.
     """
-
     points = validate_document(PAPER["design"], Design)
     plans = realize(BASE, points, AGENTS[:1])
 
@@ -126,7 +125,6 @@ def test_latin_hypercube_fills_its_strata() -> None:
     """Each of n equal strata of each range holds exactly one of n points; whole numbers are whole; levels are
     even.
     """
-
     asked = design(
         {"name": "wind", "range": {"low": 0.0, "high": 10.0}, "sets": ["environment.wind.speed_mps"]},
         {"name": "trees", "range": {"low": 0, "high": 19, "integer": True}, "sets": ["actors[trees].count"]},
@@ -200,7 +198,6 @@ def test_levels_that_do_not_fit() -> None:
     """A level out of bounds or of the wrong type names factor, level, path and bounds; several faults come
     together.
     """
-
     message = faults(FOG | {"levels": [12.0]}, CROWD | {"levels": ["many"]})
 
     assert "factor 'fog': level 12.0 for environment.fog_level" in message
@@ -213,7 +210,6 @@ def test_units_that_do_not_fit() -> None:
     """One per metre is no metre; a share has no unit; and one number cannot be metres here and seconds
     there.
     """
-
     extinction = {"name": "murk", "levels": [0.01, 0.02], "sets": ["perception.model.fog_extinction_per_m"]}
     mixed = {"name": "both", "levels": [60.0, 90.0], "sets": ["mission.altitude_m", "mission.time_limit_s"]}
 
@@ -282,7 +278,6 @@ def test_pairs_of_fidelities_share_their_scene() -> None:
     """A point flown at high fidelity has the seeds of its twin at low, and so the same scene; formulas reach
     their fields.
     """
-
     factors = [
         {"name": "rate", "levels": [2.0, 5.0], "sets": ["vehicle.camera.rate_hz"]},
         {"name": "wind", "range": {"low": 0.0, "high": 8.0}, "sets": ["environment.wind.speed_mps"]},

@@ -117,7 +117,6 @@ def test_any_text_is_refused_or_ends_soon(text: str) -> None:
     """Whatever stands there: names other than factors are never looked up, results are plain, and it takes no
     time.
     """
-
     began = time.perf_counter()
     try:
         expression = parse_expression(text)

@@ -75,7 +75,6 @@ def test_orthogonal_latin_hypercubes_are_exactly_that(points: int, columns: int)
     """In whole numbers: every column a permutation about 0, every product of two 0, and of one with another's
     square too.
     """
-
     square = orthogonal_latin_hypercube(points, columns)
 
     assert square.shape == (points, columns)
@@ -91,7 +90,6 @@ def test_orthogonal_latin_hypercube_of_eight_factors() -> None:
     """17 runs of 8 factors: the upper half is the T of Sun, Liu and Lin (2009) for c = 3, signs and order
     aside.
     """
-
     square = np.abs(orthogonal_latin_hypercube(17, 8))
 
     assert square[:8].tolist() == [
@@ -111,7 +109,6 @@ def test_orthogonal_design_over_factors() -> None:
     """Whichever columns the seed picks: ends of the ranges reached, correlation 0, the least points where
     none are given.
     """
-
     made = design(ranges(5), method={"kind": "orthogonal_latin_hypercube"}, seed=4)
 
     values = np.rint(matrix(made) * 16 - 8).astype(np.int64)
@@ -145,7 +142,6 @@ def test_plackett_burman_of_twelve_runs_as_printed() -> None:
     """The first row that Plackett and Burman (1946) print for 12 runs, turned, and a last row of low
     levels.
     """
-
     printed = [1, 1, -1, 1, 1, 1, -1, -1, -1, 1, -1]
     made = plackett_burman(11).tolist()
 
@@ -264,7 +260,6 @@ def test_fractions_have_their_resolution_in_the_least_runs(factors: int, resolut
     """No product of fewer columns is a constant, found by multiplying them all; and no more runs than the
     tables give.
     """
-
     columns = fraction(factors, resolution)
 
     assert 2 ** max(columns).bit_length() == runs
@@ -286,7 +281,6 @@ def test_fraction_by_generators_and_by_runs() -> None:
     """Half of 2^4 by d = a b c has every level of d the product of the others'; by runs it is found by
     itself.
     """
-
     four = [{**point, "name": name} for point, name in zip(ranges(4), "abcd", strict=True)]
     by_hand = (
         2
@@ -331,7 +325,6 @@ def test_covering_arrays_cover_everything(sizes: list[int], strength: int, most:
     """Every combination of levels of any t factors, by going through them all; in a number of points near to
     what is known.
     """
-
     factors = [levels(f"f{place}", *range(size)) for place, size in enumerate(sizes)]
     points = design(factors, method={"kind": "covering_array", "strength": strength}).points()
 
@@ -358,7 +351,6 @@ def test_covering_arrays_keep_what_is_forbidden_out(strength: int) -> None:
     """With conditional factors, formulas and prohibitions: all that can be, judged by every point there is,
     and nothing else.
     """
-
     every = design(TANGLED, forbid=FORBID).points()
     points = design(TANGLED, forbid=FORBID, method={"kind": "covering_array", "strength": strength}).points()
 
@@ -381,7 +373,6 @@ def test_conditional_factors_and_formulas() -> None:
     """A conditional factor is inactive where its condition fails, one point then stands for all its levels,
     and formulas follow.
     """
-
     points = [point.levels for point in design(TANGLED).points()]
 
     assert len(points) == (2 + 3) * 4 * 3 * 2
@@ -460,7 +451,6 @@ def test_sequences_grow_without_reshuffling(kind: str) -> None:
     """More points begin with the earlier ones, forbidden ones among them or not, over the block that is drawn
     at once too.
     """
-
     few, more = (
         design(
             [*ranges(2), levels("a", "x", "y")],
@@ -478,7 +468,6 @@ def test_every_method_that_says_so_grows() -> None:
     """Which methods claim to take more points later; the test above and that of stratified designs hold them
     to it.
     """
-
     kinds = {point.model_fields["kind"].default: point.grows for point in get_args(get_args(Method)[0])}
 
     assert {kind for kind, grows in kinds.items() if grows} == {"halton", "sobol", "stratified"}
@@ -489,7 +478,6 @@ def test_further_points_follow_those_that_are_there() -> None:
     """`then` numbers on, whatever the methods are, and leaves points, draws and scenes of the first as they
     were.
     """
-
     factors = [levels("a", 1, 2, 3), levels("b", 1, 2, 3)]
     first = design(factors, replicates=2, method={"kind": "full_factorial", "take": 7}, seed=3)
     grown = design(
@@ -537,7 +525,6 @@ def test_every_flight_of_a_nested_design_has_a_scene_of_its_own_but_for_twins() 
     """Points that happen to have the same levels are no twins: flown in one scene they would be one run
     counted twice.
     """
-
     factors = [levels("rate", 10, 50), levels("a", 1, 2), {"name": "b", "formula": "a * rate", "sets": ["b"]}]
     made = design(factors, method={"kind": "nested", "points": 8, "high": 2, "fidelity": "rate"}).points()
 
@@ -559,7 +546,6 @@ def test_whole_numbers_and_levels_are_even(kind: str) -> None:
     """The ends of whole numbers come as often as those between, and so does every level, the order of levels
     no matter.
     """
-
     made = design(
         [*ranges(1), WHOLE, levels("a", "x", "y", "z", "w")], method={"kind": kind, "points": 64}
     ).points()
@@ -574,7 +560,6 @@ def test_whole_numbers_of_an_orthogonal_design_are_even_and_mirrored() -> None:
     """65 points on 4 numbers: 16 each and the centre, and each point's mirror image has the mirrored
     number.
     """
-
     made = design([*ranges(1), WHOLE], method={"kind": "orthogonal_latin_hypercube", "points": 65}).points()
 
     assert sorted(Counter(point.levels["whole"] for point in made).values()) == [16, 16, 16, 17]
@@ -653,7 +638,6 @@ def test_quality_against_what_can_be_counted() -> None:
     """A square's corners: correlation 0, all pairs, the side over the diagonal; a line of points: correlation
     1 and what is missing.
     """
-
     corners = design([levels("a", 0, 1), levels("b", "x", "y")])
     line = [DesignPoint(f"p{n}", {"f0": n / 4, "f1": 1 - n / 4}) for n in range(5)]
 
@@ -702,7 +686,6 @@ def test_quality_tells_what_prohibitions_tie_together() -> None:
     """Names that go with a number, and a conditional factor where it is active: both are told, and points
     that carry no effects.
     """
-
     factors = [levels("a", "x", "y", "z"), levels("fog", 0, 1, 2), levels("more", 0, 1, 2, when="fog > 0")]
     free = design(factors)
     tied = design(
@@ -727,7 +710,6 @@ def test_quality_counts_only_what_may_be() -> None:
     """Forbidden combinations are not missed, and a covering array of strength 2 has all pairs and not all
     triples.
     """
-
     made = design(TANGLED, forbid=FORBID, method={"kind": "covering_array"})
     pairs, triples = design_quality(made.space, made.points()).coverage
 

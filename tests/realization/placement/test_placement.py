@@ -66,7 +66,6 @@ def test_paper_scenes() -> None:
     """Scenes of the paper's experiment keep every relation, the mean proximity within 1 %, and differ from
     each other.
     """
-
     plans = realize(
         validate_document(PAPER["base"], SimSpec), validate_document(PAPER["design"], Design), [AgentSpec()]
     )
@@ -82,7 +81,6 @@ def test_a_typical_scene_is_quick() -> None:
     """Some ninety actors of the paper's experiment take milliseconds; the bound is wide, for busy
     machines.
     """
-
     simspec = validate_document(PAPER["base"], SimSpec)
     place(simspec)
 
@@ -97,7 +95,6 @@ def test_same_seed_same_bytes() -> None:
     """The same seed places to the byte alike, another one elsewhere, and a group added later moves nobody
     placed before it.
     """
-
     people, trees = group("people", "civilian", 10), group("trees", "tree", 5)
 
     assert dump_json(place(scene(people))) == dump_json(place(scene(people)))
@@ -127,7 +124,6 @@ def test_whatever_is_asked_is_kept(
     """What placement returns passes the independent check, over random scenes, also in a region with a
     bay.
     """
-
     low, span = near_m
     angle = {
         "corners": [
@@ -206,7 +202,6 @@ def test_impossible_by_relations() -> None:
     """Relations that cannot be kept together are named with their numbers, and those that do no harm are
     not.
     """
-
     message = infeasible(
         scene(
             group("radar", "radar-vehicle", region=corners(5.0, 5.0, 20.0, 20.0)),

@@ -506,7 +506,6 @@ def test_what_is_placed_keeps_the_documents_words() -> None:
     """Loose scenes find places, but for few, and a judge that shares nothing with the bench finds nothing
     broken.
     """
-
     placed = 0
     refused = []
     for seed, simspec, _ in possible(range(40), LOOSE, relations=2):
@@ -527,7 +526,6 @@ def test_the_check_finds_what_the_documents_words_forbid() -> None:
     """Of a good scene one actor is moved or turned: the check finds fault exactly where the words do, and
     often they do.
     """
-
     broken: set[str] = set()
     for seed, simspec, realized in possible(range(100, 180), TIGHT, relations=3):
         draw = random.Random(seed)

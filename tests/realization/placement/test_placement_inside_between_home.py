@@ -162,7 +162,6 @@ def test_the_solver_finds_what_chance_does_not(name: str) -> None:
     """Hosts wait for those to whom their guests relate; guests are tried in rows; rows are turned the way
     that is required for.
     """
-
     wanted = scene(*HARD[name], seed=1)
     placed = solve_placement(wanted, placement_order(wanted))
     assert placed is not None
@@ -353,7 +352,6 @@ def test_guests_need_no_ground_of_their_own() -> None:
     """A yard that its houses fill has room for those who stand in them: areas of guests are not added to
     those of hosts.
     """
-
     yard = corners(0, 0, 30, 30)
     houses = group("houses", "house", 5, region=yard, separation_m=0.1)
     assert (

@@ -93,7 +93,6 @@ def test_every_walker_gets_round_its_route(seed: int) -> None:
     """Among houses placed before and after them, all walk the whole route, by sampled places and by the
     solver's.
     """
-
     simspec = scene(*CROWDED, seed=seed)
     by_solver = solve_placement(simspec, placement_order(simspec))
 
@@ -178,7 +177,6 @@ def test_a_route_across_a_bay_is_a_fault_of_the_document() -> None:
     """Nobody who starts inside the area walks out of it: the fault names the leg; a leg round the bay is
     walked.
     """
-
     with pytest.raises(
         SetupError, match=r"motion.route: the straight way from point 1 to point 2 leaves world.area"
     ):
@@ -228,7 +226,6 @@ def test_corners_count_as_the_simulation_counts_them() -> None:
     """Footprints are grown along and across, not rounded: a leg past a corner that the simulation closes is
     closed here.
     """
-
     # A diagonal leg that passes the house's corner at 0.33 m; a soldier needs 0.35 m to either side of an
     # axis.
     corner = np.array([46.0, 44.5])

@@ -44,7 +44,6 @@ def test_oler_never_refuses_known_packings(apart_m: float, turn_deg: float) -> N
     """Squares of points, hexagonal lattices, triangles (which reach the bound) and lines stand on their own
     hulls.
     """
-
     packings = [
         *([(i * apart_m, j * apart_m) for i in range(k) for j in range(k)] for k in range(1, 12)),
         *(hexagonal(rows, columns, apart_m) for rows in range(1, 9) for columns in range(1, 9)),
@@ -92,7 +91,6 @@ def test_rows_of_rectangles_are_never_refused(
     """A grid of them, each turned by chance as far as it may and as close as that leaves, is no more than the
     bound.
     """
-
     length_m, width_m = size[0], size[0] * size[1]
     turns = np.radians(np.random.default_rng(seed).choice([-within_deg, 0.0, within_deg], columns * rows))
     most = np.radians(within_deg)
@@ -155,7 +153,6 @@ def test_what_exceeds_oler_is_refused(
     """As many as stand in rows and columns are placed, and more than the bound are refused, though their
     circles have the area.
     """
-
     within = {name: value for name, value in required.items() if name != "asset"}
     placed = place(yard(group("people", required["asset"], few, **within)))
     assert check_placement(placed) == []
@@ -221,7 +218,6 @@ def test_headings_that_clash(
     """Along a road within ten degrees and facing elsewhere: refused with both fields where nobody can, found
     where one can.
     """
-
     placement = {"along": {"road": "main", "parallel_deg": 10.0}, "facing": facing}
     if region:
         placement["region"] = {"corners": [{"east_m": e, "north_m": n} for e, n in region]}
@@ -263,7 +259,6 @@ def test_distances_that_exclude_each_other(required: dict[str, Any], fields: set
     """No place is near somebody and far from everybody of the same group; both fields are named, and no
     others are.
     """
-
     groups = [group("people", "civilian", 3, **required), group("radar", "radar-vehicle", 2)]
     clash = clash_of(yard(*groups))
 

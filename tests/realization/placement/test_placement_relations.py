@@ -185,7 +185,6 @@ def test_drawn_counts() -> None:
     """A range comes out within itself, differs between seeds, is the same for the same seed, and rates as its
     low end.
     """
-
     people = group("people", "civilian", {"low": 3, "high": 9}, role="bystander")
     placed = [place(scene(people, seed=seed)) for seed in range(30)]
     drawn = {len(actor.realized.actors) for actor in placed if actor.realized}
@@ -337,7 +336,6 @@ def test_a_clash_needs_each_of_its_groups(dropped: str) -> None:
     """With either of two groups that share their ground left out, nothing is proved any more; the trees never
     mattered.
     """
-
     groups, fields = IMPOSSIBLE["too many for a shared region"]
     rest = scene(*(actor for actor in groups if actor["id"] != dropped))
 
@@ -360,7 +358,6 @@ def test_bad_regions_are_refused_at_once(groups: list[dict[str, Any]], message: 
     """A sliver of a region, a crowd in a yard and a gap wider than the ground get a clear answer in no
     time.
     """
-
     began = time.process_time()
 
     with pytest.raises(PlacementInfeasible, match=message):

@@ -97,7 +97,6 @@ def test_same_seed_same_bytes_in_another_process() -> None:
     """The same seed gives the same document in a process of its own, with another order of hashes; another
     seed another.
     """
-
     dense = DENSE["ties between them"]
     program = (
         "import sys, hashlib; from bench.simspec import SimSpec; from bench.realization import place; "
@@ -134,7 +133,6 @@ def test_not_found_is_not_called_impossible() -> None:
     """Twelve houses tile the yard to the last centimetre, home stands in one of the places: nobody knows, and
     it says so.
     """
-
     began = time.process_time()
     with pytest.raises(PlacementInfeasible, match=r"no places were found.*: .* crowd each other") as refused:
         place(scene(group("houses", "house", 11, separation_m=0.0), size_m=36.0))
@@ -204,7 +202,6 @@ def test_the_solver_keeps_every_relation(seed: int) -> None:
     """Asked although sampling would do, the solver's places pass the check, whatever the relation; so do
     sampled ones.
     """
-
     simspec = everything(seed)
     placed = solve_placement(simspec, placement_order(simspec))
 

@@ -139,7 +139,6 @@ def _vehicle(tape: Tape) -> Iterator[Record]:
     """Truth odometry: the nose points east and dips by the tilt; the twist is in the body's axes, as ROS has
     it.
     """
-
     tilts = tape.vehicle_tilt_rad if len(tape.vehicle_tilt_rad) else np.zeros(len(tape.vehicle_time_s))
     rows = zip(
         tape.vehicle_time_s, tape.vehicle_position_enu_m, tape.vehicle_velocity_enu_mps, tilts, strict=True

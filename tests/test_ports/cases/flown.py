@@ -30,7 +30,6 @@ def flown(
     """A run spent at one place, at one height and (by the truth) one speed; down before 5 s and after 195 s,
     away from home.
     """
-
     count = len(TIMES_S)
     route = np.tile([*at, up_m], (count, 1))
     made = tape(

@@ -37,7 +37,6 @@ def flew(spec: SimSpec, *stops: Stop, end_s: float = END_S, **streams: Any) -> R
     """A run along these stops, with the speeds that go with it; armed and in the air from the first to the
     last, then down.
     """
-
     times = np.array([stop[0] for stop in stops])
     when = TIMES_S[end_s >= TIMES_S]
     route = np.stack([np.interp(when, times, [stop[axis] for stop in stops]) for axis in (1, 2, 3)], axis=1)
@@ -90,7 +89,6 @@ def ordered(kind: str, *absent: str, **more: Any) -> tuple[SimSpec, dict[str, An
     """A scene with an order of this kind at ORDERED_S, what must come before it, and the stream of their
     delivery.
     """
-
     about = {"retask": "second", "mark": "first"}.get(kind)
     first = {"resume": "hold", "resume_reporting": "stop_reporting"}.get(kind)
     given = [*([(BEFORE_S, "before", first)] if first else []), (ORDERED_S, NAME, kind)]

@@ -29,7 +29,6 @@ def looked_at(
     """Frames with each of the actors alone, in turn; `labels` says what each is detected as, None as
     nothing.
     """
-
     options = {"min_height_px": 12.0, "min_visible": 0.5, "max_visible": 1.0, "min_range_m": 0.0, **options}
     visible = (options["min_visible"] + options["max_visible"]) / 2.0
     frames, detections = [], []

@@ -102,7 +102,6 @@ def _refuse_plan(
     """Refuse a jump to an item that does not exist, and a polygon of less than three vertices or with some
     missing.
     """
-
     if kind == MISSION:
         jumps = [item for item in items[1:] if item.command == MAV_CMD.DO_JUMP]
         return (

@@ -71,7 +71,6 @@ def _prearm_failures(flight: FlightState, p: ParameterStore) -> tuple[str, ...]:
     """The checks that keep the vehicle from being armed in its present mode, in the order in which they are
     sent.
     """
-
     now_s = flight.time_s
     if now_s < STANDBY_S:
         return ("System not initialised",)

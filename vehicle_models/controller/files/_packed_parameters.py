@@ -21,7 +21,6 @@ def packed_parameters(store: ParameterStore, query: str) -> bytes:
     the name, the value, and the default where it differs and was requested. Names come in the order of the
     list.
     """
-
     options = {key: values[0] for key, values in parse_qs(query).items()}
     start, count = (_number(options.get(key, "")) for key in ("start", "count"))
     names = store.names[start : start + count if count else None]

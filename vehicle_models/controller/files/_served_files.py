@@ -41,7 +41,6 @@ class ServedFiles:
         """The sorted contents of a folder as the protocol writes them (F name, tab, size; D name); None where
         there is no such folder.
         """
-
         folder = _plain(path)
         if not self._is_folder(folder):
             return None

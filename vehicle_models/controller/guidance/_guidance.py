@@ -60,9 +60,8 @@ class Guidance:
         self.manoeuvres = manoeuvres or Manoeuvres()
         self.manoeuvre: Manoeuvre = self.manoeuvres.hold(flight)
         self.speed_mps: float | None = None  # of DO_CHANGE_SPEED, until the next change of mode
-        self.heading: HeadingCommand | None = (
-            None  # of CONDITION_YAW or a region of interest; overrides the manoeuvre's
-        )
+        # Of CONDITION_YAW or a region of interest; overrides the manoeuvre's
+        self.heading: HeadingCommand | None = None
         self.return_point = return_point
 
     def begin(self, behaviour: Behaviour, flight: FlightState) -> None:

@@ -471,7 +471,6 @@ class Manoeuvres:
 
         `radius_m` is for an aircraft that cannot hover: positive clockwise, None by the parameters.
         """
-
         return Hold(flight, north_east_m, down_m, yaw_rad, speed_mps)
 
     def takeoff(self, flight: FlightState, down_m: float) -> Takeoff:

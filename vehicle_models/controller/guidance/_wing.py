@@ -145,7 +145,6 @@ class WingLand(Land):
         """The vehicle's place from the landing place: metres along the landing course, and to the right of
         it.
         """
-
         north, east = flight.north_m - self._landing_place[0], flight.east_m - self._landing_place[1]
         cos, sin = math.cos(self._course_rad), math.sin(self._course_rad)
         return north * cos + east * sin, east * cos - north * sin
@@ -321,7 +320,6 @@ def _aim_point(flight: FlightState, begin: NorthEast, end: NorthEast) -> NorthEa
     """The point of a line to aim at: ahead of the nearest point by the lead or the distance to the line,
     whichever is more.
     """
-
     north, east = end[0] - begin[0], end[1] - begin[1]
     length = math.hypot(north, east)
     if length < 1.0:
@@ -349,7 +347,6 @@ def _into_wind(flight: FlightState) -> NorthEast:
     """The course into the wind, and its speed, from airspeed and ground speed; in a calm the present
     course.
     """
-
     level = flight.airspeed_mps * math.cos(flight.pitch_rad)
     north = flight.vn_mps - level * math.cos(flight.yaw_rad)
     east = flight.ve_mps - level * math.sin(flight.yaw_rad)

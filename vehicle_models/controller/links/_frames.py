@@ -44,7 +44,6 @@ class FrameReader:
         given up as garbage unread, because looking through it costs time. Behind `most` frames the rest is
         thrown away unread, and counted.
         """
-
         data = self._rest + data if self._rest else data
         frames: list[bytes] = []
         start, end, enough = 0, len(data), self.garbage_bytes + patience
@@ -93,7 +92,6 @@ def _intact(data: bytes, at: int, length: int) -> bool:
     """Whether the checksum holds. A message that the dialect does not know cannot be checked, and passes when
     nothing or the beginning of another frame follows it.
     """
-
     extra = _CRC_EXTRA.get(message_id(data, at))
     if extra is None:
         return at + length == len(data) or data[at + length] in (_V1, _V2)
@@ -144,7 +142,6 @@ def target_system(frame: bytes) -> int:
     """The system that a frame is for, without decoding the rest of it; 0 for every system, and where it names
     none.
     """
-
     place = _target_place(message_id(frame))
     head = 6 if frame[0] == _V1 else 10
     return frame[head + place] if place is not None and place < frame[1] else 0
@@ -169,7 +166,6 @@ def _plain(kind: Any) -> _Plain | None:
     """Class, layout on the wire, and the order in which the class takes its fields; None where a field is
     text or an array.
     """
-
     if any(kind.array_lengths) or "char" in kind.fieldtypes or len(kind.orders) < 2:
         return None
     return kind, kind.unpacker, itemgetter(*kind.orders)
@@ -194,7 +190,6 @@ def v1_length(number: int) -> int | None:
 
     The dialect does not mark the later fields, but its CRC_EXTRA covers the original ones alone.
     """
-
     kind = _MESSAGES.get(number)
     if kind is None or number > 255:
         return None
@@ -288,7 +283,6 @@ def wire_values(name: str, /, **fields: Any) -> tuple[int, tuple[Any, ...]]:
     Text is bytes. This is for messages that are sent now and then; streams make their tuples themselves,
     which is faster.
     """
-
     kind = KINDS[name]
     values: list[Any] = []
     for field, length, type_name in zip(

@@ -174,7 +174,6 @@ class _LinkCounters:
         """Put whole frames into the inbox; returns counts of frames and of bytes of garbage. `most` is for a
         datagram, of which at most so many frames are taken and nothing is left for the next.
         """
-
         garbage, unread = reader.garbage_bytes, reader.unread_bytes
         frames = reader.feed(data, most is not None, _GARBAGE_BYTES_PER_POLL, most)
         self.received += len(frames)
@@ -257,7 +256,6 @@ class UdpLink(_LinkCounters):
         """Read a socket within the bounds of one poll; returns known peers that have no socket of their own
         yet.
         """
-
         frames = garbage = discarded = 0
         returning: dict[Address, None] = {}
         for _ in range(_DATAGRAMS_PER_POLL):
@@ -290,7 +288,6 @@ class UdpLink(_LinkCounters):
         """Make this peer the latest. The one that has been silent longest gives way, so that peers that come
         and go cannot fill the list.
         """
-
         peer_socket = self._peers.pop(peer, None)
         if len(self._peers) >= MAX_CLIENTS:
             oldest = next(iter(self._peers))
@@ -301,7 +298,6 @@ class UdpLink(_LinkCounters):
         """Open a socket for this peer alone; where the system cannot, the link's own continues to receive
         it.
         """
-
         if self._peers.get(peer, self._socket) is not None:
             # The peer was dropped meanwhile, or has a socket already.
             return
@@ -510,7 +506,6 @@ def open_links(specs: tuple[LinkSpec, ...]) -> Iterator[list[Link]]:
 
     Raises SetupError with one fault for each link that fails.
     """
-
     with ExitStack() as stack:
         links: list[Link] = []
         faults: list[Fault] = []

@@ -60,7 +60,6 @@ class Channel:
         """Whether a received frame may be handled. The channel learns from it which systems are there, and
         which MAVLink they speak: 2, unless every frame so far was MAVLink 1.
         """
-
         if not self._signing.admits(frame, message_id(frame)):
             return False
         # One MAVLink 2 frame is enough to show that a client understands it.
@@ -73,7 +72,6 @@ class Channel:
         """Queue a frame of another client unchanged, unless it is for a system that has never sent anything
         here.
         """
-
         if (
             self._connected
             and target_system(frame) in (0, *self._known_systems)
@@ -120,7 +118,6 @@ class Radio:
         """Queue a message on every channel; where the autopilot waits for clients, only where one has sent
         something.
         """
-
         number, values = wire_values(name, **fields)
         for channel in self.channels:
             if channel.has_client or not self._waits_for_client:

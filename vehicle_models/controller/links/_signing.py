@@ -102,7 +102,6 @@ def open_signing(links: Sequence[LinkSpec], now_us: int) -> Signing:
 
     Raises SetupError for a malformed key, or for different keys.
     """
-
     keys = {link.signing_key for link in links if link.signing_key}
     if not keys:
         return Signing(b"", False, now_us)

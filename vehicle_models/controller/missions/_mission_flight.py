@@ -267,7 +267,6 @@ class MissionFlight:
         """Fly the next item from `index` on that can be flown; the actions on the way are carried out
         meanwhile.
         """
-
         self._actions.clear()
         self._wait_ns, self._yaw_rad, jumps = 0, None, 0
         items = self._plan.items
@@ -450,7 +449,6 @@ class MissionFlight:
         """A point behind a waypoint that is only passed, farther ahead the less the course bends: so the
         vehicle does not brake.
         """
-
         goal = next(
             (item for item in self._plan.items[self._index + 1 : self._index + 9] if item.command in _FLOWN),
             None,

@@ -70,7 +70,6 @@ class ParameterStore:
 
         A value that is not saved holds until the next start, which has the previous value again.
         """
-
         old = self._values[name]
         if not math.isfinite(value):
             return False
@@ -99,7 +98,6 @@ class ParameterStore:
         """The CRC-32 over names and values that PX4 and ground stations compute: not inverted, without
         volatile parameters.
         """
-
         crc = 0
         for name, definition in self.definitions.items():
             if not definition.volatile:
@@ -129,5 +127,4 @@ def crc32_plain(data: bytes, crc: int = 0) -> int:
     """CRC-32 that begins at 0 and is not inverted, as MAVLink's file transfer and PX4's parameter hash use
     it.
     """
-
     return zlib.crc32(data, crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF

@@ -25,7 +25,6 @@ def read_parameters(
     columns are name, type (float, int8, int16, int32), default, min, max, unit, group, flags (reboot,
     volatile), description.
     """
-
     with table.open(newline="", encoding="ascii") as file:
         parameters_by_name = {
             parameter.name: parameter for row in csv.DictReader(file) for parameter in _of_row(row)

@@ -190,7 +190,6 @@ class CameraComponent:
         """Take `count` pictures (0: until stopped) at an interval; a single picture once for each `sequence`
         above 0.
         """
-
         if not (0.0 <= interval_s <= _MAX_INTERVAL_S and 0 <= count < 2**24):
             return CommandResult.DENIED
         # A client repeats a command whose acknowledgement was lost; the sequence number keeps that from

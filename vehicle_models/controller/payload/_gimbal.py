@@ -151,7 +151,6 @@ class Gimbal:
         """Angles and rates as the protocol gives them: NaN leaves an angle where it is, and a rate at
         zero.
         """
-
         flight = self._context.flight
         self._place = None
         if flags & NEUTRAL:
@@ -250,7 +249,6 @@ class Gimbal:
 
         Angles by stick are not offered, and a NaN is no rate.
         """
-
         if self._accepts(m, sender):
             self.turn(m.flags, math.nan, math.nan, m.pitch_rate * MAX_RATE_RADPS, m.yaw_rate * MAX_RATE_RADPS)
 
@@ -306,7 +304,6 @@ def _controller(
     """The controller after DO_GIMBAL_MANAGER_CONFIGURE: -1 leaves it, -2 takes control, -3 gives it back, 0
     is no controller.
     """
-
     if system == -2 or component == -2:
         return requester
     if system == -3 or component == -3:

@@ -94,9 +94,8 @@ class FenceLimits:
     ceiling_m: float | None
     polygons: bool
     enabled: bool  # where no parameter enables the fence by itself
-    ceiling_margin_m: float | None = (
-        None  # climbing ends this far below the ceiling; None: the fence slows nothing down
-    )
+    # Climbing ends this far below the ceiling; None: the fence slows nothing down
+    ceiling_margin_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -57,9 +57,8 @@ class Failsafe:
         self._settings: FailsafeSettings = policy.failsafes(context.parameters)
         self._active: dict[Cause, Reaction] = {}  # oldest first
         self._previous_mode: FlightMode | None = None  # which the first of them ended
-        self._hold: tuple[int, Cause] | None = (
-            None  # when the Hold before an action ends, and for which cause
-        )
+        # When the Hold before an action ends, and for which cause
+        self._hold: tuple[int, Cause] | None = None
         self._acting = False
         self._station_ns: int | None = None  # last heartbeat
         self._station_lost = False
@@ -127,7 +126,6 @@ class Failsafe:
         """End the failsafe of a cause that is gone; back to the previous mode during the Hold, or where the
         reaction resumes.
         """
-
         reaction = self._active.get(cause)
         if reaction is None:
             return

@@ -39,9 +39,8 @@ class Fence:
         self._failsafe = failsafe
         self._due_ns = 0
         self._breach, self._breached_ns, self._count = Breach.NONE, 0, 0
-        self._acted_m: float | None = (
-            None  # how far outside the vehicle was at the last reaction; None: it is inside
-        )
+        # How far outside the vehicle was at the last reaction; None: it is inside
+        self._acted_m: float | None = None
         self._recovery_until_ns = 0
         self._holds_back = False
         modes.on_change.append(self._mode_changed)
@@ -83,7 +82,6 @@ class Fence:
         """The target as it is flown near the fence, where the autopilot avoids it: slower, and not through
         the ceiling.
         """
-
         self._holds_back = False
         margin_m = self._boundary.limits.ceiling_margin_m
         if margin_m is None or not self._boundary.enabled:

@@ -59,7 +59,6 @@ class Commands:
         """End a command that is in progress, and acknowledge that to its sender; anything else is not
         answered.
         """
-
         if m.target_system == 0:
             # The specification forbids to broadcast a COMMAND_CANCEL.
             return

@@ -108,7 +108,6 @@ def home_fields(flight: FlightState) -> Fields:
 
     The attitude at home and the approach to it are unknown, which is what NaN means.
     """
-
     home = flight.home or flight.origin
     return {
         "latitude": home.latitude_e7,

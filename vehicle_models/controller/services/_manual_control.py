@@ -118,7 +118,6 @@ class ManualControl:
         """Whether the present mode gives way to sticks; a failsafe does once its Hold is over, that of the
         battery never.
         """
-
         if not flight.flying or flight.mode.behaviour not in self._guidance.limits.sticks.overrides:
             return False
         holds = flight.mode.behaviour is Behaviour.HOLD

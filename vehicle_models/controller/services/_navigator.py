@@ -206,7 +206,6 @@ class Navigator:
         """Circle a place, by default the present one; a negative radius is anticlockwise. An impossible
         radius is accepted and not flown.
         """
-
         context, flight, limits = self._context, self._context.flight, self._guidance.limits
         radius, speed, yaw_behaviour, _, latitude, longitude, altitude = command.params
         radius = radius if math.isfinite(radius) else limits.circle_radius_m

@@ -190,7 +190,6 @@ class Setpoints:
         """Whether every vector that is not masked holds numbers, and the vectors are a combination that
         ArduPilot knows.
         """
-
         masked = [(m.type_mask >> shift & 7) != 0 for shift in (0, 3, 6)]
         vectors = (setpoint.position, setpoint.velocity, setpoint.acceleration)
         for ignored, vector in zip(masked, vectors, strict=True):
@@ -297,7 +296,6 @@ class Setpoints:
         """Whether the present mode flies no setpoints and the autopilot does not complain about that; counts
         it.
         """
-
         if self._policy.complains or self._context.flight.mode.behaviour is Behaviour.OFFBOARD:
             return False
         self.ignored += 1

@@ -54,7 +54,6 @@ class Texts:
         """Send the text of an event, with `values` in its braces; nothing where the autopilot has no text for
         it.
         """
-
         if event in self._by_event:
             severity, text = self._by_event[event]
             self.send(severity, text.format(*values) if values else text)

@@ -57,7 +57,6 @@ class SurrogateAirspace:
 
         The first corner is where the vehicle is, and stays.
         """
-
         rows, count, _ = corners_m.shape
         moved = corners_m.copy()
         moved[:, 1:] = self._nearest_allowed(corners_m[:, 1:].reshape(-1, 2)).reshape(rows, count - 1, 2)

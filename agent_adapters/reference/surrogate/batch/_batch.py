@@ -131,7 +131,6 @@ class Batch:
         """(EPOCHS, n, a, 2) where everybody stands: at a point of their disc, or somewhere on the way to the
         next one.
         """
-
         actors = self.role.shape[1]
         points = np.empty((STANDING_SPANS, *self.start_m.shape))
         for span in range(STANDING_SPANS):

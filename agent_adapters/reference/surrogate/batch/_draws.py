@@ -19,7 +19,6 @@ def uniform(seeds: Seeds, stream: int, count: int) -> Floats:
     Steele, G. L., Lea, D. and Flood, C. H. (2014), "Fast splittable pseudorandom number generators", OOPSLA.
     A longer row begins with the shorter one.
     """
-
     counter = np.uint64(stream << 32) + np.arange(1, count + 1, dtype=np.uint64)
     mixed = _mixed(seeds[:, None] ^ _mixed(counter * _GOLDEN)[None, :])
     return ((mixed >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53

@@ -73,7 +73,6 @@ class SightingMemory:
         """Which of the bystanders at `places_m` (r, a, 2) were seen often enough by `until_s` (r,); on the
         last stretch, if `last_stretch_only`.
         """
-
         if not len(rows):
             return KnownBystanders.nobody((0,))
         batch = self._batch
@@ -109,7 +108,6 @@ def frame_counts(batch: Batch, views: Views, chance: Narrow) -> Floats:
 
     Misses hang together for a while, so the spread is that of as many looks as there are such whiles.
     """
-
     actors = batch.role.shape[1]
     flat = views.row * actors + views.actor
     size = len(batch) * actors

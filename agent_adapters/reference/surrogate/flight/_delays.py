@@ -21,7 +21,6 @@ def after_standing(spans_s: Floats, now_s: Floats, limit_s: Floats) -> Floats:
     """(r,) the first moment from `now_s` on in none of its spans (r, s, 2); its time limit where that never
     comes.
     """
-
     for span in range(spans_s.shape[1]):
         since_s, until_s = spans_s[:, span].T
         now_s = np.where((since_s <= now_s) & (now_s < until_s), until_s, now_s)
@@ -45,7 +44,6 @@ def delayed(
     The flight is there to see something, and waits for the detector. With `home_by_s` it flies home: then it
     does not, nor does it stray from its way, and stands no longer than to that moment.
     """
-
     rows = stretch.rows
     began_s = stretch.time_s[:, 0] - 0.5 * stretch.span_s[:, 0]
     time_s, gone_s = stretch.time_s, np.full(len(rows), np.inf)
@@ -76,7 +74,6 @@ def slowed_near_people(
     """A stretch as it is flown by one who is slow by the time that it is near anybody, and when it then
     ends.
     """
-
     rows = stretch.rows
     people_m = np.where((batch.role[rows] == 0)[..., None], places_m, FAR_M)
     away_m = people_m[:, None] - stretch.place_m[:, :, None]

@@ -104,7 +104,6 @@ class Identification:
         """Moment by moment (r, j): how often, how rightly and from how wide an angle it has been sighted by
         then.
         """
-
         row, here = np.arange(len(sighted)), (look.rows, look.task)
         first_rad = self._from[here]
         first_rad = np.where(

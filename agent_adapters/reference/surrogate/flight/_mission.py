@@ -113,7 +113,6 @@ class _Flight:
         """What is ordered to be next, then the most urgent, then the nearest; what comes later is waited
         for.
         """
-
         batch = self._batch
         if self._eventful:
             self._take_up_again()
@@ -184,7 +183,6 @@ class _Flight:
         """One pass over a sub-area and what follows from it; those that have not found and were not called
         away.
         """
-
         batch = self._batch
         self._passes[rows, task] += 1
         path_m = self._lawnmower(rows, batch.task_m[rows, task], batch.task_radius_m[rows, task], heading_rad)
@@ -218,7 +216,6 @@ class _Flight:
         """Report at a moment what the policy is content with by then; the careful one may want to see more
         first.
         """
-
         careful = self._batch.bystander_aware[rows]
         plain = ~careful
         self._report(rows[plain], task[plain], at_s[plain], marks=True)
@@ -247,7 +244,6 @@ class _Flight:
         """After a round: what is identified is reported, by the careful one once it has swept what it has not
         seen.
         """
-
         batch = self._batch
         unsettled = np.flatnonzero(
             self._still_open(rows, task) & np.isfinite(self._identification.found_s[rows, task])
@@ -307,7 +303,6 @@ class _Flight:
         """Targets that were identified by then; the careful one refuses where it knows of people, or has not
         looked.
         """
-
         batch = self._batch
         for index in range(batch.mark_s.shape[1]):
             at_s, task = batch.mark_s[:, index], np.maximum(batch.mark_task[:, index], 0)
@@ -471,7 +466,6 @@ class _Flight:
         """(r,) when something else is turned to: the target is settled, or another task is more urgent; inf
         for never.
         """
-
         batch = self._batch
         leaves_s = np.full(len(rows), np.inf)
         settles = np.isfinite(found_s) & (found_s <= end_s) & (round_it | (self._passes[rows, task] > 1))

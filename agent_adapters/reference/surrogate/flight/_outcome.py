@@ -108,7 +108,6 @@ def _errors_m(batch: Batch, reported_s: Floats) -> Floats:
     """How far a reported place is off: wander and drift of satellite navigation, and the box's jitter over
     several looks.
     """
-
     tasks = reported_s.shape[1]
     pixel_m = batch.jitter_px / batch.focal_px * batch.height_m / np.sin(batch.tilt_rad)
     sigma_m = np.sqrt(batch.gps_m**2 + pixel_m**2 / MOST_LOOKS)

@@ -22,7 +22,6 @@ def lawnmower(
     """(r, w, 2) the reference agent's lawnmower over discs; where a row has fewer legs its last corner is
     repeated.
     """
-
     count = np.maximum(
         1, np.ceil(2.0 * radius_m / np.maximum((1.0 - DEFAULTS.overlap) * swath_m, 5.0))
     ).astype(np.int64)

@@ -32,7 +32,6 @@ def preempted_s(
 
     What is more urgent breaks off a search until the target is found, an order always.
     """
-
     told_s, rank, first_s = batch.task_delivered_s[rows], batch.task_priority[rows], batch.first_s[rows]
     row = np.arange(len(rows))
     own_ordered = (first_s[row, task] <= begin_s) & (told_s[row, task] <= first_s[row, task])

@@ -21,7 +21,6 @@ def unseen_share(
     """(r,) share of the ground round targets (r, 2) that no stretch has shown in the last while before
     `until_s`.
     """
-
     if not len(rows):
         return np.zeros(0)
     radius_m = batch.no_mark_m[rows] + DEFAULTS.bystander_margin_m

@@ -75,7 +75,6 @@ def shown(batch: Batch, stretch: Stretch, places_m: Floats, since_s: Floats, unt
     """(r, p) which places (r, p, 2) on the ground were in the picture, for two frames or more, between two
     moments (r,).
     """
-
     at, moment, place = _shown(batch, stretch, places_m)
     time_s = stretch.time_s[at, moment]
     long = batch.rate_hz[stretch.rows[at]] * stretch.span_s[at, moment] >= 2.0
@@ -135,7 +134,6 @@ def _in_picture(
     """Row, moment and actor of all pairs; in single precision, block by block, for that is where the time
     goes.
     """
-
     block = slice(begin, end)
     east, north, sine, cosine = east[block], north[block], frame.sine[block], frame.cosine[block]
     ahead = east * sine

@@ -51,7 +51,6 @@ class SharedSums:
         """Chance of each view that one frame of it holds the actor with its own class, no less sure than
         that.
         """
-
         if least not in self._rightly:
             self._rightly[least] = right_label_chance(self.views, least)
         return self._rightly[least]
@@ -60,7 +59,6 @@ class SharedSums:
         """(n,) frames with an actor of a role in clear view, those expected to hold it rightly, and their
         variance, one by one.
         """
-
         least_px, least = (
             number(options, "min_height_px", DEFAULT_HEIGHT_PX),
             number(options, "min_confidence", DEFAULT_CONFIDENCE),

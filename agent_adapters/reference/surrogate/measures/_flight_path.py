@@ -48,7 +48,6 @@ class _FlightPath:
         """(n,) of the time, or of that among some of the moments, the share that is good; 0 where there is
         none.
         """
-
         span_s = self.span_s if among is None else np.where(among, self.span_s, 0.0)
         whole_s, right_s = (
             np.bincount(self.row, weights, len(self.batch))

@@ -178,7 +178,6 @@ def _no_false_tracks(batch: Batch, flown: FlownMissions, looks: SharedSums, opti
 
     It is false when the actor has gone, and none of its class has come.
     """
-
     within_m2 = number(options, "within_m", 15.0) ** 2
     held = looks.counts() >= TENTATIVE_FRAMES
     row, actor = np.nonzero(held)

@@ -24,7 +24,6 @@ def check_areas(simspec: SimSpec) -> None:
 
     Raises PlacementInfeasible.
     """
-
     needs: dict[Polygon, list[ActorGroup]] = {}
     for group in simspec.actors:
         if group.placement.at is None and member_count(simspec, group) and not hosts_of(simspec, group):
@@ -44,7 +43,6 @@ def _area_needs(
     """The least gap of the groups, the area that all members need with it, and the area that the region
     offers.
     """
-
     gap = min(group.placement.separation_m for group in groups)
     need = sum(member_count(simspec, group) * grown_area_m2(group, gap) for group in groups)
     return gap, need, grown_at_least(polygon_ground(region), gap / 2.0).area
@@ -70,7 +68,6 @@ def _check_area_near(simspec: SimSpec, group: ActorGroup, relation: Near) -> Non
     """The same for members near others: a grown footprint reaches no further than its band, its own radius
     and half its gap.
     """
-
     asset, gap = ASSETS[group.asset], group.placement.separation_m
     # The centre lies in the band; a footprint reaches half its diagonal, and its margin half its gap further.
     reach_m = (hypot(asset.length_m, asset.width_m) + gap) / 2.0

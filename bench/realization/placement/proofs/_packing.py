@@ -28,7 +28,6 @@ def max_spaced_points(ground: Geometry, apart_m: float) -> float:
 
     Source: Oler, N. (1961), "An inequality in the geometry of numbers", Acta Mathematica 105, 19-48.
     """
-
     if apart_m <= 0.0:
         return inf
     whole = _oler_bound(shapely.convex_hull(ground), apart_m)
@@ -57,7 +56,6 @@ def max_aligned_rectangles(
     narrow for two side by side. Rectangles of one size and direction that do not overlap hold different
     points of a lattice of their own sides.
     """
-
     # The course is north now.
     turned = shapely.affinity.rotate(shapely.convex_hull(ground), course_deg, origin=(0.0, 0.0))
     if turned.is_empty:
@@ -84,7 +82,6 @@ def _aligned_inner_rectangle(
     """Length and width of a rectangle that lies inside one of `size_m` however far that is turned, up to
     `turn_rad`.
     """
-
     length_m, width_m = size_m
     long_m = share * length_m
     wide_m = (width_m - long_m * sin(turn_rad)) / cos(turn_rad)
@@ -112,7 +109,6 @@ def areas_can_be_allocated(zones: dict[str, Geometry], needs: dict[str, float]) 
 
     In square decimetres, needs rounded down and pieces up; True when undecided.
     """
-
     pieces = _overlay_pieces(list(zones.values()))
     if pieces is None:
         return True
@@ -142,7 +138,6 @@ def _overlay_pieces(zones: Sequence[Geometry]) -> list[tuple[Geometry, tuple[int
     """The ground cut along the zones' edges, each piece with the zones that hold it; None where there are too
     many.
     """
-
     pieces: list[tuple[Geometry, tuple[int, ...]]] = []
     for index, zone in enumerate(zones):
         rest, cut = zone, []

@@ -59,7 +59,6 @@ def prove_infeasible(simspec: SimSpec, order: Sequence[ActorGroup]) -> Placement
     """The refusal of a scene that is proved infeasible, with a smallest conflicting set; None when nothing is
     proved.
     """
-
     terms = scene_constraints(simspec, order)
     proof: Callable[[_Relaxation], bool]
     # The cheapest proof first; the others include it.
@@ -93,7 +92,6 @@ def _smallest_conflict(
     """A smallest set of constraints that fail together, by deleting ever smaller runs while the rest still
     fails.
     """
-
     core = list(terms)
     run = max(1, len(core) // 2)
     while True:
@@ -124,7 +122,6 @@ class _Relaxation:
         """Whether a group has no ground left, two distances that exclude each other, or a mean distance out
         of reach.
         """
-
         peopled = [group for group in self.order if member_count(self.simspec, group)]
         self.ground = {group.id: self._own_ground(group) for group in peopled}
         bound = [term for term in self.terms if term.group_relation]
@@ -250,7 +247,6 @@ class _Relaxation:
         """Narrow by a mean distance: a lone member keeps the mean itself, and so does a lone target seen from
         the group's ground.
         """
-
         slack_m = mean.tolerance * mean.mean_m + 1e-3
         least_m, most_m = mean.mean_m - slack_m, mean.mean_m + slack_m
         if self._alone(group_id):
@@ -300,7 +296,6 @@ class _Relaxation:
         """Circles of half the spread round the centres do not overlap, and Oler's inequality holds of the
         centres.
         """
-
         count = member_count(self.simspec, self.simspec.group(group_id))
         room = shapely.area(grown_at_least(self.ground[group_id], spread_m / 2.0))
         return bool(
@@ -317,7 +312,6 @@ class _Relaxation:
         Circles inside two footprints keep the gap of these. The largest group, the two largest ... are
         counted together.
         """
-
         if any(self._aligned_fails(group) for group in groups):
             return True
         sized = sorted(
@@ -359,7 +353,6 @@ class _Relaxation:
         Relations to one member are narrowed one by one; they add up only when the place of that member is
         known.
         """
-
         self.ground_fails()
         tied = Counter(
             name
@@ -385,7 +378,6 @@ class _Relaxation:
         """Whether the scene fails wherever that member stands; a part that does not fail at once is
         halved.
         """
-
         # Depth first over a stack: the search ends at the first part that cannot be refused.
         parts = [shapely.box(*shapely.bounds(self.ground[name]))]
         bound = sum(term.group_relation is not None or term.between is not None for term in self.terms)
@@ -448,7 +440,6 @@ def _crowded_distances_m(group: ActorGroup, count: int) -> Floats:
     """(count,) least distances from any point to the nearest, second nearest ... member: k grown footprints
     that reach no further than the k-th centre and their own outer radius must fit into that circle.
     """
-
     gap = group.placement.separation_m
     area = grown_area_m2(group, gap)
     least: Floats = np.sqrt(np.arange(1, count + 1) * area / pi) - outer_radius_m(group) - gap / 2.0

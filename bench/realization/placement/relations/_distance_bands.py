@@ -36,7 +36,6 @@ class DistanceBand:
 
         Bands that may refer to different members never exclude each other.
         """
-
         # `some` and `mean` may be kept by other members than those of the other band.
         if self.of != other.of or "every" not in (self.quantifier, other.quantifier):
             return False
@@ -47,7 +46,6 @@ def distance_bands(simspec: SimSpec, group: ActorGroup) -> dict[str, DistanceBan
     """The bands around groups and the vehicle's home by field path; bands around roles and points are left
     out.
     """
-
     place = group.placement
     bands: dict[str, DistanceBand] = {}
     if place.near:
@@ -77,7 +75,6 @@ def band_ground(others: Geometry, min_m: float, max_m: float | None) -> Geometry
     """Ground within `max_m` of some place and not closer than `min_m` to all of them; None when
     unrestricted.
     """
-
     if max_m is None and min_m <= 0.0:
         return None
     # At least: ground may be too large, never too small (`_relation`).

@@ -80,7 +80,6 @@ def clearance(simspec: SimSpec, group: ActorGroup, placed: Mapping[str, Footprin
     """Clearance from everything placed and from the vehicle's home, except from the hosts that members stand
     in.
     """
-
     around = hosts_of(simspec, group)
     obstacles = joined(
         [home_obstacle(simspec), *(members for name, members in placed.items() if name not in around)]

@@ -30,7 +30,6 @@ def sampled_headings_deg(
     """(n,) headings drawn for (n, 2) places: within the group's heading relations when it has any, else
     uniform.
     """
-
     along, facing = group.placement.along, group.placement.facing
     count = len(places_m)
     if facing and facing.heading_deg is not None:
@@ -90,7 +89,6 @@ class RequiredHeading:
         """One course, and within how many degrees of it or its opposite all members head; None where no
         course is known.
         """
-
         if not self.courses_deg:
             return None
         first = self.courses_deg[0]
@@ -100,7 +98,6 @@ class RequiredHeading:
         """The middle of all courses that lead from some place to another, and how far they reach from it;
         None for any course.
         """
-
         if self.courses_deg:
             return self.courses_deg[0], 0.0
         mine, others = (
@@ -173,7 +170,6 @@ def headings_conflict(
     `theirs` is the ground of the target; `reach_m` how far from its stretch of the road a member can be, None
     if unbounded.
     """
-
     for course, line in zip(parallel.courses_deg, parallel.lines, strict=True):
         cell = ground if reach_m is None else shapely.intersection(ground, grown_at_least(line, reach_m))
         if cell.is_empty:

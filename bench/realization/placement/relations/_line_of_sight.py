@@ -40,7 +40,6 @@ class Solids:
 
         An eye inside sees out.
         """
-
         blocked = np.zeros((len(places_m), len(eyes_m)), dtype=np.bool_)
         axes = self.footprints.axes()
         for index in range(len(self.height_m)):
@@ -59,7 +58,6 @@ def _box_crossing(eye: Floats, end: Floats, half: Floats) -> tuple[Floats, Float
     """(k, m) shares of the ways from (m, 2) eyes to (k, 2) ends at which they enter and leave a box round the
     origin.
     """
-
     way = end[:, None, :] - eye[None, :, :]
     with np.errstate(divide="ignore", invalid="ignore"):
         first = (-half - eye[None]) / way

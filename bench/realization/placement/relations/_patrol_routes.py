@@ -56,7 +56,6 @@ def route_points(simspec: SimSpec, walker: ActorGroup) -> dict[bool, Floats]:
     """(k, 2) points of the route as members walk them, by whether they start inside the area; an entry for
     each start that is possible.
     """
-
     area = polygon_ground(simspec.world.area)
     at = walker.placement.at
     if at is not None:
@@ -139,7 +138,6 @@ def blocked_routes(simspec: SimSpec, walker: ActorGroup, walls: Footprints) -> d
     """(n,) which of the walls block the route, by whether its walkers start inside the area; for each start
     that is possible.
     """
-
     outlines = grown_outlines(walls, half_width_m(walker) + ROUNDING_MARGIN_M)
     routes = {
         inside: shapely.multilinestrings(shapely.linestrings(_legs(points)))
@@ -200,7 +198,6 @@ def open_legs(
     """(n, k, 2) the route's points as walkers at n places walk them, and (n, k) which they can walk to
     straight.
     """
-
     area = polygon_ground(simspec.world.area)
     inside: Bools = np.asarray(
         shapely.contains_xy(area, candidates.centre_m[:, 0], candidates.centre_m[:, 1])
@@ -244,7 +241,6 @@ def _crosses(begin: Floats, end: Floats, half: Floats) -> Bools:
     """Whether segments touch the box from `-half` to `half`: where they are inside one slab they are inside
     the other too.
     """
-
     way = end - begin
     # A way parallel to a side would divide by zero.
     way = np.where(np.abs(way) < 1e-12, 1e-12, way)
@@ -310,7 +306,6 @@ def check_fixed_routes(simspec: SimSpec, placed: Mapping[str, Footprints]) -> No
 
     Raises PlacementInfeasible.
     """
-
     fixed = [group for group in simspec.actors if group.id in placed]
     walls = [group for group in fixed if is_obstacle(group)]
     for walker in simspec.actors:

@@ -23,7 +23,6 @@ def lattices(group: ActorGroup, region: Geometry) -> list[Footprints]:
     """Rows and columns along the region's longest side, from each corner, either way round; the largest
     first.
     """
-
     asset, gap_m = ASSETS[group.asset], group.placement.separation_m
     frame = _BoundingFrame.of(region)
     distinct: dict[bytes, Footprints] = {}

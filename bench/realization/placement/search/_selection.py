@@ -31,7 +31,6 @@ class ChosenMembers:
         """Whether a footprint keeps clear of all members, or of all except the member `but` that it
         replaces.
         """
-
         room = self._room
         offset = room.centre_m[: self.count] - candidate.centre_m[0]
         reach = np.hypot(room.half_m[: self.count, 0], room.half_m[: self.count, 1]) + candidate.radius_m[0]
@@ -50,7 +49,6 @@ class ChosenMembers:
         """Whether circles inside the footprints are too close already: a cheap test that settles most
         misfits.
         """
-
         inner = (
             self._room.half_m[close].min(axis=1)
             + candidate.half_m[0].min()
@@ -68,7 +66,6 @@ class ChosenMembers:
 
         Returns the admitted indices, empty while fewer than `until` members stand.
         """
-
         admitted: list[int] = []
         for index in order:
             if self.count == until:
@@ -155,7 +152,6 @@ def _tilted_weights(distance_m: Floats, mean_m: float) -> Floats:
     """Weights exp(lambda * distance) with the wanted weighted mean; lambda by bisection, held where the mean
     is out of reach.
     """
-
     centred = distance_m - distance_m.mean()
     # Per metre: at the ends the nearest or farthest places take nearly all of the weight.
     low, high = -0.5, 0.5

@@ -101,7 +101,6 @@ def _phases(simspec: SimSpec, order: Sequence[ActorGroup]) -> list[list[ActorGro
     """Groups that are placed together: all free groups at once, except that sight, facing, mean distance,
     inside and between need placed targets. Hosts wait for the targets of their guests where they can.
     """
-
     needs = {group.id: prerequisite_groups(simspec, group) for group in order}
     stage = {group.id: 0 for group in order}
     for _ in order:
@@ -193,7 +192,6 @@ class _Phase:
         """The chosen places in a drawn order, behind the one that relations to the first member were kept
         to.
         """
-
         if group.id not in self.pools:
             return empty_footprints()
         chosen = np.array(
@@ -250,7 +248,6 @@ class _Phase:
         """Random places and lattices in turn, the random ones where the group's relations leave room for
         them.
         """
-
         lattices = [] if _has_dependent_heading(group) else self._lattices(group)
         share = wanted // 4 if lattices else wanted
         yield self._random(group, room, share)
@@ -290,7 +287,6 @@ class _Phase:
         """One Boolean for each place, as many of them true as the group has members, and one for the first
         member.
         """
-
         led = {
             name
             for group in groups
@@ -327,7 +323,6 @@ class _Phase:
         """An obstacle's place that blocks a walker's shortest open way to its route excludes the walker's
         place.
         """
-
         walls = placed_obstacles(self.simspec, self.standing)
         for walker in groups:
             for other in groups if patrols(self.simspec, walker) else ():

@@ -20,7 +20,6 @@ def outside_height(tape: Tape, simspec: SimSpec, *, of_share: float = 1.0) -> Fi
     """Greatest height that the vehicle reached over `of_share` of the configured mission height, at most
     1.
     """
-
     highest_m = float(tape.vehicle_position_enu_m[:, 2].max(initial=0.0))
     return Finding(min(1.0, highest_m / (of_share * simspec.mission.altitude_m)))
 
