@@ -265,6 +265,20 @@ class DocumentChecks:
                 f"the values of {row.factor} rise and fall: the table is not monotone",
                 "let them only rise or only fall along the ratings",
             )
+        elif row.absent is not None and any(steps):
+            yield from self._absent(place, row, row.absent)
+
+    def _absent(self, place: DocumentPlace, row: KeyFactor, absent: float) -> Iterator[Fault]:
+        first = row.values[0]
+        rises = row.values[-1] > first
+        # A comparison that NaN fails too.
+        if not (absent <= first if rises else absent >= first):
+            side = "at or below" if rises else "at or above"
+            yield self._fault(
+                place.at("absent"),
+                f"the absent value {absent:g} of {row.factor} lies among its columns or beyond the last one",
+                f"keep it {side} the first value, {first:g}: nothing of the kind is easier than any of it",
+            )
 
     def _observables(self) -> Iterator[Fault]:
         for index, observable in enumerate(self.document.observables):

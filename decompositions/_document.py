@@ -78,6 +78,9 @@ class KeyFactor(Document):
 
     `values` belong to `ratings` column by column, and rise or fall along them. `reason` explains where the
     table begins and ends.
+
+    With `absent` a situation may hold nothing of the kind: the observable is then not exercisable there, and
+    has no difficulty (docs/rulings.md 14).
     """
 
     factor: Annotated[
@@ -98,6 +101,21 @@ class KeyFactor(Document):
         Field(description="Between two columns: linear, or the rating of the column at or below."),
     ] = "linear"
     reason: Sentence
+    absent: Annotated[
+        float | None,
+        Field(
+            description="Value of the factor in a situation that holds nothing of the kind: there the observable is not exercisable. A value still easier counts as absent too, and so does a factor without any value where `absent` is stated."
+        ),
+    ] = None
+
+    def is_absent(self, value: float | None) -> bool:
+        """Whether a value of the factor means that the situation holds nothing of the kind."""
+        if self.absent is None:
+            return False
+        if value is None:
+            return True
+        rises = self.values[-1] > self.values[0]
+        return value <= self.absent if rises else value >= self.absent
 
 
 class _TitledNode(Document):
@@ -165,6 +183,12 @@ class Observable(_TitledNode):
             "Empty only where difficulties are given with the runs."
         ),
     ] = ()
+    subject: Annotated[
+        Literal["agent", "perception"],
+        Field(
+            description="Whose quality it measures. An observable about the detections that the bench simulates describes the configured sensor."
+        ),
+    ] = "agent"
 
 
 class DecompositionDocument(Document):

@@ -147,6 +147,17 @@ def test_the_digest_follows_the_meaning(valid: dict[str, Any]) -> None:
         (lambda d: d["tables"].update(fog=row(values=[0, 4, 9])), "fog", "2 ratings and 3 values"),
         (lambda d: d["tables"].update(fog=row(ratings=[1, 2, 3], values=[0, 9, 4])), "fog", "not monotone"),
         (lambda d: d["tables"].update(fog=row(ratings=[20, 20])), "fog", "do not rise"),
+        (
+            lambda d: d["tables"].update(fog=row(absent=0.5)),
+            "fog",
+            "absent value 0.5 of fog_level lies among",
+        ),
+        (lambda d: d["tables"].update(fog=row(absent=10)), "fog", "absent value 10 of fog_level lies among"),
+        (
+            lambda d: d["observables"][1].update(key_factors=[row(values=[9, 2], absent=5)]),
+            "O-2",
+            "absent value 5 of fog_level lies among",
+        ),
         (lambda d: d["tables"].update(fog=row(ratings=[0, 101])), "fog", "outside 0 to 100"),
         (
             lambda d: d["observables"][1].update(key_factors=[row(factor="snow")]),
@@ -184,6 +195,38 @@ def test_all_faults_are_told_at_once(valid: dict[str, Any]) -> None:
     places = [fault.what for fault in faults(valid)]
     for what in ("threshold", "'smog'", "all equal", "'V-7'", "'KA-0'"):
         assert sum(what in place for place in places) == 1, what
+
+
+@pytest.mark.parametrize(
+    ("values", "absent", "absent_values", "present_values"),
+    [
+        ([1.0, 9.0], 0.0, [0.0, -1.0, None], [0.5, 1.0, 20.0]),
+        ([0.0, 9.0], 0.0, [0.0, None], [1e-9, 4.0]),
+        ([300.0, 20.0], 1000.0, [1000.0, 1e9, None], [999.0, 300.0, 0.0]),
+        ([300.0, 20.0], 300.0, [300.0, 301.0, None], [299.0]),
+        ([0.0, 9.0], None, [], [0.0, -1.0, None]),
+    ],
+)
+def test_absent_is_a_value_at_or_beyond_the_easy_end(
+    valid: dict[str, Any],
+    values: list[float],
+    absent: float | None,
+    absent_values: list[float | None],
+    present_values: list[float | None],
+) -> None:
+    """Tables that rise and fall; without `absent` nothing is absent, not even a factor without a value."""
+    valid["tables"]["fog"] = row(values=values, absent=absent)
+    table = read_decomposition(yaml.safe_dump(valid)).key_factors("O-1")[0]
+
+    assert [value for value in absent_values if not table.is_absent(value)] == []
+    assert [value for value in present_values if table.is_absent(value)] == []
+
+
+def test_an_observable_is_about_the_agent_unless_it_says_otherwise(valid: dict[str, Any]) -> None:
+    valid["observables"][1]["subject"] = "perception"
+    decomposition = read_decomposition(yaml.safe_dump(valid))
+
+    assert [node.subject for node in decomposition.observables.values()] == ["agent", "perception", "agent"]
 
 
 EVERYTHING_WRONG = """format: rebar.decomposition/1
