@@ -1,4 +1,4 @@
-"""Where the manifests of the reference agents lie; the entry points of group `rebar.agents` name these
+"""Where the manifests of the shipped agents lie; the entry points of group `rebar.agents` name these
 functions.
 """
 
@@ -17,3 +17,19 @@ def reference_naive() -> Path:
 def reference_bystander_aware() -> Path:
     """The same, but looks for bystanders before it marks, and withholds the mark while one is near."""
     return FOLDER / "reference-bystander-aware.yaml"
+
+
+# Null agents: the entry points name the files themselves.
+null_idle = FOLDER / "null-idle.yaml"
+null_orders = FOLDER / "null-orders.yaml"
+null_land = FOLDER / "null-land.yaml"
+null_hover = FOLDER / "null-hover.yaml"
+null_repeat = FOLDER / "null-repeat.yaml"
+null_repeat_hover = FOLDER / "null-repeat-hover.yaml"
+null_repeat_detailed = FOLDER / "null-repeat-detailed.yaml"
+null_repeat_hover_detailed = FOLDER / "null-repeat-hover-detailed.yaml"
+null_announce = FOLDER / "null-announce.yaml"
+null_everywhere = FOLDER / "null-everywhere.yaml"
+null_mark = FOLDER / "null-mark.yaml"
+null_random = FOLDER / "null-random.yaml"
+null_refuse = FOLDER / "null-refuse.yaml"

@@ -1,0 +1,241 @@
+"""The null agents: each flies a short session to its end, and does its one trick."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from agent_adapters.null._behaviours import BEHAVIOURS
+from agent_adapters.null._session import CAMERA, INTELLIGENCE, MISSION, OPERATOR_LINK, ORDERS
+from bench.agents import load_manifest, open_agent
+from bench.contracts import (
+    AgentStatus,
+    AgentTracks,
+    Decision,
+    OrderAnswer,
+    Outcome,
+    Record,
+    TargetReport,
+    VehicleDocument,
+    VehicleTopics,
+    parse_document,
+)
+from bench.documents import Document
+from bench.realization import place
+from bench.simspec import (
+    ActorGroup,
+    AgentSpec,
+    Home,
+    Intelligence,
+    Mission,
+    Order,
+    Outage,
+    Placement,
+    Point,
+    Polygon,
+    Role,
+    SimSpec,
+    VehicleSpec,
+    World,
+)
+from bench.simulation import SessionEnd, SessionPlan, run_session
+from bench.streams import String, decode
+
+CORNERS = ((-60, -60), (60, -60), (60, 60), (-60, 60))
+GROUNDED_S, HOVER_S, TOUR_S = 25.0, 75.0, 110.0
+TOURS = ("everywhere", "mark")
+TOPICS = VehicleTopics("vehicle_1")
+KINDS: Mapping[str, type[Document]] = {
+    TOPICS.reports: TargetReport,
+    TOPICS.decisions: Decision,
+    TOPICS.status: AgentStatus,
+    TOPICS.tracks: AgentTracks,
+    TOPICS.answers: OrderAnswer,
+}
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One session: its end, the documents of the agent by kind, and whether the vehicle left the ground."""
+
+    end: SessionEnd
+    reports: list[TargetReport]
+    decisions: list[Decision]
+    phases: list[str]
+    tracks: list[AgentTracks]
+    answers: list[OrderAnswer]
+    flown: bool
+    landed: bool
+
+
+def simspec(agent: str, limit_s: float) -> SimSpec:
+    """Two targets and two intelligence reports, two orders and an outage of the operator's link."""
+    targets = [
+        ActorGroup(
+            id=name,
+            asset=asset,
+            role=Role.ADVERSARY,
+            count=1,
+            placement=Placement(at=Home(east_m=east_m, north_m=20.0, heading_deg=30.0)),
+        )
+        for name, asset, east_m in (("radar", "radar-vehicle", 30.0), ("truck", "military-truck", -30.0))
+    ]
+    return place(
+        SimSpec(
+            name="null",
+            world=World(area=Polygon(corners=tuple(Point(east_m=e, north_m=n) for e, n in CORNERS))),
+            vehicle=VehicleSpec(home=Home(east_m=0.0, north_m=0.0, heading_deg=90.0)),
+            actors=tuple(targets),
+            intelligence=(
+                Intelligence(id="one", about="radar", uncertainty_m=20.0),
+                Intelligence(id="two", about="truck", uncertainty_m=20.0, delivered_s=5.0),
+            ),
+            orders=(
+                Order(id="quiet", at_s=8.0, kind="stop_reporting"),
+                Order(id="mark-it", at_s=20.0, kind="mark", intelligence="one"),
+            ),
+            outages=(Outage(kind="operator_link", at_s=14.0, duration_s=4.0),),
+            mission=Mission(altitude_m=20.0, time_limit_s=limit_s),
+            agent=AgentSpec(manifest=agent),
+        )
+    )
+
+
+def fly(folder: Path, behaviour: str, limit_s: float) -> Flight:
+    spec = simspec(f"null-{behaviour}", limit_s)
+    manifest, at = load_manifest(spec.agent.manifest)
+    records: list[Record] = []
+    end = run_session(SessionPlan(spec, manifest, at, open_agent, folder, records.append))
+    documents: dict[str, list[Document]] = {topic: [] for topic in KINDS}
+    states = []
+    for record in records:
+        if record.topic in KINDS:
+            document = parse_document(KINDS[record.topic], decode(String.TYPE, record.data).data)
+            assert document is not None, decode(String.TYPE, record.data)
+            documents[record.topic].append(document)
+        elif record.topic == "/truth/vehicle":
+            state = parse_document(VehicleDocument, decode(String.TYPE, record.data).data)
+            assert state is not None
+            states.append(state)
+    phases = [status.phase for status in documents[TOPICS.status] if isinstance(status, AgentStatus)]
+    return Flight(
+        end,
+        [report for report in documents[TOPICS.reports] if isinstance(report, TargetReport)],
+        [decision for decision in documents[TOPICS.decisions] if isinstance(decision, Decision)],
+        list(dict.fromkeys(phases)),
+        [tracks for tracks in documents[TOPICS.tracks] if isinstance(tracks, AgentTracks)],
+        [answer for answer in documents[TOPICS.answers] if isinstance(answer, OrderAnswer)],
+        any(not state.landed for state in states),
+        states[-1].landed,
+    )
+
+
+@pytest.fixture(scope="module")
+def flights(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Flight]:
+    """One short flight of every null agent. Those that stay on the ground need less time to show it."""
+    return {
+        name: fly(
+            tmp_path_factory.mktemp(name),
+            name,
+            TOUR_S if name in TOURS else HOVER_S if behaviour.flies else GROUNDED_S,
+        )
+        for name, behaviour in BEHAVIOURS.items()
+    }
+
+
+@pytest.mark.flight
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("name", sorted(BEHAVIOURS))
+def test_it_lasts_to_the_end_of_the_session(flights: dict[str, Flight], name: str) -> None:
+    """An order, an outage and an order that the rules forbid: no null agent gives up or breaks a rule of the
+    bench.
+    """
+    flight = flights[name]
+
+    assert flight.end.outcome in (Outcome.COMPLETED, Outcome.TIME_LIMIT), flight.end.reason
+    assert flight.flown is BEHAVIOURS[name].flies
+    assert flight.landed
+    # One that flies comes down in time and declares its end.
+    assert (flight.end.outcome is Outcome.COMPLETED) is BEHAVIOURS[name].flies, flight.end.reason
+
+
+@pytest.mark.flight
+def test_each_does_its_trick(flights: dict[str, Flight]) -> None:
+    """What each publishes, and what it does not."""
+    idle = flights["idle"]
+    said = [idle.reports, idle.decisions, idle.phases, idle.tracks, idle.answers]
+    assert said == [[], [], [], [], []]
+    orders = flights["orders"]
+    assert [(answer.order, answer.accepted) for answer in orders.answers] == [
+        ("quiet", True),
+        ("mark-it", True),
+    ]
+    assert not orders.reports
+    assert not orders.phases
+    refused = [(answer.order, answer.accepted) for answer in flights["refuse"].answers]
+    assert refused == [("quiet", False), ("mark-it", False)]
+    assert flights["land"].phases == ["starting", "taking_off", "landing", "complete"]
+    assert flights["land"].end.simulated_s < flights["hover"].end.simulated_s - 10.0
+    assert flights["hover"].phases == ["starting", "taking_off", "holding", "landing", "complete"]
+    subjects = {decision.subject for decision in flights["announce"].decisions}
+    assert {"gps", "battery", "motor", "link", "operator_link", "detections"} <= subjects
+
+
+@pytest.mark.flight
+@pytest.mark.parametrize("name", ["repeat", "repeat-hover", "repeat-detailed", "repeat-hover-detailed"])
+def test_the_told_places_are_repeated(flights: dict[str, Flight], name: str) -> None:
+    """Both intelligence reports, at their own places and with their own classes; never marked."""
+    reports = flights[name].reports
+
+    places = {(round(report.east_m / 60), report.class_label) for report in reports}
+    assert len(reports) >= 2
+    assert len(places) == 2
+    assert not any(report.mark for report in reports)
+    assert all(bool(report.evidence) is name.endswith("detailed") for report in reports)
+    assert bool(flights[name].tracks) is name.endswith("detailed")
+
+
+@pytest.mark.flight
+def test_the_reckless_mark_and_report(flights: dict[str, Flight]) -> None:
+    """`mark` marks both places and once more by order, `everywhere` and `random` report again and again."""
+    assert all(report.mark for report in flights["mark"].reports)
+    assert {report.intelligence_id for report in flights["mark"].reports} == {"one", "two"}
+    assert len(flights["everywhere"].reports) > 20
+    assert len({(report.east_m, report.north_m) for report in flights["everywhere"].reports}) > 20
+    marked = {report.mark for report in flights["random"].reports}
+    assert marked == {True, False}
+
+
+def test_topics_are_those_of_the_contract() -> None:
+    """The agents write the names of topics by hand; these are the bench's."""
+    topics = VehicleTopics("v")
+    named = (
+        topics.mission,
+        topics.intelligence,
+        topics.orders,
+        topics.operator_link,
+        topics.camera_info("front"),
+    )
+    assert named == tuple(f"/v/{name}" for name in (MISSION, INTELLIGENCE, ORDERS, OPERATOR_LINK, CAMERA))
+
+
+def test_every_behaviour_has_a_manifest_and_starts_without_documents() -> None:
+    """Every behaviour is started by its own manifest, and no heavy package is loaded for it."""
+    for name, behaviour in BEHAVIOURS.items():
+        manifest, _ = load_manifest(f"null-{name}")
+        assert manifest.name == f"null-{name}"
+        assert manifest.command[-1] == name
+        assert bool(manifest.mavlink) is behaviour.flies
+        assert manifest.zenoh is bool(behaviour.listens)
+    loaded = subprocess.run(
+        [sys.executable, "-c", "import sys, agent_adapters.null.__main__; print(*sys.modules)"],
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout.split()
+    assert not {"pydantic", "numpy", "yaml"} & set(loaded)
