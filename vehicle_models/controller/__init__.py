@@ -1,5 +1,26 @@
-"""The flight controller: small MAVLink services around one flight state, and the policies of the
-autopilots.
+"""The flight controller: small MAVLink services around one flight state (`_flight_state.py`), and the policies
+of the autopilots.
+
+- `links/`: sockets that never block, whole frames from any bytes, signing, the queue of messages to send,
+  MAVLink's numbers by name
+- `services/`: commands and their acknowledgements, modes, arming, home, takeoff/land/return/reposition/orbit,
+  setpoints, sticks, following a target, identity, clock, motor test, restart
+- `guidance/`: manoeuvres of a multicopter and of a fixed wing, the legs of a mission, flight limits, the land
+  detector
+- `missions/`: the transfer of plans, stored plans, missions in the air, items for gimbal and camera
+- `safety/`: failsafes, fence, rally points, battery monitor, checks before arming, injected failures
+- `telemetry/`: streams (which client gets which message at which rate), contents of messages, texts, events
+- `parameters/`: the store, its MAVLink service, the CSV tables
+- `payload/`: camera and gimbal
+- `files/`: MAVLink FTP, component metadata, packed parameters
+- `policies/`: what an autopilot must define: identity, parameters, modes (with arming), commands, setpoints,
+  telemetry, missions, safety
+- `px4/`, `ardupilot/`: the eight policies of each autopilot, under the same file names
+- `px4_wing/`: the identity and the parameters of PX4 on a fixed wing
+
+`_service.py` says which methods a service may have. `_controller.py` lists the services in the order in which
+they tick: to add one, write a module and a line there. A service never asks which autopilot it serves: it asks
+its policy for a number, a text, a result or a refusal. To add an autopilot, write another folder of eight files.
 """
 
 from __future__ import annotations

@@ -1,4 +1,9 @@
-"""DroneKit 2.9 on ArduPilot: python dronekit_flight.py tcp:127.0.0.1:5760 CHAPTER..."""
+"""DroneKit 2.9 on ArduPilot: python dronekit_flight.py tcp:127.0.0.1:5760 CHAPTER...
+
+Flies `wait_ready`, parameters, `simple_takeoff`, `simple_goto` with a speed, velocities, a mission with speeds and
+RTL, FENCE_RADIUS, `gimbal.rotate`.
+Is refused: arming during the start, disarming in the air, an unknown parameter, an unknown item.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""MAVProxy on ArduPilot, typed at: python mavproxy_flight.py tcp:127.0.0.1:5760 CHAPTER..."""
+"""MAVProxy on ArduPilot, typed at: python mavproxy_flight.py tcp:127.0.0.1:5760 CHAPTER...
+
+Types `arm`, `takeoff`, `mode`, `guided`, `velocity`, `param show`, `param set`, `wp load`, `wp list`, `wp clear`,
+`fence enable`, `fence list`, `rally list`, `status`, DO_MOUNT_CONTROL.
+Is refused: arming during the start, disarming in the air, an unknown mode and parameter, an unknown item.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""MAVSDK 4 on PX4, the asyncio API: python mavsdk_asyncio_flight.py udpin://127.0.0.1:14540 CHAPTER..."""
+"""MAVSDK 4 on PX4, the asyncio API: python mavsdk_asyncio_flight.py udpin://127.0.0.1:14540 CHAPTER...
+
+Flies parameters, takeoff, place, orbit, RTL, offboard, mission, fence, gimbal.
+Is refused: arming during the start, disarming in the air, an unknown parameter, offboard without a setpoint.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,12 @@
-"""MAVSDK 4 on PX4, the synchronous API: python mavsdk_flight.py udpin://127.0.0.1:14540 CHAPTER..."""
+"""MAVSDK 4 on PX4, the synchronous API: python mavsdk_flight.py udpin://127.0.0.1:14540 CHAPTER...
+
+Flies all parameters, takeoff, `goto_location`, `do_orbit`, RTL, land; offboard velocities, positions (local,
+global, with a velocity), acceleration, attitude, rates; a mission with speeds, a pause and a return; raw items,
+rally points; a fence and its action; sticks; follow-me; gimbal, camera; the fixed wing.
+Is refused: arming during the start, disarming in the air, unknown and mistyped parameters, offboard and position
+control without input, unknown commands and frames in a plan, mission mode without a mission, a fence with two
+corners, a gimbal without control, video.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,9 @@
 """mavsdk-grpc, MAVSDK's API of version 3, on PX4: python mavsdk_grpc_flight.py udpin://127.0.0.1:14540
 CHAPTER...
+
+Flies parameters, takeoff, place, orbit, RTL, offboard, mission, fence, gimbal, camera.
+Is refused: arming during the start, disarming in the air, an unknown parameter, offboard without a setpoint,
+video, an unknown item.
 """
 
 from __future__ import annotations

@@ -1,4 +1,10 @@
-"""pymavlink on ArduPilot: python pymavlink_ardupilot_flight.py tcp:127.0.0.1:5760 CHAPTER..."""
+"""pymavlink on ArduPilot: python pymavlink_ardupilot_flight.py tcp:127.0.0.1:5760 CHAPTER...
+
+Flies all parameters, GUIDED places, velocities and their timeout, CONDITION_YAW, CIRCLE, a mission with speeds and
+RTL, FENCE_RADIUS, gimbal, camera.
+Is refused: arming and takeoff during the start, disarming in the air, unknown modes, DO_REPOSITION as
+COMMAND_LONG, plans by verdict, arming in AUTO without a mission.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""pymavlink on PX4: python pymavlink_px4_flight.py udpin:127.0.0.1:14540 CHAPTER..."""
+"""pymavlink on PX4: python pymavlink_px4_flight.py udpin:127.0.0.1:14540 CHAPTER...
+
+Flies all parameters, DO_REPOSITION, DO_ORBIT, offboard and the reaction to its silence, a mission with speeds and
+RTL, a fence, gimbal, camera.
+Is refused: arming during the start, PARAM_ERROR, offboard without a stream, plans by verdict, a place outside the
+fence, MISSION_START without a mission.
+"""
 
 from __future__ import annotations
 
