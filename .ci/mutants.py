@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import importlib.util
 import json
 import os
 import queue
@@ -20,7 +21,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -29,6 +30,7 @@ from cosmic_ray.ast import ast_nodes
 from cosmic_ray.mutating import mutate_code
 from cosmic_ray.plugins import get_operator, operator_names
 from coverage import CoverageData
+from parso.tree import NodeOrLeaf
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -92,7 +94,7 @@ class Mutant:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What the tests of the mutant's area did: `killed`, `timeout` (also a kill) or `survived`."""
+    """What the tests did: `killed`, `timeout` (also a kill) or `survived` (all tests of the area pass)."""
 
     mutant: Mutant
     outcome: str
@@ -124,6 +126,11 @@ def annotation_spans(source: str) -> list[tuple[tuple[int, int], tuple[int, int]
     return spans
 
 
+def is_separator(node: NodeOrLeaf) -> bool:
+    """Whether a node is the `*` or `/` between parameters, which Cosmic Ray takes for an operator."""
+    return node.parent is not None and node.parent.type in ("parameters", "param", "lambdef")
+
+
 def mutants_of(area: str, path: str, names: Sequence[str]) -> Iterator[Mutant]:
     """Every mutant of a file, in the order of operators and places."""
     source = (ROOT / path).read_text(encoding="utf-8")
@@ -134,20 +141,20 @@ def mutants_of(area: str, path: str, names: Sequence[str]) -> Iterator[Mutant]:
         occurrence = 0
         for node in ast_nodes(tree):
             for begin, _ in operator.mutation_positions(node):
-                if not any(low <= begin < high for low, high in spans):
+                if not is_separator(node) and not any(low <= begin < high for low, high in spans):
                     yield Mutant(area, path, name, occurrence, *begin)
                 occurrence += 1
 
 
-def drawn(count: int, seed: int, chosen: Iterable[str]) -> list[Mutant]:
-    """The sample: areas weigh by their number of places, every place is drawn at most once, with one of its
-    changes.
+def drawn(count: int, seed: int) -> list[Mutant]:
+    """The sample over all areas: they weigh by their number of places, and every place is drawn at most once,
+    with one of its changes.
     """
     generator = random.Random(seed)
     names = operators()
     places: dict[str, dict[tuple[str, int, int], list[Mutant]]] = {}
-    for area in chosen:
-        files = sorted({path for pattern in AREAS[area][0] for path in ROOT.glob(pattern)})
+    for area, (patterns, _) in AREAS.items():
+        files = sorted({path for pattern in patterns for path in ROOT.glob(pattern)})
         found: dict[tuple[str, int, int], list[Mutant]] = {}
         for path in files:
             for mutant in mutants_of(area, str(path.relative_to(ROOT)), names):
@@ -163,13 +170,17 @@ def copy_of_checkout(folder: Path) -> Path:
     touched.
     """
     listing = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
-    for name in subprocess.run(listing, cwd=ROOT, capture_output=True, check=True, text=True).stdout.split(
-        "\0"
-    ):
+    names = subprocess.run(listing, cwd=ROOT, capture_output=True, check=True, text=True).stdout
+    for name in names.split("\0"):
         if name and (ROOT / name).is_file():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, folder / name)
     return folder
+
+
+def bytecode_of(path: Path) -> Path:
+    """Where Python keeps the compiled form of a module."""
+    return Path(importlib.util.cache_from_source(str(path)))
 
 
 class SoundCodeFails(Exception):
@@ -193,6 +204,7 @@ def pytest_command(*arguments: str) -> list[str]:
 
 def run_tests(folder: Path, tests: Sequence[str], timeout_s: float) -> str:
     """`survived` when all tests pass, `killed` when one fails, `timeout` when they take too long."""
+    # The copies hold the bytecode of the sound code; that of a mutant must not join it.
     environment = {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
     # A session of its own, so that a mutant that loops is ended with everything that it started.
     process = subprocess.Popen(
@@ -217,18 +229,15 @@ def run_tests(folder: Path, tests: Sequence[str], timeout_s: float) -> str:
 class Reach:
     """Which tests execute which lines of an area's files, and how long all of them take."""
 
-    by_line: dict[tuple[str, int], frozenset[str]]
-    by_file: dict[str, frozenset[str]]
+    by_line: Mapping[tuple[str, int], frozenset[str]]
+    tests: frozenset[str]
     seconds: float
 
-    def tests_of(self, mutant: Mutant) -> Sequence[str]:
-        """The tests that execute the line; those of the file for lines that only an import executes; else all
-        of the area.
-
-        Lines that only a child process executes are in no report: all tests of the area are run on them.
+    def of(self, mutant: Mutant) -> frozenset[str]:
+        """The tests that execute the line; all of the area for lines that only an import or a child process
+        executes, which are in no report.
         """
-        of_line = self.by_line.get((mutant.path, mutant.line)) or self.by_file.get(mutant.path)
-        return sorted(of_line) if of_line else AREAS[mutant.area][1]
+        return self.by_line.get((mutant.path, mutant.line)) or self.tests
 
 
 def reach_of(folder: Path, area: str) -> Reach:
@@ -237,43 +246,53 @@ def reach_of(folder: Path, area: str) -> Reach:
     Raises SoundCodeFails when one fails.
     """
     began = time.monotonic()
+    patterns, tests = AREAS[area]
     data_file = folder / f".coverage-{area.replace(' ', '-')}"
-    files = sorted({str(path.relative_to(ROOT)) for pattern in AREAS[area][0] for path in ROOT.glob(pattern)})
+    files = sorted({str(path.relative_to(ROOT)) for pattern in patterns for path in ROOT.glob(pattern)})
     packages = sorted({name.partition("/")[0] for name in files})
-    environment = {
-        **os.environ,
-        "PYTHONPATH": str(folder),
-        "COVERAGE_FILE": str(data_file),
-        "PYTHONDONTWRITEBYTECODE": "1",
-    }
+    environment = {**os.environ, "PYTHONPATH": str(folder), "COVERAGE_FILE": str(data_file)}
     command = pytest_command(
-        "--cov-context=test", "--cov-report=", *(f"--cov={name}" for name in packages), *AREAS[area][1]
+        "--cov-context=test", "--cov-report=", *(f"--cov={name}" for name in packages), *tests
     )
     if subprocess.run(command, cwd=folder, env=environment, stdout=subprocess.DEVNULL).returncode:
-        raise SoundCodeFails(f"the tests of {area} fail without any mutant: {' '.join(AREAS[area][1])}")
+        raise SoundCodeFails(f"the tests of {area} fail without any mutant: {' '.join(tests)}")
     data = CoverageData(str(data_file))
     data.read()
+    contexts = [context.partition("|") for context in data.measured_contexts() if context]
+    every_test = frozenset(test for test, _, _ in contexts)
+    # A name that pytest does not know again would look like a kill.
+    if run_tests(folder, ["--collect-only", *sorted(every_test)], LEAST_TIMEOUT_S) != "survived":
+        raise SoundCodeFails(f"pytest finds the tests of {area} by their folder, but not all by name")
     by_line: dict[tuple[str, int], frozenset[str]] = {}
-    by_file: dict[str, frozenset[str]] = {}
     for name in files:
-        contexts = data.contexts_by_lineno(str(folder / name))
-        for line, tests in contexts.items():
-            by_line[name, line] = frozenset(test.partition("|")[0] for test in tests if test)
-        by_file[name] = frozenset().union(*(tests for (path, _), tests in by_line.items() if path == name))
-    return Reach(by_line, by_file, time.monotonic() - began)
+        for line, of_line in data.contexts_by_lineno(str(folder / name)).items():
+            executing = {test for test, _, phase in (context.partition("|") for context in of_line) if test}
+            # A fixture of a module runs once, in the set-up of the first test that wants it, and the other
+            # tests of the module read what it left.
+            modules = {context.partition("::")[0] for context in of_line if context.endswith("|setup")}
+            shared = {test for test in every_test if test.partition("::")[0] in modules}
+            by_line[name, line] = frozenset(executing | shared)
+    return Reach(by_line, every_test, time.monotonic() - began)
 
 
 def try_mutant(folder: Path, mutant: Mutant, reach: Reach) -> Verdict:
-    """Plant the fault, run the tests that reach it, put the file back."""
+    """Plant the fault, run the tests that reach it, then the other tests of the area, put the file back."""
     path = folder / mutant.path
     source = path.read_text(encoding="utf-8")
     changed = mutate_code(source, get_operator(mutant.operator)(), mutant.occurrence)
     if changed is None:
         raise AssertionError(f"{mutant} changes nothing")
     began = time.monotonic()
+    timeout_s = LEAST_TIMEOUT_S + TIMEOUT_FACTOR * reach.seconds
+    reached = reach.of(mutant)
     path.write_text(changed, encoding="utf-8")
+    # Bytecode is told from stale by the second and the size of its source: too coarse for a change of a digit.
+    bytecode_of(path).unlink(missing_ok=True)
     try:
-        outcome = run_tests(folder, reach.tests_of(mutant), LEAST_TIMEOUT_S + TIMEOUT_FACTOR * reach.seconds)
+        outcome = run_tests(folder, sorted(reached), timeout_s)
+        # What a cache holds is computed in one test and read in others, so a survivor meets all of them.
+        if outcome == "survived" and (others := reach.tests - reached):
+            outcome = run_tests(folder, sorted(others), timeout_s)
     finally:
         path.write_text(source, encoding="utf-8")
     pairs = zip(source.splitlines(), changed.splitlines(), strict=False)
@@ -281,12 +300,18 @@ def try_mutant(folder: Path, mutant: Mutant, reach: Reach) -> Verdict:
     return Verdict(mutant, outcome, before, after, time.monotonic() - began)
 
 
-def run_sample(sample: Sequence[Mutant], workers: int, results: Path) -> list[Verdict]:
-    """Try every mutant, `workers` at a time, each worker in a copy of the checkout of its own."""
+def run_sample(
+    sample: Sequence[Mutant], earlier: Sequence[Verdict], workers: int, results: Path
+) -> list[Verdict]:
+    """Try every mutant without a verdict, `workers` at a time, each worker in a copy of the checkout of its
+    own.
+    """
+    decided = {verdict.mutant for verdict in earlier}
     todo: queue.SimpleQueue[Mutant] = queue.SimpleQueue()
     for mutant in sample:
-        todo.put(mutant)
-    verdicts: list[Verdict] = []
+        if mutant not in decided:
+            todo.put(mutant)
+    verdicts = [*earlier]
     reaches: dict[str, Reach] = {}
     lock = threading.Lock()
 
@@ -301,7 +326,8 @@ def run_sample(sample: Sequence[Mutant], workers: int, results: Path) -> list[Ve
                 verdicts.append(verdict)
                 place = f"{mutant.path}:{mutant.line}"
                 print(
-                    f"{len(verdicts):4}/{len(sample)} {verdict.outcome:9} {place:60} {verdict.after[:60]}",
+                    f"{len(verdicts):4}/{len(sample)} {verdict.outcome:9} {verdict.seconds:4.0f} s "
+                    f"{place:60} {verdict.after[:60]}",
                     flush=True,
                 )
                 results.write_text(
@@ -309,10 +335,14 @@ def run_sample(sample: Sequence[Mutant], workers: int, results: Path) -> list[Ve
                 )
 
     with tempfile.TemporaryDirectory(prefix="rebar-mutants-") as scratch:
-        folders = [copy_of_checkout(Path(scratch, str(number))) for number in range(workers)]
-        for area in dict.fromkeys(mutant.area for mutant in sample):
-            reaches[area] = reach_of(folders[0], area)
+        first = copy_of_checkout(Path(scratch, "0"))
+        for area in dict.fromkeys(mutant.area for mutant in sample if mutant not in decided):
+            reaches[area] = reach_of(first, area)
             print(f"{area}: the tests of the sound code pass in {reaches[area].seconds:.0f} s", flush=True)
+        # Copied after the sound code has run, so that every copy holds its bytecode.
+        folders = [first, *(Path(scratch, str(number)) for number in range(1, workers))]
+        for folder in folders[1:]:
+            shutil.copytree(first, folder)
         threads = [threading.Thread(target=work, args=(folder,)) for folder in folders]
         for thread in threads:
             thread.start()
@@ -321,22 +351,45 @@ def run_sample(sample: Sequence[Mutant], workers: int, results: Path) -> list[Ve
     return verdicts
 
 
+def read_verdicts(results: Path) -> list[Verdict]:
+    """The verdicts of an earlier run."""
+    return [
+        Verdict(**{**verdict, "mutant": Mutant(**verdict["mutant"])})
+        for verdict in json.loads(results.read_text(encoding="utf-8"))
+    ]
+
+
 def main() -> int:
     """0 when the wanted share of the sample is killed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=300, help="mutants to try")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--area", choices=AREAS, action="append", help="only this area; may be repeated")
+    parser.add_argument(
+        "--area", choices=AREAS, action="append", help="only the mutants of this area; may be repeated"
+    )
     parser.add_argument("--at-least", type=float, default=0.85, help="share to be killed")
     parser.add_argument(
         "--results", type=Path, default=Path("out/mutants.json"), help="verdicts, written as they come"
     )
+    parser.add_argument("--resume", action="store_true", help="keep the verdicts of the results file")
+    parser.add_argument(
+        "--survivors", action="store_true", help="keep the kills of the results file, try its survivors again"
+    )
     arguments = parser.parse_args()
     arguments.results.parent.mkdir(parents=True, exist_ok=True)
-    sample = drawn(arguments.count, arguments.seed, arguments.area or AREAS)
+    sample = [
+        mutant
+        for mutant in drawn(arguments.count, arguments.seed)
+        if mutant.area in (arguments.area or AREAS)
+    ]
+    earlier = [
+        verdict
+        for verdict in (read_verdicts(arguments.results) if arguments.resume or arguments.survivors else [])
+        if verdict.mutant in sample and not (arguments.survivors and verdict.outcome == "survived")
+    ]
     try:
-        verdicts = run_sample(sample, arguments.workers, arguments.results)
+        verdicts = run_sample(sample, earlier, arguments.workers, arguments.results)
     except SoundCodeFails as failure:
         sys.exit(str(failure))
     print()

@@ -153,6 +153,7 @@ def test_credit_near_misses_and_reasons_are_told() -> None:
     assert (leaves["OBS1"].state, leaves["OBS1"].credit, leaves["OBS1"].score) == ("achieved", 1.0, 31.0)
     assert (leaves["OBS2"].state, leaves["OBS2"].credit) == ("near miss", pytest.approx(-0.2))
     assert (leaves["OBS3"].state, leaves["OBS3"].x, leaves["OBS3"].score) == ("not considered", None, None)
+    assert leaves["OBS3"].credit == 0.0
     assert leaves["OBS3"].reason == "considered when: Somebody is there."
     assert (run.state, run.achieved, run.considered, run.ruled_by[-1]) == ("failed", 1, 2, "OBS1")
     absent = (

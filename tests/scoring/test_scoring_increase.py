@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -106,6 +107,21 @@ def changed(goal: DifficultyGoal) -> dict[str, float]:
         assert change.to is not None
         made[change.factor] = change.to + (1e-3 if change.harder == "more" else -1e-3) * change.past
     return made
+
+
+@pytest.mark.parametrize("node", load_decomposition("search-and-report").key_attributes)
+def test_every_change_is_needed(decomposition: Decomposition, node: str) -> None:
+    """Without any one of its changes a goal is missed, and the factor that follows is left as it is."""
+    increase = difficulty_increase(decomposition, difficulty_of_values(decomposition, VALUES), node)
+    assert increase.tension
+    # Under two of the key attributes all factors rule, so nothing can take over.
+    goals = [increase.takeover, increase.tension] if increase.takeover else [increase.tension]
+    assert {change.factor for change in goals[0].changes} == set(increase.ruled_by)
+    for goal in goals:
+        for change in goal.changes:
+            others = replace(goal, changes=tuple(other for other in goal.changes if other != change))
+            reached = difficulty_of_values(decomposition, changed(others)).of(node)
+            assert reached <= goal.difficulty if goal.exceeded else reached < goal.difficulty
 
 
 @pytest.mark.parametrize("node", load_decomposition("search-and-report").nodes)
