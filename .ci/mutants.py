@@ -21,9 +21,11 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import parso
 from cosmic_ray.ast import ast_nodes
@@ -178,9 +180,12 @@ def copy_of_checkout(folder: Path) -> Path:
     return folder
 
 
-def bytecode_of(path: Path) -> Path:
-    """Where Python keeps the compiled form of a module."""
-    return Path(importlib.util.cache_from_source(str(path)))
+def put(path: Path, source: str) -> None:
+    """Replace a module, and remove its bytecode: Python knows stale bytecode by the second and the size of the
+    source, which is too coarse for the change of a digit.
+    """
+    path.write_text(source, encoding="utf-8")
+    Path(importlib.util.cache_from_source(str(path))).unlink(missing_ok=True)
 
 
 class SoundCodeFails(Exception):
@@ -204,8 +209,7 @@ def pytest_command(*arguments: str) -> list[str]:
 
 def run_tests(folder: Path, tests: Sequence[str], timeout_s: float) -> str:
     """`survived` when all tests pass, `killed` when one fails, `timeout` when they take too long."""
-    # The copies hold the bytecode of the sound code; that of a mutant must not join it.
-    environment = {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = {**os.environ, "PYTHONPATH": str(folder)}
     # A session of its own, so that a mutant that loops is ended with everything that it started.
     process = subprocess.Popen(
         pytest_command("-x", *tests),
@@ -233,6 +237,10 @@ class Reach:
     tests: frozenset[str]
     seconds: float
 
+    @property
+    def timeout_s(self) -> float:
+        return LEAST_TIMEOUT_S + TIMEOUT_FACTOR * self.seconds
+
     def of(self, mutant: Mutant) -> frozenset[str]:
         """The tests that execute the line; all of the area for lines that only an import or a child process
         executes, which are in no report.
@@ -249,10 +257,10 @@ def reach_of(folder: Path, area: str) -> Reach:
     patterns, tests = AREAS[area]
     data_file = folder / f".coverage-{area.replace(' ', '-')}"
     files = sorted({str(path.relative_to(ROOT)) for pattern in patterns for path in ROOT.glob(pattern)})
-    packages = sorted({name.partition("/")[0] for name in files})
+    rooms = sorted({str(Path(name).parent) for name in files})
     environment = {**os.environ, "PYTHONPATH": str(folder), "COVERAGE_FILE": str(data_file)}
     command = pytest_command(
-        "--cov-context=test", "--cov-report=", *(f"--cov={name}" for name in packages), *tests
+        "--cov-context=test", "--cov-report=", *(f"--cov={room}" for room in rooms), *tests
     )
     if subprocess.run(command, cwd=folder, env=environment, stdout=subprocess.DEVNULL).returncode:
         raise SoundCodeFails(f"the tests of {area} fail without any mutant: {' '.join(tests)}")
@@ -275,29 +283,49 @@ def reach_of(folder: Path, area: str) -> Reach:
     return Reach(by_line, every_test, time.monotonic() - began)
 
 
-def try_mutant(folder: Path, mutant: Mutant, reach: Reach) -> Verdict:
-    """Plant the fault, run the tests that reach it, then the other tests of the area, put the file back."""
+def try_mutant(folder: Path, mutant: Mutant, tests: frozenset[str], timeout_s: float) -> Verdict:
+    """Plant the fault, run the tests, put the file back."""
     path = folder / mutant.path
     source = path.read_text(encoding="utf-8")
     changed = mutate_code(source, get_operator(mutant.operator)(), mutant.occurrence)
     if changed is None:
         raise AssertionError(f"{mutant} changes nothing")
     began = time.monotonic()
-    timeout_s = LEAST_TIMEOUT_S + TIMEOUT_FACTOR * reach.seconds
-    reached = reach.of(mutant)
-    path.write_text(changed, encoding="utf-8")
-    # Bytecode is told from stale by the second and the size of its source: too coarse for a change of a digit.
-    bytecode_of(path).unlink(missing_ok=True)
     try:
-        outcome = run_tests(folder, sorted(reached), timeout_s)
-        # What a cache holds is computed in one test and read in others, so a survivor meets all of them.
-        if outcome == "survived" and (others := reach.tests - reached):
-            outcome = run_tests(folder, sorted(others), timeout_s)
+        put(path, changed)
+        outcome = run_tests(folder, sorted(tests), timeout_s)
     finally:
-        path.write_text(source, encoding="utf-8")
+        put(path, source)
     pairs = zip(source.splitlines(), changed.splitlines(), strict=False)
     before, after = next(((a.strip(), b.strip()) for a, b in pairs if a != b), ("", ""))
     return Verdict(mutant, outcome, before, after, time.monotonic() - began)
+
+
+Item = TypeVar("Item")
+
+
+def in_parallel(work: Callable[[Path, Item], None], items: Iterable[Item], folders: Sequence[Path]) -> None:
+    """Call `work` for every item, with one thread for each folder. The first exception ends all."""
+    todo: queue.SimpleQueue[Item] = queue.SimpleQueue()
+    for item in items:
+        todo.put(item)
+
+    def worker(folder: Path) -> None:
+        while True:
+            try:
+                item = todo.get_nowait()
+            except queue.Empty:
+                return
+            try:
+                work(folder, item)
+            except BaseException:
+                while not todo.empty():
+                    todo.get_nowait()
+                raise
+
+    with ThreadPoolExecutor(len(folders)) as pool:
+        for future in [pool.submit(worker, folder) for folder in folders]:
+            future.result()
 
 
 def run_sample(
@@ -306,49 +334,45 @@ def run_sample(
     """Try every mutant without a verdict, `workers` at a time, each worker in a copy of the checkout of its
     own.
     """
-    decided = {verdict.mutant for verdict in earlier}
-    todo: queue.SimpleQueue[Mutant] = queue.SimpleQueue()
-    for mutant in sample:
-        if mutant not in decided:
-            todo.put(mutant)
-    verdicts = [*earlier]
+    verdicts = {verdict.mutant: verdict for verdict in earlier}
+    todo = [mutant for mutant in sample if mutant not in verdicts]
     reaches: dict[str, Reach] = {}
     lock = threading.Lock()
 
-    def work(folder: Path) -> None:
-        while True:
-            try:
-                mutant = todo.get_nowait()
-            except queue.Empty:
-                return
-            verdict = try_mutant(folder, mutant, reaches[mutant.area])
-            with lock:
-                verdicts.append(verdict)
-                place = f"{mutant.path}:{mutant.line}"
-                print(
-                    f"{len(verdicts):4}/{len(sample)} {verdict.outcome:9} {verdict.seconds:4.0f} s "
-                    f"{place:60} {verdict.after[:60]}",
-                    flush=True,
-                )
-                results.write_text(
-                    json.dumps([asdict(verdict) for verdict in verdicts], indent=1), encoding="utf-8"
-                )
+    def find_reach(folder: Path, area: str) -> None:
+        reaches[area] = reach_of(folder, area)
+        print(f"{area}: the tests of the sound code pass in {reaches[area].seconds:.0f} s", flush=True)
+
+    def record(verdict: Verdict) -> None:
+        mutant = verdict.mutant
+        with lock:
+            verdicts[mutant] = verdict
+            print(
+                f"{len(verdicts):4}/{len(sample)} {verdict.outcome:9} {verdict.seconds:4.0f} s "
+                f"{mutant.path}:{mutant.line}  {verdict.after[:60]}",
+                flush=True,
+            )
+            text = json.dumps([asdict(verdict) for verdict in verdicts.values()], indent=1)
+            results.write_text(text, encoding="utf-8")
+
+    def try_reached(folder: Path, mutant: Mutant) -> None:
+        reach = reaches[mutant.area]
+        record(try_mutant(folder, mutant, reach.of(mutant), reach.timeout_s))
+
+    def try_others(folder: Path, mutant: Mutant) -> None:
+        reach = reaches[mutant.area]
+        if others := reach.tests - reach.of(mutant):
+            record(try_mutant(folder, mutant, others, reach.timeout_s))
 
     with tempfile.TemporaryDirectory(prefix="rebar-mutants-") as scratch:
-        first = copy_of_checkout(Path(scratch, "0"))
-        for area in dict.fromkeys(mutant.area for mutant in sample if mutant not in decided):
-            reaches[area] = reach_of(first, area)
-            print(f"{area}: the tests of the sound code pass in {reaches[area].seconds:.0f} s", flush=True)
-        # Copied after the sound code has run, so that every copy holds its bytecode.
-        folders = [first, *(Path(scratch, str(number)) for number in range(1, workers))]
-        for folder in folders[1:]:
-            shutil.copytree(first, folder)
-        threads = [threading.Thread(target=work, args=(folder,)) for folder in folders]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-    return verdicts
+        folders = [copy_of_checkout(Path(scratch, str(number))) for number in range(workers)]
+        in_parallel(find_reach, dict.fromkeys(mutant.area for mutant in todo), folders)
+        in_parallel(try_reached, todo, folders)
+        # What a cache holds is computed in one test and read in others, so survivors meet all of them.
+        in_parallel(
+            try_others, [mutant for mutant in todo if verdicts[mutant].outcome == "survived"], folders
+        )
+    return list(verdicts.values())
 
 
 def read_verdicts(results: Path) -> list[Verdict]:

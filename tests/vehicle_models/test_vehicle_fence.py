@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Callable
 
 import pytest
+import shapely
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from test_vehicle_missions import Row, download, ready_ardupilot, step, to, upload
 from vehicle_client import NAN, Client, simspec
+
+from vehicle_models._geodesy import LocalFrame, TangentPlane
+from vehicle_models.controller._flight_state import Behaviour, FlightMode, FlightState, ReferencePoint
+from vehicle_models.controller.ardupilot import ARDUPILOT
+from vehicle_models.controller.missions._store import MissionItem, StoredPlan
+from vehicle_models.controller.parameters._store import ParameterStore
+from vehicle_models.controller.policies._safety import Breach
+from vehicle_models.controller.px4 import PX4
+from vehicle_models.controller.safety._fence_boundary import FenceBoundary, fence_areas
 
 Make = Callable[..., Client]
 
@@ -341,3 +352,137 @@ def test_ardupilot_rally_points(make: Make) -> None:
     client.fly(50.0)
     assert client.vehicle.condition().landed
     assert math.dist(client.vehicle.truth().position_enu_m[:2], (0.0, 50.0)) < 1.0
+
+
+# The rest calls the boundary without a flight: hundreds of random places against shapely.
+FRAME = LocalFrame(TangentPlane(47.4, 8.5), 12.0, -7.0)
+INSIDE_POLYGON, OUTSIDE_POLYGON, INSIDE_CIRCLE, OUTSIDE_CIRCLE = 5001, 5002, 5003, 5004
+# Places are stored to about a centimetre.
+STORED_M = 0.05
+
+Place = tuple[float, float]
+
+
+def row(command: int, place: Place, first: float) -> MissionItem:
+    return MissionItem(command, 0, (first, 0.0, 0.0, 0.0), *FRAME.to_geodetic_e7(*place), 0.0)
+
+
+def random_place(generator: random.Random) -> Place:
+    return generator.uniform(-100.0, 100.0), generator.uniform(-100.0, 100.0)
+
+
+def random_area(generator: random.Random, kind: int) -> tuple[list[MissionItem], shapely.Geometry]:
+    """Rows of a circle or of a polygon without a crossing, and its shape in (north, east)."""
+    middle = random_place(generator)
+    if kind in (INSIDE_CIRCLE, OUTSIDE_CIRCLE):
+        radius_m = generator.uniform(0.5, 90.0)
+        return [row(kind, middle, radius_m)], shapely.Point(middle).buffer(radius_m, quad_segs=512)
+    turns = sorted(generator.uniform(0.0, math.tau) for _ in range(generator.randint(3, 7)))
+    arms_m = [generator.uniform(20.0, 90.0) for _ in turns]
+    corners = [
+        (middle[0] + arm_m * math.cos(turn), middle[1] + arm_m * math.sin(turn))
+        for turn, arm_m in zip(turns, arms_m, strict=True)
+    ]
+    return [row(kind, place, len(corners)) for place in corners], shapely.Polygon(corners)
+
+
+def incomplete_area(generator: random.Random) -> list[MissionItem]:
+    """Rows that make no area, whatever follows them."""
+    place, other = random_place(generator), random_place(generator)
+    off_earth = MissionItem(INSIDE_POLYGON, 0, (3.0, 0.0, 0.0, 0.0), 910_000_000, 0, 0.0)
+    return generator.choice(
+        [
+            [row(INSIDE_POLYGON, place, 2), row(INSIDE_POLYGON, other, 2)],
+            [row(OUTSIDE_POLYGON, place, math.nan)],
+            [row(INSIDE_CIRCLE, place, 0.0)],
+            [row(OUTSIDE_CIRCLE, place, -40.0)],
+            [row(INSIDE_POLYGON, place, 3), off_earth, row(INSIDE_POLYGON, other, 3)],
+        ]
+    )
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_areas_are_those_of_the_plan(seed: int) -> None:
+    """Complete areas in the order of the plan, without the incomplete ones; inside, and the distance to the
+    edge, as shapely has them.
+    """
+    generator = random.Random(seed)
+    rows: list[MissionItem] = []
+    shapes: list[shapely.Geometry] = []
+    kinds = [generator.randint(INSIDE_POLYGON, OUTSIDE_CIRCLE) for _ in range(4)]
+    for kind in kinds:
+        rows += incomplete_area(generator)
+        of_area, shape = random_area(generator, kind)
+        rows += of_area
+        shapes.append(shape)
+    # A last polygon without its last vertices.
+    rows += random_area(generator, INSIDE_POLYGON)[0][:2]
+    areas = fence_areas(StoredPlan(tuple(rows)), FRAME)
+    assert [area.inclusion for area in areas] == [kind in (INSIDE_POLYGON, INSIDE_CIRCLE) for kind in kinds]
+    for area, shape in zip(areas, shapes, strict=True):
+        for _ in range(40):
+            place = random_place(generator)
+            edge_m = shape.exterior.distance(shapely.Point(place))
+            edge = area.nearest_edge(place)
+            assert math.dist(edge, place) == pytest.approx(edge_m, abs=STORED_M)
+            assert shape.exterior.distance(shapely.Point(edge)) < STORED_M
+            if edge_m > STORED_M:
+                assert area.contains(place) == shape.contains(shapely.Point(place))
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("any_inclusion", [True, False])
+def test_the_boundary_is_that_of_all_its_limits(seed: int, any_inclusion: bool) -> None:
+    """Ceiling, circle around home, exclusions and inclusions together: which limit is passed, and by how
+    much. PX4 flies in any inclusion, ArduPilot in the common part of all.
+    """
+    generator = random.Random(seed)
+    ceiling_m, radius_m = generator.uniform(20.0, 80.0), generator.uniform(60.0, 120.0)
+    autopilot = PX4 if any_inclusion else ARDUPILOT
+    limits = (
+        {"GF_ACTION": 2, "GF_MAX_HOR_DIST": radius_m, "GF_MAX_VER_DIST": ceiling_m}
+        if any_inclusion
+        else {"FENCE_ENABLE": 1, "FENCE_TYPE": 7, "FENCE_RADIUS": radius_m, "FENCE_ALT_MAX": ceiling_m}
+    )
+    home = ReferencePoint(0, 0, 0.0, *random_place(generator), -3.0)
+    flight = FlightState(0.01, home, FlightMode("HOLD", 0, 0, Behaviour.HOLD), home)
+    plan = StoredPlan()
+    parameters = ParameterStore(autopilot.parameters.definitions, limits)
+    boundary = FenceBoundary(autopilot.safety.fence, flight, FRAME, parameters, plan)
+    kinds = [INSIDE_POLYGON, OUTSIDE_CIRCLE, INSIDE_CIRCLE, OUTSIDE_POLYGON][: generator.randint(0, 4)]
+    areas = [(kind, *random_area(generator, kind)) for kind in kinds]
+    plan.put(tuple(item for _, rows, _ in areas for item in rows))
+    inclusions = [shape for kind, _, shape in areas if kind in (INSIDE_POLYGON, INSIDE_CIRCLE)]
+    exclusions = [shape for kind, _, shape in areas if kind in (OUTSIDE_POLYGON, OUTSIDE_CIRCLE)]
+    for _ in range(60):
+        place, height_m = random_place(generator), generator.uniform(0.0, 100.0)
+        point = shapely.Point(place)
+        # Too close to an edge for the centimetres of a stored place.
+        if any(shape.exterior.distance(point) < STORED_M for shape in inclusions + exclusions):
+            continue
+        from_home_m = math.dist(place, (home.north_m, home.east_m))
+        edges_m = [
+            shape.exterior.distance(point)
+            for shapes, inside in ((inclusions, True), (exclusions, False))
+            for shape in shapes
+            if shape.contains(point) is not inside
+        ]
+        within = [shape.contains(point) for shape in inclusions]
+        allowed = not inclusions or (any(within) if any_inclusion else all(within))
+        if height_m > ceiling_m:
+            expected, outside_m = Breach.CEILING, height_m - ceiling_m
+        elif from_home_m > radius_m:
+            expected, outside_m = Breach.CIRCLE, from_home_m - radius_m
+        elif not allowed or any(shape.contains(point) for shape in exclusions):
+            expected, outside_m = Breach.POLYGON, min(edges_m)
+        else:
+            expected, outside_m = Breach.NONE, 0.0
+        assert boundary.breach(place, height_m, 0.0) is expected
+        assert boundary.allows(*place, home.down_m - height_m) is (expected is Breach.NONE)
+        if expected is not Breach.NONE:
+            assert boundary.outside_m(expected, place, height_m) == pytest.approx(outside_m, abs=STORED_M)
+        distances_m = sorted(math.dist(edge, place) for edge in boundary.nearest_edges(place))
+        assert distances_m == pytest.approx(
+            sorted([abs(radius_m - from_home_m), *(shape.exterior.distance(point) for _, _, shape in areas)]),
+            abs=STORED_M,
+        )
