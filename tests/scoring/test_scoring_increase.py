@@ -192,16 +192,22 @@ def test_what_cannot_be_reached_says_where_it_ends() -> None:
     ]
 
 
-def test_a_factor_in_two_tables_has_to_satisfy_both() -> None:
-    """Under a node a factor goes as far as the table that asks most of it."""
-    fog = {"factor": "fog_level", "unit": "level", "ratings": [0, 100], "values": [0, 10], "reason": "r"}
-    decomposition = made([fog, fog | {"values": [0, 20]}])
+@pytest.mark.parametrize(
+    ("first", "second", "value", "to"),
+    [([0, 10], [0, 20], 2.0, 4.0), ([20, 0], [20, 10], 19.0, 16.0), ([20, 10], [20, 0], 19.0, 16.0)],
+)
+def test_a_factor_in_two_tables_has_to_satisfy_both(
+    first: list[float], second: list[float], value: float, to: float
+) -> None:
+    """Under a node a factor goes as far as the table that asks most of it, upwards or downwards."""
+    fog = {"factor": "fog_level", "unit": "level", "ratings": [0, 100], "values": first, "reason": "r"}
+    decomposition = made([fog, fog | {"values": second}])
     increase = difficulty_increase(
-        decomposition, difficulty_of_values(decomposition, {"fog_level": 2.0}), "KA"
+        decomposition, difficulty_of_values(decomposition, {"fog_level": value}), "KA"
     )
     assert increase.tension is not None
     assert [(change.factor, change.to, change.past) for change in increase.tension.changes] == [
-        ("fog_level", 4.0, True)
+        ("fog_level", pytest.approx(to), True)
     ]
 
 

@@ -13,13 +13,20 @@ from test_vehicle_missions import Row, download, ready_ardupilot, step, to, uplo
 from vehicle_client import NAN, Client, simspec
 
 from vehicle_models._geodesy import LocalFrame, TangentPlane
-from vehicle_models.controller._flight_state import Behaviour, FlightMode, FlightState, ReferencePoint
+from vehicle_models.controller._flight_state import (
+    Behaviour,
+    FlightMode,
+    FlightState,
+    FlightTarget,
+    ReferencePoint,
+)
 from vehicle_models.controller.ardupilot import ARDUPILOT
 from vehicle_models.controller.missions._store import MissionItem, StoredPlan
 from vehicle_models.controller.parameters._store import ParameterStore
 from vehicle_models.controller.policies._safety import Breach
 from vehicle_models.controller.px4 import PX4
 from vehicle_models.controller.safety._fence_boundary import FenceBoundary, fence_areas
+from vehicle_models.controller.safety._rally import Rally
 
 Make = Callable[..., Client]
 
@@ -486,3 +493,66 @@ def test_the_boundary_is_that_of_all_its_limits(seed: int, any_inclusion: bool) 
             sorted([abs(radius_m - from_home_m), *(shape.exterior.distance(point) for _, _, shape in areas)]),
             abs=STORED_M,
         )
+
+
+@pytest.mark.parametrize("counts_home", [True, False])
+@pytest.mark.parametrize("seed", range(8))
+def test_a_return_goes_to_the_nearest_of_several_points(seed: int, counts_home: bool) -> None:
+    """From random places to the nearest rally point that is not too far away, or home where that counts and
+    is nearer.
+    """
+    generator = random.Random(seed)
+    limit_m = generator.uniform(30.0, 120.0)
+    limits = {"RALLY_LIMIT_KM": limit_m / 1000.0, "RALLY_INCL_HOME": float(counts_home)}
+    parameters = ParameterStore(ARDUPILOT.parameters.definitions, limits)
+    home = ReferencePoint(0, 0, 0.0, *random_place(generator))
+    flight = FlightState(0.01, home, FlightMode("HOLD", 0, 0, Behaviour.HOLD), home)
+    plan = StoredPlan()
+    rally = Rally(ARDUPILOT.safety.fence, FRAME, parameters, plan)
+    places = [random_place(generator) for _ in range(3)]
+    off_earth = MissionItem(5100, 3, (0.0, 0.0, 0.0, 0.0), 910_000_000, 0, 0.0)
+    plan.put((off_earth, *(row(5100, place, 0.0) for place in places)))
+    for _ in range(30):
+        flight.north_m, flight.east_m = here = random_place(generator)
+        expected = min(places, key=lambda place: math.dist(place, here))
+        home_place = (home.north_m, home.east_m)
+        nearest_m = math.dist(expected, here)
+        if nearest_m > limit_m or (counts_home and math.dist(home_place, here) < nearest_m):
+            expected = home_place
+        point = rally.return_point(flight)
+        assert point is not None
+        assert (point.north_m, point.east_m) == pytest.approx(expected, abs=STORED_M)
+
+
+def test_ardupilot_slows_down_before_every_edge(make: Make) -> None:
+    """Towards two edges at a right angle, each speed is what 1 m/s2 can still stop, and 0.5 m/s at least; the
+    second edge counts on the first one too. Away from them and upwards nothing changes.
+    """
+    client = make(simspec("ardupilot", vehicle={"parameters": {"FENCE_ENABLE": 1, "FENCE_TYPE": 4}}))
+    controller = client.vehicle._controller  # type: ignore[attr-defined]
+    frame, flight = controller._context.frame, controller._context.flight
+    corners = [((-900, -900), (-900, 800), (100, 800), (100, -900)), ((-900, -900), (-900, 70), (900, 70))]
+    corners[1] = (*corners[1], (900, -900))
+    controller._plans.fence.put(
+        tuple(
+            MissionItem(INSIDE_POLYGON, 0, (4.0, 0.0, 0.0, 0.0), *frame.to_geodetic_e7(north, east), 0.0)
+            for area in corners
+            for north, east in area
+        )
+    )
+    generator = random.Random(1)
+    for number in range(60):
+        flight.north_m, flight.east_m = (
+            100.0 - generator.uniform(0.1, 60.0),
+            70.0 - generator.uniform(0.1, 60.0),
+        )
+        if number % 4 == 0:
+            northern_edge = controller._boundary.nearest_edges((flight.north_m, flight.east_m))[0]
+            flight.north_m, flight.east_m = northern_edge
+        wanted = generator.uniform(-9.0, 9.0), generator.uniform(-9.0, 9.0), generator.uniform(-2.0, 2.0)
+        allowed = [
+            speed if distance_m < 1e-3 else min(speed, max(math.sqrt(2.0 * distance_m), 0.5))
+            for speed, distance_m in zip(wanted, (100.0 - flight.north_m, 70.0 - flight.east_m), strict=False)
+        ]
+        flown = controller._fence.constrained(flight, FlightTarget(velocity_ned_mps=wanted))
+        assert flown.velocity_ned_mps == pytest.approx((*allowed, wanted[2]), abs=0.05)
