@@ -47,7 +47,10 @@ AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "failsafes and fence": (
         ("vehicle_models/controller/safety/*.py",),
-        ("tests/vehicle_models/test_vehicle_failsafes.py", "tests/vehicle_models/test_vehicle_fence.py"),
+        tuple(
+            f"tests/vehicle_models/test_vehicle_{name}.py"
+            for name in ("failsafes", "fence", "failures", "health", "effects")
+        ),
     ),
     "measures": (("test_ports/**/*.py",), ("tests/test_ports",)),
     "placement judge": (("bench/realization/placement/_check.py",), ("tests/realization",)),

@@ -530,7 +530,8 @@ def test_ardupilot_slows_down_before_every_edge(make: Make) -> None:
     """
     client = make(simspec("ardupilot", vehicle={"parameters": {"FENCE_ENABLE": 1, "FENCE_TYPE": 4}}))
     controller = client.vehicle._controller  # type: ignore[attr-defined]
-    frame, flight = controller._context.frame, controller._context.flight
+    frame: LocalFrame = controller._context.frame
+    flight: FlightState = controller._context.flight
     corners = [((-900, -900), (-900, 800), (100, 800), (100, -900)), ((-900, -900), (-900, 70), (900, 70))]
     corners[1] = (*corners[1], (900, -900))
     controller._plans.fence.put(
