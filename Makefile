@@ -4,7 +4,7 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 CLIENTS := $(VENV)/clients
 
-.PHONY: demo test quick clients mutants check lock clean
+.PHONY: demo test quick slow clients mutants check lock clean
 
 demo: $(VENV)/.run
 	$(BIN)/rebar demo
@@ -19,6 +19,10 @@ test: $(VENV)/.dev $(CLIENTS)/.built
 # Within a minute: lint, types and the fast tests of what changed since the last commit (BASE=main: since main).
 quick: $(VENV)/.dev
 	$(BIN)/python .ci/quick.py $(if $(BASE),--base $(BASE))
+
+# What takes minutes, a million hostile datagrams for example; `test` has a short form of each.
+slow: $(VENV)/.dev
+	$(BIN)/python -m pytest -n 2 -m slow
 
 # Whole flights of MAVSDK, mavsdk-grpc, pymavlink, MAVProxy and DroneKit; `test` has a short form of each.
 clients: $(VENV)/.dev $(CLIENTS)/.built

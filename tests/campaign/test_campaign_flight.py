@@ -139,16 +139,17 @@ def test_no_recorded_word_of_the_agents_side_tells_the_truth(
                 assert not any(name in message.data for name in names), channel.topic
 
 
-def detected_share(spec: SimSpec, folder: Path) -> float:
-    """Detections per sighting in a flight."""
-    fly_realization(spec, DECOMPOSITION, folder, "x")
+def detected_share(folder: Path) -> float:
+    """Detections per sighting in a recording."""
     tape = read_tape(folder / "recording.mcap")
     sightings = sum(len(frame.sightings) for frame in tape.frames)
     return sum(len(frame.detections) for frame in tape.detections) / sightings
 
 
 @pytest.mark.parametrize("worse", ["fog", "range", "concealment"])
-def test_harder_conditions_show_in_the_data(tmp_path: Path, worse: str) -> None:
+def test_harder_conditions_show_in_the_data(
+    flown: dict[str, tuple[Path, SessionResult]], tmp_path: Path, worse: str
+) -> None:
     """Fog, distance and concealment make the detections in the recording fewer, all else equal."""
     base = scene()
     match worse:
@@ -161,14 +162,17 @@ def test_harder_conditions_show_in_the_data(tmp_path: Path, worse: str) -> None:
         case _:
             hidden = tuple(group.model_copy(update={"concealment": 1.0}) for group in base.actors)
             hard = base.model_copy(update={"actors": hidden})
-    assert detected_share(hard, tmp_path / "hard") < 0.9 * detected_share(base, tmp_path / "easy")
+    fly_realization(hard, DECOMPOSITION, tmp_path, "hard")
+    assert detected_share(tmp_path) < 0.9 * detected_share(flown["reference-naive"][0])
 
 
-def test_perfect_perception_sees_more_than_degraded(tmp_path: Path) -> None:
+def test_perfect_perception_sees_more_than_degraded(
+    flown: dict[str, tuple[Path, SessionResult]], tmp_path: Path
+) -> None:
     """Vision can be taken out of the question: perfect detections leave the reasoning to be judged alone."""
-    base = scene()
-    perfect = base.model_copy(update={"perception": Perception(mode="perfect")})
-    assert detected_share(perfect, tmp_path / "perfect") > detected_share(base, tmp_path / "degraded")
+    perfect = scene().model_copy(update={"perception": Perception(mode="perfect")})
+    fly_realization(perfect, DECOMPOSITION, tmp_path, "perfect")
+    assert detected_share(tmp_path) > detected_share(flown["reference-naive"][0])
 
 
 def test_what_cannot_be_placed_or_found_is_a_result(tmp_path: Path) -> None:

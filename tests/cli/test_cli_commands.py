@@ -133,8 +133,10 @@ def test_homes_and_links_are_parsed_or_refused() -> None:
 
 
 def small_campaign(folder: Path) -> Path:
-    """Two realizations of the example."""
-    (folder / "scene.yaml").write_text(EXAMPLE.read_text())
+    """Two realizations of the example that run out of time after ten simulated seconds."""
+    scene = EXAMPLE.read_text()
+    assert "time_limit_s: 300.0" in scene
+    (folder / "scene.yaml").write_text(scene.replace("time_limit_s: 300.0", "time_limit_s: 10.0"))
     path = folder / "small.yaml"
     path.write_text(CAMPAIGN)
     return path
