@@ -9,8 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from campaign_fakes import small_campaign
+from in_process_executor import open_in_process
 
-from bench.campaign import Campaign, CampaignSummary, RealizationFinished, Stopping, run_campaign
+from bench.campaign import (
+    Campaign,
+    CampaignSummary,
+    RealizationFinished,
+    Stopping,
+    open_local_pool,
+    run_campaign,
+)
 from bench.contracts import Observation, Outcome, SessionResult
 from bench.simspec import AgentSpec
 from decompositions import Decomposition
@@ -102,12 +110,13 @@ def stopping_campaign(
 
 
 def fly_drawn(folder: Path, campaign: Campaign, workers: int = 1, **options: Any) -> CampaignSummary:
-    """Run such a campaign, by default to its scores."""
+    """Run such a campaign, by default to its scores and in this process: a worker takes a second to start."""
     # Here, because workers import this module too and would wait for the import of scoring.
     from bench.campaign import finish_campaign, load_measurable_decomposition
 
     finish = options.pop("finish", lambda paths: finish_campaign(paths.path) and None)
     decomposition = load_measurable_decomposition(campaign.decomposition)
+    options.setdefault("open_executor", open_in_process())
     return run_campaign(campaign, folder, decomposition, workers=workers, job=JOB, finish=finish, **options)
 
 
@@ -124,4 +133,5 @@ def main(folder: str, decomposition: str) -> None:
         2,
         on_event=tell,
         finish=lambda paths: None,
+        open_executor=open_local_pool,
     )

@@ -26,6 +26,7 @@ from bench.campaign import (
     RealizationStarted,
     finish_campaign,
     open_journal,
+    open_local_pool,
     read_result,
     read_runs,
     rescore_campaign,
@@ -85,7 +86,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
         made_up_decomposition(tmp_path_factory.mktemp("asked")), replicates=14, points=2
     )
     for workers, folder in enumerate(folders, start=1):
-        assert fly_drawn(folder, campaign, workers).complete
+        assert fly_drawn(folder, campaign, workers, open_executor=open_local_pool).complete
     return folders
 
 
@@ -146,7 +147,8 @@ def test_what_was_under_way_is_kept_and_left_out(tmp_path: Path) -> None:
     campaign = stopping_campaign(made_up_decomposition(tmp_path / "asked"), replicates=14, points=1)
     events: list[Any] = []
     fly_drawn(tmp_path / "one", campaign, finish=no_finish)
-    # In this process: between real workers it would be the host's speed that decides which sessions overlap.
+    # A seed draws the order: between real workers it would be the host's speed that decides which sessions
+    # overlap.
     fly_drawn(tmp_path / "three", campaign, 3, on_event=events.append, open_executor=open_in_process(seed=1))
 
     assert scored(tmp_path / "three").equals(scored(tmp_path / "one"))
@@ -225,7 +227,8 @@ def test_interrupted_and_resumed(flown: tuple[Path, Path], tmp_path: Path, numbe
         for _ in range(11):
             assert process.stdout.readline()
         process.send_signal(number)
-    summary = fly_drawn(tmp_path / "out", stopping_campaign(decomposition, 14, 2), 2, finish=no_finish)
+    campaign = stopping_campaign(decomposition, 14, 2)
+    summary = fly_drawn(tmp_path / "out", campaign, 2, finish=no_finish, open_executor=open_local_pool)
     assert summary.complete
     assert scored(tmp_path / "out").equals(scored(flown[0]))
 
@@ -294,9 +297,9 @@ def test_an_edited_recording_is_noticed_without_its_result(tmp_path: Path) -> No
     """The journal has the digest of the recording: with result.json deleted, an edited recording is
     refused.
     """
-    fly_drawn(
-        tmp_path / "out", stopping_campaign(made_up_decomposition(tmp_path / "asked"), 2, 1), finish=no_finish
-    )
+    campaign = stopping_campaign(made_up_decomposition(tmp_path / "asked"), 2, 1)
+    # Workers take the digest of a recording when its session ends.
+    fly_drawn(tmp_path / "out", campaign, finish=no_finish, open_executor=open_local_pool)
     run = CampaignFolder(tmp_path / "out").run("p001-r1-fake")
     (run / "result.json").unlink()
     (run / "recording.mcap").write_bytes(b"something else")
