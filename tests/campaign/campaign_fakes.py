@@ -100,10 +100,10 @@ def fly(
     folder: Path,
     campaign: Campaign | None = None,
     script: Script | None = None,
-    workers: int = 2,
+    workers: int = 1,
     **options: Any,
 ) -> CampaignSummary:
-    """Run a campaign of fakes."""
+    """Run a campaign of fakes. A worker takes a second of CPU to start: two where a test is about two."""
     decomposition = cast(Any, script or Script())
     return run_campaign(
         campaign or small_campaign(), folder, decomposition, workers=workers, job=JOB, **options
@@ -123,5 +123,5 @@ def print_results() -> Observer:
 def main(folder: str, span_s: str, *acts: str) -> None:
     """A runner in a process of its own, to be interrupted."""
     script = Script(dict(zip(acts[::2], acts[1::2], strict=True)), float(span_s))
-    ended = fly(Path(folder), small_campaign(points=6), script, on_event=print_results())
+    ended = fly(Path(folder), small_campaign(points=6), script, 2, on_event=print_results())
     print(f"stopped: {ended.stopped}", flush=True)

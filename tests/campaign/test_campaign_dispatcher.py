@@ -51,7 +51,7 @@ def test_the_first_of_two_reports_stays(tmp_path: Path, seed: int) -> None:
     """
     events: list[object] = []
 
-    summary = fly(tmp_path, on_event=events.append, open_executor=open_in_process(seed, reports=2))
+    summary = fly(tmp_path, workers=2, on_event=events.append, open_executor=open_in_process(seed, reports=2))
 
     assert (summary.complete, summary.flown) == (True, 6)
     finished = [event.realization for event in events if isinstance(event, RealizationFinished)]
@@ -70,14 +70,14 @@ def test_two_results_that_the_journal_does_not_have(tmp_path: Path) -> None:
     """Both are there while the journal says planned and running: both are taken up, and neither is flown
     again.
     """
-    fly(tmp_path, open_executor=open_in_process())
+    fly(tmp_path, workers=2, open_executor=open_in_process())
     planned, running = "p001-r1-fake", "p002-r2-fake"
     with open_journal(tmp_path / "journal.sqlite") as journal:
         journal.forget(planned)
         journal.forget(running)
         journal.start(running, "w1")
 
-    assert fly(tmp_path, open_executor=open_in_process()).flown == 0
+    assert fly(tmp_path, workers=2, open_executor=open_in_process()).flown == 0
     after = entries(tmp_path)
     assert {after[name].outcome for name in (planned, running)} == {Outcome.COMPLETED}
     assert (after[planned].attempts, after[running].attempts) == (1, 2)
@@ -87,11 +87,17 @@ def test_two_campaigns_in_one_folder(tmp_path: Path) -> None:
     """Another campaign with another decomposition is refused with both faults, and leaves every file as it
     was.
     """
-    fly(tmp_path, open_executor=open_in_process())
+    fly(tmp_path, workers=2, open_executor=open_in_process())
     before, journal_before = files(tmp_path), entries(tmp_path)
 
     with pytest.raises(SetupError) as refusal:
-        fly(tmp_path, small_campaign(wall_s=5.0), Script(digest="1" * 64), open_executor=open_in_process())
+        fly(
+            tmp_path,
+            small_campaign(wall_s=5.0),
+            Script(digest="1" * 64),
+            workers=2,
+            open_executor=open_in_process(),
+        )
 
     faults = [fault.what for fault in refusal.value.faults]
     assert len(faults) == 2
@@ -193,4 +199,4 @@ def test_the_total_budget_starts_nothing_after_it(tmp_path: Path) -> None:
     assert summary.stopped == "the campaign's total wall budget is spent"
     assert sum(isinstance(event, RealizationStarted) for event in events) == 2
     assert sum(isinstance(event, CampaignStopping) for event in events) == 1
-    assert fly(tmp_path, small_campaign(), open_executor=open_in_process()).flown == 4
+    assert fly(tmp_path, small_campaign(), workers=2, open_executor=open_in_process()).flown == 4

@@ -278,7 +278,7 @@ def test_a_broken_bench_stops_the_campaign(tmp_path: Path) -> None:
     campaign = small_campaign(points=6)
     names = [f"p{point:03d}-r{replicate}-fake" for point in range(1, 7) for replicate in (1, 2)]
     with pytest.raises(BenchBroken, match="the first 5 sessions all ended with bench errors"):
-        fly(tmp_path, campaign, Script(dict.fromkeys(names, "raise")))
+        fly(tmp_path, campaign, Script(dict.fromkeys(names, "raise")), workers=2)
 
     assert sum(entry.attempts for entry in entries(tmp_path).values()) <= 6
     assert {entry.outcome for entry in entries(tmp_path).values()} == {None}
@@ -289,7 +289,7 @@ def test_one_completed_session_is_enough_to_continue(tmp_path: Path) -> None:
     """Bench errors after a completed session are results of their own."""
     campaign = small_campaign(points=3)
     names = [f"p{point:03d}-r{replicate}-fake" for point in range(1, 4) for replicate in (1, 2)]
-    summary = fly(tmp_path, campaign, Script(dict.fromkeys(names[1:], "raise")), workers=1)
+    summary = fly(tmp_path, campaign, Script(dict.fromkeys(names[1:], "raise")))
     assert summary.outcomes == {Outcome.BENCH_ERROR: 5, Outcome.COMPLETED: 1}
 
 

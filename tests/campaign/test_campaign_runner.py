@@ -80,7 +80,7 @@ def test_flies_everything_once(tmp_path: Path) -> None:
     """A campaign gets one complete result for each realization, and its manifest holds."""
     events: list[object] = []
 
-    summary = fly(tmp_path, on_event=events.append)
+    summary = fly(tmp_path, workers=2, on_event=events.append)
 
     assert summary.complete
     assert summary.flown == 6
@@ -140,7 +140,7 @@ def test_bad_sessions_cost_themselves_only(tmp_path: Path) -> None:
     acts = {"p001-r1-fake": "raise", "p001-r2-fake": "exit", "p002-r1-fake": "segv", "p002-r2-fake": "leave"}
     events: list[object] = []
 
-    summary = fly(tmp_path, script=Script(acts), on_event=events.append)
+    summary = fly(tmp_path, script=Script(acts), workers=2, on_event=events.append)
 
     assert summary.complete
     by_id = entries(tmp_path)
@@ -178,9 +178,7 @@ def test_hung_session_is_killed(tmp_path: Path) -> None:
         return 100.0 if agent.is_file() and agent.read_text() else 0.0
 
     open_executor = partial(open_local_pool, grace_s=0.2, clock=clock)
-    summary = fly(
-        tmp_path, campaign, Script({"p001-r1-fake": "hang"}), open_executor=open_executor, workers=1
-    )
+    summary = fly(tmp_path, campaign, Script({"p001-r1-fake": "hang"}), open_executor=open_executor)
 
     assert summary.outcomes == {Outcome.WALL_BUDGET: 1, Outcome.COMPLETED: 1}
     assert entries(tmp_path)["p001-r1-fake"].attempts == 1
@@ -380,7 +378,7 @@ def test_result_that_the_journal_missed_is_taken_up(tmp_path: Path) -> None:
 def test_same_campaign_same_bytes(tmp_path: Path) -> None:
     """The same campaign leaves the same SimSpecs and recordings, byte for byte, in any folder."""
     for name in ("first", "second"):
-        fly(tmp_path / name, small_campaign(points=2))
+        fly(tmp_path / name, small_campaign(points=2), workers=2)
 
     first, second = (
         json.loads((tmp_path / name / "manifest.json").read_text())["files"] for name in ("first", "second")
