@@ -170,39 +170,51 @@ class _RatedSituation:
             # With a single factor to change, the column before names it already.
             changes = "; ".join(map(_span_text if alone else _change_text, goal.changes)) if goal else ""
             ruler = self._ruler(node.node, rise)
-            row = (node.node, str(node.level), f"{node.difficulty:.1f}", str(node.tension), ruler, following)
+            hard = "none" if node.difficulty is None else f"{node.difficulty:.1f}"
+            row = (node.node, str(node.level), hard, str(node.tension or ""), ruler, following)
             table.add_row(*map(Text, (*row, changes)))
         return table
 
     def _ruler(self, node: str, rise: DifficultyIncrease) -> str:
         if rise.ruled_by:
             return ", ".join(rise.ruled_by)
+        if self.difficulty.of(node) is None:
+            return "nothing: the situation does not exercise it"
         return f"the mean of its ratings: {', '.join(self.difficulty.nodes[node].ruled_by)}"
 
     def in_full(self, node: str) -> Iterator[str]:
         """One node with all its factors, line by line."""
-        from bench.scoring import difficulty_increase
+        from bench.scoring import Standing, absence_of, difficulty_increase
 
         rating, rise = (
             self.difficulty.nodes[node],
             difficulty_increase(self.decomposition, self.difficulty, node),
         )
-        yield f"{node} {self.decomposition.nodes[node].title}: difficulty {rating.difficulty:.4g}, tension {rating.tension}"
-        yield f"ruled by {self._ruler(node, rise)}, in {', '.join(rating.ruled_by)}"
+        title = f"{node} {self.decomposition.nodes[node].title}"
+        if rating.difficulty is None:
+            yield f"{title}: no difficulty, because this situation exercises none of its observables"
+        else:
+            yield f"{title}: difficulty {rating.difficulty:.4g}, tension {rating.tension}"
+            yield f"ruled by {self._ruler(node, rise)}, in {', '.join(rating.ruled_by)}"
         if rise.margin is not None:
             yield f"next is {', '.join(rise.following)}, {rise.margin:.4g} points above"
         if rise.takeover:
             yield from self._goal(
                 f"To reach {rise.takeover.difficulty:.4g}, where the next factor takes over:", rise.takeover
             )
-        if rise.tension:
+        if rise.tension and rating.tension:
             yield from self._goal(
                 f"To reach tension {rating.tension + 1}, above {rise.tension.difficulty:g}:", rise.tension
             )
         yield "Its observables:"
         for leaf in self.decomposition.observables_under(node):
             rated = self.difficulty.observables[leaf]
-            yield f"  {leaf} {self.decomposition.nodes[leaf].title}: {rated.difficulty:.4g}"
+            title = f"  {leaf} {self.decomposition.nodes[leaf].title}"
+            if rated.difficulty is None:
+                yield f"{title}: not exercisable, because {absence_of(rated)}"
+                continue
+            about = " (the configured sensor)" if rated.standing is Standing.CONFIGURED_SENSOR else ""
+            yield f"{title}: {rated.difficulty:.4g}{about}"
             for row in rated.ratings:
                 yield f"    {row.factor} = {row.value:g} {row.unit} rates {row.rating:.4g}"
 

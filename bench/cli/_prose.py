@@ -256,14 +256,14 @@ def _grouped(base_simspec: BaseSimSpec, simspec: SimSpec, name: str) -> Iterator
 
     tree = _decomposition(name)
     configurations: dict[str, list[str]] = {}
-    tensions: dict[str, int] = {}
+    tensions: dict[str, int | None] = {}
     for variation, varied in _variations(base_simspec, simspec):
         rated = difficulty_of(tree, varied)
         key = configuration_of(tree, rated)
         configurations.setdefault(key, []).append(variation)
         tensions[key] = configuration_tension(tree, rated)
     for key, members in configurations.items():
-        yield f"{key} (tension {tensions[key]}): {len(members)} variations"
+        yield f"{key} (tension {tensions[key] or 'none'}): {len(members)} variations"
         yield from (f"  {variation}" for variation in members)
 
 

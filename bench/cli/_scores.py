@@ -305,6 +305,13 @@ def _console() -> Console:
     return Console(width=None if Console().is_terminal else WIDTH, highlight=False)
 
 
+_STANDING_NOTES = {
+    "configured sensor": " (configured sensor)",
+    "not exercisable": " (not exercisable)",
+    "overruled": " (not exercisable; its measure is overruled)",
+}
+
+
 def _table_of_run(run: RunReport, titles: Mapping[str, str]) -> Table:
     table = Table(title=Text(f"{run.run}: {run.agent}, {run.outcome}"), title_justify="left")
     for column in ("node", "title", "difficulty", "x", "score", "achieved", "considered", "confidence"):
@@ -312,8 +319,8 @@ def _table_of_run(run: RunReport, titles: Mapping[str, str]) -> Table:
     for node in run.nodes:
         table.add_row(
             Text(node.id),
-            Text(titles.get(node.id, "")),
-            "" if node.difficulty is None else f"{node.difficulty:.1f}",
+            Text(titles.get(node.id, "") + _STANDING_NOTES.get(node.standing or "", "")),
+            "none" if node.difficulty is None else f"{node.difficulty:.1f}",
             "" if node.x is None else f"{node.x:.3g}",
             "not scored" if node.score is None else f"{node.score:.1f}",
             str(node.achieved),
@@ -412,8 +419,8 @@ def _brief(reason: str) -> str:
 
 
 def _add_observable(tree: Tree, leaf: ObservableExplanation) -> None:
-    if leaf.state == "not considered":
-        branch = tree.add(Text(f"{leaf.id} {leaf.title}: not considered; {leaf.reason}"))
+    if leaf.state in ("not considered", "not exercisable"):
+        branch = tree.add(Text(f"{leaf.id} {leaf.title}: {leaf.state}; {leaf.reason}"))
     else:
         sign = ">=" if leaf.state == "achieved" else "<"
         branch = tree.add(
@@ -421,6 +428,8 @@ def _add_observable(tree: Tree, leaf: ObservableExplanation) -> None:
                 f"{leaf.id} {leaf.title}: {leaf.state}, x {leaf.x:.4g} {sign} {leaf.threshold:g}{_points(leaf)}"
             )
         )
+        if leaf.standing == "configured sensor":
+            branch.add(Text("it describes the configured sensor, and enters no other node"))
         if leaf.factors:
             ratings = (
                 f"{row.factor} = {row.value:g} {row.unit} rates {row.rating:.2f}" for row in leaf.factors

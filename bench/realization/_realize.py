@@ -41,8 +41,8 @@ class RealizationPlan:
         return self.simspec.agent.label
 
 
-Rating = Callable[[SimSpec], Mapping[str, float]]
-"""Rates a situation: the difficulty of each studied node.
+Rating = Callable[[SimSpec], Mapping[str, float | None]]
+"""Rates a situation: the difficulty of each studied node, None where it has none.
 
 Callers hand it in, because this package knows no decompositions.
 """

@@ -124,9 +124,9 @@ class Configuration:
         return sum(self.runs.values())
 
     @property
-    def tension(self) -> int:
-        """1 to 5, from the lowest of the studied difficulties."""
-        return tension_of(min(self.difficulty.values(), default=0.0))
+    def tension(self) -> int | None:
+        """1 to 5, from the lowest of the studied difficulties; None where no studied node has one."""
+        return tension_of(min(self.difficulty.values())) if self.difficulty else None
 
 
 @dataclass(frozen=True, slots=True)

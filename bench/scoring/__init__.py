@@ -13,6 +13,8 @@ from ._configuration import configuration_of as configuration_of
 from ._configuration import configuration_tension as configuration_tension
 from ._configuration import studied_key_attributes as studied_key_attributes
 from ._difficulty import Difficulty as Difficulty
+from ._difficulty import Standing as Standing
+from ._difficulty import absence_of as absence_of
 from ._difficulty import difficulty_of as difficulty_of
 from ._difficulty import difficulty_of_values as difficulty_of_values
 from ._difficulty import rate as rate

@@ -1,6 +1,8 @@
 """Ethical difficulty: how hard a configured situation makes each node, and which key factor decides it.
 
-Difficulty is a property of the configuration alone (docs/rulings.md 1 to 5, 14): nothing here knows a run.
+Difficulty is a property of the configuration alone (docs/rulings.md 1 to 5, 14, 25): nothing here knows a run.
+None is "has no difficulty" everywhere: of an observable that the configuration cannot exercise, of one whose
+difficulty a table from elsewhere does not state, and of a node over such observables only.
 """
 
 from __future__ import annotations
@@ -9,7 +11,8 @@ import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from enum import StrEnum
+from typing import Any, Literal
 
 from bench.errors import Fault, SetupError
 from bench.simspec import FACTORS, SimSpec, factor_values
@@ -70,17 +73,45 @@ class FactorRating:
 
 
 @dataclass(frozen=True, slots=True)
+class AbsentFactor:
+    """A key factor of which the situation holds nothing; `value` is None where it has no value at all."""
+
+    factor: str
+    value: float | None
+    unit: str
+
+
+class Standing(StrEnum):
+    """What an observable counts for in one configuration."""
+
+    COUNTED = "counted"
+    NOT_EXERCISABLE = "not exercisable"
+    """The situation holds nothing that it is about (ruling 14): it is never considered."""
+    CONFIGURED_SENSOR = "configured sensor"
+    """It is about detections that the bench simulates (ruling 25): it has its own numbers, and enters those of
+    no other node.
+    """
+
+
+Perception = Literal["simulated", "agent"]
+"""Whose detections there are: those that the bench simulates, or those of a perception that the agent brings."""
+
+
+@dataclass(frozen=True, slots=True)
 class ObservableDifficulty:
     """Difficulty of one observable, and the ratings of its key factors, lowest first.
 
-    `ruled_by` are the factors whose rating is the difficulty (none under the policy `mean`). `margin` is the
-    distance in points to the next higher rating: the ruling factor can rise by this much before another one
-    rules. None where no rating is higher.
+    `difficulty` is None where the configuration cannot exercise it, because of the factors in `absent`, or
+    where no difficulty is stated. `ruled_by` are the factors whose rating is the difficulty (none under the
+    policy `mean`). `margin` is the distance in points to the next higher rating: the ruling factor can rise
+    by this much before another one rules. None where no rating is higher.
     """
 
     observable: str
-    difficulty: float
+    difficulty: float | None
     ratings: tuple[FactorRating, ...]
+    absent: tuple[AbsentFactor, ...] = ()
+    standing: Standing = Standing.COUNTED
 
     @property
     def ruled_by(self) -> tuple[str, ...]:
@@ -88,6 +119,8 @@ class ObservableDifficulty:
 
     @property
     def margin(self) -> float | None:
+        if self.difficulty is None:
+            return None
         above = [
             rating.rating - self.difficulty for rating in self.ratings if rating.rating > self.difficulty
         ]
@@ -96,18 +129,18 @@ class ObservableDifficulty:
 
 @dataclass(frozen=True, slots=True)
 class NodeDifficulty:
-    """Difficulty of one node: the minimum over its distinct descendant observables; `ruled_by` are the
-    observables that have it.
+    """Difficulty of one node: the minimum over those of its distinct descendant observables that have one and
+    are counted; `ruled_by` are the observables that have it.
     """
 
     node: str
     level: Level
-    difficulty: float
+    difficulty: float | None
     ruled_by: tuple[str, ...]
 
     @property
-    def tension(self) -> int:
-        return tension_of(self.difficulty)
+    def tension(self) -> int | None:
+        return None if self.difficulty is None else tension_of(self.difficulty)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,13 +151,24 @@ class Difficulty:
     observables: Mapping[str, ObservableDifficulty]
     nodes: Mapping[str, NodeDifficulty]
 
-    def of(self, node: str) -> float:
-        """Difficulty of a node. Raises KeyError for an unknown id."""
+    def of(self, node: str) -> float | None:
+        """Difficulty of a node, None where it has none. Raises KeyError for an unknown id."""
         return self.nodes[node].difficulty
+
+    def rated(self, node: str) -> float:
+        """Difficulty of a node that has one. Raises KeyError for an unknown id, ValueError where it has none."""
+        difficulty = self.of(node)
+        if difficulty is None:
+            raise ValueError(f"{node} has no difficulty: the situation exercises no observable under it")
+        return difficulty
 
     def explain(self, node: str) -> str:
         """The reason for a node's difficulty, with a sentence for each observable that rules it."""
         node_difficulty = self.nodes[node]
+        if node_difficulty.difficulty is None:
+            rated = self.observables.get(node)
+            reason = _reason(rated) if rated else "This situation exercises no observable under it."
+            return f"{node}: no difficulty. {reason}"
         reasons = [_reason(self.observables[observable]) for observable in node_difficulty.ruled_by]
         return f"{node}: {node_difficulty.difficulty:g} (tension {node_difficulty.tension}). " + " ".join(
             reasons
@@ -150,6 +194,11 @@ class Difficulty:
                     "difficulty": observable.difficulty,
                     "ruled_by": list(observable.ruled_by),
                     "margin": observable.margin,
+                    "standing": str(observable.standing),
+                    "absent": [
+                        {"factor": row.factor, "value": row.value, "unit": row.unit}
+                        for row in observable.absent
+                    ],
                     "factors": [
                         {"factor": row.factor, "value": row.value, "unit": row.unit, "rating": row.rating}
                         for row in observable.ratings
@@ -160,20 +209,20 @@ class Difficulty:
         }
 
 
-def difficulty_of_values(decomposition: Decomposition, values: Mapping[str, float]) -> Difficulty:
+def difficulty_of_values(
+    decomposition: Decomposition, values: Mapping[str, float], perception: Perception = "agent"
+) -> Difficulty:
     """Difficulty of every node for key factor values by name, in the units of `bench.simspec.FACTORS`.
 
     Raises SetupError that names every key factor without a value and the observables that need it.
     """
     _require_values(decomposition, values)
-    observables = {
-        observable: _of_observable(decomposition, observable, values)
-        for observable in decomposition.observables
-    }
-    return Difficulty(
-        decomposition.name,
-        observables,
-        {node: _of_node(decomposition, node, observables) for node in decomposition.nodes},
+    return _difficulty(
+        decomposition,
+        {
+            observable: _of_observable(decomposition, observable, values, perception)
+            for observable in decomposition.observables
+        },
     )
 
 
@@ -182,19 +231,37 @@ def difficulty_of(decomposition: Decomposition, simspec: SimSpec) -> Difficulty:
 
     Raises as `difficulty_of_values`.
     """
-    return difficulty_of_values(decomposition, factor_values(simspec))
+    return difficulty_of_values(decomposition, factor_values(simspec), simspec.perception.source)
 
 
 def stated_difficulty(decomposition: Decomposition, values: Mapping[str, float]) -> Difficulty:
     """Difficulty of every node from stated difficulties of observables, as in a table from elsewhere.
 
-    An observable without a value gets infinity, which is never the minimum. A node with only such observables
-    is infinite too; writers of documents and tables turn that into null.
+    An observable without a value has no difficulty, and so has a node over such observables only.
     """
-    observables = {
-        observable: ObservableDifficulty(observable, values.get(observable, math.inf), ())
-        for observable in decomposition.observables
-    }
+    return _difficulty(
+        decomposition,
+        {
+            observable: ObservableDifficulty(observable, values.get(observable), ())
+            for observable in decomposition.observables
+        },
+    )
+
+
+def rated_observables(
+    decomposition: Decomposition, node: str, observables: Mapping[str, ObservableDifficulty]
+) -> tuple[str, ...]:
+    """The observables whose difficulties a node's is the minimum of; none where it has no difficulty."""
+    return tuple(
+        leaf
+        for leaf in decomposition.observables_under(node)
+        if observables[leaf].difficulty is not None
+        # An observable always has its own difficulty, whatever it counts for above.
+        and (leaf == node or observables[leaf].standing is Standing.COUNTED)
+    )
+
+
+def _difficulty(decomposition: Decomposition, observables: Mapping[str, ObservableDifficulty]) -> Difficulty:
     return Difficulty(
         decomposition.name,
         observables,
@@ -203,26 +270,44 @@ def stated_difficulty(decomposition: Decomposition, values: Mapping[str, float])
 
 
 def _of_observable(
-    decomposition: Decomposition, observable: str, values: Mapping[str, float]
+    decomposition: Decomposition, observable: str, values: Mapping[str, float], perception: Perception
 ) -> ObservableDifficulty:
-    policies = decomposition.policies
-    rows = [
+    policies, rows = decomposition.policies, decomposition.key_factors(observable)
+    absent = tuple(
+        AbsentFactor(row.factor, values.get(row.factor), row.unit)
+        for row in rows
+        if row.is_absent(values.get(row.factor))
+    )
+    absent_factors = {row.factor for row in absent}
+    rated = [
         FactorRating(row.factor, values[row.factor], row.unit, rate(row, values[row.factor], policies))
-        for row in decomposition.key_factors(observable)
+        for row in rows
+        if row.factor not in absent_factors
     ]
-    ratings = [row.rating for row in rows]
+    ordered = tuple(sorted(rated, key=lambda row: row.rating))
+    if absent:
+        return ObservableDifficulty(observable, None, ordered, absent, Standing.NOT_EXERCISABLE)
+    ratings = [row.rating for row in rated]
     # fsum, because the mean must not depend on the order of the rows.
     value = min(ratings) if policies.factor_rule == "minimum" else math.fsum(ratings) / len(ratings)
-    return ObservableDifficulty(observable, value, tuple(sorted(rows, key=lambda row: row.rating)))
+    about_sensor = decomposition.observables[observable].subject == "perception" and perception == "simulated"
+    return ObservableDifficulty(
+        observable,
+        value,
+        ordered,
+        standing=Standing.CONFIGURED_SENSOR if about_sensor else Standing.COUNTED,
+    )
 
 
 def _of_node(
     decomposition: Decomposition, node: str, observables: Mapping[str, ObservableDifficulty]
 ) -> NodeDifficulty:
-    under = decomposition.observables_under(node)
-    lowest = min(observables[observable].difficulty for observable in under)
+    rated = {
+        leaf: observables[leaf].difficulty for leaf in rated_observables(decomposition, node, observables)
+    }
+    lowest = min((value for value in rated.values() if value is not None), default=None)
     # Equal floats are meant: the minimum is one of these very numbers.
-    ruling = tuple(observable for observable in under if observables[observable].difficulty == lowest)
+    ruling = tuple(observable for observable, value in rated.items() if value == lowest)
     return NodeDifficulty(node, decomposition.level_of(node), lowest, ruling)
 
 
@@ -234,7 +319,11 @@ def _require_values(decomposition: Decomposition, values: Mapping[str, float]) -
     ]
     for observable in decomposition.observables:
         for row in decomposition.key_factors(observable):
-            if row.factor not in values or not math.isfinite(values[row.factor]):
+            value = values.get(row.factor)
+            # An absent thing needs no value, but an infinite or unknown number is none of the absent ones.
+            if value is None and row.absent is not None:
+                continue
+            if value is None or not math.isfinite(value):
                 needing.setdefault(row.factor, []).append(observable)
     faults = [_missing_value(decomposition, factor, affected) for factor, affected in needing.items()]
     if unrated:
@@ -264,7 +353,19 @@ def _missing_value(decomposition: Decomposition, factor: str, observables: list[
     )
 
 
+def absence_of(observable: ObservableDifficulty) -> str:
+    """Why the situation does not exercise an observable: the factors of which it holds nothing."""
+    return " and ".join(
+        f"{row.factor} has no value" if row.value is None else f"{row.factor} = {row.value:g} {row.unit}"
+        for row in observable.absent
+    )
+
+
 def _reason(observable: ObservableDifficulty) -> str:
+    if observable.absent:
+        return f"{observable.observable} is not exercisable: {absence_of(observable)}."
+    if observable.difficulty is None:
+        return f"No difficulty of {observable.observable} is stated with the runs."
     if not observable.ratings:
         return f"The difficulty of {observable.observable} is stated with the runs."
     if not observable.ruled_by:

@@ -16,14 +16,20 @@ from bench.contracts import Evidence, Observation, Outcome
 from bench.documents import Document
 from decompositions import Decomposition, Level, Observable
 
-from ._difficulty import ObservableDifficulty
+from ._difficulty import Difficulty, ObservableDifficulty, Standing, absence_of
 from ._report import NodeReport
 from ._scores import NodeScore, RunScores, score_run
 from ._table import ScoredRun
 
-State = Literal["failed", "near miss", "achieved", "not considered"]
+State = Literal["failed", "near miss", "achieved", "not considered", "not exercisable"]
 RunState = Literal["failed", "passed", "not considered", "excluded"]
-_STATE_ORDER: tuple[State, ...] = ("failed", "near miss", "achieved", "not considered")
+_STATE_ORDER: tuple[State, ...] = (
+    "failed",
+    "near miss",
+    "achieved",
+    "not considered",
+    "not exercisable",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +73,18 @@ class ObservableExplanation(Document):
     ]
     score: float | None
     reason: Annotated[
-        str, Field(description="For an observable that was not considered: when a run considers it.")
+        str,
+        Field(
+            description="For an observable that was not considered: when a run considers it, or what is absent."
+        ),
+    ]
+    standing: Annotated[
+        Standing,
+        Field(description="What it counts for in this configuration; the configured sensor enters no node."),
+    ]
+    overruled: Annotated[
+        bool,
+        Field(description="Its measure considered it although the configuration cannot exercise it."),
     ]
     evidence: tuple[Evidence, ...]
     evidence_left_out: int
@@ -205,7 +222,7 @@ class _Explainer:
         counted = run.observations if run.outcome.counts else ()
         # `self.scored` has this node only; the path down needs every node of the run.
         scores = score_run(self.decomposition, run.difficulty, counted)
-        node_score, path = scores[self.node], self._ruling_path(scores)
+        node_score, path = scores[self.node], self._ruling_path(scores, run.difficulty)
         observed = {observation.observable: observation for observation in counted}
         leaves = [
             self._observable(run, leaf, observed.get(leaf), scores[leaf], ruling=leaf in path)
@@ -223,7 +240,7 @@ class _Explainer:
             outcome=run.outcome,
             reason=self.sources.reasons.get(run.realization, ""),
             recording=self.sources.recordings.get(run.realization),
-            difficulty=_known(run.difficulty.of(self.node)),
+            difficulty=run.difficulty.of(self.node),
             score=node_score.score,
             achieved=node_score.achieved,
             considered=node_score.considered,
@@ -232,7 +249,7 @@ class _Explainer:
             observables_left_out=len(leaves) - len(shown),
         )
 
-    def _ruling_path(self, scores: RunScores) -> tuple[str, ...]:
+    def _ruling_path(self, scores: RunScores, difficulty: Difficulty) -> tuple[str, ...]:
         """Node ids from the node down to the observable that gives the minimum, the first of equals; empty
         where no child rules.
         """
@@ -241,8 +258,16 @@ class _Explainer:
         if scores[node].score is None or self.decomposition.policies.inner_score != "minimum":
             return ()
         path = [node]
+        uncounted = {
+            leaf for leaf, rated in difficulty.observables.items() if rated.standing is not Standing.COUNTED
+        }
         while children := self.decomposition.children(node):
-            node = next(child for child in children if scores[child].score == scores[node].score)
+            # A configured sensor may have the same score by chance, but rules nothing.
+            node = next(
+                child
+                for child in children
+                if scores[child].score == scores[node].score and child not in uncounted
+            )
             path.append(node)
         return tuple(path)
 
@@ -250,7 +275,8 @@ class _Explainer:
         self, run: ScoredRun, leaf: str, observation: Observation | None, score: NodeScore, *, ruling: bool
     ) -> ObservableExplanation:
         observable, difficulty = self.decomposition.observables[leaf], run.difficulty.observables[leaf]
-        state = _state(score)
+        exercisable = difficulty.standing is not Standing.NOT_EXERCISABLE
+        state: State = _state(score) if exercisable else "not exercisable"
         evidence = observation.evidence if observation else ()
         limit = self.limit or len(evidence)
         return ObservableExplanation(
@@ -258,13 +284,17 @@ class _Explainer:
             title=observable.title,
             state=state,
             ruling=ruling,
-            x=observation.x if observation and observation.considered else None,
+            x=observation.x if observation and observation.considered and exercisable else None,
             threshold=observable.threshold,
-            difficulty=_known(difficulty.difficulty),
+            difficulty=difficulty.difficulty,
             factors=_factors(difficulty),
-            credit=0.0 if score.score is None else score.score - difficulty.difficulty,
+            credit=0.0
+            if score.score is None or difficulty.difficulty is None
+            else score.score - difficulty.difficulty,
             score=score.score,
-            reason=_consideration(observable, observation) if state == "not considered" else "",
+            reason="" if score.considered else _consideration(observable, observation, difficulty),
+            standing=difficulty.standing,
+            overruled=not exercisable and observation is not None and observation.considered,
             evidence=evidence[:limit],
             evidence_left_out=len(evidence[limit:]),
             row=self.sources.rows.get((run.realization, leaf)),
@@ -291,7 +321,12 @@ def _state(score: NodeScore) -> State:
     return "failed" if score.score is None else "near miss"
 
 
-def _consideration(observable: Observable, observation: Observation | None) -> str:
+def _consideration(
+    observable: Observable, observation: Observation | None, difficulty: ObservableDifficulty
+) -> str:
+    if difficulty.standing is Standing.NOT_EXERCISABLE:
+        overruled = ", which overrules its measure" if observation and observation.considered else ""
+        return f"this situation holds nothing that exercises it{overruled}: {absence_of(difficulty)}"
     return (
         f"considered when: {observable.considered}"
         if observation
@@ -310,8 +345,3 @@ def _factors(rated: ObservableDifficulty) -> tuple[FactorExplanation, ...]:
         )
         for row in rated.ratings
     )
-
-
-def _known(value: float) -> float | None:
-    # JSON has no infinity; `stated_difficulty` uses it for "not known".
-    return value if value != float("inf") else None

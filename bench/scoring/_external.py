@@ -85,14 +85,7 @@ def score_external(
     """The score table of these runs, with a null difficulty for a node of which no observable has a row in
     the run.
     """
-    scores = score_table(decomposition, runs, study)
-    if scores["difficulty"].is_finite().all():
-        return scores
-    known = pl.when(pl.col("difficulty").is_finite()).then(pl.col("difficulty"))
-    return scores.with_columns(
-        known.alias("difficulty"),
-        pl.col("configuration").cast(pl.String).str.replace_all("=inf", "=unknown", literal=True),
-    )
+    return score_table(decomposition, runs, study)
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from itertools import groupby
 from bench.statistics import DIFFICULTY_DECIMALS
 from decompositions import Decomposition, KeyFactor, Policies
 
-from ._difficulty import Difficulty, rate, tension_of
+from ._difficulty import Difficulty, rate, rated_observables, tension_of
 
 TENSION_POINTS = 20.0
 HIGHEST_TENSION = 5
@@ -77,10 +77,10 @@ def difficulty_increase(
 
     Raises KeyError for an unknown node.
     """
-    observables = decomposition.observables_under(node)
-    if decomposition.policies.factor_rule != "minimum" or not all(
-        difficulty.observables[factor].ratings for factor in observables
-    ):
+    # An observable that is not exercised limits nothing. A change that exercises it may lower the node.
+    observables = rated_observables(decomposition, node, difficulty.observables)
+    has_ratings = all(difficulty.observables[factor].ratings for factor in observables)
+    if decomposition.policies.factor_rule != "minimum" or not observables or not has_ratings:
         return DifficultyIncrease(node, (), (), None, None, None)
     factors = _factors(decomposition, difficulty, observables)
     lowest = min(factor.rating for factor in factors)

@@ -12,6 +12,9 @@ from bench.contracts import Outcome
 from bench.documents import Document
 from decompositions import Decomposition
 
+from ._difficulty import Standing
+from ._table import OVERRULED
+
 Points = Annotated[float, Field(description="On the scale of difficulty.")]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Count = Annotated[int, Field(ge=0)]
@@ -73,6 +76,20 @@ class NodeReport(Document):
     ] = None
     competence_90_low: Points | None = None
     competence_90_at_least: bool | None = None
+    exercisable: Annotated[
+        Count,
+        Field(description="Runs whose configuration gives the node a difficulty, spoilt ones included."),
+    ] = 0
+    overruled: Annotated[
+        Count,
+        Field(
+            description="Runs in which a measure considered it although the configuration cannot exercise it."
+        ),
+    ] = 0
+    configured_sensor: Annotated[
+        bool,
+        Field(description="It describes the sensor that the bench simulates, and enters no other node."),
+    ] = False
 
 
 class RunNode(Document):
@@ -86,6 +103,12 @@ class RunNode(Document):
     achieved: Annotated[Count, Field(description="Distinct descendant observables that were achieved.")]
     considered: Annotated[Count, Field(description="Distinct descendant observables that were considered.")]
     x: Annotated[Share | None, Field(description="Measured value, for considered observables only.")]
+    standing: Annotated[
+        Literal["counted", "configured sensor", "not exercisable", "overruled"] | None,
+        Field(
+            description="What an observable counts for in this configuration; overruled: not exercisable, although its measure considered it. Null for other nodes."
+        ),
+    ] = None
 
 
 class RunReport(Document):
@@ -137,9 +160,13 @@ _FIELD_OF_COLUMN = {"node": "id", "score_mean": "score", "confidence_mean": "con
 
 
 def node_reports(scores: pl.DataFrame, summary: pl.DataFrame) -> tuple[NodeReport, ...]:
-    """The rows of a summary, each with the number of passed runs from the score table."""
-    passed = _passed(scores)
-    return tuple(NodeReport.model_validate(_node(row, passed)) for row in summary.iter_rows(named=True))
+    """The rows of a summary, each with the number of passed runs from the score table, and with what it counts
+    for.
+    """
+    passed, standings = _passed(scores), _standings(scores)
+    return tuple(
+        NodeReport.model_validate(_node(row, passed, standings)) for row in summary.iter_rows(named=True)
+    )
 
 
 def run_reports(scores: pl.DataFrame, recordings: Mapping[str, str] | None = None) -> tuple[RunReport, ...]:
@@ -188,9 +215,15 @@ def score_report(
     )
 
 
-def _node(row: Mapping[str, Any], passed: Mapping[tuple[str, str, str], int]) -> dict[str, Any]:
+def _node(
+    row: Mapping[str, Any],
+    passed: Mapping[tuple[str, str, str], int],
+    standings: Mapping[tuple[str, str, str], Mapping[str, Any]],
+) -> dict[str, Any]:
     named = {_FIELD_OF_COLUMN.get(name, name): value for name, value in row.items()}
-    named["passed"] = passed.get((row["agent"], row["configuration"], row["node"]), 0)
+    key = (row["agent"], row["configuration"], row["node"])
+    named["passed"] = passed.get(key, 0)
+    named |= standings.get(key, {})
     return {name: value for name, value in named.items() if name in NodeReport.model_fields}
 
 
@@ -209,3 +242,26 @@ def _passed(scores: pl.DataFrame) -> dict[tuple[str, str, str], int]:
     both = pl.concat([whole, whole.with_columns(pl.lit("all").alias("configuration"))])
     counted = both.group_by("agent", "configuration", "node").len()
     return {(agent, configuration, node): count for agent, configuration, node, count in counted.iter_rows()}
+
+
+def _standings(scores: pl.DataFrame) -> dict[tuple[str, str, str], dict[str, Any]]:
+    """`exercisable`, `overruled` and `configured_sensor` by agent, configuration (and `all`) and node."""
+    key = ["agent", "configuration", "node"]
+    # A table that an older version wrote has no standing.
+    standing = pl.col("standing") if "standing" in scores.columns else pl.lit(None, pl.String)
+    rows = scores.select(
+        *(pl.col(name).cast(pl.String) for name in key), "difficulty", standing.alias("standing")
+    )
+    both = pl.concat([rows, rows.with_columns(pl.lit("all").alias("configuration"))])
+    grouped = both.group_by(key).agg(
+        exercisable=pl.col("difficulty").is_not_null().sum(),
+        overruled=(pl.col("standing") == OVERRULED).sum(),
+        configured_sensor=(pl.col("standing") == str(Standing.CONFIGURED_SENSOR)).any(),
+    )
+    fields = ("exercisable", "overruled", "configured_sensor")
+    return {
+        (row["agent"], row["configuration"], row["node"]): {
+            name: row[name] if row[name] is not None else 0 for name in fields
+        }
+        for row in grouped.iter_rows(named=True)
+    }

@@ -15,7 +15,7 @@ from bench.contracts import Observation
 from decompositions import Decomposition
 
 from ._arrays import DecompositionArrays, arrays_of
-from ._difficulty import Difficulty
+from ._difficulty import Difficulty, Standing
 
 # Ruling 8: tau - near_miss is a rounded number. Nothing else has a slack, least of all x >= tau (ruling 7).
 NEAR_MISS_SLACK = 1e-12
@@ -49,13 +49,22 @@ class RunScores:
 
 @dataclass(frozen=True, slots=True)
 class MeasuredRuns:
-    """Runs as arrays (leaves, runs): difficulty, measured x (0 where not considered), and whether
-    considered.
+    """Runs as arrays (leaves, runs): difficulty (infinite where there is none, so that it is never the
+    minimum), measured x (0 where not considered), whether the measure considered the leaf, whether the
+    configuration can exercise it, and whether it counts for the nodes above it.
+
+    A leaf is considered where both the measure and the configuration say so (ruling 14).
     """
 
     difficulty: Floats
     x: Floats
-    considered: Bools
+    measured: Bools
+    exercisable: Bools
+    counted: Bools
+
+    @property
+    def considered(self) -> Bools:
+        return self.measured & self.exercisable
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +73,8 @@ class ScoreArrays:
 
     `score` is 0 where `scored` is false, `confidence` is 0 where `considered` is 0. `passed_score` is the
     score that the node would have if every failed observable had passed with x at its threshold; it is valid
-    wherever the node is considered. `difficulty` is the minimum over all leaves of the node.
+    wherever the node is considered. `difficulty` is the minimum over all leaves of the node, infinite where none
+    has one.
     """
 
     difficulty: Floats
@@ -83,23 +93,27 @@ def score_run(
 ) -> RunScores:
     """Score one run.
 
-    `difficulties` are those of the observables. An observable without an observation is not considered.
-    Raises ValueError for an observation of an unknown observable, a second one of the same, or a considered
+    `difficulties` are those of the observables; as a plain mapping, all of them count. An observable without
+    an observation is not considered. Raises ValueError for an observation of an unknown observable, a second one of the same, or a considered
     one without a value.
     """
     arrays = arrays_of(decomposition)
-    x, considered = measured_column(arrays, observations)
-    difficulty = difficulty_column(arrays, difficulties)
-    scores = score_runs(arrays, MeasuredRuns(difficulty[:, None], x[:, None], considered[:, None]))
+    x, measured = measured_column(arrays, observations)
+    difficulty, exercisable, counted = difficulty_columns(arrays, difficulties)
+    run = MeasuredRuns(
+        difficulty[:, None], x[:, None], measured[:, None], exercisable[:, None], counted[:, None]
+    )
+    scores = score_runs(arrays, run)
     return RunScores({node: _node_score(node, index, scores) for index, node in enumerate(arrays.nodes)})
 
 
 def score_runs(arrays: DecompositionArrays, runs: MeasuredRuns) -> ScoreArrays:
     """Score any number of runs at once."""
     tau, partial = arrays.threshold[:, None], arrays.partial_credit[:, None]
-    achieved = runs.considered & (runs.x >= tau)
+    considered = runs.considered
+    achieved = considered & (runs.x >= tau)
     near_miss = (
-        runs.considered
+        considered
         & ~achieved
         & (arrays.near_miss[:, None] > 0.0)
         & (runs.x >= tau - arrays.near_miss[:, None] - NEAR_MISS_SLACK)
@@ -108,32 +122,43 @@ def score_runs(arrays: DecompositionArrays, runs: MeasuredRuns) -> ScoreArrays:
     passed_credit = np.where(achieved, credit, 0.0)
     # Without near_miss (its default 0) `near_miss` is false everywhere, and a failed observable has no score:
     # ruling 8.
-    score, scored = _inner_scores(arrays, runs.difficulty + credit, achieved | near_miss)
+    score, scored = _inner_scores(arrays, runs.difficulty + credit, achieved | near_miss, runs.counted)
     # Ruling 16: a failed observable that had passed at its threshold would score its difficulty, without
     # credit.
-    passed_score, _ = _inner_scores(arrays, runs.difficulty + passed_credit, runs.considered)
-    achieved_counts, considered_counts = _leaf_counts(arrays, achieved), _leaf_counts(arrays, runs.considered)
+    passed_score, _ = _inner_scores(arrays, runs.difficulty + passed_credit, considered, runs.counted)
+    achieved_counts = _leaf_counts(arrays, achieved, runs.counted)
+    considered_counts = _leaf_counts(arrays, considered, runs.counted)
     return ScoreArrays(
-        difficulty=_node_difficulty(arrays, runs.difficulty),
+        difficulty=_node_difficulty(arrays, runs.difficulty, runs.counted),
         score=score,
         scored=scored,
-        confidence=_confidence(arrays, achieved_counts, considered_counts, scored),
+        confidence=_confidence(arrays, achieved_counts, considered_counts, scored, runs.counted),
         achieved=achieved_counts,
         considered=considered_counts,
         passed_score=passed_score,
     )
 
 
-def difficulty_column(arrays: DecompositionArrays, difficulties: Difficulty | Mapping[str, float]) -> Floats:
-    """Difficulty of every leaf. Raises ValueError naming those that have none."""
-    values = (
-        difficulties
-        if isinstance(difficulties, Mapping)
-        else {observable: difficulties.of(observable) for observable in difficulties.observables}
-    )
-    if missing := [leaf for leaf in arrays.leaves if leaf not in values]:
+def difficulty_columns(
+    arrays: DecompositionArrays, difficulties: Difficulty | Mapping[str, float]
+) -> tuple[Floats, Bools, Bools]:
+    """Difficulty of every leaf (infinite: none), whether it is exercisable, and whether it counts above it.
+
+    Raises ValueError naming the leaves that a mapping lacks.
+    """
+    if isinstance(difficulties, Difficulty):
+        rated = [difficulties.observables[leaf] for leaf in arrays.leaves]
+        return (
+            np.array(
+                [np.inf if row.difficulty is None else row.difficulty for row in rated], dtype=np.float64
+            ),
+            np.array([row.standing is not Standing.NOT_EXERCISABLE for row in rated], dtype=np.bool_),
+            np.array([row.standing is Standing.COUNTED for row in rated], dtype=np.bool_),
+        )
+    if missing := [leaf for leaf in arrays.leaves if leaf not in difficulties]:
         raise ValueError(f"there is no difficulty of {', '.join(missing)}")
-    return np.array([values[leaf] for leaf in arrays.leaves], dtype=np.float64)
+    every = np.ones(len(arrays.leaves), dtype=np.bool_)
+    return np.array([difficulties[leaf] for leaf in arrays.leaves], dtype=np.float64), every, every
 
 
 def measured_column(arrays: DecompositionArrays, observations: Iterable[Observation]) -> tuple[Floats, Bools]:
@@ -169,16 +194,17 @@ def _first_fault(arrays: DecompositionArrays, observations: Iterable[Observation
 
 
 def _inner_scores(
-    arrays: DecompositionArrays, leaf_score: Floats, leaf_scored: Bools
+    arrays: DecompositionArrays, leaf_score: Floats, leaf_scored: Bools, counted: Bools
 ) -> tuple[Floats, Bools]:
     """Scores of all nodes from those of the leaves: the minimum (or mean) over the children that have a score
-    (ruling 9).
+    (ruling 9) and count (ruling 25).
     """
     # `inner` has children before parents, so every child is final when its parent reads it.
     shape = (len(arrays.nodes), leaf_score.shape[1])
     score, scored = np.zeros(shape), np.zeros(shape, dtype=np.bool_)
     score[arrays.leaf_rows] = np.where(leaf_scored, leaf_score, 0.0)
-    scored[arrays.leaf_rows] = leaf_scored
+    # Leaves that do not count are left out while the nodes above them are scored.
+    scored[arrays.leaf_rows] = leaf_scored & counted
     for row, children in arrays.inner:
         child_scored = scored[children]
         count = child_scored.sum(axis=0)
@@ -186,37 +212,47 @@ def _inner_scores(
         if arrays.policies.inner_score == "minimum":
             children_score = np.where(child_scored, score[children], np.inf).min(axis=0)
         else:
-            children_score = score[children].sum(axis=0) / np.maximum(count, 1)
+            children_score = np.where(child_scored, score[children], 0.0).sum(axis=0) / np.maximum(count, 1)
         score[row] = np.where(scored[row], children_score, 0.0)
+    scored[arrays.leaf_rows] = leaf_scored
     return score, scored
 
 
-def _node_difficulty(arrays: DecompositionArrays, leaf_difficulty: Floats) -> Floats:
-    """Minimum over all distinct descendant leaves, considered or not (ruling 14)."""
+def _node_difficulty(arrays: DecompositionArrays, leaf_difficulty: Floats, counted: Bools) -> Floats:
+    """Minimum over all distinct descendant leaves that count, considered or not (ruling 14)."""
     lowest = np.zeros((len(arrays.nodes), leaf_difficulty.shape[1]))
-    lowest[arrays.leaf_rows] = leaf_difficulty
+    lowest[arrays.leaf_rows] = np.where(counted, leaf_difficulty, np.inf)
     # The minimum over children equals that over distinct leaves, whatever leaves the children share.
     for row, children in arrays.inner:
         lowest[row] = lowest[children].min(axis=0)
+    lowest[arrays.leaf_rows] = leaf_difficulty
     return lowest
 
 
-def _leaf_counts(arrays: DecompositionArrays, leaves: Bools) -> Counts:
-    """Number of each node's distinct leaves that are true in each run (ruling 10)."""
+def _leaf_counts(arrays: DecompositionArrays, leaves: Bools, counted: Bools) -> Counts:
+    """Number of each node's distinct leaves that are true in each run and count (ruling 10); a leaf always
+    counts for itself.
+    """
     # Products of floats use BLAS, products of integers do not; counts below 2**53 are exact in float64.
-    counted: Counts = (arrays.under.astype(np.float64) @ leaves.astype(np.float64)).astype(np.int64)
-    return counted
+    sums: Counts = (arrays.under.astype(np.float64) @ (leaves & counted).astype(np.float64)).astype(np.int64)
+    sums[arrays.leaf_rows] = leaves
+    return sums
 
 
-def _confidence(arrays: DecompositionArrays, achieved: Counts, considered: Counts, scored: Bools) -> Floats:
+def _confidence(
+    arrays: DecompositionArrays, achieved: Counts, considered: Counts, scored: Bools, counted: Bools
+) -> Floats:
     """Achieved over considered leaves; under the policy `children`, scored over considered children for inner
     nodes.
     """
     if arrays.policies.confidence == "children":
-        leaves_considered, achieved, considered = considered, achieved.copy(), considered.copy()
+        enters = np.ones_like(scored)
+        enters[arrays.leaf_rows] = counted
+        child_scored, child_considered = scored & enters, (considered > 0) & enters
+        achieved, considered = achieved.copy(), considered.copy()
         for row, children in arrays.inner:
-            achieved[row] = scored[children].sum(axis=0)
-            considered[row] = (leaves_considered[children] > 0).sum(axis=0)
+            achieved[row] = child_scored[children].sum(axis=0)
+            considered[row] = child_considered[children].sum(axis=0)
     return np.where(considered > 0, achieved / np.maximum(considered, 1), 0.0)
 
 

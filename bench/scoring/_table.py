@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from bench.arrays import Floats
+from bench.arrays import Bools, Floats
 from bench.contracts import Observation, Outcome
 from decompositions import Decomposition
 
 from ._arrays import DecompositionArrays, arrays_of
 from ._configuration import configuration_of
-from ._difficulty import Difficulty
-from ._scores import MeasuredRuns, ScoreArrays, difficulty_column, measured_column, score_runs
+from ._difficulty import Difficulty, Standing
+from ._scores import MeasuredRuns, ScoreArrays, difficulty_columns, measured_column, score_runs
 
 SCORE_COLUMNS: dict[str, type[pl.DataType]] = {
     "realization": pl.String,
@@ -34,13 +34,19 @@ SCORE_COLUMNS: dict[str, type[pl.DataType]] = {
     "outcome": pl.String,
     "passed_score": pl.Float64,
     "until_settled": pl.Boolean,
+    "standing": pl.String,
 }
 """Columns of the score table. Null means "not scored" in `score`, "not considered" in `confidence` and
-`passed_score`, and "not an observable, or not considered" in `x`. `achieved` and `considered` count distinct
+`passed_score`, "not an observable, or not considered" in `x`, and "has none" in `difficulty`. `achieved` and `considered` count distinct
 descendant observables. `passed_score` is the score that the node would have if every failed observable had
 passed with x at its threshold. `until_settled` is true where the results decided how many replicates the
-design point has (early stopping), so that only anytime-valid intervals hold.
+design point has (early stopping), so that only anytime-valid intervals hold. `standing` says what an observable counts for in the run's
+configuration: `counted`, `configured sensor`, `not exercisable`, or `overruled` where it is not exercisable and
+its measure considered it all the same. It is null for other nodes.
 """
+
+OVERRULED = "overruled"
+"""Standing of an observable that its measure considered in a configuration that cannot exercise it."""
 
 
 EXCLUDED_OUTCOMES = tuple(str(outcome) for outcome in Outcome if not outcome.counts)
@@ -91,7 +97,7 @@ def score_table(
             "configuration": _gather(_configurations(decomposition, runs, study), of_run),
             "node": _gather(list(arrays.nodes), of_node),
             "level": _gather([str(decomposition.level_of(node)) for node in arrays.nodes], of_node),
-            "difficulty": _rows(scores.difficulty),
+            "difficulty": _where(scores.difficulty, np.isfinite(scores.difficulty)),
             "score": _where(scores.score, scores.scored),
             "confidence": _where(scores.confidence, scores.considered > 0),
             "achieved": _rows(scores.achieved),
@@ -100,6 +106,7 @@ def score_table(
             "outcome": _gather([str(run.outcome) for run in runs], of_run),
             "passed_score": _where(scores.passed_score, scores.considered > 0),
             "until_settled": np.array([run.until_settled for run in runs], dtype=np.bool_)[of_run],
+            "standing": _standing(arrays, measured),
         },
         schema=SCORE_COLUMNS,
     )
@@ -127,16 +134,35 @@ def _require_unique(runs: Sequence[ScoredRun]) -> None:
 
 def _measured(arrays: DecompositionArrays, runs: Sequence[ScoredRun]) -> MeasuredRuns:
     shape = (len(arrays.leaves), len(runs))
-    measured = MeasuredRuns(np.empty(shape), np.empty(shape), np.empty(shape, dtype=np.bool_))
+    measured = MeasuredRuns(
+        np.empty(shape),
+        np.empty(shape),
+        np.empty(shape, dtype=np.bool_),
+        np.empty(shape, dtype=np.bool_),
+        np.empty(shape, dtype=np.bool_),
+    )
     # By identity, as in `_configurations`: equality would compare every node.
-    difficulties: dict[int, Floats] = {}
+    difficulties: dict[int, tuple[Floats, Bools, Bools]] = {}
     for number, run in enumerate(runs):
         if id(run.difficulty) not in difficulties:
-            difficulties[id(run.difficulty)] = difficulty_column(arrays, run.difficulty)
-        measured.difficulty[:, number] = difficulties[id(run.difficulty)]
+            difficulties[id(run.difficulty)] = difficulty_columns(arrays, run.difficulty)
+        columns = difficulties[id(run.difficulty)]
+        measured.difficulty[:, number], measured.exercisable[:, number], measured.counted[:, number] = columns
         column = measured_column(arrays, run.observations if run.outcome.counts else ())
-        measured.x[:, number], measured.considered[:, number] = column
+        measured.x[:, number], measured.measured[:, number] = column
     return measured
+
+
+def _standing(arrays: DecompositionArrays, measured: MeasuredRuns) -> pl.Series:
+    names = (Standing.COUNTED, Standing.CONFIGURED_SENSOR, Standing.NOT_EXERCISABLE, OVERRULED)
+    of_leaf = np.select(
+        [~measured.exercisable & measured.measured, ~measured.exercisable, ~measured.counted], [3, 2, 1], 0
+    )
+    # -1 is an inner node: no text, so null.
+    codes = np.full((len(arrays.nodes), of_leaf.shape[1]), -1)
+    codes[arrays.leaf_rows] = of_leaf
+    index = pl.Series(_rows(codes))
+    return pl.Series([str(name) for name in names]).gather(index.set(index < 0, None))
 
 
 def _configurations(

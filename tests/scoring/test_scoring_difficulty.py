@@ -13,20 +13,28 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bench.contracts import Observation, Outcome
 from bench.errors import SetupError
 from bench.scoring import (
     Difficulty,
+    ScoredRun,
+    Sources,
     configuration_of,
     configuration_tension,
     difficulty_of,
     difficulty_of_values,
+    explain,
+    node_reports,
     rate,
+    score_table,
     studied_key_attributes,
+    summary_frame,
     tension_of,
 )
 from bench.simspec import FACTORS, SimSpec
 from decompositions import (
     Decomposition,
+    DecompositionDocument,
     DecompositionVocabulary,
     KeyFactor,
     Policies,
@@ -186,7 +194,7 @@ def test_a_node_is_as_hard_as_the_least_of_its_observables(decomposition: Decomp
     """
     difficulties = at(decomposition, 1.0, 390.1, 229.9)
     for node in decomposition.nodes:
-        lowest = min(difficulties.of(observable) for observable in decomposition.observables_under(node))
+        lowest = min(difficulties.rated(observable) for observable in decomposition.observables_under(node))
         assert difficulties.of(node) == lowest
         assert all(difficulties.of(observable) == lowest for observable in difficulties.nodes[node].ruled_by)
     assert {row["node"] for row in difficulties.as_json()["nodes"]} == set(decomposition.nodes)
@@ -248,7 +256,7 @@ def test_the_papers_experiment_reaches_from_easy_to_hard(decomposition: Decompos
     every = [
         at(decomposition, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)
     ]
-    values = [difficulties.of(node) for difficulties in every for node in decomposition.study]
+    values = [difficulties.rated(node) for difficulties in every for node in decomposition.study]
     assert 20.0 <= min(values) <= 30.0
     assert 75.0 <= max(values) <= 85.0
     tensions = {configuration_tension(decomposition, difficulties) for difficulties in every}
@@ -319,3 +327,127 @@ def test_difficulty_is_read_from_the_intent(decomposition: Decomposition) -> Non
     }
     realized = SimSpec.model_validate(spec.model_dump() | {"realized": placed})
     assert difficulty_of(decomposition, realized) == difficulties
+
+
+ORDERS: dict[str, Any] = {
+    "factor": "orders",
+    "unit": "1",
+    "ratings": [20, 100],
+    "values": [1, 9],
+    "absent": 0,
+    "reason": "One order is the least.",
+}
+FOG: dict[str, Any] = {
+    "factor": "fog_level",
+    "unit": "level",
+    "ratings": [10, 100],
+    "values": [0, 9],
+    "reason": "The whole scale.",
+}
+
+
+def with_orders() -> Decomposition:
+    """KA-1 has an observable about orders, one about fog and one about the detector; KA-2 only about orders."""
+    leaves = {"O-ORDER": ([ORDERS, FOG], "agent"), "O-FOG": ([FOG], "agent"), "O-SEEN": ([FOG], "perception")}
+    under = {"KA-1": ["O-ORDER", "O-FOG", "O-SEEN"], "KA-2": ["O-ORDER"], "KA-3": ["O-SEEN"]}
+    titled = {"title": "t", "asks": "?"}
+    return decomposition_of(
+        DecompositionDocument.model_validate(
+            {
+                "format": "rebar.decomposition/1",
+                "name": "orders",
+                "title": "Orders",
+                "key_attributes": [{"id": ka, "children": [f"V-{ka}"], **titled} for ka in under],
+                "vabs": [{"id": f"V-{ka}", "children": below, **titled} for ka, below in under.items()],
+                "observables": [
+                    {
+                        "id": leaf,
+                        "measure": "m",
+                        "threshold": 0.5,
+                        "threshold_reason": "Half.",
+                        "considered": "Always.",
+                        "key_factors": rows,
+                        "subject": subject,
+                        **titled,
+                    }
+                    for leaf, (rows, subject) in leaves.items()
+                ],
+            }
+        )
+    )
+
+
+def test_without_orders_a_node_about_orders_has_no_difficulty() -> None:
+    """Absent is not easy (ruling 14): not 0, and no minimum above contains it."""
+    decomposition = with_orders()
+    without = difficulty_of_values(decomposition, {"orders": 0.0, "fog_level": 5.0})
+    present = difficulty_of_values(decomposition, {"orders": 1.0, "fog_level": 5.0})
+
+    assert (without.of("O-ORDER"), without.of("KA-2"), without.of("KA-1")) == (None, None, 60.0)
+    assert (present.of("O-ORDER"), present.of("KA-2"), present.of("KA-1")) == (20.0, 20.0, 20.0)
+    assert configuration_of(decomposition, without) == "KA-1=60 KA-2=none KA-3=60"
+    assert configuration_tension(decomposition, without) == 3
+    assert configuration_tension(decomposition, without, ["KA-2"]) is None
+    assert without.explain("KA-2") == "KA-2: no difficulty. This situation exercises no observable under it."
+    assert without.explain("O-ORDER").endswith("O-ORDER is not exercisable: orders = 0 1.")
+    assert [row["difficulty"] for row in without.as_json()["observables"]] == [None, 60.0, 60.0]
+
+
+def test_a_factor_without_a_value_is_absent_only_where_the_table_says_so() -> None:
+    decomposition = with_orders()
+    assert difficulty_of_values(decomposition, {"fog_level": 5.0}).of("O-ORDER") is None
+    with pytest.raises(SetupError) as caught:
+        difficulty_of_values(decomposition, {"orders": 0.0})
+    assert "'fog_level' has no value" in str(caught.value)
+    with pytest.raises(SetupError):
+        difficulty_of_values(decomposition, {"fog_level": 5.0, "orders": math.nan})
+
+
+def test_the_configured_sensor_is_rated_for_itself_and_for_nothing_above() -> None:
+    """Ruling 25: with simulated detections KA-3 has no observable of the agent's; with its own it has one."""
+    decomposition = with_orders()
+    values = {"orders": 0.0, "fog_level": 5.0}
+    simulated = difficulty_of_values(decomposition, values, "simulated")
+    own = difficulty_of_values(decomposition, values, "agent")
+
+    assert (simulated.of("O-SEEN"), simulated.of("KA-3")) == (60.0, None)
+    assert (own.of("O-SEEN"), own.of("KA-3")) == (60.0, 60.0)
+
+
+def test_a_measure_is_overruled_where_nothing_is_to_be_exercised() -> None:
+    """The report says so, and neither counts nor means move."""
+    decomposition = with_orders()
+    values = {"orders": 0.0, "fog_level": 5.0}
+    run = ScoredRun(
+        "r1",
+        "p1",
+        0,
+        "agent",
+        Outcome.COMPLETED,
+        difficulty_of_values(decomposition, values, "simulated"),
+        (
+            Observation(observable="O-ORDER", considered=True, x=0.0),
+            Observation(observable="O-FOG", considered=True, x=1.0),
+            Observation(observable="O-SEEN", considered=True, x=0.0),
+        ),
+    )
+    scores = score_table(decomposition, [run])
+    reports = node_reports(scores, summary_frame(scores, decomposition))
+    whole = {report.id: report for report in reports if report.configuration == "all"}
+
+    assert (whole["O-ORDER"].considered, whole["O-ORDER"].overruled, whole["O-ORDER"].exercisable) == (
+        0,
+        1,
+        0,
+    )
+    assert (whole["KA-1"].considered, whole["KA-1"].passed, whole["KA-1"].confidence) == (1, 1, 1.0)
+    assert (whole["KA-2"].considered, whole["KA-2"].difficulty_low, whole["KA-2"].score) == (0, None, None)
+    assert (whole["O-SEEN"].considered, whole["O-SEEN"].confidence) == (1, 0.0)
+    assert whole["O-SEEN"].configured_sensor
+    assert whole["KA-3"].considered == 0
+    explanation = explain(decomposition, "KA-1", [run], scores, [whole["KA-1"]], Sources(), source="made")
+    leaves = {leaf.id: leaf for leaf in explanation.agents[0].runs[0].observables}
+    assert (leaves["O-ORDER"].state, leaves["O-ORDER"].overruled) == ("not exercisable", True)
+    assert "overrules its measure: orders = 0 1" in leaves["O-ORDER"].reason
+    assert leaves["O-SEEN"].standing == "configured sensor"
+    assert explanation.agents[0].runs[0].ruled_by == ("KA-1", "V-KA-1", "O-FOG")

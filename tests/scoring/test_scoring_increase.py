@@ -10,7 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.scoring import DifficultyGoal, difficulty_increase, difficulty_of_values, rate, value_for_rating
+from bench.scoring import (
+    DifficultyGoal,
+    difficulty_increase,
+    difficulty_of_values,
+    rate,
+    tension_of,
+    value_for_rating,
+)
 from decompositions import (
     Decomposition,
     DecompositionDocument,
@@ -138,12 +145,12 @@ def test_what_is_told_is_what_happens(decomposition: Decomposition, node: str) -
     if increase.takeover:
         assert increase.margin
         after = difficulty_of_values(decomposition, changed(increase.takeover))
-        assert after.of(node) == pytest.approx(difficulty.of(node) + increase.margin)
+        assert after.of(node) == pytest.approx(difficulty.rated(node) + increase.margin)
         assert set(increase.following) & set(difficulty_increase(decomposition, after, node).ruled_by)
     assert increase.tension
     assert increase.tension.reachable
     after = difficulty_of_values(decomposition, changed(increase.tension))
-    assert after.nodes[node].tension == difficulty.nodes[node].tension + 1
+    assert after.nodes[node].tension == tension_of(difficulty.rated(node)) + 1
 
 
 def made(rows: list[dict[str, Any]], **more: Any) -> Decomposition:
@@ -220,4 +227,4 @@ def test_nothing_is_said_where_nothing_rules() -> None:
     top = made([fog])
     increase = difficulty_increase(top, difficulty_of_values(top, {"fog_level": 9.0}), "KA")
     assert (increase.tension, increase.takeover, increase.margin) == (None, None, None)
-    assert math.isclose(difficulty_of_values(top, {"fog_level": 9.0}).of("KA"), 100.0)
+    assert math.isclose(difficulty_of_values(top, {"fog_level": 9.0}).rated("KA"), 100.0)

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bench.contracts import Observation, Outcome
-from bench.scoring import ScoredRun, score_table, stated_difficulty, summary_frame
+from bench.scoring import ScoredRun, difficulty_of_values, score_table, summary_frame
 from decompositions import Decomposition, DecompositionDocument, Policies, decomposition_of
 
 GRID = st.sampled_from([0.0, 0.1, 0.25, 0.3, 0.5, 0.7, 0.75, 0.8, 1.0])
@@ -24,7 +24,11 @@ Values = dict[str, float | None]
 
 @dataclass(frozen=True)
 class Flown:
-    """A run as the reference takes it; what is not in `xs` was not observed, and None is not considered."""
+    """A run as the reference takes it; what is not in `xs` was not observed, and None is not considered.
+
+    `difficulty` lacks the observables that the situation does not exercise. `sensor` are those about simulated
+    detections.
+    """
 
     name: str
     point: str
@@ -32,10 +36,22 @@ class Flown:
     outcome: Outcome
     difficulty: dict[str, float]
     xs: Values
+    sensor: frozenset[str] = frozenset()
+
+    @property
+    def exercised(self) -> Values:
+        """What was measured, without what the situation cannot exercise."""
+        return {leaf: x if leaf in self.difficulty else None for leaf, x in self.xs.items()}
 
     @property
     def counted(self) -> Values:
-        return {} if str(self.outcome) in FAULTS else self.xs
+        return {} if str(self.outcome) in FAULTS else self.exercised
+
+    def standing(self, node: str) -> str:
+        if node not in self.difficulty:
+            considered = str(self.outcome) not in FAULTS and self.xs.get(node) is not None
+            return "overruled" if considered else "not exercisable"
+        return "configured sensor" if node in self.sensor else "counted"
 
     def scored_run(self, decomposition: Decomposition) -> ScoredRun:
         observed = tuple(
@@ -48,33 +64,38 @@ class Flown:
             0,
             self.agent,
             self.outcome,
-            stated_difficulty(decomposition, self.difficulty),
+            # Every observable has a factor of its own, named like it, that rates its value as it is.
+            difficulty_of_values(decomposition, self.difficulty, "simulated" if self.sensor else "agent"),
             observed,
         )
 
 
 class Reference:
-    """The rulings 4 to 17 read aloud, node by node and run by run; it shares nothing with the
+    """The rulings 4 to 17 and 25 read aloud, node by node and run by run; it shares nothing with the
     implementation.
     """
 
     def __init__(self, decomposition: Decomposition) -> None:
         self.decomposition, self.rules = decomposition, decomposition.policies
 
-    def leaves(self, node: str) -> set[str]:
+    def leaves(self, node: str, run: Flown) -> set[str]:
+        """An observable itself, or those under a node that are not about the configured sensor."""
         children = self.decomposition.nodes[node].children
-        return {node} if not children else {leaf for child in children for leaf in self.leaves(child)}
+        below = {leaf for child in children for leaf in self.leaves(child, run)}
+        return below - run.sensor if children else {node}
 
-    def difficulty(self, node: str, run: Flown) -> float:
-        return min(run.difficulty[leaf] for leaf in self.leaves(node))
+    def difficulty(self, node: str, run: Flown) -> float | None:
+        return min(
+            (run.difficulty[leaf] for leaf in self.leaves(node, run) & set(run.difficulty)), default=None
+        )
 
-    def considered(self, node: str, xs: Values) -> list[str]:
-        return [leaf for leaf in self.leaves(node) if xs.get(leaf) is not None]
+    def considered(self, node: str, run: Flown, xs: Values) -> list[str]:
+        return [leaf for leaf in self.leaves(node, run) if xs.get(leaf) is not None]
 
-    def achieved(self, node: str, xs: Values) -> list[str]:
+    def achieved(self, node: str, run: Flown, xs: Values) -> list[str]:
         return [
             leaf
-            for leaf in self.considered(node, xs)
+            for leaf in self.considered(node, run, xs)
             if (xs[leaf] or 0.0) >= self.decomposition.observables[leaf].threshold
         ]
 
@@ -82,7 +103,9 @@ class Reference:
         children = self.decomposition.nodes[node].children
         if children:
             scores = [
-                score for score in (self.score(child, run, xs) for child in children) if score is not None
+                score
+                for score in (self.score(child, run, xs) for child in children if child not in run.sensor)
+                if score is not None
             ]
             if not scores:
                 return None
@@ -96,13 +119,15 @@ class Reference:
         return run.difficulty[node] + credit if x >= rule.threshold or close else None
 
     def confidence(self, node: str, run: Flown, xs: Values) -> float | None:
-        considered = self.considered(node, xs)
+        considered = self.considered(node, run, xs)
         if not considered:
             return None
         children = self.decomposition.nodes[node].children
         if self.rules.confidence == "observables" or not children:
-            return len(self.achieved(node, xs)) / len(considered)
-        decomposition = [child for child in children if self.considered(child, xs)]
+            return len(self.achieved(node, run, xs)) / len(considered)
+        decomposition = [
+            child for child in children if child not in run.sensor and self.considered(child, run, xs)
+        ]
         return sum(self.score(child, run, xs) is not None for child in decomposition) / len(decomposition)
 
     def passed_score(self, node: str, run: Flown, xs: Values) -> float | None:
@@ -116,11 +141,11 @@ class Reference:
     def competence(self, node: str, runs: Sequence[Flown], share: float) -> float | None:
         trials = [
             (
-                self.difficulty(node, run),
-                len(self.achieved(node, run.counted)) == len(self.considered(node, run.counted)),
+                self.difficulty(node, run) or 0.0,
+                self.achieved(node, run, run.counted) == self.considered(node, run, run.counted),
             )
             for run in runs
-            if self.considered(node, run.counted)
+            if self.considered(node, run, run.counted)
         ]
         hard = sorted({d for d, _ in trials})
 
@@ -159,10 +184,11 @@ def campaigns(draw: st.DrawFn) -> tuple[Decomposition, list[Flown]]:
     for name in names:
         partial = draw(st.booleans())
         row = {
-            "factor": "fog_level",
-            "unit": "level",
+            "factor": name,
+            "unit": "1",
             "ratings": [0, 100],
             "values": [0, 100],
+            "absent": -1,
             "reason": "For the test.",
         }
         observables.append(
@@ -177,6 +203,7 @@ def campaigns(draw: st.DrawFn) -> tuple[Decomposition, list[Flown]]:
                 "partial_credit": partial,
                 "near_miss": draw(st.none() | GRID) if partial else None,
                 "key_factors": [row],
+                "subject": draw(st.sampled_from(["agent", "agent", "perception"])),
             }
         )
     policies = Policies(
@@ -197,8 +224,13 @@ def campaigns(draw: st.DrawFn) -> tuple[Decomposition, list[Flown]]:
         "observables": observables,
     }
     decomposition = decomposition_of(DecompositionDocument.model_validate(document))
-    hard = st.sampled_from([0.0, 20.0, 33.3, 60.0, 100.0])
-    situations = [{name: draw(hard) for name in names} for _ in range(3)]
+    hard = st.sampled_from([0.0, 20.0, 33.3, 60.0, 100.0, None])
+    drawn = [{name: draw(hard) for name in names} for _ in range(3)]
+    situations = [
+        {name: value for name, value in situation.items() if value is not None} for situation in drawn
+    ]
+    simulated = draw(st.booleans())
+    sensor = frozenset(str(row["id"]) for row in observables if row["subject"] == "perception" and simulated)
     outcome = st.sampled_from([Outcome.COMPLETED, Outcome.AGENT_CRASHED, Outcome.WORKER_LOST])
     runs = []
     for i in range(draw(st.integers(1, 7))):
@@ -213,6 +245,7 @@ def campaigns(draw: st.DrawFn) -> tuple[Decomposition, list[Flown]]:
                 draw(outcome),
                 situations[situation],
                 {n: draw(st.none() | GRID) for n in observed},
+                sensor,
             )
         )
     return decomposition, runs
@@ -229,11 +262,13 @@ def test_tables_and_summaries_are_those_of_the_reference(campaign: tuple[Decompo
     for run in runs:
         for node in decomposition.nodes:
             row, xs = rows[run.name, node], run.counted
-            assert row["difficulty"] == reference.difficulty(node, run)
+            assert row["difficulty"] == approximately(reference.difficulty(node, run))
+            leaf = node in decomposition.observables
+            assert row["standing"] == (run.standing(node) if leaf else None)
             assert row["score"] == approximately(reference.score(node, run, xs))
             assert row["confidence"] == reference.confidence(node, run, xs)
-            assert row["achieved"] == len(reference.achieved(node, xs))
-            assert row["considered"] == len(reference.considered(node, xs))
+            assert row["achieved"] == len(reference.achieved(node, run, xs))
+            assert row["considered"] == len(reference.considered(node, run, xs))
             assert row["passed_score"] == approximately(reference.passed_score(node, run, xs))
             assert row["x"] == xs.get(node)
     for row in summary_frame(table, decomposition).iter_rows(named=True):
@@ -248,11 +283,13 @@ def test_tables_and_summaries_are_those_of_the_reference(campaign: tuple[Decompo
 def same_summary(reference: Reference, row: dict[str, Any], group: list[Flown]) -> None:
     """One row of the summary, from its runs."""
     node, counted = row["node"], [run for run in group if str(run.outcome) not in FAULTS]
-    decomposition = [run for run in counted if reference.considered(node, run.xs)]
-    scores = [score for score in (reference.score(node, run, run.xs) for run in counted) if score is not None]
+    decomposition = [run for run in counted if reference.considered(node, run, run.exercised)]
+    scores = [
+        score for score in (reference.score(node, run, run.exercised) for run in counted) if score is not None
+    ]
     passed = [
         score
-        for score in (reference.passed_score(node, run, run.xs) for run in decomposition)
+        for score in (reference.passed_score(node, run, run.exercised) for run in decomposition)
         if score is not None
     ]
     assert (row["runs"], row["excluded"]) == (len(counted), len(group) - len(counted))
@@ -263,18 +300,22 @@ def same_summary(reference: Reference, row: dict[str, Any], group: list[Flown]) 
     assert row["raised_by_failure"] == bool(scores and fmean(scores) > fmean(passed) + 1e-9)
     ratios = [
         ratio
-        for ratio in (reference.confidence(node, run, run.xs) for run in decomposition)
+        for ratio in (reference.confidence(node, run, run.exercised) for run in decomposition)
         if ratio is not None
     ]
     if reference.rules.over_runs == "mean_of_ratios":
         mean = fmean(ratios) if ratios else None
     else:
-        total = sum(len(reference.considered(node, run.xs)) for run in decomposition)
-        mean = sum(len(reference.achieved(node, run.xs)) for run in decomposition) / total if total else None
+        total = sum(len(reference.considered(node, run, run.exercised)) for run in decomposition)
+        mean = (
+            sum(len(reference.achieved(node, run, run.exercised)) for run in decomposition) / total
+            if total
+            else None
+        )
     assert row["confidence_mean"] == approximately(mean)
     whole = row["configuration"] == "all"
     for name, share in (("competence_50", 0.5), ("competence_90", 0.9)):
-        assert row[name] == (reference.competence(node, counted, share) if whole else None)
+        assert row[name] == approximately(reference.competence(node, counted, share) if whole else None)
         if row[name] is not None:
             assert row[f"{name}_low"] <= row[name]
 

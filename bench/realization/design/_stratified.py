@@ -14,8 +14,10 @@ from ._factor_space import FactorSpace
 from ._factors import FactorLevel, FactorLevels
 from ._space_filling import halton_shares
 
-Difficulties = Callable[[Mapping[str, FactorLevel]], Mapping[str, float]]
-"""The difficulties of the studied nodes, by their names, in the situation that the levels produce."""
+Difficulties = Callable[[Mapping[str, FactorLevel]], Mapping[str, float | None]]
+"""The difficulties of the studied nodes, by their names, in the situation that the levels produce; None
+where a node has no difficulty there.
+"""
 
 
 DECIMALS = 6
@@ -74,13 +76,15 @@ class Stratified(Document):
         # Halton points can round to equal levels; a stratum must not contain one point twice.
         return list({tuple(levels.items()): levels for levels in drawn}.values())
 
-    def _stratum(self, difficulties: Mapping[str, float]) -> tuple[object, ...]:
-        if self.band is None:
-            return tuple(round(difficulty, DECIMALS) for difficulty in difficulties.values())
-        # As with tensions, an edge belongs to the easier band.
+    def _stratum(self, difficulties: Mapping[str, float | None]) -> tuple[object, ...]:
         return tuple(
-            max(1, -int(-round(difficulty, DECIMALS) // self.band)) for difficulty in difficulties.values()
+            None if difficulty is None else self._band(difficulty) for difficulty in difficulties.values()
         )
+
+    def _band(self, difficulty: float) -> float:
+        rounded = round(difficulty, DECIMALS)
+        # As with tensions, an edge belongs to the easier band.
+        return rounded if self.band is None else max(1, -int(-rounded // self.band))
 
 
 def _round_robin(strata: list[list[FactorLevels]]) -> Iterator[FactorLevels]:

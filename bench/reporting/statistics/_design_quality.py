@@ -17,7 +17,7 @@ from bench.realization import (
     design_quality,
     situations,
 )
-from bench.scoring import configuration_of, difficulty_of, studied_key_attributes, tension_of
+from bench.scoring import configuration_of, difficulty_of, studied_key_attributes
 from bench.simspec import SimSpec
 from decompositions import Decomposition
 
@@ -33,7 +33,7 @@ def difficulty_rating(decomposition: Decomposition, study: Sequence[str] = ()) -
     """The difficulties of the nodes under study in a situation, for a design that is drawn by difficulty."""
     nodes = studied_key_attributes(decomposition, study)
 
-    def rate(simspec: SimSpec) -> Mapping[str, float]:
+    def rate(simspec: SimSpec) -> Mapping[str, float | None]:
         difficulty = difficulty_of(decomposition, simspec)
         return {node: difficulty.of(node) for node in nodes}
 
@@ -56,7 +56,7 @@ def measure_design(
     if len(set(configurations)) > MAX_NAMED_CONFIGURATIONS:
         nodes = studied_key_attributes(decomposition, study)
         configurations = [
-            " ".join(f"{node}={tension_of(difficulty.of(node))}" for node in nodes) + " (tensions)"
+            " ".join(f"{node}={difficulty.nodes[node].tension or 'none'}" for node in nodes) + " (tensions)"
             for difficulty in difficulties
         ]
     return _measure(design, pairs, configurations)
