@@ -14,7 +14,7 @@ test: $(VENV)/.dev $(CLIENTS)/.built
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 # Within a minute: lint, types and the fast tests of what changed since the last commit (BASE=main: since main).
 quick: $(VENV)/.dev
@@ -22,7 +22,7 @@ quick: $(VENV)/.dev
 
 # What takes minutes, a million hostile datagrams for example; `test` has a short form of each.
 slow: $(VENV)/.dev
-	$(BIN)/python -m pytest -n 2 -m slow
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m slow
 
 # Whole flights of MAVSDK, mavsdk-grpc, pymavlink, MAVProxy and DroneKit; `test` has a short form of each.
 clients: $(VENV)/.dev $(CLIENTS)/.built

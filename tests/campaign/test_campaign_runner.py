@@ -171,11 +171,18 @@ def test_hung_session_is_killed(tmp_path: Path) -> None:
     campaign = small_campaign(points=1, wall_s=0.3)
     agent = tmp_path / "agent.pid"
 
+    reading_s = 0.0
+
     def clock() -> float:
-        """Stands still until the agent is running, however slow the host is, and then leaps over the
-        budget.
+        """Stands still but for the life of the agent, however slow the host is; there, every reading leaps
+        over the budget.
         """
-        return 100.0 if agent.is_file() and agent.read_text() else 0.0
+        nonlocal reading_s
+        # Every reading and not only the first: the runner may hear that the worker is ready, and begin to
+        # count, after the agent has started.
+        if agent.is_file() and (pid := agent.read_text()) and is_alive(int(pid)):
+            reading_s += 100.0
+        return reading_s
 
     open_executor = partial(open_local_pool, grace_s=0.2, clock=clock)
     summary = fly(tmp_path, campaign, Script({"p001-r1-fake": "hang"}), open_executor=open_executor)

@@ -10,7 +10,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,6 +38,11 @@ class Shown:
     output: tuple[str, ...]
     flown: bool
 
+    @property
+    def of_campaign(self) -> bool:
+        """Whether it flies a campaign or reads one: minutes of CPU, all together."""
+        return re.search(r"campaigns/|out/(rescue|hasty)", self.command) is not None
+
     def lines(self, text: str) -> list[str]:
         """What is compared: no rules of tables, no runs of spaces, and no numbers where these come from a
         flight.
@@ -56,6 +61,9 @@ def shown() -> Iterator[Shown]:
 
 
 SHOWN = tuple(shown())
+SINGLE = [shown for shown in SHOWN if not shown.of_campaign]
+OF_CAMPAIGN = [shown for shown in SHOWN if shown.of_campaign]
+Completed = subprocess.CompletedProcess[str]
 
 
 @pytest.fixture(scope="module")
@@ -69,8 +77,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def ran(folder: Path) -> list[subprocess.CompletedProcess[str]]:
+def run_in(folder: Path, commands: Sequence[Shown]) -> list[Completed]:
     """Each command of the page, run once, whether or not those before it did what they should."""
     environment = os.environ | {"PYTHONPATH": str(folder / "site")}
     return [
@@ -83,21 +90,48 @@ def ran(folder: Path) -> list[subprocess.CompletedProcess[str]]:
             timeout=LONGEST_S,
             check=False,
         )
-        for shown in SHOWN
+        for shown in commands
     ]
 
 
+@pytest.fixture(scope="module")
+def ran(folder: Path) -> list[Completed]:
+    """The commands that need no campaign."""
+    return run_in(folder, SINGLE)
+
+
+@pytest.fixture(scope="module")
+def campaign_ran(folder: Path) -> list[Completed]:
+    """The commands about the two campaigns. They need nothing that the others leave."""
+    return run_in(folder, OF_CAMPAIGN)
+
+
+def of_each(commands: Sequence[Shown]) -> pytest.MarkDecorator:
+    """A test for each of the commands."""
+    names = [f"{index}-{shown.command.split()[1]}" for index, shown in enumerate(commands)]
+    return pytest.mark.parametrize("index", range(len(commands)), ids=names)
+
+
 @pytest.mark.timeout(LONGEST_S)
-@pytest.mark.parametrize(
-    "index", range(len(SHOWN)), ids=lambda index: f"{index}-{SHOWN[index].command.split()[1]}"
-)
-def test_a_command_prints_what_the_page_shows(
-    ran: list[subprocess.CompletedProcess[str]], index: int
-) -> None:
+@of_each(SINGLE)
+def test_a_command_prints_what_the_page_shows(ran: list[Completed], index: int) -> None:
     """Line by line, with gaps only where the page has `...`; what is refused says so on stderr, with code
     2.
     """
-    shown, done = SHOWN[index], ran[index]
+    compare_with_page(SINGLE[index], ran[index])
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(LONGEST_S)
+@of_each(OF_CAMPAIGN)
+def test_a_command_about_a_campaign_prints_what_the_page_shows(
+    campaign_ran: list[Completed], index: int
+) -> None:
+    """Likewise. Of `run`, `score` and `compare`, tests/cli has a form of seconds."""
+    compare_with_page(OF_CAMPAIGN[index], campaign_ran[index])
+
+
+def compare_with_page(shown: Shown, done: Completed) -> None:
     refused = bool(shown.output) and shown.output[0].startswith("rebar: ")
     assert done.returncode == (2 if refused else 0), f"{shown.command}\n{done.stdout}{done.stderr}"
     printed = done.stderr if refused else done.stdout
@@ -114,10 +148,10 @@ def test_a_command_prints_what_the_page_shows(
     assert gap or not rest or not shown.output, "\n".join(["after what the page shows last, there is", *rest])
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(LONGEST_S)
-def test_the_campaign_finds_what_the_page_says(
-    ran: list[subprocess.CompletedProcess[str]], folder: Path
-) -> None:
+@pytest.mark.usefixtures("campaign_ran")
+def test_the_campaign_finds_what_the_page_says(folder: Path) -> None:
     """Four difficulty configurations; with searchers near, the naive agent fails the care for people and the
     other passes.
 
