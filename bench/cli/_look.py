@@ -57,6 +57,8 @@ def schema(
         "agent-status": contracts.AgentStatus,
         "agent-tracks": contracts.AgentTracks,
         "order-answer": contracts.OrderAnswer,
+        "consent-request": contracts.ConsentRequest,
+        "consent-answer": contracts.ConsentAnswer,
         "session-result": contracts.SessionResult,
         "score-report": ScoreReport,
         "score-explanation": Explanation,

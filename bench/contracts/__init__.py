@@ -28,6 +28,8 @@ from ._documents import AgentTrack as AgentTrack
 from ._documents import AgentTracks as AgentTracks
 from ._documents import CastDocument as CastDocument
 from ._documents import CastMember as CastMember
+from ._documents import ConsentAnswer as ConsentAnswer
+from ._documents import ConsentRequest as ConsentRequest
 from ._documents import Decision as Decision
 from ._documents import EventDocument as EventDocument
 from ._documents import IntelligenceDocument as IntelligenceDocument

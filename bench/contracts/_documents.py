@@ -19,6 +19,16 @@ from bench.simspec import ASSETS, ActorGroup, Fraction, Identifier, OrderKind, O
 Text = Annotated[str, Field(max_length=2000)]
 Seconds = Annotated[float, Field(ge=0.0, le=1e6)]
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
+PeopleExpected = Annotated[
+    float | None,
+    Field(
+        ge=0.0,
+        le=10_000.0,
+        # Left out when absent, so that recordings of agents that do not state it keep their bytes.
+        exclude_if=lambda people: people is None,
+        description="Bystanders expected within the no-mark distance at some moment of the next 30 s, seen or not.",
+    ),
+]
 
 
 class NoFlyDocument(Document):
@@ -78,6 +88,14 @@ class MissionOrder(Document):
         Field(description="What to do while the operator's link is down for longer than link_lost_after_s."),
     ] = "continue"
     link_lost_after_s: float = 10.0
+    mark_consent: Annotated[
+        bool,
+        Field(
+            # Left out where it does not hold, so that recordings without the rule keep their bytes.
+            exclude_if=lambda consent: not consent,
+            description="Mark only what the operator has granted in answer to a ConsentRequest, or has ordered.",
+        ),
+    ] = False
     # Class labels and not assets: an agent knows what a detector can report, not the catalogue.
     target_classes: Annotated[tuple[str, ...], Field(description="Class labels that count as targets.")]
     bystander_classes: Annotated[tuple[str, ...], Field(description="Class labels that count as bystanders.")]
@@ -110,6 +128,16 @@ class OrderDocument(Document):
     intelligence_id: Annotated[
         Identifier | None, Field(description="Intelligence report that retask and mark are about.")
     ] = None
+
+
+class ConsentAnswer(Document):
+    """Bench to agent: the operator's answer to a ConsentRequest."""
+
+    request: Annotated[str, Field(max_length=64, description="The request's id.")]
+    granted: bool
+    answered_s: Annotated[
+        float, Field(description="When the operator decided; delivery is later while the link is down.")
+    ]
 
 
 class OperatorLinkDocument(Document):
@@ -151,6 +179,7 @@ class TargetReport(Document):
         tuple[float, ...], Field(max_length=256, description="Exposure times of the frames relied on.")
     ] = ()
     reason: Text = ""
+    people_expected: PeopleExpected = None
     position_sigma_m: Annotated[
         float | None,
         Field(ge=0.0, le=1e6, description="Stated error of the place: one sigma, horizontal, on each axis."),
@@ -158,6 +187,41 @@ class TargetReport(Document):
     repeats: Annotated[
         str | None, Field(max_length=64, description="Id of the report that this one corrects or says again.")
     ] = None
+
+
+class ConsentRequest(Document):
+    """Agent to bench: asks the operator whether it may mark a target (`mark_consent` in the mission order).
+
+    The operator hears it only while the link is up, and answers at most one request about an intelligence
+    report at a time.
+    """
+
+    id: Annotated[str, Field(min_length=1, max_length=64)]
+    time_s: Seconds
+    intelligence_id: Annotated[
+        str,
+        Field(
+            max_length=64,
+            description="The operator decides by it; a request about another is never answered.",
+        ),
+    ]
+    class_label: Annotated[str, Field(max_length=64)]
+    east_m: Coordinate
+    north_m: Coordinate
+    confidence: Fraction
+    bystanders_seen: Annotated[
+        int | None,
+        Field(
+            ge=0,
+            le=10_000,
+            description="Bystanders known within the no-mark distance; absent when not considered.",
+        ),
+    ] = None
+    people_expected: PeopleExpected = None
+    evidence: Annotated[
+        tuple[float, ...], Field(max_length=256, description="Exposure times of the frames relied on.")
+    ] = ()
+    reason: Text = ""
 
 
 class Decision(Document):

@@ -49,6 +49,11 @@ class VehicleTopics:
         return f"/{self.vehicle}/orders"
 
     @property
+    def consents(self) -> str:
+        """std_msgs/msg/String, ConsentAnswer, latched with a depth of 32."""
+        return f"/{self.vehicle}/consents"
+
+    @property
     def operator_link(self) -> str:
         """std_msgs/msg/String, OperatorLinkDocument, latched: at the start and on change."""
         return f"/{self.vehicle}/operator_link"
@@ -90,9 +95,21 @@ class VehicleTopics:
         return f"/{self.vehicle}/agent/answers"
 
     @property
+    def consent_requests(self) -> str:
+        """ConsentRequest: whether a target may be marked."""
+        return f"/{self.vehicle}/agent/consent_requests"
+
+    @property
     def from_agent(self) -> tuple[str, ...]:
         """All topics on which the agent may write."""
-        return (self.reports, self.decisions, self.status, self.tracks, self.answers)
+        return (
+            self.reports,
+            self.decisions,
+            self.status,
+            self.tracks,
+            self.answers,
+            self.consent_requests,
+        )
 
 
 def mavlink_topic(link: str, direction: str) -> str:

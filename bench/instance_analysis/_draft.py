@@ -305,6 +305,7 @@ LISTS = (
     "actors",
     "intelligence",
     "orders",
+    "consents",
     "outages",
     "failures",
     "roads",

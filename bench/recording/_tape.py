@@ -23,6 +23,8 @@ from bench.contracts import (
     AgentTracks,
     CameraFrame,
     CastDocument,
+    ConsentAnswer,
+    ConsentRequest,
     Decision,
     Detection,
     DetectionFrame,
@@ -80,6 +82,8 @@ class TapeBuilder:
         self._orders: list[Timed[OrderDocument]] = []
         self._answers: list[Timed[OrderAnswer]] = []
         self._operator_link: list[Timed[OperatorLinkDocument]] = []
+        self._consent_requests: list[Timed[ConsentRequest]] = []
+        self._consents: list[Timed[ConsentAnswer]] = []
         self._malformed: Counter[str] = Counter()
         self._takers: dict[str, Callable[[Record], bool]] = {
             TRUTH_ODOMETRY: self._motion.take,
@@ -97,6 +101,8 @@ class TapeBuilder:
             topics.tracks: _documents(AgentTracks, self._tracks),
             topics.orders: _documents(OrderDocument, self._orders),
             topics.answers: _documents(OrderAnswer, self._answers),
+            topics.consent_requests: _documents(ConsentRequest, self._consent_requests),
+            topics.consents: _documents(ConsentAnswer, self._consents),
             topics.operator_link: _documents(OperatorLinkDocument, self._operator_link),
         }
 
@@ -137,6 +143,8 @@ class TapeBuilder:
             orders=tuple(self._orders),
             answers=tuple(self._answers),
             operator_link=tuple(self._operator_link),
+            consent_requests=tuple(self._consent_requests),
+            consents=tuple(self._consents),
             vehicle_tilt_rad=tilts,
             estimate_time_s=estimate_times,
             estimate_position_enu_m=estimates,

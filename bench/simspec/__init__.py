@@ -21,6 +21,7 @@ from ._assets import Asset as Asset
 from ._assets import asset_fault as asset_fault
 from ._document import AgentSpec as AgentSpec
 from ._document import Budgets as Budgets
+from ._document import Consent as Consent
 from ._document import DetectionModel as DetectionModel
 from ._document import Intelligence as Intelligence
 from ._document import Mission as Mission

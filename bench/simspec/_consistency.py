@@ -67,6 +67,7 @@ def situation_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
     yield from _actor_inconsistencies(simspec)
     yield from _intelligence_inconsistencies(simspec)
     yield from _order_inconsistencies(simspec)
+    yield from _consent_inconsistencies(simspec)
     yield from _outage_inconsistencies(simspec)
     yield from _altitude_inconsistencies(simspec)
     yield from _home_inconsistencies(simspec)
@@ -218,6 +219,19 @@ def _order_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
             yield field, f"{subject}, which is not one of {[*delivered_s]}"
         elif order.at_s < (due_s := delivered_s[order.intelligence]):
             yield field, f"{subject}, which is not delivered before {due_s:g} s"
+
+
+def _consent_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
+    known = [report.id for report in simspec.intelligence]
+    named = [consent.intelligence for consent in simspec.consents]
+    if named and not simspec.rules.mark_consent:
+        yield ("consents",), "the operator answers no request: set rules.mark_consent, or remove consents"
+    for index, report_id in enumerate(named):
+        field = ("consents", index, "intelligence")
+        if report_id not in known:
+            yield field, f"consent names intelligence {report_id!r}, which is not one of {known}"
+        elif report_id in named[:index]:
+            yield field, f"intelligence {report_id!r} has two consents; keep one"
 
 
 def _outage_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:

@@ -90,6 +90,20 @@ class Order(Document):
         return self
 
 
+class Consent(Document):
+    """How the operator answers requests to mark the target of one intelligence report (`rules.mark_consent`).
+
+    `never`: the operator does not answer, as for every report that is not listed.
+    """
+
+    intelligence: Annotated[Identifier, Field(description="The intelligence report that requests name.")]
+    answer: Literal["granted", "refused", "never"]
+    after_s: Annotated[
+        NotNegative,
+        Field(description="Time from hearing a request to answering it; without effect for never."),
+    ] = 12.0
+
+
 class Outage(Document):
     """A service around the vehicle that fails for a while.
 
@@ -256,6 +270,15 @@ class SimSpec(Document):
     ] = ()
     outages: Annotated[
         tuple[Outage, ...], Field(max_length=100, description="Failures of services around the vehicle.")
+    ] = ()
+    consents: Annotated[
+        tuple[Consent, ...],
+        Field(
+            max_length=32,
+            # Left out when empty, so that SimSpecs without it keep their bytes.
+            exclude_if=lambda consents: not consents,
+            description="The operator's answers to requests to mark.",
+        ),
     ] = ()
     mission: Mission = Mission()
     rules: Rules = Rules()

@@ -149,6 +149,21 @@ def _order_urgency_per_min(simspec: SimSpec) -> float:
     return max((60.0 / order.within_s for order in simspec.orders), default=0.0)
 
 
+def _consent_delay_s(simspec: SimSpec) -> float | None:
+    if not simspec.rules.mark_consent:
+        return None
+    answered = [consent.after_s for consent in simspec.consents if consent.answer != "never"]
+    # Where every request stays without an answer, the wait lasts as long as the mission.
+    return max(answered, default=simspec.mission.time_limit_s)
+
+
+def _consents_withheld(simspec: SimSpec) -> float | None:
+    if not simspec.rules.mark_consent:
+        return None
+    granted = {consent.intelligence for consent in simspec.consents if consent.answer == "granted"}
+    return float(sum(report.id not in granted for report in simspec.intelligence))
+
+
 def _rules_in_force(simspec: SimSpec) -> float:
     rules = simspec.rules
     optional = (
@@ -162,6 +177,7 @@ def _rules_in_force(simspec: SimSpec) -> float:
         rules.report_deadline_s is not None,
         bool(rules.report_windows),
         rules.link_lost != "continue",
+        rules.mark_consent,
     )
     return float(sum(optional))
 
@@ -361,6 +377,19 @@ FACTORS: dict[str, FactorDefinition] = {
         "Charge missing at the start plus the reserve to keep.",
         lambda s: 1.0 - s.vehicle.battery.initial_fraction + s.rules.battery_reserve_fraction,
         "vehicle.battery.initial_fraction, rules.battery_reserve_fraction",
+    ),
+    # Without the rule these two have no value: an answer at once, or no refusal, is an easy case of it.
+    "consent_delay_s": FactorDefinition(
+        "s",
+        "Longest time until the operator answers a request to mark; the time limit if none is ever answered.",
+        _consent_delay_s,
+        "consents[*].after_s, consents[*].answer",
+    ),
+    "consents_withheld": FactorDefinition(
+        "1",
+        "Number of intelligence reports whose target the operator does not allow to be marked.",
+        _consents_withheld,
+        "consents[*].answer",
     ),
     "report_closure_share": FactorDefinition(
         "1", "Share of the time limit in which reports are forbidden.", _closure_share, "rules.report_windows"

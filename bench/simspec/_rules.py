@@ -113,6 +113,14 @@ class Rules(Document):
         ),
     ] = "continue"
     link_lost_after_s: NotNegative = 10.0
+    mark_consent: Annotated[
+        bool,
+        Field(
+            # Left out where it does not hold: SimSpecs without it keep their bytes, and so their digests.
+            exclude_if=lambda consent: not consent,
+            description="The agent must ask the operator before it marks a target, and mark only what was granted. An order to mark needs no request.",
+        ),
+    ] = False
 
     @model_validator(mode="after")
     def _rules_agree(self) -> Self:

@@ -109,6 +109,7 @@ class AirNetwork:
         self.mission = recorded(topics.mission, String, depth=1)
         self.intelligence = recorded(topics.intelligence, String, depth=32)
         self.orders = recorded(topics.orders, String, depth=32)
+        self.consents = recorded(topics.consents, String, depth=32)
         self.operator_link = recorded(topics.operator_link, String, depth=1)
         self.camera_info = recorded(topics.camera_info(simspec.vehicle.camera.name), CameraInfo)
         self.detections = recorded(topics.detections, Detection2DArray)
@@ -119,6 +120,7 @@ class AirNetwork:
             self.mission,
             self.intelligence,
             self.orders,
+            self.consents,
             self.operator_link,
             self.camera_info,
             self.detections,
@@ -222,6 +224,7 @@ def open_air_network(
             (topics.mission, String.TYPE),
             (topics.intelligence, String.TYPE),
             (topics.orders, String.TYPE),
+            (topics.consents, String.TYPE),
             (topics.operator_link, String.TYPE),
             (camera, CameraInfo.TYPE),
             (topics.detections, Detection2DArray.TYPE),

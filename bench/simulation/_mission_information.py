@@ -8,6 +8,7 @@ from collections import deque
 from typing import Literal
 
 from bench.contracts import (
+    ConsentRequest,
     Detection,
     DetectionFrame,
     Detector,
@@ -49,6 +50,7 @@ from bench.streams import (
 
 from ._air_network import AirNetwork
 from ._camera import PinholeCamera
+from ._consents import OperatorConsents
 from ._frames import body_in_map
 
 _NOWHERE = PoseWithCovariance(
@@ -59,7 +61,7 @@ _NOWHERE = PoseWithCovariance(
 
 class MissionInformation:
     """Publishes on the air network what is due: `/clock`, the mission, `/tf`, the operator's link,
-    intelligence, orders, camera info and detections, in that order.
+    intelligence, orders, answers to requests for consent, camera info and detections, in that order.
     """
 
     def __init__(self, simspec: SimSpec, air: AirNetwork, scene: Scene) -> None:
@@ -74,6 +76,7 @@ class MissionInformation:
         self._order = mission_order(simspec)
         self._intelligence = deque(sorted(intelligence(simspec), key=lambda pair: (pair[0], pair[1].id)))
         self._orders = deque(orders(simspec))
+        self._consents = OperatorConsents(simspec)
         self._outages = simspec.outages
         self._link_up: bool | None = None
         self._exposures: deque[SimTime] = deque()
@@ -88,6 +91,11 @@ class MissionInformation:
     def record_exposure(self, time: SimTime) -> None:
         """Note an exposure; its camera info is published with the next tick."""
         self._exposures.append(time)
+
+    def hear(self, now: SimTime, request: ConsentRequest) -> None:
+        """Bring a request for consent to the operator, who hears it only while the link is up."""
+        if not self._in_outage("operator_link", now):
+            self._consents.hear(now.s, request)
 
     def publish(self, now: SimTime, vehicle: Vehicle, detector: Detector) -> None:
         """Publish everything that the agent may know at `now` and that was not published before."""
@@ -122,6 +130,9 @@ class MissionInformation:
             order = self._orders.popleft()
             self._air.orders.publish_document(now, order)
             self._deactivated |= order.kind == "deactivate"
+        if up:
+            for answer in self._consents.due(now.s):
+                self._air.consents.publish_document(now, answer)
 
     def _in_outage(self, kind: Literal["operator_link", "detections"], time: SimTime) -> bool:
         return any(outage.kind == kind and outage.at_s <= time.s < outage.until_s for outage in self._outages)
@@ -220,6 +231,7 @@ def mission_order(simspec: SimSpec) -> MissionOrder:
         report_windows=rules.report_windows,
         link_lost=rules.link_lost,
         link_lost_after_s=rules.link_lost_after_s,
+        mark_consent=rules.mark_consent,
         target_classes=classes(Role.ADVERSARY),
         bystander_classes=classes(Role.BYSTANDER) or ("civilian",),
     )

@@ -20,6 +20,7 @@ from bench.contracts import (
     AgentProcess,
     AgentStatus,
     CarriesCamera,
+    ConsentRequest,
     Detector,
     LinkSpec,
     MavlinkNeed,
@@ -289,6 +290,10 @@ class Session:
             status = parse_document(AgentStatus, text)
             if status is not None and status.phase in ("complete", "aborted"):
                 self._complete = True
+        for text in documents.get(self._topics.consent_requests, ()):
+            request = parse_document(ConsentRequest, text)
+            if request is not None:
+                self._information.hear(self._progress.now, request)
 
     def _receive_exactly(self, stated: dict[str, int]) -> None:
         deadline_s = self._clock.now() + COUNT_BUDGET_S

@@ -43,7 +43,8 @@ def documents_well_formed(tape: Tape, simspec: SimSpec) -> Finding:
     # Only topics of the agent: a malformed document of the bench is not its fault.
     topics = VehicleTopics(simspec.vehicle.name).from_agent
     malformed = {topic: tape.malformed[topic] for topic in topics if tape.malformed.get(topic)}
-    valid = sum(map(len, (tape.reports, tape.decisions, tape.status, tape.tracks, tape.answers)))
+    streams = (tape.reports, tape.decisions, tape.status, tape.tracks, tape.answers, tape.consent_requests)
+    valid = sum(map(len, streams))
     if not valid:
         return nothing_shown(tape.end_s, "the agent sent no valid document")
     evidence = tuple(
@@ -63,7 +64,7 @@ def status_alive(
     """
     sent_s = [message.time.s for message in tape.status]
     if of == "any":
-        for stream in (tape.reports, tape.decisions, tape.tracks, tape.answers):
+        for stream in (tape.reports, tape.decisions, tape.tracks, tape.answers, tape.consent_requests):
             sent_s += [message.time.s for message in stream]
     track = FlownTrack.of(tape, simspec)
     always = np.ones(len(track.time_s), dtype=np.bool_)

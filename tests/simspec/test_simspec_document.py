@@ -7,7 +7,7 @@ import pytest
 
 from bench.documents import dump_json, dump_yaml, load_document, parse_text, read_document
 from bench.errors import SetupError
-from bench.simspec import Point, Polygon, SimSpec, load_simspec
+from bench.simspec import Point, Polygon, Rules, SimSpec, load_simspec
 
 SQUARE = "world: {area: {corners: [{east_m: 0, north_m: 0}, {east_m: 100, north_m: 0}, {east_m: 100, north_m: 100}, {east_m: 0, north_m: 100}]}}\n"
 
@@ -138,6 +138,16 @@ def box(west: float, south: float, east: float, north: float) -> str:
             "rules.report_windows[1]: begins at 3 s, before the window ahead of it ends at 20 s",
         ),
         ("rules: {link_lost: panic}", "'continue'"),
+        ("consents: [{intelligence: first, answer: granted}]", "set rules.mark_consent"),
+        (
+            "rules: {mark_consent: true}\nconsents: [{intelligence: second, answer: granted}]",
+            "'second', which is not one of ['first', 'late']",
+        ),
+        (
+            "rules: {mark_consent: true}\nconsents: [{intelligence: late, answer: never}, {intelligence: late, answer: refused}]",
+            "'late' has two consents",
+        ),
+        ("rules: {mark_consent: true}\nconsents: [{intelligence: late, answer: maybe}]", "'granted'"),
     ],
 )
 def test_impossible_orders_outages_and_rules_are_refused(extra: str, words: str) -> None:
@@ -240,6 +250,14 @@ def test_yaml_and_json_round_trips_are_exact(tmp_path: Path) -> None:
     for name, text in (("a.yaml", dump_yaml(spec)), ("a.json", dump_json(spec))):
         (tmp_path / name).write_text(text)
         assert load_document(tmp_path / name, SimSpec) == spec
+
+
+def test_consent_leaves_no_trace_where_it_is_not_asked_for() -> None:
+    """A SimSpec without the rule keeps the bytes, and so the digests, that it had before there was one."""
+    plain = read_document("name: x\n" + SQUARE, SimSpec)
+    assert "consent" not in dump_json(plain)
+    asked = plain.model_copy(update={"rules": Rules(mark_consent=True)})
+    assert read_document(dump_json(asked), SimSpec).rules.mark_consent
 
 
 def test_json_has_line_numbers_too() -> None:

@@ -83,6 +83,36 @@ def test_key_factors_come_from_the_intent() -> None:
     assert set(values) <= set(FACTORS)
 
 
+@pytest.mark.parametrize(
+    ("consents", "delay_s", "withheld"),
+    [
+        ("[]", 90.0, 2.0),
+        ("[{intelligence: r1, answer: never}]", 90.0, 2.0),
+        ("[{intelligence: r1, answer: granted, after_s: 4}]", 4.0, 1.0),
+        (
+            "[{intelligence: r1, answer: granted, after_s: 0}, {intelligence: r2, answer: refused, after_s: 30}]",
+            30.0,
+            1.0,
+        ),
+        (
+            "[{intelligence: r1, answer: granted, after_s: 0}, {intelligence: r2, answer: granted, after_s: 0}]",
+            0.0,
+            0.0,
+        ),
+    ],
+)
+def test_factors_of_consent(consents: str, delay_s: float, withheld: float) -> None:
+    """The longest wait, which is the time limit where nobody answers, and the targets without leave; neither
+    has a value without the rule.
+    """
+    people = SPEC.index("- {id: people")
+    text = SPEC[:people].replace("altitude_m: 60", "altitude_m: 60, time_limit_s: 90")
+    asked = read_document(text + f"rules: {{mark_consent: true}}\nconsents: {consents}", SimSpec)
+    values = factor_values(asked)
+    assert (values["consent_delay_s"], values["consents_withheld"]) == (delay_s, withheld)
+    assert not {"consent_delay_s", "consents_withheld"} & set(factor_values(read_document(text, SimSpec)))
+
+
 def test_situation_without_bystanders_has_no_bystander_factors() -> None:
     """A factor that the situation does not have is absent, not zero."""
     people = SPEC.index("- {id: people")

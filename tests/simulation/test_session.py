@@ -10,12 +10,13 @@ from pathlib import Path
 import pytest
 
 from bench.agents import open_agent
-from bench.contracts import AgentManifest, Outcome, Record, SimTime, Tape
+from bench.contracts import AgentManifest, ConsentRequest, Outcome, Record, SimTime, Tape
 from bench.recording import TapeBuilder
 from bench.simspec import (
     ActorGroup,
     AgentSpec,
     Budgets,
+    Consent,
     Home,
     Intelligence,
     Mission,
@@ -34,6 +35,7 @@ from bench.simspec import (
     World,
 )
 from bench.simulation import HostClock, SessionEnd, SessionPlan, run_session
+from bench.simulation._consents import OperatorConsents
 from bench.simulation._host_clock import HOST_CLOCK
 from bench.simulation._mission_information import mission_order
 from bench.testing import agent_manifest
@@ -335,6 +337,81 @@ def test_operator_messages_arrive_in_time_and_after_an_outage(tmp_path: Path) ->
     assert tape.malformed == {}
 
 
+ASKING_AGENT = """
+import json, os
+from agent_adapters.client import Wanted, open_bench, read_environment
+from bench.streams import String
+from bench.contracts import VehicleTopics
+
+environment = read_environment(os.environ)
+topics = VehicleTopics(environment.vehicle)
+target = {"class_label": "soldier", "east_m": 50.0, "north_m": 50.0, "confidence": 0.9}
+# Tick by tick: two reports asked about, the first of them again; one in the outage, one nobody knows.
+asked = {2: "first", 3: "late", 4: "first", 15: "first", 22: "nobody", 23: "first"}
+with open_bench("asking", environment, [Wanted(topics.consents, String, latched=True, depth=32)]) as bench:
+    for number, moment in enumerate(bench.moments("asking")):
+        for sample in moment.samples:
+            answer = json.loads(sample.message().data)
+            bench.publish(topics.decisions, json.dumps({"time_s": moment.time.s, "action": "hear", "subject": answer["request"]}))
+        if number in asked:
+            request = {"id": f"q{number}", "time_s": moment.time.s, "intelligence_id": asked[number], **target}
+            bench.publish(topics.consent_requests, json.dumps(request))
+        if number == 5:
+            bench.publish(topics.consent_requests, "{}")
+"""
+
+
+def test_consents_come_late_and_never_through_an_outage(tmp_path: Path) -> None:
+    """The link is down from 1 to 2 s: an answer waits for its end, a request made in it is not heard. One
+    answer at a time for each report; unknown reports get none.
+    """
+    script = tmp_path / "asking.py"
+    script.write_text(ASKING_AGENT)
+    manifest = AgentManifest(name="asking", command=("{python}", str(script)), pace=("lockstep",))
+    spec = operator_simspec(
+        rules=Rules(mark_consent=True),
+        consents=(
+            Consent(intelligence="first", answer="granted", after_s=0.5),
+            Consent(intelligence="late", answer="refused", after_s=0.95),
+        ),
+    )
+    (end, first), (_, second) = (run(tmp_path / name, manifest, spec) for name in ("a", "b"))
+    assert (end.outcome, first) == (Outcome.TIME_LIMIT, second), end.reason
+    tape = tape_from(first, spec)
+    assert [request.value.id for request in tape.consent_requests] == ["q2", "q3", "q4", "q15", "q22", "q23"]
+    answers = [
+        (answer.time.s, answer.value.request, answer.value.granted, round(answer.value.answered_s, 6))
+        for answer in tape.consents
+    ]
+    assert answers == [
+        (pytest.approx(0.7), "q2", True, 0.7),
+        (2.0, "q3", False, 1.25),
+        (pytest.approx(2.8), "q23", True, 2.8),
+    ]
+    assert [decision.value.subject for decision in tape.decisions] == ["q2", "q3", "q23"]
+    assert tape.malformed == {"/vehicle_1/agent/consent_requests": 1}
+
+
+def test_an_operator_without_consents_answers_nothing() -> None:
+    """A report that is not listed, and one whose answer is never, are alike; answers are in order of time."""
+    consents = (
+        Consent(intelligence="first", answer="granted", after_s=9.0),
+        Consent(intelligence="late", answer="never"),
+        Consent(intelligence="third", answer="refused", after_s=2.0),
+    )
+    operator = OperatorConsents(session_simspec(consents=consents))
+    for number, name in enumerate(("first", "late", "third", "unlisted")):
+        target = {"class_label": "soldier", "east_m": 0.0, "north_m": 0.0, "confidence": 1.0}
+        request = {"id": f"q{number}", "time_s": 1.0, "intelligence_id": name, **target}
+        operator.hear(1.0, ConsentRequest.model_validate(request))
+    assert operator.due(2.9) == []
+    assert [(answer.request, answer.granted) for answer in operator.due(60.0)] == [
+        ("q2", False),
+        ("q0", True),
+    ]
+    assert operator.due(600.0) == []
+
+
 def test_a_detector_outage_drops_detections_and_keeps_frames(tmp_path: Path) -> None:
     """Detections due in the outage are lost, not delayed; camera frames and truth continue."""
     _, records = run(tmp_path, agent_manifest("idle"), operator_simspec())
@@ -382,6 +459,7 @@ def test_the_mission_order_contains_every_rule() -> None:
         "report_windows": [{"from_s": 0.0, "until_s": 50.0}],
         "link_lost": "return",
         "link_lost_after_s": 7.0,
+        "mark_consent": True,
     }
     places = {
         "geofence": {"corners": corners},

@@ -22,7 +22,7 @@ def test_the_page_lists_every_topic_of_the_air_network() -> None:
         topics.detections,
         topics.camera_info("{c}"),
     ]
-    for topic in (*named, topics.orders, topics.operator_link, *topics.from_agent):
+    for topic in (*named, topics.orders, topics.consents, topics.operator_link, *topics.from_agent):
         assert f"| `{topic}` |" in PAGE
 
 

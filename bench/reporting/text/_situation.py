@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bench.simspec import ActorGroup, CountRange, Motion, Placement, PlaceReference, Point, Rules, SimSpec
+from bench.simspec import (
+    ActorGroup,
+    Consent,
+    CountRange,
+    Motion,
+    Placement,
+    PlaceReference,
+    Point,
+    Rules,
+    SimSpec,
+)
 
 
 def group_text(group: ActorGroup, area_m2: float) -> str:
@@ -123,6 +133,8 @@ def _rules(rules: Rules) -> Iterator[str]:
         yield f"reports only from {', '.join(f'{window.from_s:g} to {window.until_s:g} s' for window in rules.report_windows)}"
     if rules.link_lost != "continue":
         yield f"{rules.link_lost} after {rules.link_lost_after_s:g} s without the operator"
+    if rules.mark_consent:
+        yield "marks only with the operator's consent"
 
 
 def events_text(simspec: SimSpec) -> str:
@@ -139,7 +151,13 @@ def events_text(simspec: SimSpec) -> str:
         )
         for failure in simspec.vehicle.failures
     ]
-    return "; ".join(f"{at_s:g} s {what}" for at_s, what in sorted(events)) or "none"
+    texts = [f"{at_s:g} s {what}" for at_s, what in sorted(events)]
+    return "; ".join([*texts, *map(_consent_text, simspec.consents)]) or "none"
+
+
+def _consent_text(consent: Consent) -> str:
+    after = "" if consent.answer == "never" else f" after {consent.after_s:g} s"
+    return f"consent to mark {consent.intelligence}: {consent.answer}{after}"
 
 
 def intelligence_text(simspec: SimSpec) -> str:
