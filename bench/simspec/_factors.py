@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from ._actors import ActorGroup, Role
 from ._assets import ASSETS
 from ._bystander_distance import bystander_proximity_m, nearest_bystander_m
-from ._document import SimSpec
+from ._document import OrderKind, SimSpec
 from ._ground import Polygon
 from ._sun import sun_of
 
@@ -144,9 +144,33 @@ def _closure_share(simspec: SimSpec) -> float:
     return 1.0 - open_s / limit_s if windows else 0.0
 
 
-def _order_urgency_per_min(simspec: SimSpec) -> float:
+def _order_urgency_per_min(simspec: SimSpec, kind: OrderKind | None = None) -> float:
     # The inverse of the time: without orders it is 0, and more urgent orders have a larger value.
-    return max((60.0 / order.within_s for order in simspec.orders), default=0.0)
+    orders = (order for order in simspec.orders if kind in (None, order.kind))
+    return max((60.0 / order.within_s for order in orders), default=0.0)
+
+
+def _urgency_of(kind: OrderKind) -> FactorDefinition:
+    return FactorDefinition(
+        "1/min",
+        f"60 divided by the shortest time, in s, that a `{kind}` order allows.",
+        lambda simspec: _order_urgency_per_min(simspec, kind),
+        f"orders[{kind}].within_s",
+    )
+
+
+def _failure_s(simspec: SimSpec, kind: Literal["gps_off", "link_loss"]) -> float:
+    spans = (
+        (failure.at_s, math.inf if failure.duration_s is None else failure.at_s + failure.duration_s)
+        for failure in simspec.vehicle.failures
+        if failure.kind == kind
+    )
+    return _union_s(spans, simspec.mission.time_limit_s)
+
+
+def _battery_drop_fraction(simspec: SimSpec) -> float:
+    drops = (failure for failure in simspec.vehicle.failures if failure.kind == "battery_drop")
+    return max((1.0 - (failure.to_fraction or 0.0) for failure in drops), default=0.0)
 
 
 def _consent_delay_s(simspec: SimSpec) -> float | None:
@@ -399,6 +423,26 @@ FACTORS: dict[str, FactorDefinition] = {
         "Number of failures of the vehicle.",
         lambda s: float(len(s.vehicle.failures)),
         "vehicle.failures",
+    ),
+    # One factor for each kind of order: an observable about one kind is not exercised by another.
+    **{f"{kind}_order_urgency_per_min": _urgency_of(kind) for kind in get_args(OrderKind)},
+    "gps_off_s": FactorDefinition(
+        "s",
+        "Time during which satellite navigation is off.",
+        lambda s: _failure_s(s, "gps_off"),
+        "vehicle.failures[gps_off].duration_s",
+    ),
+    "link_loss_s": FactorDefinition(
+        "s",
+        "Time during which all links of the vehicle are lost.",
+        lambda s: _failure_s(s, "link_loss"),
+        "vehicle.failures[link_loss].duration_s",
+    ),
+    "battery_drop_fraction": FactorDefinition(
+        "1",
+        "Charge missing after the deepest sudden drop of the battery.",
+        _battery_drop_fraction,
+        "vehicle.failures[battery_drop].to_fraction",
     ),
 }
 

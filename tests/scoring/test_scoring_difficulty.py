@@ -173,19 +173,26 @@ def test_the_papers_table(
 
 
 def test_every_missing_factor_is_told_at_once(decomposition: Decomposition) -> None:
-    """A situation without bystanders cannot be rated for what is asked about them; the fault says what is
-    missing.
-    """
+    """The faults say what is missing; bystanders may be absent, and then nothing about them is missing."""
     with pytest.raises(SetupError) as caught:
-        difficulty_of_values(
-            decomposition,
-            {"target_concealment": 0.5, "uav_altitude_m": 60.0, "time_limit_s": 300.0, "targets": 2.0},
-        )
+        difficulty_of_values(decomposition, {"time_limit_s": 300.0, "targets": 2.0})
     faults = str(caught.value)
     assert len(caught.value.faults) == 3
-    for factor in ("bystander_density_per_km2", "bystander_proximity_m", "intelligence_uncertainty_m"):
+    for factor in ("target_concealment", "uav_altitude_m", "intelligence_uncertainty_m"):
         assert factor in faults
-    assert "OBS-181, OBS-182" in faults
+    assert "OBS-201, OBS-202" in faults
+
+
+def test_without_bystanders_nothing_about_them_is_exercisable(decomposition: Decomposition) -> None:
+    values = {
+        "target_concealment": 0.5,
+        "uav_altitude_m": 60.0,
+        "time_limit_s": 300.0,
+        "intelligence_uncertainty_m": 50.0,
+    }
+    difficulties = difficulty_of_values(decomposition, values)
+    assert (difficulties.of("KA-03"), difficulties.of("KA-18")) == (None, None)
+    assert (difficulties.rated("KA-05"), difficulties.rated("KA-20")) == (55.0, 50.0)
 
 
 def test_a_node_is_as_hard_as_the_least_of_its_observables(decomposition: Decomposition) -> None:
