@@ -35,6 +35,7 @@ from coverage import CoverageData
 from parso.tree import NodeOrLeaf
 
 ROOT = Path(__file__).resolve().parents[1]
+SERVER = Path(__file__).with_name("mutant_server.py")
 
 # Files to mutate, and the tests that must notice. An area gets its share of the sample by its number of
 # mutable places.
@@ -195,29 +196,24 @@ class SoundCodeFails(Exception):
     """The tests of an area fail on the sound code, so that nothing can be measured."""
 
 
-def pytest_command(*arguments: str) -> list[str]:
-    """pytest in this environment, without the tests that `make test` leaves out or that take minutes."""
-    return [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-p",
-        "no:cacheprovider",
-        "-m",
-        "not clients and not slow",
-        *arguments,
-    ]
+# Without the tests that `make test` leaves out or that take minutes.
+PYTEST_ARGUMENTS = ("-q", "-p", "no:cacheprovider", "-m", "not clients and not slow")
+
+
+def environment_of(folder: Path) -> dict[str, str]:
+    """This environment, with the modules of a copy, whose bytecode is kept."""
+    environment = {**os.environ, "PYTHONPATH": str(folder)}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    return environment
 
 
 def run_tests(folder: Path, tests: Sequence[str], timeout_s: float) -> str:
     """`survived` when all tests pass, `killed` when one fails, `timeout` when they take too long."""
-    environment = {**os.environ, "PYTHONPATH": str(folder)}
     # A session of its own, so that a mutant that loops is ended with everything that it started.
     process = subprocess.Popen(
-        pytest_command("-x", *tests),
+        [sys.executable, "-m", "pytest", *PYTEST_ARGUMENTS, "-x", *tests],
         cwd=folder,
-        env=environment,
+        env=environment_of(folder),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,
@@ -230,6 +226,45 @@ def run_tests(folder: Path, tests: Sequence[str], timeout_s: float) -> str:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
+
+
+class Forks:
+    """One mutant_server for each area, in one copy of the checkout, started when it is first needed."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._servers: dict[str, subprocess.Popen[str]] = {}
+
+    def run_tests(self, mutant: Mutant, sound: str, tests: Sequence[str], timeout_s: float) -> str:
+        """As the function of this name, or `fresh` where only a fresh interpreter can tell."""
+        server = self._servers.get(mutant.area)
+        if server is None:
+            server = self._servers[mutant.area] = subprocess.Popen(
+                [sys.executable, SERVER, *PYTEST_ARGUMENTS, *AREAS[mutant.area][1]],
+                cwd=self._folder,
+                env=environment_of(self._folder),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
+        assert server.stdin
+        assert server.stdout
+        order = {
+            "path": str(self._folder / mutant.path),
+            "sound": sound,
+            "tests": tests,
+            "timeout_s": timeout_s,
+        }
+        server.stdin.write(json.dumps(order) + "\n")
+        server.stdin.flush()
+        answer = server.stdout.readline().strip()
+        if not answer:
+            raise SoundCodeFails(f"the tests of {mutant.area} cannot be collected")
+        return answer
+
+    def close(self) -> None:
+        for server in self._servers.values():
+            server.communicate()
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,6 +285,27 @@ class Reach:
         """
         return self.by_line.get((mutant.path, mutant.line)) or self.tests
 
+    def write(self, file: Path) -> None:
+        names = sorted(self.tests)
+        number = {name: index for index, name in enumerate(names)}
+        lines = [
+            [path, line, sorted(number[test] for test in tests)]
+            for (path, line), tests in self.by_line.items()
+        ]
+        file.write_text(
+            json.dumps({"tests": names, "lines": lines, "seconds": self.seconds}), encoding="utf-8"
+        )
+
+    @classmethod
+    def read(cls, file: Path) -> Reach:
+        document = json.loads(file.read_text(encoding="utf-8"))
+        names = document["tests"]
+        by_line = {
+            (path, line): frozenset(names[number] for number in numbers)
+            for path, line, numbers in document["lines"]
+        }
+        return cls(by_line, frozenset(names), document["seconds"])
+
 
 def reach_of(folder: Path, area: str) -> Reach:
     """Run the tests of an area on the sound code, with coverage by test.
@@ -261,42 +317,55 @@ def reach_of(folder: Path, area: str) -> Reach:
     data_file = folder / f".coverage-{area.replace(' ', '-')}"
     files = sorted({str(path.relative_to(ROOT)) for pattern in patterns for path in ROOT.glob(pattern)})
     rooms = sorted({str(Path(name).parent) for name in files})
-    environment = {**os.environ, "PYTHONPATH": str(folder), "COVERAGE_FILE": str(data_file)}
-    command = pytest_command(
-        "--cov-context=test", "--cov-report=", *(f"--cov={room}" for room in rooms), *tests
-    )
+    command = [
+        *(sys.executable, "-m", "pytest", *PYTEST_ARGUMENTS, "--cov-context=test", "--cov-report="),
+        *(f"--cov={room}" for room in rooms),
+        *tests,
+    ]
+    environment = environment_of(folder) | {"COVERAGE_FILE": str(data_file)}
     if subprocess.run(command, cwd=folder, env=environment, stdout=subprocess.DEVNULL).returncode:
         raise SoundCodeFails(f"the tests of {area} fail without any mutant: {' '.join(tests)}")
+    seconds = time.monotonic() - began
     data = CoverageData(str(data_file))
     data.read()
-    contexts = [context.partition("|") for context in data.measured_contexts() if context]
-    every_test = frozenset(test for test, _, _ in contexts)
+    every_test = frozenset(test for test, _, _ in map(_context, data.measured_contexts()) if test)
     # A name that pytest does not know again would look like a kill.
     if run_tests(folder, ["--collect-only", *sorted(every_test)], LEAST_TIMEOUT_S) != "survived":
         raise SoundCodeFails(f"pytest finds the tests of {area} by their folder, but not all by name")
     by_line: dict[tuple[str, int], frozenset[str]] = {}
     for name in files:
-        for line, of_line in data.contexts_by_lineno(str(folder / name)).items():
-            executing = {test for test, _, phase in (context.partition("|") for context in of_line) if test}
+        for line, contexts in data.contexts_by_lineno(str(folder / name)).items():
+            executing = [context for context in map(_context, contexts) if context[0]]
             # A fixture of a module runs once, in the set-up of the first test that wants it, and the other
             # tests of the module read what it left.
-            modules = {context.partition("::")[0] for context in of_line if context.endswith("|setup")}
+            modules = {test.partition("::")[0] for test, _, phase in executing if phase == "setup"}
             shared = {test for test in every_test if test.partition("::")[0] in modules}
-            by_line[name, line] = frozenset(executing | shared)
-    return Reach(by_line, every_test, time.monotonic() - began)
+            by_line[name, line] = frozenset({test for test, _, _ in executing} | shared)
+    return Reach(by_line, every_test, seconds)
 
 
-def try_mutant(folder: Path, mutant: Mutant, tests: frozenset[str], timeout_s: float) -> Verdict:
-    """Plant the fault, run the tests, put the file back."""
+def _context(name: str) -> tuple[str, str, str]:
+    """Test and phase of a context of pytest-cov, with the bar between them."""
+    test, bar, phase = name.rpartition("|")
+    return test, bar, phase
+
+
+def try_mutant(
+    folder: Path, mutant: Mutant, tests: frozenset[str], timeout_s: float, forks: Forks | None = None
+) -> Verdict:
+    """Plant the fault, run the tests, put the file back; in a fork where that is given and can tell."""
     path = folder / mutant.path
     source = path.read_text(encoding="utf-8")
     changed = mutate_code(source, get_operator(mutant.operator)(), mutant.occurrence)
     if changed is None:
         raise AssertionError(f"{mutant} changes nothing")
     began = time.monotonic()
+    names = sorted(tests)
     try:
         put(path, changed)
-        outcome = run_tests(folder, sorted(tests), timeout_s)
+        outcome = forks.run_tests(mutant, source, names, timeout_s) if forks else "fresh"
+        if outcome == "fresh":
+            outcome = run_tests(folder, names, timeout_s)
     finally:
         put(path, source)
     pairs = zip(source.splitlines(), changed.splitlines(), strict=False)
@@ -332,7 +401,7 @@ def in_parallel(work: Callable[[Path, Item], None], items: Iterable[Item], folde
 
 
 def run_sample(
-    sample: Sequence[Mutant], earlier: Sequence[Verdict], workers: int, results: Path
+    sample: Sequence[Mutant], earlier: Sequence[Verdict], workers: int, results: Path, *, resume: bool
 ) -> list[Verdict]:
     """Try every mutant without a verdict, `workers` at a time, each worker in a copy of the checkout of its
     own.
@@ -343,8 +412,10 @@ def run_sample(
     lock = threading.Lock()
 
     def find_reach(folder: Path, area: str) -> None:
-        reaches[area] = reach_of(folder, area)
-        print(f"{area}: the tests of the sound code pass in {reaches[area].seconds:.0f} s", flush=True)
+        file = results.with_name(f"mutants-{area.replace(' ', '-')}.json")
+        reaches[area] = reach = Reach.read(file) if resume and file.exists() else reach_of(folder, area)
+        reach.write(file)
+        print(f"{area}: the tests of the sound code pass in {reach.seconds:.0f} s", flush=True)
 
     def record(verdict: Verdict) -> None:
         mutant = verdict.mutant
@@ -360,26 +431,32 @@ def run_sample(
 
     def try_reached(folder: Path, mutant: Mutant) -> None:
         reach = reaches[mutant.area]
-        record(try_mutant(folder, mutant, reach.of(mutant), reach.timeout_s))
+        record(try_mutant(folder, mutant, reach.of(mutant), reach.timeout_s, forks[folder]))
 
-    def try_others(folder: Path, mutant: Mutant) -> None:
+    def try_all(folder: Path, mutant: Mutant) -> None:
         reach = reaches[mutant.area]
-        if others := reach.tests - reach.of(mutant):
-            record(try_mutant(folder, mutant, others, reach.timeout_s))
+        record(try_mutant(folder, mutant, reach.tests, reach.timeout_s))
 
     with tempfile.TemporaryDirectory(prefix="rebar-mutants-") as scratch:
         folders = [copy_of_checkout(Path(scratch, str(number))) for number in range(workers)]
         in_parallel(find_reach, dict.fromkeys(mutant.area for mutant in todo), folders)
-        in_parallel(try_reached, todo, folders)
-        # What a cache holds is computed in one test and read in others, so survivors meet all of them.
-        in_parallel(
-            try_others, [mutant for mutant in todo if verdicts[mutant].outcome == "survived"], folders
-        )
+        forks = {folder: Forks(folder) for folder in folders}
+        try:
+            in_parallel(try_reached, todo, folders)
+        finally:
+            for servers in forks.values():
+                servers.close()
+        # What a cache holds is computed in one test, or before the fork, and read in others. So survivors meet
+        # all tests of their area in a fresh interpreter.
+        survivors = [mutant for mutant in todo if verdicts[mutant].outcome == "survived"]
+        in_parallel(try_all, survivors, folders)
     return list(verdicts.values())
 
 
 def read_verdicts(results: Path) -> list[Verdict]:
-    """The verdicts of an earlier run."""
+    """The verdicts of an earlier run, none where there was no run."""
+    if not results.exists():
+        return []
     return [
         Verdict(**{**verdict, "mutant": Mutant(**verdict["mutant"])})
         for verdict in json.loads(results.read_text(encoding="utf-8"))
@@ -416,7 +493,7 @@ def main() -> int:
         if verdict.mutant in sample and not (arguments.survivors and verdict.outcome == "survived")
     ]
     try:
-        verdicts = run_sample(sample, earlier, arguments.workers, arguments.results)
+        verdicts = run_sample(sample, earlier, arguments.workers, arguments.results, resume=arguments.resume)
     except SoundCodeFails as failure:
         sys.exit(str(failure))
     print()
