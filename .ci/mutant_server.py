@@ -40,14 +40,13 @@ class MutantServer:
         items = {item.nodeid: item for item in session.items}
         for line in self._orders:
             order = json.loads(line)
+            chosen = [items[name] for name in order["tests"]]
             fork = os.fork()
             if not fork:
                 # A session of its own, so that a mutant that loops is ended with everything that it started.
                 os.setsid()
                 # Nothing of pytest's ending is wanted in a fork.
-                os._exit(
-                    _run(session, [items[name] for name in order["tests"]], order["path"], order["sound"])
-                )
+                os._exit(_run(session, chosen, order["path"], order["sound"]))
             self._answers.write(_answer(fork, order["timeout_s"]) + "\n")
             self._answers.flush()
         return True
