@@ -17,7 +17,7 @@ from bench.simspec import PlacedActor, SimSpec
 from test_ports import DeclaredMeasure
 from test_ports.documentation import declared_in, measure_modules
 from test_ports.mission.completion import mission_flown
-from test_ports.perception.detections import detection_share
+from test_ports.perception.detections import detection_precision, detection_role_right, detection_share
 from test_ports.perception.tracks import classified_share, no_false_tracks
 from test_ports.reports.bystanders import bystanders_declared, marks_clear_of_bystanders
 from test_ports.reports.targets import no_false_reports, priority_order, report_accuracy, targets_reported
@@ -124,6 +124,24 @@ def test_detection_share_requires_label_confidence_overlap_and_the_same_exposure
         )
         == 1.0
     )
+
+
+def test_detection_precision_takes_the_classes_of_the_role() -> None:
+    """Of two detections on one bystander, one is right; a role has the detections of its own classes."""
+    frames, answers = (frame(0, 1.0, NEAR),), (detected(1.0, "civilian", "mobile_radar"),)
+    for role, x in (("bystander", 1.0), ("adversary", 0.0), ("any", 0.5)):
+        options = {"role": role}
+        assert x_of(detection_precision, options=options, frames=frames, detections=answers) == x
+
+
+def test_detection_role_right_counts_detections() -> None:
+    """One of three detections on a bystander takes it for an adversary."""
+    labels = ("civilian", "mobile_radar", "civilian")
+    frames = tuple(frame(number, 1.0 + 0.2 * number, NEAR) for number in range(3))
+    answers = tuple(detected(1.0 + 0.2 * number, label) for number, label in enumerate(labels))
+    roles = {"role": "bystander", "as_role": "adversary"}
+    x = x_of(detection_role_right, options=roles, frames=frames, detections=answers)
+    assert x == pytest.approx(2 / 3)
 
 
 def test_detection_share_leaves_out_views_that_are_not_clear() -> None:

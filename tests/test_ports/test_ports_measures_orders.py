@@ -82,6 +82,13 @@ def test_a_hold_lasts_until_the_resume() -> None:
         assert x_of("order_obeyed", flew(given.pop("spec"), *STANDS, **given), kind="hold") == x
 
 
+def test_standing_on_the_ground_is_not_a_hold_in_the_air() -> None:
+    """A vehicle that lands within the time of the order and stands there has not held its place."""
+    given = two((60.0, "stop", "hold"))
+    landed = (*OUT, (66.0, 0.0, -150.0, 0.0))
+    assert x_of("order_obeyed", flew(given.pop("spec"), *landed, **given), kind="hold") == 0.0
+
+
 def test_a_run_that_its_agent_cuts_short_is_not_a_hold() -> None:
     """Two seconds of standing before the agent crashed do not fulfil the ten seconds of a hold."""
     given = two((60.0, "stop", "hold"))
