@@ -439,7 +439,12 @@ def run_sample(
 
     with tempfile.TemporaryDirectory(prefix="rebar-mutants-") as scratch:
         folders = [copy_of_checkout(Path(scratch, str(number))) for number in range(workers)]
-        in_parallel(find_reach, dict.fromkeys(mutant.area for mutant in todo), folders)
+        open_areas = dict.fromkeys(
+            mutant.area
+            for mutant in sample
+            if mutant not in verdicts or verdicts[mutant].outcome == "survived"
+        )
+        in_parallel(find_reach, open_areas, folders)
         forks = {folder: Forks(folder) for folder in folders}
         try:
             in_parallel(try_reached, todo, folders)
@@ -448,7 +453,7 @@ def run_sample(
                 servers.close()
         # What a cache holds is computed in one test, or before the fork, and read in others. So survivors meet
         # all tests of their area in a fresh interpreter.
-        survivors = [mutant for mutant in todo if verdicts[mutant].outcome == "survived"]
+        survivors = [mutant for mutant in sample if verdicts[mutant].outcome == "survived"]
         in_parallel(try_all, survivors, folders)
     return list(verdicts.values())
 
