@@ -20,6 +20,7 @@ from bench.statistics import (
     TrialCounts,
     Trials,
     bootstrap_means,
+    bounded_mean,
     clopper_pearson,
     competence,
     count_design_points,
@@ -79,11 +80,13 @@ NO_INTERVAL, EXACT_INTERVAL, CLUSTERED_INTERVAL = "none considered", "clopper-pe
 # With early stopping the results decide how many runs there are, and exact intervals for a fixed number do
 # not hold.
 ANYTIME_PASS_RATE, ANYTIME_MEAN = "anytime-valid (pass rate)", "anytime-valid (mean)"
+# Ratios between 0 and 1 vary less than passes and failures, so intervals for counts are too wide for them.
+RATIO_INTERVAL = "gaffke"
 
 # Both means come from different sums of the same numbers, so equal ones differ in their last bits.
 RAISED_SLACK = 1e-9
 
-_METHODS = (NO_INTERVAL, EXACT_INTERVAL, CLUSTERED_INTERVAL, ANYTIME_PASS_RATE, ANYTIME_MEAN)
+_METHODS = (NO_INTERVAL, EXACT_INTERVAL, CLUSTERED_INTERVAL, ANYTIME_PASS_RATE, ANYTIME_MEAN, RATIO_INTERVAL)
 
 
 def summary_frame(scores: pl.DataFrame, decomposition: Decomposition | None = None) -> pl.DataFrame:
@@ -248,6 +251,8 @@ def _summed(scores: pl.DataFrame, slot: Counts, size: int) -> Iterator[tuple[str
         values, known = _column(scores, name)
         yield known_name, count_rows(known)
         yield name, np.bincount(slot, weights=values, minlength=size)
+        if name == "confidence":
+            yield "confidence_squared", np.bincount(slot, weights=values**2, minlength=size)
     achieved, considered = _column(scores, "achieved")[0], _column(scores, "considered")[0]
     yield "achieved", count_rows(achieved)
     yield "asked", count_rows(considered)
@@ -306,10 +311,13 @@ def _summary_rows(scenes: _SceneSums, policies: Policies, titles: Mapping[str, s
     confidence = _confidence(scenes, policies)
     points = np.add.reduceat((scenes.sums["considered"] > 0).astype(np.int64), starts)
     leaf = np.array([level == Level.OBSERVABLE for level in scenes.levels])
-    independent = leaf & (points == considered)
-    confidence_low, confidence_high = _interval(confidence, considered, points, _spread(scenes), independent)
+    counted = leaf | (_only_passes_and_failures(scenes) & (policies.over_runs == "mean_of_ratios"))
+    independent = counted & (points == considered)
+    confidence_low, confidence_high = _interval(
+        confidence, considered, points, _spread(scenes, points), independent, counted
+    )
     # Indices into _METHODS.
-    method = np.where(considered == 0, 0, np.where(independent, 1, 2))
+    method = np.where(considered == 0, 0, np.where(independent, 1, np.where(counted, 2, 5)))
     stopped_early = (considered > 0) & (scenes.total("until_settled") > 0)
     if stopped_early.any():
         single_point = leaf & (points == 1)
@@ -368,14 +376,21 @@ def _confidence(scenes: _SceneSums, policies: Policies) -> Floats:
     )
 
 
-def _spread(scenes: _SceneSums) -> Floats:
-    """Sum over design points of the squared sum of the deviations of their ratios from the mean of the
-    block.
+def _only_passes_and_failures(scenes: _SceneSums) -> Bools:
+    """Whether every ratio of the block is 0 or 1: only then is its sum of squares its sum."""
+    return np.asarray(scenes.total("confidence") - scenes.total("confidence_squared") < 1e-9)
+
+
+def _spread(scenes: _SceneSums, points: Counts) -> Floats:
+    """Sum over design points of the squared sum of the deviations of their ratios from the mean of the block;
+    over runs where there is a single design point, whose replicates have independent seeds.
     """
-    mean = np.nan_to_num(_mean(scenes.total("confidence"), scenes.total("considered")))
+    runs = scenes.total("considered")
+    mean = np.nan_to_num(_mean(scenes.total("confidence"), runs))
     block = np.cumsum(np.isin(np.arange(scenes.agent.size), scenes.starts)) - 1
     deviation = scenes.sums["confidence"] - scenes.sums["considered"] * mean[block]
-    return np.add.reduceat(deviation**2, scenes.starts)
+    over_runs = np.maximum(scenes.total("confidence_squared") - runs * mean**2, 0.0)
+    return np.where(points == 1, over_runs, np.add.reduceat(deviation**2, scenes.starts))
 
 
 def _score_ends(scenes: _SceneSums) -> tuple[Floats, Floats]:
@@ -392,14 +407,16 @@ def _score_ends(scenes: _SceneSums) -> tuple[Floats, Floats]:
 
 
 def _interval(
-    mean: Floats, considered: Counts, points: Counts, squared: Floats, plain: Bools
+    mean: Floats, considered: Counts, points: Counts, squared: Floats, independent: Bools, counted: Bools
 ) -> tuple[Floats, Floats]:
-    """Exact on the counts where `plain` (observables whose runs share no design point), else on effective
-    counts (ruling 18).
+    """Exact on the counts where `independent` (passes and failures that share no design point), on effective
+    counts elsewhere where `counted`, and for the mean of ratios in all other places (ruling 18).
     """
     runs, share = considered.astype(np.float64), np.nan_to_num(mean)
-    tried = np.where(plain, runs, effective_size(share, runs, points, squared))
-    return clopper_pearson(np.where(plain, np.round(share * runs), share * tried), tried)
+    tried = np.where(independent, runs, effective_size(share, runs, points, squared))
+    low, high = clopper_pearson(np.where(independent, np.round(share * runs), share * tried), tried)
+    ratio_low, ratio_high = bounded_mean(share, runs, np.where(points == 1, runs, points), squared)
+    return np.where(counted, low, ratio_low), np.where(counted, high, ratio_high)
 
 
 def _anytime_interval(mean: Floats, considered: Counts, alone: Bools) -> tuple[Floats, Floats]:

@@ -24,6 +24,7 @@ from ._curve import Curve as Curve
 from ._curve import CurveState as CurveState
 from ._curve import difficulty_response as difficulty_response
 from ._equivalence import difference_bounds as difference_bounds
+from ._intervals import bounded_mean as bounded_mean
 from ._intervals import clopper_pearson as clopper_pearson
 from ._intervals import effective_size as effective_size
 from ._intervals import wilson as wilson

@@ -25,7 +25,7 @@ from bench.scoring import (
     summary_frame,
 )
 from bench.scoring._summary import SUMMARY_COLUMNS
-from bench.statistics import clopper_pearson, effective_size, wilson
+from bench.statistics import bounded_mean, clopper_pearson, effective_size, wilson
 from decompositions import (
     Decomposition,
     DecompositionDocument,
@@ -352,8 +352,8 @@ def test_runs_that_hang_together_are_worth_fewer() -> None:
     )  # ten points of three equal runs, half of them all passes
     apart = effective_size(0.5, 30, 30, 30 * 0.25)
     assert 5.0 < alike < 10.0
-    assert apart == pytest.approx(29.0)
-    assert effective_size(1.0, 30, 10, 0.0) == 30.0  # no variance to see
+    assert apart == pytest.approx(30.0)
+    assert effective_size(1.0, 30, 10, 0.0) == 10.0  # no variance to see: replicates may be copies
     assert effective_size(0.5, 30, 1, 9.0) == 30.0  # one situation, whose replicates are independent
 
 
@@ -371,7 +371,7 @@ def test_the_interval_knows_about_design_points(decomposition: Decomposition) ->
     assert (single["method"], clustered["method"], inner["method"]) == (
         "clopper-pearson",
         "korn-graubard",
-        "korn-graubard",
+        "clopper-pearson",  # in each run all of its observables pass, or none: a count of runs
     )
     assert single["confidence_low"] == pytest.approx(float(clopper_pearson(6, 12)[0]))
     assert (
@@ -381,6 +381,35 @@ def test_the_interval_knows_about_design_points(decomposition: Decomposition) ->
         < single["confidence_high"]  # type: ignore[operator]
         < clustered["confidence_high"]
     )
+
+
+def test_ratios_have_an_interval_of_their_own(decomposition: Decomposition) -> None:
+    """Where runs achieve some of a node's observables, its interval is that of a mean of ratios: narrower than
+    counts give, the same in one design point as in as many as there are runs, wider where replicates agree.
+    """
+    summary = hard(decomposition)
+    names = decomposition.observables_under("KA-03")
+    ratios = [i % len(names) for i in range(12)]
+    apart = [
+        run(f"r{i}", summary, {name: float(rank < ratio) for rank, name in enumerate(names)})
+        for i, ratio in enumerate(ratios)
+    ]
+    shared = [replace(row, design_point=f"p{i % len(names)}", replicate=i) for i, row in enumerate(apart)]
+    single = [replace(row, design_point="p", replicate=i) for i, row in enumerate(apart)]
+    lines = [
+        line(summary_frame(score_table(decomposition, runs), decomposition), "KA-03")
+        for runs in (apart, single, shared)
+    ]
+    assert {row["method"] for row in lines} == {"gaffke"}
+    ends = [(row["confidence_low"], row["confidence_high"]) for row in lines]
+    mean = sum(ratios) / len(names) / 12
+    assert lines[0]["confidence_mean"] == pytest.approx(mean)
+    squared = sum((ratio / len(names) - mean) ** 2 for ratio in ratios)
+    low, high = bounded_mean(mean, 12, 12, squared)
+    assert ends[0] == ends[1] == (pytest.approx(float(low)), pytest.approx(float(high)))
+    count_low, count_high = clopper_pearson(mean * 12, 12)
+    assert count_low < low < mean < high < count_high
+    assert ends[2][0] < low < high < ends[2][1]  # type: ignore[operator]
 
 
 def test_three_hundred_runs_take_well_under_a_second(decomposition: Decomposition) -> None:
@@ -426,7 +455,11 @@ def test_runs_until_settled_have_intervals_that_allow_for_it(decomposition: Deco
         "anytime-valid (pass rate)",
         "anytime-valid (mean)",
     )
-    assert line(looked, "KA-03")["confidence_low"] < line(known, "KA-03")["confidence_low"] < 1.0  # type: ignore[operator]
+    # All 24 runs pass. A fixed number of them would say more about these six design points; about others, six
+    # design points say less.
+    all_runs, points = (float(clopper_pearson(count, count)[0]) for count in (24, 6))
+    assert line(looked, "KA-03")["confidence_low"] < all_runs  # type: ignore[operator]
+    assert line(known, "KA-03")["confidence_low"] == pytest.approx(points)
     assert line(looked, "KA-03")["confidence_mean"] == line(known, "KA-03")["confidence_mean"] == 1.0
 
     bad_first = [

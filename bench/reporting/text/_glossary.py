@@ -4,8 +4,8 @@ from __future__ import annotations
 
 METHODS = {
     "clopper-pearson": "Clopper-Pearson where runs are independent",
-    "korn-graubard": "Clopper-Pearson with the effective number of runs (Korn and Graubard) above observables and where runs share "
-    "a design point",
+    "korn-graubard": "Clopper-Pearson with the effective number of runs (Korn and Graubard) where runs share a design point",
+    "gaffke": "for the mean of ratios above observables (Gaffke, with an added value of half weight)",
     "anytime-valid (pass rate)": "Robbins' mixture, valid for any stopping rule, for observables of one design point",
     "anytime-valid (mean)": "a mixture of exponential bets, valid for any stopping rule, for the mean elsewhere",
 }
