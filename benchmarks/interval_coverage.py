@@ -53,7 +53,7 @@ def latent_passes(
     """Passes where a normal variable is below a limit: `correlation` is that of the variable in a cluster."""
     shared = rng.standard_normal((*shape[:2], 1))
     latent = np.sqrt(correlation) * shared + np.sqrt(1.0 - correlation) * rng.standard_normal(shape)
-    return (latent < stats.norm.ppf(p)).astype(np.float64)
+    return np.asarray(latent < stats.norm.ppf(p), dtype=np.float64)
 
 
 def interval(ratios: Floats) -> tuple[Floats, Floats]:
@@ -73,7 +73,8 @@ def cell(family: str, text: str, true: float, ratios: Floats) -> Cell:
     low, high = interval(ratios)
     # Both ends come from sums of floats: an end that is equal to the true value may differ in its last bit.
     covered = (low <= true + 1e-12) & (high >= true - 1e-12)
-    return Cell(family, *ratios.shape[1:], text, float(covered.mean()), float((high - low).mean()))
+    _, clusters, replicates = ratios.shape
+    return Cell(family, clusters, replicates, text, float(covered.mean()), float((high - low).mean()))
 
 
 def count_cells(campaigns: int) -> Iterator[Cell]:
