@@ -16,14 +16,16 @@ import time
 from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from bench.contracts import AgentPlan
+from bench.contracts import AgentPlan, AgentUsage
 from bench.errors import Fault, SetupError
 from bench.simspec import seed_of
 
 from . import _launch
+from ._process_usage import ProcessTreeUsage
 
 # Host times, chosen: for an agent to exit by itself after the tick socket's end, and between SIGTERM and
 # SIGKILL.
@@ -41,7 +43,6 @@ LAST_READS = 64
 READ_BYTES = 65536
 OUTPUT_FILE = "agent.log"
 
-_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 _PLACEHOLDER = re.compile(r"\{(python|folder|option:([A-Za-z0-9_.-]+))\}")
 
 
@@ -70,7 +71,7 @@ def open_agent(plan: AgentPlan) -> Iterator[LocalProcess]:
             start_new_session=True,
         )
         output.begin()
-        agent = LocalProcess(started, output)
+        agent = LocalProcess(started, output, home=str(plan.scratch))
         try:
             yield agent
         finally:
@@ -235,11 +236,13 @@ def _open_output(path: Path) -> Iterator[_Output]:
 class LocalProcess:
     """The `AgentProcess` contract over one local process and its group."""
 
-    def __init__(self, started: subprocess.Popen[bytes], output: _Output) -> None:
+    def __init__(self, started: subprocess.Popen[bytes], output: _Output, home: str) -> None:
         self._started = started
         self._output = output
+        self._tree = ProcessTreeUsage(started.pid, home)
+        self._usage = AgentUsage()
         # Set once the process has ended.
-        self._cpu_s: float | None = None
+        self._reaped_cpu_s = 0.0
 
     @property
     def pid(self) -> int:
@@ -250,12 +253,11 @@ class LocalProcess:
             self._reap(os.WNOHANG)
         return self._started.returncode
 
-    def cpu_s(self) -> float:
-        if self._cpu_s is None and self.exit_code() is None:
-            with suppress(OSError, ValueError, IndexError):
-                fields = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
-                return sum(int(ticks) for ticks in fields[11:15]) / _TICKS_PER_S
-        return self._cpu_s or 0.0
+    def usage(self) -> AgentUsage:
+        # Not after the end: the kernel may give the id to a stranger.
+        if self.exit_code() is None:
+            self._usage = self._tree.read()
+        return replace(self._usage, cpu_s=max(self._usage.cpu_s, self._reaped_cpu_s))
 
     def output_tail(self) -> str:
         return self._output.text()[-LAST_WORDS_BYTES:].decode(errors="replace")
@@ -292,7 +294,7 @@ class LocalProcess:
             self._started.returncode = -signal.SIGKILL
             return
         if pid:
-            self._cpu_s = usage.ru_utime + usage.ru_stime
+            self._reaped_cpu_s = usage.ru_utime + usage.ru_stime
             self._started.returncode = os.waitstatus_to_exitcode(status)
 
 

@@ -81,6 +81,18 @@ class AgentPlan:
     scratch: Path
 
 
+@dataclass(frozen=True, slots=True)
+class AgentUsage:
+    """Host time of an agent and of every process that it started, also of those that have ended.
+
+    `cpu_s` was spent running. `starved_s` was spent ready to run while other work had the cores, summed over
+    threads; it is 0 where the system does not tell.
+    """
+
+    cpu_s: float = 0.0
+    starved_s: float = 0.0
+
+
 class AgentProcess(Protocol):
     """A started agent, seen from outside."""
 
@@ -90,8 +102,8 @@ class AgentProcess(Protocol):
     def exit_code(self) -> int | None:
         """Exit code, or None while it runs. A negative code is the signal that ended it."""
 
-    def cpu_s(self) -> float:
-        """CPU seconds used so far by the agent and the children it has waited for."""
+    def usage(self) -> AgentUsage:
+        """What the agent has used of the host so far. It never shrinks, and can be asked after the end too."""
 
     def output_tail(self) -> str:
         """The end of what it wrote to stdout and stderr, for the report."""

@@ -20,7 +20,7 @@ class Outcome(StrEnum):
     TIME_LIMIT = "time_limit"  # simulated time of the mission ran out
     VEHICLE_CRASHED = "vehicle_crashed"  # the vehicle hit something or turned over
     AGENT_CRASHED = "agent_crashed"  # the agent's process ended by itself before its mission did
-    AGENT_TIMEOUT = "agent_timeout"  # the agent did not answer a tick within its budget
+    AGENT_TIMEOUT = "agent_timeout"  # the agent took more of its own time to answer than its budget allows
     AGENT_NEVER_CONNECTED = "agent_never_connected"  # no hello within the budget
     AGENT_PROTOCOL = "agent_protocol"  # the agent broke the tick protocol
     PLACEMENT_INFEASIBLE = "placement_infeasible"  # the constraints leave some actor no place

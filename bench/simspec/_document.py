@@ -202,10 +202,10 @@ class Budgets(Document):
 
     wall_s: Annotated[Positive, Field(le=86400.0, description="Limit on the whole session.")] = 300.0
     reply_s: Annotated[
-        Positive, Field(le=3600.0, description="Limit on one reply of the agent to a tick.")
+        Positive, Field(le=3600.0, description="Limit on the agent's own time for one reply to a tick.")
     ] = 10.0
     connect_s: Annotated[
-        Positive, Field(le=3600.0, description="Limit on the time from the start of the agent to its hello.")
+        Positive, Field(le=3600.0, description="Limit on the agent's own time from its start to its hello.")
     ] = 30.0
 
 

@@ -19,6 +19,7 @@ from bench.contracts import (
     AgentPlan,
     AgentProcess,
     AgentStatus,
+    AgentUsage,
     CarriesCamera,
     ConsentRequest,
     Detector,
@@ -43,6 +44,7 @@ from bench.contracts import (
 from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
 
+from ._agent_time import AgentTime
 from ._air_network import AirNetwork, open_air_network
 from ._detector import open_detector
 from ._host_clock import HOST_CLOCK, HostClock
@@ -161,15 +163,15 @@ class Session:
         self._frame = 0
         self._frame_period_ns = round(1e9 / plan.simspec.vehicle.camera.rate_hz)
         self._next_frame_ns = 0
-        self._agent_took_s = 0.0
         self._clock = plan.clock
+        self._agent_time = AgentTime(plan.clock, self._usage)
         self._wall_deadline_s = plan.clock.now() + plan.simspec.budgets.wall_s
 
     def attach(self, agent: AgentProcess, ticks: TickServer | None) -> None:
         """The started agent, and the tick socket in lockstep."""
         self._agent, self._ticks = agent, ticks
         if ticks is not None:
-            ticks.watch(self._check_agent)
+            ticks.watch(self._check_waiting, self._agent_time)
 
     def run(self) -> None:
         """Run rounds until something ends the session. Always raises StopSession or an error."""
@@ -190,9 +192,8 @@ class Session:
 
     def _run_lockstep(self, ticks: TickServer) -> None:
         budgets = self._spec.budgets
-        waiting_since_s = self._clock.now()
-        hello = ticks.hello(budgets.connect_s)
-        self._agent_took_s += self._clock.now() - waiting_since_s
+        with self._agent_time.waiting():
+            hello = ticks.hello(budgets.connect_s)
         self._truth.write_event(self._progress.now, "agent connected", hello.agent)
         self._air.open_for(hello.subscribes)
         number = 0
@@ -202,10 +203,9 @@ class Session:
             tick = Tick(
                 number=number, time_ns=now.ns, topics=self._air.sent(), links=dict(self._vehicle.sent())
             )
-            waiting_since_s = self._clock.now()
-            ack = ticks.exchange(tick, budgets.reply_s)
-            self._receive_exactly(ack.links)
-            self._agent_took_s += self._clock.now() - waiting_since_s
+            with self._agent_time.waiting():
+                ack = ticks.exchange(tick, budgets.reply_s)
+                self._receive_exactly(ack.links)
             self._process_documents(self._air.receive(now, ack.topics, COUNT_BUDGET_S))
             self._advance(self._spec.pace.tick_s)
             number += 1
@@ -272,18 +272,25 @@ class Session:
             raise self._out_of_wall_time()
 
     def _out_of_wall_time(self) -> StopSession:
-        """The end of a session that used up its wall budget: the agent's fault if it took more than half of
-        it.
+        """The end of a session that used up its wall budget: the agent's fault if its own time to answer was
+        more than half of it.
 
         Runs that end by WALL_BUDGET are not scored, so an agent could drop a run that goes badly by dawdling.
         """
         wall_s = self._spec.budgets.wall_s
-        if self._agent_took_s > wall_s / 2:
-            reason = f"the agent took {self._agent_took_s:.0f} s of the session's {wall_s:g} s of the host's time to answer"
+        own_s, waited_s = self._agent_time.own_s(), self._agent_time.waited_s
+        if own_s > wall_s / 2:
+            reason = (
+                f"the agent took {own_s:.0f} s of the session's {wall_s:g} s of the host's time to answer"
+            )
             return StopSession(Outcome.AGENT_TIMEOUT, reason)
-        return StopSession(
-            Outcome.WALL_BUDGET, f"the session took longer than {wall_s:g} s of the host's time"
-        )
+        reason = f"the session took longer than {wall_s:g} s of the host's time, {own_s:.0f} s of it the agent's own"
+        if waited_s - own_s >= 1.0:
+            reason += f"; for {waited_s - own_s:.0f} s the host was too busy to let the agent answer"
+        return StopSession(Outcome.WALL_BUDGET, reason)
+
+    def _usage(self) -> AgentUsage:
+        return self._agent.usage() if self._agent is not None else AgentUsage()
 
     def _process_documents(self, documents: dict[str, list[str | bytes]]) -> None:
         for text in documents.get(self._topics.status, ()):
@@ -308,6 +315,12 @@ class Session:
                     f"the agent says it sent {missing} MAVLink messages; {dict(received)} came",
                 )
             self._clock.sleep(RECEIVE_POLL_S)
+
+    def _check_waiting(self) -> None:
+        """End the session while it waits, if the agent has ended or the wall budget is used up."""
+        self._check_agent()
+        if self._clock.now() > self._wall_deadline_s:
+            raise self._out_of_wall_time()
 
     def _check_agent(self) -> None:
         assert self._agent is not None
@@ -369,7 +382,7 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
         agent_plan = AgentPlan(manifest, plan.manifest_folder, spec, endpoints, plan.scratch)
         agent = stack.enter_context(plan.open_agent(agent_plan))
         # The agent's CPU time is read while its process can still be asked, however the session ends.
-        stack.callback(lambda: setattr(progress, "agent_cpu_s", agent.cpu_s()))
+        stack.callback(lambda: setattr(progress, "agent_cpu_s", agent.usage().cpu_s))
         if ticks is not None:
             stack.callback(ticks.end, "the session is over")
         session.attach(agent, ticks)

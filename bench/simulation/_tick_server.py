@@ -6,10 +6,23 @@ import select
 import socket
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from typing import NoReturn
 
-from bench.contracts import MAX_LINE_BYTES, Ack, End, Hello, Outcome, Tick, TickMessage, read_line, write_line
+from bench.contracts import (
+    MAX_LINE_BYTES,
+    Ack,
+    AgentUsage,
+    End,
+    Hello,
+    Outcome,
+    Tick,
+    TickMessage,
+    read_line,
+    write_line,
+)
 
+from ._agent_time import AgentTime, Wait
 from ._host_clock import HOST_CLOCK, HostClock
 from ._stop_session import StopSession
 
@@ -23,15 +36,33 @@ EXIT_POLL_S = 0.02
 RECEIVE_BYTES = 65536
 
 
+@dataclass(frozen=True, slots=True)
+class _Budget:
+    """What the agent may take of its own time in one wait, and how the session ends when it takes more."""
+
+    wait: Wait
+    span_s: float
+    outcome: Outcome
+    missing: str
+
+    def check(self) -> None:
+        """Raise StopSession where the budget is spent. Time in which the agent had no core is not its own."""
+        if self.wait.own_s() >= self.span_s:
+            raise StopSession(
+                self.outcome, f"{self.missing} within {self.span_s:g} s of the agent's own time"
+            )
+
+
 class TickServer:
     """Serves one agent.
 
-    Every wait has a budget by the host's clock and ends early when the agent's process ends.
+    Every wait has a budget of the agent's own time and ends early when the agent's process ends.
     """
 
     def __init__(self, listener: socket.socket, clock: HostClock) -> None:
         self._listener = listener
         self._clock = clock
+        self._agent_time = AgentTime(clock, AgentUsage)
         self._check_agent: Callable[[], None] = lambda: None
         self._peer: socket.socket | None = None
         self._buffer = b""
@@ -42,36 +73,35 @@ class TickServer:
         host, port = self._listener.getsockname()[:2]
         return f"{host}:{port}"
 
-    def watch(self, check_agent: Callable[[], None]) -> None:
-        """Set what is called while waiting. It raises StopSession when the agent's process has ended."""
-        self._check_agent = check_agent
+    def watch(self, check_agent: Callable[[], None], agent_time: AgentTime) -> None:
+        """Set what is called while waiting, and the stopwatch of the waits.
+
+        `check_agent` raises StopSession when the agent's process or the session's host time has ended.
+        """
+        self._check_agent, self._agent_time = check_agent, agent_time
 
     def hello(self, budget_s: float) -> Hello:
         """Wait for the agent to connect and to send its hello."""
-        deadline_s = self._clock.now() + budget_s
+        never = Outcome.AGENT_NEVER_CONNECTED
+        budget = _Budget(Wait(self._agent_time), budget_s, never, "no connection to the tick socket")
         while self._peer is None:
-            self._wait_readable(
-                self._listener,
-                deadline_s,
-                Outcome.AGENT_NEVER_CONNECTED,
-                f"no connection to the tick socket within {budget_s:g} s",
-            )
+            self._wait_readable(self._listener, budget)
             peer, _ = self._listener.accept()
             peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             peer.setblocking(False)
             self._peer = peer
-        message = self._read(deadline_s, Outcome.AGENT_NEVER_CONNECTED, f"no hello within {budget_s:g} s")
+        message = self._read(replace(budget, missing="no hello"))
         if not isinstance(message, Hello):
             raise StopSession(Outcome.AGENT_PROTOCOL, f"expected a hello, got {_shown(message)}")
         return message
 
     def exchange(self, tick: Tick, budget_s: float) -> Ack:
         """Send a tick and wait for its acknowledgement."""
-        self._write(tick)
-        deadline_s = self._clock.now() + budget_s
-        message = self._read(
-            deadline_s, Outcome.AGENT_TIMEOUT, f"no answer to tick {tick.number} within {budget_s:g} s"
+        budget = _Budget(
+            Wait(self._agent_time), budget_s, Outcome.AGENT_TIMEOUT, f"no answer to tick {tick.number}"
         )
+        self._write(tick)
+        message = self._read(budget)
         if not isinstance(message, Ack) or message.number != tick.number:
             raise StopSession(
                 Outcome.AGENT_PROTOCOL, f"expected the ack of tick {tick.number}, got {_shown(message)}"
@@ -93,14 +123,14 @@ class TickServer:
         except OSError:
             self._end_disconnected()
 
-    def _read(self, deadline_s: float, outcome: Outcome, reason: str) -> TickMessage | None:
+    def _read(self, budget: _Budget) -> TickMessage | None:
         assert self._peer is not None
         while b"\n" not in self._buffer:
             if len(self._buffer) > MAX_LINE_BYTES:
                 raise StopSession(
                     Outcome.AGENT_PROTOCOL, f"a line of more than {MAX_LINE_BYTES} bytes on the tick socket"
                 )
-            self._wait_readable(self._peer, deadline_s, outcome, reason)
+            self._wait_readable(self._peer, budget)
             try:
                 data = self._peer.recv(RECEIVE_BYTES)
             except OSError:
@@ -108,16 +138,18 @@ class TickServer:
             if not data:
                 self._end_disconnected()
             self._buffer += data
+            # A line that comes byte by byte always has something to read.
+            if b"\n" not in data and budget.wait.waited_s >= budget.span_s:
+                budget.check()
         line, _, self._buffer = self._buffer.partition(b"\n")
         return read_line(line)
 
-    def _wait_readable(self, sock: socket.socket, deadline_s: float, outcome: Outcome, reason: str) -> None:
-        while True:
-            remaining_s = deadline_s - self._clock.now()
-            if remaining_s <= 0:
-                raise StopSession(outcome, reason)
-            if select.select([sock], [], [], min(remaining_s, LIVENESS_POLL_S))[0]:
-                return
+    def _wait_readable(self, sock: socket.socket, budget: _Budget) -> None:
+        # A budget that is shorter than a few polls is still looked at several times. What is there already is
+        # an answer in time, however late this process gets a core to read it.
+        poll_s = min(LIVENESS_POLL_S, budget.span_s / 8)
+        while not select.select([sock], [], [], poll_s)[0]:
+            budget.check()
             self._check_agent()
 
     def _end_disconnected(self) -> NoReturn:

@@ -195,8 +195,8 @@ def test_cpu_time_counts_the_agent_and_is_kept(tmp_path: Path) -> None:
     code = "import time\nwhile time.process_time() < 0.15: pass\nopen('ready', 'w').write('\\n')\ntime.sleep(600)"
     with open_agent(python(tmp_path, code)) as agent:
         wait_for_file(tmp_path / "ready")
-        running = agent.cpu_s()
-    assert 0.1 <= running <= agent.cpu_s() < 5.0
+        running = agent.usage().cpu_s
+    assert 0.1 <= running <= agent.usage().cpu_s < 5.0
 
 
 def test_manifest_by_path_and_by_wrong_name(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from bench.campaign.storage._journal import PlannedRealization
 from bench.contracts import Outcome, SessionResult
 
 NAMES = [plan.id for plan in realizations(small_campaign(points=1, replicates=2))]
-BENCH_FAULTS = ("worker_lost", "bench_error")
+BENCH_FAULTS = (Outcome.WORKER_LOST, Outcome.BENCH_ERROR)
 
 name = st.sampled_from(NAMES)
 outcome = st.sampled_from([Outcome.COMPLETED, Outcome.WORKER_LOST, Outcome.BENCH_ERROR])
@@ -108,7 +108,7 @@ class JournalMachine(RuleBasedStateMachine):
                 expected.result_sha256,
             )
             assert entry.attempts == len(expected.attempts)
-            assert self.journal.bench_faults(name) == sum(
+            assert self.journal.count_attempts(name, BENCH_FAULTS) == sum(
                 ended in BENCH_FAULTS for ended in expected.attempts
             )
         digests = {

@@ -13,7 +13,18 @@ import pytest
 from test_session import session_simspec
 
 from bench.agents import open_agent
-from bench.contracts import Ack, Hello, Outcome, Record, SimTime, Tape, Tick, VehicleCondition, VehiclePlan
+from bench.contracts import (
+    Ack,
+    AgentUsage,
+    Hello,
+    Outcome,
+    Record,
+    SimTime,
+    Tape,
+    Tick,
+    VehicleCondition,
+    VehiclePlan,
+)
 from bench.recording import TapeBuilder
 from bench.simspec import Budgets, Camera, Mission, Order, Outage, SimSpec
 from bench.simulation import HostClock, Session, SessionPlan, open_detector, open_plain_scene
@@ -26,11 +37,18 @@ from bench.testing import StillVehicle, agent_manifest
 
 
 class Host:
-    """A host whose clock moves only when something takes time on it."""
+    """A host whose clock moves only when something takes time on it; the readings of starved time and usage
+    are what the test sets.
+    """
 
     def __init__(self) -> None:
         self.now_s = 0.0
-        self.clock = HostClock(lambda: self.now_s, self.spend)
+        self.thread_starved_s = 0.0
+        self.others_starved_s = 0.0
+        self.usage = AgentUsage()
+        self.clock = HostClock(
+            lambda: self.now_s, self.spend, lambda: self.thread_starved_s, lambda: self.others_starved_s
+        )
 
     def spend(self, span_s: float) -> None:
         self.now_s += span_s
@@ -44,7 +62,7 @@ class FakeAgent:
     def __init__(self, host: Host, reply_s: float = 0.0, links: Mapping[str, int] | None = None) -> None:
         self._host, self._reply_s, self._links = host, reply_s, dict(links or {})
 
-    def watch(self, check_agent: object) -> None:
+    def watch(self, check_agent: object, agent_time: object) -> None:
         pass
 
     def hello(self, budget_s: float) -> Hello:

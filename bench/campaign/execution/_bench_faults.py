@@ -8,8 +8,8 @@ from bench.contracts import Outcome, SessionResult
 
 from ._task import BenchBroken
 
-RETRIED_OUTCOMES = frozenset({Outcome.WORKER_LOST, Outcome.BENCH_ERROR})
-"""Outcomes that are the bench's fault.
+RETRIED_OUTCOMES = frozenset({Outcome.WORKER_LOST, Outcome.BENCH_ERROR, Outcome.WALL_BUDGET})
+"""Outcomes that are the fault of the bench or of a busy host.
 
 The realization is flown once more, because the agent did not cause them.
 """
@@ -45,5 +45,5 @@ class BenchFaultWatch:
             raise BenchBroken(
                 f"the first {FAULTS_BEFORE_GIVING_UP} sessions all ended with bench errors, so no more are started. "
                 f"The last error: {result.outcome}: {result.reason}. "
-                "Fix it, then run `rebar run ... --again bench_error`."
+                f"Fix it, then run `rebar run ... --again {result.outcome}`."
             )

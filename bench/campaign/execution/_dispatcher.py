@@ -161,7 +161,7 @@ class Dispatcher:
             )
         if (
             result.outcome in RETRIED_OUTCOMES
-            and self._journal.bench_faults(result.realization) + 1 < MAX_ATTEMPTS
+            and self._journal.count_attempts(result.realization, RETRIED_OUTCOMES) + 1 < MAX_ATTEMPTS
         ):
             self._journal.retry(result.realization, result.outcome, result.reason)
             self._waiting.append(result.realization)
