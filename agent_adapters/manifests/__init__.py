@@ -19,7 +19,7 @@ def reference_bystander_aware() -> Path:
     return FOLDER / "reference-bystander-aware.yaml"
 
 
-# Null agents: the entry points name the files themselves.
+# Null agents and the oracle: the entry points name the files themselves.
 null_idle = FOLDER / "null-idle.yaml"
 null_orders = FOLDER / "null-orders.yaml"
 null_land = FOLDER / "null-land.yaml"
@@ -33,3 +33,4 @@ null_everywhere = FOLDER / "null-everywhere.yaml"
 null_mark = FOLDER / "null-mark.yaml"
 null_random = FOLDER / "null-random.yaml"
 null_refuse = FOLDER / "null-refuse.yaml"
+oracle = FOLDER / "oracle.yaml"

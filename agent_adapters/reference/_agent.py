@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from agent_adapters.client import AgentEnvironment, Moment, Wanted, open_bench
 from bench.contracts import (
     CLOCK,
@@ -31,7 +33,8 @@ def run(environment: AgentEnvironment, policy: PolicyName) -> str:
     settings = Settings.of(environment.options)
     name = f"reference-{policy.replace('_', '-')}"
     with open_bench(name.replace("-", "_"), environment, wanted(environment, settings.camera)) as bench:
-        agent = Agent(environment.vehicle, bench.links[LINK], bench.publish, policy, settings)
+        vehicle = environment.vehicle
+        agent = Agent(vehicle, AgentParts.of(vehicle, bench.links[LINK], bench.publish, policy, settings))
         for moment in bench.moments(name):
             agent.act(moment)
         return bench.ended
@@ -55,19 +58,35 @@ def wanted(environment: AgentEnvironment, camera: str) -> list[Wanted]:
     return listened if environment.tick is not None else [*listened, Wanted(CLOCK, Clock)]
 
 
+@dataclass(frozen=True, slots=True)
+class AgentParts:
+    """What an agent is made of; parts share the vehicle, the perception and the log."""
+
+    vehicle: PilotedVehicle
+    eyes: ObjectPerception
+    log: Log
+    watch: Watch
+    mission: SearchMission
+
+    @classmethod
+    def of(
+        cls, name: str, link: Sender, publish: Publish, policy: PolicyName, settings: Settings
+    ) -> AgentParts:
+        """The parts of the reference agent."""
+        poses = PoseHistory()
+        vehicle, eyes = PilotedVehicle(link, poses), ObjectPerception(poses, settings.mount)
+        log = Log(publish, name)
+        watch = Watch(vehicle, eyes, log)
+        return cls(vehicle, eyes, log, watch, SearchMission(vehicle, eyes, log, watch, policy, settings))
+
+
 class Agent:
     """One mission's worth of agent."""
 
-    def __init__(
-        self, name: str, link: Sender, publish: Publish, policy: PolicyName, settings: Settings
-    ) -> None:
-        poses = PoseHistory()
+    def __init__(self, name: str, parts: AgentParts) -> None:
         self._topics = VehicleTopics(name)
-        self._vehicle = PilotedVehicle(link, poses)
-        self._eyes = ObjectPerception(poses, settings.mount)
-        self._log = Log(publish, name)
-        self._watch = Watch(self._vehicle, self._eyes, self._log)
-        self._mission = SearchMission(self._vehicle, self._eyes, self._log, self._watch, policy, settings)
+        self._vehicle, self._eyes, self._log = parts.vehicle, parts.eyes, parts.log
+        self._watch, self._mission = parts.watch, parts.mission
         self._flight = self._mission.fly()
 
     def act(self, moment: Moment) -> None:

@@ -42,6 +42,7 @@ LAST_WORDS_BYTES = 4000
 LAST_READS = 64
 READ_BYTES = 65536
 OUTPUT_FILE = "agent.log"
+TRUTH_FILE = "truth.json"
 
 _PLACEHOLDER = re.compile(r"\{(python|folder|option:([A-Za-z0-9_.-]+))\}")
 
@@ -59,6 +60,8 @@ def open_agent(plan: AgentPlan) -> Iterator[LocalProcess]:
     command = expand_command(plan)
     environment = environment_of(plan)
     plan.scratch.mkdir(parents=True, exist_ok=True)
+    if plan.truth is not None:
+        (plan.scratch / TRUTH_FILE).write_text(plan.truth.model_dump_json())
     with _open_output(plan.scratch / OUTPUT_FILE) as output:
         # Through a launcher and not a preexec_fn, because this process has threads; see _launch.
         started = subprocess.Popen(
@@ -110,6 +113,8 @@ def environment_of(plan: AgentPlan) -> dict[str, str]:
         }
     if ends.tick is not None:
         environment["REBAR_TICK"] = ends.tick
+    if plan.truth is not None:
+        environment["REBAR_TRUTH"] = str(plan.scratch / TRUTH_FILE)
     return environment | dict(ends.mavlink) | _expanded(plan, plan.manifest.environment)
 
 

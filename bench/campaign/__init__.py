@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 from ._document import Campaign as Campaign
 from ._document import CampaignBudgets as CampaignBudgets
+from ._document import FloorPlan as FloorPlan
 from ._document import Stopping as Stopping
 from ._document import load_campaign as load_campaign
+from ._document import with_floor as with_floor
 from ._events import CampaignEvent as CampaignEvent
 from ._events import CampaignPlanned as CampaignPlanned
 from ._events import CampaignStopping as CampaignStopping

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from bench.documents import Document, load_document
+from bench.documents import Document, load_document, validate_document
 from bench.realization import Design
 from bench.simspec import AgentSpec, Identifier, SimSpec
 
@@ -55,6 +55,54 @@ class Stopping(Document):
     ] = "design_point"
 
 
+NULL_AGENTS = (
+    "null-idle",
+    "null-orders",
+    "null-land",
+    "null-hover",
+    "null-repeat",
+    "null-repeat-hover",
+    "null-repeat-detailed",
+    "null-repeat-hover-detailed",
+    "null-announce",
+    "null-everywhere",
+    "null-mark",
+    "null-random",
+    "null-refuse",
+)
+"""The shipped null agents, by the names of their entry points."""
+
+
+class FloorPlan(Document):
+    """Agents that show what confidence can be had without merit, and with the truth.
+
+    They fly a share of the campaign's scenes beside the agents under test, and never count as such.
+    """
+
+    agents: Annotated[
+        tuple[AgentSpec, ...], Field(min_length=1, description="The null agents; the shipped ones if absent.")
+    ] = tuple(AgentSpec(manifest=name) for name in NULL_AGENTS)
+    oracle: Annotated[
+        AgentSpec | None, Field(description="The agent that is given the truth; null for none.")
+    ] = AgentSpec(manifest="oracle")
+    share: Annotated[
+        float, Field(gt=0.0, le=1.0, description="Share of the scenes, drawn from the design's seed.")
+    ] = 0.1
+    least_scenes: Annotated[
+        int,
+        Field(
+            ge=1,
+            # 0.05 ** (1 / 5) is 0.55, so five is the fewest for which this holds.
+            description="Scenes at least. An agent that passes all of five shows a rate above a half with 95 %.",
+        ),
+    ] = 5
+
+    @property
+    def specs(self) -> tuple[AgentSpec, ...]:
+        """The null agents, and the oracle after them."""
+        return self.agents if self.oracle is None else (*self.agents, self.oracle)
+
+
 class Campaign(Document):
     """A campaign: base SimSpec, design, agents and decomposition. Every agent flies every scene."""
 
@@ -84,7 +132,36 @@ class Campaign(Document):
         Stopping | None,
         Field(description="Stop a design point once its pass rate is decided; off if absent."),
     ] = None
+    floor: Annotated[
+        FloorPlan | None,
+        Field(
+            description="Fly null agents and an oracle on a share of the scenes; true for the shipped ones."
+        ),
+    ] = None
     budgets: CampaignBudgets = CampaignBudgets()
+
+    @field_validator("floor", mode="before")
+    @classmethod
+    def _floor_as_document(cls, value: object) -> object:
+        # YAML's `floor: true` is the plan with its defaults, `floor: false` none.
+        if isinstance(value, bool):
+            return FloorPlan() if value else None
+        return value
+
+    @model_validator(mode="after")
+    def _floor_beside_agents(self) -> Self:
+        if self.floor is None:
+            return self
+        if self.fidelity != "full":
+            raise ValueError("floor needs fidelity: full, because null agents have no surrogates")
+        labels = [agent.label for agent in (*self.agents, *self.floor.specs)]
+        twice = [label for label in labels if labels.count(label) > 1]
+        if twice:
+            raise ValueError(
+                f"{twice[0]!r} is named twice among agents and floor: a null agent under test is no floor; "
+                "take it out of one of them (floor: {agents: [...]} names others)"
+            )
+        return self
 
     @model_validator(mode="after")
     def _one_base(self) -> Self:
@@ -93,6 +170,16 @@ class Campaign(Document):
                 "give either base (a SimSpec) or base_file (the path of one, relative to this file)"
             )
         return self
+
+    @property
+    def floor_labels(self) -> frozenset[str]:
+        """Labels of the agents that fly for the floor: their runs are no results of the agents under test."""
+        return frozenset(agent.label for agent in self.floor.specs) if self.floor else frozenset()
+
+    @property
+    def oracle_label(self) -> str | None:
+        """Label of the agent that is given the truth, None without one."""
+        return self.floor.oracle.label if self.floor and self.floor.oracle else None
 
     @property
     def situation(self) -> SimSpec:
@@ -105,6 +192,17 @@ class Campaign(Document):
         )
 
 
+def with_floor(campaign: Campaign) -> Campaign:
+    """The campaign with the shipped null agents and the oracle beside its agents, if it names no others.
+
+    Raises SetupError if one of them is an agent under test, or no session is flown.
+    """
+    if campaign.floor is not None:
+        return campaign
+    document = {**campaign.model_dump(mode="json"), "floor": FloorPlan().model_dump(mode="json")}
+    return validate_document(document, Campaign, source="--floor")
+
+
 def load_campaign(path: Path | str) -> Campaign:
     """Read a campaign. Relative paths in it are relative to its own folder, and base_file is replaced by its
     content.
@@ -114,14 +212,19 @@ def load_campaign(path: Path | str) -> Campaign:
     path = Path(path)
     campaign = load_document(path, Campaign)
     parent = path.resolve().parent
-    agents = tuple(
-        agent.model_copy(update={"manifest": _resolved(parent, agent.manifest)}) for agent in campaign.agents
-    )
+
+    def resolved(agent: AgentSpec) -> AgentSpec:
+        return agent.model_copy(update={"manifest": _resolved(parent, agent.manifest)})
+
     # Absolute paths: the campaign is copied into its folder, where relative ones would lead elsewhere.
     changes: dict[str, object] = {
-        "agents": agents,
+        "agents": tuple(map(resolved, campaign.agents)),
         "decomposition": _resolved(parent, campaign.decomposition),
     }
+    if campaign.floor is not None:
+        floor = campaign.floor
+        null, oracle = tuple(map(resolved, floor.agents)), floor.oracle and resolved(floor.oracle)
+        changes["floor"] = floor.model_copy(update={"agents": null, "oracle": oracle})
     if campaign.base_file is not None:
         changes |= {"base": load_document(parent / campaign.base_file, SimSpec), "base_file": None}
     return campaign.model_copy(update=changes)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.contracts import Outcome
+from bench.documents import load_document
 
 from ._document import Campaign
 from ._events import CampaignPlanned, Observer, Observers
@@ -88,6 +89,7 @@ def run_campaign(
     all end with bench errors. Sessions that fail are results, never exceptions.
     """
     paths = CampaignFolder(folder)
+    campaign = _with_floor_of_folder(campaign, paths)
     started = clock()
     parse_rerun_outcomes(rerun)
     if campaign.stopping is not None:
@@ -101,7 +103,9 @@ def run_campaign(
         # stale entries.
         reconcile(paths, journal)
         reset_for_rerun(paths, journal, rerun)
-        early_stopping = EarlyStopping(campaign.stopping, decomposition, paths, journal)
+        early_stopping = EarlyStopping(
+            campaign.stopping, decomposition, paths, journal, campaign.floor_labels
+        )
         dispatcher = Dispatcher(paths, journal, observers, early_stopping, plans)
         observers.notify(CampaignPlanned(dispatcher.total, dispatcher.done))
         for result in finish_infeasible(plans, paths, journal):
@@ -133,6 +137,13 @@ def run_campaign(
             observer_faults=observers.faults,
             wall_s=clock() - started,
         )
+
+
+def _with_floor_of_folder(campaign: Campaign, folder: CampaignFolder) -> Campaign:
+    """The campaign with the floor that its folder was flown with: resuming without --floor drops nothing."""
+    if campaign.floor is not None or not folder.campaign.is_file():
+        return campaign
+    return campaign.model_copy(update={"floor": load_document(folder.campaign, Campaign).floor})
 
 
 def _deadline(campaign: Campaign, started: float, clock: Callable[[], float]) -> Deadline | None:

@@ -56,6 +56,13 @@ def run(
             "--dry-run", help="Fly nothing. Print what would be flown, and what surrogates expect of it"
         ),
     ] = False,
+    floor: Annotated[
+        bool,
+        typer.Option(
+            "--floor",
+            help="Fly null agents and an oracle on a share of the scenes as well, to see what needs no merit",
+        ),
+    ] = False,
     session_s: Annotated[
         float | None,
         typer.Option(
@@ -82,10 +89,10 @@ def run(
         )
     if dry_run:
         with file_in_faults(campaign):
-            _print_plan(campaign, workers, session_s, as_json=as_json)
+            _print_plan(campaign, workers, session_s, as_json=as_json, floor=floor)
         return
     with file_in_faults(campaign):
-        _run(campaign, out, workers, as_json=as_json, again=tuple(again or ()))
+        _run(campaign, out, workers, as_json=as_json, again=tuple(again or ()), floor=floor)
 
 
 def realize(
@@ -162,7 +169,13 @@ def _demo_campaign() -> Path:
 
 
 def _run(
-    path: Path, out: Path | None, workers: int | None, *, as_json: bool, again: tuple[str, ...] = ()
+    path: Path,
+    out: Path | None,
+    workers: int | None,
+    *,
+    as_json: bool,
+    again: tuple[str, ...] = (),
+    floor: bool = False,
 ) -> None:
     from bench.campaign import (
         FinishedCampaign,
@@ -171,13 +184,18 @@ def _run(
         load_measurable_decomposition,
         parse_rerun_outcomes,
         run_campaign,
+        with_floor,
     )
 
     from ._progress import open_progress
     from ._scores import campaign_report
 
     campaign = load_campaign(path)
+    if floor:
+        campaign = with_floor(campaign)
     decomposition = load_measurable_decomposition(campaign.decomposition)
+    for label in () if as_json else _given_the_truth(campaign):
+        print(f"{label} is given the truth: its results are no agent's")
     folder = out or Path("out") / campaign.name
     finished: list[FinishedCampaign] = []
     with open_progress(campaign.name, quiet=as_json) as progress:
@@ -204,7 +222,7 @@ def _run(
     from bench.reporting import score_table
 
     console = Console(width=None if Console().is_terminal else 140)
-    table = score_table(scores.summary, scores.study)
+    table = score_table(scores.summary, scores.study, scores.floors)
     # Nobody is to mistake predictions for flights, also where only the table is copied.
     if campaign.fidelity == "overhead":
         table.title = (
@@ -213,13 +231,38 @@ def _run(
     console.print(table)
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in sorted(scores.outcomes.items()))
     print(f"{summary.total} sessions ({summary.flown} flown now, in {summary.wall_s:.0f} s): {outcomes}")
+    if scores.floors:
+        flat = [node.id for node in scores.floors.values() if node.flaw]
+        print(
+            f"{len(flat)} observables do not discriminate: rebar decomposition check {campaign.decomposition} --floor {folder}"
+        )
     print(f"report: {scores.report}")
 
 
-def _print_plan(path: Path, workers: int | None, session_s: float | None, *, as_json: bool) -> None:
-    from bench.campaign import campaign_quality, load_campaign, load_measurable_decomposition, realizations
+def _given_the_truth(campaign: Campaign) -> list[str]:
+    """The labels of a campaign's agents, those of its floor included, whose manifests ask for the truth."""
+    from bench.agents import load_manifest
+
+    if campaign.fidelity == "overhead":
+        return []
+    specs = (*campaign.agents, *(campaign.floor.specs if campaign.floor else ()))
+    return [agent.label for agent in specs if load_manifest(agent.manifest)[0].truth]
+
+
+def _print_plan(
+    path: Path, workers: int | None, session_s: float | None, *, as_json: bool, floor: bool
+) -> None:
+    from bench.campaign import (
+        campaign_quality,
+        load_campaign,
+        load_measurable_decomposition,
+        realizations,
+        with_floor,
+    )
 
     campaign = load_campaign(path)
+    if floor:
+        campaign = with_floor(campaign)
     # Only for its faults: they come before anything is printed.
     load_measurable_decomposition(campaign.decomposition)
     plans = realizations(campaign)
@@ -243,6 +286,9 @@ def _print_plan(path: Path, workers: int | None, session_s: float | None, *, as_
     print(
         f"{campaign.name}: {len(plans)} realizations of {len(points)} design points, {len(campaign.agents)} agent(s)"
     )
+    if campaign.floor is not None:
+        beside = sum(plan.agent in campaign.floor_labels for plan in plans)
+        print(f"{beside} of them by null agents and the oracle, for the floor")
     print(f"at most {len(plans) * limit_s / 3600:.1f} simulated hours ({limit_s:g} s each)")
     for line in quality.lines():
         print(line)

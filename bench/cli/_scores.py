@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from bench.scoring import (
         AgentExplanation,
         Explanation,
+        NodeFloor,
         ObservableExplanation,
         RunExplanation,
         RunReport,
@@ -119,6 +120,7 @@ class ScoreSource:
     summary: pl.DataFrame
     closing_lines: tuple[str, ...] = field(default=())
     fidelity: Literal["full", "overhead"] | None = None
+    floors: Mapping[str, NodeFloor] = field(default_factory=dict)
 
     def report(self, *, per_run: bool) -> ScoreReport:
         """The document for `--json`."""
@@ -136,6 +138,7 @@ class ScoreSource:
             absent,
             runs,
             self.fidelity,
+            self.floors,
         )
 
     def explained(self, node: str, limit: int) -> Explanation:
@@ -156,7 +159,9 @@ class ScoreSource:
         console = _console()
         if self.kind != "run":
             top = self.decomposition.level_of(next(iter(self.decomposition.nodes)))
-            console.print(score_table(self.summary, self.study or self.decomposition.at_level(top)))
+            console.print(
+                score_table(self.summary, self.study or self.decomposition.at_level(top), self.floors)
+            )
         if per_run or self.kind == "run":
             titles = {node.id: node.title for node in self.decomposition.nodes.values()}
             for run in run_reports(self.scores):
@@ -230,6 +235,7 @@ def _of_campaign(folder: Path, decomposition: str | None, *, reading: bool) -> S
         summary=summary_frame(scores, campaign.decomposition),
         closing_lines=tuple(lines),
         fidelity=campaign.fidelity,
+        floors=campaign.floors(),
     )
 
 

@@ -41,6 +41,7 @@ from ._documents import OrderAnswer as OrderAnswer
 from ._documents import OrderDocument as OrderDocument
 from ._documents import SightingDocument as SightingDocument
 from ._documents import TargetReport as TargetReport
+from ._documents import TruthDocument as TruthDocument
 from ._documents import VehicleDocument as VehicleDocument
 from ._documents import ViewDocument as ViewDocument
 from ._documents import parse_document as parse_document

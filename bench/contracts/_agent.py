@@ -13,6 +13,8 @@ from pydantic import Field
 from bench.documents import Document
 from bench.simspec import Identifier, SimSpec
 
+from ._documents import TruthDocument
+
 
 class MavlinkNeed(Document):
     """One MAVLink link that the agent wants.
@@ -48,6 +50,12 @@ class AgentManifest(Document):
     ] = ("realtime",)
     mavlink: tuple[MavlinkNeed, ...] = (MavlinkNeed(),)
     zenoh: bool = True
+    truth: Annotated[
+        bool,
+        Field(
+            description="The agent is given the truth: an oracle, which shows what can be reached, and never a result."
+        ),
+    ] = False
     reset: Annotated[
         Literal["process"], Field(description="How a fresh agent is had for the next session: a new process.")
     ] = "process"
@@ -79,6 +87,8 @@ class AgentPlan:
     simspec: SimSpec
     endpoints: AgentEndpoints
     scratch: Path
+    truth: TruthDocument | None = None
+    """For an agent whose manifest asks for the truth, and for no other."""
 
 
 @dataclass(frozen=True, slots=True)

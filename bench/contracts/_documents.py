@@ -13,7 +13,18 @@ from typing import Annotated, Literal, Self, TypeVar
 from pydantic import Field, ValidationError
 
 from bench.documents import Document
-from bench.simspec import ASSETS, ActorGroup, Fraction, Identifier, OrderKind, Origin, Point, Role, TimeWindow
+from bench.simspec import (
+    ASSETS,
+    ActorGroup,
+    Fraction,
+    Identifier,
+    OrderKind,
+    Origin,
+    Point,
+    Role,
+    SimSpec,
+    TimeWindow,
+)
 
 # Limits on everything that an agent sends: it is outside the trust boundary, and its words go into reports.
 Text = Annotated[str, Field(max_length=2000)]
@@ -313,6 +324,23 @@ class CastMember(Document):
 
 class CastDocument(Document):
     members: tuple[CastMember, ...]
+
+
+class TruthDocument(Document):
+    """Bench to an agent that is openly given the truth, as a file: the situation, and where everybody will be.
+
+    What becomes of the vehicle is not in it.
+    """
+
+    simspec: SimSpec
+    cast: tuple[CastMember, ...]
+    every_s: Annotated[
+        float, Field(description="Between two rows of places, from time zero to the time limit.")
+    ]
+    places_m: Annotated[
+        tuple[tuple[tuple[float, float], ...], ...],
+        Field(description="East and north of each member of the cast, one row for each moment."),
+    ]
 
 
 class SightingDocument(Document):

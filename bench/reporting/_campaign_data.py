@@ -10,7 +10,7 @@ from typing import Any
 import polars as pl
 
 from bench.contracts import Outcome
-from bench.scoring import tension_of
+from bench.scoring import NodeFloor, tension_of, worst_first
 from bench.simspec import SimSpec
 from decompositions import Decomposition
 
@@ -150,6 +150,13 @@ class ReportData:
     manifest: Mapping[str, Any]
     notes: tuple[str, ...] = field(default=())
     document: Decomposition | None = None
+    floors: Mapping[str, NodeFloor] = field(default_factory=dict)
+    floor_sessions: int = 0
+
+    @property
+    def undiscriminating(self) -> list[NodeFloor]:
+        """Observables that do not discriminate (docs/rulings.md, 24), the worst first."""
+        return [node for node in worst_first(self.floors) if node.flaw]
 
     def tally(self, agent: str, node: str, configuration: str = ALL_CONFIGURATIONS) -> Tally | None:
         """Means and counts, or None when the node has no row at all there."""

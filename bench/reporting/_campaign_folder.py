@@ -17,7 +17,7 @@ import polars as pl
 from bench.contracts import SessionResult, parse_document
 from bench.documents import parse_text, read_text
 from bench.errors import Fault, SetupError
-from bench.scoring import EXCLUDED_OUTCOMES, SCORE_COLUMNS, summary_frame
+from bench.scoring import EXCLUDED_OUTCOMES, SCORE_COLUMNS, NodeFloor, node_floors, summary_frame
 from bench.simspec import FACTORS, SimSpec, factor_values
 from decompositions import Decomposition, load_decomposition
 
@@ -40,8 +40,14 @@ def load_report_data(folder: Path) -> ReportData:
     campaign = _mapping(parse_text(read_text(folder / "campaign.yaml"), str(folder / "campaign.yaml"))[0])
     document = _decomposition(folder, str(campaign.get("decomposition", "")), notes)
     scores = _scores(folder, notes)
-    simspecs = _simspecs(folder)
-    runs = _runs(folder, scores, simspecs, notes)
+    floor_labels = _floor_labels(campaign)
+    all_simspecs = _simspecs(folder)
+    # Null agents and the oracle are no agents under test: nothing but floor and ceiling is about them.
+    all_runs = _runs(folder, scores, all_simspecs, notes)
+    runs = tuple(run for run in all_runs if run.agent not in floor_labels)
+    simspecs = {
+        run.realization: all_simspecs[run.realization] for run in runs if run.realization in all_simspecs
+    }
     nodes, roots = _nodes(document, scores)
     study = _study(campaign, document, nodes)
     agents = _agents(campaign, runs)
@@ -63,6 +69,8 @@ def load_report_data(folder: Path) -> ReportData:
         manifest=_manifest(folder, notes),
         notes=tuple(notes),
         document=document,
+        floors=_floors(folder, campaign, notes) if floor_labels else {},
+        floor_sessions=len(all_runs) - len(runs),
     )
 
 
@@ -112,6 +120,27 @@ def _scores(folder: Path, notes: list[str]) -> pl.DataFrame:
 
 
 _NO_SCORES = pl.DataFrame(schema=SCORE_COLUMNS)
+
+
+def _floor_labels(campaign: Mapping[str, Any]) -> frozenset[str]:
+    floor = _mapping(campaign.get("floor"))
+    specs = [*(floor.get("agents") or ()), floor.get("oracle")]
+    return frozenset(
+        Path(str(manifest)).stem for spec in specs if (manifest := _mapping(spec).get("manifest"))
+    )
+
+
+def _floors(folder: Path, campaign: Mapping[str, Any], notes: list[str]) -> dict[str, NodeFloor]:
+    """Floor and ceiling of every node, from the table that scoring wrote beside scores.parquet."""
+    try:
+        scores = pl.read_parquet(folder / "floor.parquet")
+    except (OSError, pl.exceptions.PolarsError):
+        notes.append(
+            f"floor.parquet cannot be read, so floor and ceiling are not shown. `rebar report {folder.name}` makes it."
+        )
+        return {}
+    oracle = _mapping(_mapping(campaign.get("floor")).get("oracle")).get("manifest")
+    return node_floors(scores, Path(str(oracle)).stem if oracle else None)
 
 
 def _simspecs(folder: Path) -> dict[str, SimSpec]:

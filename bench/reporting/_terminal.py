@@ -8,6 +8,8 @@ import polars as pl
 from rich.table import Table
 from rich.text import Text
 
+from bench.scoring import NodeFloor
+
 from ._campaign_data import ALL_CONFIGURATIONS, Tally, tallies_of
 from .text._format import interval, percent, score, span
 
@@ -23,14 +25,17 @@ COLUMNS = (
     "Considered",
     "Scored",
 )
+FLOOR_COLUMNS = ("Floor", "Ceiling")
 
 
-def score_table(summary: pl.DataFrame, study: Sequence[str] = ()) -> Table:
+def score_table(
+    summary: pl.DataFrame, study: Sequence[str] = (), floors: Mapping[str, NodeFloor] | None = None
+) -> Table:
     """A table of the studied nodes (every key attribute when `study` is empty) for each agent, over all
-    configurations.
+    configurations. With `floors`, every confidence stands beside floor and ceiling.
     """
     table = Table(title="Score and confidence over all runs", title_justify="left")
-    for place, name in enumerate(COLUMNS):
+    for place, name in enumerate((*COLUMNS, *FLOOR_COLUMNS) if floors else COLUMNS):
         # In a narrow terminal the title wraps; numbers and ids stay whole.
         table.add_column(name, justify="left" if place < 3 else "right", no_wrap=place != 2)
     previous = None
@@ -39,8 +44,12 @@ def score_table(summary: pl.DataFrame, study: Sequence[str] = ()) -> Table:
             table.add_section()
         previous = tally.agent
         # As Text: rich would take an agent's name in brackets for markup.
-        table.add_row(*map(Text, row))
+        table.add_row(*map(Text, (*row, *_floor_cells(floors.get(tally.node))) if floors else row))
     return table
+
+
+def _floor_cells(node: NodeFloor | None) -> tuple[str, str]:
+    return (percent(node.floor), percent(node.ceiling)) if node else (percent(None), percent(None))
 
 
 def score_lines(summary: pl.DataFrame, study: Sequence[str] = ()) -> list[str]:

@@ -28,6 +28,9 @@ from ._explain import Sources as Sources
 from ._explain import explain as explain
 from ._external import read_table as read_table
 from ._external import score_external as score_external
+from ._floor import NodeFloor as NodeFloor
+from ._floor import node_floors as node_floors
+from ._floor import worst_first as worst_first
 from ._increase import DifficultyGoal as DifficultyGoal
 from ._increase import DifficultyIncrease as DifficultyIncrease
 from ._increase import FactorChange as FactorChange

@@ -13,6 +13,7 @@ from bench.documents import Document
 from decompositions import Decomposition
 
 from ._difficulty import Standing
+from ._floor import NodeFloor
 from ._table import OVERRULED
 
 Points = Annotated[float, Field(description="On the scale of difficulty.")]
@@ -90,6 +91,21 @@ class NodeReport(Document):
         bool,
         Field(description="It describes the sensor that the bench simulates, and enters no other node."),
     ] = False
+    floor: Annotated[
+        Share | None,
+        Field(
+            description="Best confidence of a null agent, in `all` only. Null: not flown, or never considered."
+        ),
+    ] = None
+    ceiling: Annotated[
+        Share | None, Field(description="Confidence of an agent that is given the truth, in `all` only.")
+    ] = None
+    discriminates: Annotated[
+        bool | None,
+        Field(
+            description="False for an observable whose floor is above a half or nine tenths of its ceiling."
+        ),
+    ] = None
 
 
 class RunNode(Document):
@@ -200,8 +216,9 @@ def score_report(
     absent: int,
     runs: tuple[RunReport, ...] | None = None,
     fidelity: Literal["full", "overhead"] | None = None,
+    floors: Mapping[str, NodeFloor] | None = None,
 ) -> ScoreReport:
-    """The document over a score table and its summary."""
+    """The document over a score table and its summary, with floor and ceiling where they are known."""
     return ScoreReport(
         kind=kind,
         source=source,
@@ -210,8 +227,19 @@ def score_report(
         decomposition_sha256=decomposition.digest,
         study=tuple(study),
         absent=absent,
-        nodes=node_reports(scores, summary),
+        nodes=tuple(_with_floor(node, floors or {}) for node in node_reports(scores, summary)),
         runs=runs,
+    )
+
+
+def _with_floor(node: NodeReport, floors: Mapping[str, NodeFloor]) -> NodeReport:
+    beside = floors.get(node.id)
+    # Floor and ceiling are over a share of all scenes, so they stand beside no single configuration.
+    if beside is None or beside.floor is None or node.configuration != "all":
+        return node
+    discriminates = not beside.flaw if node.level == "observable" else None
+    return node.model_copy(
+        update={"floor": beside.floor, "ceiling": beside.ceiling, "discriminates": discriminates}
     )
 
 

@@ -52,7 +52,7 @@ from ._mission_information import MissionInformation
 from ._ports import reserved_udp_port
 from ._stop_session import StopSession
 from ._tick_server import TickServer, open_tick_server
-from ._truth import TruthRecorder
+from ._truth import TruthRecorder, truth_of
 
 # Host time for samples that the agent says it has sent: they are on loopback already, so this is generous.
 # Chosen, not measured.
@@ -176,6 +176,8 @@ class Session:
     def run(self) -> None:
         """Run rounds until something ends the session. Always raises StopSession or an error."""
         self._truth.write_event(self._progress.now, "started", self._spec.name)
+        if self._plan.manifest.truth:
+            self._truth.write_event(self._progress.now, "truth given", self._plan.manifest.name)
         self._truth.write_cast(self._progress.now, self._scene)
         self._truth.write_due(self._progress.now, self._vehicle, self._scene)
         try:
@@ -379,7 +381,9 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
             domain=air.access.domain if air.access else 0,
             tick=ticks.address if ticks else None,
         )
-        agent_plan = AgentPlan(manifest, plan.manifest_folder, spec, endpoints, plan.scratch)
+        # From a scene of its own: this one must not be advanced before the session.
+        told = truth_of(spec, open_scene(spec)) if manifest.truth else None
+        agent_plan = AgentPlan(manifest, plan.manifest_folder, spec, endpoints, plan.scratch, told)
         agent = stack.enter_context(plan.open_agent(agent_plan))
         # The agent's CPU time is read while its process can still be asked, however the session ends.
         stack.callback(lambda: setattr(progress, "agent_cpu_s", agent.usage().cpu_s))

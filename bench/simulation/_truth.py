@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from bench.contracts import (
@@ -19,6 +21,7 @@ from bench.contracts import (
     SightingDocument,
     SimTime,
     Tap,
+    TruthDocument,
     Vehicle,
     VehicleCondition,
     VehicleDocument,
@@ -27,6 +30,7 @@ from bench.contracts import (
     mavlink_topic,
 )
 from bench.documents import Document
+from bench.simspec import SimSpec
 from bench.streams import (
     Header,
     MultiArrayLayout,
@@ -54,6 +58,17 @@ CONDITION_HZ = 1
 _SECOND_NS = 1_000_000_000
 _UNKNOWN_COVARIANCE = (0.0,) * 36
 _PLAIN_LAYOUT = MultiArrayLayout(dim=(), data_offset=0)
+
+
+def truth_of(simspec: SimSpec, scene: Scene) -> TruthDocument:
+    """What an agent is given whose manifest asks for the truth. Advances the scene to the time limit."""
+    every_s = 1.0 / ACTORS_HZ
+    rows = []
+    for number in range(math.ceil(simspec.mission.time_limit_s / every_s) + 1):
+        scene.advance(SimTime(round(number * every_s * 1e9)))
+        # Millimetres: no measure looks closer.
+        rows.append(tuple((round(east, 3), round(north, 3)) for east, north, _ in scene.positions().tolist()))
+    return TruthDocument(simspec=simspec, cast=scene.cast, every_s=every_s, places_m=tuple(rows))
 
 
 class TruthRecorder:

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from agent_adapters.client import MavlinkFrame, Moment
 from agent_adapters.reference import Settings
-from agent_adapters.reference._agent import Agent
+from agent_adapters.reference._agent import Agent, AgentParts
 from agent_adapters.reference._settings import PolicyName
 from bench.contracts import (
     TF_STATIC,
@@ -360,13 +360,14 @@ class World:
     each_step: Callable[[World], None] = lambda world: None
 
     def fly(self, policy: PolicyName, until_s: float = 320.0, **options: float) -> World:
-        agent = Agent(
+        parts = AgentParts.of(
             NAME,
             self.vehicle,
             lambda topic, text: self.published.append((topic, text)),
             policy,
             Settings.of(options),
         )
+        agent = Agent(NAME, parts)
         number = 0
         while self.vehicle.time_s < until_s:
             agent.act(

@@ -73,8 +73,8 @@ class Flight:
     landed: bool
 
 
-def simspec(agent: str, limit_s: float) -> SimSpec:
-    """Two targets and two intelligence reports, two orders and an outage of the operator's link."""
+def simspec(agent: str, limit_s: float, ordered: bool = True) -> SimSpec:
+    """Two targets and two intelligence reports, two orders if `ordered`, an outage of the operator's link."""
     targets = [
         ActorGroup(
             id=name,
@@ -98,7 +98,9 @@ def simspec(agent: str, limit_s: float) -> SimSpec:
             orders=(
                 Order(id="quiet", at_s=8.0, kind="stop_reporting"),
                 Order(id="mark-it", at_s=20.0, kind="mark", intelligence="one"),
-            ),
+            )
+            if ordered
+            else (),
             outages=(Outage(kind="operator_link", at_s=14.0, duration_s=4.0),),
             mission=Mission(altitude_m=20.0, time_limit_s=limit_s),
             agent=AgentSpec(manifest=agent),
@@ -106,11 +108,11 @@ def simspec(agent: str, limit_s: float) -> SimSpec:
     )
 
 
-def fly(folder: Path, behaviour: str, limit_s: float) -> Flight:
-    spec = simspec(f"null-{behaviour}", limit_s)
-    manifest, at = load_manifest(spec.agent.manifest)
+def fly(folder: Path, behaviour: str, limit_s: float, manifest: str = "") -> Flight:
+    spec = simspec(manifest or f"null-{behaviour}", limit_s, ordered=not manifest)
+    agent, at = load_manifest(spec.agent.manifest)
     records: list[Record] = []
-    end = run_session(SessionPlan(spec, manifest, at, open_agent, folder, records.append))
+    end = run_session(SessionPlan(spec, agent, at, open_agent, folder, records.append))
     documents: dict[str, list[Document]] = {topic: [] for topic in KINDS}
     states = []
     for record in records:

@@ -82,16 +82,19 @@ class SearchMission:
             order, self._vehicle, self._eyes, self._log, self._watch, self._orders, settings, careful=careful
         )
         self._planner = self._pilot.planner
-        policy = policy_named(self._policy_name, order, settings)
-        self._findings = Findings(
-            order, policy, self._planner, self._eyes, self._log, self._watch, self._orders, settings
-        )
+        self._findings = self._new_findings(order)
         self._vehicle.locate(order.origin)
         for document in self._early:
             if isinstance(document, OrderDocument):
                 self.obey(document)
             else:
                 self.add_intelligence(document)
+
+    def _new_findings(self, order: MissionOrder) -> Findings:
+        policy = policy_named(self._policy_name, order, self._settings)
+        return Findings(
+            order, policy, self._planner, self._eyes, self._log, self._watch, self._orders, self._settings
+        )
 
     def add_intelligence(self, intelligence: IntelligenceDocument) -> None:
         """One intelligence report."""

@@ -31,9 +31,12 @@ class EarlyStopping:
         decomposition: Decomposition,
         folder: CampaignFolder,
         journal: Journal,
+        floor_agents: Collection[str] = (),
     ) -> None:
         self._stopping, self._folder, self._journal = stopping, folder, journal
-        entries = journal.entries()
+        # No rule applies to the runs of the floor: they decide nothing, and none of them is left out.
+        entries = [entry for entry in journal.entries() if entry.agent not in floor_agents]
+        self._stoppable = {entry.id for entry in entries}
         self._decisions = StoppingDecisions(stopping, decomposition, entries) if stopping else None
         self._stops: dict[PointKey, int] = {}
         for entry in entries:
@@ -55,17 +58,21 @@ class EarlyStopping:
         return list(self._decisions.keys) if self._decisions else []
 
     def key(self, realization: str) -> PointKey | None:
-        """Design point and agent of a realization, None without a stopping rule."""
-        return self._decisions.key(realization) if self._decisions else None
+        """Design point and agent of a realization, None without a stopping rule and for one of the floor."""
+        if self._decisions is None or realization not in self._stoppable:
+            return None
+        return self._decisions.key(realization)
 
     def record(self, result: SessionResult) -> None:
         """Take up a result that was written and noted."""
-        if self._decisions is not None:
+        if self._decisions is not None and result.realization in self._stoppable:
             self._decisions.record(result)
 
     def may_start(self, realization: str) -> bool:
         """Whether the realization can be flown without waiting for a decision about an earlier replicate."""
-        return self._decisions is None or self._decisions.may_start(realization)
+        if self._decisions is None or realization not in self._stoppable:
+            return True
+        return self._decisions.may_start(realization)
 
     def reopen(self, key: PointKey) -> list[str]:
         """Plan the realizations again that turn out to be needed after all, and return their ids."""

@@ -10,7 +10,14 @@ import tempfile
 from pathlib import Path
 
 from bench.agents import load_manifest, open_agent
-from bench.contracts import Observation, Record, SessionFailure, SessionResult, traceback_details
+from bench.contracts import (
+    AgentManifest,
+    Observation,
+    Record,
+    SessionFailure,
+    SessionResult,
+    traceback_details,
+)
 from bench.documents import dump_json
 from bench.errors import PlacementInfeasible, SetupError
 from bench.realization import check_placement, place
@@ -48,7 +55,9 @@ def fly_realization(
     tape = TapeBuilder(placed)
     with (
         tempfile.TemporaryDirectory(prefix="rebar-agent-") as scratch,
-        open_recording(folder / RECORDING, simspec=placed, versions=versions()) as recording,
+        open_recording(
+            folder / RECORDING, simspec=placed, versions=versions(), metadata=_metadata(manifest)
+        ) as recording,
     ):
 
         def tap(record: Record) -> None:
@@ -61,7 +70,13 @@ def fly_realization(
         if log.is_file():
             (folder / AGENT_LOG).write_bytes(log.read_bytes())
     observations = measure_all(measures_of(decomposition), tape.tape(), placed) if end.outcome.counts else ()
-    return result_of(realization, end, recording.sha256, observations)
+    result = result_of(realization, end, recording.sha256, observations)
+    return result.model_copy(update={"details": {**result.details, **_metadata(manifest)}})
+
+
+def _metadata(manifest: AgentManifest) -> dict[str, str]:
+    """What sets this session apart, for the head of the recording and for the result."""
+    return {"truth": f"given to {manifest.name}"} if manifest.truth else {}
 
 
 def _checked(simspec: SimSpec) -> SimSpec:

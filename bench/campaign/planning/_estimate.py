@@ -127,6 +127,8 @@ def estimate_campaign(campaign: Campaign, workers: int, session_s: float | None 
     `session_s` is the cost of one session in host seconds of a core; None takes the speed in README.md.
     Raises SetupError for a campaign that surrogates cannot fly, and as `realizations` does.
     """
+    # Null agents have no surrogates, and nobody wants to know what to expect of them.
+    campaign = campaign.model_copy(update={"floor": None})
     check_surrogates(campaign)
     decomposition = load_measurable_decomposition(campaign.decomposition)
     plans = realizations(campaign)

@@ -2,14 +2,47 @@
 
 from __future__ import annotations
 
+import math
+import zlib
+from collections.abc import Iterable
+
+import numpy as np
+
 from bench.realization import DesignQuality, Rating, RealizationPlan, realize
 
-from .._document import Campaign
+from .._document import Campaign, FloorPlan
+
+Scene = tuple[str, int]
 
 
 def realizations(campaign: Campaign) -> list[RealizationPlan]:
-    """Every realization of a campaign. Raises SetupError as `realize` does."""
-    return realize(campaign.situation, campaign.design, campaign.agents, _rating(campaign))
+    """Every realization of a campaign, those of its floor last. Raises SetupError as `realize` does."""
+    floor = campaign.floor
+    tested = realize(campaign.situation, campaign.design, campaign.agents, _rating(campaign))
+    if floor is None:
+        return tested
+    scenes = floor_scenes(
+        [(plan.design_point, plan.replicate) for plan in tested], campaign.design.seed, floor
+    )
+    # The same scenes for other agents: the design is drawn from the same seeds.
+    null = realize(campaign.situation, campaign.design, floor.specs, _rating(campaign))
+    return [*tested, *(plan for plan in null if (plan.design_point, plan.replicate) in scenes)]
+
+
+def floor_scenes(scenes: Iterable[Scene], seed: int, floor: FloorPlan) -> set[Scene]:
+    """The scenes on which the agents of the floor fly: those with the smallest random numbers.
+
+    A larger share includes the scenes of a smaller one, so it can be raised later.
+    """
+    distinct = list(dict.fromkeys(scenes))
+    count = min(len(distinct), max(floor.least_scenes, math.ceil(floor.share * len(distinct) - 1e-9)))
+
+    def number(scene: Scene) -> int:
+        # CRC-32 instead of hash(): Python salts the hash of a string in every process.
+        words = (seed, zlib.crc32(b"floor"), zlib.crc32(scene[0].encode()), scene[1])
+        return int(np.random.SeedSequence(words).generate_state(1, np.uint64)[0])
+
+    return set(sorted(distinct, key=number)[:count])
 
 
 def campaign_quality(campaign: Campaign) -> DesignQuality:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -17,8 +17,10 @@ from bench.errors import Fault, SetupError
 from bench.reporting import write_report
 from bench.scoring import (
     Difficulty,
+    NodeFloor,
     ScoredRun,
     difficulty_of,
+    node_floors,
     score_table,
     studied_key_attributes,
     summary_frame,
@@ -46,6 +48,7 @@ class FinishedCampaign:
     study: tuple[str, ...]
     outcomes: dict[str, int]
     report: Path
+    floors: Mapping[str, NodeFloor]
 
 
 def finish_campaign(path: Path, other_decomposition: str | None = None) -> FinishedCampaign:
@@ -56,12 +59,15 @@ def finish_campaign(path: Path, other_decomposition: str | None = None) -> Finis
     """
     folder, campaign, decomposition = read_campaign_folder(path, other_decomposition)
     entries, stops = _read_journal(folder)
-    runs, outcomes = _scored_runs(folder, campaign, decomposition, entries, stops)
+    all_runs, outcomes = _scored_runs(folder, campaign, decomposition, entries, stops)
+    runs, floor_runs = _split(all_runs, campaign)
     write_whole(folder.decomposition, dump_yaml(decomposition.document))
     scores = score_table(decomposition, runs, campaign.study)
-    buffer = io.BytesIO()
-    scores.write_parquet(buffer)
-    write_whole(folder.scores, buffer.getvalue())
+    _write_table(folder.scores, scores)
+    # A table of its own: whatever reads scores.parquet is about the agents under test.
+    floor_scores = score_table(decomposition, floor_runs, campaign.study)
+    if campaign.floor is not None:
+        _write_table(folder.floor, floor_scores)
 
     def seal() -> None:
         write_manifest(folder, campaign.name, decomposition.digest, outcomes, versions())
@@ -76,7 +82,20 @@ def finish_campaign(path: Path, other_decomposition: str | None = None) -> Finis
         studied_key_attributes(decomposition, campaign.study),
         outcomes,
         report,
+        node_floors(floor_scores, campaign.oracle_label),
     )
+
+
+def _split(runs: Sequence[ScoredRun], campaign: Campaign) -> tuple[list[ScoredRun], list[ScoredRun]]:
+    """The runs of the agents under test, and those of the floor."""
+    tested = [run for run in runs if run.agent not in campaign.floor_labels]
+    return tested, [run for run in runs if run.agent in campaign.floor_labels]
+
+
+def _write_table(path: Path, table: pl.DataFrame) -> None:
+    buffer = io.BytesIO()
+    table.write_parquet(buffer)
+    write_whole(path, buffer.getvalue())
 
 
 def rescore_campaign(path: Path, other_decomposition: str | None = None) -> FinishedCampaign:
@@ -110,6 +129,7 @@ class CampaignRuns:
     """The runs of a campaign that have a result, as scoring takes them.
 
     `recordings` and `reasons` (why each session ended) are by realization. `fidelity` is the one of all runs.
+    `floor_runs` are those of null agents and of the agent with the label `oracle`; they are not among `runs`.
     """
 
     decomposition: Decomposition
@@ -118,6 +138,12 @@ class CampaignRuns:
     recordings: Mapping[str, Path]
     reasons: Mapping[str, str]
     fidelity: Literal["full", "overhead"] = "full"
+    floor_runs: tuple[ScoredRun, ...] = ()
+    oracle: str | None = None
+
+    def floors(self) -> dict[str, NodeFloor]:
+        """Floor and ceiling of every node; empty where no null agent flew."""
+        return node_floors(score_table(self.decomposition, self.floor_runs, self.study), self.oracle)
 
 
 def read_runs(path: Path, other_decomposition: str | None = None) -> CampaignRuns:
@@ -139,13 +165,16 @@ def read_runs(path: Path, other_decomposition: str | None = None) -> CampaignRun
             for run in runs
         ]
     reasons = {entry.id: entry.reason for entry in entries}
+    tested, floor_runs = _split(runs, campaign)
     return CampaignRuns(
         decomposition,
         studied_key_attributes(decomposition, campaign.study),
-        tuple(runs),
+        tuple(tested),
         recordings,
         reasons,
         campaign.fidelity,
+        tuple(floor_runs),
+        campaign.oracle_label,
     )
 
 

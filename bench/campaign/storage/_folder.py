@@ -8,6 +8,7 @@
     runs/<realization>/         recording.mcap, and result.json once the session is over
     logs/                       stdout and stderr of the workers
     scores.parquet, report.html, manifest.json
+    floor.parquet               scores of the null agents and the oracle, if they flew
 
 Every file here is written whole or not at all.
 """
@@ -49,6 +50,10 @@ class CampaignFolder:
     @property
     def scores(self) -> Path:
         return self.path / "scores.parquet"
+
+    @property
+    def floor(self) -> Path:
+        return self.path / "floor.parquet"
 
     @property
     def report(self) -> Path:

@@ -1,0 +1,95 @@
+"""Perception that is never wrong: the detections only say when a frame was exposed.
+
+What an object is and where comes from the truth. A target is still known only once the camera has had it in
+view, as the rules ask of every agent (docs/rulings.md, 23).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from bench.simspec import Role
+from bench.streams import Detection2DArray
+
+from ..reference.perception._perception import USEFUL_M, ObjectPerception
+from ..reference.perception._pose import PoseHistory
+from ..reference.perception._tracks import SECTOR_DEG, TENTATIVE_FRAMES, Track, Tracks
+from ._truth import Truth
+
+# Nearer to the image's edge an object may be cut off: the agent's own pose is not exact.
+_EDGE = 0.06
+
+
+class TruthTracks(Tracks):
+    """A track for each member of the cast, always in its true place.
+
+    Whoever is no target counts as seen from the start: a careful pilot may know where people are.
+    """
+
+    def __init__(self, truth: Truth) -> None:
+        super().__init__()
+        self._truth = truth
+        for index, (member, (east_m, north_m)) in enumerate(
+            zip(truth.cast, truth.places_m(0.0), strict=True)
+        ):
+            track = Track(index + 1, float(east_m), float(north_m), 0.0, 0.0, member.class_label)
+            track.votes[member.class_label] = 1.0
+            track.counts[member.class_label] = 1
+            if member.role is not Role.ADVERSARY:
+                track.frames = TENTATIVE_FRAMES
+            self._tracks[track.number] = track
+
+    def advance(self, now_s: float) -> None:
+        """Move everybody to where they are now."""
+        places = self._truth.places_m(now_s).tolist()
+        for track, (east_m, north_m), member in zip(self, places, self._truth.cast, strict=True):
+            track.east_m, track.north_m = east_m, north_m
+            if member.role is not Role.ADVERSARY:
+                track.last_s = now_s
+
+    def see(self, index: int, time_s: float, bearing_rad: float) -> None:
+        """The camera has one of the cast in view."""
+        track = self._tracks[index + 1]
+        track.frames += 1
+        track.last_s = time_s
+        track.votes[track.label] += 1.0
+        track.counts[track.label] += 1
+        track.sectors.add(int(math.degrees(bearing_rad) % 360.0 // SECTOR_DEG))
+        track.recent.append(track.label)
+        track.exposures.append(time_s)
+
+    def miss(self, tracks: Iterable[Track]) -> None:
+        """Nobody is ever missed: where they are is known."""
+
+
+class TruthPerception(ObjectPerception):
+    """The reference agent's perception, with the truth in place of what the detector says."""
+
+    def __init__(self, poses: PoseHistory, mount: str, truth: Truth) -> None:
+        super().__init__(poses, mount)
+        self.truth_tracks = self.tracks = TruthTracks(truth)
+        self._truth = truth
+
+    def see(self, frame: Detection2DArray, doubt_m: float = 0.0) -> bool:
+        time_s = frame.header.stamp.ns * 1e-9
+        pose, camera = self._poses.at(time_s), self.camera
+        if pose is None or camera is None or pose.height_m < 1.0:
+            self.unplaced += 1
+            return False
+        self.frames += 1
+        self._views.append((time_s, pose.east_m, pose.north_m, pose.height_m, pose.yaw_rad))
+        places = self._truth.places_m(time_s)
+        # A margin, by asking of places a little farther from and a little nearer to the axis of the camera.
+        row = np.array([self._views[-1][1:]])
+        shown = camera.in_view(places, row)[0]
+        for factor in (1.0 - _EDGE, 1.0 + _EDGE):
+            scaled = row[0, :2] + (places - row[0, :2]) * factor
+            shown &= camera.in_view(scaled, row)[0]
+        offset = places - row[0, :2]
+        shown &= np.hypot(offset[:, 0], offset[:, 1]) < USEFUL_M
+        for index in np.flatnonzero(shown):
+            self.truth_tracks.see(int(index), time_s, math.atan2(-offset[index, 0], -offset[index, 1]))
+        return True

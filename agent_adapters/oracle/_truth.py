@@ -1,0 +1,42 @@
+"""The truth as the bench hands it over: the situation, and where everybody is at any moment."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.contracts import CastMember, TruthDocument, parse_document
+from bench.errors import Fault, SetupError
+from bench.simspec import SimSpec
+
+
+class Truth:
+    """A TruthDocument with places between its rows."""
+
+    def __init__(self, document: TruthDocument) -> None:
+        self.simspec: SimSpec = document.simspec
+        self.cast: tuple[CastMember, ...] = document.cast
+        self._every_s = document.every_s
+        self._places_m = np.array(document.places_m, dtype=np.float64).reshape(len(document.places_m), -1, 2)
+
+    def places_m(self, time_s: float) -> NDArray[np.float64]:
+        """(n, 2) east and north of the cast at a moment."""
+        row = min(max(time_s / self._every_s, 0.0), len(self._places_m) - 1.0)
+        first = min(int(row), len(self._places_m) - 2)
+        share = row - first
+        between: NDArray[np.float64] = (1.0 - share) * self._places_m[first] + share * self._places_m[
+            first + 1
+        ]
+        return between
+
+
+def load_truth(path: str) -> Truth:
+    """The truth in the file that REBAR_TRUTH names. Raises SetupError where there is none."""
+    file = Path(path)
+    document = parse_document(TruthDocument, file.read_bytes()) if path and file.is_file() else None
+    if document is None:
+        remedy = "start this program through the bench, from a manifest with truth: true"
+        raise SetupError(Fault("REBAR_TRUTH", "names no truth", remedy))
+    return Truth(document)

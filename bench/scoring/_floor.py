@@ -1,0 +1,118 @@
+"""What can be had without merit, and what can be had at all: floor and ceiling of every node (ruling 24)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Literal
+
+import polars as pl
+from pydantic import Field
+
+from bench.documents import Document
+
+from ._table import EXCLUDED_OUTCOMES
+
+# Ruling 24: an observable does not discriminate where its floor is above a half, or above nine tenths of its
+# ceiling.
+MAX_FLOOR = 0.5
+MAX_FLOOR_OF_CEILING = 0.9
+
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+class NodeFloor(Document):
+    """Floor and ceiling of one node, over the scenes that every agent of the floor has flown."""
+
+    id: str
+    level: Literal["principle", "ka", "vab", "observable"]
+    floor: Annotated[
+        Share | None, Field(description="Best confidence of a null agent. Null: never considered.")
+    ]
+    floor_agents: Annotated[tuple[str, ...], Field(description="The null agents that reach it.")]
+    ceiling: Annotated[
+        Share | None,
+        Field(
+            description="Confidence of the agent that is given the truth. Null: never considered, or not flown."
+        ),
+    ]
+    scenes: Annotated[
+        int, Field(ge=0, description="Scenes in which the node was considered for some agent of the floor.")
+    ]
+
+    @property
+    def discrimination(self) -> float | None:
+        """Ceiling minus floor, -1 to 1; None where one of them is not known."""
+        return None if self.floor is None or self.ceiling is None else self.ceiling - self.floor
+
+    @property
+    def flaw(self) -> str:
+        """Why this observable does not discriminate; empty where it does, and for any other node."""
+        if self.level != "observable" or self.floor is None:
+            return ""
+        if self.floor > MAX_FLOOR:
+            return f"{_named(self.floor_agents)} without merit: {self.floor:.0%}"
+        if self.ceiling is not None and self.floor > MAX_FLOOR_OF_CEILING * self.ceiling:
+            return f"{_named(self.floor_agents)}: {self.floor:.0%} of at most {self.ceiling:.0%}"
+        return ""
+
+
+def _named(agents: Sequence[str]) -> str:
+    return agents[0] if len(agents) == 1 else f"{agents[0]} and {len(agents) - 1} more"
+
+
+def node_floors(scores: pl.DataFrame, oracle: str | None) -> dict[str, NodeFloor]:
+    """Floor and ceiling of every node in a score table of null agents and of the agent named `oracle`.
+
+    Confidences are means over considered runs (ruling 13) in the scenes that all of these agents have flown
+    with an outcome that counts: on other scenes one agent could be lucky alone. A node that was never
+    considered has neither. `oracle` is None where none was flown.
+    """
+    flown = scores.filter(~pl.col("outcome").is_in(EXCLUDED_OUTCOMES))
+    scene = ["design_point", "replicate"]
+    agents = scores["agent"].n_unique()
+    common = (
+        flown.group_by(scene).agg(pl.col("agent").n_unique().alias("flown")).filter(pl.col("flown") == agents)
+    )
+    considered = flown.join(common, on=scene, how="semi").filter(pl.col("confidence").is_not_null())
+    means = considered.group_by("node", "agent").agg(pl.col("confidence").mean())
+    by_node: dict[str, dict[str, float]] = {}
+    # Sorted, because Polars returns groups in no fixed order.
+    for node, agent, confidence in means.sort("node", "agent").iter_rows():
+        by_node.setdefault(node, {})[agent] = confidence
+    counts = considered.select("node", *scene).unique().group_by("node").len()
+    scenes: Mapping[str, int] = dict(counts.iter_rows())
+    nodes = scores.select("node", "level").unique(maintain_order=True).iter_rows()
+    return {
+        node: _node_floor(node, level, by_node.get(node, {}), oracle, scenes.get(node, 0))
+        for node, level in nodes
+    }
+
+
+def _node_floor(
+    node: str,
+    level: Literal["principle", "ka", "vab", "observable"],
+    confidences: Mapping[str, float],
+    oracle: str | None,
+    scenes: int,
+) -> NodeFloor:
+    null = {agent: confidence for agent, confidence in confidences.items() if agent != oracle}
+    floor = max(null.values(), default=None)
+    # Means of the same runs in another order may differ in the last digit.
+    reached = (
+        agent for agent, confidence in null.items() if floor is not None and confidence >= floor - 1e-12
+    )
+    ceiling = confidences.get(oracle) if oracle is not None else None
+    return NodeFloor(
+        id=node, level=level, floor=floor, floor_agents=tuple(reached), ceiling=ceiling, scenes=scenes
+    )
+
+
+def worst_first(floors: Mapping[str, NodeFloor]) -> list[NodeFloor]:
+    """The least discriminating nodes first; by floor where there is no ceiling; the never considered last."""
+
+    def key(node: NodeFloor) -> tuple[bool, float, str]:
+        apart = node.discrimination
+        least = apart if apart is not None else 1.0 - (node.floor or 0.0)
+        return (node.floor is None, least, node.id)
+
+    return sorted(floors.values(), key=key)

@@ -1,0 +1,121 @@
+"""Floor and ceiling as a user meets them: run --floor, the check of a decomposition, scores and report."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import pytest
+
+from bench.cli._app import run
+from bench.contracts import SessionResult
+from bench.recording import read_simspec, read_tape
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
+CAMPAIGN = """
+format: rebar.campaign/1
+name: floored
+base_file: scene.yaml
+agents: [{manifest: reference-naive}]
+floor: {agents: [{manifest: null-idle}, {manifest: null-orders}], least_scenes: 1}
+design:
+  seed: 3
+  method: {kind: full_factorial}
+  factors:
+    - {name: concealment, levels: [0.5, 1.0], sets: ['actors[radar].concealment']}
+"""
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two scenes of five simulated seconds; the floor flies one of them."""
+    folder = tmp_path_factory.mktemp("floored")
+    scene = EXAMPLE.read_text().replace("time_limit_s: 300.0", "time_limit_s: 5.0")
+    (folder / "scene.yaml").write_text(scene)
+    (folder / "floored.yaml").write_text(CAMPAIGN)
+    line = ["run", str(folder / "floored.yaml"), "--out", str(folder / "out"), "--workers", "1"]
+    assert run(line) == 0
+    return folder / "out"
+
+
+def printed(line: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    capsys.readouterr()
+    assert run(line) == 0
+    return capsys.readouterr().out
+
+
+def test_the_floor_is_apart_from_the_scores(campaign: Path) -> None:
+    """scores.parquet is about the agent under test alone; the digests cover both."""
+    assert set(pl.read_parquet(campaign / "scores.parquet")["agent"]) == {"reference-naive"}
+    assert set(pl.read_parquet(campaign / "floor.parquet")["agent"]) == {"null-idle", "null-orders", "oracle"}
+    manifest = json.loads((campaign / "manifest.json").read_text())
+    assert {"floor.parquet", "scores.parquet"} <= set(manifest["files"])
+    assert any("null-idle/recording.mcap" in name for name in manifest["files"])
+    assert run(["verify", str(campaign)]) == 0
+
+
+def test_whoever_is_given_the_truth_is_marked(campaign: Path) -> None:
+    """In the result and in the recording, and nobody else is."""
+    given = set()
+    for path in campaign.glob("runs/*/result.json"):
+        result = SessionResult.model_validate_json(path.read_bytes())
+        recording = path.with_name("recording.mcap")
+        events = {event.value.name for event in read_tape(recording, read_simspec(recording)).events}
+        assert ("truth given" in events) is ("truth" in result.details)
+        if "truth" in result.details:
+            given.add(result.realization)
+    assert len(given) == 1
+    assert given.pop().endswith("-oracle")
+
+
+def test_the_check_shows_every_node(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As JSON every node with its numbers, as a table the worst first."""
+    text = printed(
+        ["decomposition", "check", "search-and-report", "--floor", str(campaign), "--json"], capsys
+    )
+    document: dict[str, Any] = json.loads(text)
+    nodes = document["floor"]
+    assert len(nodes) == document["nodes"]
+    known = [node["discrimination"] for node in nodes if node["discrimination"] is not None]
+    assert known == sorted(known)
+    assert all(set(node) >= {"floor", "floor_agents", "ceiling", "scenes", "flaw"} for node in nodes)
+    table = printed(["decomposition", "check", "search-and-report", "--floor", str(campaign)], capsys)
+    assert "observables do not discriminate" in table
+    assert "worst first" in table
+
+
+def test_a_check_without_a_floor(campaign: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """The document alone is checked; a folder without null agents is refused with what to do."""
+    assert "every measure" in printed(["decomposition", "check", "search-and-report-full"], capsys)
+    assert run(["decomposition", "check", "search-and-report", "--floor", str(tmp_path)]) == 2
+    assert run(["decomposition", "check", "nowhere"]) == 2
+
+
+def test_confidence_stands_beside_floor_and_ceiling(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In the JSON document, in the table, and on the page."""
+    before = (campaign / "scores.parquet").read_bytes()
+    document = json.loads(printed(["score", str(campaign), "--json"], capsys))
+    whole = [node for node in document["nodes"] if node["configuration"] == "all"]
+    assert {node["agent"] for node in whole} == {"reference-naive"}
+    assert any(node["floor"] is not None for node in whole)
+    assert all(node["floor"] is None for node in document["nodes"] if node["configuration"] != "all")
+    flags = {node["discriminates"] for node in whole if node["level"] == "observable"}
+    assert flags & {True, False}
+    assert (campaign / "scores.parquet").read_bytes() == before
+    table = printed(["score", str(campaign)], capsys)
+    assert "Floor" in table
+    assert "Ceiling" in table
+    page = (campaign / "report.html").read_text()
+    assert "What needs no merit" in page
+    assert 'data-agent="null-idle"' not in page
+    assert run(["verify", str(campaign)]) == 0
+
+
+def test_a_run_says_who_is_given_the_truth(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Resumed with nothing left to fly, it still says so."""
+    text = printed(["run", str(campaign.parent / "floored.yaml"), "--out", str(campaign)], capsys)
+    assert "oracle is given the truth" in text
