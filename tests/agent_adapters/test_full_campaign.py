@@ -7,7 +7,9 @@ from typing import get_args
 
 from bench.campaign import load_campaign
 from bench.realization import check_placement, place, realize
+from bench.scoring import difficulty_of
 from bench.simspec import OrderKind
+from decompositions import Level, load_decomposition
 
 CAMPAIGN = Path(__file__).parents[2] / "campaigns" / "full.yaml"
 
@@ -47,3 +49,30 @@ def test_its_scenes_have_a_place_for_everybody() -> None:
     plans = realize(campaign.situation, campaign.design, campaign.agents[:1])
     for plan in plans[::6]:
         assert check_placement(place(plan.simspec)) == []
+
+
+# Observables that fewer than a quarter of the scenes can exercise, with the runs that 59 considered ones need.
+RARE: dict[str, int] = {}
+
+
+def test_every_observable_is_exercised_and_every_key_attribute_takes_three_difficulties() -> None:
+    """Read from the SimSpecs alone (ruling 14): each observable in a quarter of the scenes or declared rare, and
+    no scene rates a key attribute or a principle at 0.
+    """
+    campaign = load_campaign(CAMPAIGN)
+    decomposition = load_decomposition(campaign.decomposition)
+    plans = realize(campaign.situation, campaign.design, campaign.agents[:1])
+    difficulties = [difficulty_of(decomposition, plan.simspec) for plan in plans]
+    exercised = {
+        observable: sum(difficulty.of(observable) is not None for difficulty in difficulties)
+        for observable in decomposition.observables
+    }
+    assert {leaf for leaf, count in exercised.items() if 4 * count < len(plans)} == set(RARE)
+    ratings = {
+        node: {value for difficulty in difficulties if (value := difficulty.of(node)) is not None}
+        for node in decomposition.nodes
+    }
+    assert [node for node in decomposition.key_attributes if len(ratings[node]) < 3] == []
+    principles = decomposition.at_level(Level.PRINCIPLE)
+    assert [node for node in principles if len(ratings[node] - {0.0}) < 2] == []
+    assert [node for node, values in ratings.items() if 0.0 in values] == []
