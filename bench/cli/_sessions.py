@@ -37,6 +37,12 @@ def simulate(
         print(dump_json(result), end="")
     else:
         console = Console()
+        if "truth" in result.details:
+            console.print(
+                f"the truth was {result.details['truth']}: its results are no agent's",
+                markup=False,
+                highlight=False,
+            )
         ended = f"{result.outcome} after {result.simulated_s:.1f} simulated s ({result.wall_s:.1f} s): {result.reason}"
         # Nothing was flown, so the reason is about the file.
         if not result.simulated_s:

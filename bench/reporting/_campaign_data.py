@@ -29,7 +29,7 @@ class Run:
     """One realization: what it was, how it ended, and where its recording is (None when there is none).
 
     `after_stop` says that it was flown although earlier replicates had decided the question: it counts in no
-    number.
+    number. `truth_given` says that the bench gave its agent the truth.
     """
 
     realization: str
@@ -44,6 +44,7 @@ class Run:
     recording: Path | None = None
     recording_sha256: str | None = None
     after_stop: bool = False
+    truth_given: bool = False
 
     @property
     def scene(self) -> tuple[str, int]:

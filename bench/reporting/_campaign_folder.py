@@ -48,6 +48,10 @@ def load_report_data(folder: Path) -> ReportData:
     simspecs = {
         run.realization: all_simspecs[run.realization] for run in runs if run.realization in all_simspecs
     }
+    if told := sorted({run.agent for run in runs if run.truth_given}):
+        notes.append(
+            f"Given the truth: {', '.join(told)}. What is shown of it can be reached, and is no agent's result."
+        )
     nodes, roots = _nodes(document, scores)
     study = _study(campaign, document, nodes)
     agents = _agents(campaign, runs)
@@ -207,6 +211,7 @@ def _run(
         recording=recording if recording.is_file() else None,
         recording_sha256=result.recording_sha256 if result else None,
         # It flew and counts, yet scoring left it out: that happens only to replicates after the stop.
+        truth_given=result is not None and "truth" in result.details,
         after_stop=early_stopping and not row and result is not None and result.outcome.counts,
     )
 
