@@ -30,6 +30,8 @@ NAME = "oracle"
 MARK_MARGIN_M = 3.0
 # Of a place that is given to the millimetre, an agent still may not state an error of nothing.
 SIGMA_M = 0.5
+# Inside the edge of a reported circle by this much, for the agent's own error of place. Chosen, not measured.
+REACHED_MARGIN_M = 10.0
 # The words by which a decision names a fault (docs/measures.md).
 _FAULT_WORDS = {
     "gps_off": "gps",
@@ -161,13 +163,12 @@ class OracleMission(SearchMission):
         goal = (target.east_m, target.north_m) if target is not None else task.place
         self._log.decide("go", task.id, "the most urgent")
         self._log.enter("transit", f"to {task.id}")
-        seen = lambda: not task.active  # noqa: E731
+        # Over the reported circle itself, even if the target has been seen from afar: it counts as reached then.
+        reached_m = max(task.intelligence.uncertainty_m - REACHED_MARGIN_M, REACHED_MARGIN_M)
+        seen = lambda: not task.active and math.dist(self._place, task.place) < reached_m  # noqa: E731
         speed_mps = self._pilot.speed_mps
-        if not (
-            yield from self._follow(
-                [self._place, goal], task, speed_mps, facing=target, until=seen, looking=True
-            )
-        ):
+        path = [self._place, goal, task.place]
+        if not (yield from self._follow(path, task, speed_mps, facing=target, until=seen, looking=True)):
             return
         if task.active and target is not None:
             self._log.enter("inspecting", task.id)
