@@ -8,14 +8,28 @@ a direction), and reports all faults of a document at once.
 
 from __future__ import annotations
 
+import unicodedata
 from enum import StrEnum
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from bench.documents import Document
 
-NodeId = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.-]{0,31}$")]
+
+def _checked_id(text: str) -> str:
+    if text != text.strip():
+        raise ValueError("an id has no blanks at its ends; remove them")
+    # Line breaks and other control characters, and those that reverse or join text, would make two ids look
+    # alike in a table, or break its lines.
+    if any(unicodedata.category(character) in _REFUSED_CATEGORIES for character in text):
+        raise ValueError("an id is one line of text without control characters; remove them")
+    return text
+
+
+_REFUSED_CATEGORIES = ("Cc", "Cf", "Cs", "Zl", "Zp")
+# Ruling 19: ids are text, also those of other people's assessments ("3.2 (a)").
+NodeId = Annotated[str, Field(min_length=1, max_length=120), AfterValidator(_checked_id)]
 Sentence = Annotated[str, Field(min_length=1, max_length=2000)]
 Option = bool | int | float | str
 

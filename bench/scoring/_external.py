@@ -264,7 +264,22 @@ class _TableReader:
         for name in REQUIRED_COLUMNS:
             if name not in self._columns:
                 self._faults.add(first, f"the column {name!r} is missing", "add it")
+        self._check_factors(first)
         self._check_difficulty(first)
+
+    def _check_factors(self, first: int) -> None:
+        """Log key factors of which a column could not be read in one way: their names may be anything."""
+        units: dict[str, set[str]] = {}
+        for rows in self._decomposition.tables.values():
+            for row in rows:
+                units.setdefault(row.factor, set()).add(row.unit)
+        for name in self._factors:
+            if name in KNOWN_COLUMNS:
+                what = f"the key factor {name!r} of {self._decomposition.name} has the name of another column"
+                self._faults.add(first, what, "rename the factor")
+            if len(units[name]) > 1:
+                what = f"the tables of {self._decomposition.name} give {name!r} in {', '.join(sorted(units[name]))}"
+                self._faults.add(first, what, "use one unit in all tables")
 
     def _check_difficulty(self, first: int) -> None:
         needed = ", ".join(f"{name} ({self._units[name]})" for name in self._decomposition.factors())
