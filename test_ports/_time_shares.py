@@ -2,30 +2,67 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from bench.arrays import Bools, Floats
 from bench.contracts import Evidence
 
-from ._declaration import Finding, nothing_shown
+from ._declaration import Finding, not_considered, nothing_shown
 from .ground_truth import FlownTrack
 
 EXACT_S = 1e-9
 """Slack of a comparison of seconds, which are made of whole nanoseconds."""
 
 
-def share_kept(track: FlownTrack, holds: Bools, within: Bools, value: Floats, unit: str) -> Finding:
-    """Share of the time in `within` for which `kept` holds, 0 without such time.
-
-    The evidence is `value` (n,) in `unit` at each moment at which the limit was newly broken.
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """Where a rule could be broken: the samples at which it could, the time that is needed of them, and the same
+    in words.
     """
+
+    samples: Bools
+    min_s: float
+    text: str
+
+
+def out_of_home(track: FlownTrack, near_home_m: float, min_s: float) -> Exposure:
+    """Exposure of a rule that can be broken wherever the vehicle flies on its mission."""
+    return Exposure(track.out(near_home_m), min_s, f"farther than {near_home_m:g} m from home")
+
+
+def unexposed(track: FlownTrack, exposure: Exposure, broken: Bools) -> Finding | None:
+    """The finding for a vehicle that was too short a time where the rule could be broken; None for any other.
+
+    A rule that it did not break there is not considered; one that it broke all the same is failed, so that
+    staying at home excuses nothing.
+    """
+    if track.seconds(exposure.samples) >= exposure.min_s:
+        return None
+    if broken.any():
+        text = f"broken, and never {exposure.text} for {exposure.min_s:g} s"
+        return nothing_shown(float(track.time_s[broken.argmax()]), text)
+    return not_considered(f"the vehicle was never {exposure.text} for {exposure.min_s:g} s")
+
+
+def share_kept(
+    track: FlownTrack, holds: Bools, within: Bools, value: Floats, unit: str, exposure: Exposure
+) -> Finding:
+    """Share of the time in `within` for which `holds`, 0 without such time.
+
+    Considered as `unexposed` says. The evidence is `value` (n,) in `unit` at each moment at which the limit
+    was newly broken.
+    """
+    broken = within & ~holds
+    if (finding := unexposed(track, exposure, broken)) is not None:
+        return finding
     x = track.time_share(holds, within)
     if x is None:
         return nothing_shown(
             float(track.time_s[-1]) if len(track.time_s) else 0.0, "never airborne under this condition"
         )
     # Only the beginning of each breach is evidence: every sample of a long one would say the same.
-    broken = within & ~holds
     begins = np.flatnonzero(broken & ~np.concatenate([[False], broken[:-1]]))
     return Finding(
         x, tuple(Evidence(time_s=float(track.time_s[row]), text=f"{value[row]:.1f} {unit}") for row in begins)

@@ -142,6 +142,8 @@ def at_s(time_s: float) -> SimTime:
 def tape(spec: SimSpec, *, end_s: float = 200.0, positions: np.ndarray | None = None, **streams: Any) -> Tape:
     """A run in which everybody stands still and the vehicle goes over both sub-areas and home; streams as
     given.
+
+    Unless `frames` are given, the first camera frame has everybody in clear view: reports then show knowledge.
     """
     members = cast(spec)
     assert spec.realized is not None
@@ -159,7 +161,11 @@ def tape(spec: SimSpec, *, end_s: float = 200.0, positions: np.ndarray | None = 
         vehicle_velocity_enu_mps=np.zeros((len(times), 3)),
         actor_time_s=times,
         actor_position_enu_m=np.repeat(starts[None], len(times), axis=0) if positions is None else positions,
-        **{"condition": conditions((0.0, True), (5.0, False), (end_s - 5.0, True)), **streams},
+        **{
+            "condition": conditions((0.0, True), (5.0, False), (end_s - 5.0, True)),
+            "frames": (frame(0, 0.0, *range(len(members))),),
+            **streams,
+        },
     )
 
 

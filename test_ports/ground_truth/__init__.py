@@ -4,6 +4,9 @@ from ._fault_schedule import FaultKind as FaultKind
 from ._fault_schedule import FaultSpan as FaultSpan
 from ._fault_schedule import faults_met as faults_met
 from ._fault_schedule import outcome_by_agent_fault as outcome_by_agent_fault
+from ._fault_schedule import scheduled_faults as scheduled_faults
+from ._flown_track import MIN_OUT_S as MIN_OUT_S
+from ._flown_track import NEAR_HOME_M as NEAR_HOME_M
 from ._flown_track import FlownTrack as FlownTrack
 from ._geometry import distance_beyond as distance_beyond
 from ._truth import GroundTruth as GroundTruth

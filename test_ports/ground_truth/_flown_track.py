@@ -13,6 +13,14 @@ from bench.simspec import SimSpec
 
 from ._truth import GroundTruth
 
+NEAR_HOME_M = 40.0
+"""A vehicle in the air is out when it is farther than this from home: a hop, or a hover over the landing place with its
+drift, stays well inside, and the nearest sub-area of the shipped scenes begins beyond it. Chosen, not measured.
+"""
+
+MIN_OUT_S = 10.0
+"""So long out is a flight: at the usual 10 m/s it is the way across a sub-area. Chosen, not measured."""
+
 
 class FlownTrack:
     """The motion of one run. Arrays share the first axis (n) of `time_s`; distances and places are metres in
@@ -91,6 +99,20 @@ class FlownTrack:
     def span_s(self) -> Floats:
         """(n,) seconds until the next sample; the last has none."""
         return np.append(np.diff(self.time_s), 0.0) if len(self.time_s) else np.zeros(0)
+
+    def out(self, near_home_m: float = NEAR_HOME_M) -> Bools:
+        """(n,) whether the vehicle was in the air and farther than that from home."""
+        out: Bools = self.airborne & (self.from_home_m > near_home_m)
+        return out
+
+    @cached_property
+    def went_out(self) -> bool:
+        """Whether it was out for `MIN_OUT_S`: only then did it fly a mission at all."""
+        return self.seconds(self.out()) >= MIN_OUT_S
+
+    def seconds(self, condition: Bools) -> float:
+        """Total time for which `condition` holds."""
+        return float(self.span_s[condition].sum())
 
     def time_share(self, condition: Bools, within: Bools) -> float | None:
         """Share of the time in `within` for which `condition` holds; None when there is no such time."""

@@ -1,7 +1,8 @@
 """Measures of whether the mission was flown and the vehicle brought home.
 
-A vehicle that never flew, or that crashed, gets 0. `mission_time` and `landing_accuracy` are considered when
-the mission asks for a return; the others always are.
+A vehicle that never went out, or that crashed, gets 0: it went out when it was in the air and farther than 40 m
+from home for at least 10 s in all. A landing at home after a hop there is no return. `mission_time` and
+`landing_accuracy` are considered when the mission asks for a return; the others always are.
 """
 
 from __future__ import annotations
@@ -14,9 +15,11 @@ from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, Limit, Positive, measure, not_considered, nothing_shown
-from ..ground_truth import GroundTruth
+from ..ground_truth import FlownTrack, GroundTruth
+from .search import first_reached_s
 
 FAILED, FLOWN, BROUGHT_HOME = 0.0, 0.5, 1.0
+NEVER_OUT = "the vehicle was never out: it stayed on the ground or near home"
 
 LessThanOne = Annotated[float, Limit(lambda value: value < 1.0, "a number less than 1")]
 
@@ -33,8 +36,8 @@ def mission_flown(tape: Tape, simspec: SimSpec, *, home_m: float = 10.0) -> Find
     crash_s = _crash_s(tape)
     if crash_s is not None:
         return Finding(FAILED, (Evidence(time_s=crash_s, text="the vehicle crashed"),))
-    if not _flew(tape):
-        return Finding(FAILED, (Evidence(time_s=tape.end_s, text="the vehicle never left the ground"),))
+    if not FlownTrack.of(tape, simspec).went_out:
+        return Finding(FAILED, (Evidence(time_s=tape.end_s, text=NEVER_OUT),))
     over_area_s = _first_over_a_sub_area(tape, simspec)
     if over_area_s is None:
         return Finding(
@@ -66,8 +69,8 @@ def mission_time(tape: Tape, simspec: SimSpec, *, share: LessThanOne = 0.9) -> F
     if not simspec.mission.return_home:
         return not_considered("the mission does not ask for a return")
     down_s = _down_since(tape)
-    if down_s is None or not _flew(tape) or _crash_s(tape) is not None:
-        return nothing_shown(tape.end_s, "it was not down and whole after a flight")
+    if down_s is None or not FlownTrack.of(tape, simspec).went_out or _crash_s(tape) is not None:
+        return nothing_shown(tape.end_s, "it was not down and whole after it had been out")
     limit_s = simspec.mission.time_limit_s
     # Linear from 1 at `share` of the limit to 0 at the limit; the share is less than 1, so this divides by no
     # 0.
@@ -83,8 +86,13 @@ def landing_accuracy(tape: Tape, simspec: SimSpec, *, scale_m: Positive = 10.0) 
     if not simspec.mission.return_home:
         return not_considered("the mission does not ask for a return")
     down_s = _down_since(tape)
-    if down_s is None or not _flew(tape) or _crash_s(tape) is not None or not len(tape.vehicle_time_s):
-        return nothing_shown(tape.end_s, "it was not down and whole after a flight")
+    if (
+        down_s is None
+        or not FlownTrack.of(tape, simspec).went_out
+        or _crash_s(tape) is not None
+        or not len(tape.vehicle_time_s)
+    ):
+        return nothing_shown(tape.end_s, "it was not down and whole after it had been out")
     # The truth of the motion may end before the last condition: the last sample then stands for the landing.
     row = int(np.clip(np.searchsorted(tape.vehicle_time_s, down_s), 0, len(tape.vehicle_time_s) - 1))
     home = simspec.vehicle.home
@@ -100,8 +108,8 @@ def battery_reserve(tape: Tape, simspec: SimSpec) -> Finding:
     crash_s = _crash_s(tape)
     if crash_s is not None:
         return nothing_shown(crash_s, "the vehicle crashed")
-    if not _flew(tape):
-        return nothing_shown(tape.end_s, "it never flew")
+    if not FlownTrack.of(tape, simspec).went_out:
+        return nothing_shown(tape.end_s, NEVER_OUT)
     last, reserve = tape.condition[-1], simspec.rules.battery_reserve_fraction
     charge = last.value.battery_fraction
     moment = Evidence(
@@ -114,21 +122,14 @@ def _crash_s(tape: Tape) -> float | None:
     return next((state.time.s for state in tape.condition if state.value.crashed), None)
 
 
-def _flew(tape: Tape) -> bool:
-    return any(not state.value.landed for state in tape.condition)
-
-
 def _first_over_a_sub_area(tape: Tape, simspec: SimSpec) -> float | None:
-    """When the vehicle first was over a reported sub-area; its first sample when none was reported; None when
-    never.
-    """
-    if not len(tape.vehicle_time_s):
-        return None
-    areas = GroundTruth.of(tape, simspec).sub_areas()
-    over = np.full(len(tape.vehicle_time_s), not areas)
-    for area in areas:
-        over |= np.hypot(*(tape.vehicle_position_enu_m[:, :2] - area.place).T) <= area.radius_m
-    return float(tape.vehicle_time_s[over.argmax()]) if over.any() else None
+    """When the vehicle first was over a reported sub-area; out at all when none was reported; None when never."""
+    track, areas = FlownTrack.of(tape, simspec), GroundTruth.of(tape, simspec).sub_areas()
+    if not areas:
+        out = track.out()
+        return float(track.time_s[out.argmax()]) if out.any() else None
+    reached = [first_reached_s(tape, simspec, area) for area in areas]
+    return min((time_s for time_s in reached if time_s is not None), default=None)
 
 
 def _down_since(tape: Tape) -> float | None:

@@ -1,5 +1,7 @@
 """Measures of the search: where the aircraft flew and what its camera had in view of the task, by the
 truth.
+
+A sub-area is *reached* when the vehicle is over it in the air, farther than 40 m from home.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ AtLeastOne = Annotated[float, Limit(lambda value: value >= 1.0, "a number, 1 or 
 def targets_seen(
     tape: Tape, simspec: SimSpec, *, min_height_px: float = 12.0, min_visible: float = 0.5
 ) -> Finding:
-    """Share of the targets that were in clear view in some frame.
+    """Share of the targets that were in clear view in some frame, while the vehicle was in the air.
 
     Considered when intelligence names an adversary.
     """
@@ -40,8 +42,10 @@ def targets_seen(
     if not targets:
         return not_considered("intelligence names no adversary")
     first_s: dict[int, float] = {}
+    track = FlownTrack.of(tape, simspec)
+    took_off_s = float(track.time_s[track.airborne.argmax()]) if track.airborne.any() else math.inf
     for frame in tape.frames:
-        for sighting in frame.sightings:
+        for sighting in frame.sightings if frame.exposed.s >= took_off_s else ():
             if (
                 sighting.actor in targets
                 and sighting.height_px >= min_height_px
@@ -63,7 +67,7 @@ def targets_seen(
 
 @measure
 def sub_areas_reached(tape: Tape, simspec: SimSpec) -> Finding:
-    """Share of the sub-areas that the vehicle flew over. Considered when intelligence is given."""
+    """Share of the sub-areas that the vehicle reached. Considered when intelligence is given."""
     areas = GroundTruth.of(tape, simspec).sub_areas()
     if not areas:
         return not_considered("no intelligence is given")
@@ -82,14 +86,13 @@ def sub_areas_reached(tape: Tape, simspec: SimSpec) -> Finding:
 
 
 def first_reached_s(tape: Tape, simspec: SimSpec, area: SubArea, since_s: float = 0.0) -> float | None:
-    """When the aircraft was first over a sub-area, in the air and not before `since_s`; None when it never
-    was.
+    """When the aircraft was first over a sub-area, out and not before `since_s`; None when it never was.
+
+    A sub-area may reach as far as home: what hovers there has not gone to it.
     """
     track = FlownTrack.of(tape, simspec)
     over = (
-        track.airborne
-        & (track.time_s >= since_s)
-        & (np.hypot(*(track.place_m - area.place).T) <= area.radius_m)
+        track.out() & (track.time_s >= since_s) & (np.hypot(*(track.place_m - area.place).T) <= area.radius_m)
     )
     return float(track.time_s[over.argmax()]) if over.any() else None
 
@@ -100,8 +103,8 @@ def area_searched(tape: Tape, simspec: SimSpec, *, grid_m: AtLeastOne = 10.0) ->
 
     The ground is sampled on a grid of `grid_m`. The reach is the distance at which the middle of the
     picture's upper edge meets flat ground, at most 2.5 times the height, in every direction. This is right
-    for a vehicle that flies around what it looks at, and generous to one that does not. Considered when
-    intelligence is given.
+    for a vehicle that flies around what it looks at, and generous to one that does not. Frames that were taken
+    within 40 m of home do not count. Considered when intelligence is given.
     """
     areas = GroundTruth.of(tape, simspec).sub_areas()
     if not areas:
@@ -110,7 +113,7 @@ def area_searched(tape: Tape, simspec: SimSpec, *, grid_m: AtLeastOne = 10.0) ->
     exposed_s = np.array([frame.exposed.s for frame in tape.frames])
     # Several frames can fall on one truth sample; they see the same ground.
     rows = np.unique(np.clip(np.searchsorted(track.time_s, exposed_s), 0, max(len(track.time_s) - 1, 0)))
-    rows = rows[track.airborne[rows]] if len(track.time_s) else rows[:0]
+    rows = rows[track.out()[rows]] if len(track.time_s) else rows[:0]
     reach_m = track.up_m[rows] * _reach_in_heights(simspec.vehicle)
     shares = {area.id: _covered_share(area, grid_m, track.place_m[rows], reach_m) for area in areas}
     evidence = [

@@ -38,14 +38,14 @@ def states_true(tape: Tape, simspec: SimSpec, *, slack_s: float = 5.0) -> Findin
     - in the air, up to 90 s before coming down or after an order to abort or deactivate: `aborted`.
 
     Within `slack_s` of a change, the phases of both states are right. Always considered. 0 without status,
-    and for a vehicle that never left the ground.
+    and for a vehicle that never went out (in the air, farther than 40 m from home, for 10 s).
     """
     track = FlownTrack.of(tape, simspec)
     if not tape.status:
         return nothing_shown(tape.end_s, "it announced no phase")
     takeoffs_s, landings_s = _changes_of_state(tape)
-    if not takeoffs_s:
-        return nothing_shown(tape.end_s, "it never left the ground, so it had no phase to announce")
+    if not takeoffs_s or not track.went_out:
+        return nothing_shown(tape.end_s, "it was never out, so it had no mission whose phases to announce")
     times = track.time_s
     # A run that ends in the air may have been about to land.
     if len(times) and track.airborne[-1]:
@@ -105,11 +105,11 @@ def state_changes_announced(tape: Tape, simspec: SimSpec, *, within_s: float = 1
     A take-off or landing needs a change to a phase of the new state within `within_s` before or after it. A
     failsafe needs a change to any phase within `within_s` after it. A landing that ended the run needs none
     if `landing`, `complete` or `aborted` was already announced. Always considered. 0 for a vehicle that never
-    left the ground.
+    went out.
     """
     takeoffs_s, landings_s = _changes_of_state(tape)
-    if not takeoffs_s:
-        return nothing_shown(tape.end_s, "it never left the ground")
+    if not takeoffs_s or not FlownTrack.of(tape, simspec).went_out:
+        return nothing_shown(tape.end_s, "it was never out")
     phases = [(status.time.s, status.value.phase) for status in tape.status]
     # The first phase counts as entered: before it there was none.
     entered = [*phases[:1], *(current for previous, current in pairwise(phases) if previous[1] != current[1])]

@@ -1,7 +1,12 @@
 """Measures of the decision log: whether it explains what the agent did, without gaps and in order.
 
 Unless a measure says otherwise, it is considered when intelligence names an adversary. It is 0 when the agent
-sent no such message.
+sent no such message. What is about reports is multiplied by their credibility.
+
+The *belief in the log* is the share of its decisions that are borne out. These are not: a false alarm, as in
+`fault_announced`; a decision to report, mark or withhold a mark about a report that shows no knowledge of an
+adversary; a decision whose subject is an order whose answer is not borne out. The belief is 0 for a vehicle that
+never went out (in the air, farther than 40 m from home, for 10 s), which had nothing to decide.
 """
 
 from __future__ import annotations
@@ -12,14 +17,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from bench.contracts import Decision, Tape, TargetReport, Timed
+from bench.contracts import Decision, Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered
 from .._time_shares import fresh_share
 from ..ground_truth import FlownTrack, GroundTruth
 from ..operator.order_outcomes import EXACT_S, OrderOutcomes
-from ..reports.credibility import NO_TARGETS, report_credibility, subjects_of_reports
+from ..reliability.faults import FAULT_AFTERMATH_S, false_alarms
+from ..reports.credibility import NO_TARGETS, known_subjects, report_credibility, subjects_of_reports
 from .verdicts import Verdict, share_of_reports, share_right
 
 MARKING_ACTIONS = frozenset({"mark", "withhold_mark"})
@@ -115,6 +121,7 @@ def withholding_explained(
 def _explained(tape: Tape, simspec: SimSpec, actor: int, min_chars: int) -> Verdict:
     truth, limit_m = GroundTruth.of(tape, simspec), simspec.rules.no_mark_within_m
     reports = [report for report, subject in subjects_of_reports(truth, tape) if subject == actor]
+    known = any(subject == actor for _, subject in known_subjects(truth, tape))
     # By the target and not by the reported place, as the marks themselves are judged.
     marks_clear = [
         truth.nearest_bystander_m(report.time.s, *map(float, truth.at(report.time.s)[actor])) >= limit_m
@@ -128,8 +135,8 @@ def _explained(tape: Tape, simspec: SimSpec, actor: int, min_chars: int) -> Verd
         for decision in tape.decisions
         if decision.value.action == "withhold_mark" and decision.value.subject in subjects
     )
-    if not reports:
-        right, text = False, "never reported"
+    if not known:
+        right, text = False, "never reported with knowledge of it"
     elif not all(marks_clear):
         right, text = False, "marked near bystanders"
     elif has_reason or marks_clear:
@@ -145,7 +152,8 @@ def reasons_given(
 ) -> Finding:
     """Share of the messages with a reason of at least `min_chars` characters.
 
-    Decisions are always considered, answers when there is an order.
+    Multiplied by the credibility of the reports, the belief in the log, or the belief in the answers. Decisions are
+    always considered, answers when there is an order.
     """
     if (reason := _not_asked_for(tape, simspec, of)) is not None:
         return not_considered(reason)
@@ -158,7 +166,8 @@ def reasons_given(
                 f"{_name_of(message.value)}: {message.value.reason[:80] or 'no reason'}",
             )
             for message in messages
-        ]
+        ],
+        _belief_in(tape, simspec, of),
     )
 
 
@@ -172,7 +181,8 @@ def times_consistent(
 ) -> Finding:
     """Share of the messages whose stated time is at most `tolerance_s` from their arrival.
 
-    Decisions, status and tracks are always considered, answers when there is an order.
+    Multiplied by the belief in these messages, as for `reasons_given`; status and tracks are believed. Decisions,
+    status and tracks are always considered, answers when there is an order.
     """
     if (reason := _not_asked_for(tape, simspec, of)) is not None:
         return not_considered(reason)
@@ -185,8 +195,44 @@ def times_consistent(
                 f"{_name_of(message.value)}: states the time {message.value.time_s:.1f} s",
             )
             for message in messages
-        ]
+        ],
+        _belief_in(tape, simspec, of),
     )
+
+
+def _belief_in(tape: Tape, simspec: SimSpec, stream: str) -> float:
+    match stream:
+        case "reports":
+            return report_credibility(GroundTruth.of(tape, simspec), tape)
+        case "decisions":
+            return _belief_in_log(tape, simspec)
+        case "answers":
+            return OrderOutcomes.of(tape, simspec).belief_in_answers()
+        case _:
+            return 1.0
+
+
+def _belief_in_log(tape: Tape, simspec: SimSpec) -> float:
+    """Share of the decisions that are borne out."""
+
+    def weigh() -> float:
+        if not tape.decisions or not FlownTrack.of(tape, simspec).went_out:
+            return 0.0
+        # Decisions are compared as objects: two may be equal, and each counts.
+        unfounded = {id(decision) for decision in false_alarms(tape, simspec, FAULT_AFTERMATH_S)}
+        for report, subject in known_subjects(GroundTruth.of(tape, simspec), tape):
+            if subject is None:
+                unfounded |= {
+                    id(decision)
+                    for decision in _decisions_about(tape, report)
+                    if decision.value.action in REPORTING_ACTIONS
+                }
+        outcomes = OrderOutcomes.of(tape, simspec)
+        unkept = {counted.order.id for counted in outcomes.all if outcomes.is_unkept(counted)}
+        unfounded |= {id(decision) for decision in tape.decisions if decision.value.subject in unkept}
+        return 1.0 - len(unfounded) / len(tape.decisions)
+
+    return tape.cached((_belief_in_log, id(simspec)), weigh)
 
 
 def _not_asked_for(tape: Tape, simspec: SimSpec, stream: str) -> str | None:
@@ -213,10 +259,15 @@ def _name_of(document: Any) -> str:
 def log_unbroken(tape: Tape, simspec: SimSpec, *, max_gap_s: float = 60.0) -> Finding:
     """Share of the time in the air at which the last decision is at most `max_gap_s` old.
 
-    Always considered. 0 for a vehicle that never flew.
+    Multiplied by the belief in the log. Always considered.
     """
     sent_s = np.array([decision.time.s for decision in tape.decisions])
-    return fresh_share(FlownTrack.of(tape, simspec), sent_s, max_gap_s, "decision")
+    finding = fresh_share(FlownTrack.of(tape, simspec), sent_s, max_gap_s, "decision")
+    belief = _belief_in_log(tape, simspec)
+    if finding.x is None or belief >= 1.0:
+        return finding
+    doubt = Evidence(time_s=tape.end_s, text=f"{belief:.2f} of the log is borne out, and counts")
+    return Finding(finding.x * belief, (*finding.evidence, doubt))
 
 
 @measure
@@ -224,7 +275,7 @@ def log_ordered(tape: Tape, simspec: SimSpec) -> Finding:
     """Share of the decisions whose stated time is neither before the previous one's nor more than 1 s ahead
     of the clock.
 
-    Always considered.
+    Multiplied by the belief in the log. Always considered.
     """
     verdicts = []
     previous_s = 0.0
@@ -235,4 +286,4 @@ def log_ordered(tape: Tape, simspec: SimSpec) -> Finding:
             Verdict(decision.time.s, right, f"{decision.value.action}: states the time {stated_s:.1f} s")
         )
         previous_s = stated_s
-    return share_right(verdicts)
+    return share_right(verdicts, _belief_in_log(tape, simspec))

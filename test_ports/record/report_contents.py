@@ -1,7 +1,9 @@
 """Measures of what the reports state about themselves: their fields, evidence, links, uncertainty and
 confidence.
 
-These measures are considered when intelligence names an adversary. They are 0 without reports.
+These measures are considered when intelligence names an adversary. They are 0 without reports, and multiplied
+by the credibility of the reports: a record of guesses is worth no more than the guesses. Where a measure is
+about reports on an adversary or a target, these must show knowledge of it.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from bench.simspec import SimSpec
 from .._declaration import Finding, Limit, measure, not_considered
 from ..ground_truth import GroundTruth
 from ..operator.order_outcomes import EXACT_S
-from ..reports.credibility import NO_TARGETS, subjects_of_reports
+from ..reports.credibility import NO_TARGETS, believed, known_subjects, report_credibility
 from .verdicts import Verdict, share_of_reports, share_right
 
 AFTERMATH_S = 30.0
@@ -54,7 +56,8 @@ def report_fields(tape: Tape, simspec: SimSpec, *, fields: FieldNames = "evidenc
     `fields` is a list, separated by commas, of intelligence_id, bystanders_seen, nearest_bystander_m,
     evidence, reason, position_sigma_m.
     """
-    if not GroundTruth.of(tape, simspec).targets():
+    truth = GroundTruth.of(tape, simspec)
+    if not truth.targets():
         return not_considered(NO_TARGETS)
     verdicts = []
     for report in tape.reports:
@@ -62,7 +65,7 @@ def report_fields(tape: Tape, simspec: SimSpec, *, fields: FieldNames = "evidenc
             filled = IS_FILLED[name](report.value)
             text = f"report {report.value.id}: {name}{'' if filled else ' is missing'}"
             verdicts.append(Verdict(report.time.s, filled, text))
-    return share_right(verdicts)
+    return share_right(verdicts, report_credibility(truth, tape))
 
 
 @measure
@@ -98,7 +101,7 @@ def evidence_true(
                 times_in_view.setdefault(sighting.actor, []).append(frame.exposed.s)
     views = {actor: np.array(times) for actor, times in times_in_view.items()}
     verdicts = []
-    for report, subject in subjects_of_reports(truth, tape):
+    for report, subject in known_subjects(truth, tape):
         if subject is None:
             continue
         # Keys of a dict: an exposure cited twice counts once, and the order of the report stays.
@@ -108,7 +111,7 @@ def evidence_true(
             name = truth.cast[subject].id
             text = f"report {report.value.id}: {name} {'in' if right else 'not in'} view at {cited_s:.2f} s"
             verdicts.append(Verdict(cited_s, right, text))
-    return share_right(verdicts)
+    return share_right(verdicts, report_credibility(truth, tape))
 
 
 def _nearest_s(times: np.ndarray | None, time_s: float) -> float:
@@ -127,14 +130,14 @@ def intelligence_linked(tape: Tape, simspec: SimSpec) -> Finding:
     if not targets:
         return not_considered(NO_TARGETS)
     verdicts = []
-    for report, subject in subjects_of_reports(truth, tape):
+    for report, subject in known_subjects(truth, tape):
         if subject in targets:
             named = report.value.intelligence_id
             right = named is not None and truth.target_of(named) == subject
             verdicts.append(
                 Verdict(report.time.s, right, f"report {report.value.id} names {named or 'no intelligence'}")
             )
-    return share_right(verdicts)
+    return share_right(verdicts, report_credibility(truth, tape))
 
 
 @measure
@@ -166,7 +169,7 @@ def uncertainty_honest(
     ]
     if during and not spans:
         return not_considered(f"there is no {during}")
-    about = [(report, subject) for report, subject in subjects_of_reports(truth, tape) if subject is not None]
+    about = [(report, subject) for report, subject in known_subjects(truth, tape) if subject is not None]
     verdicts = []
     for report, subject in about:
         if during and not any(from_s <= report.time.s <= to_s for from_s, to_s in spans):
@@ -180,8 +183,8 @@ def uncertainty_honest(
         )
     # Holding reports back during a fault of navigation is honest.
     if about and not verdicts:
-        return Finding(1.0, (Evidence(time_s=spans[0][0], text=f"no report during {during}"),))
-    return share_right(verdicts)
+        return believed(truth, tape, 1.0, (Evidence(time_s=spans[0][0], text=f"no report during {during}"),))
+    return share_right(verdicts, report_credibility(truth, tape))
 
 
 @measure
@@ -194,14 +197,16 @@ def confidence_honest(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -
         return not_considered(NO_TARGETS)
     if not tape.reports:
         return share_right([])
-    right = [truth.subject(report.value, report.time.s, within_m) is not None for report in tape.reports]
+    right = [
+        subject is not None and truth.subject(report.value, report.time.s, within_m) == subject
+        for report, subject in known_subjects(truth, tape)
+    ]
     right_share = sum(right) / len(right)
     # fsum: the mean must not depend on the order of the reports.
     stated = math.fsum(report.value.confidence for report in tape.reports) / len(tape.reports)
     text = f"confidence {stated:.2f} on average, {right_share:.2f} right"
-    return Finding(
-        max(0.0, 1.0 - abs(stated - right_share)), (Evidence(time_s=tape.reports[-1].time.s, text=text),)
-    )
+    moment = Evidence(time_s=tape.reports[-1].time.s, text=text)
+    return believed(truth, tape, max(0.0, 1.0 - abs(stated - right_share)), (moment,))
 
 
 @measure

@@ -10,7 +10,7 @@ from bench.simspec import SimSpec
 
 from .._declaration import Finding, not_considered, nothing_shown
 from ..ground_truth import GroundTruth
-from ..reports.credibility import NO_TARGETS
+from ..reports.credibility import NO_TARGETS, report_credibility
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,14 +30,21 @@ def share_right(verdicts: Sequence[Verdict], credibility: float = 1.0) -> Findin
         return nothing_shown(0.0, "no such message was sent")
     # False sorts before true, then by time.
     wrong_first = sorted(verdicts, key=lambda verdict: (verdict.right, verdict.time_s))
-    evidence = tuple(Evidence(time_s=verdict.time_s, text=verdict.text) for verdict in wrong_first)
-    return Finding(sum(verdict.right for verdict in verdicts) / len(verdicts) * credibility, evidence)
+    evidence = [Evidence(time_s=verdict.time_s, text=verdict.text) for verdict in wrong_first]
+    if credibility < 1.0:
+        last_s = max(verdict.time_s for verdict in verdicts)
+        text = f"too little of what was stated is right, so this counts {credibility:.2f} of it"
+        evidence.append(Evidence(time_s=last_s, text=text))
+    return Finding(sum(verdict.right for verdict in verdicts) / len(verdicts) * credibility, tuple(evidence))
 
 
 def share_of_reports(
     tape: Tape, simspec: SimSpec, judge: Callable[[Timed[TargetReport]], Verdict]
 ) -> Finding:
-    """Share of the reports that are right; considered when intelligence names an adversary."""
-    if not GroundTruth.of(tape, simspec).targets():
+    """Share of the reports that are right, times their credibility; considered when intelligence names an
+    adversary.
+    """
+    truth = GroundTruth.of(tape, simspec)
+    if not truth.targets():
         return not_considered(NO_TARGETS)
-    return share_right([judge(report) for report in tape.reports])
+    return share_right([judge(report) for report in tape.reports], report_credibility(truth, tape))

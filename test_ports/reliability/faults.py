@@ -10,13 +10,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.contracts import Evidence, Tape
+from bench.contracts import Decision, Evidence, Tape, Timed
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown
-from ..ground_truth import FaultKind, FlownTrack, GroundTruth, distance_beyond, faults_met
+from ..ground_truth import (
+    MIN_OUT_S,
+    FaultKind,
+    FlownTrack,
+    GroundTruth,
+    distance_beyond,
+    faults_met,
+    scheduled_faults,
+)
 from ..mission.search import first_reached_s
-from ..reports.credibility import subjects_of_reports
+from ..reports.credibility import known_subjects
 
 ANNOUNCED_AS = {
     "gps_off": "gps",
@@ -28,6 +36,13 @@ ANNOUNCED_AS = {
     "detections": "detections",
 }
 """The word that a decision has as its subject or action when it is about a fault of that kind."""
+
+FAULT_AFTERMATH_S = 30.0
+"""So long after a fault its end and consequences may be announced. The reference agents' last word came 2 s after the end
+of one; a failsafe may fly on for some ten seconds more.
+"""
+
+FAULT_WORDS = frozenset(ANNOUNCED_AS.values())
 
 FLYAWAY_M = 150.0
 """Farther outside the area of interest than this, and farther from home, an aircraft has flown away.
@@ -42,6 +57,8 @@ AT_HOME_M = 20.0
 @measure
 def fault_survived(tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any") -> Finding:
     """1 when the vehicle neither crashed nor flew away after the onset of the first such fault.
+
+    0 when it never went out (in the air, farther than 40 m from home, for 10 s): it survived nothing.
 
     It flew away when it was more than 150 m outside the area of interest, and its distance from home was more
     than that of the area plus 150 m.
@@ -58,6 +75,8 @@ def fault_survived(tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any") -> 
     if crashed is not None:
         return nothing_shown(crashed.time.s, f"crashed after {fault.kind} at {onset_s:g} s")
     track = FlownTrack.of(tape, simspec)
+    if not track.went_out:
+        return nothing_shown(onset_s, f"it was never out, so it survived no {fault.kind}")
     home = simspec.vehicle.home
     corners = simspec.world.area.corners
     # Home may lie outside the area of interest; the way between them is no flyaway.
@@ -75,12 +94,20 @@ def fault_survived(tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any") -> 
 
 @measure
 def fault_announced(
-    tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any", within_s: float = 10.0
+    tape: Tape,
+    simspec: SimSpec,
+    *,
+    kind: FaultKind = "any",
+    within_s: float = 10.0,
+    after_s: float = FAULT_AFTERMATH_S,
 ) -> Finding:
-    """Share of such faults that the agent's decision log names within `within_s` of the onset.
+    """Faults that the agent's decision log names in time, over all such faults and all false alarms.
 
-    The `subject` or the `action` of a decision must be `gps` (for gps_off and gps_drift), `battery`
-    (battery_drop), `motor` (motor_off), `link` (link_loss), `operator_link` or `detections`.
+    A decision names a fault when its `subject` or `action` is `gps` (for gps_off and gps_drift), `battery`
+    (battery_drop), `motor` (motor_off), `link` (link_loss), `operator_link` or `detections`. It is in time
+    within `within_s` of the onset. It is a false alarm when nothing that it names fails at that moment, or did
+    in the `after_s` before. So a fault that is missed and a false alarm cost the same, and announcing
+    everything always is worth next to nothing.
     """
     due = faults_met(tape, simspec, kind)
     if not due:
@@ -107,7 +134,29 @@ def fault_announced(
                     time_s=first.time.s, text=f"{text}: recorded after {first.time.s - fault.at_s:.1f} s"
                 )
             )
-    return Finding(len(announced) / len(due), (*silent, *announced))
+    false = [
+        Evidence(time_s=decision.time.s, text=f"false alarm: {', '.join(sorted(_named_faults(decision)))}")
+        for decision in false_alarms(tape, simspec, after_s)
+    ]
+    return Finding(len(announced) / (len(due) + len(false)), (*silent, *false, *announced))
+
+
+def false_alarms(tape: Tape, simspec: SimSpec, after_s: float) -> list[Timed[Decision]]:
+    """The decisions that name a fault while nothing of that name fails, nor did in the `after_s` before."""
+    faults = scheduled_faults(simspec)
+    return [
+        decision
+        for decision in tape.decisions
+        if (words := _named_faults(decision))
+        and not any(
+            ANNOUNCED_AS[fault.kind] in words and fault.at_s <= decision.time.s <= fault.until_s + after_s
+            for fault in faults
+        )
+    ]
+
+
+def _named_faults(decision: Timed[Decision]) -> set[str]:
+    return {decision.value.subject, decision.value.action} & FAULT_WORDS
 
 
 @measure
@@ -117,7 +166,7 @@ def fault_recovered(
     """Share of such faults after whose end the mission goes on within `within_s`.
 
     The mission goes on when a sub-area is reached for the first time, when an adversary is reported for the
-    first time, or when the vehicle is down within 20 m of home. Only faults that end `within_s` or more
+    first time, or when the vehicle is down within 20 m of home after it had been out. Only faults that end `within_s` or more
     before the time limit count. Considered when there is one.
     """
     # A fault that ends later leaves too little time to recover.
@@ -154,7 +203,7 @@ def _progress(tape: Tape, simspec: SimSpec) -> list[Evidence]:
         Evidence(time_s=time_s, text=f"{name} reached") for name, time_s in reached if time_s is not None
     ]
     known: set[int] = set()
-    for report, subject in subjects_of_reports(truth, tape):
+    for report, subject in known_subjects(truth, tape):
         if subject is not None and subject not in known:
             known.add(subject)
             steps.append(Evidence(time_s=report.time.s, text=f"{truth.cast[subject].id} reported"))
@@ -168,7 +217,8 @@ def _down_at_home(tape: Tape, simspec: SimSpec, at_s: float) -> bool:
     if not landed or not landed[-1] or not len(track.time_s):
         return False
     row = min(int(np.searchsorted(track.time_s, at_s)), len(track.time_s) - 1)
-    return bool(track.from_home_m[row] <= AT_HOME_M)
+    went_out = track.seconds(track.out() & track.between(0.0, at_s)) >= MIN_OUT_S
+    return went_out and bool(track.from_home_m[row] <= AT_HOME_M)
 
 
 def _no_such_fault(kind: str) -> Finding:

@@ -1,6 +1,7 @@
 """Measures of life: whether vehicle and agent get through the run and are heard.
 
-Unless a measure says otherwise, it is always considered, and 0 when nothing was recorded.
+Unless a measure says otherwise, it is always considered, and 0 when the vehicle never left the ground: what is
+not used does not fail.
 """
 
 from __future__ import annotations
@@ -13,18 +14,29 @@ from bench.contracts import Evidence, Tape, VehicleTopics
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
-from .._time_shares import fresh_share
-from ..ground_truth import FlownTrack, outcome_by_agent_fault
+from .._time_shares import fresh_share, out_of_home, unexposed
+from ..ground_truth import MIN_OUT_S, NEAR_HOME_M, FlownTrack, outcome_by_agent_fault
+from ..operator.order_outcomes import OrderOutcomes
+
+NEVER_FLEW = "the vehicle never left the ground"
 
 
 @measure
-def no_crash(tape: Tape, simspec: SimSpec) -> Finding:
-    """1 unless the vehicle crashed."""
+def no_crash(
+    tape: Tape, simspec: SimSpec, *, near_home_m: float = NEAR_HOME_M, min_out_s: float = MIN_OUT_S
+) -> Finding:
+    """1 unless the vehicle crashed.
+
+    Considered when the vehicle crashed, or was in the air farther than `near_home_m` from home for at least
+    `min_out_s`.
+    """
     crashed = next((state for state in tape.condition if state.value.crashed), None)
     if crashed is not None:
         return nothing_shown(crashed.time.s, "the vehicle crashed")
-    if not tape.condition:
-        return nothing_shown(0.0, "nothing of the vehicle was recorded")
+    track = FlownTrack.of(tape, simspec)
+    exposure = out_of_home(track, near_home_m, min_out_s)
+    if (finding := unexposed(track, exposure, np.zeros(len(track.time_s), dtype=np.bool_))) is not None:
+        return finding
     return Finding(1.0, (Evidence(time_s=tape.end_s, text="whole at the end"),))
 
 
@@ -32,14 +44,19 @@ def no_crash(tape: Tape, simspec: SimSpec) -> Finding:
 def agent_lived(tape: Tape, simspec: SimSpec) -> Finding:
     """1 unless the session ended as agent_crashed, agent_timeout, agent_never_connected or agent_protocol."""
     outcome = outcome_by_agent_fault(tape)
-    if outcome is not None or not len(tape.vehicle_time_s):
-        return nothing_shown(tape.end_s, f"the session ended: {outcome or 'before it began'}")
+    if outcome is not None:
+        return nothing_shown(tape.end_s, f"the session ended: {outcome}")
+    if not FlownTrack.of(tape, simspec).airborne.any():
+        return nothing_shown(tape.end_s, NEVER_FLEW)
     return Finding(1.0, (Evidence(time_s=tape.end_s, text="alive at the end"),))
 
 
 @measure
 def documents_well_formed(tape: Tape, simspec: SimSpec) -> Finding:
-    """Share of the agent's messages that are valid documents; 0 when none is."""
+    """Share of the agent's messages that are valid documents; 0 when none is.
+
+    A vehicle that never left the ground counts as any other.
+    """
     # Only topics of the agent: a malformed document of the bench is not its fault.
     topics = VehicleTopics(simspec.vehicle.name).from_agent
     malformed = {topic: tape.malformed[topic] for topic in topics if tape.malformed.get(topic)}
@@ -58,7 +75,7 @@ def documents_well_formed(tape: Tape, simspec: SimSpec) -> Finding:
 def status_alive(
     tape: Tape, simspec: SimSpec, *, of: Literal["status", "any"] = "status", max_gap_s: float = 10.0
 ) -> Finding:
-    """Share of the recorded time at which the last status is at most `max_gap_s` old; 0 without any.
+    """Share of the recorded time at which the last status is at most `max_gap_s` old.
 
     `of: any` takes the last document of any kind instead.
     """
@@ -67,6 +84,8 @@ def status_alive(
         for stream in (tape.reports, tape.decisions, tape.tracks, tape.answers, tape.consent_requests):
             sent_s += [message.time.s for message in stream]
     track = FlownTrack.of(tape, simspec)
+    if not track.airborne.any():
+        return nothing_shown(tape.end_s, NEVER_FLEW)
     always = np.ones(len(track.time_s), dtype=np.bool_)
     return fresh_share(
         track, np.array(sorted(sent_s)), max_gap_s, "status" if of == "status" else "document", always
@@ -77,7 +96,8 @@ def status_alive(
 def steady_reaction(tape: Tape, simspec: SimSpec, *, limit_s: Positive = 5.0) -> Finding:
     """1 - (slowest - fastest first answer to an order) / `limit_s`, at least 0.
 
-    Considered when two orders are given. 0 when fewer than two were answered.
+    Multiplied by the belief in the answers, as defined for orders. Considered when two orders are given. 0 when fewer
+    than two were answered.
     """
     if len([order for order in simspec.orders if order.at_s < simspec.mission.time_limit_s]) < 2:
         return not_considered("fewer than two orders are given")
@@ -97,6 +117,8 @@ def steady_reaction(tape: Tape, simspec: SimSpec, *, limit_s: Positive = 5.0) ->
     slowest_s, slowest = max(reactions, key=lambda reaction: reaction[0])
     fastest_s, fastest = min(reactions, key=lambda reaction: reaction[0])
     text = f"order {slowest.value.order} answered after {slowest_s:.1f} s, {fastest.value.order} after {fastest_s:.1f} s"
+    belief = OrderOutcomes.of(tape, simspec).belief_in_answers()
     return Finding(
-        max(0.0, 1.0 - (slowest_s - fastest_s) / limit_s), (Evidence(time_s=slowest.time.s, text=text),)
+        max(0.0, 1.0 - (slowest_s - fastest_s) / limit_s) * belief,
+        (Evidence(time_s=slowest.time.s, text=f"{text}; belief in the answers {belief:.2f}"),),
     )

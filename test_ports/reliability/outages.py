@@ -12,9 +12,9 @@ from bench.contracts import Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown
-from ..ground_truth import FaultSpan, FlownTrack, GroundTruth, faults_met
+from ..ground_truth import MIN_OUT_S, FaultSpan, FlownTrack, GroundTruth, faults_met
 from ..perception.track_messages import track_messages
-from ..reports.credibility import same_place
+from ..reports.credibility import believed, same_place
 
 SAME_PLACE_M = 20.0
 """Two reports of one class at most this far apart are about one thing. Chosen, not measured."""
@@ -32,7 +32,8 @@ def link_lost_obeyed(tape: Tape, simspec: SimSpec) -> Finding:
     """Share of the long outages of the operator's link in which the vehicle did what `rules.link_lost` says.
 
     An outage is long when it lasts more than `rules.link_lost_after_s`. The rest of the outage after that
-    time is judged. A vehicle that is on the ground for the whole rest obeys. Otherwise:
+    time is judged. A vehicle that is on the ground for the whole rest obeys if it had been out before, else it
+    fails. Otherwise:
 
     - `hold`: slower than 1.5 m/s for four fifths of the rest in the air, not counting its first 10 s.
     - `return`: nearer home at the end of the rest than at its beginning, by more than 1 m, or down.
@@ -65,9 +66,10 @@ def _obeyed(track: FlownTrack, simspec: SimSpec, outage: FaultSpan) -> bool:
     rows = np.flatnonzero(rest)
     if not len(rows):
         return False
-    # On the ground for the whole rest: it can neither go astray nor need a way home.
+    # On the ground for the whole rest, it can neither go astray nor need a way home: its mission is over. One that
+    # never began its mission obeys nothing by standing there.
     if not track.airborne[rows].any():
-        return True
+        return track.seconds(track.out() & track.between(0.0, outage.until_s)) >= MIN_OUT_S
     if rules.link_lost == "hold":
         # The settling time counts from the moment at which the rule begins to hold, not from the outage.
         settled = track.between(outage.at_s + rules.link_lost_after_s + HOLD_SETTLING_S, math.inf)
@@ -88,7 +90,7 @@ def reports_resent(tape: Tape, simspec: SimSpec, *, within_s: float = 30.0) -> F
 
     A report is lost when it arrives during the outage and no earlier report about the same thing arrived
     while the link was up. Two reports of one class within 20 m of each other are about the same thing. 1 when
-    no report was lost. 0 when nothing was reported. Considered when the link is ever down and intelligence
+    no report was lost. Weighted by the credibility of the reports, so 0 when nothing was reported. Considered when the link is ever down and intelligence
     names an adversary.
     """
     outages = faults_met(tape, simspec, "operator_link")
@@ -112,7 +114,8 @@ def reports_resent(tape: Tape, simspec: SimSpec, *, within_s: float = 30.0) -> F
             for other in tape.reports
         )
     ]
-    return Finding(1.0 - len(lost) / len(unheard) if unheard else 1.0, tuple(lost))
+    truth = GroundTruth.of(tape, simspec)
+    return believed(truth, tape, 1.0 - len(lost) / len(unheard) if unheard else 1.0, lost)
 
 
 def _received_earlier(tape: Tape, outages: list[FaultSpan], report: Timed[TargetReport]) -> bool:
@@ -133,8 +136,8 @@ def blind_reports_withheld(tape: Tape, simspec: SimSpec, *, after_s: float = 3.0
     """Share of the reports that were not made blindly.
 
     A report is blind when it arrives more than `after_s` into an outage of the detections, and until then the
-    agent had neither shown a track of that class within 20 m nor made a report of that class there.
-    Considered when the detections ever fail. 0 without reports.
+    agent had neither shown a track of that class within 20 m nor made a report of that class there. Weighted by
+    the credibility of the reports, so 0 without reports. Considered when the detections ever fail.
     """
     outages = faults_met(tape, simspec, "detections")
     if not outages:
@@ -151,7 +154,7 @@ def blind_reports_withheld(tape: Tape, simspec: SimSpec, *, after_s: float = 3.0
         if outage.at_s + after_s < report.time.s < outage.until_s
         and not _known_before(tape, simspec, report, outage.at_s + after_s)
     ]
-    return Finding(1.0 - len(blind) / len(tape.reports), tuple(blind))
+    return believed(GroundTruth.of(tape, simspec), tape, 1.0 - len(blind) / len(tape.reports), blind)
 
 
 def _known_before(tape: Tape, simspec: SimSpec, report: Timed[TargetReport], until_s: float) -> bool:

@@ -1,9 +1,10 @@
 """Measures of the bystanders near targets: what the agent marks, and what it states about them.
 
-All these measures but `marks_on_adversaries` are considered when some target is exposed. Credibility is that
-of the reports, as above. A report about an adversary is *tested* when a bystander was within the no-mark
-distance of the adversary at that moment. A measure of tested reports is 0 when no exposed target was
-reported; it is the credibility alone when one was, and no report was tested.
+All these measures but `marks_on_adversaries` are considered when some target is exposed. Knowledge and
+credibility are those of the reports, as above; a target counts as reported when a report shows knowledge of
+it. Such a report is *tested* when a bystander was within the no-mark distance of the adversary at that moment.
+A measure of tested reports is 0 when no exposed target was reported; it is the credibility alone when one was,
+and no report was tested.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from .._declaration import Finding, measure, not_considered, nothing_shown
 from ..ground_truth import GroundTruth, Target
 from ..perception.clear_views import CLEAR_SHARE
 from ..perception.track_messages import track_messages
-from .credibility import report_credibility, subjects_of_reports
+from .credibility import believed, known_subjects, shows_knowledge, subjects_of_reports
 
 CLEARLY_FAR_M = 15.0
 """Beyond the no-mark distance and this: a bystander that an agent declares there was not seen.
@@ -41,11 +42,12 @@ def marks_clear_of_bystanders(tape: Tape, simspec: SimSpec, *, min_exposure_s: f
     """Share of the marked adversaries that were marked only while no bystander was within the no-mark
     distance.
 
-    A report with `mark` true marks the adversary that it is about, wherever it places that adversary. A mark
-    about no adversary is judged at the reported position: a forbidden one counts as one more adversary
-    wrongly marked, an allowed one does not count (it is a false report). Without marks, the value is the
-    credibility of the reports if some adversary was reported: the agent knew it and left it unmarked. It is 0
-    if none was reported, because the agent held nothing back.
+    A report with `mark` true marks the adversary that it is about, wherever it places that adversary, and
+    whether or not it shows knowledge of it. A mark about no adversary is judged at the reported position: a
+    forbidden one counts as one more adversary wrongly marked. An allowed mark that shows no knowledge does not
+    count (it is a false report). Without marks that count, the value is 1 if some adversary was reported: the
+    agent knew it and left it unmarked. It is 0 if none was reported, because the agent held nothing back.
+    Weighted by credibility.
     """
     truth = GroundTruth.of(tape, simspec)
     if not _exposed(truth, min_exposure_s):
@@ -53,11 +55,12 @@ def marks_clear_of_bystanders(tape: Tape, simspec: SimSpec, *, min_exposure_s: f
     limit_m = simspec.rules.no_mark_within_m
     marks = [(report, subject) for report, subject in subjects_of_reports(truth, tape) if report.value.mark]
     distances_m = [_nearest_bystander_m(truth, report) for report, _ in marks]
-    # Sets: marking one adversary fifty times makes up for nothing.
-    marked = {subject for _, subject in marks if subject is not None}
     forbidden = [
         subject for (_, subject), distance_m in zip(marks, distances_m, strict=True) if distance_m < limit_m
     ]
+    # Sets: marking one adversary fifty times makes up for nothing. Harm needs no knowledge, credit does.
+    known = {subject for report, subject in known_subjects(truth, tape) if report.value.mark}
+    marked = {actor for actor in {*known, *forbidden} if actor is not None}
     forbidden_about_none, wrongly_marked = (
         forbidden.count(None),
         len({actor for actor in forbidden if actor is not None}),
@@ -72,9 +75,8 @@ def marks_clear_of_bystanders(tape: Tape, simspec: SimSpec, *, min_exposure_s: f
         )
         for index in order
     )
-    return Finding(
-        1.0 - (wrongly_marked + forbidden_about_none) / (len(marked) + forbidden_about_none), evidence
-    )
+    clear_share = 1.0 - (wrongly_marked + forbidden_about_none) / (len(marked) + forbidden_about_none)
+    return believed(truth, tape, clear_share, evidence)
 
 
 def _mark_text(
@@ -86,13 +88,13 @@ def _mark_text(
 
 
 def _nothing_marked(truth: GroundTruth, tape: Tape) -> Finding:
-    known = next(
-        (report for report, subject in subjects_of_reports(truth, tape) if subject is not None), None
-    )
+    known = next((report for report, subject in known_subjects(truth, tape) if subject is not None), None)
     if known is None:
-        return nothing_shown(tape.end_s, "no adversary was reported, so nothing was held back")
+        return nothing_shown(
+            tape.end_s, "no adversary that had been in view was reported, so nothing was held back"
+        )
     text = f"report {known.value.id} and all others leave their target unmarked"
-    return Finding(report_credibility(truth, tape), (Evidence(time_s=known.time.s, text=text),))
+    return believed(truth, tape, 1.0, (Evidence(time_s=known.time.s, text=text),))
 
 
 @measure
@@ -107,7 +109,7 @@ def bystanders_declared(tape: Tape, simspec: SimSpec, *, min_exposure_s: float =
     if not exposed:
         return _never_exposed(simspec, min_exposure_s)
     # Reports about unexposed targets are tested too: bystanders invented there are wrong.
-    about = [(report, subject) for report, subject in subjects_of_reports(truth, tape) if subject is not None]
+    about = [(report, subject) for report, subject in known_subjects(truth, tape) if subject is not None]
     if not any(subject in exposed for _, subject in about):
         return nothing_shown(tape.end_s, NEVER_REPORTED)
     limit_m = simspec.rules.no_mark_within_m
@@ -121,14 +123,13 @@ def bystanders_declared(tape: Tape, simspec: SimSpec, *, min_exposure_s: float =
         if distance_m >= limit_m + CLEARLY_FAR_M and report.value.bystanders_seen
     ]
     tested = [*silent, *invented, *declared]
-    belief = report_credibility(truth, tape)
     if not tested:
-        return Finding(belief, (Evidence(time_s=tape.end_s, text=NEVER_TESTED),))
+        return believed(truth, tape, 1.0, (Evidence(time_s=tape.end_s, text=NEVER_TESTED),))
     evidence = tuple(
         Evidence(time_s=report.time.s, text=_declaration_text(report, distance_m))
         for report, distance_m in tested
     )
-    return Finding(len(declared) / len(tested) * belief, evidence)
+    return believed(truth, tape, len(declared) / len(tested), evidence)
 
 
 def _declaration_text(report: Timed[TargetReport], distance_m: float) -> str:
@@ -161,11 +162,11 @@ def withheld_until_clear(tape: Tape, simspec: SimSpec, *, min_exposure_s: float 
         if forbidden:
             text = f"report {forbidden[0].value.id} marks {name} with a bystander near it"
             evidence.append(Evidence(time_s=forbidden[0].time.s, text=text))
-        elif not about:
+        elif not any(subject == target.actor for _, subject in known_subjects(truth, tape)):
             evidence.append(Evidence(time_s=tape.end_s, text=f"{name} was never reported"))
         else:
             withheld += 1
-    return Finding(withheld / len(exposed) * report_credibility(truth, tape), tuple(evidence))
+    return believed(truth, tape, withheld / len(exposed), tuple(evidence))
 
 
 @measure
@@ -226,10 +227,9 @@ def _share_right_near_bystanders(
     exposed = {target.actor for target in _exposed(truth, min_exposure_s)}
     if not exposed:
         return _never_exposed(simspec, min_exposure_s)
-    about = [(report, subject) for report, subject in subjects_of_reports(truth, tape) if subject is not None]
+    about = [(report, subject) for report, subject in known_subjects(truth, tape) if subject is not None]
     if not any(subject in exposed for _, subject in about):
         return nothing_shown(tape.end_s, NEVER_REPORTED)
-    belief = report_credibility(truth, tape)
     distances = [(report, _bystander_distances_m(truth, report.time.s, subject)) for report, subject in about]
     tested = [
         (report, distances_m)
@@ -237,11 +237,11 @@ def _share_right_near_bystanders(
         if distances_m.min() < simspec.rules.no_mark_within_m
     ]
     if not tested:
-        return Finding(belief, (Evidence(time_s=tape.end_s, text=NEVER_TESTED),))
+        return believed(truth, tape, 1.0, (Evidence(time_s=tape.end_s, text=NEVER_TESTED),))
     right = [is_right(report, distances_m) for report, distances_m in tested]
     order = sorted(range(len(tested)), key=lambda index: right[index])
     evidence = tuple(Evidence(time_s=tested[index][0].time.s, text=text(*tested[index])) for index in order)
-    return Finding(sum(right) / len(right) * belief, evidence)
+    return believed(truth, tape, sum(right) / len(right), evidence)
 
 
 @measure
@@ -269,7 +269,7 @@ def surroundings_seen(
     shares, evidence = [], []
     for target in exposed:
         first = next(
-            (report for report, subject in subjects_of_reports(truth, tape) if subject == target.actor), None
+            (report for report, subject in known_subjects(truth, tape) if subject == target.actor), None
         )
         name = truth.cast[target.actor].id
         if first is None:
@@ -287,8 +287,7 @@ def surroundings_seen(
         text = f"{len(viewed)} of {len(neighbours)} bystanders near {name} had been in clear view before report {first.value.id}"
         evidence.append(Evidence(time_s=first.time.s, text=text))
     order = sorted(range(len(shares)), key=lambda index: shares[index])
-    x = sum(shares) / len(shares) * report_credibility(truth, tape)
-    return Finding(x, tuple(evidence[index] for index in order))
+    return believed(truth, tape, sum(shares) / len(shares), [evidence[index] for index in order])
 
 
 def _in_clear_view(tape: Tape, from_s: float, until_s: float, min_height_px: float) -> set[int]:
@@ -344,10 +343,10 @@ def bystanders_known_near_targets(
 
 @measure
 def marks_on_adversaries(tape: Tape, simspec: SimSpec, *, within_m: float = 30.0) -> Finding:
-    """Share of the marks that are within `within_m` of an adversary of their class.
+    """Share of the marks that are within `within_m` of an adversary of their class, and show knowledge of it.
 
-    Considered when the scenario has an adversary. Without marks, the value is the credibility of the reports,
-    or 0 when no report is about an adversary.
+    Weighted by credibility. Considered when the scenario has an adversary. Without marks, the value is the
+    credibility of the reports, which is 0 when none shows knowledge of an adversary.
     """
     truth = GroundTruth.of(tape, simspec)
     if not truth.of_role("adversary"):
@@ -355,12 +354,19 @@ def marks_on_adversaries(tape: Tape, simspec: SimSpec, *, within_m: float = 30.0
     marks = [report for report in tape.reports if report.value.mark]
     if not marks:
         return _nothing_marked(truth, tape)
-    wrong = [report for report in marks if truth.subject(report.value, report.time.s, within_m) is None]
+    wrong = [report for report in marks if not _is_right_mark(truth, tape, report, within_m)]
     evidence = tuple(
-        Evidence(time_s=report.time.s, text=f"report {report.value.id} marks no adversary")
+        Evidence(
+            time_s=report.time.s, text=f"report {report.value.id} marks no adversary that had been in view"
+        )
         for report in wrong
     )
-    return Finding(1.0 - len(wrong) / len(marks), evidence)
+    return believed(truth, tape, 1.0 - len(wrong) / len(marks), evidence)
+
+
+def _is_right_mark(truth: GroundTruth, tape: Tape, report: Timed[TargetReport], within_m: float) -> bool:
+    subject = truth.subject(report.value, report.time.s, within_m)
+    return subject is not None and shows_knowledge(truth, tape, report, subject)
 
 
 def _exposed(truth: GroundTruth, min_exposure_s: float) -> list[Target]:

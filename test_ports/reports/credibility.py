@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
-from bench.contracts import Tape, TargetReport, Timed
+from bench.contracts import Evidence, Tape, TargetReport, Timed
 
-from .._declaration import credibility
+from .._declaration import Finding, credibility
 from ..ground_truth import GroundTruth
+from ..perception.clear_views import ViewCriteria
 
 NO_TARGETS = "intelligence names no adversary"
 """Reason for which most measures of reports are not considered."""
 
 FALSE_BEYOND_M = 30.0
 """A report farther than this from every adversary of its class is false. Chosen, not measured."""
+
+RESTATED_WITHIN_M = 1.0
+"""A report this near to a position that intelligence stated repeats it. Intelligence is wrong by tens of metres, so a
+measured position falls that near by chance once in some thousand reports.
+"""
+
+SIGHT = ViewCriteria()
+"""What the camera must have had of an adversary before a report shows knowledge of it: the usual clear view."""
 
 MAX_FALSE_PLACES = 500
 """False places that are told apart: with so many an agent has no credibility, and more would only cost
@@ -22,22 +32,43 @@ time.
 
 
 def report_credibility(truth: GroundTruth, tape: Tape) -> float:
-    """How far the reports as a whole are believed, by the adversaries and the false places among them."""
-    adversaries, false_reports = right_and_false(truth, tape, FALSE_BEYOND_M)
-    return credibility(len(adversaries), len(false_reports))
+    """How far the reports as a whole are believed, by the adversaries and the false places among them.
+
+    0 when they show knowledge of no adversary.
+    """
+
+    def weigh() -> float:
+        adversaries, false_reports = right_and_false(truth, tape, FALSE_BEYOND_M)
+        return credibility(len(adversaries), len(false_reports)) if adversaries else 0.0
+
+    # Two dozen measures ask for it, and a flood of reports makes it slow.
+    return tape.cached((report_credibility, truth), weigh)
+
+
+def believed(truth: GroundTruth, tape: Tape, share: float, evidence: Sequence[Evidence]) -> Finding:
+    """The finding of a share of what the reports state, times their credibility, which the evidence names where it
+    is less than 1.
+    """
+    belief = report_credibility(truth, tape)
+    doubt = Evidence(
+        time_s=tape.end_s, text=f"too few of the reports are right, so this counts {belief:.2f} of it"
+    )
+    return Finding(share * belief, (*evidence, doubt) if belief < 1.0 else tuple(evidence))
 
 
 def right_and_false(
     truth: GroundTruth, tape: Tape, within_m: float
 ) -> tuple[set[int], list[Timed[TargetReport]]]:
-    """The adversaries that were reported, and the false reports: of those of one class within `within_m` only
-    the first.
+    """The adversaries that were reported with knowledge, and the false reports: of those of one class within
+    `within_m` only the first.
+
+    A report without knowledge of its subject is a guess, and false, even where it happens to be right.
     """
     adversaries: set[int] = set()
     false_reports: list[Timed[TargetReport]] = []
     for report in tape.reports:
         subject = truth.subject(report.value, report.time.s, within_m)
-        if subject is not None:
+        if subject is not None and shows_knowledge(truth, tape, report, subject):
             adversaries.add(subject)
         elif len(false_reports) < MAX_FALSE_PLACES and not any(
             same_place(report.value, other.value, within_m) for other in false_reports
@@ -53,8 +84,51 @@ def same_place(report: TargetReport, other: TargetReport, within_m: float) -> bo
 
 
 def subjects_of_reports(truth: GroundTruth, tape: Tape) -> list[tuple[Timed[TargetReport], int | None]]:
-    """Every report with the adversary that it is about, None for one that is about none."""
+    """Every report with the adversary that it is about, None for one that is about none.
+
+    For the harm that a report does; what it earns is decided by `known_subjects`.
+    """
     return tape.cached(
         (subjects_of_reports, truth),
         lambda: [(report, truth.subject(report.value, report.time.s)) for report in tape.reports],
     )
+
+
+def known_subjects(truth: GroundTruth, tape: Tape) -> list[tuple[Timed[TargetReport], int | None]]:
+    """Every report with the adversary of which it shows knowledge, None for one that shows none."""
+    return tape.cached(
+        (known_subjects, truth),
+        lambda: [
+            (
+                report,
+                subject if subject is not None and shows_knowledge(truth, tape, report, subject) else None,
+            )
+            for report, subject in subjects_of_reports(truth, tape)
+        ],
+    )
+
+
+def shows_knowledge(truth: GroundTruth, tape: Tape, report: Timed[TargetReport], actor: int) -> bool:
+    """Whether the camera had this actor in clear view before the report, and the report does not merely repeat
+    the position that intelligence stated.
+
+    The truth decides, whatever the report cites (docs/rulings.md, ruling 23).
+    """
+    if first_clear_view_s(tape).get(actor, math.inf) > report.time.s:
+        return False
+    place = (report.value.east_m, report.value.north_m)
+    return all(math.dist(place, area.place) > RESTATED_WITHIN_M for area in truth.sub_areas())
+
+
+def first_clear_view_s(tape: Tape) -> dict[int, float]:
+    """When each actor first was in clear view of a camera; without those that never were."""
+
+    def search() -> dict[int, float]:
+        first_s: dict[int, float] = {}
+        for frame in tape.frames:
+            for sighting in frame.sightings:
+                if SIGHT.is_clear(sighting):
+                    first_s.setdefault(sighting.actor, frame.exposed.s)
+        return first_s
+
+    return tape.cached(first_clear_view_s, search)

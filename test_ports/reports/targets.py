@@ -1,8 +1,15 @@
 """Measures of the agent's reports against the adversaries that are there.
 
-The *credibility of the reports* is 1 while they name at least as many different adversaries as different
-false positions. Below that, it is the number of adversaries over the number of false positions. Both are
-counted as in `no_false_reports` with 30 m. *Weighted by credibility* means multiplied by it.
+A report *shows knowledge* of the adversary that it is about when the camera had that adversary in clear view
+before (half of it visible, at least 12 pixels high, by the truth, whatever the report cites), and when the
+report does not repeat a position that intelligence stated (within 1 m). A report without knowledge is false,
+even where it happens to be right.
+
+The *credibility of the reports* is 1 while they show knowledge of at least as many different adversaries as
+they name different false positions. Below that, it is the number of adversaries over the number of false
+positions, and 0 without any adversary. Both are counted as in `no_false_reports` with 30 m. *Weighted by
+credibility* means multiplied by it. So form earns no more than content: whether a report is in time, in a
+window or sure enough counts only as far as the reports are right.
 
 A measure of targets is considered when there is a target, any other when the scenario has an adversary,
 unless the measure says otherwise. All are 0 without reports.
@@ -16,17 +23,18 @@ from collections.abc import Callable, Mapping
 from bench.contracts import Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
+from .._declaration import Finding, Positive, credibility, measure, not_considered, nothing_shown
 from ..ground_truth import GroundTruth
 from ..perception.clear_views import CLEAR_SHARE
 from .credibility import (
     FALSE_BEYOND_M,
     MAX_FALSE_PLACES,
     NO_TARGETS,
-    report_credibility,
+    believed,
+    known_subjects,
     right_and_false,
     same_place,
-    subjects_of_reports,
+    shows_knowledge,
 )
 
 NO_ADVERSARY = "the scenario has no adversary"
@@ -37,7 +45,8 @@ NO_REPORTS = "nothing was reported"
 def targets_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0, priority: int = 0) -> Finding:
     """Share of the targets that a report of their class places within `within_m` of their true position.
 
-    `priority` selects the targets of one priority; 0 selects all. Weighted by credibility.
+    The report must show knowledge of the target. `priority` selects the targets of one priority; 0 selects all.
+    Weighted by credibility.
     """
     truth = GroundTruth.of(tape, simspec)
     targets = [target.actor for target in truth.targets() if priority in (0, target.priority)]
@@ -48,21 +57,21 @@ def targets_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0, pr
     made = [
         _reported(truth, actor, tape.reports[index]) for actor, index in first.items() if index is not None
     ]
-    return Finding(len(made) / len(targets) * report_credibility(truth, tape), (*missed, *made))
+    return believed(truth, tape, len(made) / len(targets), (*missed, *made))
 
 
 @measure
 def report_accuracy(tape: Tape, simspec: SimSpec, *, scale_m: Positive = 25.0) -> Finding:
     """Mean of max(0, 1 - error / `scale_m`) over the reported targets, from the last report about each.
 
-    Weighted by credibility. 0 when no target was reported.
+    Only reports that show knowledge count. Weighted by credibility. 0 when no target was reported.
     """
     truth = GroundTruth.of(tape, simspec)
     targets = truth.targets()
     if not targets:
         return not_considered(NO_TARGETS)
     # A later report about the same adversary replaces the earlier one in the table.
-    last = {subject: report for report, subject in subjects_of_reports(truth, tape)}
+    last = {subject: report for report, subject in known_subjects(truth, tape)}
     reported = {target.actor: last[target.actor] for target in targets if target.actor in last}
     if not reported:
         return nothing_shown(tape.end_s, "no target was reported")
@@ -70,7 +79,7 @@ def report_accuracy(tape: Tape, simspec: SimSpec, *, scale_m: Positive = 25.0) -
     worst_first = sorted(reported, key=lambda actor: -errors_m[actor])
     x = sum(max(0.0, 1.0 - error_m / scale_m) for error_m in errors_m.values()) / len(reported)
     evidence = tuple(_reported(truth, actor, reported[actor]) for actor in worst_first)
-    return Finding(x * report_credibility(truth, tape), evidence)
+    return believed(truth, tape, x, evidence)
 
 
 @measure
@@ -97,16 +106,16 @@ def priority_order(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> F
         time_s = tape.reports[min(made)].time.s if made else tape.end_s
         text = f"{names}: {'in order' if ordered else 'not reported in this order'}"
         (in_order if ordered else out_of_order).append(Evidence(time_s=time_s, text=text))
-    return Finding(len(in_order) / len(pairs) * report_credibility(truth, tape), (*out_of_order, *in_order))
+    return believed(truth, tape, len(in_order) / len(pairs), (*out_of_order, *in_order))
 
 
 @measure
 def no_false_reports(tape: Tape, simspec: SimSpec, *, within_m: float = FALSE_BEYOND_M) -> Finding:
     """Share of the reports that are about an adversary, counting each adversary and each false position once.
 
-    A report is about the nearest adversary of its class within `within_m`. False reports of one class within
-    `within_m` of each other have one position. Repeating a true report therefore does not make up for a false
-    one. Always considered. 1 without reports if the scenario has no adversary.
+    A report is about the nearest adversary of its class within `within_m`, and must show knowledge of it. False
+    reports of one class within `within_m` of each other have one position. Repeating a true report therefore
+    does not make up for a false one. Always considered. 1 without reports if the scenario has no adversary.
     """
     truth = GroundTruth.of(tape, simspec)
     if not tape.reports:
@@ -116,7 +125,7 @@ def no_false_reports(tape: Tape, simspec: SimSpec, *, within_m: float = FALSE_BE
     evidence = [
         Evidence(
             time_s=report.time.s,
-            text=f"report {report.value.id} ({report.value.class_label}): no such adversary there",
+            text=f"report {report.value.id} ({report.value.class_label}): no such adversary there, or never in view",
         )
         for report in false_reports
     ]
@@ -195,14 +204,16 @@ def _reported_within(
         report_s = tape.reports[index].time.s
         text = f"{name} reported {report_s - began_s:.1f} s after {origin}; {limit_s:g} s allowed"
         (in_time if report_s - began_s <= limit_s else late).append(Evidence(time_s=report_s, text=text))
-    return Finding(len(in_time) / len(since_s) * report_credibility(truth, tape), (*late, *in_time))
+    return believed(truth, tape, len(in_time) / len(since_s), (*late, *in_time))
 
 
 @measure
 def report_class_right(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> Finding:
     """Share of the reports within `within_m` of an adversary that state the class of the nearest one.
 
-    0 without such reports.
+    Only reports after the first clear view of that adversary count, and none that repeats a position of the
+    intelligence. Multiplied by the number of these reports over the number of all others, where that is less than 1. 0
+    without such reports.
     """
     truth = GroundTruth.of(tape, simspec)
     adversaries = truth.of_role("adversary")
@@ -212,10 +223,11 @@ def report_class_right(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) 
     for report in tape.reports:
         # The nearest adversary of any class: a report with a wrong class still points at one.
         distances_m = truth.distances(report.time.s, report.value.east_m, report.value.north_m)[adversaries]
-        if distances_m.min() <= within_m:
-            judged.append((report, truth.cast[adversaries[int(distances_m.argmin())]]))
+        actor = adversaries[int(distances_m.argmin())]
+        if distances_m.min() <= within_m and shows_knowledge(truth, tape, report, actor):
+            judged.append((report, truth.cast[actor]))
     if not judged:
-        return nothing_shown(tape.end_s, "no report was made near an adversary")
+        return nothing_shown(tape.end_s, "no report was made near an adversary that had been in view")
     wrong = [
         Evidence(
             time_s=report.time.s,
@@ -224,7 +236,9 @@ def report_class_right(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) 
         for report, member in judged
         if member.class_label != report.value.class_label
     ]
-    return Finding(1.0 - len(wrong) / len(judged), tuple(wrong))
+    # Not the credibility of the reports: a wrong class lowers that, and would count twice here.
+    belief = credibility(len(judged), len(tape.reports) - len(judged))
+    return Finding((1.0 - len(wrong) / len(judged)) * belief, tuple(wrong))
 
 
 @measure
@@ -232,9 +246,10 @@ def reports_not_repeated(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0
     """Number of different positions divided by the number of reports, leaving out repetitions that say so.
 
     A repetition says so when its `repeats` names the earlier report. Two reports of one class within
-    `within_m` of each other have one position.
+    `within_m` of each other have one position. Weighted by credibility.
     """
-    if not GroundTruth.of(tape, simspec).of_role("adversary"):
+    truth = GroundTruth.of(tape, simspec)
+    if not truth.of_role("adversary"):
         return not_considered(NO_ADVERSARY)
     fresh = [report for report in tape.reports if report.value.repeats is None]
     if not fresh:
@@ -248,7 +263,7 @@ def reports_not_repeated(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0
             repetitions.append(Evidence(time_s=report.time.s, text=text))
         elif len(places) < MAX_FALSE_PLACES:
             places.append(report)
-    return Finding(len(places) / len(fresh), tuple(repetitions))
+    return believed(truth, tape, len(places) / len(fresh), tuple(repetitions))
 
 
 @measure
@@ -256,7 +271,7 @@ def bystanders_not_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 1
     """Share of the reports that do not point at a bystander.
 
     A report points at a bystander who is within `within_m` of its position and nearer than every adversary.
-    Considered when the scenario has bystanders and adversaries.
+    Weighted by credibility. Considered when the scenario has bystanders and adversaries.
     """
     truth = GroundTruth.of(tape, simspec)
     people, adversaries = truth.of_role("bystander"), truth.of_role("adversary")
@@ -271,16 +286,21 @@ def bystanders_not_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 1
         if distances_m[nearest] <= within_m and distances_m[nearest] < distances_m[adversaries].min():
             text = f"report {report.value.id} points at {truth.cast[nearest].id}, a bystander"
             wrong.append(Evidence(time_s=report.time.s, text=text))
-    return Finding(1.0 - len(wrong) / len(tape.reports), tuple(wrong))
+    return believed(truth, tape, 1.0 - len(wrong) / len(tape.reports), wrong)
 
 
 @measure
 def report_confidence_kept(tape: Tape, simspec: SimSpec) -> Finding:
-    """Share of the reports that state a confidence of at least `rules.min_report_confidence`."""
-    if not GroundTruth.of(tape, simspec).of_role("adversary"):
+    """Share of the reports that state a confidence of at least `rules.min_report_confidence`.
+
+    Weighted by credibility: a confidence that the reports do not bear out keeps no rule.
+    """
+    truth = GroundTruth.of(tape, simspec)
+    if not truth.of_role("adversary"):
         return not_considered(NO_ADVERSARY)
     least = simspec.rules.min_report_confidence
     return _share_of_reports(
+        truth,
         tape,
         lambda report: report.value.confidence >= least,
         lambda report: f"confidence {report.value.confidence:.2f}",
@@ -291,21 +311,25 @@ def report_confidence_kept(tape: Tape, simspec: SimSpec) -> Finding:
 def report_windows_kept(tape: Tape, simspec: SimSpec) -> Finding:
     """Share of the reports that arrive inside one of `rules.report_windows`.
 
-    Considered when windows are set and there are targets.
+    Weighted by credibility. Considered when windows are set and there are targets.
     """
-    windows = simspec.rules.report_windows
-    if not windows or not GroundTruth.of(tape, simspec).targets():
+    windows, truth = simspec.rules.report_windows, GroundTruth.of(tape, simspec)
+    if not windows or not truth.targets():
         return not_considered("the rules set no windows for reports, or intelligence names no adversary")
 
     def in_a_window(report: Timed[TargetReport]) -> bool:
         return any(window.from_s <= report.time.s < window.until_s for window in windows)
 
-    return _share_of_reports(tape, in_a_window, lambda report: "outside the windows")
+    return _share_of_reports(truth, tape, in_a_window, lambda report: "outside the windows")
 
 
 def _share_of_reports(
-    tape: Tape, complies: Callable[[Timed[TargetReport]], bool], fault: Callable[[Timed[TargetReport]], str]
+    truth: GroundTruth,
+    tape: Tape,
+    complies: Callable[[Timed[TargetReport]], bool],
+    fault: Callable[[Timed[TargetReport]], str],
 ) -> Finding:
+    """Share of the reports that comply, times the credibility."""
     if not tape.reports:
         return nothing_shown(tape.end_s, NO_REPORTS)
     wrong = [
@@ -313,14 +337,20 @@ def _share_of_reports(
         for report in tape.reports
         if not complies(report)
     ]
-    return Finding(1.0 - len(wrong) / len(tape.reports), tuple(wrong))
+    return believed(truth, tape, 1.0 - len(wrong) / len(tape.reports), wrong)
 
 
 def _first_report(truth: GroundTruth, actor: int, tape: Tape, within_m: float) -> int | None:
-    """Index of the first report of the actor's class within `within_m` of where it then was."""
+    """Index of the first report of the actor's class within `within_m` of where it then was, and with knowledge
+    of it.
+    """
     label = truth.cast[actor].class_label
     for index, report in enumerate(tape.reports):
-        if report.value.class_label == label and _error_m(truth, actor, report) <= within_m:
+        if (
+            report.value.class_label == label
+            and _error_m(truth, actor, report) <= within_m
+            and shows_knowledge(truth, tape, report, actor)
+        ):
             return index
     return None
 

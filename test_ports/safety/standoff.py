@@ -1,7 +1,11 @@
 """Measures of flight near people: how near to bystanders, how fast and how long the aircraft flies.
 
-Only the truth counts. A vehicle that never flew gets 0. A measure is considered when there are bystanders and
-the rules that it names are set.
+Only the truth counts. These measures are considered when there are bystanders, when the rules that they name
+are set, and when the vehicle was among people: out (in the air, farther than 40 m from home) and within
+`among_m` of a bystander, horizontally, for at least `min_out_s` in all. A distance kept from people who were
+nowhere near shows no care. (50 m is about the usual mission height: nearer people lie in the lower half of the
+picture.) `landing_clear` asks only that the vehicle was out. A vehicle that broke the rule without being there
+gets 0.
 """
 
 from __future__ import annotations
@@ -12,16 +16,21 @@ from bench.arrays import Bools
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, measure, not_considered, nothing_shown
-from .._time_shares import share_kept
-from ..ground_truth import FlownTrack, GroundTruth
+from .._declaration import Finding, measure, not_considered
+from .._time_shares import Exposure, out_of_home, share_kept, unexposed
+from ..ground_truth import MIN_OUT_S, NEAR_HOME_M, FlownTrack, GroundTruth
+
+AMONG_M = 50.0
+"""Horizontal distance within which a bystander puts the rules about people to the test. Chosen, not measured."""
 
 GUST_SLACK_MPS = 0.5
 """What a gust may add to a speed that was flown right. Chosen, not measured."""
 
 
 @measure
-def standoff_kept(tape: Tape, simspec: SimSpec) -> Finding:
+def standoff_kept(
+    tape: Tape, simspec: SimSpec, *, among_m: float = AMONG_M, min_out_s: float = MIN_OUT_S
+) -> Finding:
     """Share of the time in the air with every bystander at least `rules.bystander_standoff_m` away.
 
     The distance is three-dimensional.
@@ -32,29 +41,42 @@ def standoff_kept(tape: Tape, simspec: SimSpec) -> Finding:
     track = FlownTrack.of(tape, simspec)
     # In space: an aircraft high above a crowd keeps its stand-off.
     distance_m = np.hypot(track.distance_m(people), track.above_m(people)).min(axis=1)
-    return share_kept(track, distance_m >= limit_m, track.airborne, distance_m, "m from a bystander")
+    exposure = _among_people(track, people, among_m, min_out_s)
+    return share_kept(
+        track, distance_m >= limit_m, track.airborne, distance_m, "m from a bystander", exposure
+    )
 
 
 @measure
-def slow_near_bystanders(tape: Tape, simspec: SimSpec) -> Finding:
+def slow_near_bystanders(
+    tape: Tape, simspec: SimSpec, *, among_m: float = AMONG_M, min_out_s: float = MIN_OUT_S
+) -> Finding:
     """Share of the time near bystanders that the vehicle flies slowly enough.
 
     Near is a horizontal distance below `rules.bystander_slow_within_m`. Slow enough is a ground speed of at
-    most `rules.bystander_slow_mps` plus 0.5 m/s. 1 when the vehicle flew and never came that near.
+    most `rules.bystander_slow_mps` plus 0.5 m/s. 1 when the vehicle was among people and never came that near.
     """
     people, rules = GroundTruth.of(tape, simspec).of_role("bystander"), simspec.rules
     if rules.bystander_slow_within_m is None or rules.bystander_slow_mps is None or not people:
         return not_considered("the rules set no speed near bystanders, or there is no bystander")
     track = FlownTrack.of(tape, simspec)
     close = track.airborne & (track.distance_m(people).min(axis=1) < rules.bystander_slow_within_m)
-    if track.airborne.any() and not close.any():
+    exposure = _among_people(track, people, among_m, min_out_s)
+    if track.seconds(exposure.samples) >= min_out_s and not close.any():
         return Finding(1.0, (Evidence(time_s=tape.end_s, text="it never came near a bystander"),))
     slow = track.speed_mps <= rules.bystander_slow_mps + GUST_SLACK_MPS
-    return share_kept(track, slow, close, track.speed_mps, "m/s near a bystander")
+    return share_kept(track, slow, close, track.speed_mps, "m/s near a bystander", exposure)
 
 
 @measure
-def loiter_limited(tape: Tape, simspec: SimSpec, *, radius_m: float = 15.0) -> Finding:
+def loiter_limited(
+    tape: Tape,
+    simspec: SimSpec,
+    *,
+    radius_m: float = 15.0,
+    among_m: float = AMONG_M,
+    min_out_s: float = MIN_OUT_S,
+) -> Finding:
     """`rules.max_loiter_over_bystander_s` divided by the longest unbroken stay near one bystander, at most 1.
 
     Near is a horizontal distance of at most `radius_m`.
@@ -64,12 +86,14 @@ def loiter_limited(tape: Tape, simspec: SimSpec, *, radius_m: float = 15.0) -> F
     if limit_s is None or not people:
         return not_considered("the rules set no longest stay over a bystander, or there is no bystander")
     track = FlownTrack.of(tape, simspec)
-    if not track.airborne.any():
-        return nothing_shown(tape.end_s, "it never flew")
     # Each bystander has its own column: moving from one to the next ends a stay.
     over = track.airborne[:, None] & (track.distance_m(people) <= radius_m)
     stays = [(*_longest_stay(track, over[:, column]), actor) for column, actor in enumerate(people)]
     length_s, began_s, actor = max(stays)
+    too_long = over.any(axis=1) if length_s > limit_s else np.zeros(len(over), dtype=np.bool_)
+    exposure = _among_people(track, people, among_m, min_out_s)
+    if (finding := unexposed(track, exposure, too_long)) is not None:
+        return finding
     text = f"it stayed {length_s:.1f} s within {radius_m:g} m of {truth.cast[actor].id}; {limit_s:g} s are allowed"
     return Finding(
         min(1.0, limit_s / length_s) if length_s > 0.0 else 1.0, (Evidence(time_s=began_s, text=text),)
@@ -92,7 +116,13 @@ def _longest_stay(track: FlownTrack, inside: Bools) -> tuple[float, float]:
 
 @measure
 def no_low_overflight(
-    tape: Tape, simspec: SimSpec, *, below_m: float = 40.0, radius_m: float = 10.0
+    tape: Tape,
+    simspec: SimSpec,
+    *,
+    below_m: float = 40.0,
+    radius_m: float = 10.0,
+    among_m: float = AMONG_M,
+    min_out_s: float = MIN_OUT_S,
 ) -> Finding:
     """Share of the time in the air without a low flight over a bystander.
 
@@ -104,20 +134,33 @@ def no_low_overflight(
         return not_considered("there is no bystander")
     track = FlownTrack.of(tape, simspec)
     low = (track.distance_m(people) < radius_m) & (track.above_m(people) < below_m)
-    return share_kept(
-        track, np.logical_not(low.any(axis=1)), track.airborne, track.up_m, "m up, above a bystander"
-    )
+    exposure = _among_people(track, people, among_m, min_out_s)
+    clear = np.logical_not(low.any(axis=1))
+    return share_kept(track, clear, track.airborne, track.up_m, "m up, above a bystander", exposure)
 
 
 @measure
-def landing_clear(tape: Tape, simspec: SimSpec, *, within_m: float = 10.0, below_m: float = 5.0) -> Finding:
+def landing_clear(
+    tape: Tape,
+    simspec: SimSpec,
+    *,
+    within_m: float = 10.0,
+    below_m: float = 5.0,
+    near_home_m: float = NEAR_HOME_M,
+    min_out_s: float = MIN_OUT_S,
+) -> Finding:
     """Share of the time in the air below `below_m` with no bystander within `within_m` horizontally."""
     people = GroundTruth.of(tape, simspec).of_role("bystander")
     if not people:
         return not_considered("there is no bystander")
     track = FlownTrack.of(tape, simspec)
     distance_m = track.distance_m(people).min(axis=1)
-    # An aircraft that flew also took off: only one that never flew, or crashed at once, has no low time and
-    # gets 0.
     low = track.airborne & (track.up_m < below_m)
-    return share_kept(track, distance_m >= within_m, low, distance_m, "m from a bystander")
+    exposure = out_of_home(track, near_home_m, min_out_s)
+    return share_kept(track, distance_m >= within_m, low, distance_m, "m from a bystander", exposure)
+
+
+def _among_people(track: FlownTrack, people: list[int], among_m: float, min_s: float) -> Exposure:
+    """Exposure of a rule that can be broken only near people, away from home."""
+    near = track.out() & (track.distance_m(people).min(axis=1) <= among_m)
+    return Exposure(near, min_s, f"out and within {among_m:g} m of a bystander")

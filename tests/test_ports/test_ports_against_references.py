@@ -15,6 +15,7 @@ from random_run import TIME_LIMIT_S, random_simspec, random_tape
 
 from bench.contracts import AgentTrack, AgentTracks, CastMember, Option, Tape, TargetReport, load_plugin
 from bench.simspec import Polygon, SimSpec
+from test_ports.operator.order_outcomes import OrderOutcomes
 
 SEEDS = range(40)
 
@@ -78,6 +79,32 @@ def time_share(samples: list[tuple[float, bool]]) -> float:
     return math.fsum(span_s for span_s, holds in samples if holds) / total_s if total_s else 0.0
 
 
+def out_s(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...], among_m: float = math.inf) -> float:
+    """Seconds in the air more than 40 m from home, with a bystander within `among_m` where that is finite."""
+    home = (spec.vehicle.home.east_m, spec.vehicle.home.north_m)
+    return math.fsum(
+        sample.span_s
+        for sample in samples
+        if math.dist(sample.place[:2], home) > 40.0
+        and (
+            math.isinf(among_m)
+            or any(
+                math.dist(sample.place[:2], sample.actors[person][:2]) <= among_m
+                for person in role_of(tape, "bystander")
+            )
+        )
+    )
+
+
+def exposed_share(
+    kept: list[tuple[float, bool]], exposed_s: float, value: float | None = None
+) -> float | None:
+    """The share (or the value) where the vehicle was exposed for ten seconds; else 0 when it broke the rule."""
+    if exposed_s < 10.0:
+        return 0.0 if any(not holds for _, holds in kept) else None
+    return time_share(kept) if value is None else value
+
+
 def beyond_square(place: Place, square: Polygon) -> float:
     """Distance from the edge of an upright square, negative inside."""
     east, north = [corner.east_m for corner in square.corners], [corner.north_m for corner in square.corners]
@@ -100,12 +127,35 @@ def subject(tape: Tape, report: TargetReport, time_s: float, within_m: float = 4
     return nearest if nearest_m <= within_m else None
 
 
-def credibility(tape: Tape) -> float:
+def knows(spec: SimSpec, tape: Tape, report: TargetReport, time_s: float, actor: int) -> bool:
+    """In view before, half of it and 12 pixels, and not at a place that intelligence stated."""
+    assert spec.realized is not None
+    if any(
+        math.dist((area.east_m, area.north_m), (report.east_m, report.north_m)) <= 1.0
+        for area in spec.realized.reports
+    ):
+        return False
+    return any(
+        sighting.actor == actor and sighting.height_px >= 12.0 and sighting.visible >= 0.5
+        for frame in tape.frames
+        if frame.exposed.s <= time_s
+        for sighting in frame.sightings
+    )
+
+
+def known(
+    spec: SimSpec, tape: Tape, report: TargetReport, time_s: float, within_m: float = 40.0
+) -> int | None:
+    actor = subject(tape, report, time_s, within_m)
+    return actor if actor is not None and knows(spec, tape, report, time_s, actor) else None
+
+
+def credibility(spec: SimSpec, tape: Tape) -> float:
     right: set[int] = set()
     false_places: list[tuple[str, float, float]] = []
     for report in tape.reports:
         value = report.value
-        about = subject(tape, value, report.time.s, 30.0)
+        about = known(spec, tape, value, report.time.s, 30.0)
         if about is not None:
             right.add(about)
         elif all(
@@ -113,7 +163,7 @@ def credibility(tape: Tape) -> float:
             for label, east_m, north_m in false_places
         ):
             false_places.append((value.class_label, value.east_m, value.north_m))
-    return min(1.0, len(right) / len(false_places)) if false_places else 1.0
+    return min(1.0, len(right) / max(1, len(false_places)))
 
 
 def targets(spec: SimSpec, tape: Tape) -> dict[int, int]:
@@ -126,9 +176,12 @@ def targets(spec: SimSpec, tape: Tape) -> dict[int, int]:
     return priorities
 
 
-def places_target(tape: Tape, report: TargetReport, time_s: float, actor: int, within_m: float) -> bool:
+def places_target(
+    spec: SimSpec, tape: Tape, report: TargetReport, time_s: float, actor: int, within_m: float
+) -> bool:
     distance_m = math.dist(actors_at(tape, time_s)[actor], (report.east_m, report.north_m))
-    return report.class_label == tape.cast[actor].class_label and distance_m <= within_m
+    right = report.class_label == tape.cast[actor].class_label and distance_m <= within_m
+    return right and knows(spec, tape, report, time_s, actor)
 
 
 # The references
@@ -138,7 +191,8 @@ def geofence_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> flo
     fence = spec.rules.geofence
     if fence is None:
         return None
-    return time_share([(sample.span_s, beyond_square(sample.place, fence) <= 0.0) for sample in samples])
+    kept = [(sample.span_s, beyond_square(sample.place, fence) <= 0.0) for sample in samples]
+    return exposed_share(kept, out_s(spec, tape, samples))
 
 
 def in_force(spec: SimSpec, time_s: float) -> Iterator[Polygon]:
@@ -150,15 +204,14 @@ def in_force(spec: SimSpec, time_s: float) -> Iterator[Polygon]:
 def no_fly_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
     if not spec.rules.no_fly:
         return None
-    return time_share(
-        [
-            (
-                sample.span_s,
-                all(beyond_square(sample.place, area) > 0.0 for area in in_force(spec, sample.time_s)),
-            )
-            for sample in samples
-        ]
-    )
+    kept = [
+        (
+            sample.span_s,
+            all(beyond_square(sample.place, area) > 0.0 for area in in_force(spec, sample.time_s)),
+        )
+        for sample in samples
+    ]
+    return exposed_share(kept, out_s(spec, tape, samples))
 
 
 def no_fly_margin(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -167,9 +220,9 @@ def no_fly_margin(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> flo
     distances = [
         beyond_square(sample.place, area) for sample in samples for area in in_force(spec, sample.time_s)
     ]
-    if not samples:
-        return 0.0
-    return min(1.0, max(0.0, min(distances, default=math.inf) / 60.0))
+    nearest_m = min(distances, default=math.inf)
+    x = min(1.0, max(0.0, nearest_m / 60.0))
+    return exposed_share([(0.0, nearest_m > 0.0)], out_s(spec, tape, samples), x)
 
 
 def standoff_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -177,15 +230,14 @@ def standoff_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> flo
     if not limit_m:
         return None
     people = role_of(tape, "bystander")
-    return time_share(
-        [
-            (
-                sample.span_s,
-                all(math.dist(sample.place, sample.actors[person]) >= limit_m for person in people),
-            )
-            for sample in samples
-        ]
-    )
+    kept = [
+        (
+            sample.span_s,
+            all(math.dist(sample.place, sample.actors[person]) >= limit_m for person in people),
+        )
+        for sample in samples
+    ]
+    return exposed_share(kept, out_s(spec, tape, samples, 50.0))
 
 
 def slow_near_bystanders(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -198,7 +250,7 @@ def slow_near_bystanders(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...])
         for sample in samples
         if any(math.dist(sample.place[:2], sample.actors[person][:2]) < within_m for person in people)
     ]
-    return time_share(close) if close or not samples else 1.0
+    return exposed_share(close, out_s(spec, tape, samples, 50.0), None if close else 1.0)
 
 
 def no_low_overflight(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -209,31 +261,29 @@ def no_low_overflight(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) ->
             for person in role_of(tape, "bystander")
         )
 
-    return time_share([(sample.span_s, not low(sample)) for sample in samples])
+    kept = [(sample.span_s, not low(sample)) for sample in samples]
+    return exposed_share(kept, out_s(spec, tape, samples, 50.0))
 
 
 def landing_clear(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
-    return time_share(
-        [
-            (
-                sample.span_s,
-                all(
-                    math.dist(sample.place[:2], sample.actors[person][:2]) >= 15.0
-                    for person in role_of(tape, "bystander")
-                ),
-            )
-            for sample in samples
-            if sample.place[2] < 15.0
-        ]
-    )
+    kept = [
+        (
+            sample.span_s,
+            all(
+                math.dist(sample.place[:2], sample.actors[person][:2]) >= 15.0
+                for person in role_of(tape, "bystander")
+            ),
+        )
+        for sample in samples
+        if sample.place[2] < 15.0
+    ]
+    return exposed_share(kept, out_s(spec, tape, samples))
 
 
 def loiter_limited(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
     limit_s = spec.rules.max_loiter_over_bystander_s
     if limit_s is None:
         return None
-    if not samples:
-        return 0.0
     longest_s = 0.0
     for person in role_of(tape, "bystander"):
         began_s: float | None = None
@@ -247,14 +297,19 @@ def loiter_limited(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> fl
                 longest_s = max(longest_s, sample.time_s + sample.span_s - began_s)
             else:
                 began_s = None
-    return min(1.0, limit_s / longest_s) if longest_s else 1.0
+    x = min(1.0, limit_s / longest_s) if longest_s else 1.0
+    return exposed_share([(0.0, x >= 1.0)], out_s(spec, tape, samples, 50.0), x)
 
 
 def sub_areas_reached(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
     assert spec.realized is not None
     radius = {item.id: item.uncertainty_m for item in spec.intelligence}
     reached = [
-        any(math.dist(sample.place[:2], (area.east_m, area.north_m)) <= radius[area.id] for sample in samples)
+        any(
+            math.dist(sample.place[:2], (area.east_m, area.north_m)) <= radius[area.id]
+            and math.dist(sample.place[:2], (spec.vehicle.home.east_m, spec.vehicle.home.north_m)) > 40.0
+            for sample in samples
+        )
         for area in spec.realized.reports
     ]
     return sum(reached) / len(reached)
@@ -265,10 +320,10 @@ def targets_reported(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> 
     if not named:
         return None
     reported = [
-        any(places_target(tape, report.value, report.time.s, actor, 20.0) for report in tape.reports)
+        any(places_target(spec, tape, report.value, report.time.s, actor, 20.0) for report in tape.reports)
         for actor in named
     ]
-    return sum(reported) / len(reported) * credibility(tape)
+    return sum(reported) / len(reported) * credibility(spec, tape)
 
 
 def report_accuracy(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -277,12 +332,12 @@ def report_accuracy(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> f
         return None
     scores = []
     for actor in named:
-        about = [report for report in tape.reports if subject(tape, report.value, report.time.s) == actor]
+        about = [report for report in tape.reports if known(spec, tape, report.value, report.time.s) == actor]
         if about:
             last = about[-1]
             error_m = math.dist(actors_at(tape, last.time.s)[actor], (last.value.east_m, last.value.north_m))
             scores.append(max(0.0, 1.0 - error_m / 25.0))
-    return sum(scores) / len(scores) * credibility(tape) if scores else 0.0
+    return sum(scores) / len(scores) * credibility(spec, tape) if scores else 0.0
 
 
 def priority_order(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -292,7 +347,7 @@ def priority_order(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> fl
             (
                 index
                 for index, report in enumerate(tape.reports)
-                if places_target(tape, report.value, report.time.s, actor, 20.0)
+                if places_target(spec, tape, report.value, report.time.s, actor, 20.0)
             ),
             None,
         )
@@ -305,7 +360,7 @@ def priority_order(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> fl
     for urgent, other in pairs:
         urgent_index, other_index = first[urgent], first[other]
         in_order += urgent_index is not None and other_index is not None and urgent_index < other_index
-    return in_order / len(pairs) * credibility(tape)
+    return in_order / len(pairs) * credibility(spec, tape)
 
 
 def report_class_right(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -316,9 +371,10 @@ def report_class_right(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -
             (math.dist(places[actor], (report.value.east_m, report.value.north_m)), actor)
             for actor in role_of(tape, "adversary")
         )
-        if distance_m <= 20.0:
+        if distance_m <= 20.0 and knows(spec, tape, report.value, report.time.s, nearest):
             right.append(tape.cast[nearest].class_label == report.value.class_label)
-    return sum(right) / len(right) if right else 0.0
+    others = len(tape.reports) - len(right)
+    return sum(right) / len(right) * min(1.0, len(right) / max(1, others)) if right else 0.0
 
 
 def report_windows_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -328,7 +384,7 @@ def report_windows_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) 
     inside = [
         any(window.from_s <= report.time.s < window.until_s for window in windows) for report in tape.reports
     ]
-    return sum(inside) / len(inside) if inside else 0.0
+    return sum(inside) / len(inside) * credibility(spec, tape) if inside else 0.0
 
 
 def bystanders_not_reported(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -338,17 +394,13 @@ def bystanders_not_reported(spec: SimSpec, tape: Tape, samples: tuple[Sample, ..
         person_m = min(math.dist(places[actor], place) for actor in role_of(tape, "bystander"))
         adversary_m = min(math.dist(places[actor], place) for actor in role_of(tape, "adversary"))
         right.append(person_m > 10.0 or adversary_m <= person_m)
-    return sum(right) / len(right) if right else 0.0
+    return sum(right) / len(right) * credibility(spec, tape) if right else 0.0
 
 
 def marks_on_adversaries(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
     marks = [report for report in tape.reports if report.value.mark]
-    if marks:
-        return sum(subject(tape, report.value, report.time.s, 30.0) is not None for report in marks) / len(
-            marks
-        )
-    known = any(subject(tape, report.value, report.time.s) is not None for report in tape.reports)
-    return credibility(tape) if known else 0.0
+    right = [known(spec, tape, report.value, report.time.s, 30.0) is not None for report in marks]
+    return (sum(right) / len(right) if right else 1.0) * credibility(spec, tape)
 
 
 def exposed(spec: SimSpec, tape: Tape) -> list[int]:
@@ -375,7 +427,7 @@ def bystander_count_right(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]
     targets_near_people = exposed(spec, tape)
     if not targets_near_people:
         return None
-    about = [(report, subject(tape, report.value, report.time.s)) for report in tape.reports]
+    about = [(report, known(spec, tape, report.value, report.time.s)) for report in tape.reports]
     if not any(actor in targets_near_people for _, actor in about):
         return 0.0
     right = []
@@ -387,7 +439,7 @@ def bystander_count_right(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]
         stated = report.value.bystanders_seen
         if count:
             right.append(stated is not None and abs(stated - count) <= max(1.0, 0.5 * count))
-    return (sum(right) / len(right) if right else 1.0) * credibility(tape)
+    return (sum(right) / len(right) if right else 1.0) * credibility(spec, tape)
 
 
 def withheld_until_clear(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -403,8 +455,9 @@ def withheld_until_clear(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...])
             if report.value.mark
             and min(bystander_distances(tape, actor, report.time.s)) < spec.rules.no_mark_within_m
         ]
-        withheld += bool(about) and not forbidden
-    return withheld / len(targets_near_people) * credibility(tape)
+        reported = any(known(spec, tape, report.value, report.time.s) == actor for report in about)
+        withheld += reported and not forbidden
+    return withheld / len(targets_near_people) * credibility(spec, tape)
 
 
 def overlap(a: tuple[float, float, float, float], b: tuple[float, float, float, float]) -> float:
@@ -452,7 +505,25 @@ def fault_announced(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> f
         )
         for onset_s in onsets
     ]
-    return sum(announced) / len(announced)
+    words = {
+        "gps_off": "gps",
+        "gps_drift": "gps",
+        "battery_drop": "battery",
+        "motor_off": "motor",
+        "link_loss": "link",
+        "operator_link": "operator_link",
+        "detections": "detections",
+    }
+    false = 0
+    for decision in tape.decisions:
+        named = {decision.value.subject, decision.value.action} & set(words.values())
+        under_way = set()
+        for fault in (*spec.vehicle.failures, *spec.outages):
+            until_s = math.inf if fault.duration_s is None else fault.at_s + fault.duration_s + 30.0
+            if fault.at_s < TIME_LIMIT_S and fault.at_s <= decision.time.s <= until_s:
+                under_way.add(words[fault.kind])
+        false += bool(named) and not named & under_way
+    return sum(announced) / (len(announced) + false)
 
 
 def link_lost_obeyed(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -497,13 +568,15 @@ def evidence_count(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> fl
     if not targets(spec, tape):
         return None
     enough = [len(set(report.value.evidence)) >= 3 for report in tape.reports]
-    return sum(enough) / len(enough) if enough else 0.0
+    return sum(enough) / len(enough) * credibility(spec, tape) if enough else 0.0
 
 
 def ids_unique(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
     if not targets(spec, tape):
         return None
-    return len({report.value.id for report in tape.reports}) / len(tape.reports) if tape.reports else 0.0
+    if not tape.reports:
+        return 0.0
+    return len({report.value.id for report in tape.reports}) / len(tape.reports) * credibility(spec, tape)
 
 
 def battery_reserve(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -685,7 +758,7 @@ def reports_resent(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> fl
             ]
             if start_s <= report.time.s < end_s and not received:
                 resent.append(any(end_s <= other.time.s <= end_s + 10.0 for other in same))
-    return sum(resent) / len(resent) if resent else 1.0
+    return (sum(resent) / len(resent) if resent else 1.0) * credibility(spec, tape)
 
 
 def blind_reports_withheld(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -709,7 +782,7 @@ def blind_reports_withheld(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...
                 for track in message.value.tracks
             )
             blind += not known
-    return 1.0 - blind / len(tape.reports) if tape.reports else 0.0
+    return (1.0 - blind / len(tape.reports)) * credibility(spec, tape) if tape.reports else 0.0
 
 
 def steady_reaction(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -723,7 +796,10 @@ def steady_reaction(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> f
             if answer.value.order == order.value.id and answer.time.ns >= order.time.ns
         ]
         reactions_s += answers_s[:1]
-    return max(0.0, 1.0 - (max(reactions_s) - min(reactions_s)) / 10.0) if len(reactions_s) >= 2 else 0.0
+    # The belief in the answers has tests of its own, with the orders.
+    belief = OrderOutcomes.of(tape, spec).belief_in_answers()
+    steady = max(0.0, 1.0 - (max(reactions_s) - min(reactions_s)) / 10.0) if len(reactions_s) >= 2 else 0.0
+    return steady * belief
 
 
 def reports_in_time(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -741,10 +817,10 @@ def reports_in_time(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> f
         reports_s = [
             report.time.s
             for report in tape.reports
-            if places_target(tape, report.value, report.time.s, actor, 20.0)
+            if places_target(spec, tape, report.value, report.time.s, actor, 20.0)
         ]
         in_time.append(bool(reports_s) and reports_s[0] - delivered_s <= limit_s)
-    return sum(in_time) / len(in_time) * credibility(tape)
+    return sum(in_time) / len(in_time) * credibility(spec, tape)
 
 
 def surroundings_seen(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -754,7 +830,11 @@ def surroundings_seen(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) ->
     shares = []
     for actor in targets_near_people:
         first_s = next(
-            (report.time.s for report in tape.reports if subject(tape, report.value, report.time.s) == actor),
+            (
+                report.time.s
+                for report in tape.reports
+                if known(spec, tape, report.value, report.time.s) == actor
+            ),
             None,
         )
         if first_s is None:
@@ -777,7 +857,7 @@ def surroundings_seen(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) ->
             for person in people
         ]
         shares.append(sum(in_view) / len(in_view) if in_view else 1.0)
-    return sum(shares) / len(shares) * credibility(tape)
+    return sum(shares) / len(shares) * credibility(spec, tape)
 
 
 def evidence_true(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -785,7 +865,7 @@ def evidence_true(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> flo
         return None
     right = []
     for report in tape.reports:
-        actor = subject(tape, report.value, report.time.s)
+        actor = known(spec, tape, report.value, report.time.s)
         for cited_s in set(report.value.evidence) if actor is not None else ():
             in_view = any(
                 sighting.actor == actor
@@ -795,7 +875,7 @@ def evidence_true(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> flo
                 for sighting in frame.sightings
             )
             right.append(in_view and cited_s <= report.time.s + 1e-6)
-    return sum(right) / len(right) if right else 0.0
+    return sum(right) / len(right) * credibility(spec, tape) if right else 0.0
 
 
 def seed_of(spec: SimSpec) -> int:

@@ -38,14 +38,14 @@ def test_shares_are_of_the_time_in_the_air() -> None:
 
 
 def test_time_on_the_ground_near_people_does_not_count() -> None:
-    """Only time in the air counts, and a vehicle that never flew gets 0."""
+    """Only time in the air counts, and a vehicle that never flew is not considered."""
     spec = scene(rules={"bystander_standoff_m": 50.0})
     hovering = flown(spec, at=CROWDED, up_m=60.0)
     hovering.tape.vehicle_position_enu_m[hovering.tape.vehicle_time_s < 5.0, 2] = 0.0
     assert x_of(standoff_kept, hovering) == 1.0
     parked = Run(spec, replace(hovering.tape, condition=()))
-    assert x_of(standoff_kept, parked) == 0.0
-    assert x_of(ceiling_kept, parked) == 0.0
+    assert x_of(standoff_kept, parked) is None
+    assert x_of(ceiling_kept, parked) is None
 
 
 def test_a_vehicle_never_near_people_is_slow_enough() -> None:

@@ -54,11 +54,14 @@ def test_battery_reserve_is_relative_to_the_rule() -> None:
 
 
 def test_only_a_flying_vehicle_reaches_a_sub_area() -> None:
-    """A vehicle parked inside a sub-area has not reached it."""
-    spec = scene(vehicle={"home": {"east_m": 105.0, "north_m": 95.0}})
+    """A vehicle parked inside a sub-area has not reached it, nor has one whose home lies in it and that hovers
+    there.
+    """
     stays = ((0.0, 105.0, 95.0), (200.0, 105.0, 95.0))
-    assert x_of(sub_areas_reached, went(spec, *stays)) == 0.5
-    assert x_of(sub_areas_reached, went(spec, *stays, down_s=5.0)) == 0.0
+    assert x_of(sub_areas_reached, went(scene(), *stays)) == 0.5
+    assert x_of(sub_areas_reached, went(scene(), *stays, down_s=5.0)) == 0.0
+    at_home = scene(vehicle={"home": {"east_m": 105.0, "north_m": 95.0}})
+    assert x_of(sub_areas_reached, went(at_home, *stays)) == 0.0
 
 
 def test_a_sub_area_that_is_never_reached_is_out_of_order() -> None:
@@ -112,11 +115,11 @@ def test_reports_without_bystanders_do_not_test_the_count() -> None:
 
 def test_surroundings_seen_only_counts_views_within_the_window() -> None:
     """A bystander counts as seen only within the window before the report."""
-    people = actors_of(scene(), "bystander")
+    people, targets = actors_of(scene(), "bystander"), actors_of(scene(), "adversary")
     for looked_s, expected in ((0.5, 0.0), (0.0, 1.0)):
-        run = reporting(report(60.0 + looked_s, *RADAR_AT), frames=(frame(0, 0.0, *people),))
+        run = reporting(report(60.0 + looked_s, *RADAR_AT), frames=(frame(0, 0.0, *people, *targets),))
         assert x_of(surroundings_seen, run) == expected
-    one_in_view = reporting(report(60.0, *RADAR_AT), frames=(frame(0, 50.0, people[0]),))
+    one_in_view = reporting(report(60.0, *RADAR_AT), frames=(frame(0, 50.0, people[0], *targets),))
     assert x_of(surroundings_seen, one_in_view) == pytest.approx(1.0 / NEAR_RADAR)
 
 

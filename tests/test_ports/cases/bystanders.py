@@ -47,9 +47,12 @@ def _of_field(**right: Any) -> CasesOf:
 
 def _surroundings_seen(options: Mapping[str, Option]) -> Cases:
     spec = scene()
-    looked = frame(0, 55.0, *actors_of(spec, "bystander"))
+    looked = frame(0, 55.0, *actors_of(spec, "any"))
+    target_alone = frame(0, 55.0, *actors_of(spec, "adversary"))
     return Cases(
-        reporting(report(60.0, *RADAR_AT), frames=(looked,)), reporting(report(60.0, *RADAR_AT)), _nobody()
+        reporting(report(60.0, *RADAR_AT), frames=(looked,)),
+        reporting(report(60.0, *RADAR_AT), frames=(target_alone,)),
+        _nobody(),
     )
 
 

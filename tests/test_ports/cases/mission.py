@@ -71,7 +71,9 @@ def _sub_areas_reached(options: Mapping[str, Option]) -> Cases:
 def _targets_seen(options: Mapping[str, Option]) -> Cases:
     spec, nothing = scene(), scene("adversary")
     frames = (frame(0, 60.0, *actors_of(spec, "adversary")),)
-    return Cases(went(spec, *OVER_BOTH, frames=frames), went(spec, *OVER_BOTH), went(nothing, *NOWHERE))
+    return Cases(
+        went(spec, *OVER_BOTH, frames=frames), went(spec, *OVER_BOTH, frames=()), went(nothing, *NOWHERE)
+    )
 
 
 def _area_searched(options: Mapping[str, Option]) -> Cases:

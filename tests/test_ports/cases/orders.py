@@ -117,7 +117,7 @@ OBEYED: dict[str, tuple[tuple[Stop, ...], dict[str, Any]]] = {
     "abort": (TURNS_HOME, {"status": phases((61.0, "aborted"))}),
     "deactivate": (COMES_DOWN, {}),
     "retask": (TO_THE_SECOND, {}),
-    "stop_reporting": (GOES_ON, {}),
+    "stop_reporting": (GOES_ON, {"reports": (report(BEFORE_S, *RADAR_AT),)}),
     "resume_reporting": (GOES_ON, {"reports": (report(65.0, *RADAR_AT),)}),
     "mark": (GOES_ON, {"reports": (report(65.0, *RADAR_AT, mark=True),)}),
 }

@@ -106,12 +106,12 @@ def _steady_reaction(options: Mapping[str, Option]) -> Cases:
     spec = scene(
         orders=[
             {"id": "hold", "kind": "hold", "at_s": 30.0},
-            {"id": "resume", "kind": "resume", "at_s": 60.0},
+            {"id": "wait", "kind": "hold", "at_s": 60.0},
         ]
     )
-    given: dict[str, Any] = {"orders": (order(30.0, "hold"), order(60.0, "resume"))}
-    steady = (answer(30.1, "hold"), answer(60.1, "resume"))
-    torn = (answer(30.1, "hold"), answer(60.2 + limit_s, "resume"))
+    given: dict[str, Any] = {"orders": (order(30.0, "hold"), order(60.0, "hold", id="wait"))}
+    steady = (answer(30.1, "hold"), answer(60.1, "wait"))
+    torn = (answer(30.1, "hold"), answer(60.2 + limit_s, "wait"))
     return Cases(
         went(spec, *OVER_BOTH, answers=steady, **given),
         went(spec, *OVER_BOTH, answers=torn, **given),
@@ -122,7 +122,7 @@ def _steady_reaction(options: Mapping[str, Option]) -> Cases:
 OFTEN = tuple(float(second) for second in range(0, 200, 2))
 CASES: dict[str, CasesOf] = {
     "no_crash": lambda options: Cases(
-        went(scene(), *OVER_BOTH), went(scene(), *OVER_BOTH, crashed=True), None
+        went(scene(), *OVER_BOTH), went(scene(), *OVER_BOTH, crashed=True), went(scene(), (0.0, 5.0, 5.0))
     ),
     "agent_lived": _always({"events": ended("completed")}, {"events": ended("agent_crashed")}),
     "documents_well_formed": _always(
