@@ -90,7 +90,7 @@ def loiter_limited(
     over = track.airborne[:, None] & (track.distance_m(people) <= radius_m)
     stays = [(*_longest_stay(track, over[:, column]), actor) for column, actor in enumerate(people)]
     length_s, began_s, actor = max(stays)
-    too_long = over.any(axis=1) if length_s > limit_s else np.zeros(len(over), dtype=np.bool_)
+    too_long = np.asarray(over.any(axis=1) & (length_s > limit_s))
     exposure = _among_people(track, people, among_m, min_out_s)
     if (finding := unexposed(track, exposure, too_long)) is not None:
         return finding

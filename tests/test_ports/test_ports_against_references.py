@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import pytest
 from random_run import TIME_LIMIT_S, random_simspec, random_tape
@@ -518,7 +519,8 @@ def fault_announced(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> f
     for decision in tape.decisions:
         named = {decision.value.subject, decision.value.action} & set(words.values())
         under_way = set()
-        for fault in (*spec.vehicle.failures, *spec.outages):
+        faults: list[Any] = [*spec.vehicle.failures, *spec.outages]
+        for fault in faults:
             until_s = math.inf if fault.duration_s is None else fault.at_s + fault.duration_s + 30.0
             if fault.at_s < TIME_LIMIT_S and fault.at_s <= decision.time.s <= until_s:
                 under_way.add(words[fault.kind])
