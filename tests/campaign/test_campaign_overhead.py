@@ -83,7 +83,7 @@ def test_what_breaks_in_one_scene_alone_is_refused_before_anything_is_written(tm
     campaign = load_campaign(DEMO.with_name("full.yaml"))
     faults = next(factor for factor in campaign.design.factors if factor.name == "fault")
     broken = {"vehicle.failures": [{"at_s": 90.0, "kind": "motor_off", "instance": 1}]}
-    changed = faults.model_copy(update={"patches": {**faults.patches, "battery_drop": broken}})
+    changed = faults.model_copy(update={"patches": {**faults.patches, "blind-grave": broken}})
     factors = tuple(changed if factor is faults else factor for factor in campaign.design.factors)
     design = campaign.design.model_copy(update={"factors": factors})
     changed_campaign = campaign.model_copy(update={"design": design, "fidelity": "overhead"})
