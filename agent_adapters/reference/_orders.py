@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from bench.contracts import OrderDocument
 
-MOVING = ("hold", "resume", "return", "retask", "deactivate")
+MOVING = ("hold", "resume", "return", "retask", "deactivate", "hand_over")
 
 
 class Ordered(Exception):
@@ -24,6 +24,8 @@ class Situation:
     # The mission has ended.
     over: bool = False
     landing: bool = False
+    # It stands on the ground, or is still on its way up.
+    grounded: bool = False
     # Why the autopilot flies by itself.
     failsafe: str = ""
     # Nothing comes from the autopilot.
@@ -39,6 +41,7 @@ class Orders:
 
     def __init__(self) -> None:
         self.held_by = ""  # id of the order to hold
+        self.handed_over_by = ""  # id of the order by which the operator has the vehicle
         self.stopped_by = ""  # id of the order to report nothing
         self.ended_by: OrderDocument | None = None  # the latest return, abort or deactivate
         self._ending: OrderDocument | None = None
@@ -68,6 +71,10 @@ class Orders:
                 self.stopped_by = order.id
             case "resume_reporting":
                 self.stopped_by = ""
+            case "hand_over":
+                self.handed_over_by = order.id
+            case "take_back":
+                self.handed_over_by = ""
             case "mark":
                 pass
 
@@ -87,9 +94,13 @@ class Orders:
         if now.failsafe and order.kind in MOVING and order.kind != "return":
             return f"the autopilot flies by itself: {now.failsafe}"
         match order.kind:
-            case "hold" | "retask" if now.unheard:
+            case "hand_over" if now.grounded:
+                return "it is on the ground: there is nothing to hand over"
+            case "take_back" if not self.handed_over_by:
+                return "the vehicle was not handed over"
+            case "hold" | "retask" | "hand_over" if now.unheard:
                 return "the autopilot cannot be reached and flies by itself"
-            case "hold" | "retask" if now.landing:
+            case "hold" | "retask" | "hand_over" if now.landing:
                 return "landing already"
             case "hold" | "retask" if now.homeward:
                 return f"it has to go home: {now.homeward}"

@@ -31,6 +31,7 @@ class Watch:
 
     def __init__(self, vehicle: PilotedVehicle, eyes: ObjectPerception, log: Log) -> None:
         self.blind = False
+        self.degraded = False  # perception is worse than usual, and the operator was told
         self.charge_lost = 0.0  # by sudden drops, not by flying
         self.link_down_s: float | None = None  # since when the operator cannot be reached
         self._vehicle = vehicle
@@ -68,6 +69,7 @@ class Watch:
     def update(self) -> None:
         """Notice what has changed since the moment before."""
         self._look_at_detections()
+        self._look_at_quality()
         self._look_at_gps()
         self._look_at_battery()
         heard_ever = self._vehicle.heard_s >= 0.0
@@ -96,6 +98,21 @@ class Watch:
         elif self.blind and not blind:
             self._log.decide("notice", "detections", "detections come again")
         self.blind = blind
+
+    def _look_at_quality(self) -> None:
+        """Tell the operator when perception is worse than usual, and when it is good again."""
+        quality = self._eyes.quality
+        degraded = self.blind or quality.degraded
+        if degraded and not self.degraded:
+            cause = (
+                "no detections come"
+                if self.blind
+                else f"the best scores fell from {quality.usual or 0.0:.2f} to {quality.best:.2f}"
+            )
+            self._log.decide("degraded", "detections", f"perception is worse than usual: {cause}")
+        elif self.degraded and not degraded:
+            self._log.decide("restored", "detections", "perception is as good as usual again")
+        self.degraded = degraded
 
     def _look_at_gps(self) -> None:
         now_s = self._log.now_s

@@ -79,6 +79,7 @@ from ._tick import Tick as Tick
 from ._tick import TickMessage as TickMessage
 from ._tick import read_line as read_line
 from ._tick import write_line as write_line
+from ._topics import OPERATOR_LINK as OPERATOR_LINK
 from ._topics import SESSION_EVENTS as SESSION_EVENTS
 from ._topics import TF as TF
 from ._topics import TF_STATIC as TF_STATIC
@@ -88,6 +89,7 @@ from ._topics import TRUTH_ODOMETRY as TRUTH_ODOMETRY
 from ._topics import TRUTH_VEHICLE as TRUTH_VEHICLE
 from ._topics import TRUTH_VIEW as TRUTH_VIEW
 from ._topics import VehicleTopics as VehicleTopics
+from ._topics import is_mavlink_from_agent as is_mavlink_from_agent
 from ._topics import mavlink_topic as mavlink_topic
 from ._vehicle import CarriesCamera as CarriesCamera
 from ._vehicle import LinkSpec as LinkSpec

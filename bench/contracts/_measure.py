@@ -50,7 +50,9 @@ class Tape:
     `vehicle_*` arrays share their first axis (n); `actor_position_enu_m` is (m, k, 3) over `actor_time_s`
     (m,) and the cast (k). `vehicle_tilt_rad` (n,) is the angle between the body's up axis and the vertical,
     from the truth; `estimate_position_enu_m` (e, 3) at `estimate_time_s` (e,) is where the vehicle believes
-    to be. The moment of an order, or of a consent, is that of its delivery. Tapes made by hand may leave any of these empty.
+    to be. The moment of an order, or of a consent, is that of its delivery. `moving` names every MAVLink message of the agent
+    that could move the vehicle; it is read only where the scenario hands the vehicle over, and empty
+    elsewhere. Tapes made by hand may leave any of these empty.
     Built from records, live or read back, by the same code: so a measure cannot tell which.
     """
 
@@ -75,6 +77,7 @@ class Tape:
     operator_link: tuple[Timed[OperatorLinkDocument], ...] = ()
     consent_requests: tuple[Timed[ConsentRequest], ...] = ()
     consents: tuple[Timed[ConsentAnswer], ...] = ()
+    moving: tuple[Timed[str], ...] = ()
     vehicle_tilt_rad: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     estimate_time_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     estimate_position_enu_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))

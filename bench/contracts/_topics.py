@@ -118,3 +118,13 @@ def mavlink_topic(link: str, direction: str) -> str:
     `direction` is `to_agent` or `from_agent`; the data are whole frames, one after the other, in order.
     """
     return f"/mavlink/{link}/{direction}"
+
+
+# The operator's ground station, which flies the vehicle while it is handed over.
+OPERATOR_LINK = "operator_station"
+
+
+def is_mavlink_from_agent(topic: str) -> bool:
+    """Whether a topic holds raw MAVLink that the agent sent, on any link but the operator's."""
+    sent = topic.startswith("/mavlink/") and topic.endswith("/from_agent")
+    return sent and topic != mavlink_topic(OPERATOR_LINK, "from_agent")

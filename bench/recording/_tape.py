@@ -42,6 +42,7 @@ from bench.contracts import (
     VehicleDocument,
     VehicleTopics,
     ViewDocument,
+    is_mavlink_from_agent,
     parse_document,
 )
 from bench.documents import Document
@@ -52,9 +53,12 @@ from bench.streams import (
     Odometry,
     String,
     TFMessage,
+    UInt8MultiArray,
     decode,
     decode_pose_array,
 )
+
+from ._control_messages import moving_messages
 
 
 class TapeBuilder:
@@ -84,6 +88,9 @@ class TapeBuilder:
         self._operator_link: list[Timed[OperatorLinkDocument]] = []
         self._consent_requests: list[Timed[ConsentRequest]] = []
         self._consents: list[Timed[ConsentAnswer]] = []
+        # Reading the agent's MAVLink takes time that only measures of handing over need.
+        self._reads_control = any(order.kind == "hand_over" for order in simspec.orders)
+        self._moving: list[Timed[str]] = []
         self._malformed: Counter[str] = Counter()
         self._takers: dict[str, Callable[[Record], bool]] = {
             TRUTH_ODOMETRY: self._motion.take,
@@ -109,6 +116,8 @@ class TapeBuilder:
     def __call__(self, record: Record) -> None:
         """Take in one record."""
         take = self._takers.get(record.topic)
+        if take is None and self._reads_control and is_mavlink_from_agent(record.topic):
+            take = self._take_control
         if take is not None and not take(record):
             self.note(record.topic)
 
@@ -145,10 +154,18 @@ class TapeBuilder:
             operator_link=tuple(self._operator_link),
             consent_requests=tuple(self._consent_requests),
             consents=tuple(self._consents),
+            moving=tuple(self._moving),
             vehicle_tilt_rad=tilts,
             estimate_time_s=estimate_times,
             estimate_position_enu_m=estimates,
         )
+
+    def _take_control(self, record: Record) -> bool:
+        message = decode(UInt8MultiArray, record.data)
+        if message is None:
+            return False
+        self._moving += (Timed(record.time, name) for name in moving_messages(bytes(message.data)))
+        return True
 
     def _take_view(self, record: Record) -> bool:
         view = _document(ViewDocument, record)

@@ -14,7 +14,7 @@ from ._placement import HOME
 # Only for types: those modules import this one.
 if TYPE_CHECKING:
     from ._actors import ActorGroup
-    from ._document import SimSpec
+    from ._document import Order, SimSpec
     from ._rules import Rules
 
 FieldPath = tuple[str | int, ...]
@@ -68,6 +68,7 @@ def situation_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
     yield from _intelligence_inconsistencies(simspec)
     yield from _order_inconsistencies(simspec)
     yield from _consent_inconsistencies(simspec)
+    yield from _handover_inconsistencies(simspec)
     yield from _outage_inconsistencies(simspec)
     yield from _altitude_inconsistencies(simspec)
     yield from _home_inconsistencies(simspec)
@@ -232,6 +233,31 @@ def _consent_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
             yield field, f"consent names intelligence {report_id!r}, which is not one of {known}"
         elif report_id in named[:index]:
             yield field, f"intelligence {report_id!r} has two consents; keep one"
+
+
+# What moves the vehicle cannot be ordered of an agent that does not have it.
+_MOVING_KINDS = frozenset({"hold", "resume", "return", "abort", "deactivate", "retask"})
+
+
+def _handover_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
+    """Every `hand_over` needs a `take_back`, late enough, and no order to fly in between."""
+    pending: tuple[int, Order] | None = None
+    for index, order in sorted(enumerate(simspec.orders), key=lambda pair: pair[1].at_s):
+        if order.kind == "take_back":
+            if pending is None:
+                yield ("orders", index, "kind"), f"order {order.id!r} takes back what was not handed over"
+            elif order.at_s <= (due_s := pending[1].at_s + pending[1].within_s):
+                message = f"order {order.id!r} at {order.at_s:g} s must come after {pending[1].id!r} is due, at {due_s:g} s"
+                yield ("orders", index, "at_s"), message
+            pending = None
+        elif pending is not None and (order.kind == "hand_over" or order.kind in _MOVING_KINDS):
+            message = f"order {order.id!r} ({order.kind}) comes while the operator has the vehicle, after {pending[1].id!r}"
+            yield ("orders", index, "at_s"), f"{message}; put take_back first"
+        elif order.kind == "hand_over":
+            pending = index, order
+    if pending is not None:
+        index, order = pending
+        yield ("orders", index, "kind"), f"order {order.id!r} hands over for good: add take_back after it"
 
 
 def _outage_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:

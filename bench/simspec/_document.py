@@ -57,7 +57,17 @@ class Mission(Document):
 
 
 OrderKind = Literal[
-    "hold", "resume", "return", "abort", "deactivate", "retask", "stop_reporting", "resume_reporting", "mark"
+    "hold",
+    "resume",
+    "return",
+    "abort",
+    "deactivate",
+    "retask",
+    "stop_reporting",
+    "resume_reporting",
+    "mark",
+    "hand_over",
+    "take_back",
 ]
 
 
@@ -69,6 +79,8 @@ class Order(Document):
     land, and send no more reports. `deactivate`: land in place, disarm, and send nothing more. `retask`:
     search the sub-area of `intelligence` first. `stop_reporting`: send no reports until `resume_reporting`.
     `mark`: mark the target of `intelligence` now; the agent must refuse when the rules forbid it.
+    `hand_over`: bring the vehicle to a standstill in a mode that keeps it there, and send nothing that moves
+    it until `take_back`. `take_back`: take control again and go on with the mission.
     """
 
     id: Identifier
@@ -109,11 +121,29 @@ class Outage(Document):
 
     `operator_link`: the operator's radio link is down. Orders and intelligence that fall due are delivered
     when the link is up again; reports do not reach the operator. `detections`: the detector delivers nothing.
+    `detections_degraded`: the detector loses the share `lost_share` of its detections, and the scores of the
+    others fall by the factor 1 - `lost_share` / 2.
     """
 
-    kind: Literal["operator_link", "detections"]
+    kind: Literal["operator_link", "detections", "detections_degraded"]
     at_s: Annotated[NotNegative, Field(description="Simulated time at which the outage begins.")]
     duration_s: Positive
+    lost_share: Annotated[
+        float | None,
+        # Left out where it is absent: a SimSpec without degradations is written as it was before them.
+        Field(
+            gt=0.0,
+            lt=1.0,
+            description="Share of the detections that detections_degraded loses.",
+            exclude_if=lambda share: share is None,
+        ),
+    ] = None
+
+    @model_validator(mode="after")
+    def _share_fits_the_kind(self) -> Self:
+        if (self.kind == "detections_degraded") != (self.lost_share is not None):
+            raise ValueError("detections_degraded needs lost_share, and only detections_degraded has one")
+        return self
 
     @property
     def until_s(self) -> float:

@@ -116,9 +116,31 @@ def _union_s(spans: Iterable[tuple[float, float]], limit_s: float) -> float:
     return total
 
 
-def _outage_s(simspec: SimSpec, kind: Literal["operator_link", "detections"]) -> float:
+OutageName = Literal["operator_link", "detections", "detections_degraded"]
+
+
+def _outage_s(simspec: SimSpec, kind: OutageName) -> float:
     spans = ((outage.at_s, outage.until_s) for outage in simspec.outages if outage.kind == kind)
     return _union_s(spans, simspec.mission.time_limit_s)
+
+
+def _handover_s(simspec: SimSpec) -> float:
+    """The longest time from an order to hand over to the order to take back; 0 without one."""
+    orders = sorted(simspec.orders, key=lambda order: order.at_s)
+    taken_s = [order.at_s for order in orders if order.kind == "take_back"]
+    handed_s = [order.at_s for order in orders if order.kind == "hand_over"]
+    # The document has one order to take back for each to hand over, so they pair up in order of time.
+    return max((back_s - over_s for over_s, back_s in zip(handed_s, taken_s, strict=True)), default=0.0)
+
+
+def _kept_detections_share(simspec: SimSpec) -> float | None:
+    # The mildest loss is the hardest to notice. A silent detector keeps nothing.
+    kept = [
+        1.0 - (outage.lost_share or 0.0) if outage.kind == "detections_degraded" else 0.0
+        for outage in simspec.outages
+        if outage.kind != "operator_link"
+    ]
+    return max(kept, default=None)
 
 
 def _gps_outage_s(simspec: SimSpec) -> float:
@@ -326,6 +348,24 @@ FACTORS: dict[str, FactorDefinition] = {
         "Time during which the detector delivers nothing.",
         lambda s: _outage_s(s, "detections"),
         "outages[detections].duration_s",
+    ),
+    "detections_degraded_s": FactorDefinition(
+        "s",
+        "Time during which the detector loses a share of its detections.",
+        lambda s: _outage_s(s, "detections_degraded"),
+        "outages[detections_degraded].duration_s",
+    ),
+    "kept_detections_share": FactorDefinition(
+        "1",
+        "Share of its detections that the detector keeps in the mildest outage or degradation.",
+        _kept_detections_share,
+        "outages[detections_degraded].lost_share",
+    ),
+    "handover_s": FactorDefinition(
+        "s",
+        "Longest time from an order to hand over to the order to take back.",
+        _handover_s,
+        "orders[take_back].at_s",
     ),
     "gps_outage_s": FactorDefinition(
         "s",

@@ -5,6 +5,7 @@ new.
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 from typing import Literal
 
 from bench.contracts import (
@@ -23,7 +24,7 @@ from bench.contracts import (
     VehicleState,
     realized_of,
 )
-from bench.simspec import ASSETS, Point, Role, SimSpec
+from bench.simspec import ASSETS, Point, Role, SimSpec, generator, seed_of
 from bench.streams import (
     BoundingBox2D,
     CameraInfo,
@@ -53,6 +54,9 @@ from ._camera import PinholeCamera
 from ._consents import OperatorConsents
 from ._frames import body_in_map
 
+# Sub-stream of the perception seed; the detector has 0 and 1.
+_LOSS_DRAWS = 2
+
 _NOWHERE = PoseWithCovariance(
     pose=Pose(position=RosPoint(x=0.0, y=0.0, z=0.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)),
     covariance=(0.0,) * 36,
@@ -78,15 +82,23 @@ class MissionInformation:
         self._orders = deque(orders(simspec))
         self._consents = OperatorConsents(simspec)
         self._outages = simspec.outages
+        # Deriving the stream's seed from the root takes a hash: done once here, not for every frame.
+        self._seeds = simspec.seeds.model_copy(update={"perception": seed_of(simspec.seeds, "perception")})
         self._link_up: bool | None = None
         self._exposures: deque[SimTime] = deque()
         self._mission_published = False
         self._deactivated = False
+        self._delivered: list[OrderDocument] = []
 
     @property
     def deactivated(self) -> bool:
         """Whether the order to deactivate was delivered to the agent."""
         return self._deactivated
+
+    def take_delivered(self) -> list[OrderDocument]:
+        """The orders delivered since the last call."""
+        delivered, self._delivered = self._delivered, []
+        return delivered
 
     def record_exposure(self, time: SimTime) -> None:
         """Note an exposure; its camera info is published with the next tick."""
@@ -114,7 +126,7 @@ class MissionInformation:
         for frame in detector.due(now):
             # A result that came out during an outage is lost, also when the tick comes after the outage.
             if not silent and not self._in_outage("detections", frame.published):
-                air.detections.publish(now, self._detections(frame))
+                air.detections.publish(now, self._detections(self._degraded(frame)))
 
     def _publish_operator_messages(self, now: SimTime) -> None:
         """Publish what the operator has sent while the link is up: reports before the orders that may refer
@@ -130,9 +142,34 @@ class MissionInformation:
             order = self._orders.popleft()
             self._air.orders.publish_document(now, order)
             self._deactivated |= order.kind == "deactivate"
+            self._delivered.append(order)
         if up:
             for answer in self._consents.due(now.s):
                 self._air.consents.publish_document(now, answer)
+
+    def _degraded(self, frame: DetectionFrame) -> DetectionFrame:
+        """What a degradation leaves of a frame; the frame itself at any other time."""
+        lost_share = max(
+            (
+                outage.lost_share
+                for outage in self._outages
+                if outage.lost_share is not None and outage.at_s <= frame.published.s < outage.until_s
+            ),
+            default=0.0,
+        )
+        if lost_share == 0.0:
+            return frame
+        draws = generator(self._seeds, "perception", _LOSS_DRAWS, frame.exposed.ns // 1000)
+        # One draw for each detection, in the detector's order, so that a larger share loses the same and more.
+        kept = draws.random(len(frame.detections)) >= lost_share
+        return replace(
+            frame,
+            detections=tuple(
+                replace(detection, score=detection.score * (1.0 - lost_share / 2.0))
+                for detection, is_kept in zip(frame.detections, kept, strict=True)
+                if is_kept
+            ),
+        )
 
     def _in_outage(self, kind: Literal["operator_link", "detections"], time: SimTime) -> bool:
         return any(outage.kind == kind and outage.at_s <= time.s < outage.until_s for outage in self._outages)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bench.contracts import (
+    OPERATOR_LINK,
     START,
     AgentEndpoints,
     AgentManifest,
@@ -49,6 +50,7 @@ from ._air_network import AirNetwork, open_air_network
 from ._detector import open_detector
 from ._host_clock import HOST_CLOCK, HostClock
 from ._mission_information import MissionInformation
+from ._operator_pilot import OperatorPilot, open_operator_pilot, operator_links
 from ._ports import reserved_udp_port
 from ._stop_session import StopSession
 from ._tick_server import TickServer, open_tick_server
@@ -145,6 +147,7 @@ class Session:
         air: AirNetwork,
         truth: TruthRecorder,
         progress: SessionProgress,
+        operator: OperatorPilot | None = None,
     ) -> None:
         self._spec = plan.simspec
         self._plan = plan
@@ -154,6 +157,7 @@ class Session:
         self._air = air
         self._truth = truth
         self._progress = progress
+        self._operator = operator
         self._topics = VehicleTopics(plan.simspec.vehicle.name)
         self._information = MissionInformation(plan.simspec, air, scene)
         self._agent: AgentProcess | None = None
@@ -202,12 +206,12 @@ class Session:
         while True:
             now = self._progress.now
             self._information.publish(now, self._vehicle, self._detector)
-            tick = Tick(
-                number=number, time_ns=now.ns, topics=self._air.sent(), links=dict(self._vehicle.sent())
-            )
+            self._fly_handed_over(now)
+            tick = Tick(number=number, time_ns=now.ns, topics=self._air.sent(), links=self._sent_to_agent())
             with self._agent_time.waiting():
                 ack = ticks.exchange(tick, budgets.reply_s)
                 self._receive_exactly(ack.links)
+            self._receive_from_operator()
             self._process_documents(self._air.receive(now, ack.topics, COUNT_BUDGET_S))
             self._advance(self._spec.pace.tick_s)
             number += 1
@@ -219,6 +223,7 @@ class Session:
             now = self._progress.now
             self._check_agent()
             self._information.publish(now, self._vehicle, self._detector)
+            self._fly_handed_over(now)
             # Counted from the start: rounding and late wake-ups do not add up.
             ahead_s = now.s - (self._clock.now() - started_s)
             if ahead_s > 0:
@@ -226,6 +231,28 @@ class Session:
             self._vehicle.receive()
             self._process_documents(self._air.receive(now, None, 0.0))
             self._advance(self._vehicle.step_s)
+
+    def _fly_handed_over(self, now: SimTime) -> None:
+        """Let the operator do what is due, and write it into the session's log."""
+        if self._operator is None:
+            return
+        actions = [self._operator.receive(order, now) for order in self._information.take_delivered()]
+        for action in (*actions, self._operator.act(now, self._vehicle)):
+            if action is not None:
+                self._truth.write_event(now, "operator", action)
+
+    def _sent_to_agent(self) -> dict[str, int]:
+        return {link: count for link, count in self._vehicle.sent().items() if link != OPERATOR_LINK}
+
+    def _receive_from_operator(self) -> None:
+        """Wait for what the operator has sent, so that the step which takes it does not depend on the host."""
+        if self._operator is None:
+            return
+        deadline_s = self._clock.now() + COUNT_BUDGET_S
+        while self._vehicle.receive().get(OPERATOR_LINK, 0) < self._operator.sent:
+            if self._clock.now() > deadline_s:
+                raise StopSession(Outcome.BENCH_ERROR, "the operator's MAVLink messages did not arrive")
+            self._clock.sleep(RECEIVE_POLL_S)
 
     def _advance(self, span_s: float) -> None:
         """Advance the world by `span_s`, and end the session if an end is reached."""
@@ -344,6 +371,9 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
     """Open everything that a session needs. Leaving the block closes all of it, the agent first."""
     spec, manifest = plan.simspec, plan.manifest
     progress = progress or SessionProgress()
+    if any(need.name == OPERATOR_LINK for need in manifest.mavlink):
+        remedy = "give the link in the manifest another name"
+        raise SetupError(Fault("mavlink", f"{OPERATOR_LINK!r} is the operator's link", remedy))
     realized_of(spec)  # before anything is opened: a session without places has nothing to fly over
     if spec.pace.mode not in manifest.pace:
         raise SetupError(
@@ -357,7 +387,7 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
     open_scene: OpenScene = load_plugin("rebar.scenes", spec.world.scene)
     truth = TruthRecorder(spec.vehicle.name, plan.tap)
     with ExitStack() as stack:
-        links = tuple(_link(need, stack) for need in manifest.mavlink)
+        links = (*(_link(need, stack) for need in manifest.mavlink), *operator_links(spec))
         scene = open_scene(spec)
         detector = open_detector(spec, scene.cast)
         vehicle = stack.enter_context(open_vehicle(VehiclePlan(spec, links), truth.keep_mavlink))
@@ -372,7 +402,8 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
             )
         air = stack.enter_context(open_air_network(spec, plan.tap, zenoh=manifest.zenoh, clock=plan.clock))
         ticks = stack.enter_context(open_tick_server(plan.clock)) if spec.pace.mode == "lockstep" else None
-        session = Session(plan, vehicle, scene, detector, air, truth, progress)
+        operator = stack.enter_context(open_operator_pilot(spec, vehicle))
+        session = Session(plan, vehicle, scene, detector, air, truth, progress, operator)
         endpoints = AgentEndpoints(
             mavlink={need.variable: vehicle.endpoints()[need.name] for need in manifest.mavlink},
             zenoh_locator=air.access.locator if air.access else None,

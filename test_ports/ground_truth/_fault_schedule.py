@@ -10,7 +10,15 @@ from bench.contracts import Outcome, Tape
 from bench.simspec import SimSpec
 
 FaultKind = Literal[
-    "any", "gps_off", "gps_drift", "battery_drop", "motor_off", "link_loss", "operator_link", "detections"
+    "any",
+    "gps_off",
+    "gps_drift",
+    "battery_drop",
+    "motor_off",
+    "link_loss",
+    "operator_link",
+    "detections",
+    "detections_degraded",
 ]
 
 

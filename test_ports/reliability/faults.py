@@ -34,6 +34,7 @@ ANNOUNCED_AS = {
     "link_loss": "link",
     "operator_link": "operator_link",
     "detections": "detections",
+    "detections_degraded": "detections",
 }
 """The word that a decision has as its subject or action when it is about a fault of that kind."""
 

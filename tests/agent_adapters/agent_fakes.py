@@ -152,6 +152,11 @@ class Multicopter:
         self._mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
         self._parser = mavlink.MAVLink(None)
 
+    @property
+    def last_setpoint_s(self) -> float:
+        """When the latest setpoint came."""
+        return self._setpoint_s
+
     # What the agent sends.
 
     def send(self, frame: bytes) -> bool:

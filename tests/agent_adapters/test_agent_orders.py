@@ -65,6 +65,49 @@ def test_a_hold_lasts_until_the_resume_order(policy: PolicyName) -> None:
     assert mission.phase == "complete"
 
 
+def test_the_agent_lets_go_of_the_vehicle_and_goes_on_from_where_it_finds_it() -> None:
+    """Between both orders it sends nothing that moves the vehicle, though somebody else flies it elsewhere."""
+    trail, setpoints = Trail(), list[float]()
+
+    def step(now: World) -> None:
+        trail(now)
+        if 40.0 <= now.vehicle.time_s < 60.0:
+            setpoints.append(now.vehicle.last_setpoint_s)
+        if abs(now.vehicle.time_s - 50.0) < 0.05:
+            now.vehicle.east_m += 30.0
+
+    mission = world(
+        {30.0: order_document("yours", "hand_over"), 60.0: order_document("mine", "take_back")},
+        each_step=step,
+    ).fly("naive")
+    assert answered_in_time(mission)
+    assert all(answer.accepted for answer in mission.answers)
+    assert max(setpoints) < 33.0
+    assert trail.speed_mps[36.0] < 1.0
+    assert trail.speed_mps[66.0] > 3.0
+    assert [decision.action for decision in mission.decisions if decision.subject == "yours"] == [
+        "obey",
+        "hand_over",
+        "take_back",
+    ]
+    assert {report.intelligence_id for report in mission.reports} == {"alpha", "bravo"}
+    assert mission.phase == "complete"
+
+
+def test_what_cannot_be_handed_over_or_taken_back_is_refused() -> None:
+    """On the ground there is nothing to hand over, and nothing comes back that was not given."""
+    orders, ordered = Orders(), order_document("yours", "hand_over")
+    assert "on the ground" in orders.refusal(ordered, Situation(grounded=True))
+    assert "landing" in orders.refusal(ordered, Situation(landing=True))
+    assert "flies by itself" in orders.refusal(ordered, Situation(failsafe="low battery"))
+    back = order_document("mine", "take_back")
+    assert "not handed over" in orders.refusal(back, Situation())
+    orders.take(ordered)
+    assert orders.refusal(back, Situation(failsafe="low battery")) == ""
+    orders.take(back)
+    assert orders.handed_over_by == ""
+
+
 def test_a_hold_without_resume_ends_when_the_time_runs_out() -> None:
     """Time runs out over a hold: it says so, and is down at home before the limit."""
     waiting = world({40.0: order_document("wait", "hold")})

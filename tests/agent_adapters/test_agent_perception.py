@@ -24,6 +24,7 @@ from agent_fakes import (
 from agent_adapters.reference import GroundCamera, VehiclePose
 from agent_adapters.reference.perception._perception import ObjectPerception
 from agent_adapters.reference.perception._pose import PoseHistory, east_north_of, wrapped
+from agent_adapters.reference.perception._quality import DetectionQuality
 from agent_adapters.reference.perception._tracks import PlacedDetection, Track, Tracks
 from bench.streams import Detection2DArray, Header, TFMessage, Time
 
@@ -270,3 +271,19 @@ def test_the_mount_is_what_the_transform_says_unless_set(setting: str, parent: s
     perception.take_mount(mount(f"{NAME}/{parent}"))
     assert perception.camera is not None
     assert perception.camera.level is level
+
+
+def test_worse_scores_than_usual_are_noticed_and_good_ones_again() -> None:
+    """A fall of the best scores is noticed within its window, and so is their return; few scores say nothing."""
+    quality, states = DetectionQuality(), {}
+    for tick in range(600):
+        time_s = tick * 0.2
+        factor = 0.8 if 40.0 <= time_s < 80.0 else 1.0
+        quality.take(time_s, [factor * score for score in (0.99, 0.97, 0.6)])
+        states[round(time_s, 1)] = quality.degraded
+    assert not any(state for time_s, state in states.items() if time_s < 40.0)
+    assert all(state for time_s, state in states.items() if 45.0 < time_s < 80.0)
+    assert not any(state for time_s, state in states.items() if time_s > 85.0)
+    for tick in range(600, 700):
+        quality.take(tick * 0.2, [0.3] if tick % 5 == 0 else [])
+    assert not quality.degraded

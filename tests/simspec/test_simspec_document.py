@@ -111,6 +111,18 @@ def box(west: float, south: float, east: float, north: float) -> str:
         ),
         ("orders: [{id: o, at_s: 1, kind: mark, intelligence: late}]", "which is not delivered before 50 s"),
         ("orders: [{id: o, at_s: 1, kind: dance}]", "'hold'"),
+        ("orders: [{id: o, at_s: 1, kind: hand_over}]", "hands over for good: add take_back"),
+        ("orders: [{id: o, at_s: 1, kind: take_back}]", "takes back what was not handed over"),
+        (
+            "orders: [{id: o, at_s: 1, kind: hand_over, within_s: 8}, {id: p, at_s: 9, kind: take_back}]",
+            "order 'p' at 9 s must come after 'o' is due, at 9 s",
+        ),
+        (
+            "orders: [{id: o, at_s: 1, kind: hand_over}, {id: p, at_s: 9, kind: hold}, {id: q, at_s: 20, kind: take_back}]",
+            "order 'p' (hold) comes while the operator has the vehicle, after 'o'; put take_back first",
+        ),
+        ("outages: [{kind: detections_degraded, at_s: 1, duration_s: 2}]", "needs lost_share"),
+        ("outages: [{kind: detections, at_s: 1, duration_s: 2, lost_share: 0.5}]", "needs lost_share"),
         ("outages: [{kind: detections, at_s: 90, duration_s: 20}]", "from 90 to 110 s lasts past the end"),
         ("rules: {bystander_slow_mps: 3}", "give both or neither"),
         ("rules: {bystander_slow_within_m: 3}", "give both or neither"),

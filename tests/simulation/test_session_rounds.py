@@ -26,7 +26,7 @@ from bench.contracts import (
     VehiclePlan,
 )
 from bench.recording import TapeBuilder
-from bench.simspec import Budgets, Camera, Mission, Order, Outage, SimSpec
+from bench.simspec import Budgets, Camera, Mission, Order, Outage, Perception, SimSpec
 from bench.simulation import HostClock, Session, SessionPlan, open_detector, open_plain_scene
 from bench.simulation._air_network import open_air_network
 from bench.simulation._mission_information import orders
@@ -259,3 +259,27 @@ def test_a_camera_at_the_controller_rate_exposes_one_frame_per_step() -> None:
     frames = tape_of(fast).frames
     assert [frame.number for frame in frames] == list(range(150))
     assert [frame.exposed for frame in frames] == [SimTime(20_000_000 * (step + 1)) for step in range(150)]
+
+
+def test_a_degradation_loses_its_share_of_detections_and_lowers_the_rest() -> None:
+    """Inside the span a share is gone and scores are scaled; outside everything is as without it."""
+    long = {"mission": Mission(time_limit_s=60.0), "perception": Perception(mode="perfect")}
+    plain = tape_of(session_simspec(**long))
+    outages = (Outage(kind="detections_degraded", at_s=10.0, duration_s=40.0, lost_share=0.4),)
+    degraded = tape_of(session_simspec(**long, outages=outages))
+    assert [frame.exposed for frame in degraded.detections] == [frame.exposed for frame in plain.detections]
+    kept = total = 0
+    for frame, whole in zip(degraded.detections, plain.detections, strict=True):
+        if not 10.0 <= frame.published.s < 50.0:
+            assert frame == whole
+            continue
+        boxes = {detection.box: detection.score for detection in whole.detections}
+        kept, total = kept + len(frame.detections), total + len(boxes)
+        assert all(
+            detection.score == pytest.approx(0.8 * boxes[detection.box]) for detection in frame.detections
+        )
+    # 200 frames with one actor or more: three standard deviations of a share of 0.6 are 0.1.
+    assert total >= 200
+    assert kept / total == pytest.approx(0.6, abs=0.11)
+    again = tape_of(session_simspec(**long, outages=outages))
+    assert again.detections == degraded.detections

@@ -46,8 +46,10 @@ class Control:
         """
         vehicle = self._vehicle
         self._orders.heed()
-        while vehicle.silent or vehicle.mode != OFFBOARD or not vehicle.armed:
-            if vehicle.silent:
+        while self._orders.handed_over_by or vehicle.silent or vehicle.mode != OFFBOARD or not vehicle.armed:
+            if self._orders.handed_over_by:
+                yield from self._hand_over()
+            elif vehicle.silent:
                 yield from self._wait_for_the_autopilot()
             elif not vehicle.armed:
                 raise TurnBack("the autopilot disarmed by itself")
@@ -55,6 +57,26 @@ class Control:
                 yield from self._yield_to_failsafe()
             else:
                 yield from self._retake()
+
+    def _hand_over(self) -> Steps[None]:
+        """Leave the vehicle to the operator, and take it back when told so.
+
+        Raises TurnBack where it is down by then.
+        """
+        vehicle, order = self._vehicle, self._orders.handed_over_by
+        before = (self._log.phase, self._log.text)
+        self._log.decide("hand_over", order, "the operator takes the vehicle: it stops and lets go")
+        self._log.enter("holding", f"handed over by {order}")
+        # Hold brakes and stays without setpoints; they go on until it is in force, or a failsafe would act.
+        if vehicle.mode == OFFBOARD and not vehicle.silent:
+            yield from vehicle.change_mode(HOLD)
+        vehicle.setpoint = None
+        while self._orders.handed_over_by:
+            yield
+        if not vehicle.armed:
+            raise TurnBack("the vehicle came down while the operator had it")
+        self._log.decide("take_back", order, "the operator gives the vehicle back")
+        self._log.enter(*before)
 
     def _wait_for_the_autopilot(self) -> Steps[None]:
         """It flies home by itself when it does not hear us; a setpoint that comes late would not fit where it

@@ -42,7 +42,7 @@ class Findings:
         settings: Settings,
     ) -> None:
         self.policy = policy
-        self.reports = Reports(log, order, orders)
+        self.reports = Reports(log, order, orders, watch)
         self._order = order
         self._planner = planner
         self._perception = perception

@@ -131,6 +131,7 @@ class SearchMission:
         return Situation(
             over=self.over,
             landing=self._pilot.landing,
+            grounded=not flying,
             unheard=vehicle.armed and vehicle.silent,
             failsafe=vehicle.reason if vehicle.failsafe else "",
             homeward=self._pilot.homeward() if flying else "",
@@ -547,4 +548,6 @@ _PLANS = {
     "retask": "it goes to this sub-area next",
     "stop_reporting": "it keeps what it finds to itself until told to report again",
     "resume_reporting": "it reports again, and first what it has kept",
+    "hand_over": "it stops, leaves the vehicle in Hold, and sends nothing that moves it",
+    "take_back": "it takes control again and goes on from where the vehicle is",
 }

@@ -6,8 +6,13 @@ from bench.contracts import MissionOrder, TargetReport
 
 from .._log import Log
 from .._orders import Orders
+from .._watch import Watch
 from ..perception._tracks import Track
 from ._policy import Judgement
+
+# While perception is worse than usual a report states less confidence and a larger error. Chosen, not
+# measured.
+DEGRADED_CONFIDENCE, DEGRADED_SIGMA = 0.8, 1.5
 
 
 class Reports:
@@ -16,11 +21,13 @@ class Reports:
     One that the operator could not hear is remembered until it has been said again.
     """
 
-    def __init__(self, log: Log, order: MissionOrder, orders: Orders) -> None:
+    def __init__(self, log: Log, order: MissionOrder, orders: Orders, watch: Watch) -> None:
         self.unheard: list[str] = []  # subjects, oldest first
         self._log = log
         self._windows = order.report_windows
         self._orders = orders
+        self._watch = watch
+        self._min_confidence = order.min_report_confidence
         self._first: dict[str, str] = {}  # id of the first report, by subject
         self._counts: dict[str, int] = {}
 
@@ -71,6 +78,13 @@ class Reports:
         report_id = f"{subject[:54]}-target" + (f"-{number}" if number > 1 else "")
         evidence = tuple(round(moment_s, 3) for moment_s in target.exposures)
         confidence = round(target.confidence, 4)
+        if self._watch.degraded:
+            # Never below what the rules ask for: the track has passed that with its own confidence.
+            confidence = max(
+                round(confidence * DEGRADED_CONFIDENCE, 4), min(confidence, self._min_confidence)
+            )
+            sigma_m = None if sigma_m is None else sigma_m * DEGRADED_SIGMA
+            why = "; ".join(filter(None, [why, "perception is worse than usual"]))
         sightings = (
             f"{target.confidence:.2f} from {target.frames} frames over {target.viewpoint_deg:.0f} degrees"
         )

@@ -11,6 +11,7 @@ from bench.streams import CameraInfo, Detection2D, Detection2DArray, Quaternion,
 
 from ._camera import GroundCamera
 from ._pose import PoseHistory, VehiclePose
+from ._quality import DetectionQuality
 from ._tracks import PEOPLE, PlacedDetection, Tracks
 
 FRAMES_KEPT = 512
@@ -37,6 +38,7 @@ class ObjectPerception:
 
     def __init__(self, poses: PoseHistory, mount: str) -> None:
         self.tracks = Tracks()
+        self.quality = DetectionQuality()
         self.frames = 0
         self.heard_s = 0.0  # when the detector last said anything
         self.unplaced = 0  # frames without a pose, or before the camera was known
@@ -86,6 +88,7 @@ class ObjectPerception:
         place is off by.
         """
         time_s = frame.header.stamp.ns * 1e-9
+        self.quality.take(time_s, (d.results[0].hypothesis.score for d in frame.detections if d.results))
         pose = self._poses.at(time_s)
         camera = self.camera
         if pose is None or camera is None or pose.height_m < 1.0:

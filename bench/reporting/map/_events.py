@@ -8,7 +8,11 @@ from dataclasses import dataclass
 from bench.contracts import Tape
 from bench.simspec import Failure, Order, SimSpec
 
-OUTAGE_TEXTS = {"operator_link": "the operator’s link is down", "detections": "the detector is silent"}
+OUTAGE_TEXTS = {
+    "operator_link": "the operator’s link is down",
+    "detections": "the detector is silent",
+    "detections_degraded": "the detector loses a share of its detections",
+}
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,141 @@
+"""The operator's part while the vehicle is handed over, against a vehicle that only stands there."""
+
+from __future__ import annotations
+
+import math
+import socket
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+from test_session import session_simspec
+
+from bench.contracts import OrderDocument, SimTime, VehicleCondition, VehiclePlan, VehicleState
+from bench.simspec import Mission, NoFlyArea, Order, Point, Polygon, Rules, SimSpec
+from bench.simulation._operator_pilot import MOVE_M, OperatorPilot, open_operator_pilot, operator_links
+from bench.testing import StillVehicle
+
+HAND_OVER = Order(id="yours", at_s=20.0, kind="hand_over", within_s=8.0)
+TAKE_BACK = Order(id="mine", at_s=50.0, kind="take_back")
+METRES_PER_DEGREE = 6378137.0 * math.pi / 180.0
+
+
+def situation(rules: Rules | None = None, orders: tuple[Order, ...] = (HAND_OVER, TAKE_BACK)) -> SimSpec:
+    return session_simspec(mission=Mission(time_limit_s=100.0), orders=orders, rules=rules or Rules())
+
+
+def document(order: Order) -> OrderDocument:
+    return OrderDocument(id=order.id, kind=order.kind, issued_s=order.at_s, within_s=order.within_s)
+
+
+class HoveringVehicle(StillVehicle):
+    """Hovers 100 m east of the origin, 60 m up."""
+
+    landed = False
+    failsafe = ""
+
+    def condition(self) -> VehicleCondition:
+        return replace(super().condition(), armed=True, landed=self.landed, failsafe=self.failsafe)
+
+    def estimate(self) -> VehicleState:
+        return replace(super().estimate(), position_enu_m=(100.0, 0.0, 60.0))
+
+
+@pytest.fixture
+def station() -> Iterator[socket.socket]:
+    """The vehicle's end of the operator's link."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(5.0)
+        yield receiver
+
+
+def pilot_of(spec: SimSpec, station: socket.socket) -> OperatorPilot:
+    sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sender.close()
+    return OperatorPilot(spec, station, f"udpout:127.0.0.1:{station.getsockname()[1]}")
+
+
+def reposition(station: socket.socket) -> tuple[Any, float, float]:
+    """The command that came, and its place in metres east and north of the origin (spherical)."""
+    command: Any = mavlink.MAVLink(None).decode(bytearray(station.recv(512)))
+    origin = situation().world.origin
+    north_m = (command.y * 0 + command.x * 1e-7 - origin.latitude_deg) * METRES_PER_DEGREE
+    east_m = (command.y * 1e-7 - origin.longitude_deg) * METRES_PER_DEGREE
+    return command, east_m * math.cos(math.radians(origin.latitude_deg)), north_m
+
+
+def test_the_operator_flies_towards_home_once_the_handover_is_due(station: socket.socket) -> None:
+    """Nothing before `within_s` is over, one command then, and word of the end when it is taken back."""
+    pilot, vehicle = pilot_of(situation(), station), HoveringVehicle(VehiclePlan(situation(), ()))
+    assert pilot.receive(document(HAND_OVER), SimTime(20_000_000_000)) is None
+    assert pilot.act(SimTime(27_900_000_000), vehicle) is None
+    assert pilot.sent == 0
+    action = pilot.act(SimTime(28_000_000_000), vehicle)
+    assert action is not None
+    assert action.startswith("yours: the operator flies to")
+    command, east_m, north_m = reposition(station)
+    assert (command.command, command.frame) == (mavlink.MAV_CMD_DO_REPOSITION, mavlink.MAV_FRAME_GLOBAL)
+    assert command.z == pytest.approx(situation().world.origin.altitude_m + 60.0)
+    home = situation().vehicle.home
+    assert math.dist((east_m, north_m), (100.0, 0.0)) == pytest.approx(MOVE_M, rel=0.01)
+    away_m = math.dist((100.0, 0.0), (home.east_m, home.north_m))
+    assert math.dist((east_m, north_m), (home.east_m, home.north_m)) == pytest.approx(
+        away_m - MOVE_M, rel=0.01
+    )
+    assert pilot.act(SimTime(29_000_000_000), vehicle) is None
+    assert (
+        pilot.receive(document(TAKE_BACK), SimTime(50_000_000_000))
+        == "mine: the operator gives the vehicle back"
+    )
+    assert pilot.sent == 1
+
+
+def test_the_operator_keeps_the_rules(station: socket.socket) -> None:
+    """A no-fly area on the way home turns the operator aside; a fence on all sides keeps it in place."""
+    area = Polygon(
+        corners=tuple(Point(east_m=e, north_m=n) for e, n in ((75, -3), (85, -3), (85, 3), (75, 3)))
+    )
+    pilot = pilot_of(situation(Rules(no_fly=(NoFlyArea(id="clinic", area=area),))), station)
+    vehicle = HoveringVehicle(VehiclePlan(situation(), ()))
+    pilot.receive(document(HAND_OVER), SimTime(0))
+    pilot.act(SimTime(10_000_000_000), vehicle)
+    _, east_m, north_m = reposition(station)
+    assert math.dist((east_m, north_m), (100.0, 0.0)) == pytest.approx(MOVE_M, rel=0.01)
+    assert abs(north_m) > 10.0
+    corners = tuple(Point(east_m=e, north_m=n) for e, n in ((-20, -10), (110, -10), (110, 10), (-20, 10)))
+    fenced = Rules(geofence=Polygon(corners=corners), no_fly=(NoFlyArea(id="clinic", area=area),))
+    pilot = pilot_of(situation(fenced), station)
+    pilot.receive(document(HAND_OVER), SimTime(0))
+    action = pilot.act(SimTime(10_000_000_000), vehicle)
+    assert action is not None
+    assert "0 m away" in action
+    _, east_m, north_m = reposition(station)
+    assert math.dist((east_m, north_m), (100.0, 0.0)) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("landed", "failsafe", "words"), [(True, "", "on the ground"), (False, "battery", "battery")]
+)
+def test_the_operator_leaves_alone_what_it_cannot_fly(
+    station: socket.socket, landed: bool, failsafe: str, words: str
+) -> None:
+    """A vehicle on the ground, or under a failsafe, is not commanded, and the log says why."""
+    pilot, vehicle = pilot_of(situation(), station), HoveringVehicle(VehiclePlan(situation(), ()))
+    vehicle.landed, vehicle.failsafe = landed, failsafe
+    pilot.receive(document(HAND_OVER), SimTime(0))
+    action = pilot.act(SimTime(10_000_000_000), vehicle)
+    assert action is not None
+    assert words in action
+    assert pilot.sent == 0
+    assert pilot.receive(document(TAKE_BACK), SimTime(50_000_000_000)) is None
+
+
+def test_a_session_without_a_handover_has_no_operator() -> None:
+    """No link, no pilot: such a session is what it was."""
+    spec = situation(orders=())
+    assert operator_links(spec) == ()
+    with open_operator_pilot(spec, HoveringVehicle(VehiclePlan(spec, ()))) as pilot:
+        assert pilot is None
