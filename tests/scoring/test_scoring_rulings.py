@@ -24,7 +24,7 @@ SEARCHED = (
 SUFFIXES = (".py", ".md", ".yaml", ".toml", ".j2")
 CITATION = re.compile(r"\b(?:rulings\.md|[Rr]ulings?)\s+(?=\d)((?:\d+(?:\s*,\s*|\s+(?:and|to)\s+)?)+)")
 
-NOT_IMPLEMENTED = {14, 23, 24, 25}
+NOT_IMPLEMENTED = {23}
 
 
 def rulings() -> dict[int, str]:
