@@ -22,6 +22,8 @@ from bench.contracts import (
     CameraFrame,
     CastDocument,
     CastMember,
+    ConsentAnswer,
+    ConsentRequest,
     Detection,
     DetectionFrame,
     EventDocument,
@@ -205,6 +207,19 @@ def order(time_s: float, kind: str, **more: Any) -> Timed[OrderDocument]:
 
 def answer(time_s: float, order_id: str, *, accepted: bool = True, reason: str = "") -> Timed[OrderAnswer]:
     return Timed(at_s(time_s), OrderAnswer(time_s=time_s, order=order_id, accepted=accepted, reason=reason))
+
+
+def request(
+    time_s: float, about: str, label: str, east_m: float, north_m: float, **more: Any
+) -> Timed[ConsentRequest]:
+    """A request for consent to mark; its id is made of its time."""
+    place = {"class_label": label, "east_m": east_m, "north_m": north_m, "confidence": 0.9}
+    fields = {"id": f"q{time_s:g}", "time_s": time_s, "intelligence_id": about, **place, **more}
+    return Timed(at_s(time_s), ConsentRequest.model_validate(fields))
+
+
+def consent(time_s: float, request_id: str, *, granted: bool = True) -> Timed[ConsentAnswer]:
+    return Timed(at_s(time_s), ConsentAnswer(request=request_id, granted=granted, answered_s=time_s))
 
 
 def link(*changes: tuple[float, bool]) -> tuple[Timed[OperatorLinkDocument], ...]:

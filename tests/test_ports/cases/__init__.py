@@ -126,6 +126,8 @@ def _records(run: Run) -> Iterator[Record]:
         (topics.orders, tape.orders),
         (topics.answers, tape.answers),
         (topics.operator_link, tape.operator_link),
+        (topics.consent_requests, tape.consent_requests),
+        (topics.consents, tape.consents),
     )
     for topic, stream in documents:
         for message in stream:

@@ -1,0 +1,99 @@
+"""Measures of positive identification: whether a report rests on a second look at its target.
+
+A *look* is an exposure that the report cites and at which the truth has the target in clear view.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bench.arrays import Floats
+from bench.contracts import Evidence, Tape, TargetReport, Timed
+from bench.simspec import SimSpec
+
+from .._declaration import Finding, measure, not_considered, nothing_shown
+from ..ground_truth import GroundTruth
+from ..perception.clear_views import ViewCriteria
+from .credibility import FALSE_BEYOND_M, NO_TARGETS, right_and_false, shows_knowledge
+
+CITED_WITHIN_S = 0.15
+"""A cited time is that of the nearest exposure within this: as `evidence_true`, whose default it is."""
+
+
+@measure
+def second_look(tape: Tape, simspec: SimSpec, *, min_angle_deg: float = 20.0) -> Finding:
+    """Share of the reported adversaries whose first report, and every mark, rests on looks from two sides.
+
+    Two looks are from two sides when the directions from the target to the vehicle differ by `min_angle_deg`
+    on the ground. Agreement with intelligence is no second source: every target has it. A false position,
+    or a report that shows no knowledge, counts as one more adversary without a second look. 0 without reports. Considered when intelligence names
+    an adversary.
+    """
+    truth = GroundTruth.of(tape, simspec)
+    if not truth.targets():
+        return not_considered(NO_TARGETS)
+    _, false_reports = right_and_false(truth, tape, FALSE_BEYOND_M)
+    reported: dict[int, bool] = {}
+    evidence = []
+    for report in tape.reports:
+        subject = truth.subject(report.value, report.time.s, FALSE_BEYOND_M)
+        # A report without knowledge of its subject is among the false ones.
+        if subject is None or not shows_knowledge(truth, tape, report, subject):
+            continue
+        if subject in reported and not report.value.mark:
+            continue
+        angle_deg = _widest_angle_deg(truth, tape, report, subject)
+        sound = angle_deg >= min_angle_deg
+        reported[subject] = reported.get(subject, True) and sound
+        text = f"report {report.value.id} rests on looks at {truth.cast[subject].id} that differ by {angle_deg:.0f} degrees"
+        evidence.append((sound, Evidence(time_s=report.time.s, text=text)))
+    if not reported and not false_reports:
+        return nothing_shown(tape.end_s, "nothing was reported")
+    # Failures first.
+    moments = tuple(moment for _, moment in sorted(evidence, key=lambda pair: pair[0]))
+    wrong = tuple(
+        Evidence(time_s=report.time.s, text=f"report {report.value.id} is about no adversary")
+        for report in false_reports
+    )
+    return Finding(sum(reported.values()) / (len(reported) + len(false_reports)), (*wrong, *moments))
+
+
+def _widest_angle_deg(truth: GroundTruth, tape: Tape, report: Timed[TargetReport], actor: int) -> float:
+    """The largest difference between the directions of two looks that the report cites; 0 with fewer."""
+    looks_s, bearings_rad = clear_looks(truth, tape, actor)
+    if not len(looks_s):
+        return 0.0
+    cited = [time_s for time_s in report.value.evidence if time_s <= report.time.s + CITED_WITHIN_S]
+    rows = {int(np.abs(looks_s - time_s).argmin()) for time_s in cited}
+    seen = [row for row in rows if min(abs(looks_s[row] - time_s) for time_s in cited) <= CITED_WITHIN_S]
+    bearings = bearings_rad[seen]
+    apart = np.abs((bearings[:, None] - bearings[None] + math.pi) % (2.0 * math.pi) - math.pi)
+    return float(np.degrees(apart.max())) if len(seen) else 0.0
+
+
+def clear_looks(truth: GroundTruth, tape: Tape, actor: int) -> tuple[Floats, Floats]:
+    """Times (l,) of the exposures that have the actor in clear view, and the bearings (l,) from it to the
+    vehicle then.
+    """
+
+    def search() -> tuple[Floats, Floats]:
+        criteria = ViewCriteria()
+        looks_s = np.array(
+            [
+                frame.exposed.s
+                for frame in tape.frames
+                if any(sight.actor == actor and criteria.is_clear(sight) for sight in frame.sightings)
+            ]
+        )
+        if not len(looks_s) or not len(tape.vehicle_time_s):
+            return looks_s, np.zeros(len(looks_s))
+        places = np.array([truth.at(float(time_s))[actor] for time_s in looks_s])
+        offsets = [
+            np.interp(looks_s, tape.vehicle_time_s, tape.vehicle_position_enu_m[:, axis]) - places[:, axis]
+            for axis in (0, 1)
+        ]
+        return looks_s, np.arctan2(offsets[1], offsets[0])
+
+    return tape.cached((clear_looks, truth, actor), search)
