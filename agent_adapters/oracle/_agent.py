@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from agent_adapters.client import AgentEnvironment, open_bench
 from bench.contracts import MissionOrder
+from bench.simspec import Role
 
 from ..reference._agent import LINK, Agent, AgentParts, wanted
 from ..reference._log import Log, Publish
@@ -14,7 +17,7 @@ from ..reference._settings import Settings
 from ..reference._steps import Steps
 from ..reference._watch import Watch
 from ..reference.flight._paths import length_m
-from ..reference.flight._vehicle import PilotedVehicle, Sender
+from ..reference.flight._vehicle import PilotedVehicle, PositionSetpoint, Sender
 from ..reference.mission._findings import Findings
 from ..reference.mission._mission import SearchMission
 from ..reference.mission._planner import SearchTask
@@ -32,6 +35,13 @@ MARK_MARGIN_M = 3.0
 SIGMA_M = 0.5
 # Inside the edge of a reported circle by this much, for the agent's own error of place. Chosen, not measured.
 REACHED_MARGIN_M = 10.0
+# How near to home a person is in the way, and how long taking off and coming down take there. Chosen after
+# the rules of campaign full, which ask for 25 m.
+PEOPLE_NEAR_M, CLIMB_S, DESCENT_S = 25.0, 10.0, 30.0
+# Longer over one place would itself be a stay near people: the rules allow 15 s. Chosen, not measured.
+WAIT_S = 14.0
+# Of the time limit: later than this, waiting costs more than it is worth. Chosen, not measured.
+LATEST_SHARE = 0.85
 # The words by which a decision names a fault (docs/measures.md).
 _FAULT_WORDS = {
     "gps_off": "gps",
@@ -125,6 +135,52 @@ class OracleMission(SearchMission):
     ) -> None:
         super().__init__(vehicle, eyes, log, watch, "bystander_aware", settings)
         self._truth = truth
+        self._people = [index for index, member in enumerate(truth.cast) if member.role is Role.BYSTANDER]
+        self._take_off_s: float | None = None
+
+    def _whole(self) -> Steps[str]:
+        yield from self._prepare()
+        yield from self._pilot.take_off(self._must_wait_on_the_ground)
+        while True:
+            yield from self._work_through()
+            yield from self._wait_for_people_at_home()
+            if (yield from self._pilot.go_home("every task is dealt with", unless=self._more_to_do)):
+                return "complete"
+
+    def _must_wait_on_the_ground(self) -> bool:
+        if super()._must_wait_on_the_ground():
+            return True
+        now_s = self._vehicle.now_s
+        if self._take_off_s is None:
+            self._take_off_s = self._clearest_s(now_s, CLIMB_S, WAIT_S)
+        return now_s < self._take_off_s
+
+    def _clearest_s(self, from_s: float, span_s: float, wait_s: float) -> float:
+        """When to begin something at home that takes a while: with the fewest people near, within a wait."""
+
+        def people(begin_s: float) -> int:
+            places = [self._truth.places_m(begin_s + s) for s in range(int(span_s) + 1)]
+            near = (np.hypot(*(place[self._people] - self._home).T) < PEOPLE_NEAR_M for place in places)
+            return int(sum(np.count_nonzero(row) for row in near))
+
+        return min(
+            (from_s + wait for wait in range(int(wait_s) + 1)), key=lambda begin_s: (people(begin_s), begin_s)
+        )
+
+    def _wait_for_people_at_home(self) -> Steps[None]:
+        """Hover where it is until the way down is as clear as it gets soon."""
+        assert self._order is not None
+        away_s = self._planner.travel_s(math.dist(self._place, self._home))
+        now_s = self._vehicle.now_s
+        spare_s = LATEST_SHARE * self._order.time_limit_s - now_s - self._planner.home_s(self._place)
+        if spare_s < 1.0:
+            return
+        leave_s = self._clearest_s(now_s + away_s, DESCENT_S, min(spare_s, WAIT_S)) - away_s
+        pose = self._pilot.pose
+        self._vehicle.setpoint = PositionSetpoint(*self._place, self._pilot.height_m, pose.yaw_rad)
+        while self._vehicle.now_s < leave_s and not self._more_to_do():
+            yield from self._pilot.keep_control()
+            yield
 
     def _work_through(self) -> Steps[None]:
         """First every target, by the shortest way to a clear view of it; then the ground round each."""

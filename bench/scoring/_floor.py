@@ -10,6 +10,7 @@ from pydantic import Field
 
 from bench.documents import Document
 
+from ._difficulty import Standing
 from ._table import EXCLUDED_OUTCOMES
 
 # Ruling 24: an observable does not discriminate where its floor is above a half, or above nine tenths of its
@@ -38,6 +39,10 @@ class NodeFloor(Document):
     scenes: Annotated[
         int, Field(ge=0, description="Scenes in which the node was considered for some agent of the floor.")
     ]
+    configured_sensor: Annotated[
+        bool,
+        Field(description="It describes the sensor that the bench simulates, so it is never flagged."),
+    ] = False
 
     @property
     def discrimination(self) -> float | None:
@@ -47,7 +52,7 @@ class NodeFloor(Document):
     @property
     def flaw(self) -> str:
         """Why this observable does not discriminate; empty where it does, and for any other node."""
-        if self.level != "observable" or self.floor is None:
+        if self.level != "observable" or self.floor is None or self.configured_sensor:
             return ""
         if self.floor > MAX_FLOOR:
             return f"{_named(self.floor_agents)} without merit: {self.floor:.0%}"
@@ -81,9 +86,12 @@ def node_floors(scores: pl.DataFrame, oracle: str | None) -> dict[str, NodeFloor
         by_node.setdefault(node, {})[agent] = confidence
     counts = considered.select("node", *scene).unique().group_by("node").len()
     scenes: Mapping[str, int] = dict(counts.iter_rows())
+    sensor = set(scores.filter(pl.col("standing") == str(Standing.CONFIGURED_SENSOR))["node"])
     nodes = scores.select("node", "level").unique(maintain_order=True).iter_rows()
     return {
-        node: _node_floor(node, level, by_node.get(node, {}), oracle, scenes.get(node, 0))
+        node: _node_floor(node, level, by_node.get(node, {}), oracle, scenes.get(node, 0)).model_copy(
+            update={"configured_sensor": node in sensor}
+        )
         for node, level in nodes
     }
 

@@ -151,6 +151,8 @@ def test_what_does_not_discriminate(floor: float | None, ceiling: float | None, 
     """Above a half, or above nine tenths of the ceiling; a floor at the limit is not above it."""
     assert bool(node("OBS1", floor, ceiling).flaw) is flawed
     assert not node("KA1", floor, ceiling, level="ka").flaw
+    # Detections are the bench's own: whoever flies has the same ones.
+    assert not node("OBS1", floor, ceiling).model_copy(update={"configured_sensor": True}).flaw
 
 
 def test_the_worst_come_first() -> None:
