@@ -23,6 +23,11 @@ from ._competence import count_trials as count_trials
 from ._curve import Curve as Curve
 from ._curve import CurveState as CurveState
 from ._curve import difficulty_response as difficulty_response
+from ._difficulty_slope import AgentAbility as AgentAbility
+from ._difficulty_slope import DifficultySlope as DifficultySlope
+from ._difficulty_slope import Direction as Direction
+from ._difficulty_slope import SlopeState as SlopeState
+from ._difficulty_slope import difficulty_slope as difficulty_slope
 from ._equivalence import difference_bounds as difference_bounds
 from ._intervals import bounded_mean as bounded_mean
 from ._intervals import clopper_pearson as clopper_pearson
@@ -32,6 +37,8 @@ from ._power import mcnemar_power as mcnemar_power
 from ._power import pairs_for_difference as pairs_for_difference
 from ._power import runs_for_claim as runs_for_claim
 from ._power import runs_for_half_width as runs_for_half_width
+from ._rank_association import RankAssociation as RankAssociation
+from ._rank_association import rank_association as rank_association
 from ._regression import OddsRatio as OddsRatio
 from ._regression import correlation as correlation
 from ._regression import logistic as logistic
@@ -43,6 +50,12 @@ from ._sequential import StoppingRule as StoppingRule
 from ._sequential import confidence_sequence as confidence_sequence
 from ._sequential import mean_bounds as mean_bounds
 from ._sequential import pass_rate_bounds as pass_rate_bounds
+from ._table_refit import ColumnRate as ColumnRate
+from ._table_refit import RefittedTable as RefittedTable
+from ._table_refit import column_rates as column_rates
+from ._table_refit import isotonic_rates as isotonic_rates
+from ._table_refit import nearest_column as nearest_column
+from ._table_refit import refit_table as refit_table
 from ._terms import FactorColumn as FactorColumn
 from ._terms import FactorIndependence as FactorIndependence
 from ._terms import FactorLevel as FactorLevel

@@ -121,7 +121,7 @@ def logistic(passed: Sequence[bool], factors: Sequence[FactorColumn], points: Se
     x, places = design_matrix([term for _, term in included], len(y))
     if count <= x.shape[1]:
         return _without_fit(empty, f"{count} design points are too few for {x.shape[1]} parameters")
-    fit = _fit(y, x, cluster_codes(points))
+    fit = fit_logistic(y, x, cluster_codes(points))
     tests = tuple(
         FactorTest(factor.name, term.df, fit.p(places[term.name]), terms.note(factor.name))
         for factor, term in included
@@ -174,7 +174,7 @@ def separated(y: Floats, x: Floats) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class _Likelihood:
+class LikelihoodFit:
     """A maximum-likelihood fit with its covariance; `residual_df` is infinite unless errors are by design
     point.
     """
@@ -198,9 +198,11 @@ class _Likelihood:
 
 
 @dataclass(frozen=True, slots=True)
-class _Firth:
+class FirthFit:
     """A penalised fit; its tests and intervals come from the profile of the penalised likelihood, not from a
     normal.
+
+    A `design_effect` of 1 takes rows as independent; with one of k, k rows count as one.
     """
 
     method: str
@@ -208,26 +210,27 @@ class _Firth:
     likelihood: float
     y: Floats
     x: Floats
+    design_effect: float = 1.0
 
     def p(self, place: slice) -> float | None:
         free = np.ones(self.x.shape[1], dtype=bool)
         free[place] = False
         start = np.where(free, self.beta, 0.0)
-        drop = 2 * (self.likelihood - _maximized(self.y, self.x, start, free)[1])
-        return float(stats.chi2.sf(max(0.0, drop), int((~free).sum())))
+        drop = 2 * (self.likelihood - _maximized(self.y, self.x, start, free, self.design_effect)[1])
+        return float(stats.chi2.sf(max(0.0, drop) / self.design_effect, int((~free).sum())))
 
     def interval(self, column: int) -> tuple[float, float]:
         return self._bound(column, -1.0), self._bound(column, 1.0)
 
     def _bound(self, column: int, direction: float) -> float:
-        edge = self.likelihood - float(stats.chi2.ppf(0.95, 1)) / 2
+        edge = self.likelihood - self.design_effect * float(stats.chi2.ppf(0.95, 1)) / 2
         free = np.ones(self.x.shape[1], dtype=bool)
         free[column] = False
 
         def above(distance: float) -> float:
             start = self.beta.copy()
             start[column] += direction * distance
-            return _maximized(self.y, self.x, start, free)[1] - edge
+            return _maximized(self.y, self.x, start, free, self.design_effect)[1] - edge
 
         # Bounds beyond MAX_ODDS_RATIO are not reported, so the search stops there.
         distance = float(np.log(MAX_ODDS_RATIO)) - direction * float(self.beta[column])
@@ -236,8 +239,15 @@ class _Firth:
         return float(self.beta[column] + direction * optimize.brentq(above, 0.0, distance, xtol=1e-4))
 
 
-def _fit(y: Floats, x: Floats, clusters: NDArray[np.int64]) -> _Likelihood | _Firth:
-    if not separated(y, x):
+def fit_logistic(
+    y: Floats, x: Floats, clusters: NDArray[np.int64], design_effect: float = 1.0
+) -> LikelihoodFit | FirthFit:
+    """Fit y (0 or 1) to the columns of x by maximum likelihood, with errors by cluster where clusters have
+    several rows; by Firth's penalised likelihood where there is no maximum, with this `design_effect`.
+    """
+    # Equal rows say the same about separation, and the linear programme has a constraint for each.
+    distinct = np.unique(np.column_stack([y, x]), axis=0)
+    if not separated(distinct[:, 0], distinct[:, 1:]):
         # Imported here because it takes a second, which only a regression should pay.
         from statsmodels.discrete.discrete_model import Logit
 
@@ -252,27 +262,30 @@ def _fit(y: Floats, x: Floats, clusters: NDArray[np.int64]) -> _Likelihood | _Fi
             method, residual_df = (
                 (CLUSTERED_LIKELIHOOD, points - x.shape[1]) if clustered else (LIKELIHOOD, np.inf)
             )
-            return _Likelihood(method, fit.params, fit.cov_params(), residual_df)
-    beta, likelihood = _maximized(y, x, np.zeros(x.shape[1]), np.ones(x.shape[1], dtype=bool))
-    return _Firth(FIRTH, beta, likelihood, y, x)
+            return LikelihoodFit(method, fit.params, fit.cov_params(), residual_df)
+    free = np.ones(x.shape[1], dtype=bool)
+    beta, likelihood = _maximized(y, x, np.zeros(x.shape[1]), free, design_effect)
+    return FirthFit(FIRTH, beta, likelihood, y, x, design_effect)
 
 
-def _maximized(y: Floats, x: Floats, start: Floats, free: NDArray[np.bool_]) -> tuple[Floats, float]:
+def _maximized(
+    y: Floats, x: Floats, start: Floats, free: NDArray[np.bool_], design_effect: float
+) -> tuple[Floats, float]:
     """The maximum of Firth's penalised likelihood over the free coefficients, by Newton steps with step
     halving.
     """
-    beta, value = start.copy(), _penalized_likelihood(y, x, start)
+    beta, value = start.copy(), _penalized_likelihood(y, x, start, design_effect)
     for _ in range(200):
         chance = _probability(x @ beta)
         root = x * np.sqrt(chance * (1 - chance))[:, None]
         information = root.T @ root
         hat = ((root @ np.linalg.pinv(information)) * root).sum(axis=1)
-        slope = x.T @ (y - chance + hat * (0.5 - chance))
+        slope = x.T @ (y - chance + design_effect * hat * (0.5 - chance))
         step = np.zeros_like(beta)
         step[free] = np.linalg.pinv(information[np.ix_(free, free)]) @ slope[free]
         step *= min(1.0, 5.0 / max(float(np.abs(step).max()), 1e-300))
         for _ in range(30):
-            if (new := _penalized_likelihood(y, x, beta + step)) >= value - 1e-13:
+            if (new := _penalized_likelihood(y, x, beta + step, design_effect)) >= value - 1e-13:
                 break
             step /= 2
         beta, gain, value = beta + step, new - value, new
@@ -283,13 +296,16 @@ def _maximized(y: Floats, x: Floats, start: Floats, free: NDArray[np.bool_]) -> 
     return beta, value
 
 
-def _penalized_likelihood(y: Floats, x: Floats, beta: Floats) -> float:
+def _penalized_likelihood(y: Floats, x: Floats, beta: Floats, design_effect: float) -> float:
+    """Where k rows count as one, their likelihood is divided by k; multiplied by k, so that rows keep their
+    weight, that is a penalty of k times its usual size.
+    """
     line = x @ beta
     chance = _probability(line)
     sign, size = np.linalg.slogdet((x * (chance * (1 - chance))[:, None]).T @ x)
     if sign <= 0:
         return -np.inf
-    return float((y * line - np.logaddexp(0.0, line)).sum() + 0.5 * size)
+    return float((y * line - np.logaddexp(0.0, line)).sum() + 0.5 * design_effect * size)
 
 
 def _probability(line: Floats) -> Floats:
@@ -305,7 +321,7 @@ def _treatment_contrasts(factor: FactorColumn) -> Term:
     return Term((factor.name,), factor.spread_out(columns))
 
 
-def _odds(factor: FactorColumn, fit: _Likelihood | _Firth, columns: slice) -> list[OddsRatio]:
+def _odds(factor: FactorColumn, fit: LikelihoodFit | FirthFit, columns: slice) -> list[OddsRatio]:
     base, levels = str(factor.levels[0]), (factor.levels[-1:] if factor.numeric else factor.levels[1:])
     ratios = []
     for column, level in zip(range(columns.start, columns.stop), levels, strict=True):
@@ -319,9 +335,9 @@ def _odds_ratio(log_odds: float) -> float | None:
     return float(np.exp(log_odds)) if abs(log_odds) <= np.log(MAX_ODDS_RATIO) else None
 
 
-def _remarks(fit: _Likelihood | _Firth, y: Floats, x: Floats, points: int) -> list[str]:
+def _remarks(fit: LikelihoodFit | FirthFit, y: Floats, x: Floats, points: int) -> list[str]:
     remarks = []
-    if isinstance(fit, _Firth):
+    if isinstance(fit, FirthFit):
         remarks.append("factors separate passes from failures, so odds are penalised (Firth)")
         if points < len(y):
             remarks.append("runs of one design point are taken as independent")

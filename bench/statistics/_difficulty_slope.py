@@ -1,0 +1,193 @@
+"""Whether failure becomes likelier with rated difficulty, over several agents.
+
+A Rasch model in which the difficulty of an item is rated and not estimated: the log odds of failure are an
+intercept for each agent (its ability) and a common slope on the rating. Fitted for each key attribute by
+itself, the slope is the discrimination of a two-parameter logistic model. Rasch, G. (1960), "Probabilistic
+models for some intelligence and attainment tests"; Fischer, G. H. (1973), "The linear logistic test model as
+an instrument in educational research", Acta Psychologica 37, 359-374.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bench.arrays import Bools, Floats
+
+from ._anova import cluster_codes
+from ._bootstrap import MIN_DESIGN_POINTS
+from ._competence import DIFFICULTY_DECIMALS
+from ._rank_association import SIGNIFICANCE, rank_association
+from ._regression import FIRTH, FirthFit, fit_logistic
+
+POINTS_PER_STEP = 10.0
+"""Slopes are for this many points of difficulty: an odds ratio for a single point is too close to 1 to read."""
+
+SEPARATED_METHOD = f"{FIRTH}, a design point counts as one run"
+
+
+class SlopeState(StrEnum):
+    """How a fit came out; only the first two have a slope."""
+
+    FITTED = "fitted"
+    # The penalty and not the data keeps the slope finite.
+    SEPARATED = "separated"
+    ONE_DIFFICULTY = "one difficulty only"
+    NO_MIXED_AGENT = "no agent both passes and fails"
+    TOO_FEW = "too few design points"
+
+
+class Direction(StrEnum):
+    """What the 95 % interval of a slope shows."""
+
+    RISES = "rises"
+    FALLS = "falls"
+    OPEN = "open"
+
+
+@dataclass(frozen=True, slots=True)
+class AgentAbility:
+    """One agent in a fit.
+
+    `even_chance_at` is the difficulty at which it fails every second trial, which may lie outside 0 to 100.
+    None where the agent is not in the fit because it passes or fails every trial, and where failure does not
+    rise with difficulty.
+    """
+
+    agent: str
+    trials: int
+    failed: int
+    even_chance_at: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class DifficultySlope:
+    """The slope of failure on rated difficulty, as log odds for 10 points.
+
+    `slope`, `low` and `high` (two-sided 95 %) are None without a fit; `low` or `high` alone is None where
+    the interval has no end on that side. `trials` and `design_points` are those in the fit, without agents
+    that pass or fail every trial: whatever the slope is, their ability can explain their results.
+    """
+
+    state: SlopeState
+    method: str
+    trials: int
+    design_points: int
+    difficulties: int
+    agents: tuple[AgentAbility, ...]
+    slope: float | None = None
+    low: float | None = None
+    high: float | None = None
+    p: float | None = None
+
+    @property
+    def direction(self) -> Direction:
+        """Whether failure rises or falls with difficulty, by the interval and by p; open without a slope."""
+        if self.p is None or self.p > SIGNIFICANCE:
+            return Direction.OPEN
+        if self.low is not None and self.low > 0.0:
+            return Direction.RISES
+        if self.high is not None and self.high < 0.0:
+            return Direction.FALLS
+        return Direction.OPEN
+
+
+def difficulty_slope(
+    difficulty: ArrayLike, failed: ArrayLike, agents: Sequence[str], design_points: Sequence[str]
+) -> DifficultySlope:
+    """Fit failures to the rated difficulty of trials, with an ability for each agent.
+
+    Errors are by design point, over all agents that flew it, with a t quantile. Where difficulty separates
+    the passes from the failures, the fit is Firth's, its likelihood is divided by the mean number of trials
+    of a design point, as if these agreed wholly, and p is from shuffles of difficulties among design points
+    (`rank_association`).
+    """
+    hard = np.round(np.asarray(difficulty, dtype=np.float64), DIFFICULTY_DECIMALS)
+    fails = np.asarray(failed, dtype=np.bool_)
+    names = tuple(dict.fromkeys(agents))
+    code = np.array([names.index(agent) for agent in agents], dtype=np.int64)
+    trials = np.bincount(code, minlength=len(names))
+    failures = np.bincount(code, weights=fails, minlength=len(names)).astype(np.int64)
+    mixed = (failures > 0) & (failures < trials)
+    kept = mixed[code] if code.size else np.zeros(0, dtype=np.bool_)
+    points = [point for point, in_fit in zip(design_points, kept, strict=True) if in_fit]
+    used = np.flatnonzero(mixed)
+    empty = DifficultySlope(
+        state=_state(hard, hard[kept], mixed, len(set(points))),
+        method="none",
+        trials=int(kept.sum()),
+        design_points=len(set(points)),
+        difficulties=len(np.unique(hard[kept])),
+        agents=_abilities(names, trials, failures, {}),
+    )
+    if empty.state is not SlopeState.FITTED:
+        return empty
+    # Centred, so that abilities and slope are nearly uncorrelated and Newton's steps stay short.
+    centre = float(hard[kept].mean())
+    x = np.column_stack([code[kept][:, None] == used, (hard[kept] - centre) / POINTS_PER_STEP]).astype(
+        np.float64
+    )
+    return _fitted(empty, fails[kept], x, cluster_codes(points), [names[place] for place in used], centre)
+
+
+def _fitted(
+    empty: DifficultySlope,
+    fails: Bools,
+    x: Floats,
+    clusters: NDArray[np.int64],
+    agents: Sequence[str],
+    centre: float,
+) -> DifficultySlope:
+    fit = fit_logistic(fails.astype(np.float64), x, clusters, len(fails) / empty.design_points)
+    column = x.shape[1] - 1
+    is_separated = isinstance(fit, FirthFit)
+    # Few design points can be separated by chance, which likelihood ratios of so few do not show.
+    p = _shuffled_p(fails, x, clusters) if is_separated else fit.p(slice(column, column + 1))
+    slope = float(fit.beta[column])
+    low, high = fit.interval(column)
+    even = {
+        agent: centre - POINTS_PER_STEP * float(intercept) / slope
+        for agent, intercept in zip(agents, fit.beta[:column], strict=True)
+        if slope > 0.0
+    }
+    return replace(
+        empty,
+        state=SlopeState.SEPARATED if is_separated else SlopeState.FITTED,
+        method=SEPARATED_METHOD if is_separated else fit.method,
+        agents=tuple(replace(ability, even_chance_at=even.get(ability.agent)) for ability in empty.agents),
+        slope=slope,
+        low=low if np.isfinite(low) else None,
+        high=high if np.isfinite(high) else None,
+        p=p,
+    )
+
+
+def _shuffled_p(fails: Bools, x: Floats, clusters: NDArray[np.int64]) -> float | None:
+    agents = x[:, :-1].argmax(axis=1).astype(str).tolist()
+    return rank_association(x[:, -1], fails, agents, agents, clusters.astype(str).tolist()).p
+
+
+def _state(hard: Floats, hard_in_fit: Floats, mixed: Bools, design_points: int) -> SlopeState:
+    if len(np.unique(hard)) < 2:
+        return SlopeState.ONE_DIFFICULTY
+    if not mixed.any():
+        return SlopeState.NO_MIXED_AGENT
+    if len(np.unique(hard_in_fit)) < 2:
+        return SlopeState.ONE_DIFFICULTY
+    # The t quantile of the interval needs more design points than parameters.
+    if design_points < max(MIN_DESIGN_POINTS, int(mixed.sum()) + 3):
+        return SlopeState.TOO_FEW
+    return SlopeState.FITTED
+
+
+def _abilities(
+    names: Sequence[str], trials: NDArray[np.int64], failures: NDArray[np.int64], even: dict[str, float]
+) -> tuple[AgentAbility, ...]:
+    return tuple(
+        AgentAbility(name, int(count), int(failed), even.get(name))
+        for name, count, failed in zip(names, trials, failures, strict=True)
+    )
