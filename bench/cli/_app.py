@@ -11,8 +11,20 @@ import typer
 
 from bench.errors import RebarError, SetupError
 
+from . import (
+    _calibrate,
+    _compare,
+    _decomposition,
+    _fly,
+    _graph,
+    _look,
+    _machine,
+    _next,
+    _prose,
+    _scores,
+    _sessions,
+)
 from . import _campaigns as _campaigns
-from . import _compare, _decomposition, _fly, _graph, _look, _machine, _next, _prose, _scores, _sessions
 
 app = typer.Typer(
     name="rebar",
@@ -34,7 +46,7 @@ _DISK_ERRORS = frozenset(
 )
 
 for commands in (
-    *(_campaigns, _sessions, _scores, _compare, _decomposition),
+    *(_campaigns, _sessions, _scores, _compare, _calibrate, _decomposition),
     *(_graph, _look, _prose, _fly, _next, _machine),
 ):
     commands.register(app)

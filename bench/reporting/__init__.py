@@ -25,6 +25,10 @@ from .map._run_map import build_run_map as build_run_map
 from .statistics._agent_comparison import Comparison as Comparison
 from .statistics._agent_comparison import compare_agents as compare_agents
 from .statistics._agent_comparison import compare_campaigns as compare_campaigns
+from .statistics._calibration import Calibration as Calibration
+from .statistics._calibration import NodeCalibration as NodeCalibration
+from .statistics._calibration import TableCalibration as TableCalibration
+from .statistics._calibration import calibrate as calibrate
 from .statistics._design_quality import campaign_design_points as campaign_design_points
 from .statistics._design_quality import campaign_design_quality as campaign_design_quality
 from .statistics._design_quality import difficulty_rating as difficulty_rating
@@ -33,3 +37,5 @@ from .statistics._factor_effects import FactorEffects as FactorEffects
 from .statistics._factor_effects import factor_effects as factor_effects
 from .statistics._pairings import Pairing as Pairing
 from .statistics._pairings import pair_agents as pair_agents
+from .statistics._table_proposal import disorder_text as disorder_text
+from .statistics._table_proposal import table_proposal as table_proposal

@@ -10,6 +10,7 @@ from __future__ import annotations
 from ._anova import anova as anova
 from ._bootstrap import bootstrap_means as bootstrap_means
 from ._claims import claim as claim
+from ._comparison import SIGNIFICANCE as SIGNIFICANCE
 from ._comparison import NodeComparison as NodeComparison
 from ._comparison import compare_nodes as compare_nodes
 from ._competence import COMPETENCE_SHARES as COMPETENCE_SHARES

@@ -20,8 +20,9 @@ from bench.arrays import Bools, Floats
 
 from ._anova import cluster_codes
 from ._bootstrap import MIN_DESIGN_POINTS
+from ._comparison import SIGNIFICANCE
 from ._competence import DIFFICULTY_DECIMALS
-from ._rank_association import SIGNIFICANCE, rank_association
+from ._rank_association import rank_association
 from ._regression import FIRTH, FirthFit, fit_logistic
 
 POINTS_PER_STEP = 10.0
@@ -36,6 +37,7 @@ class SlopeState(StrEnum):
     FITTED = "fitted"
     # The penalty and not the data keeps the slope finite.
     SEPARATED = "separated"
+    NEVER_CONSIDERED = "never considered"
     ONE_DIFFICULTY = "one difficulty only"
     NO_MIXED_AGENT = "no agent both passes and fails"
     TOO_FEW = "too few design points"
@@ -71,6 +73,7 @@ class DifficultySlope:
     `slope`, `low` and `high` (two-sided 95 %) are None without a fit; `low` or `high` alone is None where
     the interval has no end on that side. `trials` and `design_points` are those in the fit, without agents
     that pass or fail every trial: whatever the slope is, their ability can explain their results.
+    `difficulties` counts those of all agents.
     """
 
     state: SlopeState
@@ -106,32 +109,32 @@ def difficulty_slope(
     of a design point, as if these agreed wholly, and p is from shuffles of difficulties among design points
     (`rank_association`).
     """
-    hard = np.round(np.asarray(difficulty, dtype=np.float64), DIFFICULTY_DECIMALS)
+    hard: Floats = np.asarray(difficulty, dtype=np.float64).round(DIFFICULTY_DECIMALS)
     fails = np.asarray(failed, dtype=np.bool_)
     names = tuple(dict.fromkeys(agents))
     code = np.array([names.index(agent) for agent in agents], dtype=np.int64)
     trials = np.bincount(code, minlength=len(names))
     failures = np.bincount(code, weights=fails, minlength=len(names)).astype(np.int64)
     mixed = (failures > 0) & (failures < trials)
-    kept = mixed[code] if code.size else np.zeros(0, dtype=np.bool_)
-    points = [point for point, in_fit in zip(design_points, kept, strict=True) if in_fit]
+    in_fit = mixed[code] if code.size else np.zeros(0, dtype=np.bool_)
+    points = [point for point, used_trial in zip(design_points, in_fit, strict=True) if used_trial]
     used = np.flatnonzero(mixed)
     empty = DifficultySlope(
-        state=_state(hard, hard[kept], mixed, len(set(points))),
+        state=_state(hard, hard[in_fit], mixed, len(set(points))),
         method="none",
-        trials=int(kept.sum()),
+        trials=int(in_fit.sum()),
         design_points=len(set(points)),
-        difficulties=len(np.unique(hard[kept])),
+        difficulties=len(np.unique(hard)),
         agents=_abilities(names, trials, failures, {}),
     )
     if empty.state is not SlopeState.FITTED:
         return empty
     # Centred, so that abilities and slope are nearly uncorrelated and Newton's steps stay short.
-    centre = float(hard[kept].mean())
-    x = np.column_stack([code[kept][:, None] == used, (hard[kept] - centre) / POINTS_PER_STEP]).astype(
+    centre = float(hard[in_fit].mean())
+    x = np.column_stack([code[in_fit][:, None] == used, (hard[in_fit] - centre) / POINTS_PER_STEP]).astype(
         np.float64
     )
-    return _fitted(empty, fails[kept], x, cluster_codes(points), [names[place] for place in used], centre)
+    return _fitted(empty, fails[in_fit], x, cluster_codes(points), [names[place] for place in used], centre)
 
 
 def _fitted(
@@ -149,6 +152,9 @@ def _fitted(
     p = _shuffled_p(fails, x, clusters) if is_separated else fit.p(slice(column, column + 1))
     slope = float(fit.beta[column])
     low, high = fit.interval(column)
+    if is_separated:
+        # The steeper the slope, the likelier such results, so only the penalty could end the interval.
+        low, high = (low, np.inf) if slope > 0.0 else (-np.inf, high)
     even = {
         agent: centre - POINTS_PER_STEP * float(intercept) / slope
         for agent, intercept in zip(agents, fit.beta[:column], strict=True)
@@ -172,6 +178,8 @@ def _shuffled_p(fails: Bools, x: Floats, clusters: NDArray[np.int64]) -> float |
 
 
 def _state(hard: Floats, hard_in_fit: Floats, mixed: Bools, design_points: int) -> SlopeState:
+    if not hard.size:
+        return SlopeState.NEVER_CONSIDERED
     if len(np.unique(hard)) < 2:
         return SlopeState.ONE_DIFFICULTY
     if not mixed.any():

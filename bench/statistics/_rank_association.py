@@ -21,13 +21,14 @@ from bench.arrays import Bools, Counts, Floats
 
 from ._anova import cluster_codes
 from ._bootstrap import MIN_DESIGN_POINTS
+from ._comparison import SIGNIFICANCE
 from ._competence import DIFFICULTY_DECIMALS
 from ._intervals import CONFIDENCE_LEVEL
 
-SIGNIFICANCE = 1.0 - CONFIDENCE_LEVEL
 # The least p is one in a thousand. Chosen, not measured.
 SHUFFLES = 999
 
+NEVER_CONSIDERED = "never considered"
 ONE_RATING = "one rating only"
 NO_MIXED_STRATUM = "no agent both passes and fails"
 TOO_FEW = "too few design points"
@@ -79,7 +80,7 @@ def rank_association(
     seed: int = 0,
 ) -> RankAssociation:
     """The association of trials' ratings with their failures. The same arguments give the same p."""
-    ratings = np.round(np.asarray(rating, dtype=np.float64), DIFFICULTY_DECIMALS)
+    ratings: Floats = np.asarray(rating, dtype=np.float64).round(DIFFICULTY_DECIMALS)
     fails = np.asarray(failed, dtype=np.bool_)
     known = RankAssociation(
         trials=fails.size,
@@ -88,7 +89,7 @@ def rank_association(
         ratings=len(np.unique(ratings)),
     )
     if known.ratings < 2:
-        return _without_tau(known, ONE_RATING)
+        return _without_tau(known, ONE_RATING if known.ratings else NEVER_CONSIDERED)
     pairs = _Pairs.of(ratings, fails, list(zip(agents, observables, strict=True)), design_points)
     tau = pairs.tau()
     if tau is None:

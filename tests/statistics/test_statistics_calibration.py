@@ -96,6 +96,7 @@ def test_separated_results_have_a_finite_slope_that_replicates_do_not_sharpen() 
     assert "a design point counts as one run" in many.method
     assert single.direction is many.direction is Direction.RISES
     assert (many.slope, many.low, many.p) == pytest.approx((single.slope, single.low, single.p), abs=0.02)
+    assert single.high is many.high is None
     # Two or three of five points fail: 1 of 10 orders is as extreme, on either side.
     assert separated(5, 10, (50.0,)).direction is Direction.OPEN
 
@@ -116,7 +117,7 @@ def test_an_agent_that_passes_everything_does_not_change_the_slope() -> None:
         ([40.0] * 8, [True, False] * 4, 8, SlopeState.ONE_DIFFICULTY),
         ([20.0, 40.0] * 4, [False] * 8, 8, SlopeState.NO_MIXED_AGENT),
         ([20.0, 40.0] * 4, [True, True, False, False] * 2, 3, SlopeState.TOO_FEW),
-        ([], [], 1, SlopeState.ONE_DIFFICULTY),
+        ([], [], 1, SlopeState.NEVER_CONSIDERED),
     ],
 )
 def test_data_without_a_slope(
@@ -159,8 +160,8 @@ def pairwise_tau(
 ) -> float:
     """Tau-b from every pair within a stratum, one by one."""
     concordance = untied_ratings = untied_results = 0
-    kept = [number for number, point in enumerate(points) if point != leave_out]
-    for i, j in combinations(kept, 2):
+    places = [number for number, point in enumerate(points) if point != leave_out]
+    for i, j in combinations(places, 2):
         if (agents[i], observables[i]) == (agents[j], observables[j]):
             concordance += int(np.sign(rating[i] - rating[j])) * (int(failed[i]) - int(failed[j]))
             untied_ratings += rating[i] != rating[j]
@@ -231,6 +232,7 @@ def test_few_design_points_in_perfect_order_claim_nothing() -> None:
 @pytest.mark.parametrize(
     ("rating", "failed", "points", "note"),
     [
+        ([], [], 6, "never considered"),
         ([10.0] * 6, [True, False] * 3, 6, "one rating only"),
         ([10.0, 20.0] * 3, [True] * 6, 6, "no agent both passes and fails"),
         ([10.0, 20.0] * 3, [True, False, False] * 2, 3, "too few design points"),
@@ -239,8 +241,8 @@ def test_few_design_points_in_perfect_order_claim_nothing() -> None:
 )
 def test_data_without_an_interval(rating: list[float], failed: list[bool], points: int, note: str) -> None:
     """The note says why, and nothing is claimed."""
-    names = [f"p{number % points}" for number in range(6)]
-    result = rank_association(rating, failed, ["a"] * 6, ["o"] * 6, names)
+    names = [f"p{number % points}" for number in range(len(rating))]
+    result = rank_association(rating, failed, ["a"] * len(rating), ["o"] * len(rating), names)
     assert (result.note, result.low, result.high) == (note, None, None)
     assert not result.agrees()
     assert not result.contradicts()

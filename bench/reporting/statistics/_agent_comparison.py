@@ -210,12 +210,13 @@ def _realizations_by_scene(side: ComparedAgent, rows: pl.DataFrame) -> dict[str,
     """The realization that flew each scene, by a digest of its SimSpec without name and agent."""
     flown = rows["realization"].unique(maintain_order=True)
     return {
-        _scene_digest(side.data.simspecs[realization]): realization
+        scene_digest(side.data.simspecs[realization]): realization
         for realization in flown
         if realization in side.data.simspecs
     }
 
 
-def _scene_digest(simspec: SimSpec) -> str:
+def scene_digest(simspec: SimSpec) -> str:
+    """A digest of what is flown, whichever agent flies it."""
     # The name holds the agent, and the agent is what differs between the two runs of a scene.
     return hashlib.sha256(simspec.model_dump_json(exclude={"name", "agent"}).encode()).hexdigest()

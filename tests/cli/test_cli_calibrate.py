@@ -1,0 +1,289 @@
+"""`rebar calibrate` on made campaigns: a table whose order is wrong is found and its neighbours are not."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from bench.cli._app import run
+from bench.contracts import Observation, Outcome
+from bench.reporting import calibrate
+from bench.scoring import ScoredRun, difficulty_of, score_table
+from bench.simspec import SimSpec
+from decompositions import Decomposition, load_decomposition
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
+from made_campaign import made_simspec
+
+ABILITIES = {"shaky": 0.1, "steady": -0.1}
+# Failure rates by column. Fog is the planted table: what it rates hardest fails least.
+RATES: dict[str, tuple[float, ...]] = {"OBS-FOG-1": (0.85, 0.6, 0.4, 0.15), "OBS-FOG-2": (0.9, 0.7, 0.3, 0.2)}
+RATES |= {"OBS-HIDDEN": (0.15, 0.5, 0.85), "OBS-RAIN": (0.15, 0.85, 0.15, 0.85), "OBS-EYES": (0.5,) * 4}
+LEAF = {"measure": "made_up", "threshold": 0.5, "threshold_reason": "Made up.", "considered": "Always."}
+
+
+def row(factor: str, unit: str, ratings: list[float], values: list[float], **more: object) -> dict[str, Any]:
+    """A key factor table."""
+    return {
+        "factor": factor,
+        "unit": unit,
+        "ratings": ratings,
+        "values": values,
+        "reason": "Made up.",
+        **more,
+    }
+
+
+def decomposition() -> dict[str, Any]:
+    """A shared table that is planted wrong, one that is right, one with two columns out of order; an
+    observable about the simulated detector, and one that no scene exercises.
+    """
+    rain = row("rain_level", "level", [10, 40, 70, 100], [0, 1, 2, 3])
+    hidden = row("target_concealment", "1", [20, 50, 80], [0, 0.5, 1])
+    nothing = row("no_fly_share", "1", [10, 90], [1, 5], absent=0)
+    leaves: dict[str, tuple[dict[str, Any] | str, str]] = {
+        "OBS-FOG-1": ("fog", "agent"),
+        "OBS-FOG-2": ("fog", "agent"),
+        "OBS-HIDDEN": (hidden, "agent"),
+        "OBS-RAIN": (rain, "agent"),
+        "OBS-EYES": (rain, "perception"),
+        "OBS-NEVER": (nothing, "agent"),
+    }
+    groups = {"FOG": ["OBS-FOG-1", "OBS-FOG-2"], "HIDDEN": ["OBS-HIDDEN"], "RAIN": ["OBS-RAIN"]}
+    groups |= {"EYES": ["OBS-EYES"], "NEVER": ["OBS-NEVER"]}
+    text = {"title": "Made up", "asks": "Made up?"}
+    return {
+        "format": "rebar.decomposition/1",
+        "name": "made-up",
+        "title": "Made up",
+        "tables": {"fog": row("fog_level", "level", [10, 40, 70, 100], [0, 1, 2, 3])},
+        "key_attributes": [{"id": f"KA-{name}", **text, "children": [f"VAB-{name}"]} for name in groups],
+        "vabs": [{"id": f"VAB-{name}", **text, "children": children} for name, children in groups.items()],
+        "observables": [
+            {"id": name, **text, **LEAF, "key_factors": [factors], "subject": subject}
+            for name, (factors, subject) in leaves.items()
+        ],
+    }
+
+
+def scene(number: int, agent: str) -> SimSpec:
+    """Four levels of fog and rain and three of concealment, fully crossed over 48 scenes."""
+    base = made_simspec(0, agent)
+    weather = {"fog_level": float(number % 4), "rain_level": float(number // 4 % 4)}
+    hidden = [
+        group.model_copy(update={"concealment": (0.0, 0.5, 1.0)[number // 16]})
+        if group.id == "radar"
+        else group
+        for group in base.actors
+    ]
+    return base.model_copy(
+        update={
+            "environment": base.environment.model_copy(update=weather),
+            "actors": tuple(hidden),
+            "rules": base.rules.model_copy(update={"no_fly": ()}),
+        }
+    )
+
+
+def columns(number: int) -> dict[str, int]:
+    """The column of each observable's table in a scene."""
+    fog, rain = number % 4, number // 4 % 4
+    return {
+        "OBS-FOG-1": fog,
+        "OBS-FOG-2": fog,
+        "OBS-HIDDEN": number // 16,
+        "OBS-RAIN": rain,
+        "OBS-EYES": rain,
+    }
+
+
+def make(folder: Path, agents: tuple[str, ...], numbers: range = range(48)) -> Path:
+    """A campaign's folder as far as calibration reads it."""
+    (folder / "simspecs").mkdir(parents=True)
+    campaign = {
+        "format": "rebar.campaign/1",
+        "name": "made-up",
+        "agents": [{"manifest": agent} for agent in agents],
+        "decomposition": "decomposition.json",
+    }
+    (folder / "campaign.yaml").write_text(yaml.safe_dump(campaign))
+    (folder / "decomposition.json").write_text(json.dumps(decomposition()))
+    document = load_decomposition(folder / "decomposition.json")
+    runs = [_run(folder, document, number, agent) for number in numbers for agent in agents]
+    score_table(document, runs).write_parquet(folder / "scores.parquet")
+    return folder
+
+
+def _run(folder: Path, document: Decomposition, number: int, agent: str) -> ScoredRun:
+    name, simspec = f"p{number:03d}-r0-{agent}", scene(number, agent)
+    (folder / "simspecs" / f"{name}.json").write_text(simspec.model_dump_json())
+    random = np.random.default_rng([number, len(agent)])
+    observations = [
+        # A null agent fails everything: with it, no order would be left.
+        Observation(
+            observable=leaf,
+            considered=True,
+            x=float(
+                agent in ABILITIES and random.random() >= rates[columns(number)[leaf]] + ABILITIES[agent]
+            ),
+        )
+        for leaf, rates in RATES.items()
+    ]
+    observations.append(Observation(observable="OBS-NEVER", considered=False))
+    difficulty = difficulty_of(document, simspec)
+    return ScoredRun(name, f"p{number:03d}", 0, agent, Outcome.COMPLETED, difficulty, tuple(observations))
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two agents and a null agent in one campaign."""
+    return make(tmp_path_factory.mktemp("calibrate") / "both", (*ABILITIES, "null-idle"))
+
+
+@pytest.fixture(scope="module")
+def apart(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The same two agents, each in a campaign of its own."""
+    home = tmp_path_factory.mktemp("apart")
+    return make(home / "first", ("shaky",)), make(home / "second", ("steady",))
+
+
+def printed(line: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    """What the command prints for a machine."""
+    assert run(["calibrate", *line, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)  # type: ignore[no-any-return]
+
+
+def test_the_planted_table_is_found_and_its_neighbours_are_not(
+    both: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Fog is contradicted, rain has two columns out of order, concealment agrees; what tests no agent is
+    left out.
+    """
+    document = printed([str(both)], capsys)
+    assert (document["agents"], document["excluded_agents"]) == (["shaky", "steady"], ["null-idle"])
+    assert (document["runs"], document["design_points"]) == (96, 48)
+    tables = {table["table"]: table for table in document["tables"]}
+    assert {name: table["result"] for name, table in tables.items()} == {
+        "fog": "contradicted",
+        "OBS-HIDDEN/target_concealment": "agrees",
+        "OBS-RAIN/rain_level": "columns out of order",
+        "OBS-EYES/rain_level": "untested",
+        "OBS-NEVER/no_fly_share": "untested",
+    }
+    assert tables["OBS-EYES/rain_level"]["note"] == "never considered"
+    assert (tables["fog"]["trials"], tables["fog"]["ratings"]) == (192, 4)
+    disorders = tables["OBS-RAIN/rain_level"]["disorders"]
+    assert [(pair["easier"], pair["harder"]) for pair in disorders] == [(1, 2)]
+    nodes = {node["node"]: node for node in document["nodes"]}
+    directions = {name: (node["direction"], node["state"]) for name, node in nodes.items()}
+    assert directions["KA-FOG"] == ("falls", "fitted")
+    assert directions["KA-HIDDEN"] == ("rises", "fitted")
+    assert directions["KA-NEVER"] == ("open", "never considered")
+    assert nodes["KA-HIDDEN"]["low"] > 0.0 > nodes["KA-FOG"]["high"]
+    assert {ability["agent"] for ability in nodes["KA-HIDDEN"]["agents"]} == set(ABILITIES)
+
+
+def test_two_folders_say_the_same_as_one(
+    both: Path, apart: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Scenes are known by what they are, so runs of one scene in two folders share a design point."""
+    merged, separate = printed([str(both)], capsys), printed([*map(str, apart)], capsys)
+    for document in (merged, separate):
+        del document["campaigns"], document["excluded_agents"]
+    assert separate == merged
+
+
+def test_a_named_null_agent_counts(both: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """--agent says which agents count."""
+    document = printed([str(both), "--agent", "null-idle", "--agent", "steady"], capsys)
+    assert (document["agents"], document["excluded_agents"]) == (["null-idle", "steady"], ["shaky"])
+
+
+def test_for_people_at_80_columns(both: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Numbers stand whole in lines that fit."""
+    assert run(["calibrate", str(both)]) == 0
+    text = capsys.readouterr().out
+    assert max(map(len, text.splitlines())) <= 80
+    assert "…" not in text
+    words = " ".join(text.split())
+    assert "KA-FOG 96 48 4 0.6" in words
+    assert "OBS-RAIN/rain_level: 1 level fails more often than 2 level, which is rated harder" in words
+    assert "never considered: OBS-EYES/rain_level, OBS-NEVER/no_fly_share" in words
+    assert "3 tables tested" in words
+
+
+def test_the_proposal_is_a_file_to_review(
+    both: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It says where it comes from, holds loadable tables, and changes nothing."""
+    before = {path: path.read_bytes() for path in both.rglob("*") if path.is_file()}
+    out = tmp_path / "tables.yaml"
+    assert run(["calibrate", str(both), "--out", str(out)]) == 0
+    assert f"{out}: review it; nothing applies it" in capsys.readouterr().out
+    proposal = yaml.safe_load(out.read_text())
+    calibration = calibrate([both])
+    assert proposal["from"] == {
+        "decomposition": "made-up",
+        "decomposition_sha256": calibration.decomposition.digest,
+        "campaigns": [str(both)],
+        "agents": ["shaky", "steady"],
+        "runs": 96,
+        "design_points": 48,
+    }
+    fog = proposal["tables"]["fog"]
+    assert (fog["values"][0], fog["values"][-1]) == (3.0, 0.0)
+    assert (fog["ratings"][0], fog["ratings"][-1]) == (10.0, 100.0)
+    assert fog["reason"].endswith("before: Made up.")
+    [rain] = proposal["observables"]
+    # The columns out of order have become one.
+    assert (rain["id"], rain["key_factors"][0]["values"]) == ("OBS-RAIN", [0.0, 1.0, 3.0])
+    assert "# OBS-RAIN/rain_level (rain_level): columns out of order." in out.read_text()
+    edited = decomposition()
+    edited["tables"] = proposal["tables"]
+    (tmp_path / "edited.json").write_text(json.dumps(edited))
+    assert load_decomposition(tmp_path / "edited.json").document.tables["fog"].ratings[0] == 10.0
+    assert {path: path.read_bytes() for path in both.rglob("*") if path.is_file()} == before
+    assert run(["calibrate", str(both), "--out", str(out)]) == 2
+    assert "already exists" in capsys.readouterr().err
+
+
+def test_what_cannot_be_calibrated_is_refused_with_code_2(
+    both: Path, apart: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each mistake says what is wrong and what would do."""
+    other, bare, lost = tmp_path / "other", tmp_path / "bare", tmp_path / "lost"
+    for copy in (other, bare, lost):
+        shutil.copytree(apart[1], copy)
+    document = (other / "decomposition.json").read_text()
+    (other / "decomposition.json").write_text(document.replace("Made up?", "Made otherwise?"))
+    (bare / "scores.parquet").unlink()
+    (lost / "simspecs" / "p003-r0-steady.json").unlink()
+    same = make(tmp_path / "same", tuple(ABILITIES), range(1))
+    mistakes = {
+        "needs two agents or more, and there is only 'shaky'": [str(apart[0])],
+        "another decomposition": [str(apart[0]), str(other)],
+        "holds no scores": [str(apart[0]), str(bare)],
+        "p003-r0-steady.json: is missing": [str(apart[0]), str(lost)],
+        "named twice": [str(both), str(both)],
+        "'nobody' has no considered run here": [str(both), "--agent", "nobody"],
+        "one difficulty": [str(same)],
+        "holds no campaign": [str(tmp_path)],
+    }
+    for words, line in mistakes.items():
+        assert run(["calibrate", *line]) == 2, words
+        shown = capsys.readouterr().err
+        assert words in shown
+        assert "Traceback" not in shown
+
+
+def test_help_shows_how_it_is_called(capsys: pytest.CaptureFixture[str]) -> None:
+    """--help has an example."""
+    assert run(["calibrate", "--help"]) == 0
+    assert "Example: rebar calibrate" in " ".join(capsys.readouterr().out.split())
