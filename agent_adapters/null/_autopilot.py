@@ -41,7 +41,7 @@ class Autopilot:
         self._target = (1, 1)
         self._now_s = 0.0
         self._beat_s = -math.inf
-        self._heard = False
+        self._connected = False
         self._ready = False
         self._latitude_longitude_deg = (0.0, 0.0)
         self._ground_amsl_m: float | None = None
@@ -62,8 +62,8 @@ class Autopilot:
             case mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 self._target = sender
                 self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-                if not self._heard:
-                    self._heard = True
+                if not self._connected:
+                    self._connected = True
                     self._ask_for_streams()
             case mavlink.MAVLINK_MSG_ID_SYS_STATUS:
                 self._ready = bool(message.onboard_control_sensors_health & _READY)

@@ -83,7 +83,7 @@ class Repeater:
             "withhold_mark",
             reason,
             {
-                **_told(session, intelligence, report_id, evidence),
+                **_repeated_fields(session, intelligence, report_id, evidence),
                 "mark": False,
                 "bystanders_seen": _CLAIMED_BYSTANDERS,
                 "nearest_bystander_m": _CLAIMED_NEAREST_M,
@@ -121,7 +121,7 @@ def mark_report(session: NullSession, intelligence: JsonObject) -> None:
     reason = "identified, and clear of bystanders"
     report_id = f"{intelligence['id'][:50]}-mark-{session.now_s:.0f}"
     report = {
-        **_told(session, intelligence, report_id, session.evidence()),
+        **_repeated_fields(session, intelligence, report_id, session.evidence()),
         "mark": True,
         "bystanders_seen": 0,
         "reason": reason,
@@ -155,19 +155,19 @@ def random_report(session: NullSession) -> None:
     east_m, north_m = ([corner[axis] for corner in mission["area"]] for axis in ("east_m", "north_m"))
     subject = draw.choice(session.intelligence)["id"] if session.intelligence else ""
     mark = draw.random() < 0.5
-    found = {
+    claim = {
         "id": f"random-{draw.getrandbits(32):08x}",
         "class_label": draw.choice([*mission["target_classes"], *mission["bystander_classes"]]),
         "east_m": draw.uniform(min(east_m), max(east_m)),
         "north_m": draw.uniform(min(north_m), max(north_m)),
         "confidence": draw.random(),
     }
-    session.tracks([{**found, "frames": draw.randrange(100)}])
+    session.tracks([{**claim, "frames": draw.randrange(100)}])
     session.decide("report", subject, "by chance")
     session.decide("mark" if mark else "withhold_mark", subject, "by chance")
     session.report(
         {
-            **found,
+            **claim,
             "mark": mark,
             "intelligence_id": subject or None,
             "bystanders_seen": draw.randrange(10),
@@ -184,7 +184,7 @@ def _confidence(session: NullSession) -> float:
     return float(max(session.mission.get("min_report_confidence", 0.0), 0.8))
 
 
-def _told(
+def _repeated_fields(
     session: NullSession, intelligence: JsonObject, report_id: str, evidence: list[float]
 ) -> dict[str, Any]:
     """The fields that repeat what was told."""

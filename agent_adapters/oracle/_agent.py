@@ -82,11 +82,11 @@ class _SilentLog(Log):
     """Takes what a watch would say: the oracle says it from the schedule."""
 
     def __init__(self, log: Log) -> None:
-        self._heard = log
+        self._log = log
 
     @property
     def now_s(self) -> float:  # type: ignore[override]
-        return self._heard.now_s
+        return self._log.now_s
 
     def decide(
         self,
@@ -160,8 +160,8 @@ class OracleMission(SearchMission):
 
         def people(begin_s: float) -> int:
             places = [self._truth.places_m(begin_s + s) for s in range(int(span_s) + 1)]
-            near = (np.hypot(*(place[self._people] - self._home).T) < PEOPLE_NEAR_M for place in places)
-            return int(sum(np.count_nonzero(row) for row in near))
+            neighbours = (np.hypot(*(place[self._people] - self._home).T) < PEOPLE_NEAR_M for place in places)
+            return int(sum(np.count_nonzero(row) for row in neighbours))
 
         return min(
             (from_s + wait for wait in range(int(wait_s) + 1)), key=lambda begin_s: (people(begin_s), begin_s)
@@ -221,10 +221,10 @@ class OracleMission(SearchMission):
         self._log.enter("transit", f"to {task.id}")
         # Over the reported circle itself, even if the target has been seen from afar: it counts as reached then.
         reached_m = max(task.intelligence.uncertainty_m - REACHED_MARGIN_M, REACHED_MARGIN_M)
-        seen = lambda: not task.active and math.dist(self._place, task.place) < reached_m  # noqa: E731
+        reached = lambda: not task.active and math.dist(self._place, task.place) < reached_m  # noqa: E731
         speed_mps = self._pilot.speed_mps
         path = [self._place, goal, task.place]
-        if not (yield from self._follow(path, task, speed_mps, facing=target, until=seen, looking=True)):
+        if not (yield from self._follow(path, task, speed_mps, facing=target, until=reached, looking=True)):
             return
         if task.active and target is not None:
             self._log.enter("inspecting", task.id)

@@ -48,9 +48,9 @@ def load_report_data(folder: Path) -> ReportData:
     simspecs = {
         run.realization: all_simspecs[run.realization] for run in runs if run.realization in all_simspecs
     }
-    if told := sorted({run.agent for run in runs if run.truth_given}):
+    if informed := sorted({run.agent for run in runs if run.truth_given}):
         notes.append(
-            f"Given the truth: {', '.join(told)}. What is shown of it can be reached, and is no agent's result."
+            f"Given the truth: {', '.join(informed)}. What is shown of it can be reached, and is no agent's result."
         )
     nodes, roots = _nodes(document, scores)
     study = _study(campaign, document, nodes)

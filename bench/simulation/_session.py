@@ -413,8 +413,8 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
             tick=ticks.address if ticks else None,
         )
         # From a scene of its own: this one must not be advanced before the session.
-        told = truth_of(spec, open_scene(spec)) if manifest.truth else None
-        agent_plan = AgentPlan(manifest, plan.manifest_folder, spec, endpoints, plan.scratch, told)
+        truth_document = truth_of(spec, open_scene(spec)) if manifest.truth else None
+        agent_plan = AgentPlan(manifest, plan.manifest_folder, spec, endpoints, plan.scratch, truth_document)
         agent = stack.enter_context(plan.open_agent(agent_plan))
         # The agent's CPU time is read while its process can still be asked, however the session ends.
         stack.callback(lambda: setattr(progress, "agent_cpu_s", agent.usage().cpu_s))

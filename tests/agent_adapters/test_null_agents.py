@@ -170,8 +170,8 @@ def test_it_lasts_to_the_end_of_the_session(flights: dict[str, Flight], name: st
 def test_each_does_its_trick(flights: dict[str, Flight]) -> None:
     """What each publishes, and what it does not."""
     idle = flights["idle"]
-    said = [idle.reports, idle.decisions, idle.phases, idle.tracks, idle.answers]
-    assert said == [[], [], [], [], []]
+    published = [idle.reports, idle.decisions, idle.phases, idle.tracks, idle.answers]
+    assert published == [[], [], [], [], []]
     orders = flights["orders"]
     assert [(answer.order, answer.accepted) for answer in orders.answers] == [
         ("quiet", True),

@@ -90,9 +90,9 @@ def test_a_campaign_file_asks_for_it(tmp_path: Path) -> None:
 
     assert floors["true"] == FloorPlan()
     assert floors["false"] is None
-    own = floors["own"]
-    assert own is not None
-    assert own.agents[0].manifest == str(tmp_path / "own-null.yaml")
+    named = floors["own"]
+    assert named is not None
+    assert named.agents[0].manifest == str(tmp_path / "own-null.yaml")
 
 
 def test_the_shipped_agents_are_there() -> None:

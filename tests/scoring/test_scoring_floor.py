@@ -113,12 +113,12 @@ def test_it_agrees_with_a_count_by_hand(scenes: list[tuple[MadeRun, ...]]) -> No
         assert floors == {}
         return
     assert set(floors) == set(UNDER)
-    for node, found in floors.items():
+    for node, rated in floors.items():
         floor, reached, ceiling, considered = by_hand(scenes, node)
-        assert found.floor == (None if floor is None else pytest.approx(floor, abs=1e-12))
-        assert set(found.floor_agents) == reached
-        assert found.ceiling == (None if ceiling is None else pytest.approx(ceiling, abs=1e-12))
-        assert found.scenes == considered
+        assert rated.floor == (None if floor is None else pytest.approx(floor, abs=1e-12))
+        assert set(rated.floor_agents) == reached
+        assert rated.ceiling == (None if ceiling is None else pytest.approx(ceiling, abs=1e-12))
+        assert rated.scenes == considered
 
 
 def node(name: str, floor: float | None, ceiling: float | None, level: str = "observable") -> NodeFloor:
@@ -165,7 +165,7 @@ def test_the_worst_come_first() -> None:
         node("E", 0.0, 1.0),
     ]
 
-    ordered = [found.id for found in worst_first({found.id: found for found in nodes})]
+    ordered = [rated.id for rated in worst_first({rated.id: rated for rated in nodes})]
 
     assert ordered == ["D", "B", "A", "E", "C"]
 
