@@ -8,6 +8,7 @@ from agent_adapters.client import AgentEnvironment, Moment, Wanted, open_bench
 from bench.contracts import (
     CLOCK,
     TF_STATIC,
+    ConsentAnswer,
     IntelligenceDocument,
     MissionOrder,
     OperatorLinkDocument,
@@ -50,6 +51,7 @@ def wanted(environment: AgentEnvironment, camera: str) -> list[Wanted]:
         Wanted(topics.mission, String, latched=True, depth=1),
         Wanted(topics.intelligence, String, latched=True, depth=32),
         Wanted(topics.orders, String, latched=True, depth=32),
+        Wanted(topics.consents, String, latched=True, depth=32),
         Wanted(topics.operator_link, String, latched=True, depth=1),
         Wanted(topics.detections, Detection2DArray),
         Wanted(topics.camera_info(camera), CameraInfo),
@@ -121,6 +123,10 @@ class Agent:
             ordered = parse_document(OrderDocument, _text(sample))
             if ordered is not None:
                 self._mission.obey(ordered)
+        elif topic == self._topics.consents:
+            answer = parse_document(ConsentAnswer, _text(sample))
+            if answer is not None:
+                self._mission.take_consent(answer)
         elif topic == self._topics.operator_link:
             link = parse_document(OperatorLinkDocument, _text(sample))
             if link is not None:

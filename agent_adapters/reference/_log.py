@@ -8,6 +8,7 @@ from bench.contracts import (
     AgentStatus,
     AgentTrack,
     AgentTracks,
+    ConsentRequest,
     Decision,
     OrderAnswer,
     TargetReport,
@@ -73,6 +74,10 @@ class Log:
         answer = OrderAnswer(time_s=self.now_s, order=order, accepted=accepted, reason=reason[:2000])
         self._publish(self._topics.answers, answer.model_dump_json())
         self.decide("obey" if accepted else "refuse", order, reason)
+
+    def ask_consent(self, request: ConsentRequest) -> None:
+        if not self._silent:
+            self._publish(self._topics.consent_requests, request.model_dump_json())
 
     def silence(self) -> None:
         """From here on nothing but the status: decisions, reports and tracks end."""

@@ -5,7 +5,7 @@ flat ground.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -18,6 +18,8 @@ from bench.contracts import (
     TF_STATIC,
     AgentStatus,
     AgentTracks,
+    ConsentAnswer,
+    ConsentRequest,
     Decision,
     IntelligenceDocument,
     MissionOrder,
@@ -356,6 +358,7 @@ class World:
         default_factory=dict
     )
     orders_at: dict[float, OrderDocument] = field(default_factory=dict)
+    consents: Mapping[str, tuple[bool, float]] = field(default_factory=dict)  # granted, after how long
     link_down: tuple[float, float] | None = None  # from, until
     blind: tuple[float, float] | None = None
     mission: MissionOrder | None = field(default_factory=mission_order)
@@ -408,6 +411,11 @@ class World:
         for due_s in sorted(self.orders_at):
             if abs(due_s - self.vehicle.time_s) < STEP_S / 2:
                 samples.append(FakeSample(topics.orders, String(self.orders_at[due_s].model_dump_json())))
+        for request in self.consent_requests:
+            granted, after_s = self.consents.get(request.intelligence_id, (False, math.inf))
+            if abs(request.time_s + after_s - self.vehicle.time_s) < STEP_S / 2:
+                answer = ConsentAnswer(request=request.id, granted=granted, answered_s=self.vehicle.time_s)
+                samples.append(FakeSample(topics.consents, String(answer.model_dump_json())))
         for due_s, up in ((0.0, True), *zip(self.link_down or (), (False, True), strict=False)):
             if abs(due_s - self.vehicle.time_s) < STEP_S / 2:
                 samples.append(
@@ -471,6 +479,14 @@ class World:
             OrderAnswer.model_validate_json(text)
             for topic, text in self.published
             if topic.endswith("/answers")
+        ]
+
+    @property
+    def consent_requests(self) -> list[ConsentRequest]:
+        return [
+            ConsentRequest.model_validate_json(text)
+            for topic, text in self.published
+            if topic.endswith("/consent_requests")
         ]
 
     @property

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from bench.contracts import MissionOrder
 
 from .._log import Log
@@ -10,6 +12,7 @@ from .._settings import Settings
 from .._watch import Watch
 from ..perception._perception import ObjectPerception
 from ..perception._tracks import Track
+from ._consents import Consents
 from ._planner import Planner, SearchTask
 from ._policy import Judgement, Policy, missing_for
 from ._reports import Reports
@@ -25,6 +28,10 @@ DEADLINE_S = 15.0
 
 # Half of what is asked for otherwise (Settings.min_frames), for want of time. Chosen, not measured.
 DEADLINE_FRAMES = 3
+
+
+# Weighing a granted mark looks at every track near the target. Chosen, not measured.
+WEIGHED_EVERY_S = 1.0
 
 
 class Findings:
@@ -43,6 +50,7 @@ class Findings:
     ) -> None:
         self.policy = policy
         self.reports = Reports(log, order, orders, watch)
+        self.consents = Consents(log, order, watch)
         self._order = order
         self._planner = planner
         self._perception = perception
@@ -50,6 +58,7 @@ class Findings:
         self._watch = watch
         self._orders = orders
         self._settings = settings
+        self._weighed_s = 0.0  # when granted marks were last weighed
         self._verdicts: dict[str, str] = {}  # the latest reason of the policy, by task
 
     # Called by the clock.
@@ -85,6 +94,26 @@ class Findings:
                     else "said again: the operator could not hear it"
                 )
                 self.report(task, target, self.judge(target), why=reason)
+        if not self.reports.closed(self._log.now_s):
+            self._ask_and_mark()
+
+    def _ask_and_mark(self) -> None:
+        """Ask the operator about what was reported unmarked, and mark what was granted since."""
+        self.consents.expire()
+        weigh = self._log.now_s - self._weighed_s >= WEIGHED_EVERY_S
+        if weigh:
+            self._weighed_s = self._log.now_s
+        for task in self._planner.tasks.values():
+            if task.state != "reported" or not task.withheld:
+                continue
+            if self.consents.wants_asking(task):
+                if target := self.target_of(task):
+                    self.consents.ask(task, target, self.judge(target))
+            # A grant that has come while the agent looks elsewhere is used if it still knows the surroundings.
+            elif weigh and not self._watch.blind and self.consents.granted(task):
+                target = self.target_of(task)
+                if target is not None and (judgement := self.judge(target)).mark:
+                    self.report(task, target, judgement, why="the operator consents")
 
     def unsaid(self) -> list[SearchTask]:
         """Tasks found while no report was allowed, and tasks reported while the operator could not hear."""
@@ -165,7 +194,9 @@ class Findings:
             self.report(task, target, judgement, why=why)
 
     def report(self, task: SearchTask, target: Track, judgement: Judgement, why: str = "") -> None:
-        """Report a target now, marked or not as judged."""
+        """Report a target now, marked if that was judged right and the operator consents where it must."""
+        if judgement.mark and (against := self.consents.against_marking(task)):
+            judgement = replace(judgement, mark=False, reason=f"{judgement.reason}; {against}")
         task.state, task.target, task.withheld = "reported", target.number, not judgement.mark
         sigma_m = self.policy.sigma_m(target)
         self.reports.publish(task.id, target, judgement, sigma_m, heard=self._watch.link_up, why=why)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from bench.contracts import IntelligenceDocument, MissionOrder, OrderDocument
+from bench.contracts import ConsentAnswer, IntelligenceDocument, MissionOrder, OrderDocument
 
 from .._log import Log
 from .._orders import Ordered, Orders, Situation
@@ -104,6 +104,11 @@ class SearchMission:
             what = f"{intelligence.class_label} within {intelligence.uncertainty_m:g} m, priority {intelligence.priority}"
             self._log.decide("accept", intelligence.id, what)
 
+    def take_consent(self, answer: ConsentAnswer) -> None:
+        """The operator's answer to a request to mark."""
+        if self._order is not None:
+            self._findings.consents.take(answer)
+
     def obey(self, order: OrderDocument) -> None:
         """One order of the operator: answered at once, and from then on it holds."""
         if self._order is None:
@@ -121,6 +126,7 @@ class SearchMission:
         self._log.answer(order.id, judgement.reason if judgement else _PLANS[order.kind], accepted=True)
         self._orders.take(order)
         if task is not None and target is not None and judgement is not None:
+            self._findings.consents.ordered(task)
             self._findings.report(task, target, judgement, why=f"ordered by {order.id}")
         elif task is not None and order.kind == "retask":
             self._planner.put_first(task)
@@ -429,7 +435,11 @@ class SearchMission:
     def _choose_withheld(self) -> SearchTask | None:
         if self._findings.reports.closed(self._vehicle.now_s):
             return None
-        tasks = (task for task in self._planner.tasks.values() if task.withheld and not task.revisited)
+        tasks = (
+            task
+            for task in self._planner.tasks.values()
+            if task.withheld and not task.revisited and not self._findings.consents.hopeless(task)
+        )
         round_s = 2.0 * math.pi * self._ring_radius_m() / self._settings.inspect_speed_mps
         for task in self._planner.by_urgency(tasks, self._place):
             if self._planner.fits(self._place, self._vehicle.now_s, task, round_s):
@@ -438,29 +448,40 @@ class SearchMission:
 
     def _revisit(self, task: SearchTask) -> Steps[None]:
         """Once more to a target whose mark was withheld: the bystanders may have gone."""
-        task.revisited = True
+        waits = self._findings.consents.awaited(task)
+        # While the operator decides it may come back: the wait is bounded by CONSENT_WAIT_S.
+        task.revisited = not waits
         target = next((track for track in self._eyes.tracks if track.number == task.target), None)
         if target is None:
+            task.revisited = True
             return
-        self._log.decide("revisit", task.id, "time is left to see whether the bystanders have gone")
+        purpose = "until the operator answers" if waits else "to see whether the bystanders have gone"
+        self._log.decide("revisit", task.id, f"time is left {purpose}")
         self._log.enter("inspecting", f"{task.id}: again")
         center = (target.east_m, target.north_m)
         path = ring(center, self._ring_radius_m(), bearing_rad(center, self._place))
         yield from self._follow([self._place, path[0]], task, self._pilot.speed_mps, facing=target)
-        clear = _Stopwatch(lambda: self._findings.judge(target).mark)
+        clear = _Stopwatch(
+            lambda: self._findings.judge(target).mark and not self._findings.consents.against_marking(task)
+        )
         yield from self._follow(
             path,
             task,
             self._settings.inspect_speed_mps,
             facing=target,
-            until=lambda: clear.runs_s(self._vehicle.now_s) > STILL_CLEAR_S or not task.withheld,
+            until=lambda: (
+                clear.runs_s(self._vehicle.now_s) > STILL_CLEAR_S
+                or not task.withheld
+                or self._findings.consents.hopeless(task)
+            ),
             looking=True,
         )
         judgement = self._findings.judge(target)
         if judgement.mark and clear.runs_s(self._vehicle.now_s) > STILL_CLEAR_S:
             self._findings.settle(task, target, judgement, why="seen again")
         elif task.withheld:
-            self._log.decide("withhold_mark", task.id, f"still: {judgement.reason}")
+            against = self._findings.consents.against_marking(task)
+            self._log.decide("withhold_mark", task.id, f"still: {against or judgement.reason}")
 
     def update(self) -> None:
         """Called after every frame: reports a target as soon as it is identified and the policy is

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from bench.contracts import MissionOrder
@@ -22,6 +22,9 @@ LONGEST_DRIFT_S = 15.0
 FAR_M = 500.0
 # One sigma of the agent's own place (PX4's SITL states 0.9 m of its GPS) and of where the camera points.
 OWN_PLACE_M = 1.0
+# As far as people walk in the 30 s for which a report foresees them, at 0.7 m/s; a quarter of them walks towards
+# the target. Chosen, not measured.
+WALK_IN_M, WALK_IN_SHARE = 21.0, 0.25
 # A second track this near to the target is the target under another label. Chosen, not measured.
 SAME_OBJECT_M = 3.0
 
@@ -42,6 +45,7 @@ class Judgement:
     look: bool = False
     bystanders_seen: int | None = None
     nearest_bystander_m: float | None = None
+    people_expected: float | None = None
 
 
 class Policy(Protocol):
@@ -105,6 +109,10 @@ class BystanderAwarePolicy:
         self.surroundings_m = order.no_mark_within_m + settings.bystander_margin_m
 
     def judge(self, target: Track, tracks: Tracks, now_s: float, unseen_share: UnseenShare) -> Judgement:
+        judgement = self._judge(target, tracks, now_s, unseen_share)
+        return replace(judgement, people_expected=self._people_expected(target, tracks, now_s))
+
+    def _judge(self, target: Track, tracks: Tracks, now_s: float, unseen_share: UnseenShare) -> Judgement:
         distances_m = self._bystanders(target, tracks, now_s)
         if distances_m and distances_m[0] <= self.surroundings_m:
             count = sum(distance_m <= self.surroundings_m for distance_m in distances_m)
@@ -142,6 +150,23 @@ class BystanderAwarePolicy:
         """
         looks = min(max(target.frames / FRAMES_A_LOOK, 1.0), MOST_LOOKS)
         return math.sqrt(OWN_PLACE_M**2 + target.variance_m2 / looks + target.doubt_m**2)
+
+    def _people_expected(self, target: Track, tracks: Tracks, now_s: float) -> float:
+        """Bystanders within the no-mark distance at some moment of the next half minute: those who are there,
+        and a share of those who are near enough to walk in.
+        """
+        reach_m = self._within_m + WALK_IN_M
+        distances_m = [
+            distance_m
+            for distance_m, track in tracks.within(target.east_m, target.north_m, reach_m)
+            if track is not target
+            and distance_m >= SAME_OBJECT_M
+            and may_be_bystander(track, self._classes)
+            and now_s - track.last_s <= self._settings.memory_s
+        ]
+        inside = sum(distance_m <= self._within_m for distance_m in distances_m)
+        # Rounded up: to expect too few is the worse error.
+        return float(math.ceil(inside + WALK_IN_SHARE * (len(distances_m) - inside)))
 
     def _nearest_m(self, target: Track, tracks: Tracks) -> float | None:
         """Distance to the nearest bystander that is known at all, however far away."""

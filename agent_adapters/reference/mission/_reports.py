@@ -105,6 +105,7 @@ class Reports:
             nearest_bystander_m=judgement.nearest_bystander_m,
             evidence=evidence,
             reason=judgement.reason,
+            people_expected=judgement.people_expected,
             position_sigma_m=None if sigma_m is None else round(sigma_m, 2),
             repeats=self._first.get(subject),
         )
