@@ -207,7 +207,9 @@ def _consents_withheld(simspec: SimSpec) -> float | None:
     if not simspec.rules.mark_consent:
         return None
     granted = {consent.intelligence for consent in simspec.consents if consent.answer == "granted"}
-    return float(sum(report.id not in granted for report in simspec.intelligence))
+    # By target: two reports about one need only one grant.
+    allowed = {report.about for report in simspec.intelligence if report.id in granted}
+    return float(len({report.about for report in simspec.intelligence} - allowed))
 
 
 def _rules_in_force(simspec: SimSpec) -> float:
@@ -451,7 +453,7 @@ FACTORS: dict[str, FactorDefinition] = {
     ),
     "consents_withheld": FactorDefinition(
         "1",
-        "Number of intelligence reports whose target the operator does not allow to be marked.",
+        "Number of reported groups whose target the operator does not allow to be marked.",
         _consents_withheld,
         "consents[*].answer",
     ),

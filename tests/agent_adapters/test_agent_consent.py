@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -34,11 +35,8 @@ def test_it_marks_what_is_granted_and_nothing_else(policy: Any) -> None:
     requests = {request.intelligence_id: request for request in mission.consent_requests}
     assert len(requests) == len(mission.consent_requests) == 2
     alpha = requests["alpha"]
-    assert (alpha.class_label, alpha.east_m, alpha.north_m) == (
-        "mobile_radar",
-        pytest.approx(130.0, abs=3.0),
-        pytest.approx(70.0, abs=3.0),
-    )
+    assert alpha.class_label == "mobile_radar"
+    assert math.dist((alpha.east_m, alpha.north_m), (130.0, 70.0)) < 3.0
     assert alpha.evidence
     assert (alpha.bystanders_seen, alpha.people_expected) == ((None, None) if policy == "naive" else (0, 0.0))
     assert set(marks(mission)) == {"alpha"}

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from bench.documents import read_document
+from bench.documents import dump_json, read_document
 from bench.simspec import FACTORS, Seeds, SimSpec, factor_values, generator, seed_of, sun_at
 
 SPEC = """
@@ -107,9 +107,14 @@ def test_factors_of_consent(consents: str, delay_s: float, withheld: float) -> N
     """
     people = SPEC.index("- {id: people")
     text = SPEC[:people].replace("altitude_m: 60", "altitude_m: 60, time_limit_s: 90")
+    text = text.replace("id: r2, about: target", "id: r2, about: other")
+    text += "- {id: other, asset: military-truck, role: adversary, count: 1}\n"
     asked = read_document(text + f"rules: {{mark_consent: true}}\nconsents: {consents}", SimSpec)
     values = factor_values(asked)
     assert (values["consent_delay_s"], values["consents_withheld"]) == (delay_s, withheld)
+    # Two reports about one target need one grant.
+    same = read_document(dump_json(asked).replace('"about": "other"', '"about": "target"'), SimSpec)
+    assert factor_values(same)["consents_withheld"] == (0.0 if "granted" in consents else 1.0)
     assert not {"consent_delay_s", "consents_withheld"} & set(factor_values(read_document(text, SimSpec)))
 
 
