@@ -9,6 +9,7 @@ import pytest
 from test_surrogate import AWARE, NAIVE, scene
 
 from agent_adapters.reference.surrogate import Observed, observe, pack
+from agent_adapters.reference.surrogate.flight._mission import fly
 from bench.contracts import Option
 from bench.simspec import SimSpec
 
@@ -228,3 +229,27 @@ def test_nobodys_orders_change_anothers_mission() -> None:
         alone = simulated(simspec)
         assert np.array_equal(alone.x[0], together.x[row])
         assert alone.end_s[0] == together.end_s[row]
+
+
+def consenting(agent: str, answer: str, after_s: float = 5.0) -> SimSpec:
+    """Nobody is near, and the operator answers alike about both targets."""
+    consents = [
+        {"intelligence": name, "answer": answer, "after_s": after_s}
+        for name in ("radar-sighting", "truck-sighting")
+    ]
+    return scene(agent, people_m=(255.0,), rules={"mark_consent": True}, consents=consents)
+
+
+@pytest.mark.parametrize("agent", [NAIVE, AWARE])
+def test_marks_wait_for_consent_and_need_it(agent: str) -> None:
+    """As much later as the answer; none when it is refused, never comes, or comes after the landing."""
+    free = scene(agent, people_m=(255.0,))
+    answers = (("granted", 5.0), ("refused", 5.0), ("never", 5.0), ("granted", 250.0))
+    batch = pack([free, *(consenting(agent, answer, after_s) for answer, after_s in answers)])
+
+    flown = fly(batch)
+
+    assert np.isfinite(flown.marked_s[0]).all()
+    np.testing.assert_allclose(flown.marked_s[1], flown.reported_s[1] + 5.0)
+    np.testing.assert_allclose(flown.reported_s[1], flown.reported_s[0])
+    assert np.isinf(flown.marked_s[2:]).all()

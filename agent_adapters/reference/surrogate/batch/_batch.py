@@ -113,6 +113,7 @@ class Batch:
     closed_s: Floats
     drifts: Floats  # (n, d, 4)
     first_s: Floats  # (n, k) when it is ordered to be next
+    consent_s: Floats  # (n, k) from a report to leave to mark its target; 0 where none is asked, inf without
     mark_s: Floats  # (n, m) when it is ordered to mark the target of which task
     mark_task: Counts
     interrupted: Bools
@@ -201,6 +202,7 @@ _PADDED: dict[str, float | int | bool] = {
     "closed_s": np.inf,
     "drifts": np.inf,
     "first_s": np.inf,
+    "consent_s": 0.0,
     "mark_s": np.inf,
     "mark_task": -1,
 }
@@ -303,6 +305,7 @@ def _row(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> dict[str, An
             ],
             dtype=np.int64,
         ),
+        "consent_s": np.array([_consent_s(simspec, task.id) for task in tasks], dtype=np.float64),
         "start_m": np.array([(actor.east_m, actor.north_m) for actor in simspec.realized.actors]).reshape(
             -1, 2
         ),
@@ -321,6 +324,19 @@ def _row(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> dict[str, An
         "scenes": simspec,
         **_interrupted(simspec, [task.id for task in tasks]),
     }
+
+
+def _consent_s(simspec: SimSpec, intelligence: str) -> float:
+    if not simspec.rules.mark_consent:
+        return 0.0
+    return next(
+        (
+            consent.after_s
+            for consent in simspec.consents
+            if consent.intelligence == intelligence and consent.answer == "granted"
+        ),
+        math.inf,
+    )
 
 
 def _of_groups(simspec: SimSpec) -> dict[str, np.ndarray]:

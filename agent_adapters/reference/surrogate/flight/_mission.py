@@ -238,7 +238,11 @@ class _Flight:
         self._reported_s[rows, task] = said_s
         self._settled[rows, task] = True
         if marks:
-            self._marked_s[rows, task] = np.minimum(self._marked_s[rows, task], said_s)
+            consent_s = batch.consent_s[rows, task]
+            # The careful one marks later only while it remembers what it saw round the target.
+            patience_s = np.where(batch.bystander_aware[rows], DEFAULTS.memory_s, np.inf)
+            marked_s = np.where(consent_s <= patience_s, said_s + consent_s, NEVER_S)
+            self._marked_s[rows, task] = np.minimum(self._marked_s[rows, task], marked_s)
 
     def _look_round(self, rows: Counts, task: Counts) -> None:
         """After a round: what is identified is reported, by the careful one once it has swept what it has not
@@ -276,7 +280,7 @@ class _Flight:
         order = np.argsort(np.where(self._task_is, batch.task_priority, 99), axis=1, kind="stable")[:, place]
         row = np.arange(len(batch))
         withheld = (
-            (self._reported_s[row, order] <= self._now_s)
+            (self._reported_s[row, order] + batch.consent_s[row, order] <= self._now_s)
             & np.isinf(self._marked_s[row, order])
             & ~self._ended
         )
@@ -526,6 +530,10 @@ class _Flight:
         return unseen_share(self._batch, self._course, rows, self._targets_m(rows, task), until_s)
 
     def _outcome(self) -> FlownMissions:
+        # An answer that comes when the aircraft is down is of no use; what needs none may still wait for leave
+        # to report.
+        late = (self._batch.consent_s > 0.0) & (self._marked_s > self._now_s[:, None])
+        self._marked_s[late] = NEVER_S
         return outcome(
             self._batch,
             self._places,
