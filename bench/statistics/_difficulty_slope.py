@@ -32,7 +32,7 @@ SEPARATED_METHOD = f"{FIRTH}, a design point counts as one run"
 
 
 class SlopeState(StrEnum):
-    """How a fit came out; only the first two have a slope."""
+    """How a fit came out; only the first two have a slope. "One difficulty only" may be one for each agent."""
 
     FITTED = "fitted"
     # The penalty and not the data keeps the slope finite.
@@ -56,8 +56,8 @@ class AgentAbility:
     """One agent in a fit.
 
     `even_chance_at` is the difficulty at which it fails every second trial, which may lie outside 0 to 100.
-    None where the agent is not in the fit because it passes or fails every trial, and where failure does not
-    rise with difficulty.
+    None where the agent is not in the fit, because it passes or fails every trial or flew one difficulty, and
+    where failure does not rise with difficulty.
     """
 
     agent: str
@@ -72,7 +72,8 @@ class DifficultySlope:
 
     `slope`, `low` and `high` (two-sided 95 %) are None without a fit; `low` or `high` alone is None where
     the interval has no end on that side. `trials` and `design_points` are those in the fit, without agents
-    that pass or fail every trial: whatever the slope is, their ability can explain their results.
+    that pass or fail every trial or flew one difficulty: whatever the slope is, their ability can explain
+    their results.
     `difficulties` counts those of all agents.
     """
 
@@ -116,11 +117,14 @@ def difficulty_slope(
     trials = np.bincount(code, minlength=len(names))
     failures = np.bincount(code, weights=fails, minlength=len(names)).astype(np.int64)
     mixed = (failures > 0) & (failures < trials)
-    in_fit = mixed[code] if code.size else np.zeros(0, dtype=np.bool_)
+    varied = np.array(
+        [len(np.unique(hard[code == number])) > 1 for number in range(len(names))], dtype=np.bool_
+    )
+    in_fit = (mixed & varied)[code]
     points = [point for point, used_trial in zip(design_points, in_fit, strict=True) if used_trial]
-    used = np.flatnonzero(mixed)
+    used = np.flatnonzero(mixed & varied)
     empty = DifficultySlope(
-        state=_state(hard, hard[in_fit], mixed, len(set(points))),
+        state=_state(hard, bool(mixed.any()), len(used), len(set(points))),
         method="none",
         trials=int(in_fit.sum()),
         design_points=len(set(points)),
@@ -145,8 +149,14 @@ def _fitted(
     agents: Sequence[str],
     centre: float,
 ) -> DifficultySlope:
-    fit = fit_logistic(fails.astype(np.float64), x, clusters, len(fails) / empty.design_points)
     column = x.shape[1] - 1
+    fit = fit_logistic(
+        fails.astype(np.float64),
+        x,
+        clusters,
+        is_separated=_separated(fails, x),
+        design_effect=len(fails) / empty.design_points,
+    )
     is_separated = isinstance(fit, FirthFit)
     # Few design points can be separated by chance, which likelihood ratios of so few do not show.
     p = _shuffled_p(fails, x, clusters) if is_separated else fit.p(slice(column, column + 1))
@@ -172,22 +182,35 @@ def _fitted(
     )
 
 
+def _separated(fails: Bools, x: Floats) -> bool:
+    """Whether each agent has a difficulty that parts its passes from its failures, all in one direction.
+
+    The same as `separated` of these columns, whose linear programme takes 20 s of CPU for 100,000 trials.
+    """
+    hard = x[:, -1]
+    gaps = []
+    for agent in x[:, :-1].astype(np.bool_).T:
+        passed, failed = hard[agent & ~fails], hard[agent & fails]
+        gaps.append((passed.max() <= failed.min(), failed.max() <= passed.min()))
+    return any(all(parted) for parted in zip(*gaps, strict=True))
+
+
 def _shuffled_p(fails: Bools, x: Floats, clusters: NDArray[np.int64]) -> float | None:
     agents = x[:, :-1].argmax(axis=1).astype(str).tolist()
     return rank_association(x[:, -1], fails, agents, agents, clusters.astype(str).tolist()).p
 
 
-def _state(hard: Floats, hard_in_fit: Floats, mixed: Bools, design_points: int) -> SlopeState:
+def _state(hard: Floats, any_mixed: bool, agents_in_fit: int, design_points: int) -> SlopeState:
     if not hard.size:
         return SlopeState.NEVER_CONSIDERED
     if len(np.unique(hard)) < 2:
         return SlopeState.ONE_DIFFICULTY
-    if not mixed.any():
+    if not any_mixed:
         return SlopeState.NO_MIXED_AGENT
-    if len(np.unique(hard_in_fit)) < 2:
+    if not agents_in_fit:
         return SlopeState.ONE_DIFFICULTY
     # The t quantile of the interval needs more design points than parameters.
-    if design_points < max(MIN_DESIGN_POINTS, int(mixed.sum()) + 3):
+    if design_points < max(MIN_DESIGN_POINTS, agents_in_fit + 3):
         return SlopeState.TOO_FEW
     return SlopeState.FITTED
 

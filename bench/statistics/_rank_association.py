@@ -111,13 +111,15 @@ def _without_tau(known: RankAssociation, note: str) -> RankAssociation:
 class _Pairs:
     """Counts of pairs between cells; a cell is a design point at a rating.
 
-    `failure_pass[c, d]` counts pairs of a failure in c with a pass in d, and `all_pairs[c, d]` pairs of any
-    trials, both within strata. `point` is the design point of each cell. With these, tau-b without a design
-    point is a matter of leaving out rows and columns.
+    `failures` and `passes` count trials as (strata, cells). `failure_pass[c, d]` counts pairs of a failure in
+    c with a pass in d, and `all_pairs[c, d]` pairs of any trials, both within strata. `point` is the design
+    point of each cell. With these, tau-b without a design point is a matter of leaving out rows and columns.
     """
 
     rating: Floats
     point: Counts
+    failures: Floats
+    passes: Floats
     failure_pass: Floats
     all_pairs: Floats
 
@@ -133,12 +135,23 @@ class _Pairs:
         np.add.at(failures, (stratum, cell.ravel()), failed)
         np.add.at(passes, (stratum, cell.ravel()), ~failed)
         both = failures + passes
-        return cls(cells[:, 1], cells[:, 0].astype(np.int64), failures.T @ passes, both.T @ both)
+        return cls(
+            rating=cells[:, 1],
+            point=cells[:, 0].astype(np.int64),
+            failures=failures,
+            passes=passes,
+            failure_pass=failures.T @ passes,
+            all_pairs=both.T @ both,
+        )
 
     @property
     def mixed(self) -> bool:
         """Whether any stratum has a pass and a failure."""
         return bool(self.failure_pass.sum() > 0.0)
+
+    def inside(self) -> Floats:
+        """Which cells each design point has, as (cells, design points)."""
+        return np.asarray(self.point[:, None] == np.arange(int(self.point.max()) + 1), dtype=np.float64)
 
     def tau(self) -> float | None:
         concordance, untied_ratings, untied_results = (float(part.sum()) for part in self._parts())
@@ -147,7 +160,7 @@ class _Pairs:
 
     def taus_without_one(self) -> Floats:
         """Tau-b without each design point in turn, NaN where it is not defined."""
-        inside = (self.point[:, None] == np.arange(int(self.point.max()) + 1)).astype(np.float64)
+        inside = self.inside()
 
         def without(part: Floats) -> Floats:
             columns = part @ inside
@@ -165,15 +178,6 @@ class _Pairs:
     def _parts(self) -> tuple[Floats, Floats, Floats]:
         order = np.sign(self.rating[:, None] - self.rating[None, :])
         return order * self.failure_pass, 0.5 * np.abs(order) * self.all_pairs, self.failure_pass
-
-    def by_point(self) -> tuple[Floats, Floats]:
-        """The mean rating of each design point, and pairs of a failure in one with a pass in another, less
-        the reverse.
-        """
-        inside = (self.point[:, None] == np.arange(int(self.point.max()) + 1)).astype(np.float64)
-        mean = (inside * self.rating[:, None]).sum(axis=0) / inside.sum(axis=0)
-        pairs = inside.T @ self.failure_pass @ inside
-        return np.round(mean, DIFFICULTY_DECIMALS), pairs - pairs.T
 
 
 def _interval(tau: float, without_one: Floats) -> tuple[float | None, float | None, str]:
@@ -204,17 +208,26 @@ def _blocks(agents: Sequence[str], design_points: Sequence[str]) -> list[NDArray
 
 
 def _shuffled_p(pairs: _Pairs, blocks: Sequence[NDArray[np.int64]], rng: np.random.Generator) -> float:
-    rating, surplus = pairs.by_point()
+    inside = pairs.inside()
+    # A design point whose replicates differ in rating is moved as a whole, at its mean.
+    mean = (inside * pairs.rating[:, None]).sum(axis=0) / inside.sum(axis=0)
+    levels, level = np.unique(mean.round(DIFFICULTY_DECIMALS), return_inverse=True)
+    failures, passes = pairs.failures @ inside, pairs.passes @ inside
+    at_level = np.eye(len(levels))
 
-    def concordance(ratings: Floats) -> float:
-        return float((np.sign(ratings[:, None] - ratings[None, :]) * surplus).sum())
+    def concordance(level_of_point: NDArray[np.intp]) -> float:
+        """Pairs whose higher rating failed, less those whose lower rating did."""
+        failed, passed = failures @ at_level[level_of_point], passes @ at_level[level_of_point]
+        below = (np.cumsum(counts, axis=1) - counts for counts in (passed, failed))
+        passed_below, failed_below = below
+        return float((failed * passed_below - passed * failed_below).sum())
 
     # Counts are whole numbers: half of one is a slack that no rounding crosses.
-    observed = abs(concordance(rating)) - 0.5
+    observed = abs(concordance(level)) - 0.5
     reached = 0
     for _ in range(SHUFFLES):
-        shuffled = rating.copy()
+        shuffled = level.copy()
         for block in blocks:
-            shuffled[block] = rating[rng.permutation(block)]
+            shuffled[block] = level[rng.permutation(block)]
         reached += abs(concordance(shuffled)) >= observed
     return (1 + reached) / (1 + SHUFFLES)

@@ -121,7 +121,7 @@ def logistic(passed: Sequence[bool], factors: Sequence[FactorColumn], points: Se
     x, places = design_matrix([term for _, term in included], len(y))
     if count <= x.shape[1]:
         return _without_fit(empty, f"{count} design points are too few for {x.shape[1]} parameters")
-    fit = fit_logistic(y, x, cluster_codes(points))
+    fit = fit_logistic(y, x, cluster_codes(points), is_separated=separated(y, x))
     tests = tuple(
         FactorTest(factor.name, term.df, fit.p(places[term.name]), terms.note(factor.name))
         for factor, term in included
@@ -240,14 +240,12 @@ class FirthFit:
 
 
 def fit_logistic(
-    y: Floats, x: Floats, clusters: NDArray[np.int64], design_effect: float = 1.0
+    y: Floats, x: Floats, clusters: NDArray[np.int64], *, is_separated: bool, design_effect: float = 1.0
 ) -> LikelihoodFit | FirthFit:
     """Fit y (0 or 1) to the columns of x by maximum likelihood, with errors by cluster where clusters have
     several rows; by Firth's penalised likelihood where there is no maximum, with this `design_effect`.
     """
-    # Equal rows say the same about separation, and the linear programme has a constraint for each.
-    distinct = np.unique(np.column_stack([y, x]), axis=0)
-    if not separated(distinct[:, 0], distinct[:, 1:]):
+    if not is_separated:
         # Imported here because it takes a second, which only a regression should pay.
         from statsmodels.discrete.discrete_model import Logit
 

@@ -24,6 +24,7 @@ from bench.statistics import (
     rank_association,
     refit_table,
 )
+from bench.statistics._regression import separated as separated_by_programme
 
 DIFFICULTIES = np.array([20.0, 35.0, 50.0, 65.0, 80.0])
 
@@ -101,6 +102,30 @@ def test_separated_results_have_a_finite_slope_that_replicates_do_not_sharpen() 
     assert separated(5, 10, (50.0,)).direction is Direction.OPEN
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_separation_is_that_of_the_linear_programme(seed: int) -> None:
+    """Few trials at few difficulties, so that some are separated, by either sign of the slope, and some not."""
+    random = np.random.default_rng(seed)
+    states = set()
+    for _ in range(25):
+        # Two agents that both pass and fail.
+        failed = np.array([True, False, random.random() < 0.5, True, False, random.random() < 0.5])
+        difficulty = random.integers(0, 3, 6) * 10.0
+        if len(np.unique(difficulty[:3])) < 2 or len(np.unique(difficulty[3:])) < 2:
+            continue
+        agents = np.repeat(["a", "b"], 3)
+        fit = difficulty_slope(
+            np.tile(difficulty, 2),
+            np.tile(failed, 2),
+            [*agents, *agents],
+            [str(place) for place in range(12)],
+        )
+        x = np.column_stack([agents == "a", agents == "b", difficulty]).astype(np.float64)
+        assert (fit.state is SlopeState.SEPARATED) == separated_by_programme(failed.astype(np.float64), x)
+        states.add(fit.state)
+    assert states == {SlopeState.SEPARATED, SlopeState.FITTED}
+
+
 def test_an_agent_that_passes_everything_does_not_change_the_slope() -> None:
     """It is listed with its trials, without an even chance."""
     two = simulated_slope(1, 20, 0.5)
@@ -127,6 +152,13 @@ def test_data_without_a_slope(
     names = [f"p{number % points}" for number in range(len(failed))]
     fit = difficulty_slope(difficulty, failed, ["a"] * len(failed), names)
     assert (fit.state, fit.slope, fit.direction) == (state, None, Direction.OPEN)
+
+
+def test_agents_at_one_difficulty_each_have_no_slope() -> None:
+    """Their difference can be one of ability as well as of difficulty."""
+    names = [f"p{number}" for number in range(20)]
+    fit = difficulty_slope([20.0] * 10 + [80.0] * 10, [True, False] * 10, ["a"] * 10 + ["b"] * 10, names)
+    assert (fit.state, fit.slope, fit.trials, fit.difficulties) == (SlopeState.ONE_DIFFICULTY, None, 0, 2)
 
 
 def random_trials(seed: int, count: int = 40) -> tuple[Floats, list[bool], list[str], list[str], list[str]]:
@@ -219,12 +251,13 @@ def test_the_interval_of_a_rank_correlation_covers_the_true_one(
 
 
 def test_few_design_points_in_perfect_order_claim_nothing() -> None:
-    """Six points whose order is perfect could be chance (2 of 20 orders); sixteen could not."""
-    for points, claimed in ((6, False), (16, True)):
+    """Six points whose order is perfect could be chance (2 of 20 orders); sixteen could not (2 of 12,870)."""
+    for points, p, claimed in ((6, 0.1, False), (16, 0.001, True)):
         rating = np.repeat([10.0, 60.0], points // 2)
         names = [f"p{number}" for number in range(points)]
         backwards = rank_association(rating, rating < 30.0, ["a"] * points, ["o"] * points, names)
         assert (backwards.tau, backwards.low, backwards.note) == (-1.0, None, "in perfect order")
+        assert backwards.p == pytest.approx(p, abs=0.03)
         assert backwards.contradicts() is claimed
         assert not backwards.agrees()
 
