@@ -127,7 +127,7 @@ def test_every_change_is_needed(decomposition: Decomposition, node: str) -> None
     for goal in goals:
         for change in goal.changes:
             others = replace(goal, changes=tuple(other for other in goal.changes if other != change))
-            reached = difficulty_of_values(decomposition, changed(others)).of(node)
+            reached = difficulty_of_values(decomposition, changed(others)).rated(node)
             assert reached <= goal.difficulty if goal.exceeded else reached < goal.difficulty
 
 
