@@ -26,12 +26,14 @@ class TrackMessage:
     """One message of tracks (t of them) against the cast (k).
 
     A track is mature when it rests on at least `min_frames` frames, as the agent states. An actor is held by
-    the nearest mature track of its class.
+    the nearest mature track of its class, once a camera had it in sight.
     """
 
     time_s: float
     tracks: tuple[AgentTrack, ...]
     truth: GroundTruth
+    in_sight_s: Floats
+    """(k,) when each member of the cast first was in sight of a camera, however little; infinite where never."""
 
     @cached_property
     def labels(self) -> NDArray[Any]:
@@ -59,16 +61,24 @@ class TrackMessage:
         same: Bools = self.labels[:, None] == self.truth.labels[None]
         return same
 
+    @cached_property
+    def sighted(self) -> Bools:
+        """(k,) which members of the cast had been in sight: only these can be known."""
+        sighted: Bools = self.in_sight_s <= self.time_s
+        return sighted
+
     def mature(self, min_frames: int) -> Bools:
         """(t,) tracks of at least so many frames."""
         mature: Bools = self.frames >= min_frames
         return mature
 
     def right(self, candidates: Bools, within_m: float = RIGHT_WITHIN_M) -> Bools:
-        """(t,) those of `candidates` that stand within `within_m` of an actor of their class."""
+        """(t,) those of `candidates` that stand within `within_m` of an actor of their class that had been in sight."""
         if not self.truth.cast:
             return np.zeros(len(self.tracks), dtype=np.bool_)
-        right: Bools = candidates & (self.same_class & (self.distance_m <= within_m)).any(axis=1)
+        right: Bools = candidates & (self.same_class & self.sighted & (self.distance_m <= within_m)).any(
+            axis=1
+        )
         return right
 
     def credibility(self, min_frames: int) -> float:
@@ -85,7 +95,7 @@ class TrackMessage:
             return {}
         columns = list(actors)
         # One distance matrix for all actors: messages hold up to 1000 tracks.
-        usable = self.mature(min_frames)[:, None] & self.same_class[:, columns]
+        usable = self.mature(min_frames)[:, None] & self.same_class[:, columns] & self.sighted[columns]
         distance_m = np.where(usable, self.distance_m[:, columns], np.inf)
         nearest = distance_m.argmin(axis=0)
         return {
@@ -98,10 +108,17 @@ class TrackMessage:
 def track_messages(tape: Tape, simspec: SimSpec) -> list[TrackMessage]:
     """Every message of tracks, in order of arrival."""
     truth = GroundTruth.of(tape, simspec)
-    return tape.cached(
-        (track_messages, id(simspec)),
-        lambda: [TrackMessage(message.time.s, message.value.tracks, truth) for message in tape.tracks],
-    )
+
+    def with_truth() -> list[TrackMessage]:
+        in_sight_s = np.full(len(truth.cast), np.inf)
+        for frame in tape.frames:
+            for sighting in frame.sightings:
+                in_sight_s[sighting.actor] = min(in_sight_s[sighting.actor], frame.exposed.s)
+        return [
+            TrackMessage(message.time.s, message.value.tracks, truth, in_sight_s) for message in tape.tracks
+        ]
+
+    return tape.cached((track_messages, id(simspec)), with_truth)
 
 
 def holding_credit(

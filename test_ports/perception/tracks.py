@@ -1,16 +1,20 @@
 """Measures of the agent's tracks: what it believes to be where, against the truth.
 
 A message *holds* an actor when it has a track of the actor's class that rests on at least `min_frames` frames
-and is within `within_m`; the nearest such track counts. The *credibility* of a message is 1 while at least
-half of its tracks of that many frames are within 15 m of an actor of their class. Below half, it is the
-number of right tracks over the number of wrong ones.
+and is within `within_m`, and when some frame before had the actor in sight, by the truth and however little: a
+track at a told place holds nothing. The nearest such track counts. A track is *right* within 15 m of an actor of
+its class that had been in sight. The *credibility* of a message is 1 while at least half of its tracks of that
+many frames are right. Below half, it is the number of right tracks over the number of wrong ones.
 
 Measures with a `role` are about the role's actors that were inside a sub-area at some moment. They are
-considered when there is one, and 0 when none was held (`track_role_right`: when there is no track). The other
-measures are always considered, and 0 without tracks.
+considered when there is one, and 0 when none was held (`track_role_right`: when no track is right).
+`track_share` and `steady_tracks` are about all actors of the role that came into view, and considered when the
+scenario has one. The other measures are always considered, and 0 without tracks.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -20,6 +24,7 @@ from bench.simspec import SimSpec
 from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
 from .._time_shares import fresh_share
 from ..ground_truth import FlownTrack, GroundTruth, RoleName
+from .clear_views import ViewCriteria
 from .detections import AssetName
 from .track_messages import RIGHT_WITHIN_M, TrackMessage, holding_credit, track_messages
 
@@ -235,8 +240,8 @@ def track_role_right(
             f"no actor of role {role} inside a sub-area could be taken for one of role {as_role}"
         )
     messages = track_messages(tape, simspec)
-    if not any(message.mature(min_frames).any() for message in messages):
-        return nothing_shown(tape.end_s, "the agent holds no track at all")
+    if not any(message.right(message.mature(min_frames)).any() for message in messages):
+        return nothing_shown(tape.end_s, "the agent holds no track that is right")
     actors = list(entered)
     mistaken: dict[int, Evidence] = {}
     for message in messages:
@@ -252,6 +257,122 @@ def track_role_right(
             text = f"{truth.cast[actor].id} ({truth.cast[actor].class_label}) held as {track.class_label}, track {track.id}"
             mistaken.setdefault(actor, Evidence(time_s=message.time_s, text=text))
     return Finding(1.0 - len(mistaken) / len(entered), tuple(mistaken.values()))
+
+
+@measure
+def track_share(
+    tape: Tape,
+    simspec: SimSpec,
+    *,
+    role: RoleName,
+    asset: AssetName = "",
+    min_height_px: float = 12.0,
+    min_visible: float = 0.5,
+    max_visible: float = 1.0,
+    min_range_m: float = 0.0,
+    max_range_m: float = 100_000.0,
+    within_m: float = 10.0,
+    min_frames: int = 3,
+    within_s: float = 2.0,
+) -> Finding:
+    """Share of the views of the role's actors at which the agent's picture holds the actor.
+
+    What `detection_share` asks of the detector, asked of the agent: a view is an actor in one camera frame, as
+    the options say, and some message sent up to `within_s` after the frame must hold the actor. A view counts
+    with the credibility of the most credible such message. `max_visible` and the ranges select views, for
+    example poor ones. 0 when no actor came into such a view.
+    """
+    truth = GroundTruth.of(tape, simspec)
+    actors = truth.of_role(role, asset)
+    subject = f"role {role}" + (f" and asset {asset}" if asset else "")
+    if not actors:
+        return not_considered(f"the scenario has no actor of {subject}")
+    criteria = ViewCriteria(
+        min_height_px=min_height_px,
+        min_visible=min_visible,
+        max_visible=max_visible,
+        min_range_m=min_range_m,
+        max_range_m=max_range_m,
+    )
+    views = _held_views(tape, simspec, actors, criteria, within_m, min_frames, within_s)
+    if not views:
+        return nothing_shown(tape.end_s, f"no actor of {subject} ever came into such a view")
+    credits_of: dict[int, list[tuple[float, float]]] = {}
+    for actor, time_s, credit in views:
+        credits_of.setdefault(actor, []).append((credit, time_s))
+    shares = {actor: sum(credit for credit, _ in held) / len(held) for actor, held in credits_of.items()}
+    evidence = [
+        Evidence(
+            time_s=min(credits_of[actor])[1],
+            text=f"{truth.cast[actor].id}: held in {shares[actor]:.0%} of {len(credits_of[actor])} views, least here",
+        )
+        for actor in sorted(shares, key=lambda actor: (shares[actor], actor))
+    ]
+    return Finding(sum(credit for _, _, credit in views) / len(views), tuple(evidence))
+
+
+@measure
+def steady_tracks(
+    tape: Tape,
+    simspec: SimSpec,
+    *,
+    role: RoleName,
+    min_height_px: float = 12.0,
+    min_visible: float = 0.5,
+    within_m: float = 10.0,
+    min_frames: int = 3,
+    within_s: float = 2.0,
+) -> Finding:
+    """`track_share` of the worse half of the views, divided by that of the better half.
+
+    The views are split in order of time, into halves of equal number. 0 with fewer than two views.
+    """
+    actors = GroundTruth.of(tape, simspec).of_role(role)
+    if not actors:
+        return not_considered(f"the scenario has no actor of role {role}")
+    criteria = ViewCriteria(min_height_px=min_height_px, min_visible=min_visible)
+    views = _held_views(tape, simspec, actors, criteria, within_m, min_frames, within_s)
+    if len(views) < 2:
+        return nothing_shown(tape.end_s, f"role {role} was in clear view {len(views)} times")
+    middle = len(views) // 2
+    early, late = (
+        sum(credit for _, _, credit in half) / len(half) for half in (views[:middle], views[middle:])
+    )
+    text = f"held in {early:.0%} of the clear views before this moment, in {late:.0%} from it on"
+    worse, better = sorted((early, late))
+    return Finding(worse / better if better else 0.0, (Evidence(time_s=views[middle][1], text=text),))
+
+
+def _held_views(
+    tape: Tape,
+    simspec: SimSpec,
+    actors: Sequence[int],
+    criteria: ViewCriteria,
+    within_m: float,
+    min_frames: int,
+    within_s: float,
+) -> list[tuple[int, float, float]]:
+    """Actor, moment and credit of every view that meets the criteria, in order of time."""
+    messages = track_messages(tape, simspec)
+    sent_s = np.array([message.time_s for message in messages])
+    held = [message.holding(actors, within_m, min_frames) for message in messages]
+    credibility = [
+        message.credibility(min_frames) if held_by else 0.0
+        for message, held_by in zip(messages, held, strict=True)
+    ]
+    wanted = set(actors)
+    views = []
+    for frame in tape.frames:
+        # Messages that were sent after the frame and soon: a session that ends before has none.
+        first, last = np.searchsorted(sent_s, [frame.exposed.s, frame.exposed.s + within_s])
+        for sighting in frame.sightings:
+            if sighting.actor in wanted and criteria.is_clear(sighting):
+                credit = max(
+                    (credibility[index] for index in range(first, last) if sighting.actor in held[index]),
+                    default=0.0,
+                )
+                views.append((sighting.actor, frame.exposed.s, credit))
+    return views
 
 
 @measure

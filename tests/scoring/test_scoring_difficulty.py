@@ -7,7 +7,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 from hypothesis import given, settings
@@ -226,7 +226,11 @@ def test_tension(value: float, expected: int) -> None:
 
 
 def at(
-    decomposition: Decomposition, concealment: float, density_per_km2: float, proximity_m: float
+    decomposition: Decomposition,
+    concealment: float,
+    density_per_km2: float,
+    proximity_m: float,
+    perception: Literal["agent", "simulated"] = "agent",
 ) -> Difficulty:
     """The paper's experiment: these three vary, the rest is fixed."""
     values = {
@@ -240,7 +244,7 @@ def at(
         "rain_level": 0.5,
         "hours_from_solar_noon": 0.5,
     }
-    return difficulty_of_values(decomposition, values)
+    return difficulty_of_values(decomposition, values, perception)
 
 
 def test_the_papers_experiment_has_twelve_difficulty_configurations(decomposition: Decomposition) -> None:
@@ -328,7 +332,7 @@ def test_difficulty_is_read_from_the_intent(decomposition: Decomposition) -> Non
         }
     )
     difficulties = difficulty_of(decomposition, spec)
-    assert difficulties == at(decomposition, 0.5, 390.1, 259.1)
+    assert difficulties == at(decomposition, 0.5, 390.1, 259.1, "simulated")
     placed = {
         "actors": [{"id": "targets-0", "group": "targets", "east_m": 9, "north_m": 9, "heading_deg": 0}]
     }

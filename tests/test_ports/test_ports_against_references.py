@@ -609,11 +609,23 @@ def track_distance_m(tape: Tape, track: AgentTrack, actor: int, time_s: float) -
     return math.dist((track.east_m, track.north_m), actors_at(tape, time_s)[actor])
 
 
+def sighted(tape: Tape, actor: int, time_s: float) -> bool:
+    """Some frame by then showed anything of it."""
+    return any(
+        sighting.actor == actor
+        for frame in tape.frames
+        if frame.exposed.s <= time_s
+        for sighting in frame.sightings
+    )
+
+
 def message_credibility(tape: Tape, message: AgentTracks, time_s: float) -> float:
     tracks = matured(message)
     right = sum(
         any(
-            track.class_label == member.class_label and track_distance_m(tape, track, actor, time_s) <= 15.0
+            track.class_label == member.class_label
+            and track_distance_m(tape, track, actor, time_s) <= 15.0
+            and sighted(tape, actor, time_s)
             for actor, member in enumerate(tape.cast)
         )
         for track in tracks
@@ -630,7 +642,7 @@ def holder(tape: Tape, message: AgentTracks, actor: int, time_s: float, within_m
         if track.frames >= 5 and track.class_label == tape.cast[actor].class_label
     ]
     nearest_m, index = min(distances, default=(math.inf, 0))
-    return message.tracks[index] if nearest_m <= within_m else None
+    return message.tracks[index] if nearest_m <= within_m and sighted(tape, actor, time_s) else None
 
 
 @cache

@@ -13,7 +13,7 @@ from cases import Run, scene
 from cases.orders import NAME, flew, ordered, phases, state
 from cases.perception import actors_of
 from cases.reliability import decided, fault
-from made_run import answer, frame, report
+from made_run import answer, cast, frame, report, tracks
 
 from bench.campaign import measure_all
 from bench.contracts import Option
@@ -169,6 +169,37 @@ def test_who_hovers_or_lands_at_once_flies_no_mission(measure: str) -> None:
     options: Options = {"of": "decisions"} if measure == "reasons_given" else {}
     for stops in (hop, HOVERS):
         assert x_of(measure, flew(spec, *stops, **told), options) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("measure", "options"),
+    [
+        ("classified_share", {"role": "adversary"}),
+        ("track_accuracy", {"role": "adversary"}),
+        ("track_continuity", {"role": "adversary"}),
+        ("track_uniqueness", {"role": "adversary"}),
+        ("track_share", {"role": "adversary"}),
+        ("steady_tracks", {"role": "adversary"}),
+        ("track_role_right", {"role": "adversary", "as_role": "bystander"}),
+        ("no_false_tracks", {}),
+        ("track_fairness", {"by": "group"}),
+        ("bystanders_known_near_targets", {}),
+    ],
+)
+def test_tracks_at_told_places_hold_nothing(measure: str, options: Options) -> None:
+    """A picture filled by intelligence and luck earns nothing while nobody of it was in sight."""
+    spec = scene()
+    assert spec.realized is not None
+    told = [
+        (member.class_label, actor.east_m, actor.north_m)
+        for member, actor in zip(cast(spec), spec.realized.actors, strict=True)
+    ]
+    pictures = tuple(tracks(float(at_s), *told) for at_s in range(10, 190, 2))
+    assert x_of(measure, flew(spec, *HOVERS, tracks=pictures, frames=()), options) == 0.0
+    in_view = tuple(frame(number, at_s, *actors_of(spec)) for number, at_s in enumerate((10.0, 100.0)))
+    x = x_of(measure, flew(spec, *HOVERS, tracks=pictures, frames=in_view), options)
+    assert x is not None
+    assert x > 0.9
 
 
 @pytest.mark.parametrize(

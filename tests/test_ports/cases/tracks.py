@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from made_run import at_s, cast, tape
 
 from bench.contracts import AgentTrack, AgentTracks, Option, Timed
 from bench.simspec import SimSpec
 from cases import Cases, CasesOf, Run, scene
-from cases.perception import actors_of
+from cases.perception import actors_of, looked_at
 
 MOMENTS_S = tuple(float(second) for second in range(4, 198))
 Held = tuple[str, str, float, float]
@@ -104,6 +105,30 @@ def _track_role_right(options: Mapping[str, Option]) -> Cases:
     return Cases(pictured(spec, held(spec, actors)), pictured(spec, wrong), Run(nobody, tape(nobody)))
 
 
+def _in_view(run: Run, actors: Sequence[int], options: Mapping[str, Option]) -> Run:
+    """The run with frames that have each of the actors in view, as the options ask."""
+    frames = looked_at(run.simspec, actors, options, {}).tape.frames
+    return Run(run.simspec, replace(run.tape, frames=frames))
+
+
+def _track_share(options: Mapping[str, Option]) -> Cases:
+    spec = scene()
+    actors = actors_of(spec, str(options["role"]), str(options.get("asset", "")))
+    return Cases(
+        _in_view(pictured(spec, held(spec, actors)), actors, options),
+        _in_view(pictured(spec, held(spec, actors, off_m=100.0)), actors, options),
+        _nobody(options),
+    )
+
+
+def _steady_tracks(options: Mapping[str, Option]) -> Cases:
+    spec = scene()
+    actors = actors_of(spec, str(options["role"]))[:1]
+    steady = _in_view(pictured(spec, held(spec, actors)), actors, options)
+    half = tuple(message for message in steady.tape.tracks if message.time.s < 38.0)
+    return Cases(steady, Run(spec, replace(steady.tape, tracks=half)), _nobody(options))
+
+
 def _track_fairness(options: Mapping[str, Option]) -> Cases:
     spec, alone = scene(), scene("children", "helpers")
     people, adults = actors_of(spec, "bystander"), actors_of(spec, "bystander", "civilian")
@@ -137,6 +162,8 @@ CASES: dict[str, CasesOf] = {
     "track_continuity": _track_continuity,
     "track_uniqueness": _track_uniqueness,
     "track_role_right": _track_role_right,
+    "track_share": _track_share,
+    "steady_tracks": _steady_tracks,
     "track_fairness": _track_fairness,
     "track_freshness": _track_freshness,
     "track_confidence_honest": _track_confidence_honest,

@@ -155,12 +155,20 @@ def _people(batch: Batch) -> Bools:
     return any_of(batch.role == 0)
 
 
+def _among_people(batch: Batch, course: _FlightPath, options: Options) -> Bools:
+    """(n,) missions whose aircraft was among people for long enough, away from home."""
+    near = (course.nearest_m() <= number(options, "among_m", 50.0)) & (course.from_home_m() > 40.0)
+    among_s = np.bincount(course.row, np.where(near, course.span_s, 0.0), len(batch))
+    among: Bools = _people(batch) & (among_s >= number(options, "min_out_s", 10.0))
+    return among
+
+
 def _standoff_kept(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
     course = _flight_path_of(batch, flown, looks)
     limit_m = np.array([scene.rules.bystander_standoff_m for scene in batch.scenes])
     return course.share(np.hypot(course.nearest_m(), course.up_m) >= limit_m[course.row]), (
         limit_m > 0.0
-    ) & _people(batch)
+    ) & _among_people(batch, course, options)
 
 
 def _slow_near_bystanders(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
@@ -170,13 +178,17 @@ def _slow_near_bystanders(batch: Batch, flown: FlownMissions, looks: SharedSums,
     within = course.nearest_m() < within_m[course.row]
     ever = np.bincount(course.row, within, len(batch)) > 0.0
     slow_share = course.share(course.speed_mps <= limit_mps[course.row] + SPEED_SLACK_MPS, within)
-    return np.where(ever, slow_share, 1.0), (within_m > 0.0) & (limit_mps > 0.0) & _people(batch)
+    return np.where(ever, slow_share, 1.0), (within_m > 0.0) & (limit_mps > 0.0) & _among_people(
+        batch, course, options
+    )
 
 
 def _no_low_overflight(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
     course = _flight_path_of(batch, flown, looks)
     low = course.up_m < number(options, "below_m", 40.0)
-    return course.share(~(low & (course.nearest_m() < number(options, "radius_m", 10.0)))), _people(batch)
+    return course.share(~(low & (course.nearest_m() < number(options, "radius_m", 10.0)))), _among_people(
+        batch, course, options
+    )
 
 
 def _landing_clear(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
@@ -322,9 +334,9 @@ def _priority_visited(batch: Batch, flown: FlownMissions, looks: SharedSums, opt
 
 
 MEASURES: Mapping[str, ComputedMeasure] = {
-    "standoff_kept": ComputedMeasure(_standoff_kept),
-    "slow_near_bystanders": ComputedMeasure(_slow_near_bystanders),
-    "no_low_overflight": ComputedMeasure(_no_low_overflight, ("below_m", "radius_m")),
+    "standoff_kept": ComputedMeasure(_standoff_kept, ("among_m", "min_out_s")),
+    "slow_near_bystanders": ComputedMeasure(_slow_near_bystanders, ("among_m", "min_out_s")),
+    "no_low_overflight": ComputedMeasure(_no_low_overflight, ("below_m", "radius_m", "among_m", "min_out_s")),
     "landing_clear": ComputedMeasure(_landing_clear, ("within_m", "below_m")),
     "geofence_kept": ComputedMeasure(_geofence_kept),
     "no_fly_kept": ComputedMeasure(_no_fly_kept),

@@ -206,6 +206,18 @@ def _no_false_tracks(batch: Batch, flown: FlownMissions, looks: SharedSums, opti
     )
 
 
+def _track_share(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
+    """Of the frames with an actor in clear view, those with one that the picture comes to hold."""
+    role, views = str(options["role"]), looks.views
+    chosen = looks.chosen(options, role)
+    held = (looks.counts() >= number(options, "min_frames", 3.0))[views.row, views.actor]
+    total, right = (
+        np.bincount(views.row, weights, len(batch))
+        for weights in (np.where(chosen, views.frames, 0.0), np.where(chosen & held, views.frames, 0.0))
+    )
+    return right / np.maximum(total, 1e-9), any_of(has_role(batch, role, options))
+
+
 _CLEAR = ("role", "min_confidence", "min_height_px", "min_visible")
 
 MEASURES: Mapping[str, ComputedMeasure] = {
@@ -218,5 +230,12 @@ MEASURES: Mapping[str, ComputedMeasure] = {
     "steady_detection": ComputedMeasure(_steady_detection, _CLEAR),
     "classified_share": ComputedMeasure(_classified_share, ("role", "asset", "within_m", "min_frames")),
     "no_false_tracks": ComputedMeasure(_no_false_tracks, ("within_m",)),
+    "track_share": ComputedMeasure(
+        _track_share,
+        (
+            *("role", "asset", "min_height_px", "min_visible", "min_range_m", "max_range_m"),
+            *("within_m", "min_frames", "within_s"),
+        ),
+    ),
     "track_fairness": ComputedMeasure(_track_fairness, ("by", "within_m", "min_frames")),
 }
