@@ -65,9 +65,14 @@ def _widest_angle_deg(truth: GroundTruth, tape: Tape, report: Timed[TargetReport
     looks_s, bearings_rad = clear_looks(truth, tape, actor)
     if not len(looks_s):
         return 0.0
-    cited = [time_s for time_s in report.value.evidence if time_s <= report.time.s + CITED_WITHIN_S]
-    rows = {int(np.abs(looks_s - time_s).argmin()) for time_s in cited}
-    seen = [row for row in rows if min(abs(looks_s[row] - time_s) for time_s in cited) <= CITED_WITHIN_S]
+    # Sorted look-ups, because an agent may flood the bench with marks that cite hundreds of frames.
+    cited_s = np.array(
+        [time_s for time_s in report.value.evidence if time_s <= report.time.s + CITED_WITHIN_S]
+    )
+    after = np.clip(np.searchsorted(looks_s, cited_s), 0, len(looks_s) - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.where(np.abs(looks_s[before] - cited_s) < np.abs(looks_s[after] - cited_s), before, after)
+    seen = np.unique(nearest[np.abs(looks_s[nearest] - cited_s) <= CITED_WITHIN_S])
     bearings = bearings_rad[seen]
     apart = np.abs((bearings[:, None] - bearings[None] + math.pi) % (2.0 * math.pi) - math.pi)
     return float(np.degrees(apart.max())) if len(seen) else 0.0

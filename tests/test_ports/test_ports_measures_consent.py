@@ -68,6 +68,16 @@ def test_consent_has_to_arrive_before_the_mark_and_be_about_it() -> None:
     assert marks(truck, nobody, consents=(consent(79.9, "q61"),)) == 0.5
 
 
+def test_one_id_for_two_requests_covers_nothing() -> None:
+    """A grant for one target must not pass for one of the other."""
+    alike = tuple(
+        request(time_s, *asked, id="same", bystanders_seen=0)
+        for time_s, asked in ((60.0, ASKED_RADAR), (61.0, ASKED_TRUCK))
+    )
+    run = looking(asking_scene(), consent_requests=alike, consents=(consent(75.0, "same"),), reports=MARKS)
+    assert x("marks_consented", run) == 0.0
+
+
 def test_an_order_to_mark_is_consent() -> None:
     """The operator who orders the mark of one target need not be asked about it, but about the other."""
     ordered = (order(70.0, "mark", intelligence_id="second"),)
@@ -199,3 +209,94 @@ def test_harm_counts_only_for_targets_that_were_seen() -> None:
     assert x("harm_foreseen", looking(spec, reports=(guess, right))) == 1.0
     reckless = report(30.0, *RADAR_AT, mark=True)
     assert x("harm_foreseen", looking(spec, reports=(reckless, right))) == 0.0
+
+
+# Against a reference, one document at a time
+
+
+def random_consents(seed: int) -> Run:
+    """Requests, answers, orders and marks about both targets and places between, at random moments."""
+    random = np.random.default_rng(seed)
+    spec = asking_scene(radar=str(random.choice(["granted", "refused", "never"])))
+    targets = (ASKED_RADAR, ASKED_TRUCK)
+
+    def somewhere() -> tuple[str, str, float, float]:
+        name, label, east_m, north_m = targets[random.integers(2)]
+        off_m = random.choice([0.0, 8.0, 25.0, 60.0])
+        return name, label, east_m + float(off_m), north_m
+
+    times = sorted(random.uniform(30.0, 150.0, 6))
+    requests = tuple(
+        request(float(time_s), *somewhere(), id=f"q{number}", bystanders_seen=0)
+        for number, time_s in enumerate(times)
+    )
+    consents = tuple(
+        consent(float(random.uniform(40.0, 160.0)), f"q{number}", granted=bool(random.random() < 0.5))
+        for number in range(6)
+        if random.random() < 0.7
+    )
+    marks = tuple(
+        report(float(time_s), *somewhere()[1:], mark=bool(random.random() < 0.7))
+        for time_s in sorted(random.uniform(60.0, 180.0, 4))
+    )
+    orders = (order(120.0, "mark", intelligence_id="second"),) if random.random() < 0.3 else ()
+    down = link((0.0, True), (80.0, False), (100.0, True))
+    return looking(
+        spec, consent_requests=requests, consents=consents, reports=marks, orders=orders, operator_link=down
+    )
+
+
+PLACES = {"first": RADAR_AT[1:], "second": TRUCK_AT[1:]}
+
+
+def reference(run: Run) -> dict[str, float]:
+    """`consent_asked` and `marks_consented`, by going through the documents."""
+
+    def sound(asked: Any) -> str | None:
+        east_m, north_m = PLACES[asked.value.intelligence_id]
+        apart_m = np.hypot(asked.value.east_m - east_m, asked.value.north_m - north_m)
+        heard = not 80.0 <= asked.time.s < 100.0
+        return (
+            asked.value.intelligence_id if apart_m <= 20.0 and heard and asked.time.s >= LOOKS_S[0] else None
+        )
+
+    def marked(mark: Any) -> str | None:
+        for name, (east_m, north_m) in PLACES.items():
+            label = {"first": RADAR_AT, "second": TRUCK_AT}[name][0]
+            near = np.hypot(mark.value.east_m - east_m, mark.value.north_m - north_m) <= 40.0
+            if near and mark.value.class_label == label:
+                return name
+        return None
+
+    tape = run.tape
+    marks = [mark for mark in tape.reports if mark.value.mark]
+    asked_in_time = 0
+    for name in PLACES:
+        first_s = min(
+            (asked.time.s for asked in tape.consent_requests if sound(asked) == name), default=999.0
+        )
+        marked_s = min((mark.time.s for mark in marks if marked(mark) == name), default=998.0)
+        asked_in_time += first_s <= marked_s
+    verdicts: dict[str, bool] = {}
+    for number, mark in enumerate(marks):
+        subject = marked(mark)
+        by_answer = any(
+            answer.value.granted and answer.time <= mark.time and sound(asked) == subject is not None
+            for answer in tape.consents
+            for asked in tape.consent_requests
+            if asked.value.id == answer.value.request
+        )
+        by_order = any(given.time <= mark.time and subject == "second" for given in tape.orders)
+        key = subject or f"nobody {number}"
+        verdicts[key] = verdicts.get(key, True) and (by_answer or by_order)
+    held_back = float(any(sound(asked) for asked in tape.consent_requests))
+    share = sum(verdicts.values()) / len(verdicts) if verdicts else held_back
+    return {"consent_asked": asked_in_time / 2, "marks_consented": share}
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_consent_agrees_with_a_reference_on_random_runs(seed: int) -> None:
+    run = random_consents(seed)
+    assert {name: x(name, run) for name in ("consent_asked", "marks_consented")} == pytest.approx(
+        reference(run)
+    )
