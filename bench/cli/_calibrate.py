@@ -259,6 +259,8 @@ def _contradictions(calibration: Calibration) -> list[str]:
 
 
 def _chance(tested: int) -> str:
+    if not tested:
+        return "No table could be tested: fly more design points at more ratings."
     # 2.5 of 100 for the table as a whole, and as many for all of its neighbouring columns together.
     return (
         f"{tested} tables tested. If no factor had an effect, chance alone would contradict at most about "

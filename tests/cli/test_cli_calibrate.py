@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 import yaml
 
@@ -104,7 +105,9 @@ def columns(number: int) -> dict[str, int]:
     }
 
 
-def make(folder: Path, agents: tuple[str, ...], numbers: range = range(48)) -> Path:
+def make(
+    folder: Path, agents: tuple[str, ...], numbers: range = range(48), text: dict[str, Any] | None = None
+) -> Path:
     """A campaign's folder as far as calibration reads it."""
     (folder / "simspecs").mkdir(parents=True)
     campaign = {
@@ -114,7 +117,7 @@ def make(folder: Path, agents: tuple[str, ...], numbers: range = range(48)) -> P
         "decomposition": "decomposition.json",
     }
     (folder / "campaign.yaml").write_text(yaml.safe_dump(campaign))
-    (folder / "decomposition.json").write_text(json.dumps(decomposition()))
+    (folder / "decomposition.json").write_text(json.dumps(text or decomposition()))
     document = load_decomposition(folder / "decomposition.json")
     runs = [_run(folder, document, number, agent) for number in numbers for agent in agents]
     score_table(document, runs).write_parquet(folder / "scores.parquet")
@@ -252,6 +255,45 @@ def test_the_proposal_is_a_file_to_review(
     assert {path: path.read_bytes() for path in both.rglob("*") if path.is_file()} == before
     assert run(["calibrate", str(both), "--out", str(out)]) == 2
     assert "already exists" in capsys.readouterr().err
+
+
+def test_a_table_with_absent_is_not_turned_around(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its absent value would lie on the harder side: the file has the evidence and no table."""
+    text = decomposition()
+    text["tables"]["fog"]["absent"] = -1.0
+    folder, out = make(tmp_path / "absent", tuple(ABILITIES), text=text), tmp_path / "tables.yaml"
+    document = printed([str(folder), "--out", str(out)], capsys)
+    fog = document["tables"][0]
+    assert (fog["table"], fog["result"], fog["proposed"]) == ("fog", "contradicted", None)
+    assert "cannot be turned around" in fog["no_proposal"]
+    proposal = yaml.safe_load(out.read_text())
+    assert "tables" not in proposal
+    assert [leaf["id"] for leaf in proposal["observables"]] == ["OBS-RAIN"]
+    assert "#   no table is proposed: a table with `absent`" in out.read_text()
+
+
+def test_what_results_decided_is_no_sample(
+    both: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of design points that ended early only first replicates count; surrogates get a remark."""
+    folder = tmp_path / "early"
+    shutil.copytree(both, folder)
+    scores = pl.read_parquet(folder / "scores.parquet")
+    # Every odd scene becomes the second replicate of the scene before it.
+    number = pl.col("design_point").str.slice(1).cast(pl.Int64)
+    point = pl.format("p{}", number - number % 2)
+    early = scores.with_columns(replicate=number % 2, design_point=point, until_settled=pl.lit(value=True))
+    early.write_parquet(folder / "scores.parquet")
+    text = (folder / "campaign.yaml").read_text()
+    (folder / "campaign.yaml").write_text(f"{text}fidelity: overhead\n")
+    document = printed([str(folder)], capsys)
+    assert (document["runs"], document["design_points"]) == (48, 24)
+    surrogates, ended = document["notes"]
+    assert "flown by surrogates" in surrogates
+    assert "only the first replicate of each counts" in ended
+    early.with_columns(until_settled=pl.lit(value=False)).write_parquet(folder / "scores.parquet")
+    all_runs = printed([str(folder)], capsys)
+    assert (all_runs["runs"], all_runs["design_points"]) == (96, 24)
 
 
 def test_what_cannot_be_calibrated_is_refused_with_code_2(
