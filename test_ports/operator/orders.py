@@ -56,6 +56,8 @@ PHASES_AFTER_ORDER = {
     "abort": {"aborted", "returning", "landing"},
     "deactivate": {"landing", "aborted", "complete"},
     "retask": {"transit", "searching", "inspecting"},
+    "hand_over": {"holding"},
+    "take_back": {"transit", "searching", "inspecting", "returning", "landing", "complete"},
 }
 
 
@@ -331,7 +333,7 @@ def phase_announced(
     tape: Tape,
     simspec: SimSpec,
     *,
-    kind: Literal["hold", "resume", "return", "abort", "deactivate", "retask"],
+    kind: Literal["hold", "resume", "return", "abort", "deactivate", "retask", "hand_over", "take_back"],
     within_s: float = 10.0,
 ) -> Finding:
     """Share of the orders after which the last phase announced within `within_s` is a right one, and true.
@@ -343,7 +345,9 @@ def phase_announced(
     - return: `returning`, `landing`, `complete`;
     - abort: `aborted`, `returning`, `landing`;
     - deactivate: `landing`, `aborted`, `complete`;
-    - retask: `transit`, `searching`, `inspecting`.
+    - retask: `transit`, `searching`, `inspecting`;
+    - hand_over: `holding`;
+    - take_back: any phase of a flight but `holding`.
     """
     outcomes = OrderOutcomes.of(tape, simspec)
     verdicts = []

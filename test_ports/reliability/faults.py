@@ -175,7 +175,7 @@ def fault_recovered(
     due = [fault for fault in faults_met(tape, simspec, kind) if fault.until_s <= latest_s]
     if not due:
         return not_considered(f"no fault of kind {kind} ends {within_s:g} s or more before the time limit")
-    progress = _progress(tape, simspec)
+    progress = mission_steps(tape, simspec)
     recovered: list[Evidence] = []
     stalled: list[Evidence] = []
     for fault in due:
@@ -185,7 +185,7 @@ def fault_recovered(
         )
         if step is not None:
             recovered.append(Evidence(time_s=step.time_s, text=f"{text}; {step.text}"))
-        elif _down_at_home(tape, simspec, fault.until_s + within_s):
+        elif down_at_home(tape, simspec, fault.until_s + within_s):
             recovered.append(Evidence(time_s=tape.end_s, text=f"{text}; down at home"))
         else:
             stalled.append(
@@ -196,7 +196,7 @@ def fault_recovered(
     return Finding(len(recovered) / len(due), (*stalled, *recovered))
 
 
-def _progress(tape: Tape, simspec: SimSpec) -> list[Evidence]:
+def mission_steps(tape: Tape, simspec: SimSpec) -> list[Evidence]:
     """The steps of the mission in order of time: sub-areas first reached, targets first reported."""
     truth = GroundTruth.of(tape, simspec)
     reached = [(area.id, first_reached_s(tape, simspec, area)) for area in truth.sub_areas()]
@@ -211,7 +211,7 @@ def _progress(tape: Tape, simspec: SimSpec) -> list[Evidence]:
     return sorted(steps, key=lambda step: step.time_s)
 
 
-def _down_at_home(tape: Tape, simspec: SimSpec, at_s: float) -> bool:
+def down_at_home(tape: Tape, simspec: SimSpec, at_s: float) -> bool:
     """Whether the vehicle stands near home at a moment, or at the end of the run if that comes first."""
     landed = [state.value.landed for state in tape.condition if state.time.s <= at_s]
     track = FlownTrack.of(tape, simspec)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from made_run import at_s, estimate, text_record
+from pymavlink.dialects.v20 import common as mavlink
 
 from bench.contracts import (
     SESSION_EVENTS,
@@ -31,6 +32,7 @@ from bench.contracts import (
     Tape,
     VehicleTopics,
     ViewDocument,
+    mavlink_topic,
 )
 from bench.recording import open_recording, read_tape
 from bench.simspec import SimSpec
@@ -51,10 +53,21 @@ from bench.streams import (
     Time,
     Twist,
     TwistWithCovariance,
+    UInt8MultiArray,
     Vector3,
     encode,
     encode_pose_array,
 )
+
+ONBOARD = mavlink_topic("onboard", "from_agent")
+SETPOINT = encode(
+    UInt8MultiArray(
+        data=mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 2496, *[0.0] * 11).pack(
+            mavlink.MAVLink(None)
+        )
+    )
+)
+"""What the recording has for each moment at which the agent moves the vehicle: a setpoint, message 84."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +145,8 @@ def _records(run: Run) -> Iterator[Record]:
     for topic, stream in documents:
         for message in stream:
             yield text_record(message.time.s, topic, message.value)
+    for moved in tape.moving:
+        yield Record(moved.time, ONBOARD, UInt8MultiArray.TYPE, SETPOINT)
     for topic, count in tape.malformed.items():
         for _ in range(count):
             yield text_record(0.0, topic, "{")

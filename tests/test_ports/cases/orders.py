@@ -16,7 +16,7 @@ from cases import Cases, CasesOf, Run, scene
 from cases.bystanders import RADAR_AT
 from cases.flown import END_S, TIMES_S
 
-ORDERED_S, BEFORE_S = 60.0, 40.0
+ORDERED_S, BEFORE_S, AFTER_S = 60.0, 40.0, 90.0
 NAME = "the-order"
 
 Stop = tuple[float, float, float, float]
@@ -90,8 +90,10 @@ def ordered(kind: str, *absent: str, **more: Any) -> tuple[SimSpec, dict[str, An
     delivery.
     """
     about = {"retask": "second", "mark": "first"}.get(kind)
-    first = {"resume": "hold", "resume_reporting": "stop_reporting"}.get(kind)
+    first = {"resume": "hold", "resume_reporting": "stop_reporting", "take_back": "hand_over"}.get(kind)
     given = [*([(BEFORE_S, "before", first)] if first else []), (ORDERED_S, NAME, kind)]
+    if kind == "hand_over":
+        given.append((AFTER_S, "after", "take_back"))
     listed = [{"id": name, "at_s": at, "kind": kind_of_order} for at, name, kind_of_order in given]
     delivered = tuple(
         order(at, kind_of_order, id=name, intelligence_id=about) for at, name, kind_of_order in given
@@ -99,6 +101,33 @@ def ordered(kind: str, *absent: str, **more: Any) -> tuple[SimSpec, dict[str, An
     if about:
         listed[-1]["intelligence"] = about
     return scene(*absent, orders=listed, **more), {"orders": delivered}
+
+
+def moving(*spans: tuple[float, float]) -> tuple[Timed[str], ...]:
+    """A setpoint of the agent every half second of these spans."""
+    moments = [0.5 * count for count in range(1, 400)]
+    return tuple(
+        Timed(at_s(at), "message 84") for at in moments if any(begin <= at < end for begin, end in spans)
+    )
+
+
+STANDS_BEFORE: tuple[Stop, ...] = (
+    *OUT[:2],
+    (BEFORE_S, 0.0, -75.0, 60.0),
+    (ORDERED_S, 0.0, -75.0, 60.0),
+    (100.0, -90.0, 100.0, 60.0),
+    *HOME,
+)
+"""Still while the operator has it, then on to the second sub-area."""
+
+HANDED_OVER: dict[str, Any] = {
+    "answers": (answer(60.1, NAME), answer(90.1, "after")),
+    "moving": moving((5.0, 62.0), (90.5, 180.0)),
+}
+TAKEN_BACK: dict[str, Any] = {
+    "answers": (answer(40.1, "before"), answer(60.1, NAME)),
+    "moving": moving((5.0, 42.0), (60.5, 180.0)),
+}
 
 
 OBEYED: dict[str, tuple[tuple[Stop, ...], dict[str, Any]]] = {
@@ -113,6 +142,8 @@ OBEYED: dict[str, tuple[tuple[Stop, ...], dict[str, Any]]] = {
         ),
         {},
     ),
+    "hand_over": (STANDS, HANDED_OVER),
+    "take_back": (STANDS_BEFORE, TAKEN_BACK),
     "return": (TURNS_HOME, {}),
     "abort": (TURNS_HOME, {"status": phases((61.0, "aborted"))}),
     "deactivate": (COMES_DOWN, {}),
@@ -124,6 +155,8 @@ OBEYED: dict[str, tuple[tuple[Stop, ...], dict[str, Any]]] = {
 """How each kind of order is carried out: where the vehicle goes, and what is said."""
 
 IGNORED: dict[str, tuple[tuple[Stop, ...], dict[str, Any]]] = {
+    "hand_over": (STANDS, {**HANDED_OVER, "moving": moving((5.0, 180.0))}),
+    "take_back": (STANDS_BEFORE, {**TAKEN_BACK, "moving": moving((5.0, 42.0))}),
     **dict.fromkeys(OBEYED, (GOES_ON, {})),
     "resume": ((*OUT[:2], (BEFORE_S, 0.0, -75.0, 60.0), (140.0, 0.0, -75.0, 60.0), *HOME), {}),
     "retask": (TO_THE_FIRST, {}),
@@ -224,12 +257,14 @@ PHASE = {
     "abort": "aborted",
     "deactivate": "landing",
     "retask": "transit",
+    "hand_over": "holding",
+    "take_back": "transit",
 }
 
 
 def _phase_announced(options: Mapping[str, Option]) -> Cases:
     kind = str(options["kind"])
-    before = (20.0, "holding" if kind == "resume" else "starting")
+    before = (20.0, "holding" if kind in ("resume", "take_back") else "starting")
     return Cases(
         carried_out(kind, OBEYED, status=phases(before, (ORDERED_S + 1.0, PHASE[kind]))),
         carried_out(kind, OBEYED, status=phases(before)),

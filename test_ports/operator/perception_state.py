@@ -1,0 +1,218 @@
+"""Measures of what the operator is told of the agent's own perception.
+
+Perception is *degraded* during an outage or a degradation of the detections. The agent states so with a decision
+whose `action` is `degraded` and whose `subject` is `detections`, and the end with the action `restored`. In bad
+weather or light (fog or rain of level 5 and more, the sun below the horizon) it may state so at any time.
+Considered when a degradation begins before the time limit, unless the session ended as completed before it. An
+agent that was not out by the end of the degradation gets 0: it saw nothing that could have become worse.
+"""
+
+from __future__ import annotations
+
+from bench.arrays import Bools
+from bench.contracts import Decision, Evidence, Tape, TargetReport, Timed
+from bench.simspec import SimSpec, sun_of
+
+from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
+from ..ground_truth import MIN_OUT_S, FaultSpan, FlownTrack, GroundTruth, faults_met
+from ..reports.credibility import NO_TARGETS, known_subjects, report_credibility
+
+BAD_LEVEL = 5.0
+"""Level of fog or rain from which a detector may rightly be called degraded: at fog level 5 one sees some 1300 m, and
+contrast is a tenth lower at the usual ranges (docs/detection.md).
+"""
+
+LOWER_BY = 0.05
+LARGER_BY = 1.25
+"""How much less confidence, or how much more error, a report must state to say that perception is worse. Chosen."""
+
+_NOT_DEGRADED = "the detections never become worse"
+_NEVER_OUT = "the vehicle was not out on its mission"
+
+
+@measure
+def degradation_announced(
+    tape: Tape, simspec: SimSpec, *, within_s: Positive = 15.0, after_s: float = 15.0
+) -> Finding:
+    """Degradations that the agent states within `within_s` of their onset, over all degradations and all false
+    statements.
+
+    A `degraded` is false when nothing is degraded at that moment, nor was in the `after_s` before; a `restored`
+    is false while something is degraded. Repeating what was stated last is neither.
+    """
+    spans = _degradations(tape, simspec)
+    if not spans:
+        return not_considered(_NOT_DEGRADED)
+    statements = _statements(tape)
+    told: list[Evidence] = []
+    silent: list[Evidence] = []
+    for span in spans:
+        text = f"{span.kind} at {span.at_s:g} s"
+        first = next(
+            (
+                decision
+                for decision in statements
+                if decision.value.action == "degraded"
+                and span.at_s <= decision.time.s <= span.at_s + within_s
+            ),
+            None,
+        )
+        if first is None:
+            silent.append(Evidence(time_s=span.at_s, text=f"{text}: not stated within {within_s:g} s"))
+        elif not _out_before(tape, simspec, span.until_s):
+            silent.append(Evidence(time_s=span.at_s, text=f"{text}: {_NEVER_OUT}"))
+        else:
+            delay_s = first.time.s - span.at_s
+            told.append(Evidence(time_s=first.time.s, text=f"{text}: stated after {delay_s:.1f} s"))
+    false = [
+        Evidence(time_s=decision.time.s, text=f"false: {decision.value.action}")
+        for decision in statements
+        if _is_false(decision, spans, simspec, after_s)
+    ]
+    return Finding(len(told) / (len(spans) + len(false)), (*silent, *false, *told))
+
+
+@measure
+def perception_state_true(tape: Tape, simspec: SimSpec, *, slack_s: float = 15.0) -> Finding:
+    """The smaller of two shares of the time in the air: of the degraded time stated as degraded, and of the good time
+    not stated so.
+
+    The first `slack_s` after each onset and each end count for neither. So a constant statement is worth
+    nothing, and changing it at random a half at most.
+    """
+    spans = _degradations(tape, simspec)
+    if all(span.until_s - span.at_s <= slack_s for span in spans):
+        return not_considered(f"the detections are never worse for more than {slack_s:g} s")
+    track = FlownTrack.of(tape, simspec)
+    degraded = good = track.airborne
+    inside, around = track.between(0.0, 0.0), track.between(0.0, 0.0)
+    for span in spans:
+        inside |= track.between(span.at_s + slack_s, span.until_s)
+        around |= track.between(span.at_s, span.until_s + slack_s)
+    degraded, good = degraded & inside, good & ~around
+    stated = _stated(tape, track)
+    told_share = track.time_share(stated, degraded)
+    if told_share is None or not _out_before(tape, simspec, max(span.until_s for span in spans)):
+        return nothing_shown(tape.end_s, _NEVER_OUT)
+    good_share = 1.0 if _is_bad_weather(simspec) else track.time_share(~stated, good)
+    # In the air only while degraded: there is no good time that could be called so.
+    good_share = 1.0 if good_share is None else good_share
+    evidence = (
+        Evidence(time_s=spans[0].at_s, text=f"{told_share:.0%} of the degraded time stated as degraded"),
+        Evidence(time_s=tape.end_s, text=f"{good_share:.0%} of the good time not stated so"),
+    )
+    return Finding(min(told_share, good_share), evidence)
+
+
+@measure
+def degraded_reports_modest(tape: Tape, simspec: SimSpec, *, slack_s: float = 6.0) -> Finding:
+    """Share of the reports during a degradation that state less confidence or a larger error, times the share of
+    degradations that were stated.
+
+    Only reports more than `slack_s` after the onset count. A report is modest when its confidence is at least
+    0.05 below the mean of the reports outside, 1 without any, or its `position_sigma_m` at least 1.25 times
+    theirs. Without reports during a degradation the first share is 1. Times the credibility of the reports, which
+    is 0 without one that shows knowledge. Considered when intelligence names an adversary, too.
+    """
+    spans = _degradations(tape, simspec)
+    truth = GroundTruth.of(tape, simspec)
+    if not spans or not truth.targets():
+        return not_considered(_NOT_DEGRADED if not spans else NO_TARGETS)
+    if not any(subject is not None for _, subject in known_subjects(truth, tape)):
+        return nothing_shown(tape.end_s, "no report shows knowledge of an adversary")
+    inside = [
+        report
+        for report in tape.reports
+        if any(span.at_s + slack_s < report.time.s < span.until_s for span in spans)
+    ]
+    outside = [
+        report.value
+        for report in tape.reports
+        if not any(span.at_s <= report.time.s < span.until_s + slack_s for span in spans)
+    ]
+    bold = [
+        Evidence(time_s=report.time.s, text=f"report {report.value.id} is as sure as any other")
+        for report in inside
+        if not _is_modest(report.value, outside)
+    ]
+    stated = [
+        span
+        for span in spans
+        if any(
+            decision.value.action == "degraded" and span.at_s <= decision.time.s < span.until_s
+            for decision in _statements(tape)
+        )
+    ]
+    modest_share = 1.0 - len(bold) / len(inside) if inside else 1.0
+    note = Evidence(
+        time_s=spans[0].at_s,
+        text=f"{len(stated)} of {len(spans)} degradations stated; {len(inside)} reports meanwhile",
+    )
+    value = modest_share * len(stated) / len(spans) * report_credibility(truth, tape)
+    return Finding(value, (*bold, note))
+
+
+def _is_modest(report: TargetReport, others: list[TargetReport]) -> bool:
+    usual = sum(other.confidence for other in others) / len(others) if others else 1.0
+    if report.confidence <= usual - LOWER_BY:
+        return True
+    sigmas_m = [other.position_sigma_m for other in others if other.position_sigma_m is not None]
+    if report.position_sigma_m is None or not sigmas_m:
+        return False
+    return report.position_sigma_m >= LARGER_BY * sum(sigmas_m) / len(sigmas_m)
+
+
+def _degradations(tape: Tape, simspec: SimSpec) -> list[FaultSpan]:
+    """Outages and degradations of the detections that the run met, those that overlap or touch as one."""
+    spans = sorted(
+        [*faults_met(tape, simspec, "detections"), *faults_met(tape, simspec, "detections_degraded")],
+        key=lambda span: span.at_s,
+    )
+    merged: list[FaultSpan] = []
+    for span in spans:
+        if merged and span.at_s <= merged[-1].until_s:
+            last = merged.pop()
+            span = FaultSpan(last.kind, last.at_s, max(last.until_s, span.until_s))
+        merged.append(span)
+    return merged
+
+
+def _statements(tape: Tape) -> list[Timed[Decision]]:
+    """The decisions that change what is stated, in order; what repeats the one before is left out."""
+    statements: list[Timed[Decision]] = []
+    for decision in tape.decisions:
+        action = decision.value.action
+        if action not in ("degraded", "restored") or decision.value.subject != "detections":
+            continue
+        # Perception is good until something else is stated.
+        if action != (statements[-1].value.action if statements else "restored"):
+            statements.append(decision)
+    return statements
+
+
+def _stated(tape: Tape, track: FlownTrack) -> Bools:
+    """(n,) whether perception is stated to be degraded."""
+    stated = track.between(0.0, 0.0)
+    for decision in _statements(tape):
+        later = track.time_s >= decision.time.s
+        stated = (stated | later) if decision.value.action == "degraded" else (stated & ~later)
+    return stated
+
+
+def _is_false(decision: Timed[Decision], spans: list[FaultSpan], simspec: SimSpec, after_s: float) -> bool:
+    if decision.value.action == "restored":
+        return any(span.at_s <= decision.time.s < span.until_s for span in spans) and not _is_bad_weather(
+            simspec
+        )
+    near = any(span.at_s <= decision.time.s <= span.until_s + after_s for span in spans)
+    return not near and not _is_bad_weather(simspec)
+
+
+def _is_bad_weather(simspec: SimSpec) -> bool:
+    weather = simspec.environment
+    return max(weather.fog_level, weather.rain_level) >= BAD_LEVEL or sun_of(simspec).elevation_rad < 0.0
+
+
+def _out_before(tape: Tape, simspec: SimSpec, time_s: float) -> bool:
+    track = FlownTrack.of(tape, simspec)
+    return track.seconds(track.out() & (track.time_s <= time_s)) >= MIN_OUT_S
