@@ -77,7 +77,10 @@ def test_a_handover_needs_a_standstill_without_failsafe_and_an_acceptance() -> N
 
 def test_hands_off_is_a_share_of_seconds() -> None:
     """Two of the twenty seconds with the operator have a message that moves the vehicle."""
-    assert x_of("hands_off_kept", CASES["hands_off_kept"]({}).failed) == pytest.approx(0.9)
+    spec, delivered = ordered("hand_over")
+    now_and_then = moving((5.0, 62.0), (75.0, 75.5), (85.0, 85.5), (90.5, 180.0))
+    run = flew(spec, *STANDS, **delivered, **{**HANDED_OVER, "moving": now_and_then})
+    assert x_of("hands_off_kept", run) == pytest.approx(0.9)
 
 
 def test_who_only_hovers_or_stands_has_nothing_to_hand_over() -> None:

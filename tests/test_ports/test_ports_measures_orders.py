@@ -26,6 +26,7 @@ from cases.orders import (
     carried_out,
     decided,
     flew,
+    moving,
     ordered,
     phases,
     state,
@@ -416,7 +417,7 @@ MEASURES: tuple[tuple[str, dict[str, Any]], ...] = (
     *(("order_obeyed", {"kind": kind}) for kind in ("any", *KINDS)),
     *(("order_reaction", {"kind": kind}) for kind in KINDS),
     *(("silence_kept", {"kind": kind}) for kind in ("stop_reporting", "abort", "deactivate")),
-    *(("phase_announced", {"kind": kind}) for kind in KINDS[:6]),
+    *(("phase_announced", {"kind": kind}) for kind in KINDS[:8]),
 )
 
 
@@ -425,7 +426,12 @@ MEASURES: tuple[tuple[str, dict[str, Any]], ...] = (
 def test_every_value_is_between_0_and_1(data: st.DataObject) -> None:
     """Random orders, flights, messages and ends of the run give no value outside [0, 1]."""
     moments = st.floats(0.0, 190.0).map(lambda at: round(at, 1))
-    kinds = data.draw(st.lists(st.tuples(moments, st.sampled_from(KINDS)), max_size=5))
+    single = [kind for kind in KINDS if kind not in ("hand_over", "take_back")]
+    kinds = data.draw(st.lists(st.tuples(moments, st.sampled_from(single)), max_size=5))
+    if (handed_over_s := data.draw(st.none() | st.floats(0.0, 160.0))) is not None:
+        # While the operator has the vehicle, nothing else may be ordered of the agent.
+        kinds = [(at, kind) for at, kind in kinds if not handed_over_s <= at <= handed_over_s + 20.0]
+        kinds += [(handed_over_s, "hand_over"), (handed_over_s + 20.0, "take_back")]
     about = {"retask": "second", "mark": "first"}
     listed = [
         {
@@ -448,6 +454,7 @@ def test_every_value_is_between_0_and_1(data: st.DataObject) -> None:
         spec,
         *data.draw(st.sampled_from([GOES_ON, STANDS, TURNS_HOME, COMES_DOWN])),
         end_s=end_s,
+        moving=moving(*data.draw(st.lists(st.tuples(moments, moments), max_size=3))),
         orders=tuple(sorted(delivered, key=lambda document: document.time.ns)),
         answers=tuple(
             answer(at, f"o{index}", accepted=yes) for index, (at, yes) in enumerate(sorted(statements))

@@ -12,9 +12,8 @@ from cases import Cases, Run, scene
 from cases.bystanders import RADAR_AT, TRUCK_AT
 from cases.orders import (
     GOES_ON,
-    HANDED_OVER,
+    IGNORED,
     OBEYED,
-    STANDS,
     STANDS_BEFORE,
     STANDS_LONG,
     TAKEN_BACK,
@@ -22,7 +21,6 @@ from cases.orders import (
     carried_out,
     decided,
     flew,
-    moving,
     ordered,
 )
 
@@ -43,13 +41,7 @@ def stating(*decisions: Any, **streams: Any) -> Run:
 
 
 def _hands_off_kept(options: Mapping[str, Option]) -> Cases:
-    now_and_then = {**HANDED_OVER, "moving": moving((5.0, 62.0), (75.0, 75.5), (85.0, 85.5), (90.5, 180.0))}
-    spec, delivered = ordered("hand_over")
-    return Cases(
-        carried_out("hand_over", OBEYED),
-        flew(spec, *STANDS, **delivered, **now_and_then),
-        flew(scene(), *GOES_ON),
-    )
+    return Cases(carried_out("hand_over", OBEYED), carried_out("hand_over", IGNORED), flew(scene(), *GOES_ON))
 
 
 def _mission_resumed(options: Mapping[str, Option]) -> Cases:
