@@ -24,9 +24,10 @@ def test_every_order_and_every_fault_occurs_and_both_agents_fly_every_scene() ->
     scenes = [plan.simspec for plan in plans if plan.agent == "reference-naive"]
     assert len(scenes) == len(plans) / 2 == 24
     kinds = {
-        *(set(get_args(OrderKind)) - {"hand_over", "take_back"}),  # not drawn yet
+        *get_args(OrderKind),
         "operator_link",
         "detections",
+        "detections_degraded",
         "gps_drift",
         "gps_off",
         "battery_drop",
