@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -74,9 +75,15 @@ def decomposition() -> dict[str, Any]:
     }
 
 
+@cache
+def base_of(agent: str) -> SimSpec:
+    """A situation without the places of its actors: nothing here looks at them, and reading them takes long."""
+    return made_simspec(0, agent).model_copy(update={"realized": None})
+
+
 def scene(number: int, agent: str) -> SimSpec:
     """Four levels of fog and rain and three of concealment, fully crossed over 48 scenes."""
-    base = made_simspec(0, agent)
+    base = base_of(agent)
     weather = {"fog_level": float(number % 4), "rain_level": float(number // 4 % 4)}
     hidden = [
         group.model_copy(update={"concealment": (0.0, 0.5, 1.0)[number // 16]})
