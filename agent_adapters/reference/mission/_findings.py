@@ -195,6 +195,8 @@ class Findings:
 
     def report(self, task: SearchTask, target: Track, judgement: Judgement, why: str = "") -> None:
         """Report a target now, marked if that was judged right and the operator consents where it must."""
+        if self.consents.wants_asking(task):
+            self.consents.ask(task, target, judgement)
         if judgement.mark and (against := self.consents.against_marking(task)):
             judgement = replace(judgement, mark=False, reason=f"{judgement.reason}; {against}")
         task.state, task.target, task.withheld = "reported", target.number, not judgement.mark
