@@ -40,6 +40,9 @@ class Watch:
         self._gps_lost_s: float | None = None
         self._gps_back_s = -math.inf
         self._gps_doubt_m = 0.0
+        self._drifting = False
+        self._drift_doubt_m = 0.0  # the latest while it drifted
+        self._drift_over_s = -math.inf
         self._silent = False
         self._battery = vehicle.battery_fraction
 
@@ -71,6 +74,7 @@ class Watch:
         self._look_at_detections()
         self._look_at_quality()
         self._look_at_gps()
+        self._look_at_drift()
         self._look_at_battery()
         heard_ever = self._vehicle.heard_s >= 0.0
         if heard_ever and self._vehicle.silent != self._silent:
@@ -83,7 +87,15 @@ class Watch:
         now_s = self._log.now_s
         if self._gps_lost_s is not None:
             return 2.0 + DEAD_RECKONING_MPS * (now_s - self._gps_lost_s)
-        return self._gps_doubt_m if now_s - self._gps_back_s < GPS_AGAIN_S else 0.0
+        lately_m = [
+            doubt_m
+            for doubt_m, over_s in (
+                (self._gps_doubt_m, self._gps_back_s),
+                (self._drift_doubt_m, self._drift_over_s),
+            )
+            if now_s - over_s < GPS_AGAIN_S
+        ]
+        return max([self._vehicle.drift.doubt_m, *lately_m])
 
     def _look_at_detections(self) -> None:
         eyes, vehicle = self._eyes, self._vehicle
@@ -123,6 +135,20 @@ class Watch:
             self._gps_doubt_m, self._gps_back_s = self.doubt_m(), now_s
             self._log.decide("notice", "gps", f"GPS is back after {now_s - self._gps_lost_s:.1f} s")
             self._gps_lost_s = None
+
+    def _look_at_drift(self) -> None:
+        drift = self._vehicle.drift
+        if drift.since_s is not None:
+            self._drift_doubt_m = drift.doubt_m
+        if (drift.since_s is not None) == self._drifting:
+            return
+        self._drifting = not self._drifting
+        if self._drifting:
+            text = f"the position drifts, {math.hypot(*drift.offset_en_m):.1f} m so far: places are reckoned from the velocity"
+        else:
+            self._drift_over_s = self._log.now_s
+            text = "the position agrees with the velocity again"
+        self._log.decide("notice", "gps", text)
 
     def _look_at_battery(self) -> None:
         before, self._battery = self._battery, self._vehicle.battery_fraction

@@ -136,6 +136,7 @@ class Multicopter:
         self.armed, self.mode, self.battery, self.mute = False, HOLD, 100, False
         self.refuse_offboard = False
         self.gps, self.failsafe = True, False
+        self.position_error_m = (0.0, 0.0)  # of the position that it states and steers by, east and north
         self.speed_mps = 0.0
         self.time_s = 0.0
         self.peak_m = 0.0
@@ -217,7 +218,9 @@ class Multicopter:
 
     def _go(self, span_s: float) -> None:
         if self.mode == OFFBOARD and self._setpoint:
-            self._fly_to(*self._setpoint, span_s)
+            east_m, north_m, height_m, yaw_rad = self._setpoint
+            off_east_m, off_north_m = self.position_error_m
+            self._fly_to(east_m - off_east_m, north_m - off_north_m, height_m, yaw_rad, span_s)
         elif self.mode == TAKEOFF:
             self.height_m = min(self.height_m + 1.5 * span_s, self._takeoff_m)
         elif self.mode == RTL and math.dist((self.east_m, self.north_m), self.home) > 1.0:
@@ -229,6 +232,8 @@ class Multicopter:
                 self._landed_s = self.time_s if self._landed_s is None else self._landed_s
                 if self.time_s - self._landed_s >= 2.0:
                     self.armed, self.mode = False, HOLD
+        else:
+            self._velocity = [0.0, 0.0]
 
     def _fly_to(self, east_m: float, north_m: float, height_m: float, yaw_rad: float, span_s: float) -> None:
         away = (east_m - self.east_m, north_m - self.north_m)
@@ -272,7 +277,8 @@ class Multicopter:
         makers: dict[int, Callable[[], mavlink.MAVLink_message]] = {
             mavlink.MAVLINK_MSG_ID_ATTITUDE: lambda: mavlink.MAVLink_attitude_message(now_ms, 0.1, -0.2, self.yaw_rad, 0, 0, 0),
             mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: lambda: mavlink.MAVLink_local_position_ned_message(
-                now_ms, self.north_m - self.home[1], self.east_m - self.home[0], -self.height_m,
+                now_ms, self.north_m + self.position_error_m[1] - self.home[1],
+                self.east_m + self.position_error_m[0] - self.home[0], -self.height_m,
                 self._velocity[1], self._velocity[0], 0.0,
             ),
             mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._global,

@@ -15,6 +15,7 @@ from agent_adapters.client import MavlinkFrame
 from bench.simspec import Origin
 
 from .._steps import Steps
+from ..perception._drift import DriftCheck
 from ..perception._pose import PoseHistory, VehiclePose, east_north_of
 
 OWN_SYSTEM, OWN_COMPONENT = 245, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
@@ -100,6 +101,7 @@ class PilotedVehicle:
         self.heard_s = -math.inf
         self.battery_fraction = 1.0
         self.gps_ok: bool | None = None  # None until the autopilot has spoken of a working GPS
+        self.drift = DriftCheck()
         self.failsafe = False  # the autopilot acts by itself, or says that it should
         self.texts: list[str] = []
         self.malformed = 0
@@ -200,6 +202,8 @@ class PilotedVehicle:
         healthy = bool(present & health & GPS)
         if healthy or self.gps_ok is not None:
             self.gps_ok = healthy
+        if not healthy:
+            self.drift.suspend(self.now_s)
 
     def _hear_place(self, message: object) -> None:
         boot_ms, x, y, z = message.time_boot_ms, message.x, message.y, message.z  # type: ignore[attr-defined]
@@ -207,7 +211,10 @@ class PilotedVehicle:
         if self._local_origin is not None:
             east_m, north_m = self._local_origin
             velocity = (message.vy, message.vx, -message.vz)  # type: ignore[attr-defined]
-            self.poses.place(self._moment_s(boot_ms), east_m + y, north_m + x, -z, velocity)
+            self.drift.take(boot_ms * 1e-3, (y, x), velocity[:2])
+            away_east_m, away_north_m = self.drift.offset_en_m
+            place = (east_m + y - away_east_m, north_m + x - away_north_m)
+            self.poses.place(self._moment_s(boot_ms), *place, -z, velocity)
 
     def _hear_global(self, message: object) -> None:
         """Find where the local frame lies in the map, while on the ground: the two frames do not move against
@@ -250,7 +257,9 @@ class PilotedVehicle:
 
     def _send_setpoint(self, at: PositionSetpoint) -> None:
         assert self._local_origin is not None
-        east_m, north_m = self._local_origin
+        # The autopilot steers by the position that it believes in, its drift included.
+        east_m = self._local_origin[0] - self.drift.offset_en_m[0]
+        north_m = self._local_origin[1] - self.drift.offset_en_m[1]
         self._send(
             mavlink.MAVLink_set_position_target_local_ned_message(
                 round(self.now_s * 1000.0) & 0xFFFFFFFF,
