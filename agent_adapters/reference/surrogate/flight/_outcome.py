@@ -9,6 +9,7 @@ import numpy as np
 
 from bench.arrays import Bools, Counts, Floats
 
+from ...perception._drift import SHIFT_M, WINDOW_S
 from ...perception._tracks import MOST_LOOKS
 from ..batch._batch import STANDING_S, STANDING_SPANS, Batch
 from ..batch._draws import normal
@@ -117,6 +118,12 @@ def _errors_m(batch: Batch, reported_s: Floats) -> Floats:
     for drift in range(batch.drifts.shape[1]):
         since_s, until_s, *rates_mps = batch.drifts[:, drift].T
         during = (reported_s >= since_s[:, None]) & (reported_s < until_s[:, None])
+        # A drift that the agent has noticed no longer moves its places.
+        speed_mps = np.hypot(*rates_mps)
+        noticed_s = np.where(
+            speed_mps > SHIFT_M / WINDOW_S, since_s + SHIFT_M / np.maximum(speed_mps, 1e-9), np.inf
+        )
+        during &= reported_s < noticed_s[:, None]
         for axis, rate_mps in enumerate(rates_mps):
             gone_s = np.where(during, reported_s, 0.0) - np.where(during, since_s[:, None], 0.0)
             off_m[:, :, axis] += gone_s * np.where(np.isfinite(rate_mps), rate_mps, 0.0)[:, None]
