@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from ._document import Campaign as Campaign
 from ._document import CampaignBudgets as CampaignBudgets
 from ._document import FloorPlan as FloorPlan
+from ._document import Situation as Situation
 from ._document import Stopping as Stopping
 from ._document import load_campaign as load_campaign
 from ._document import with_floor as with_floor
@@ -43,6 +44,7 @@ from .execution._task import WorkerPlan as WorkerPlan
 from .execution._task import WorkersUnusable as WorkersUnusable
 from .planning._realizations import campaign_quality as campaign_quality
 from .planning._realizations import realizations as realizations
+from .planning._realizations import situation_tensions as situation_tensions
 from .planning._scenes import write_scenes as write_scenes
 from .storage._files import digest_of as digest_of
 from .storage._files import write_whole as write_whole

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from bench.documents import Document, load_document, validate_document
-from bench.realization import Design
+from bench.errors import Fault, SetupError
+from bench.realization import BASE, Bases, Design, DesignFactor
 from bench.simspec import AgentSpec, Identifier, SimSpec
 
 
@@ -103,6 +105,32 @@ class FloorPlan(Document):
         return self.agents if self.oracle is None else (*self.agents, self.oracle)
 
 
+SITUATION = "situation"
+"""Name of the design factor that a campaign with several situations has, if it states no other."""
+
+
+class Situation(Document):
+    """One of the base situations of a campaign."""
+
+    name: Annotated[Identifier, Field(description="The level of the factor `situation`.")]
+    base: Annotated[SimSpec | None, Field(description="The base SimSpec; or base_file.")] = None
+    base_file: Annotated[
+        str | None, Field(description="Path of a SimSpec, relative to the campaign file; in place of base.")
+    ] = None
+    tension: Annotated[
+        int | None,
+        Field(ge=1, le=5, description="The tension that it is built for: of its nodes under study."),
+    ] = None
+
+    @model_validator(mode="after")
+    def _one_base(self) -> Self:
+        if (self.base is None) == (self.base_file is None):
+            raise ValueError(
+                f"situation {self.name!r}: give either base (a SimSpec) or base_file (the path of one)"
+            )
+        return self
+
+
 class Campaign(Document):
     """A campaign: base SimSpec, design, agents and decomposition. Every agent flies every scene."""
 
@@ -115,6 +143,13 @@ class Campaign(Document):
     base_file: Annotated[
         str | None, Field(description="Path of a SimSpec, relative to the campaign file; in place of base.")
     ] = None
+    situations: Annotated[
+        tuple[Situation, ...],
+        Field(
+            max_length=1000,
+            description="Several base situations, in place of base: a factor `situation` of the design chooses.",
+        ),
+    ] = ()
     design: Design = Design()
     agents: Annotated[tuple[AgentSpec, ...], Field(min_length=1, description="The agents under test.")]
     decomposition: Annotated[
@@ -139,6 +174,36 @@ class Campaign(Document):
         ),
     ] = None
     budgets: CampaignBudgets = CampaignBudgets()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _situations_are_a_factor(cls, value: Any) -> Any:
+        # Before the design is validated: its other factors, `forbid` and `take` may speak of the situation.
+        situations = value.get("situations") if isinstance(value, dict) else None
+        design = value.get("design", {}) if situations else None
+        if isinstance(design, Design):
+            design = design.model_dump()
+        if not isinstance(design, dict) or not isinstance(situations, (list, tuple)):
+            return value
+        factors = design.get("factors", ())
+        if not isinstance(factors, (list, tuple)) or any(map(_sets_base, factors)):
+            return value
+        names = [
+            situation.name if isinstance(situation, Situation) else situation.get("name")
+            for situation in situations
+            if isinstance(situation, (Situation, dict))
+        ]
+        # Last, so that the lines of faults in the factors above stay right.
+        factor = {"name": SITUATION, "levels": list(dict.fromkeys(names)), "sets": [BASE]}
+        return {**value, "design": {**design, "factors": [*factors, factor]}}
+
+    @field_validator("situations")
+    @classmethod
+    def _situations_differ(cls, situations: tuple[Situation, ...]) -> tuple[Situation, ...]:
+        names = Counter(situation.name for situation in situations)
+        if twice := [name for name, count in names.items() if count > 1]:
+            raise ValueError(f"two situations are called {twice[0]!r}")
+        return situations
 
     @field_validator("floor", mode="before")
     @classmethod
@@ -165,9 +230,9 @@ class Campaign(Document):
 
     @model_validator(mode="after")
     def _one_base(self) -> Self:
-        if (self.base is None) == (self.base_file is None):
+        if (self.base is not None) + (self.base_file is not None) + bool(self.situations) != 1:
             raise ValueError(
-                "give either base (a SimSpec) or base_file (the path of one, relative to this file)"
+                "give either base (a SimSpec), base_file (the path of one, relative to this file) or situations (several)"
             )
         return self
 
@@ -183,13 +248,35 @@ class Campaign(Document):
 
     @property
     def situation(self) -> SimSpec:
-        """The base SimSpec with the campaign's budgets. Only for a campaign from `load_campaign`."""
-        assert self.base is not None, "load_campaign replaces base_file by base"
+        """The base SimSpec with the campaign's budgets. Only for a campaign from `load_campaign`, with one
+        base.
+        """
+        return self._budgeted(self.base)
+
+    @property
+    def bases(self) -> Bases:
+        """The base SimSpec, or those of all situations by name, with the campaign's budgets.
+
+        Only for a campaign from `load_campaign`.
+        """
+        if not self.situations:
+            return self.situation
+        return {situation.name: self._budgeted(situation.base) for situation in self.situations}
+
+    def _budgeted(self, base: SimSpec | None) -> SimSpec:
+        assert base is not None, "load_campaign replaces base_file by base"
         if self.budgets.wall_s is None:
-            return self.base
-        return self.base.model_copy(
-            update={"budgets": self.base.budgets.model_copy(update={"wall_s": self.budgets.wall_s})}
+            return base
+        return base.model_copy(
+            update={"budgets": base.budgets.model_copy(update={"wall_s": self.budgets.wall_s})}
         )
+
+
+def _sets_base(factor: object) -> bool:
+    if isinstance(factor, DesignFactor):
+        return factor.chooses_base
+    sets = factor.get("sets") if isinstance(factor, dict) else None
+    return isinstance(sets, (list, tuple)) and BASE in sets
 
 
 def with_floor(campaign: Campaign) -> Campaign:
@@ -227,7 +314,27 @@ def load_campaign(path: Path | str) -> Campaign:
         changes["floor"] = floor.model_copy(update={"agents": null, "oracle": oracle})
     if campaign.base_file is not None:
         changes |= {"base": load_document(parent / campaign.base_file, SimSpec), "base_file": None}
+    if campaign.situations:
+        changes["situations"] = _with_bases(parent, campaign.situations)
     return campaign.model_copy(update=changes)
+
+
+def _with_bases(parent: Path, situations: tuple[Situation, ...]) -> tuple[Situation, ...]:
+    """The situations with the content of their files. Raises SetupError with the faults of all files."""
+    faults: list[Fault] = []
+    loaded = []
+    for situation in situations:
+        if situation.base_file is not None:
+            try:
+                base = load_document(parent / situation.base_file, SimSpec)
+            except SetupError as error:
+                faults += error.faults
+                continue
+            situation = situation.model_copy(update={"base": base, "base_file": None})
+        loaded.append(situation)
+    if faults:
+        raise SetupError(faults)
+    return tuple(loaded)
 
 
 def _resolved(parent: Path, name: str) -> str:

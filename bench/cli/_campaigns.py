@@ -257,6 +257,7 @@ def _print_plan(
         load_campaign,
         load_measurable_decomposition,
         realizations,
+        situation_tensions,
         with_floor,
     )
 
@@ -267,13 +268,14 @@ def _print_plan(
     load_measurable_decomposition(campaign.decomposition)
     plans = realizations(campaign)
     points = {plan.design_point for plan in plans}
-    limit_s = campaign.situation.mission.time_limit_s
+    # Each realization has its own limit: situations, and factors, may differ in it.
+    limits_s = [plan.simspec.mission.time_limit_s for plan in plans]
     quality = campaign_quality(campaign)
     if as_json:
         counts = {
             "campaign": campaign.name,
             "realizations": len(plans),
-            "most_simulated_s": len(plans) * limit_s,
+            "most_simulated_s": sum(limits_s),
         }
         estimate, faults = _estimate(campaign, workers, session_s)
         expected = (
@@ -289,9 +291,16 @@ def _print_plan(
     if campaign.floor is not None:
         beside = sum(plan.agent in campaign.floor_labels for plan in plans)
         print(f"{beside} of them by null agents and the oracle, for the floor")
-    print(f"at most {len(plans) * limit_s / 3600:.1f} simulated hours ({limit_s:g} s each)")
+    least, most = f"{min(limits_s):g}", f"{max(limits_s):g}"
+    each = least if least == most else f"{least} to {most}"
+    print(f"at most {sum(limits_s) / 3600:.1f} simulated hours ({each} s each)")
     for line in quality.lines():
         print(line)
+    built_for = {situation.name: situation.tension for situation in campaign.situations}
+    for name, tensions in situation_tensions(campaign).items():
+        reached = " to ".join(map(str, dict.fromkeys((min(tensions), max(tensions))))) if tensions else "none"
+        built = f", built for {built_for[name]}" if built_for[name] else ""
+        print(f"situation {name}: tension {reached}{built}")
     estimate, faults = _estimate(campaign, workers, session_s)
     for line in estimate.lines() if estimate else [f"no estimate: {fault}" for fault in faults]:
         print(line)

@@ -7,12 +7,14 @@ flown = place(plans[0].simspec)                # the same, with every actor in i
 
 from __future__ import annotations
 
+from ._realize import Bases as Bases
 from ._realize import Rating as Rating
 from ._realize import RealizationPlan as RealizationPlan
 from ._realize import design_pairs as design_pairs
 from ._realize import realize as realize
 from ._realize import scene_seed as scene_seed
 from ._realize import situations as situations
+from .design import BASE as BASE
 from .design import INACTIVE as INACTIVE
 from .design import CoveringArray as CoveringArray
 from .design import DefinitiveScreening as DefinitiveScreening

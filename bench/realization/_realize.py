@@ -17,7 +17,7 @@ from bench.errors import Fault, SetupError
 from bench.simspec import AgentSpec, Seeds, SimSpec
 
 from .design._design import Design, DesignPoint
-from .design._factors import DesignFactor, FactorLevel
+from .design._factors import BASE, DesignFactor, FactorLevel
 from .design._spec_paths import UNITS, PathFault, SpecPath, find_path
 from .design._stratified import Difficulties
 
@@ -47,9 +47,14 @@ Rating = Callable[[SimSpec], Mapping[str, float | None]]
 Callers hand it in, because this package knows no decompositions.
 """
 
+Bases = SimSpec | Mapping[str, SimSpec]
+"""What a design varies: one base SimSpec, or several by name, one for each level of the factor that sets
+`base`.
+"""
+
 
 def realize(
-    base: SimSpec, design: Design, agents: Sequence[AgentSpec], rate: Rating | None = None
+    base: Bases, design: Design, agents: Sequence[AgentSpec], rate: Rating | None = None
 ) -> list[RealizationPlan]:
     """Every realization of a design, agents of one scene next to each other.
 
@@ -67,16 +72,15 @@ def realize(
     ]
 
 
-def design_pairs(base: SimSpec, design: Design, rate: Rating | None = None) -> list[tuple[DesignPoint, int]]:
-    """The (point, replicate) pairs of a design over a base SimSpec, drawn by difficulty if the design says
-    so.
+def design_pairs(base: Bases, design: Design, rate: Rating | None = None) -> list[tuple[DesignPoint, int]]:
+    """The (point, replicate) pairs of a design over its bases, drawn by difficulty if the design says so.
 
     Raises as `realize` does, but checks levels only when the design is drawn by difficulty.
     """
     return _pairs(_Patches.of(base, design), rate) if design.rated else design.pairs()
 
 
-def situations(base: SimSpec, design: Design, points: Sequence[DesignPoint]) -> list[SimSpec]:
+def situations(base: Bases, design: Design, points: Sequence[DesignPoint]) -> list[SimSpec]:
     """The base SimSpec with the levels of each of these points, nothing placed; raises as `realize` does."""
     patches = _Patches.of(base, design)
     return [patches.apply(point) for point in points]
@@ -145,39 +149,73 @@ def _labels(agents: Sequence[AgentSpec]) -> list[str]:
 
 
 @dataclass(frozen=True, slots=True)
-class _Patches:
-    """The factors of a design, bound to a base SimSpec in which all their paths exist."""
+class _BoundBase:
+    """A base SimSpec, and the paths of the factors that lead somewhere in it."""
 
-    design: Design
     text: str
     paths: Mapping[str, SpecPath]
 
     @classmethod
-    def of(cls, base: SimSpec, design: Design) -> _Patches:
-        faults: list[Fault] = []
+    def of(cls, base: SimSpec, factors: Sequence[DesignFactor]) -> tuple[_BoundBase, list[_FactorFault]]:
+        """The base with its paths, and the faults of factors that do not fit it."""
+        faults: list[_FactorFault] = []
         paths: dict[str, SpecPath] = {}
-        for factor in design.factors:
-            for text in dict.fromkeys(
-                [*factor.sets, *(path for patch in factor.patches.values() for path in patch)]
-            ):
+        for factor in factors:
+            for text in _paths_of(factor):
                 where = f"design: factor {factor.name!r}: path {text}"
                 try:
                     paths[text] = find_path(base, text)
                 except PathFault as fault:
-                    faults.append(Fault(where, fault.what, fault.remedy))
+                    faults.append((factor, Fault(where, fault.what, fault.remedy)))
                     continue
                 if text in factor.sets and (other := _other_unit(where, factor, paths[text])):
-                    faults.append(other)
-            faults += _two_units(factor, paths)
-        faults += _set_twice(design, paths)
-        if faults:
-            raise SetupError(faults)
-        return cls(design, base.model_dump_json(), paths)
+                    faults.append((factor, other))
+            faults += [(factor, fault) for fault in _two_units(factor, paths)]
+        faults += [(None, fault) for fault in _set_twice(factors, paths)]
+        return cls(base.model_dump_json(), paths), faults
+
+
+_FactorFault = tuple[DesignFactor | None, Fault]
+
+
+@dataclass(frozen=True, slots=True)
+class _Patches:
+    """The factors of a design, bound to the base SimSpecs that they change.
+
+    `chooser` is the factor whose levels are the names of `bases`; None for a single base, which is named "".
+    """
+
+    design: Design
+    bases: Mapping[str, _BoundBase]
+    chooser: DesignFactor | None
+
+    @classmethod
+    def of(cls, base: Bases, design: Design) -> _Patches:
+        chooser = _chooser(base, design)
+        factors = [factor for factor in design.factors if factor is not chooser]
+        bases: dict[str, _BoundBase] = {}
+        faults: dict[Fault, DesignFactor | None] = {}
+        for name, simspec in {"": base}.items() if isinstance(base, SimSpec) else base.items():
+            bases[name], of_base = _BoundBase.of(simspec, factors)
+            where = f"situation {name!r}: " if name else ""
+            faults |= {
+                Fault(f"{where}{fault.where}", fault.what, fault.remedy): factor for factor, fault in of_base
+            }
+        # A conditional factor may belong to some situations only. `_with` refuses it where it is active and
+        # has no path.
+        final = [
+            fault
+            for fault, factor in faults.items()
+            if factor is None or factor.when is None or not _fits_some(factor, bases)
+        ]
+        if final:
+            raise SetupError(final)
+        return cls(design, bases, chooser)
 
     def apply(self, point: DesignPoint) -> SimSpec:
         """The base with all levels of a point. Raises SetupError naming the factors at fault."""
         try:
-            return self._with(point.levels)
+            return self._with(point.levels, self._base(point))
         except SetupError as error:
             # Factors are tried alone first: a fault of one factor reads better than a fault of the whole
             # point.
@@ -189,12 +227,23 @@ class _Patches:
             return None
         return lambda levels: rate(self.apply(DesignPoint("candidate", levels)))
 
-    def _with(self, levels: Mapping[str, FactorLevel]) -> SimSpec:
-        document: Any = json.loads(self.text)
+    def _base(self, point: DesignPoint) -> _BoundBase:
+        return self.bases["" if self.chooser is None else str(point.levels[self.chooser.name])]
+
+    def _with(self, levels: Mapping[str, FactorLevel], base: _BoundBase) -> SimSpec:
+        document: Any = json.loads(base.text)
         for factor in self.design.factors:
-            if factor.name in levels:
+            if factor.name in levels and factor is not self.chooser:
                 for path, value in factor.changes(levels[factor.name]).items():
-                    self.paths[path].set(document, value)
+                    if path not in base.paths:
+                        raise SetupError(
+                            Fault(
+                                path,
+                                "does not exist in this situation",
+                                f"narrow the `when` of factor {factor.name!r} to the situations that have it",
+                            )
+                        )
+                    base.paths[path].set(document, value)
         return validate_document(document, SimSpec)
 
     def _alone(self, point: DesignPoint) -> list[Fault]:
@@ -203,7 +252,7 @@ class _Patches:
         for factor in self.design.factors:
             level = point.levels[factor.name]
             try:
-                self._with({factor.name: level})
+                self._with({factor.name: level}, self._base(point))
             except SetupError as error:
                 sets = ", ".join(factor.changes(level))
                 faults += [
@@ -226,6 +275,36 @@ class _Patches:
             )
             for inner in error.faults
         ]
+
+
+def _paths_of(factor: DesignFactor) -> list[str]:
+    """Every path that a factor can change, each once."""
+    return list(dict.fromkeys([*factor.sets, *(path for patch in factor.patches.values() for path in patch)]))
+
+
+def _fits_some(factor: DesignFactor, bases: Mapping[str, _BoundBase]) -> bool:
+    return any(all(path in base.paths for path in _paths_of(factor)) for base in bases.values())
+
+
+def _chooser(base: Bases, design: Design) -> DesignFactor | None:
+    """The factor whose levels choose the base. Raises SetupError if it does not name exactly the bases."""
+    choosers = [factor for factor in design.factors if factor.chooses_base]
+    if isinstance(base, SimSpec):
+        # With one base, the path `base` is refused like any other that does not exist.
+        return None
+    if len(choosers) != 1:
+        what = f"{len(choosers)} factors set {BASE}, and the design has {len(base)} situations"
+        raise SetupError(Fault("design", what, f"let one factor set {BASE}"))
+    (chooser,) = choosers
+    if set(chooser.levels) != set(base):
+        raise SetupError(
+            Fault(
+                f"design: factor {chooser.name!r}",
+                f"its levels {list(chooser.levels)} are not the situations",
+                f"give the levels {list(base)}",
+            )
+        )
+    return chooser
 
 
 def _other_unit(where: str, factor: DesignFactor, path: SpecPath) -> Fault | None:
@@ -266,13 +345,13 @@ def _two_units(factor: DesignFactor, paths: Mapping[str, SpecPath]) -> list[Faul
     ]
 
 
-def _set_twice(design: Design, paths: Mapping[str, SpecPath]) -> list[Fault]:
+def _set_twice(factors: Sequence[DesignFactor], paths: Mapping[str, SpecPath]) -> list[Fault]:
     """Faults of fields that two factors set, directly or as part of a larger value: one would silently undo
     the other.
     """
     users: dict[tuple[str | int, ...], dict[str, str]] = {}
-    for factor in design.factors:
-        for text in [*factor.sets, *(path for patch in factor.patches.values() for path in patch)]:
+    for factor in factors:
+        for text in _paths_of(factor):
             if text in paths:
                 users.setdefault(paths[text].steps, {})[factor.name] = text
     for steps, names in users.items():

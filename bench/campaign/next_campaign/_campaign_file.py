@@ -25,6 +25,7 @@ def campaign_file(
     """
     document = proposed.model_dump(mode="json")
     design, base = _set_fields(document.pop("design")), document.pop("base")
+    situations = [_set_fields(situation) for situation in document.pop("situations")]
     document["agents"] = [_set_fields(agent) for agent in document["agents"]]
     document["budgets"] = _set_fields(document["budgets"])
     head = _comment(
@@ -45,6 +46,8 @@ def campaign_file(
         parts += [_comment(f"{factor.name}: {reason}", 4) for reason in proposal.reasons]
         if proposal.factor:
             parts.append(textwrap.indent(_yaml([_set_fields(next(remaining))]), "    "))
+    if situations:
+        return "".join([*parts, _comment("The situations, unchanged."), _yaml({"situations": situations})])
     return "".join([*parts, _comment("The situation, unchanged."), _yaml({"base": base})])
 
 

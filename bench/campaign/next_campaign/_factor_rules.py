@@ -48,6 +48,10 @@ def propose_factor(factor: DesignFactor, design: Design, evidence: FactorEvidenc
     """What becomes of a factor after a campaign with this design and this evidence."""
     if factor.formula is not None:
         return FactorProposal(factor, ("follows from other factors",))
+    if factor.chooses_base:
+        return FactorProposal(
+            factor, ("stays: which situations a campaign is about is for a person to decide",)
+        )
     effects = evidence.effects(factor.name, NO_EFFECT_P)
     aliases = evidence.aliases.get(factor.name, ())
     notes = (f"these design points cannot separate it from {', '.join(aliases)}",) if aliases else ()

@@ -18,14 +18,14 @@ Scene = tuple[str, int]
 def realizations(campaign: Campaign) -> list[RealizationPlan]:
     """Every realization of a campaign, those of its floor last. Raises SetupError as `realize` does."""
     floor = campaign.floor
-    tested = realize(campaign.situation, campaign.design, campaign.agents, _rating(campaign))
+    tested = realize(campaign.bases, campaign.design, campaign.agents, _rating(campaign))
     if floor is None:
         return tested
     scenes = floor_scenes(
         [(plan.design_point, plan.replicate) for plan in tested], campaign.design.seed, floor
     )
     # The same scenes for other agents: the design is drawn from the same seeds.
-    null = realize(campaign.situation, campaign.design, floor.specs, _rating(campaign))
+    null = realize(campaign.bases, campaign.design, floor.specs, _rating(campaign))
     return [*tested, *(plan for plan in null if (plan.design_point, plan.replicate) in scenes)]
 
 
@@ -55,11 +55,37 @@ def campaign_quality(campaign: Campaign) -> DesignQuality:
     from ..results._measures import load_measurable_decomposition
 
     return measure_design(
-        campaign.situation,
+        campaign.bases,
         campaign.design,
         load_measurable_decomposition(campaign.decomposition),
         campaign.study,
     )
+
+
+def situation_tensions(campaign: Campaign) -> dict[str, tuple[int, ...]]:
+    """The tensions of each situation of a campaign, over the levels of its other factors; computed from the
+    SimSpecs alone.
+
+    Empty for a campaign with one base.
+    """
+    # Imported here: scoring brings its arrays along, and the rest of planning does without.
+    from bench.scoring import configuration_tension, difficulty_of
+
+    from ..results._measures import load_measurable_decomposition
+
+    decomposition = load_measurable_decomposition(campaign.decomposition)
+    chooser = next((factor for factor in campaign.design.factors if factor.chooses_base), None)
+    if chooser is None:
+        return {}
+    tensions: dict[str, set[int]] = {situation.name: set() for situation in campaign.situations}
+    # One agent is enough: difficulty does not depend on it.
+    for plan in realize(campaign.bases, campaign.design, campaign.agents[:1], _rating(campaign)):
+        tension = configuration_tension(
+            decomposition, difficulty_of(decomposition, plan.simspec), campaign.study
+        )
+        if tension is not None:
+            tensions[str(plan.levels[chooser.name])].add(tension)
+    return {name: tuple(sorted(values)) for name, values in tensions.items()}
 
 
 def _rating(campaign: Campaign) -> Rating | None:

@@ -10,6 +10,7 @@ from ._design import DesignPoint as DesignPoint
 from ._design import Method as Method
 from ._factorial import FullFactorial as FullFactorial
 from ._factorial import OneByOne as OneByOne
+from ._factors import BASE as BASE
 from ._factors import INACTIVE as INACTIVE
 from ._factors import DesignFactor as DesignFactor
 from ._factors import FactorLevel as FactorLevel

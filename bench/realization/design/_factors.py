@@ -26,6 +26,10 @@ FactorLevels = dict[str, FactorLevel]
 INACTIVE = "inactive"
 
 
+BASE = "base"
+"""The path of the whole base SimSpec: the levels of the factor that sets it are names of situations."""
+
+
 ExpressionText = Annotated[str, Field(min_length=1, max_length=MAX_CHARACTERS)]
 
 
@@ -119,6 +123,10 @@ class DesignFactor(Document):
             raise ValueError(
                 f"factor {self.name!r}: integer here is of a formula; of a range it stands in the range"
             )
+        if BASE in self.sets and (len(self.sets) > 1 or self.patches or self.when is not None):
+            raise ValueError(
+                f"factor {self.name!r} sets {BASE}, the whole situation, so it takes no other path, no patches and no when"
+            )
         if self.when is not None and INACTIVE in self.levels:
             raise ValueError(
                 f"factor {self.name!r}: the level {INACTIVE!r} means that its `when` does not hold; name it otherwise"
@@ -127,6 +135,11 @@ class DesignFactor(Document):
             if text is not None:
                 parse_expression(text)
         return self
+
+    @property
+    def chooses_base(self) -> bool:
+        """Whether its levels are names of situations, each a base SimSpec of its own."""
+        return BASE in self.sets
 
     def counted(self) -> tuple[FactorLevel, ...]:
         """The levels one by one. Raises ValueError for a range without steps."""

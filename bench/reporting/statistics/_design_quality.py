@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from bench.errors import SetupError
 from bench.realization import (
+    Bases,
     Design,
     DesignPoint,
     DesignQuality,
@@ -41,11 +42,11 @@ def difficulty_rating(decomposition: Decomposition, study: Sequence[str] = ()) -
 
 
 def measure_design(
-    base: SimSpec, design: Design, decomposition: Decomposition, study: Sequence[str] = ()
+    base: Bases, design: Design, decomposition: Decomposition, study: Sequence[str] = ()
 ) -> DesignQuality:
-    """A design over a base SimSpec, measured before anything is flown.
+    """A design over its bases, measured before anything is flown.
 
-    Raises SetupError where the design does not fit the base.
+    Raises SetupError where the design does not fit them.
     """
     pairs = design_pairs(base, design, difficulty_rating(decomposition, study))
     difficulties = [
@@ -108,9 +109,18 @@ def _campaign_design(data: ReportData) -> tuple[Design, DesignPairs] | None:
             return design, design.pairs()
         if data.document is None:
             return None
-        base = SimSpec.model_validate(data.campaign.get("base"))
-        return design, design_pairs(base, design, difficulty_rating(data.document, data.study))
+        return design, design_pairs(
+            _campaign_bases(data), design, difficulty_rating(data.document, data.study)
+        )
     # A campaign of another version may state a design that this one cannot read. The rest of its report is
     # still good.
     except (ValidationError, SetupError):
         return None
+
+
+def _campaign_bases(data: ReportData) -> Bases:
+    """Raises ValidationError if the campaign states no base that can be read."""
+    situations = data.campaign.get("situations") or ()
+    if not situations:
+        return SimSpec.model_validate(data.campaign.get("base"))
+    return {situation["name"]: SimSpec.model_validate(situation["base"]) for situation in situations}
