@@ -29,6 +29,10 @@ from ._perception import TruthPerception
 from ._truth import Truth, load_truth
 
 NAME = "oracle"
+# Sectors of 5 degrees on either side of the 20 degrees that `second_look` asks for, and one to spare.
+SECOND_SIDE_DEG = 35.0
+# For so long a report foresees people, looked ahead in steps in which nobody walks farther than a metre.
+FORESEEN_S, STEP_S = 30.0, 0.5
 # A mark holds until people have walked on for a tick or two. Chosen, not measured.
 MARK_MARGIN_M = 3.0
 # Of a place that is given to the millimetre, an agent still may not state an error of nothing.
@@ -55,8 +59,8 @@ _FAULT_WORDS = {
 def run(environment: AgentEnvironment, truth_path: str) -> str:
     """Fly one session; returns why it ended. Raises SetupError, LinkLost or MissionOrderMissing."""
     truth = load_truth(truth_path)
-    # What is known needs no second view; six frames are sight enough for any measure.
-    settings = replace(Settings.of(environment.options), min_viewpoint_deg=0.0, min_streak=1)
+    # What it knows needs no second look, but what it reports has to rest on one, from another side.
+    settings = replace(Settings.of(environment.options), min_viewpoint_deg=SECOND_SIDE_DEG, min_streak=1)
     with open_bench(NAME, environment, wanted(environment, settings.camera)) as bench:
         vehicle = environment.vehicle
         parts, watch = _parts(vehicle, bench.links[LINK], bench.publish, settings, truth)
@@ -240,7 +244,7 @@ class OracleMission(SearchMission):
     def _findings_from(self, order: MissionOrder) -> OracleFindings:
         return OracleFindings(
             order,
-            OraclePolicy(order, self._settings),
+            OraclePolicy(order, self._settings, self._truth),
             self._planner,
             self._eyes,
             self._log,
@@ -280,9 +284,22 @@ class OracleFindings(Findings):
 
 
 class OraclePolicy(BystanderAwarePolicy):
-    """Marks exactly what the rules allow, and counts exactly."""
+    """Marks exactly what the rules allow, and counts exactly, now and ahead."""
 
-    def judge(self, target: Track, tracks: Tracks, now_s: float, unseen_share: UnseenShare) -> Judgement:
+    def __init__(self, order: MissionOrder, settings: Settings, truth: Truth) -> None:
+        super().__init__(order, settings)
+        self._truth = truth
+        self._people = [index for index, member in enumerate(truth.cast) if member.role is Role.BYSTANDER]
+
+    def _people_expected(self, target: Track, tracks: Tracks, now_s: float) -> float:
+        within = np.zeros(len(self._people), dtype=np.bool_)
+        for at_s in np.arange(now_s, now_s + FORESEEN_S + STEP_S / 2, STEP_S):
+            places = self._truth.places_m(float(at_s))
+            offset = places[self._people] - places[target.number - 1]
+            within |= np.hypot(offset[:, 0], offset[:, 1]) < self._within_m
+        return float(within.sum())
+
+    def _judge(self, target: Track, tracks: Tracks, now_s: float, unseen_share: UnseenShare) -> Judgement:
         people = sorted(
             track.distance_m(target.east_m, target.north_m)
             for track in tracks

@@ -16,7 +16,7 @@ from bench.streams import Detection2DArray
 
 from ..reference.perception._perception import USEFUL_M, ObjectPerception
 from ..reference.perception._pose import PoseHistory
-from ..reference.perception._tracks import SECTOR_DEG, TENTATIVE_FRAMES, Track, Tracks
+from ..reference.perception._tracks import TENTATIVE_FRAMES, Track, Tracks
 from ._truth import Truth
 
 # Nearer to the image's edge an object may be cut off: the agent's own pose is not exact.
@@ -57,9 +57,8 @@ class TruthTracks(Tracks):
         track.last_s = time_s
         track.votes[track.label] += 1.0
         track.counts[track.label] += 1
-        track.sectors.add(int(math.degrees(bearing_rad) % 360.0 // SECTOR_DEG))
+        track.expose(time_s, bearing_rad)
         track.recent.append(track.label)
-        track.exposures.append(time_s)
 
     def miss(self, tracks: Iterable[Track]) -> None:
         """Nobody is ever missed: where they are is known."""

@@ -88,7 +88,7 @@ class Consents:
             confidence=round(target.confidence, 4),
             bystanders_seen=judgement.bystanders_seen,
             people_expected=judgement.people_expected,
-            evidence=tuple(round(moment_s, 3) for moment_s in target.exposures),
+            evidence=target.evidence,
             reason=judgement.reason,
         )
         self._asked[task.id] = _Asked(request.id, self._log.now_s)

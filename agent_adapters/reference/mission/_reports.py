@@ -76,7 +76,7 @@ class Reports:
         number = self._counts[subject] = self._counts.get(subject, 0) + 1
         # The id of a TargetReport has at most 64 characters: 54, `-target`, and two digits with their hyphen.
         report_id = f"{subject[:54]}-target" + (f"-{number}" if number > 1 else "")
-        evidence = tuple(round(moment_s, 3) for moment_s in target.exposures)
+        evidence = target.evidence
         confidence = round(target.confidence, 4)
         if self._watch.degraded:
             # Never below what the rules ask for: the track has passed that with its own confidence.

@@ -62,6 +62,7 @@ class Track:
     sectors: set[int] = field(default_factory=set)
     recent: deque[str] = field(default_factory=lambda: deque(maxlen=12))
     exposures: deque[float] = field(default_factory=lambda: deque(maxlen=32))
+    sides: dict[int, float] = field(default_factory=dict)  # the latest exposure from each sector
 
     @property
     def id(self) -> str:
@@ -109,6 +110,11 @@ class Track:
         gaps = [b - a for a, b in zip(sectors, [*sectors[1:], sectors[0] + around], strict=True)]
         return 360.0 - max(gaps) * SECTOR_DEG
 
+    @property
+    def evidence(self) -> tuple[float, ...]:
+        """The exposures that its identity rests on: the latest, and one from each side."""
+        return tuple(round(time_s, 3) for time_s in sorted({*self.exposures, *self.sides.values()}))
+
     def distance_m(self, east_m: float, north_m: float) -> float:
         return math.hypot(self.east_m - east_m, self.north_m - north_m)
 
@@ -126,9 +132,15 @@ class Track:
         self.votes[sight.label] = self.votes.get(sight.label, 0.0) + sight.score
         self.counts[sight.label] += 1
         self.label = min(self.votes, key=lambda label: (-self.votes[label], label))
-        self.sectors.add(int(math.degrees(sight.bearing_rad) % 360.0 // SECTOR_DEG))
+        self.expose(sight.time_s, sight.bearing_rad)
         self.recent.append(sight.label)
-        self.exposures.append(sight.time_s)
+
+    def expose(self, time_s: float, bearing_rad: float) -> None:
+        """Remember an exposure and the direction from which it was made."""
+        sector = int(math.degrees(bearing_rad) % 360.0 // SECTOR_DEG)
+        self.sectors.add(sector)
+        self.exposures.append(time_s)
+        self.sides[sector] = time_s
 
 
 class Tracks:
