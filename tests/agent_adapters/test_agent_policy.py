@@ -199,3 +199,37 @@ def test_options_are_checked_all_at_once() -> None:
         Settings.of({"min_frames": "many", "speed": 3, "mount": "crooked", "overlap": -1, "memory_s": True})
     assert len(caught.value.faults) == 5
     assert Settings.of({"min_frames": 9, "mount": "body", "camera": "belly"}).min_frames == 9
+
+
+def test_the_careful_one_expects_those_who_are_there_and_some_who_may_walk_in() -> None:
+    """Two within the no-mark distance and one of the four within half a minute of it, rounded up; nobody else."""
+    people = [("civilian", 30.0, 0.0), ("civilian", 0.0, 45.0)]
+    walkers = [
+        ("civilian", 0.0, -60.0),
+        ("civilian", 65.0, 0.0),
+        ("civilian", -65.0, 0.0),
+        ("civilian", 0.0, 68.0),
+    ]
+    away = [("civilian", 90.0, 90.0), ("tree", 10.0, 10.0)]
+    tracks = tracks_of(("mobile_radar", 0, 0), *people, *walkers, *away)
+    assert aware().judge(target_of(tracks), tracks, 2.0, nothing_unseen).people_expected == 3.0
+    alone = tracks_of(("mobile_radar", 0, 0), *walkers[:1], *away)
+    assert aware().judge(target_of(alone), alone, 2.0, nothing_unseen).people_expected == 1.0
+    # People who were seen too long ago may be anywhere.
+    assert aware().judge(target_of(tracks), tracks, 60.0, nothing_unseen).people_expected == 0.0
+
+
+def test_evidence_has_every_side_and_not_only_the_latest_frames() -> None:
+    """Ten frames over 60 degrees, then fifty from the last side: both sides are cited."""
+    tracks = tracks_of(("mobile_radar", 0, 0))
+    for frame in range(50):
+        time_s = 2.0 + frame * 0.2
+        tracks.take(
+            time_s, [PlacedDetection(time_s, 0.0, 0.0, "mobile_radar", 0.9, math.radians(60.0), 70.0)]
+        )
+    target = target_of(tracks)
+    assert len(target.exposures) == 32
+    assert target.evidence[0] == 0.0
+    assert target.evidence[-1] == 11.8
+    assert len(target.evidence) == 32 + 9  # nine sectors before the last one
+    assert list(target.evidence) == sorted(target.evidence)

@@ -7,10 +7,15 @@ from pathlib import Path
 import pytest
 from test_null_agents import fly, simspec
 
+from agent_adapters.oracle._agent import OraclePolicy
+from agent_adapters.oracle._perception import TruthTracks
 from agent_adapters.oracle._truth import Truth, load_truth
+from agent_adapters.reference import Settings
 from bench.agents import load_manifest
 from bench.contracts import Outcome
 from bench.errors import SetupError
+from bench.simspec import Role
+from bench.simulation._mission_information import mission_order
 from bench.simulation._scene import open_plain_scene
 from bench.simulation._truth import truth_of
 
@@ -44,6 +49,25 @@ def test_the_truth_is_where_everybody_will_be() -> None:
     # Before the first row and after the last, where the nearest one has them.
     assert walking.places_m(-1.0).tolist() == [[0.0, 0.0], [8.0, 8.0]]
     assert walking.places_m(99.0).tolist() == [[2.0, 0.0], [8.0, 8.0]]
+
+
+def test_it_foresees_exactly_who_comes_near() -> None:
+    """Somebody who passes within half a minute counts, and somebody who comes later does not."""
+    spec = simspec("oracle", 60.0)
+    document = truth_of(spec, open_plain_scene(spec))
+    bystander = document.cast[1].model_copy(update={"role": Role.BYSTANDER})
+    # The second of the cast stands 200 m from the first, and beside it from 40.0 to 41.0 s.
+    rows = [((30.0, 20.0), (30.0, 40.0 if 80 <= row <= 82 else 220.0)) for row in range(121)]
+    changed = {"cast": (document.cast[0], bystander), "places_m": tuple(rows)}
+    truth = Truth(document.model_copy(update=changed))
+    policy = OraclePolicy(mission_order(spec), Settings(), truth)
+    tracks = TruthTracks(truth)
+    target = next(iter(tracks))
+    expected = [
+        policy.judge(target, tracks, now_s, lambda *_: 0.0).people_expected
+        for now_s in (5.0, 15.0, 40.5, 45.0)
+    ]
+    assert expected == [0.0, 1.0, 1.0, 0.0]
 
 
 def test_only_a_manifest_that_asks_is_given_it(tmp_path: Path) -> None:
