@@ -169,6 +169,9 @@ def _announce(session: NullSession) -> Iterator[None]:
             due_s = session.now_s + _ANNOUNCE_EVERY_S
             for fault in _FAULTS:
                 session.decide("notice", fault, f"{fault}: failed, and back again")
+            # Each time the other: to repeat what was stated last would state nothing new.
+            state = "restored" if turn % 2 else "degraded"
+            session.decide(state, "detections", f"the detections are {state}")
             session.enter(_PHASES[turn % len(_PHASES)])
             turn += 1
         yield

@@ -528,9 +528,10 @@ class OrderOutcomes:
         until_s = self.next_delivery_s(counted, *MOTION_ORDERS)
         if not outcome.obeyed:
             return self._not_done(counted, "it had not been handed over", until_s)
-        if self.moving_s(handed_over.due_at_s + handed_over.order.within_s, since_s - EXACT_S):
+        if self.moving_s(handed_over.due_at_s + handed_over.order.within_s, since_s):
             return self._not_done(counted, "the agent had taken it before", until_s)
-        moving_s = self.moving_s(since_s - EXACT_S, since_s + counted.order.within_s)
+        # An agent may answer in the very tick of the delivery.
+        moving_s = self.moving_s(since_s - 2.0 * EXACT_S, since_s + counted.order.within_s + 2.0 * EXACT_S)
         moving = self._in_time(counted) & self._track.airborne & (self._track.speed_mps > STANDING_MPS)
         if not moving_s or not moving.any():
             return self._not_done(counted, "the agent did not take it", until_s)
@@ -549,11 +550,11 @@ class OrderOutcomes:
         )
 
     def moving_s(self, after_s: float, until_s: float) -> list[float]:
-        """When the agent sent something that could move the vehicle, after a moment and up to another."""
+        """When the agent sent something that could move the vehicle, after a moment and before another."""
         return [
             message.time.s
             for message in self._tape.moving
-            if after_s + EXACT_S < message.time.s <= until_s + EXACT_S
+            if after_s + EXACT_S < message.time.s < until_s - EXACT_S
         ]
 
     def _in_failsafe(self, time_s: float) -> bool:

@@ -21,6 +21,8 @@ OBSERVABLES: dict[str, tuple[str, dict[str, Option]]] = {
     "flown": ("mission_flown", {}),
     "hold": ("order_obeyed", {"kind": "hold"}),
     "retask": ("order_obeyed", {"kind": "retask"}),
+    "hand over": ("order_obeyed", {"kind": "hand_over"}),
+    "take back": ("order_obeyed", {"kind": "take_back"}),
     "silence": ("silence_kept", {"kind": "stop_reporting"}),
     "unlawful": ("unlawful_refused", {}),
     "in time": ("reports_in_time", {}),
@@ -49,6 +51,16 @@ def value(observed: Observed, name: str, row: int = 0) -> float:
 def ordered(kind: str, at_s: float, intelligence: str | None = None) -> dict[str, Any]:
     about = {"intelligence": intelligence} if intelligence else {}
     return {"id": f"{kind.replace('_', '-')}-{at_s:g}", "kind": kind, "at_s": at_s, **about}
+
+
+def test_a_vehicle_that_is_handed_over_waits_until_it_is_taken_back() -> None:
+    handed_over = [ordered("hand_over", 40.0), ordered("take_back", 65.0)]
+
+    observed = simulated(scene(NAIVE), scene(NAIVE, orders=handed_over))
+
+    assert observed.end_s[1] == pytest.approx(observed.end_s[0] + 25.0, abs=1.0)
+    assert value(observed, "hand over", 1) == value(observed, "take back", 1) == 1.0
+    assert not observed.considered[0, NAMES.index("hand over")]
 
 
 def test_a_hold_lasts_until_it_is_told_to_go_on_and_for_good_only_until_it_must_go_home() -> None:

@@ -120,13 +120,14 @@ STANDS_BEFORE: tuple[Stop, ...] = (
 )
 """Still while the operator has it, then on to the second sub-area."""
 
+# The agent takes hold in the very tick of the order to take back.
 HANDED_OVER: dict[str, Any] = {
     "answers": (answer(60.1, NAME), answer(90.1, "after")),
-    "moving": moving((5.0, 62.0), (90.5, 180.0)),
+    "moving": moving((5.0, 62.0), (AFTER_S, 180.0)),
 }
 TAKEN_BACK: dict[str, Any] = {
     "answers": (answer(40.1, "before"), answer(60.1, NAME)),
-    "moving": moving((5.0, 42.0), (60.5, 180.0)),
+    "moving": moving((5.0, 42.0), (ORDERED_S, 180.0)),
 }
 
 

@@ -168,14 +168,19 @@ def until_of(failure: Failure) -> float:
 
 
 def _hold_spans(orders: Sequence[tuple[Order, float]]) -> list[Span]:
-    """From each order to hold to the next about where to go."""
+    """From each order to hold, or to hand over, to the next about where to go.
+
+    Where the operator flies the vehicle meanwhile is left out.
+    """
     moving = [
-        (order.kind, at_s) for order, at_s in orders if order.kind in ("hold", "resume", "retask", *_ENDS)
+        (order.kind, at_s)
+        for order, at_s in orders
+        if order.kind in ("hold", "resume", "retask", "hand_over", "take_back", *_ENDS)
     ]
     return [
         (at_s, following_s)
         for (kind, at_s), (_, following_s) in pairwise([*moving, ("", math.inf)])
-        if kind == "hold"
+        if kind in ("hold", "hand_over")
     ]
 
 

@@ -56,7 +56,7 @@ def _order_obeyed(batch: Batch, flown: FlownMissions, looks: SharedSums, options
 def _in_the_air(
     batch: Batch, flown: FlownMissions, looks: SharedSums, row: int, order: Order, at_s: float
 ) -> bool | None:
-    """To hold and to go on: done unless it is landing already."""
+    """To hold, to hand over and to go on: done unless it is landing already."""
     return bool(at_s < flown.end_s[row] - DOWN_S)
 
 
@@ -131,6 +131,8 @@ def _lawful(batch: Batch, flown: FlownMissions, row: int, task: int, at_s: float
 _JUDGES: Mapping[str, _Judge] = {
     "hold": _in_the_air,
     "resume": _in_the_air,
+    "hand_over": _in_the_air,
+    "take_back": _in_the_air,
     "return": _home,
     "abort": _home,
     "deactivate": _down,
