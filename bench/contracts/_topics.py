@@ -122,6 +122,8 @@ def mavlink_topic(link: str, direction: str) -> str:
 
 # The operator's ground station, which flies the vehicle while it is handed over.
 OPERATOR_LINK = "operator_station"
+# Names of the events in /session/events between which the operator flies.
+OPERATOR_TAKES, OPERATOR_GIVES_BACK = "operator takes the vehicle", "operator gives the vehicle back"
 
 
 def is_mavlink_from_agent(topic: str) -> bool:

@@ -12,7 +12,16 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from bench.contracts import OPERATOR_LINK, LinkSpec, OrderDocument, SimTime, Vehicle
+from bench.contracts import (
+    OPERATOR_GIVES_BACK,
+    OPERATOR_LINK,
+    OPERATOR_TAKES,
+    EventDocument,
+    LinkSpec,
+    OrderDocument,
+    SimTime,
+    Vehicle,
+)
 from bench.simspec import Point, SimSpec
 
 # pymavlink takes 0.2 s to import; only sessions with an order to hand over pay it.
@@ -51,34 +60,35 @@ class OperatorPilot:
         self._due: tuple[float, OrderDocument] | None = None
         self._flying = ""
 
-    def receive(self, order: OrderDocument, now: SimTime) -> str | None:
-        """Note an order as it is delivered; what the operator does because of it, in words, or None."""
+    def receive(self, order: OrderDocument, now: SimTime) -> EventDocument | None:
+        """Note an order as it is delivered; what the operator does because of it, or None."""
         if order.kind == "hand_over":
             self._due = now.s + order.within_s, order
         elif order.kind == "take_back":
             self._due = None
             if self._flying:
                 self._flying = ""
-                return f"{order.id}: the operator gives the vehicle back"
+                return EventDocument(name=OPERATOR_GIVES_BACK, text=order.id)
         return None
 
-    def act(self, now: SimTime, vehicle: Vehicle) -> str | None:
-        """Take the vehicle when that is due; what the operator did, in words, or None."""
+    def act(self, now: SimTime, vehicle: Vehicle) -> EventDocument | None:
+        """Take the vehicle when that is due; what the operator did, or None."""
         if self._due is None or now.s < self._due[0]:
             return None
         order, self._due = self._due[1], None
         condition = vehicle.condition()
         # An operator does not take off with somebody else's mission, nor argue with a failsafe.
         if condition.landed or condition.crashed:
-            return f"{order.id}: nothing to take, the vehicle is on the ground"
+            return _left_alone(order, "it is on the ground")
         if condition.failsafe:
-            return f"{order.id}: the operator leaves the vehicle to its failsafe ({condition.failsafe})"
+            return _left_alone(order, f"a failsafe flies it ({condition.failsafe})")
         self._flying = order.id
         east_m, north_m, up_m = vehicle.estimate().position_enu_m
         goal = self._goal(east_m, north_m, now.s)
         self._reposition(goal, up_m)
         moved_m = math.dist((east_m, north_m), goal)
-        return f"{order.id}: the operator flies to {goal[0]:.1f} m east, {goal[1]:.1f} m north, {moved_m:.0f} m away"
+        text = f"{order.id}: to {goal[0]:.1f} m east, {goal[1]:.1f} m north, {moved_m:.0f} m away"
+        return EventDocument(name=OPERATOR_TAKES, text=text)
 
     def _goal(self, east_m: float, north_m: float, now_s: float) -> tuple[float, float]:
         """`MOVE_M` away towards home, or turned from there as little as the rules ask; else where it is."""
@@ -135,6 +145,10 @@ class OperatorPilot:
         self._socket.sendto(message.pack(self._mav), self._address)
         self._mav.seq = (self._mav.seq + 1) % 256
         self.sent += 1
+
+
+def _left_alone(order: OrderDocument, reason: str) -> EventDocument:
+    return EventDocument(name="operator leaves the vehicle alone", text=f"{order.id}: {reason}")
 
 
 def operator_links(simspec: SimSpec) -> tuple[LinkSpec, ...]:

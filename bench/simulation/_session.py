@@ -239,7 +239,7 @@ class Session:
         actions = [self._operator.receive(order, now) for order in self._information.take_delivered()]
         for action in (*actions, self._operator.act(now, self._vehicle)):
             if action is not None:
-                self._truth.write_event(now, "operator", action)
+                self._truth.write_event(now, action.name, action.text)
 
     def _sent_to_agent(self) -> dict[str, int]:
         return {link: count for link, count in self._vehicle.sent().items() if link != OPERATOR_LINK}

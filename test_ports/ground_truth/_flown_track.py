@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from bench.arrays import Bools, Floats
-from bench.contracts import Tape
+from bench.contracts import OPERATOR_GIVES_BACK, OPERATOR_TAKES, Tape
 from bench.simspec import SimSpec
 
 from ._truth import GroundTruth
@@ -99,6 +99,18 @@ class FlownTrack:
     def span_s(self) -> Floats:
         """(n,) seconds until the next sample; the last has none."""
         return np.append(np.diff(self.time_s), 0.0) if len(self.time_s) else np.zeros(0)
+
+    @cached_property
+    def by_operator(self) -> Bools:
+        """(n,) whether the operator flew it, from taking the vehicle to giving it back."""
+        flown = self.between(0.0, 0.0)
+        for event in self._tape.events:
+            later = self.time_s >= event.time.s
+            if event.value.name == OPERATOR_TAKES:
+                flown |= later
+            elif event.value.name == OPERATOR_GIVES_BACK:
+                flown &= ~later
+        return flown
 
     def out(self, near_home_m: float = NEAR_HOME_M) -> Bools:
         """(n,) whether the vehicle was in the air and farther than that from home."""

@@ -10,12 +10,19 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, Positive, measure, not_considered
+from ..ground_truth import FlownTrack, GroundTruth
+from ..mission.search import first_reached_s
 from ..reliability.faults import down_at_home, mission_steps
 from .order_outcomes import MOTION_ORDERS, CountedOrder, OrderOutcomes
+
+APPROACH_M = 50.0
+"""Nearer by this to a sub-area, a vehicle is on its way there: more than the operator moves it. Chosen."""
 
 
 @measure
@@ -58,7 +65,8 @@ def mission_resumed(tape: Tape, simspec: SimSpec, *, within_s: Positive = 90.0) 
     """Share of the handovers after which the mission goes on within `within_s` of the order to take back.
 
     The mission goes on as in `fault_recovered`: a sub-area is reached or an adversary reported for the first
-    time, or the vehicle is down at home. 0 for a vehicle that was not handed over and taken back as ordered.
+    time, or the vehicle is down at home. So it does when the vehicle comes 50 m nearer to a sub-area that it had
+    not reached. 0 for a vehicle that was not handed over and taken back as ordered.
     Orders to take back less than `within_s` before the time limit are left out, and so are those that another
     order about where to go cut short.
     """
@@ -88,8 +96,24 @@ def _resumed(
     step = next((step for step in mission_steps(tape, simspec) if since_s <= step.time_s <= until_s), None)
     if step is not None:
         return True, step
+    if (name := _approached(tape, simspec, since_s, until_s)) is not None:
+        return True, Evidence(time_s=since_s, text=f"{APPROACH_M:g} m nearer to {name} afterwards")
     if outcomes.next_delivery_s(counted, *MOTION_ORDERS) < until_s:
         return None
     if down_at_home(tape, simspec, until_s):
         return True, Evidence(time_s=min(until_s, tape.end_s), text="down at home")
     return False, Evidence(time_s=since_s, text=f"the mission did not go on within {within_s:g} s")
+
+
+def _approached(tape: Tape, simspec: SimSpec, since_s: float, until_s: float) -> str | None:
+    """The sub-area not reached before to which the vehicle came `APPROACH_M` nearer in a span; None without one."""
+    track = FlownTrack.of(tape, simspec)
+    rows = track.between(since_s, until_s)
+    for area in GroundTruth.of(tape, simspec).sub_areas():
+        reached_s = first_reached_s(tape, simspec, area)
+        if not rows.any() or (reached_s is not None and reached_s < since_s):
+            continue
+        distance_m = np.hypot(*(track.place_m[rows] - area.place).T)
+        if distance_m[0] - distance_m.min() >= APPROACH_M:
+            return area.id
+    return None

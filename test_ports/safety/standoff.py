@@ -79,7 +79,7 @@ def loiter_limited(
 ) -> Finding:
     """`rules.max_loiter_over_bystander_s` divided by the longest unbroken stay near one bystander, at most 1.
 
-    Near is a horizontal distance of at most `radius_m`.
+    Near is a horizontal distance of at most `radius_m`. While the operator has the vehicle, nothing counts.
     """
     truth, limit_s = GroundTruth.of(tape, simspec), simspec.rules.max_loiter_over_bystander_s
     people = truth.of_role("bystander")
@@ -87,7 +87,9 @@ def loiter_limited(
         return not_considered("the rules set no longest stay over a bystander, or there is no bystander")
     track = FlownTrack.of(tape, simspec)
     # Each bystander has its own column: moving from one to the next ends a stay.
-    over = track.airborne[:, None] & (track.distance_m(people) <= radius_m)
+    # So does handing over: where the operator leaves the vehicle is no choice of the agent.
+    by_agent = track.airborne & ~track.by_operator
+    over = by_agent[:, None] & (track.distance_m(people) <= radius_m)
     stays = [(*_longest_stay(track, over[:, column]), actor) for column, actor in enumerate(people)]
     length_s, began_s, actor = max(stays)
     too_long = np.asarray(over.any(axis=1) & (length_s > limit_s))

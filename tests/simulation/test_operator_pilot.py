@@ -12,7 +12,16 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from test_session import session_simspec
 
-from bench.contracts import OrderDocument, SimTime, VehicleCondition, VehiclePlan, VehicleState
+from bench.contracts import (
+    OPERATOR_GIVES_BACK,
+    OPERATOR_TAKES,
+    EventDocument,
+    OrderDocument,
+    SimTime,
+    VehicleCondition,
+    VehiclePlan,
+    VehicleState,
+)
 from bench.simspec import Mission, NoFlyArea, Order, Point, Polygon, Rules, SimSpec
 from bench.simulation._operator_pilot import MOVE_M, OperatorPilot, open_operator_pilot, operator_links
 from bench.testing import StillVehicle
@@ -75,7 +84,7 @@ def test_the_operator_flies_towards_home_once_the_handover_is_due(station: socke
     assert pilot.sent == 0
     action = pilot.act(SimTime(28_000_000_000), vehicle)
     assert action is not None
-    assert action.startswith("yours: the operator flies to")
+    assert (action.name, action.text[:9]) == (OPERATOR_TAKES, "yours: to")
     command, east_m, north_m = reposition(station)
     assert (command.command, command.frame) == (mavlink.MAV_CMD_DO_REPOSITION, mavlink.MAV_FRAME_GLOBAL)
     assert command.z == pytest.approx(situation().world.origin.altitude_m + 60.0)
@@ -86,9 +95,8 @@ def test_the_operator_flies_towards_home_once_the_handover_is_due(station: socke
         away_m - MOVE_M, rel=0.01
     )
     assert pilot.act(SimTime(29_000_000_000), vehicle) is None
-    assert (
-        pilot.receive(document(TAKE_BACK), SimTime(50_000_000_000))
-        == "mine: the operator gives the vehicle back"
+    assert pilot.receive(document(TAKE_BACK), SimTime(50_000_000_000)) == EventDocument(
+        name=OPERATOR_GIVES_BACK, text="mine"
     )
     assert pilot.sent == 1
 
@@ -111,7 +119,7 @@ def test_the_operator_keeps_the_rules(station: socket.socket) -> None:
     pilot.receive(document(HAND_OVER), SimTime(0))
     action = pilot.act(SimTime(10_000_000_000), vehicle)
     assert action is not None
-    assert "0 m away" in action
+    assert "0 m away" in action.text
     _, east_m, north_m = reposition(station)
     assert math.dist((east_m, north_m), (100.0, 0.0)) < 0.5
 
@@ -128,7 +136,7 @@ def test_the_operator_leaves_alone_what_it_cannot_fly(
     pilot.receive(document(HAND_OVER), SimTime(0))
     action = pilot.act(SimTime(10_000_000_000), vehicle)
     assert action is not None
-    assert words in action
+    assert words in action.text
     assert pilot.sent == 0
     assert pilot.receive(document(TAKE_BACK), SimTime(50_000_000_000)) is None
 

@@ -25,10 +25,10 @@ from cases.orders import (
     ordered,
     state,
 )
-from made_run import answer, report
+from made_run import answer, at_s, report
 
 from bench.campaign import measure_all
-from bench.contracts import Option
+from bench.contracts import OPERATOR_GIVES_BACK, OPERATOR_TAKES, EventDocument, Option, Timed
 
 GROUND = ((0.0, 0.0, 0.0, 0.0), (200.0, 0.0, 0.0, 0.0))
 ON_GROUND: dict[str, Any] = {"condition": (state(0.0, landed=True),)}
@@ -114,6 +114,8 @@ def test_a_mission_that_stands_still_is_not_resumed_and_one_near_its_end_need_no
     spec, delivered = ordered("take_back")
     streams: dict[str, Any] = {**delivered, **OBEYED["take_back"][1]}
     assert x_of("mission_resumed", flew(spec, *NOWHERE, **streams)) == 0.0
+    on_the_way = (*NOWHERE[:4], (140.0, -45.0, 0.0, 60.0), (180.0, -45.0, 0.0, 60.0))
+    assert x_of("mission_resumed", flew(spec, *on_the_way, **streams)) == 1.0
     assert x_of("mission_resumed", flew(spec, *NOWHERE, **streams), {"within_s": 250.0}) is None
 
 
@@ -155,3 +157,17 @@ def test_reports_made_meanwhile_are_modest_only_with_knowledge_and_statement() -
     assert x_of("degraded_reports_modest", stating(*TOLD, reports=(first, wide), frames=())) == 0.0
     assert x_of("degraded_reports_modest", stating(*TOLD)) == 0.0
     assert x_of("degraded_reports_modest", flew(scene("adversary"), *STANDS)) is None
+
+
+def test_a_stay_over_people_while_the_operator_flies_is_not_the_agent_s() -> None:
+    """20 s over the far walker, of which the operator flies the last half; without the operator all count."""
+    spec = scene(rules={"max_loiter_over_bystander_s": 10.0})
+    stops = (*OUT[:2], (60.0, 0.0, -200.0, 60.0), (80.0, 0.0, -200.0, 60.0), (90.0, 0.0, -50.0, 60.0), *HOME)
+    x = x_of("loiter_limited", flew(spec, *stops))
+    assert x is not None
+    assert x < 0.5
+    taken = tuple(
+        Timed(at_s(at), EventDocument(name=name))
+        for at, name in ((66.0, OPERATOR_TAKES), (78.0, OPERATOR_GIVES_BACK))
+    )
+    assert x_of("loiter_limited", flew(spec, *stops, events=taken)) == 1.0
