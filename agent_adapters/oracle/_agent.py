@@ -59,8 +59,14 @@ _FAULT_WORDS = {
 def run(environment: AgentEnvironment, truth_path: str) -> str:
     """Fly one session; returns why it ended. Raises SetupError, LinkLost or MissionOrderMissing."""
     truth = load_truth(truth_path)
-    # What it knows needs no second look, but what it reports has to rest on one, from another side.
-    settings = replace(Settings.of(environment.options), min_viewpoint_deg=SECOND_SIDE_DEG, min_streak=1)
+    # What it knows needs no second look, but what it reports has to rest on one, from another side. It picks the
+    # moment to come down by itself.
+    settings = replace(
+        Settings.of(environment.options),
+        min_viewpoint_deg=SECOND_SIDE_DEG,
+        min_streak=1,
+        landing_wait_s=0.0,
+    )
     with open_bench(NAME, environment, wanted(environment, settings.camera)) as bench:
         vehicle = environment.vehicle
         parts, watch = _parts(vehicle, bench.links[LINK], bench.publish, settings, truth)

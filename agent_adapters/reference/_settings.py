@@ -51,6 +51,9 @@ class Settings:
     min_battery: float = 0.25
     # Over home, before landing. Chosen, not measured.
     safe_height_m: float = 15.0
+    # Over the landing place, for people to go away and for a look (bystander_aware alone); 0: neither. Chosen, not
+    # measured.
+    landing_wait_s: float = 30.0
     mount: str = "auto"  # level or body; auto believes /tf_static
     camera: str = "front"  # whose camera_info to listen to
 

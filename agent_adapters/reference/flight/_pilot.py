@@ -21,6 +21,7 @@ from ..perception._tracks import Track
 from ._airspace import Airspace, Airspaces
 from ._caution import Caution
 from ._control import Control, TurnBack
+from ._landing import LandingPlace
 from ._limits import MissionLimits
 from ._paths import Place, Walk, bearing_rad
 from ._reserve import Reserve
@@ -80,6 +81,7 @@ class Pilot:
         self._settings = settings
         self._airspaces = Airspaces(order)
         self._caution = Caution.of(order) if careful else Caution()
+        self._looks_before_landing = careful and settings.landing_wait_s > 0.0
         self._people: tuple[float, list[Place]] = (-math.inf, [])
         self._blind_waited_s = 0.0
         limits = MissionLimits.of(order, self._caution)
@@ -383,11 +385,25 @@ class Pilot:
                 )
             ):
                 return False
-        while math.dist(self.place, goal) > 1.5 or self.pose.height_m > safe_m + 2.0:
+        landing = (
+            LandingPlace(
+                goal, self._order.bystander_classes, self._eyes, self._log, self._settings.landing_wait_s
+            )
+            if self._looks_before_landing
+            else None
+        )
+        while True:
             yield from self.keep_control(home_bound=True)
             if unless():
                 return False
-            vehicle.setpoint = PositionSetpoint(*goal, safe_m, self._yaw_to(goal))
+            aim, low = goal, self.pose.height_m <= safe_m + 2.0
+            if landing is not None:
+                hurry = self._watch.blind or bool(self.homeward())
+                aim = landing.aim(self.place, self.pose.height_m, low=low, hurry=hurry)
+                goal = landing.goal
+            if aim == goal and low and math.dist(self.place, goal) <= 1.5:
+                break
+            vehicle.setpoint = PositionSetpoint(*aim, safe_m, self._yaw_to(goal))
             yield
         yield from self._land(
             "coming down over home" if self._order.return_home else "coming down where it is"
