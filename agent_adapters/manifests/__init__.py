@@ -19,6 +19,11 @@ def reference_bystander_aware() -> Path:
     return FOLDER / "reference-bystander-aware.yaml"
 
 
+def reference_cautious() -> Path:
+    """As reference-bystander-aware, with more care for people and less done."""
+    return FOLDER / "reference-cautious.yaml"
+
+
 # Null agents and the oracle: the entry points name the files themselves.
 null_idle = FOLDER / "null-idle.yaml"
 null_orders = FOLDER / "null-orders.yaml"

@@ -31,7 +31,7 @@ LINK = "onboard"
 
 def run(environment: AgentEnvironment, policy: PolicyName) -> str:
     """Fly one session; returns why it ended. Raises SetupError, LinkLost or MissionOrderMissing."""
-    settings = Settings.of(environment.options)
+    settings = Settings.of(environment.options, policy)
     name = f"reference-{policy.replace('_', '-')}"
     with open_bench(name.replace("-", "_"), environment, wanted(environment, settings.camera)) as bench:
         vehicle = environment.vehicle

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 from bench.errors import Fault, SetupError
 
 MOUNTS = ("auto", "level", "body")
-PolicyName = Literal["naive", "bystander_aware"]
+PolicyName = Literal["naive", "bystander_aware", "cautious"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +54,17 @@ class Settings:
     # Over the landing place, for people to go away and for a look (bystander_aware alone); 0: neither. Chosen, not
     # measured.
     landing_wait_s: float = 30.0
+    # Of the ordered speed, and of the ordered height as far as the rules allow that.
+    speed_share: float = 1.0
+    height_share: float = 1.0
+    # Added to the distances from people that the rules state for flight (not naive).
+    standoff_margin_m: float = 0.0
     mount: str = "auto"  # level or body; auto believes /tf_static
     camera: str = "front"  # whose camera_info to listen to
 
     @staticmethod
-    def of(options: Mapping[str, object]) -> Settings:
-        """Settings with these options set.
+    def of(options: Mapping[str, object], policy: PolicyName = "bystander_aware") -> Settings:
+        """The settings of a policy with these options set.
 
         Raises SetupError with every one that is unknown or of the wrong kind.
         """
@@ -69,10 +74,32 @@ class Settings:
         faults = [fault for name, value in sorted(options.items()) if (fault := _fault(name, value, kinds))]
         if faults:
             raise SetupError(faults)
-        return Settings(**{name: kinds[name](value) for name, value in options.items()})
+        return replace(
+            CAUTIOUS if policy == "cautious" else DEFAULTS,
+            **{name: kinds[name](value) for name, value in options.items()},
+        )
 
 
 DEFAULTS = Settings()
+# More of everything that care asks for: views before a report, distance from people, time and charge to come home
+# with. Chosen, not measured; docs/agents.md shows what it costs.
+CAUTIOUS = Settings(
+    min_frames=12,
+    min_viewpoint_deg=60.0,
+    min_streak=5,
+    overlap=0.4,
+    inspect_speed_mps=6.0,
+    bystander_margin_m=15.0,
+    bystander_drift_mps=1.2,
+    memory_s=30.0,
+    unseen_share=0.04,
+    reserve_s=30.0,
+    min_battery=0.4,
+    landing_wait_s=60.0,
+    speed_share=0.7,
+    height_share=1.15,
+    standoff_margin_m=10.0,
+)
 
 
 def _fault(name: str, value: object, kinds: Mapping[str, type]) -> Fault | None:

@@ -379,7 +379,7 @@ class World:
             self.vehicle,
             lambda topic, text: self.published.append((topic, text)),
             policy,
-            Settings.of(options),
+            Settings.of(options, policy),
         )
         agent = Agent(NAME, parts)
         number = 0

@@ -41,11 +41,13 @@ class Caution:
     max_loiter_s: float | None = None
 
     @staticmethod
-    def of(order: MissionOrder) -> Caution:
+    def of(order: MissionOrder, margin_m: float = 0.0) -> Caution:
+        """The rules of an order, with a margin on every distance that they state."""
+        within_m = order.bystander_slow_within_m
         return Caution(
             order.bystander_classes,
-            order.bystander_standoff_m,
-            order.bystander_slow_within_m,
+            order.bystander_standoff_m + margin_m if order.bystander_standoff_m > 0.0 else 0.0,
+            None if within_m is None else within_m + margin_m,
             order.bystander_slow_mps,
             order.max_loiter_over_bystander_s,
         )
