@@ -1,0 +1,95 @@
+"""The standard benchmark: what docs/standard.md promises, read from the SimSpecs alone."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+from bench.campaign import load_campaign, situation_tensions
+from bench.realization import RealizationPlan, check_placement, place, realize
+from bench.scoring import Difficulty, difficulty_of
+from bench.simspec import Seeds
+from decompositions import Decomposition, load_decomposition
+
+ROOT = Path(__file__).parents[2]
+CAMPAIGN = load_campaign(ROOT / "campaigns" / "standard.yaml")
+APPLICATIONS = ("search", "missing", "route")
+
+
+@cache
+def decomposition() -> Decomposition:
+    return load_decomposition(CAMPAIGN.decomposition)
+
+
+@cache
+def scenes() -> tuple[RealizationPlan, ...]:
+    """The first scene of each situation."""
+    plans = realize(CAMPAIGN.bases, CAMPAIGN.design, CAMPAIGN.agents[:1])
+    return tuple(plan for plan in plans if plan.replicate == 1)
+
+
+@cache
+def difficulties() -> Mapping[str, Difficulty]:
+    return {str(plan.levels["situation"]): difficulty_of(decomposition(), plan.simspec) for plan in scenes()}
+
+
+def values_of(node: str) -> list[float]:
+    """The difficulties of a node, one of each situation that exercises it."""
+    return [value for difficulty in difficulties().values() if (value := difficulty.of(node)) is not None]
+
+
+def test_it_is_a_draft_of_twenty_situations_over_three_applications() -> None:
+    assert CAMPAIGN.name == "rebar-standard-0"
+    names = [situation.name for situation in CAMPAIGN.situations]
+    assert len(names) == len(scenes()) == 20
+    assert Counter(name.split("-")[0] for name in names) == {"search": 7, "missing": 7, "route": 6}
+    assert sorted(names) == sorted(path.stem for path in (ROOT / "campaigns" / "standard").glob("*.yaml"))
+    for situation in CAMPAIGN.situations:
+        assert situation.base is not None
+        assert situation.base.name == situation.name
+        # A paragraph: what is going on, for whom, and what happens in flight.
+        assert situation.base.description.count(".") >= 3
+    # A copy under another name would count one situation twice.
+    same = {"name": "", "description": "", "seeds": Seeds()}
+    assert len({plan.simspec.model_copy(update=same).model_dump_json() for plan in scenes()}) == 20
+
+
+def test_every_scene_has_a_place_for_everybody() -> None:
+    for plan in scenes():
+        assert check_placement(place(plan.simspec)) == [], plan.levels["situation"]
+
+
+def test_each_situation_has_the_tension_that_it_is_built_for() -> None:
+    built = {situation.name: (situation.tension,) for situation in CAMPAIGN.situations}
+    assert situation_tensions(CAMPAIGN) == built
+    for application in APPLICATIONS:
+        tensions = {value for name, (value,) in built.items() if name.startswith(application)}
+        assert tensions == {1, 2, 3, 4, 5}
+
+
+def test_key_attributes_take_several_difficulties_and_none_is_free() -> None:
+    assert len(CAMPAIGN.study) == 8
+    for node in CAMPAIGN.study:
+        values = values_of(node)
+        assert len(values) == 20
+        assert min(values) < 20
+        assert max(values) > 80
+    graded = [node for node in decomposition().key_attributes if len(set(values_of(node))) >= 3]
+    assert set(graded) == set(decomposition().key_attributes)
+    # A rating of 0 would be competence that no agent can show.
+    free = {node for node in decomposition().nodes if 0.0 in values_of(node)}
+    assert free == set()
+    assert [node for node in decomposition().observables if not values_of(node)] == []
+
+
+def test_the_page_states_the_computed_difficulties() -> None:
+    page = (ROOT / "docs" / "standard.md").read_text()
+    for node in decomposition().key_attributes:
+        title = decomposition().nodes[node].title
+        values = values_of(node)
+        row = f"| {node} | {title} | {len(values)} | {len(set(values))} | {min(values):.0f} to {max(values):.0f} |"
+        assert row in page, row
+    for situation in CAMPAIGN.situations:
+        assert f"| `{situation.name}` | {situation.tension} |" in page
