@@ -435,3 +435,12 @@ def test_what_is_shipped_names_only_what_there_is(name: str) -> None:
     load_decomposition(
         name, DecompositionVocabulary({key: factor.unit for key, factor in FACTORS.items()}, check_options)
     )
+
+
+def test_no_vab_of_the_full_decomposition_repeats_another() -> None:
+    """The paper's counts (docs/rulings.md, 22) without padding: no two VABs have the same observables."""
+    full = load_decomposition("search-and-report-full")
+    assert [len(full.at_level(level)) for level in Level] == [5, 43, 121, 135]
+    children = [full.children(vab) for vab in full.at_level(Level.VAB)]
+    assert sum(map(len, children)) == 158
+    assert len({frozenset(observables) for observables in children}) == len(children)

@@ -10,8 +10,8 @@ from collections.abc import Iterable
 WINDOW_S, MIN_SCORES = 4.0, 12
 # The best quarter of the scores: what is near and clear. The rest depends on what happens to be in view.
 BEST_SHARE = 0.25
-# Of the usual: below it perception is worse, above it good again. Apart, so that it does not flutter. In eight
-# flights of the demo campaign the best tenth stayed above 0.97 of the usual.
+# Of the usual: below it perception is worse, above it good again. Apart, so that it does not flutter. Chosen, not
+# measured.
 WORSE, GOOD = 0.93, 0.96
 # How quickly the usual follows, by windows. Chosen, not measured.
 MEMORY = 0.02
