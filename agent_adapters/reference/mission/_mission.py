@@ -214,6 +214,14 @@ class SearchMission:
         place, now_s = self._place, self._vehicle.now_s
         return any(self._planner.fits(place, now_s, task, SEARCH_S) for task in self._planner.waiting(place))
 
+    def _late_work(self, task: SearchTask) -> bool:
+        """Whether something waits that can be served and is not ordered to come after a task."""
+        place, now_s = self._place, self._vehicle.now_s
+        return any(
+            other.ordered >= task.ordered and self._planner.fits(place, now_s, other, SEARCH_S)
+            for other in self._planner.waiting(place)
+        )
+
     def _publish_pending_reports(self) -> Steps[None]:
         """On the ground, wait for leave to report what was found and could not be said."""
         if self._order is None or not self._vehicle.poses.latest():
@@ -328,6 +336,9 @@ class SearchMission:
         once a second.
         """
         now_s = self._vehicle.now_s
+        if task.active and task.passes > 1:
+            # A second pass seldom shows what the first did not: what has come meanwhile goes first.
+            return self._late_work(task)
         if task.active or task.enough or task.passes > 1 or now_s - self._asked_s < 1.0:
             return not task.active and (task.enough or task.passes > 1)
         self._asked_s = now_s
@@ -460,7 +471,10 @@ class SearchMission:
         self._log.enter("inspecting", f"{task.id}: again")
         center = (target.east_m, target.north_m)
         path = ring(center, self._ring_radius_m(), bearing_rad(center, self._place))
-        yield from self._follow([self._place, path[0]], task, self._pilot.speed_mps, facing=target)
+        late = lambda: self._late_work(task)  # noqa: E731
+        yield from self._follow(
+            [self._place, path[0]], task, self._pilot.speed_mps, facing=target, until=late
+        )
         clear = _Stopwatch(
             lambda: self._findings.judge(target).mark and not self._findings.consents.against_marking(task)
         )
@@ -471,6 +485,7 @@ class SearchMission:
             facing=target,
             until=lambda: (
                 clear.runs_s(self._vehicle.now_s) > STILL_CLEAR_S
+                or self._late_work(task)
                 or not task.withheld
                 or self._findings.consents.hopeless(task)
             ),
@@ -479,6 +494,11 @@ class SearchMission:
         judgement = self._findings.judge(target)
         if judgement.mark and clear.runs_s(self._vehicle.now_s) > STILL_CLEAR_S:
             self._findings.settle(task, target, judgement, why="seen again")
+        elif task.withheld and self._late_work(task):
+            task.revisited = False
+            self._log.decide(
+                "move_on", task.id, "newer intelligence goes first; it comes back if time is left"
+            )
         elif task.withheld:
             against = self._findings.consents.against_marking(task)
             self._log.decide("withhold_mark", task.id, f"still: {against or judgement.reason}")

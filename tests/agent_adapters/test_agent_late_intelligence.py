@@ -1,0 +1,52 @@
+"""Intelligence that comes in flight goes before second looks."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from agent_fakes import Actor, World, intelligence, mission_order
+
+RADAR = Actor("mobile_radar", 120.0, 10.0)
+TRUCK = Actor("military_vehicle", -120.0, 120.0)
+PEOPLE = [Actor("civilian", 130.0, 25.0), Actor("civilian", 110.0, 0.0)]
+LATE = intelligence("late", "military_vehicle", -115.0, 115.0, priority=2, uncertainty_m=40.0)
+
+
+def flight(actors: list[Actor], late_s: float | None) -> World:
+    radar = intelligence("alpha", "mobile_radar", 115.0, 0.0, uncertainty_m=40.0)
+    world = World(actors, {0.0: radar}, mission=mission_order(time_limit_s=400.0))
+    if late_s is not None:
+        world.reports_at[late_s] = LATE
+    return world.fly("bystander_aware", until_s=420.0)
+
+
+def moment(world: World, action: str, subject: str) -> float:
+    return next(
+        round(decision.time_s, 1) for decision in world.decisions_to(action) if decision.subject == subject
+    )
+
+
+def test_a_revisit_is_left_for_late_intelligence_and_made_up_for() -> None:
+    """Two people stand by the target: the mark is withheld, and looked at again after the late report is served."""
+    revisit_s = moment(flight([RADAR, *PEOPLE], None), "revisit", "alpha")
+    late_s = round(revisit_s + 6.0, 1)
+    world = flight([RADAR, TRUCK, *PEOPLE], late_s)
+    assert moment(world, "move_on", "alpha") - late_s < 1.0
+    assert moment(world, "go", "late") - late_s < 1.0
+    assert {report.intelligence_id for report in world.reports} == {"alpha", "late"}
+    assert len(world.decisions_to("revisit")) == 2
+    assert world.phase == "complete"
+
+
+@pytest.mark.parametrize("after_s", [5.0, 12.0])
+def test_a_second_pass_is_left_for_late_intelligence(after_s: float) -> None:
+    """Nothing stands where the first report says: the second pass gives way."""
+    quiet = flight([TRUCK], None)
+    second_s = round(quiet.decisions_to("search")[1].time_s, 1)
+    late_s = round(second_s + after_s, 1)
+    world = flight([TRUCK], late_s)
+    assert moment(world, "give_up", "alpha") - late_s < 1.0
+    assert moment(world, "go", "late") - late_s < 1.0
+    assert [report.intelligence_id for report in world.reports] == ["late"]
+    assert math.hypot(world.vehicle.east_m, world.vehicle.north_m) < 3.0
