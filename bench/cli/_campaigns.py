@@ -283,7 +283,9 @@ def _print_plan(
             if estimate
             else {"estimate": None, "no_estimate": faults}
         )
-        print(json.dumps({**counts, "design": quality.model_dump(mode="json"), **expected}, indent=1))
+        stated = {"tensions": situation_tensions(campaign)} if campaign.situations else {}
+        design = {"design": quality.model_dump(mode="json")}
+        print(json.dumps({**counts, **design, **stated, **expected}, indent=1))
         return
     print(
         f"{campaign.name}: {len(plans)} realizations of {len(points)} design points, {len(campaign.agents)} agent(s)"
