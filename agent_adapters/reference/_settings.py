@@ -54,9 +54,8 @@ class Settings:
     # Over the landing place, for people to go away and for a look (bystander_aware alone); 0: neither. Chosen, not
     # measured.
     landing_wait_s: float = 30.0
-    # Of the ordered speed, and of the ordered height as far as the rules allow that.
+    # Of the ordered speed.
     speed_share: float = 1.0
-    height_share: float = 1.0
     # Added to the distances from people that the rules state for flight (not naive).
     standoff_margin_m: float = 0.0
     mount: str = "auto"  # level or body; auto believes /tf_static
@@ -97,7 +96,6 @@ CAUTIOUS = Settings(
     min_battery=0.4,
     landing_wait_s=60.0,
     speed_share=0.7,
-    height_share=1.15,
     standoff_margin_m=10.0,
 )
 

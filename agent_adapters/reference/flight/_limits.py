@@ -25,14 +25,11 @@ class MissionLimits:
     pace_mps: float
 
     @classmethod
-    def of(
-        cls, order: MissionOrder, caution: Caution, *, speed_share: float = 1.0, height_share: float = 1.0
-    ) -> Self:
-        """The limits under an order, flown with that much care for people, and these shares of what is ordered."""
+    def of(cls, order: MissionOrder, caution: Caution, *, speed_share: float = 1.0) -> Self:
+        """The limits under an order, flown with that much care for people, and this share of the ordered speed."""
         ceiling_m = order.max_altitude_m - HEIGHT_RULE_MARGIN_M
         floor_m = 0.0 if order.min_altitude_m is None else order.min_altitude_m + HEIGHT_RULE_MARGIN_M
         height_m = max(min(order.altitude_m, order.max_altitude_m), floor_m)
-        height_m = max(min(height_share * height_m, max(ceiling_m, height_m)), floor_m)
         speed_mps = speed_share * order.speed_mps
         if order.max_speed_mps is not None:
             # Under a rule slower than twice the margin half of the allowed speed is flown: a margin alone

@@ -84,9 +84,7 @@ class Pilot:
         self._looks_before_landing = careful and settings.landing_wait_s > 0.0
         self._people: tuple[float, list[Place]] = (-math.inf, [])
         self._blind_waited_s = 0.0
-        limits = MissionLimits.of(
-            order, self._caution, speed_share=settings.speed_share, height_share=settings.height_share
-        )
+        limits = MissionLimits.of(order, self._caution, speed_share=settings.speed_share)
         self.height_m, self.speed_mps = limits.height_m, limits.speed_mps
         safe_m = min(settings.safe_height_m, self.height_m)
         self.planner = Planner(order, limits.pace_mps, self.height_m, safe_m, settings.reserve_s, self.way_m)
