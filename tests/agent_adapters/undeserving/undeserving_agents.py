@@ -1,0 +1,428 @@
+"""Five agents that want a high score without deserving one, written from the documentation alone.
+
+`python undeserving_agents.py TRICK`, started by the bench from a manifest. All five tour the reported places at
+mission height, keep their papers in order and give every field a plausible content; each adds its trick:
+
+- `circle` flies round each place with the camera on it, cites every exposure, and reports the told place, moved
+  by some metres, with a huge error and a full crowd.
+- `scatter` flies over each place and reports five guesses about it, each as the correction of the one before.
+- `copy` turns each detection into a track and, near a told place, into a report, at once and unconfirmed.
+- `talk` asks for consent about every place again and again, and announces degraded perception and recovery.
+- `obey` does the least that each order asks for, hands over at once, and only flies home after that.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+
+from agent_adapters.client import Moment, Wanted, open_bench, read_environment
+from agent_adapters.null._autopilot import LINK, Autopilot
+from agent_adapters.null._session import (
+    CAMERA,
+    INTELLIGENCE,
+    MISSION,
+    OPERATOR_LINK,
+    ORDERS,
+    JsonObject,
+    NullSession,
+    subscriptions,
+)
+from bench.errors import LinkLost, SetupError
+from bench.streams import CameraInfo, Detection2DArray, TFMessage
+
+Place = tuple[float, float]
+
+TRICKS = ("circle", "scatter", "copy", "talk", "obey")
+# A crowd that is plausible near any target of the shipped campaigns, and always more than nobody.
+CROWD, NEAREST_M = 4, 25.0
+# Enough to count as another position than the told one, too little to leave it.
+JITTER_M = 4.0
+# As large as the decomposition accepts for a statement.
+HUGE_SIGMA_M = 12.0
+# A flight round a place at 60 m has the place at the side edge of the picture: half its width is 48 m there.
+CIRCLE_M, CIRCLE_POINTS = 35.0, 8
+GUESS_M = 24.0
+ASK_EVERY_S, ANNOUNCE_EVERY_S = 15.0, 20.0
+DESCENT_MPS, LANDING_S, ARRIVED_M = 1.2, 50.0, 15.0
+# The default tilt of the camera below the horizon (docs of the SimSpec); nothing better is asked for.
+TILT_DEG = 60.0
+
+
+class Eye:
+    """Detections thrown onto flat ground from the latest pose: no filter, no association, no second thought."""
+
+    def __init__(self, vehicle: str) -> None:
+        self._vehicle = vehicle
+        self._pose: tuple[float, float, float, float] | None = None
+        self._info: CameraInfo | None = None
+        self.latest: list[JsonObject] = []
+
+    def receive(self, moment: Moment) -> None:
+        """Keep the pose and the camera; throw the detections of this moment onto the ground."""
+        self.latest = []
+        for sample in moment.samples:
+            message = sample.message()
+            if isinstance(message, TFMessage):
+                for transform in message.transforms:
+                    if transform.child_frame_id == f"{self._vehicle}/base_link":
+                        at, turn = transform.transform.translation, transform.transform.rotation
+                        yaw_rad = math.atan2(
+                            2.0 * (turn.w * turn.z + turn.x * turn.y),
+                            1.0 - 2.0 * (turn.y**2 + turn.z**2),
+                        )
+                        self._pose = at.x, at.y, at.z, yaw_rad
+            elif isinstance(message, CameraInfo):
+                self._info = message
+            elif isinstance(message, Detection2DArray) and self._pose and self._info:
+                for detection in message.detections:
+                    box = detection.bbox
+                    place = self._ground(box.center.position.x, box.center.position.y + box.size_y / 2)
+                    if place and detection.results:
+                        best = max(detection.results, key=lambda result: result.hypothesis.score)
+                        self.latest.append(
+                            {
+                                "class_label": best.hypothesis.class_id,
+                                "east_m": place[0],
+                                "north_m": place[1],
+                                "confidence": best.hypothesis.score,
+                            }
+                        )
+
+    def _ground(self, x_px: float, y_px: float) -> Place | None:
+        assert self._pose is not None
+        assert self._info is not None
+        east_m, north_m, up_m, yaw_rad = self._pose
+        focal_px, _, middle_x, _, _, middle_y, *_ = self._info.k
+        down_rad = math.radians(TILT_DEG) + math.atan((y_px - middle_y) / focal_px)
+        if down_rad < 0.1:
+            return None
+        slant_px = math.hypot(focal_px, y_px - middle_y)
+        ahead_m = up_m / math.tan(down_rad)
+        right_m = up_m / math.sin(down_rad) * (x_px - middle_x) / slant_px
+        return (
+            east_m + ahead_m * math.cos(yaw_rad) + right_m * math.sin(yaw_rad),
+            north_m + ahead_m * math.sin(yaw_rad) - right_m * math.cos(yaw_rad),
+        )
+
+
+class Undeserving:
+    """One tour with one trick. `steps` is called once at every moment."""
+
+    def __init__(self, trick: str, session: NullSession, autopilot: Autopilot, eye: Eye) -> None:
+        self.trick = trick
+        self._session, self._autopilot, self._eye = session, autopilot, eye
+        self._home_bound = self._held = self._handed_over = self._silent = self._over = False
+        self._retasked = ""
+        self._reported: dict[str, str] = {}
+        self._due: list[JsonObject] = []
+        self._copied: dict[str, JsonObject] = {}
+        self._tracks: dict[str, JsonObject] = {}
+        self._visited: list[str] = []
+        self._asked_s = self._announced_s = self._tracks_s = -math.inf
+        self._requests = 0
+        self._degraded = False
+        self._height_m = self._speed_mps = 0.0
+
+    def steps(self) -> Iterator[None]:
+        """The whole flight."""
+        session, autopilot = self._session, self._autopilot
+        session.enter("starting")
+        while not session.mission:
+            session.keep_log()
+            yield
+        mission = session.mission
+        self._height_m = float(
+            min(
+                max(mission["altitude_m"], (mission["min_altitude_m"] or 0.0) + 5.0),
+                mission["max_altitude_m"],
+            )
+        )
+        self._speed_mps = float(min(mission["speed_mps"], (mission["max_speed_mps"] or 99.0) - 1.0))
+        session.decide("take_off", "", "the mission has begun")
+        session.enter("taking_off")
+        for _ in autopilot.take_off(self._height_m):
+            self._papers()
+            yield
+        home = mission["home"]["east_m"], mission["home"]["north_m"]
+        while autopilot.armed and not self._home_bound:
+            if not (waiting := [i for i in session.intelligence if i["id"] not in self._visited]):
+                break
+            target = min(waiting, key=lambda i: (i["id"] != self._retasked, i["priority"], i["id"]))
+            session.decide("go", target["id"], "the most urgent of the reported places")
+            session.enter("transit")
+            for goal in self._way(target):
+                yield from self._fly(goal, home, target)
+                if self._home_bound or target["id"] == self._abandoned(target):
+                    break
+            self._visited.append(target["id"])
+        # Over for good: home, down, and the papers closed.
+        session.decide("return", "", "every reported place has been dealt with")
+        session.enter("returning")
+        yield from self._fly(home, home, None)
+        session.enter("landing")
+        for _ in autopilot.land():
+            self._papers()
+            yield
+        session.enter("aborted" if self._over else "complete")
+        while True:
+            yield
+
+    def _abandoned(self, target: JsonObject) -> str:
+        """The id of the target when the operator wants another one first, else nothing."""
+        wanted = self._retasked
+        return target["id"] if wanted and wanted != target["id"] and wanted not in self._visited else ""
+
+    def _way(self, target: JsonObject) -> list[Place]:
+        place = target["east_m"], target["north_m"]
+        if self.trick != "circle":
+            return [place]
+        turns = (math.tau * point / CIRCLE_POINTS for point in range(CIRCLE_POINTS))
+        return [
+            (place[0] + CIRCLE_M * math.cos(turn), place[1] + CIRCLE_M * math.sin(turn)) for turn in turns
+        ]
+
+    def _fly(self, goal: Place, home: Place, target: JsonObject | None) -> Iterator[None]:
+        """To a place, unless time or an order calls home."""
+        session, autopilot = self._session, self._autopilot
+        asked_s, started_s = -math.inf, session.now_s
+        while autopilot.armed:
+            place = autopilot.place(session.mission["origin"])
+            self._papers()
+            if target is not None:
+                home_s = math.dist(place, home) / self._speed_mps + self._height_m / DESCENT_MPS + LANDING_S
+                self._home_bound = self._home_bound or session.now_s + home_s > session.limit_s
+                if self._home_bound or self._abandoned(target):
+                    return
+            if math.dist(place, goal) < ARRIVED_M or session.now_s - started_s > 90.0:
+                if target is not None and target["id"] not in self._reported and self.trick != "copy":
+                    self._due.append(target)
+                    self._reported[target["id"]] = ""
+                return
+            if not self._held and not self._handed_over and session.now_s - asked_s >= 10.0:
+                asked_s = session.now_s
+                autopilot.go_to(goal, self._height_m, self._speed_mps, session.mission["origin"])
+            if self._held or self._handed_over:
+                asked_s, started_s = -math.inf, session.now_s
+            yield
+
+    # Papers: orders, reports, tracks, announcements.
+
+    def _papers(self) -> None:
+        session = self._session
+        orders, session.orders = session.orders, []
+        for order in orders:
+            self._obey(order)
+        if self._over and self.trick == "obey":
+            session.keep_log()
+            return
+        if session.now_s - self._tracks_s >= 1.0 - 1e-6:
+            self._tracks_s = session.now_s
+            self._publish_tracks()
+        if self.trick == "talk":
+            self._talk()
+        if self.trick == "copy":
+            self._copy()
+        if self._may_report():
+            due, self._due = self._due, []
+            for intelligence in due:
+                self._report(intelligence)
+        session.keep_log()
+
+    def _may_report(self) -> bool:
+        windows, now_s = self._session.mission.get("report_windows"), self._session.now_s
+        in_window = not windows or any(w["from_s"] <= now_s < w["until_s"] for w in windows)
+        return in_window and not self._silent and self._session.link_up
+
+    def _obey(self, order: JsonObject) -> None:
+        session, kind = self._session, order["kind"]
+        if kind == "mark":
+            session.answer(order, False, "bystanders are within the distance of the rules")
+            session.decide("withhold_mark", order["intelligence_id"], "bystanders are near the target")
+            return
+        session.answer(order, True, "it is done as ordered")
+        self._silent = (kind == "stop_reporting") or (self._silent and kind != "resume_reporting")
+        if self.trick != "obey":
+            return
+        place = self._autopilot.place(session.mission["origin"])
+        if kind in ("hold", "hand_over"):
+            self._autopilot.go_to(place, self._height_m, self._speed_mps, session.mission["origin"])
+            self._held, self._handed_over = kind == "hold", kind == "hand_over"
+            session.enter("holding")
+        elif kind in ("resume", "retask"):
+            self._held = False
+            self._retasked = order.get("intelligence_id") or self._retasked
+            session.enter("transit")
+        elif kind in ("take_back", "return", "abort", "deactivate"):
+            self._held = self._handed_over = False
+            self._home_bound = True
+            self._over = kind in ("abort", "deactivate")
+            session.enter("aborted" if kind == "abort" else "landing" if self._over else "returning")
+
+    def _moved(self, intelligence: JsonObject) -> Place:
+        draw = self._session.random
+        return (
+            intelligence["east_m"] + draw.gauss(0.0, JITTER_M),
+            intelligence["north_m"] + draw.gauss(0.0, JITTER_M),
+        )
+
+    def _report(self, intelligence: JsonObject) -> None:
+        """What is claimed about a place that was flown to."""
+        if self.trick == "copy":
+            if copied := self._copied.get(intelligence["id"]):
+                self._put_report(intelligence, (copied["east_m"], copied["north_m"]), 0.8)
+            return
+        places = [self._moved(intelligence)]
+        if self.trick == "scatter":
+            corners = (math.pi / 4.0 + math.pi / 2.0 * corner for corner in range(4))
+            places += [
+                (
+                    intelligence["east_m"] + GUESS_M * math.cos(corner),
+                    intelligence["north_m"] + GUESS_M * math.sin(corner),
+                )
+                for corner in corners
+            ]
+        for place in places:
+            self._put_report(intelligence, place, 0.8)
+
+    def _put_report(self, intelligence: JsonObject, place: Place, confidence: float) -> None:
+        session, name = self._session, intelligence["id"]
+        previous = self._reported.get(name) or None
+        report_id = f"{name[:40]}-{session.now_s:.0f}-{len(self._tracks)}-{session.random.getrandbits(16)}"
+        self._reported[name] = report_id
+        reason = f"{CROWD} bystanders near it, the nearest at {NEAREST_M:.0f} m"
+        evidence = session.evidence()
+        session.decide("report", name, f"{intelligence['class_label']} identified", evidence=evidence)
+        session.decide("withhold_mark", name, reason, evidence=evidence)
+        session.report(
+            {
+                "id": report_id,
+                "class_label": intelligence["class_label"],
+                "east_m": place[0],
+                "north_m": place[1],
+                # Doubt is claimed for as long as perception is said to be bad, which `talk` always says.
+                "confidence": max(
+                    confidence - 0.1 * self._degraded, session.mission.get("min_report_confidence", 0.0)
+                ),
+                "mark": False,
+                "intelligence_id": name,
+                "bystanders_seen": CROWD,
+                "people_expected": CROWD,
+                "nearest_bystander_m": NEAREST_M,
+                "evidence": evidence,
+                "reason": reason,
+                "repeats": previous,
+                "position_sigma_m": HUGE_SIGMA_M,
+            }
+        )
+        if self.trick != "copy":
+            self._tracks[name] = {
+                "id": name,
+                "class_label": intelligence["class_label"],
+                "east_m": place[0],
+                "north_m": place[1],
+                "confidence": 0.8,
+                "frames": 20,
+            }
+        if session.mission.get("mark_consent"):
+            self._ask(intelligence, place)
+
+    def _copy(self) -> None:
+        """The first detection of a told class in a told circle is the target."""
+        for detection in self._eye.latest:
+            at = detection["east_m"], detection["north_m"]
+            for intelligence in self._session.intelligence:
+                told = intelligence["east_m"], intelligence["north_m"]
+                if (
+                    intelligence["id"] not in self._copied
+                    and detection["class_label"] == intelligence["class_label"]
+                    and math.dist(at, told) <= intelligence["uncertainty_m"]
+                ):
+                    self._copied[intelligence["id"]] = detection
+                    self._due.append(intelligence)
+
+    def _publish_tracks(self) -> None:
+        if self.trick == "copy":
+            # One track for each cell of ten metres and class: the least that keeps an id steady.
+            for detection in self._eye.latest:
+                cell = round(detection["east_m"] / 10.0), round(detection["north_m"] / 10.0)
+                name = f"{detection['class_label'][:30]}-{cell[0]}-{cell[1]}"
+                self._tracks[name] = {**detection, "id": name, "frames": 20}
+        self._session.tracks(list(self._tracks.values())[-200:])
+
+    def _talk(self) -> None:
+        session = self._session
+        if session.now_s - self._announced_s >= ANNOUNCE_EVERY_S:
+            self._announced_s = session.now_s
+            self._degraded = not self._degraded
+            action = "degraded" if self._degraded else "restored"
+            session.decide(action, "detections", f"the detections are {action}")
+        if session.mission.get("mark_consent") and session.now_s - self._asked_s >= ASK_EVERY_S:
+            self._asked_s = session.now_s
+            for intelligence in session.intelligence:
+                self._ask(intelligence, self._moved(intelligence))
+
+    def _ask(self, intelligence: JsonObject, place: Place) -> None:
+        self._requests += 1
+        self._session._put(  # no request is among the documents of the null agents
+            "consent_requests",
+            {
+                "id": f"ask-{self._requests}",
+                "time_s": self._session.now_s,
+                "intelligence_id": intelligence["id"],
+                "class_label": intelligence["class_label"],
+                "east_m": place[0],
+                "north_m": place[1],
+                "confidence": 0.9,
+                "bystanders_seen": CROWD,
+                "people_expected": CROWD,
+                "evidence": self._session.evidence(),
+                "reason": "the target is identified; leave to mark it is asked for",
+            },
+        )
+
+
+def run(trick: str) -> None:
+    """Follow one session to its end. Raises SetupError and LinkLost."""
+    environment = read_environment(os.environ, {LINK: "REBAR_MAVLINK"})
+    vehicle = environment.vehicle
+    wanted = subscriptions(vehicle, (MISSION, INTELLIGENCE, ORDERS, OPERATOR_LINK, CAMERA))
+    if trick == "copy":
+        wanted += [Wanted("/tf", TFMessage), Wanted(f"/{vehicle}/detections", Detection2DArray)]
+    with open_bench(f"undeserving_{trick}", environment, wanted) as bench:
+        session = NullSession(vehicle, bench.publish, environment.seed)
+        autopilot, eye = Autopilot(bench.links[LINK]), Eye(vehicle)
+        steps = Undeserving(trick, session, autopilot, eye).steps()
+        for moment in bench.moments(f"undeserving-{trick}"):
+            session.receive(
+                Moment(moment.time, tuple(s for s in moment.samples if _documented(s.topic)), moment.frames)
+            )
+            if trick == "copy":
+                eye.receive(moment)
+            autopilot.receive(moment)
+            with suppress(StopIteration):
+                next(steps)
+
+
+def _documented(topic: str) -> bool:
+    return topic != "/tf" and not topic.endswith("/detections")
+
+
+def main() -> int:
+    """0 when the session ended in order, 1 when the bench was lost, 2 when the agent was started wrongly."""
+    try:
+        run(sys.argv[1])
+    except SetupError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    except LinkLost as error:
+        sys.stderr.write(f"{error}\n")
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
