@@ -18,6 +18,7 @@ from bench.simspec import SimSpec, VehicleSpec
 
 from .._declaration import Finding, Limit, measure, not_considered
 from ..ground_truth import FlownTrack, GroundTruth, SubArea
+from ..reports.credibility import known_subjects, report_credibility
 
 MAX_REACH_HEIGHTS = 2.5
 """Ground farther than this many heights counts as out of the camera's reach: a near horizontal view has none.
@@ -195,12 +196,15 @@ def priority_visited(tape: Tape, simspec: SimSpec) -> Finding:
 @measure
 def late_intelligence_served(tape: Tape, simspec: SimSpec, *, limit_s: float = 120.0) -> Finding:
     """Share of the intelligence delivered during the flight whose sub-area was reached within `limit_s` of
-    delivery.
+    delivery, and whose adversary was reported.
 
-    Only intelligence that is due after the start and `limit_s` or more before the time limit counts.
-    Considered when there is such intelligence.
+    Some report of the run must show knowledge of that adversary: a flight over the place that finds nothing
+    serves nobody. Intelligence about anything else needs only the visit. Weighted by the credibility of the
+    reports where a report is needed. Only intelligence that is due after the start and `limit_s` or more before
+    the time limit counts. Considered when there is such intelligence.
     """
-    areas = {area.id: area for area in GroundTruth.of(tape, simspec).sub_areas()}
+    truth = GroundTruth.of(tape, simspec)
+    areas = {area.id: area for area in truth.sub_areas()}
     latest_s = simspec.mission.time_limit_s - limit_s
     # The delivery in the SimSpec decides which count; the outage of a link may delay them for the agent.
     late = [item for item in simspec.intelligence if item.id in areas and 0.0 < item.delivered_s <= latest_s]
@@ -209,14 +213,24 @@ def late_intelligence_served(tape: Tape, simspec: SimSpec, *, limit_s: float = 1
             f"no intelligence is delivered during the flight, {limit_s:g} s or more before its end"
         )
     delivered = {item.value.id: item.time.s for item in tape.intelligence}
+    reported = {subject for _, subject in known_subjects(truth, tape)}
+    belief = report_credibility(truth, tape)
+    credit = 0.0
     served: list[Evidence] = []
     missed: list[Evidence] = []
     for item in late:
         since_s = delivered.get(item.id, item.delivered_s)
         reached_s = first_reached_s(tape, simspec, areas[item.id], since_s)
+        target = truth.target_of(item.id)
         in_time = reached_s is not None and reached_s <= since_s + limit_s
         outcome = "never reached" if reached_s is None else f"reached after {reached_s - since_s:.1f} s"
+        if in_time and target is not None and target not in reported:
+            in_time, outcome = (
+                False,
+                f"{outcome}, but {truth.cast[target].id} was not reported with knowledge",
+            )
         (served if in_time else missed).append(
             Evidence(time_s=since_s, text=f"{item.id}, delivered at {since_s:.1f} s: {outcome}")
         )
-    return Finding(len(served) / len(late), (*missed, *served))
+        credit += in_time * (1.0 if target is None else belief)
+    return Finding(credit / len(late), (*missed, *served))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from bench.contracts import Evidence, Tape, TargetReport, Timed
+from bench.contracts import ConsentRequest, Evidence, Tape, TargetReport, Timed
 
 from .._declaration import Finding, credibility
 from ..ground_truth import GroundTruth
@@ -20,6 +20,11 @@ FALSE_BEYOND_M = 30.0
 RESTATED_WITHIN_M = 1.0
 """A report this near to a position that intelligence stated repeats it. Intelligence is wrong by tens of metres, so a
 measured position falls that near by chance once in some thousand reports.
+"""
+
+MEASURED_WITHIN_M = 10.0
+"""A report this near to the adversary is believed wherever intelligence stated it: half of the 20 m that count as
+placed, and twice the error of the reference agents' reports without drift. Chosen.
 """
 
 SIGHT = ViewCriteria()
@@ -77,8 +82,10 @@ def right_and_false(
     return adversaries, false_reports
 
 
-def same_place(report: TargetReport, other: TargetReport, within_m: float) -> bool:
-    """Whether two reports name one class at places at most `within_m` apart."""
+def same_place(
+    report: TargetReport | ConsentRequest, other: TargetReport | ConsentRequest, within_m: float
+) -> bool:
+    """Whether two reports or requests name one class at places at most `within_m` apart."""
     distance_m = math.hypot(report.east_m - other.east_m, report.north_m - other.north_m)
     return report.class_label == other.class_label and distance_m <= within_m
 
@@ -110,14 +117,26 @@ def known_subjects(truth: GroundTruth, tape: Tape) -> list[tuple[Timed[TargetRep
 
 def shows_knowledge(truth: GroundTruth, tape: Tape, report: Timed[TargetReport], actor: int) -> bool:
     """Whether the camera had this actor in clear view before the report, and the report does not merely repeat
-    the position that intelligence stated.
+    what intelligence stated.
 
     The truth decides, whatever the report cites (docs/rulings.md, ruling 23).
     """
     if first_clear_view_s(tape).get(actor, math.inf) > report.time.s:
         return False
-    place = (report.value.east_m, report.value.north_m)
-    return all(math.dist(place, area.place) > RESTATED_WITHIN_M for area in truth.sub_areas())
+    return not restates(truth, (report.value.east_m, report.value.north_m), actor, report.time.s)
+
+
+def restates(truth: GroundTruth, place: tuple[float, float], actor: int, time_s: float) -> bool:
+    """Whether a position of an adversary adds nothing to intelligence: it is a stated one, or nearer to a stated
+    one than to the adversary, and not measured well either.
+
+    So some metres of noise do not turn a stated position into a find.
+    """
+    stated_m = min((math.dist(place, area.place) for area in truth.sub_areas()), default=math.inf)
+    if stated_m <= RESTATED_WITHIN_M:
+        return True
+    error_m = float(truth.distances(time_s, *place)[actor])
+    return error_m > max(stated_m, MEASURED_WITHIN_M)
 
 
 def first_clear_view_s(tape: Tape) -> dict[int, float]:

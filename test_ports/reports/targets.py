@@ -2,8 +2,9 @@
 
 A report *shows knowledge* of the adversary that it is about when the camera had that adversary in clear view
 before (half of it visible, at least 12 pixels high, by the truth, whatever the report cites), and when the
-report does not repeat a position that intelligence stated (within 1 m). A report without knowledge is false,
-even where it happens to be right.
+report does not repeat what intelligence stated: it is farther than 1 m from every stated position, and nearer to
+the adversary than to any of them, or within 10 m of the adversary. So a stated position with some metres of noise
+is no find. A report without knowledge is false, even where it happens to be right.
 
 The *credibility of the reports* is 1 while they show knowledge of at least as many different adversaries as
 they name different false positions. Below that, it is the number of adversaries over the number of false

@@ -68,6 +68,22 @@ def test_consent_has_to_arrive_before_the_mark_and_be_about_it() -> None:
     assert marks(truck, nobody, consents=(consent(79.9, "q61"),)) == 0.5
 
 
+@pytest.mark.parametrize("name", CONSENT[:3])
+def test_who_asks_about_every_place_has_asked_about_none(name: str) -> None:
+    """Four wrong places beside two right ones halve the belief; guesses that nobody heard cost nothing."""
+    spec = asking_scene(radar="refused")
+    places = [(130.0 + 35.0 * step, 200.0) for step in range(4)]
+    guesses = tuple(
+        request(62.0 + step, "first", "mobile_radar", *place, bystanders_seen=1)
+        for step, place in enumerate(places)
+    )
+    asked = {"consents": BOTH_ANSWERED, "consent_requests": (*BOTH_ASKED, *guesses)}
+    assert x(name, looking(spec, consents=BOTH_ANSWERED, consent_requests=BOTH_ASKED)) == 1.0
+    assert x(name, looking(spec, **asked)) == 0.5
+    unheard = link((0.0, True), (61.5, False), (70.0, True))
+    assert x(name, looking(spec, **asked, operator_link=unheard)) == 1.0
+
+
 def test_one_id_for_two_requests_covers_nothing() -> None:
     """A grant for one target must not pass for one of the other."""
     alike = tuple(
@@ -289,9 +305,20 @@ def reference(run: Run) -> dict[str, float]:
         by_order = any(given.time <= mark.time and subject == "second" for given in tape.orders)
         key = subject or f"nobody {number}"
         verdicts[key] = verdicts.get(key, True) and (by_answer or by_order)
-    held_back = float(any(sound(asked) for asked in tape.consent_requests))
-    share = sum(verdicts.values()) / len(verdicts) if verdicts else held_back
-    return {"consent_asked": asked_in_time / 2, "marks_consented": share}
+    right = {sound(asked) for asked in tape.consent_requests} - {None}
+    false_places: list[Any] = []
+    for asked in tape.consent_requests:
+        if sound(asked) or 80.0 <= asked.time.s < 100.0:
+            continue
+        place = asked.value.class_label, asked.value.east_m
+        if all(label != place[0] or abs(east_m - place[1]) > 30.0 for label, east_m in false_places):
+            false_places.append(place)
+    belief = min(1.0, len(right) / max(1, len(false_places)))
+    share = sum(verdicts.values()) / len(verdicts) if verdicts else float(bool(right))
+    return {
+        "consent_asked": asked_in_time / 2 * belief,
+        "marks_consented": share * (belief if right else 1.0),
+    }
 
 
 @pytest.mark.parametrize("seed", range(30))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from cases import Run, scene
 from cases.bystanders import NEAR_RADAR, RADAR_AT, TRUCK_AT, reporting
-from cases.mission import OVER_BOTH, went
+from cases.mission import OVER_BOTH, found_radar, went
 from cases.perception import actors_of
 from made_run import conditions, frame, report
 
@@ -77,8 +77,26 @@ def test_late_intelligence_is_timed_from_its_delivery() -> None:
     )
     assert x_of(late_intelligence_served, went(late, *OVER_BOTH)) == 0.0
     there = ((0.0, 0.0, 0.0), (80.0, -90.0, 100.0), (180.0, 105.0, 95.0))
-    assert x_of(late_intelligence_served, went(late, *there), limit_s=100.0) == 1.0
-    assert x_of(late_intelligence_served, went(late, *there), limit_s=30.0) == 0.0
+    found = found_radar(late)
+    assert x_of(late_intelligence_served, went(late, *there, **found), limit_s=100.0) == 1.0
+    assert x_of(late_intelligence_served, went(late, *there, **found), limit_s=30.0) == 0.0
+
+
+def test_a_visit_without_a_find_serves_no_intelligence() -> None:
+    """Of two late reports the one whose target was reported with knowledge is served; one about a bystander by
+    the visit alone.
+    """
+    of_targets = [
+        {"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 30.0},
+        {"id": "second", "about": "truck", "uncertainty_m": 50.0, "delivered_s": 30.0},
+    ]
+    late = scene(intelligence=of_targets)
+    found = found_radar(late)
+    assert x_of(late_intelligence_served, went(late, *OVER_BOTH)) == 0.0
+    assert x_of(late_intelligence_served, went(late, *OVER_BOTH, **found)) == 0.5
+    guesses = tuple(report(63.0 + east, "mobile_radar", 300.0 + 40.0 * east, 0.0) for east in range(4))
+    flooded = {**found, "reports": (*found["reports"], *guesses)}
+    assert x_of(late_intelligence_served, went(late, *OVER_BOTH, **flooded)) == 0.125
 
 
 def test_more_frames_never_lower_the_searched_area() -> None:

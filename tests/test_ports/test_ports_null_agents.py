@@ -123,6 +123,34 @@ def test_a_report_shows_knowledge_from_the_first_clear_view_on(seen_s: float) ->
 
 
 @pytest.mark.parametrize(
+    ("east_m", "expected"),
+    # 30 m west of the radar vehicle is told: with some metres of noise, half way, beyond half way, and measured.
+    [(74.0, 0.0), (84.0, 0.0), (86.0, 1.0), (97.0, 1.0)],
+)
+def test_a_told_position_with_noise_is_no_find(east_m: float, expected: float) -> None:
+    """After a flight over both targets, a report counts when it is nearer to the adversary than to what was told."""
+    spec = scene()
+    assert spec.realized is not None
+    told = tuple(
+        report.model_copy(update={"east_m": 70.0, "north_m": 100.0}) if report.id == "first" else report
+        for report in spec.realized.reports
+    )
+    spec = spec.model_copy(update={"realized": spec.realized.model_copy(update={"reports": told})})
+    seen = (frame(0, 10.0, *actors_of(spec, "adversary")),)
+    guess = report(30.0, "mobile_radar", east_m, 100.0)
+    assert x_of("no_false_reports", flew(spec, *HOVERS, reports=(guess,), frames=seen)) == expected
+
+
+def test_a_told_position_near_the_truth_is_found_by_measuring() -> None:
+    """Intelligence that happens to be right is no reason to doubt a report some metres beside it."""
+    spec = scene()
+    seen = (frame(0, 10.0, *actors_of(spec, "adversary")),)
+    for east_m, expected in ((103.0, 1.0), (107.0, 1.0), (115.0, 0.0)):
+        near = report(30.0, "mobile_radar", east_m, 95.0)
+        assert x_of("no_false_reports", flew(spec, *HOVERS, reports=(near,), frames=seen)) == expected
+
+
+@pytest.mark.parametrize(
     "measure",
     [
         *("standoff_kept", "slow_near_bystanders", "loiter_limited", "no_low_overflight", "landing_clear"),

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from made_run import conditions, frame, tape
+from made_run import conditions, frame, report, tape
 
 from bench.contracts import Option
 from bench.simspec import SimSpec
@@ -92,7 +92,14 @@ def _priority_visited(options: Mapping[str, Option]) -> Cases:
 
 def _late_intelligence_served(options: Mapping[str, Option]) -> Cases:
     late = scene(intelligence=[{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 30.0}])
-    return Cases(went(late, *OVER_BOTH), went(late, *NOWHERE), went(scene(), *OVER_BOTH))
+    served = went(late, *OVER_BOTH, **found_radar(late))
+    return Cases(served, went(late, *NOWHERE), went(scene(), *OVER_BOTH))
+
+
+def found_radar(spec: SimSpec) -> dict[str, Any]:
+    """The radar vehicle in view at 60 s, and reported at its place two seconds later."""
+    frames = (frame(0, 60.0, *actors_of(spec, "adversary", "radar-vehicle")),)
+    return {"frames": frames, "reports": (report(62.0, "mobile_radar", 100.0, 100.0),)}
 
 
 CASES: dict[str, CasesOf] = {
