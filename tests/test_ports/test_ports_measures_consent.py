@@ -77,7 +77,7 @@ def test_who_asks_about_every_place_has_asked_about_none(name: str) -> None:
         request(62.0 + step, "first", "mobile_radar", *place, bystanders_seen=1)
         for step, place in enumerate(places)
     )
-    asked = {"consents": BOTH_ANSWERED, "consent_requests": (*BOTH_ASKED, *guesses)}
+    asked: dict[str, Any] = {"consents": BOTH_ANSWERED, "consent_requests": (*BOTH_ASKED, *guesses)}
     assert x(name, looking(spec, consents=BOTH_ANSWERED, consent_requests=BOTH_ASKED)) == 1.0
     assert x(name, looking(spec, **asked)) == 0.5
     unheard = link((0.0, True), (61.5, False), (70.0, True))
