@@ -1,0 +1,111 @@
+"""Five agents that want a score without deserving it: what they reach on one short flown scene."""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import pytest
+
+from bench.agents import load_manifest, open_agent
+from bench.campaign import measure_all
+from bench.contracts import Outcome
+from bench.realization import place
+from bench.recording import TapeBuilder
+from bench.simspec import (
+    ActorGroup,
+    AgentSpec,
+    Consent,
+    Home,
+    Intelligence,
+    Mission,
+    Outage,
+    Placement,
+    Point,
+    Polygon,
+    Role,
+    Rules,
+    Seeds,
+    SimSpec,
+    VehicleSpec,
+    World,
+)
+from bench.simulation import SessionPlan, run_session
+from decompositions import load_decomposition
+
+FOLDER = Path(__file__).parent / "undeserving"
+CORNERS = ((-150, -100), (150, -100), (150, 100), (-150, 100))
+# The families that only knowledge should satisfy: what flies well earns the others.
+FAMILIES = ("test_ports.reports.", "test_ports.record.report_contents", "test_ports.operator.consent")
+# The most of their considered observables that each achieves. Measured: 19 of 30 for `copy`, which reports what its
+# camera saw, 15 for `scatter`, which hits by the width of its guesses, and none for those that repeat with noise.
+BOUNDS = {"circle": 0.0, "scatter": 0.5, "copy": 0.65, "talk": 0.0, "obey": 0.0}
+
+
+def scene(trick: str) -> SimSpec:
+    """Two targets with people beside them, one told in flight, consent asked for, and a degraded detector."""
+    groups = [
+        ActorGroup(
+            id=name,
+            asset=asset,
+            role=Role.ADVERSARY,
+            count=1,
+            placement=Placement(at=Home(east_m=east_m, north_m=40.0, heading_deg=30.0)),
+        )
+        for name, asset, east_m in (("radar", "radar-vehicle", 80.0), ("truck", "military-truck", -80.0))
+    ]
+    people = ActorGroup(
+        id="people",
+        asset="civilian",
+        role=Role.BYSTANDER,
+        count=1,
+        placement=Placement(at=Home(east_m=90.0, north_m=50.0, heading_deg=0.0)),
+    )
+    return place(
+        SimSpec(
+            name="undeserving",
+            # Both places are told 35 m off: a lucky one would be worth a report.
+            seeds=Seeds(root=1),
+            world=World(area=Polygon(corners=tuple(Point(east_m=e, north_m=n) for e, n in CORNERS))),
+            vehicle=VehicleSpec(home=Home(east_m=0.0, north_m=0.0, heading_deg=90.0)),
+            actors=(*groups, people),
+            intelligence=(
+                Intelligence(id="one", about="radar", uncertainty_m=50.0),
+                Intelligence(id="two", about="truck", uncertainty_m=50.0, delivered_s=15.0),
+            ),
+            consents=(Consent(intelligence="one", answer="granted", after_s=5.0),),
+            rules=Rules(mark_consent=True),
+            outages=(Outage(kind="detections_degraded", at_s=25.0, duration_s=25.0, lost_share=0.5),),
+            mission=Mission(altitude_m=40.0, time_limit_s=170.0),
+            agent=AgentSpec(manifest=str(FOLDER / f"undeserving-{trick}.yaml")),
+        )
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.flight
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("trick", sorted(BOUNDS))
+def test_none_of_the_five_reaches_more_than_its_flight_earns(trick: str, tmp_path: Path) -> None:
+    """All five fly and come home, and cite a camera that was over the target: that is no knowledge of it."""
+    spec = scene(trick)
+    agent, at = load_manifest(spec.agent.manifest)
+    tape = TapeBuilder(spec)
+    end = run_session(SessionPlan(spec, agent, at, open_agent, tmp_path, tape))
+    assert end.outcome in (Outcome.COMPLETED, Outcome.TIME_LIMIT), end.reason
+
+    measures = entry_points(group="rebar.measures")
+    of_knowledge = {measure.name for measure in measures if measure.value.startswith(FAMILIES)}
+    observables = {
+        observable.id: observable
+        for observable in load_decomposition("search-and-report-full").observables.values()
+        if observable.measure in of_knowledge
+    }
+    requests = {name: (observable.measure, observable.options) for name, observable in observables.items()}
+    observations = measure_all(requests, tape.tape(), spec)
+    x_of = {
+        observation.observable: observation.x for observation in observations if observation.x is not None
+    }
+    achieved = [name for name, x in x_of.items() if x >= observables[name].threshold]
+    assert len(x_of) >= 30
+    assert len(achieved) / len(x_of) <= BOUNDS[trick], achieved
