@@ -44,7 +44,7 @@ class Watch:
         self._drift_doubt_m = 0.0  # the latest while it drifted
         self._drift_over_s = -math.inf
         self._silent = False
-        self._battery = vehicle.battery_fraction
+        self._battery: float | None = None  # the charge as last heard; None before the first time
 
     @property
     def link_up(self) -> bool:
@@ -151,9 +151,13 @@ class Watch:
         self._log.decide("notice", "gps", text)
 
     def _look_at_battery(self) -> None:
-        before, self._battery = self._battery, self._vehicle.battery_fraction
-        if before - self._battery >= DROP:
-            self.charge_lost += before - self._battery
+        if not self._vehicle.battery_heard:
+            return
+        before, charge = self._battery, self._vehicle.battery_fraction
+        self._battery = charge
+        # A battery that was not full at the start has not dropped: its first charge is only news.
+        if before is not None and before - charge >= DROP:
+            self.charge_lost += before - charge
             self._log.decide(
-                "notice", "battery", f"the charge fell from {before:.0%} to {self._battery:.0%} at once"
+                "notice", "battery", f"the charge fell from {before:.0%} to {charge:.0%} at once"
             )

@@ -143,6 +143,19 @@ def test_a_battery_drop_below_the_reserve_is_noticed_and_brings_it_home() -> Non
     assert flat.fly("naive").vehicle.peak_m == 0.0
 
 
+@pytest.mark.parametrize("charge", [90, 60])
+def test_a_battery_that_was_never_full_is_no_drop(charge: int) -> None:
+    """The first charge that is heard is not compared with a full battery; the drop in flight is still told."""
+
+    def drain(now: World) -> None:
+        if now.vehicle.time_s > 30.0:
+            now.vehicle.battery = charge - 20
+
+    flown = world(each_step=drain)
+    flown.vehicle.battery = charge
+    assert notice_times(flown.fly("naive"), "battery") == pytest.approx([30.5], abs=1.0)
+
+
 def test_a_report_is_made_before_its_deadline_with_fewer_viewpoints() -> None:
     """Before it has seen the target from all sides it reports when the deadline nears; without one it takes
     its time.

@@ -100,6 +100,7 @@ class PilotedVehicle:
         self.mode_heard_s = -1.0
         self.heard_s = -math.inf
         self.battery_fraction = 1.0
+        self.battery_heard = False  # until then the charge is a guess
         self.gps_ok: bool | None = None  # None until the autopilot has spoken of a working GPS
         self.drift = DriftCheck()
         self.failsafe = False  # the autopilot acts by itself, or says that it should
@@ -177,6 +178,7 @@ class PilotedVehicle:
                 )
                 if message.battery_remaining >= 0:
                     self.battery_fraction = message.battery_remaining / 100.0
+                    self.battery_heard = True
             case mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
                 self.landed = message.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
             case mavlink.MAVLINK_MSG_ID_COMMAND_ACK:
