@@ -126,15 +126,16 @@ def test_a_system_without_proc_tells_nothing(host: Host, tmp_path: Path) -> None
     assert usage(host).read() == AgentUsage(1.0, 0.0)
 
 
-# Counts of work, not of seconds: the agent loops this often while a neighbour on its core loops for ever.
+# Counts of work, not of seconds: the agent loops this often while a neighbour on its core loops for ever. It sleeps
+# until then: whoever yields the core for a while may run alone for as long afterwards.
 LOOPS = 3_000_000
 SHARED_CORE = f"""
-import os
+import os, time
 core = min(os.sched_getaffinity(0))
 os.sched_setaffinity(0, {{core}})
 open('core', 'w').write('%d\\n' % core)
 while not os.path.exists('go'):
-    os.sched_yield()
+    time.sleep(0.01)
 for _ in range({LOOPS}):
     pass
 open('ready', 'w').write('\\n')
@@ -155,18 +156,24 @@ def test_a_real_agent_beside_busy_loops_is_starved_and_a_sleeping_one_is_not(tmp
         wait_for_file(tmp_path / "asleep" / "ready")
         asleep_before = sleeper.usage()
         before = agent.usage()
-        loop = f"import os\nos.sched_setaffinity(0, {{{core}}})\nwhile True: pass"
-        loops = [subprocess.Popen([sys.executable, "-S", "-c", loop]) for _ in range(2)]
+        loop = f"import os\nos.sched_setaffinity(0, {{{core}}})\nos.write(1, b'.')\nwhile True: pass"
+        loops = [
+            subprocess.Popen([sys.executable, "-S", "-c", loop], stdout=subprocess.PIPE) for _ in range(2)
+        ]
         try:
+            # On a busy host the agent could be done before its neighbours have started.
+            for process in loops:
+                assert process.stdout is not None
+                assert process.stdout.read(1) == b"."
             (tmp_path / "busy" / "go").touch()
             wait_for_file(tmp_path / "busy" / "ready")
         finally:
             for process in loops:
                 process.kill()
-                process.wait()
+                process.communicate()
         after, asleep_after = agent.usage(), sleeper.usage()
     starved_s, cpu_s = after.starved_s - before.starved_s, after.cpu_s - before.cpu_s
     assert cpu_s > 0.0
-    # A fair scheduler lets two others run for each slice of the agent's; the loops may take a while to start.
+    # A fair scheduler lets two others run for each slice of the agent's.
     assert starved_s > 0.25 * cpu_s
     assert asleep_after.starved_s - asleep_before.starved_s < 0.25 * starved_s
