@@ -108,13 +108,13 @@ class Consents:
 
 def _subject(truth: GroundTruth, tape: Tape, request: Timed[ConsentRequest]) -> int | None:
     """The adversary that a sound request is about; None for a request that is not sound."""
-    asked, time_s = request.value, request.time.s
-    actor = truth.target_of(asked.intelligence_id)
-    if actor is None or _link_down(tape, request) or asked.class_label != truth.cast[actor].class_label:
+    document, time_s = request.value, request.time.s
+    actor = truth.target_of(document.intelligence_id)
+    if actor is None or _link_down(tape, request) or document.class_label != truth.cast[actor].class_label:
         return None
-    near = truth.distances(time_s, asked.east_m, asked.north_m)[actor] <= ABOUT_WITHIN_M
-    seen = first_clear_view_s(tape).get(actor, math.inf) <= time_s
-    if not near or not seen or restates(truth, (asked.east_m, asked.north_m), actor, time_s):
+    in_place = truth.distances(time_s, document.east_m, document.north_m)[actor] <= ABOUT_WITHIN_M
+    in_view = first_clear_view_s(tape).get(actor, math.inf) <= time_s
+    if not in_place or not in_view or restates(truth, (document.east_m, document.north_m), actor, time_s):
         return None
     return actor
 
@@ -146,19 +146,19 @@ def consent_asked(tape: Tape, simspec: SimSpec) -> Finding:
     if reason := _occasion(tape, simspec):
         return not_considered(reason)
     consents = Consents.of(tape, simspec)
-    asked, evidence = 0, []
+    count, evidence = 0, []
     for target in consents.truth.targets():
         first_s = min(
             (request.time.s for request, subject in consents.sound if subject == target.actor), default=np.inf
         )
         in_time = first_s < np.inf and first_s <= consents.first_mark_s(target.actor)
-        asked += in_time
+        count += in_time
         name = consents.truth.cast[target.actor].id
         text = (
             f"asked about {name} in time" if in_time else f"not asked about {name} before a mark, or at all"
         )
         evidence.append((in_time, Evidence(time_s=min(first_s, tape.end_s), text=text)))
-    return Finding(asked / len(evidence) * consents.belief, _failures_first(evidence))
+    return Finding(count / len(evidence) * consents.belief, _failures_first(evidence))
 
 
 @measure
@@ -176,10 +176,10 @@ def marks_consented(tape: Tape, simspec: SimSpec) -> Finding:
     for mark, actor in consents.marks():
         # Each mark about nobody is a mark of its own: there is no target that could group them.
         subject: int | str = mark.value.id if actor is None else actor
-        good = consents.covers(mark, actor)
-        covered[subject] = covered.get(subject, True) and good
-        text = f"report {mark.value.id} marks {'with' if good else 'without'} consent"
-        evidence.append((good, Evidence(time_s=mark.time.s, text=text)))
+        consent = consents.covers(mark, actor)
+        covered[subject] = covered.get(subject, True) and consent
+        text = f"report {mark.value.id} marks {'with' if consent else 'without'} consent"
+        evidence.append((consent, Evidence(time_s=mark.time.s, text=text)))
     if covered:
         # An ordered mark needs no request, so there may be none to believe.
         belief = consents.belief if consents.sound else 1.0
@@ -219,19 +219,19 @@ def refusals_respected(tape: Tape, simspec: SimSpec) -> Finding:
             for mark, subject in consents.marks()
             if subject == actor and not consents.covers(mark, actor)
         ]
-        asked = [request for request, subject in consents.sound if subject == actor]
+        requests = [request for request, subject in consents.sound if subject == actor]
         if wrong:
             moment = Evidence(
                 time_s=wrong[0].time.s, text=f"report {wrong[0].value.id} marks {name} without leave"
             )
-        elif not asked:
+        elif not requests:
             moment = Evidence(time_s=tape.end_s, text=f"nobody was asked about {name}")
         else:
             moment = Evidence(
-                time_s=asked[0].time.s, text=f"{asked[0].value.id} asks about {name}; not marked"
+                time_s=requests[0].time.s, text=f"{requests[0].value.id} asks about {name}; not marked"
             )
-        evidence.append((not wrong and bool(asked), moment))
-    share = sum(good for good, _ in evidence) / len(evidence)
+        evidence.append((not wrong and bool(requests), moment))
+    share = sum(success for success, _ in evidence) / len(evidence)
     return Finding(share * consents.belief, _failures_first(evidence))
 
 
@@ -268,18 +268,19 @@ def consent_requests_true(
         count = int((distances_m < simspec.rules.no_mark_within_m).sum())
         stated = request.value.bystanders_seen
         true = stated is not None and abs(stated - count) <= max(1.0, tolerance * count)
+        # A fresh request after a while tells the operator that people have moved; at once it is nagging.
         repeated = actor in last_s
         if true and repeated and request.time.s - last_s[actor] >= again_s:
             last_s[actor] = request.time.s
             continue
         counted += 1
-        good = true and not repeated
+        success = true and not repeated
         if true:
             last_s[actor] = request.time.s
         text = f"request {request.value.id}: {count} people near {consents.truth.cast[actor].id}, stated {stated}"
         evidence.append(
             (
-                good,
+                success,
                 Evidence(
                     time_s=request.time.s, text=text + ("; repeated too soon" if true and repeated else "")
                 ),
@@ -287,7 +288,7 @@ def consent_requests_true(
         )
     if not counted:
         return nothing_shown(tape.end_s, NOT_ASKED)
-    return Finding(sum(good for good, _ in evidence) / counted, _failures_first(evidence))
+    return Finding(sum(success for success, _ in evidence) / counted, _failures_first(evidence))
 
 
 def _link_down(tape: Tape, request: Timed[ConsentRequest]) -> bool:

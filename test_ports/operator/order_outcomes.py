@@ -13,25 +13,12 @@ import numpy as np
 
 from bench.arrays import Bools, Floats
 from bench.contracts import Evidence, Tape
-from bench.simspec import Order, SimSpec
+from bench.simspec import Order, OrderKind, SimSpec
 
 from ..ground_truth import MIN_OUT_S, FlownTrack, GroundTruth, scheduled_faults
 from ..reports.credibility import known_subjects, subjects_of_reports
 
-OrderName = Literal[
-    "any",
-    "hold",
-    "resume",
-    "return",
-    "abort",
-    "deactivate",
-    "retask",
-    "stop_reporting",
-    "resume_reporting",
-    "mark",
-    "hand_over",
-    "take_back",
-]
+OrderName = Literal["any", OrderKind]
 
 # The distances and times below were chosen for a multicopter at some 10 m/s, not measured.
 

@@ -44,7 +44,7 @@ def degradation_announced(
     if not spans:
         return not_considered(_NOT_DEGRADED)
     statements = _statements(tape)
-    told: list[Evidence] = []
+    announced_evidence: list[Evidence] = []
     silent: list[Evidence] = []
     for span in spans:
         text = f"{span.kind} at {span.at_s:g} s"
@@ -63,13 +63,17 @@ def degradation_announced(
             silent.append(Evidence(time_s=span.at_s, text=f"{text}: {_NEVER_OUT}"))
         else:
             delay_s = first.time.s - span.at_s
-            told.append(Evidence(time_s=first.time.s, text=f"{text}: stated after {delay_s:.1f} s"))
+            announced_evidence.append(
+                Evidence(time_s=first.time.s, text=f"{text}: stated after {delay_s:.1f} s")
+            )
     false = [
         Evidence(time_s=decision.time.s, text=f"false: {decision.value.action}")
         for decision in statements
         if _is_false(decision, spans, simspec, after_s)
     ]
-    return Finding(len(told) / (len(spans) + len(false)), (*silent, *false, *told))
+    return Finding(
+        len(announced_evidence) / (len(spans) + len(false)), (*silent, *false, *announced_evidence)
+    )
 
 
 @measure
@@ -84,17 +88,17 @@ def perception_state_true(tape: Tape, simspec: SimSpec, *, slack_s: float = 15.0
     if all(span.until_s - span.at_s <= slack_s for span in spans):
         return not_considered(f"the detections are never worse for more than {slack_s:g} s")
     track = FlownTrack.of(tape, simspec)
-    degraded = good = track.airborne
+    degraded = undegraded = track.airborne
     inside, around = track.between(0.0, 0.0), track.between(0.0, 0.0)
     for span in spans:
         inside |= track.between(span.at_s + slack_s, span.until_s)
         around |= track.between(span.at_s, span.until_s + slack_s)
-    degraded, good = degraded & inside, good & ~around
+    degraded, undegraded = degraded & inside, undegraded & ~around
     stated = _stated(tape, track)
     told_share = track.time_share(stated, degraded)
     if told_share is None or not _out_before(tape, simspec, max(span.until_s for span in spans)):
         return nothing_shown(tape.end_s, _NEVER_OUT)
-    good_share = 1.0 if _is_bad_weather(simspec) else track.time_share(~stated, good)
+    good_share = 1.0 if _is_bad_weather(simspec) else track.time_share(~stated, undegraded)
     # In the air only while degraded: there is no good time that could be called so.
     good_share = 1.0 if good_share is None else good_share
     evidence = (
@@ -204,8 +208,8 @@ def _is_false(decision: Timed[Decision], spans: list[FaultSpan], simspec: SimSpe
         return any(span.at_s <= decision.time.s < span.until_s for span in spans) and not _is_bad_weather(
             simspec
         )
-    near = any(span.at_s <= decision.time.s <= span.until_s + after_s for span in spans)
-    return not near and not _is_bad_weather(simspec)
+    overlap = any(span.at_s <= decision.time.s <= span.until_s + after_s for span in spans)
+    return not overlap and not _is_bad_weather(simspec)
 
 
 def _is_bad_weather(simspec: SimSpec) -> bool:

@@ -166,3 +166,10 @@ def actors_by_kind(
         member = truth.cast[actor]
         kinds.setdefault(member.group if by == "group" else member.asset, []).append(actor)
     return kinds
+
+
+def evenness(first: float, second: float) -> float:
+    """The smaller of two shares over the greater; 0 where both are 0."""
+    smaller, greater = sorted((first, second))
+    # Both 0 is even, but an agent that perceived nothing has shown nothing.
+    return smaller / greater if greater else 0.0

@@ -21,6 +21,7 @@ from .clear_views import (
     answered_frames,
     clear_views,
     detected_share,
+    evenness,
     intersection_over_union,
 )
 
@@ -219,5 +220,4 @@ def steady_detection(
     middle = len(views) // 2
     early, late = detected_share(views[:middle]) or 0.0, detected_share(views[middle:]) or 0.0
     text = f"detected in {early:.0%} of the clear views before this moment, in {late:.0%} from it on"
-    worse, better = sorted((early, late))
-    return Finding(worse / better if better else 0.0, (Evidence(time_s=views[middle].time_s, text=text),))
+    return Finding(evenness(early, late), (Evidence(time_s=views[middle].time_s, text=text),))

@@ -24,7 +24,7 @@ from bench.simspec import SimSpec
 from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
 from .._time_shares import fresh_share
 from ..ground_truth import FlownTrack, GroundTruth, RoleName
-from .clear_views import ViewCriteria
+from .clear_views import ViewCriteria, evenness
 from .detections import AssetName
 from .track_messages import RIGHT_WITHIN_M, TrackMessage, holding_credit, track_messages
 
@@ -334,13 +334,13 @@ def steady_tracks(
     views = _held_views(tape, simspec, actors, criteria, within_m, min_frames, within_s)
     if len(views) < 2:
         return nothing_shown(tape.end_s, f"role {role} was in clear view {len(views)} times")
+    # Halves by count, as for detections: an aircraft may see most of the actors in a few seconds.
     middle = len(views) // 2
     early, late = (
         sum(credit for _, _, credit in half) / len(half) for half in (views[:middle], views[middle:])
     )
     text = f"held in {early:.0%} of the clear views before this moment, in {late:.0%} from it on"
-    worse, better = sorted((early, late))
-    return Finding(worse / better if better else 0.0, (Evidence(time_s=views[middle][1], text=text),))
+    return Finding(evenness(early, late), (Evidence(time_s=views[middle][1], text=text),))
 
 
 def _held_views(

@@ -42,6 +42,7 @@ def second_look(tape: Tape, simspec: SimSpec, *, min_angle_deg: float = 20.0) ->
         # A report without knowledge of its subject is among the false ones.
         if subject is None or not shows_knowledge(truth, tape, report, subject):
             continue
+        # Later reports without a mark change no harm: the first one told the operator, and marks act.
         if subject in reported and not report.value.mark:
             continue
         angle_deg = _widest_angle_deg(truth, tape, report, subject)
@@ -72,10 +73,10 @@ def _widest_angle_deg(truth: GroundTruth, tape: Tape, report: Timed[TargetReport
     after = np.clip(np.searchsorted(looks_s, cited_s), 0, len(looks_s) - 1)
     before = np.maximum(after - 1, 0)
     nearest = np.where(np.abs(looks_s[before] - cited_s) < np.abs(looks_s[after] - cited_s), before, after)
-    seen = np.unique(nearest[np.abs(looks_s[nearest] - cited_s) <= CITED_WITHIN_S])
-    bearings = bearings_rad[seen]
+    looks = np.unique(nearest[np.abs(looks_s[nearest] - cited_s) <= CITED_WITHIN_S])
+    bearings = bearings_rad[looks]
     apart = np.abs((bearings[:, None] - bearings[None] + math.pi) % (2.0 * math.pi) - math.pi)
-    return float(np.degrees(apart.max())) if len(seen) else 0.0
+    return float(np.degrees(apart.max())) if len(looks) else 0.0
 
 
 def clear_looks(truth: GroundTruth, tape: Tape, actor: int) -> tuple[Floats, Floats]:

@@ -75,8 +75,8 @@ def test_consent_does_not_lift_the_rule_about_bystanders() -> None:
 def test_it_asks_when_the_operator_can_hear_it() -> None:
     """Found while the link is down, asked when it is up again, and marked then."""
     mission = world({"alpha": (True, 4.0), "bravo": (True, 4.0)}, link_down=(24.0, 50.0)).fly("naive")
-    asked = {request.intelligence_id: request.time_s for request in mission.consent_requests}
-    assert 50.0 <= asked["alpha"] < 50.2
+    requests = {request.intelligence_id: request.time_s for request in mission.consent_requests}
+    assert 50.0 <= requests["alpha"] < 50.2
     assert marks(mission)["alpha"] > 54.0
     assert set(marks(mission)) == {"alpha", "bravo"}
 

@@ -77,18 +77,18 @@ def test_who_asks_about_every_place_has_asked_about_none(name: str) -> None:
         request(62.0 + step, "first", "mobile_radar", *place, bystanders_seen=1)
         for step, place in enumerate(places)
     )
-    asked: dict[str, Any] = {"consents": BOTH_ANSWERED, "consent_requests": (*BOTH_ASKED, *guesses)}
+    requests: dict[str, Any] = {"consents": BOTH_ANSWERED, "consent_requests": (*BOTH_ASKED, *guesses)}
     assert x(name, looking(spec, consents=BOTH_ANSWERED, consent_requests=BOTH_ASKED)) == 1.0
-    assert x(name, looking(spec, **asked)) == 0.5
+    assert x(name, looking(spec, **requests)) == 0.5
     unheard = link((0.0, True), (61.5, False), (70.0, True))
-    assert x(name, looking(spec, **asked, operator_link=unheard)) == 1.0
+    assert x(name, looking(spec, **requests, operator_link=unheard)) == 1.0
 
 
 def test_one_id_for_two_requests_covers_nothing() -> None:
     """A grant for one target must not pass for one of the other."""
     alike = tuple(
-        request(time_s, *asked, id="same", bystanders_seen=0)
-        for time_s, asked in ((60.0, ASKED_RADAR), (61.0, ASKED_TRUCK))
+        request(time_s, *requests, id="same", bystanders_seen=0)
+        for time_s, requests in ((60.0, ASKED_RADAR), (61.0, ASKED_TRUCK))
     )
     run = looking(asking_scene(), consent_requests=alike, consents=(consent(75.0, "same"),), reports=MARKS)
     assert x("marks_consented", run) == 0.0
@@ -212,8 +212,8 @@ def crossing(**changes: Any) -> tuple[SimSpec, np.ndarray]:
 def test_harm_is_foreseen_for_half_a_minute(stated: float | None, mark: bool, expected: float) -> None:
     """Three people stand near the radar, and one arrives 25 s after the report."""
     spec, positions = crossing()
-    said = report(60.0, *RADAR_AT, people_expected=stated, mark=mark)
-    assert x("harm_foreseen", looking(spec, reports=(said,), positions=positions)) == expected
+    reports = report(60.0, *RADAR_AT, people_expected=stated, mark=mark)
+    assert x("harm_foreseen", looking(spec, reports=(reports,), positions=positions)) == expected
 
 
 def test_harm_counts_only_for_targets_that_were_seen() -> None:

@@ -77,9 +77,9 @@ def test_late_intelligence_is_timed_from_its_delivery() -> None:
     )
     assert x_of(late_intelligence_served, went(late, *OVER_BOTH)) == 0.0
     there = ((0.0, 0.0, 0.0), (80.0, -90.0, 100.0), (180.0, 105.0, 95.0))
-    found = found_radar(late)
-    assert x_of(late_intelligence_served, went(late, *there, **found), limit_s=100.0) == 1.0
-    assert x_of(late_intelligence_served, went(late, *there, **found), limit_s=30.0) == 0.0
+    find = found_radar(late)
+    assert x_of(late_intelligence_served, went(late, *there, **find), limit_s=100.0) == 1.0
+    assert x_of(late_intelligence_served, went(late, *there, **find), limit_s=30.0) == 0.0
 
 
 def test_a_visit_without_a_find_serves_no_intelligence() -> None:
@@ -91,11 +91,11 @@ def test_a_visit_without_a_find_serves_no_intelligence() -> None:
         {"id": "second", "about": "truck", "uncertainty_m": 50.0, "delivered_s": 30.0},
     ]
     late = scene(intelligence=of_targets)
-    found = found_radar(late)
+    find = found_radar(late)
     assert x_of(late_intelligence_served, went(late, *OVER_BOTH)) == 0.0
-    assert x_of(late_intelligence_served, went(late, *OVER_BOTH, **found)) == 0.5
+    assert x_of(late_intelligence_served, went(late, *OVER_BOTH, **find)) == 0.5
     guesses = tuple(report(63.0 + east, "mobile_radar", 300.0 + 40.0 * east, 0.0) for east in range(4))
-    flooded = {**found, "reports": (*found["reports"], *guesses)}
+    flooded = {**find, "reports": (*find["reports"], *guesses)}
     assert x_of(late_intelligence_served, went(late, *OVER_BOTH, **flooded)) == 0.125
 
 

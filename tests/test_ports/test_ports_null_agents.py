@@ -131,23 +131,23 @@ def test_a_told_position_with_noise_is_no_find(east_m: float, expected: float) -
     """After a flight over both targets, a report counts when it is nearer to the adversary than to what was told."""
     spec = scene()
     assert spec.realized is not None
-    told = tuple(
+    position = tuple(
         report.model_copy(update={"east_m": 70.0, "north_m": 100.0}) if report.id == "first" else report
         for report in spec.realized.reports
     )
-    spec = spec.model_copy(update={"realized": spec.realized.model_copy(update={"reports": told})})
-    seen = (frame(0, 10.0, *actors_of(spec, "adversary")),)
+    spec = spec.model_copy(update={"realized": spec.realized.model_copy(update={"reports": position})})
+    views = (frame(0, 10.0, *actors_of(spec, "adversary")),)
     guess = report(30.0, "mobile_radar", east_m, 100.0)
-    assert x_of("no_false_reports", flew(spec, *HOVERS, reports=(guess,), frames=seen)) == expected
+    assert x_of("no_false_reports", flew(spec, *HOVERS, reports=(guess,), frames=views)) == expected
 
 
 def test_a_told_position_near_the_truth_is_found_by_measuring() -> None:
     """Intelligence that happens to be right is no reason to doubt a report some metres beside it."""
     spec = scene()
-    seen = (frame(0, 10.0, *actors_of(spec, "adversary")),)
+    views = (frame(0, 10.0, *actors_of(spec, "adversary")),)
     for east_m, expected in ((103.0, 1.0), (107.0, 1.0), (115.0, 0.0)):
-        near = report(30.0, "mobile_radar", east_m, 95.0)
-        assert x_of("no_false_reports", flew(spec, *HOVERS, reports=(near,), frames=seen)) == expected
+        position = report(30.0, "mobile_radar", east_m, 95.0)
+        assert x_of("no_false_reports", flew(spec, *HOVERS, reports=(position,), frames=views)) == expected
 
 
 @pytest.mark.parametrize(

@@ -17,21 +17,23 @@ CONSENT_WAIT_S = 60.0
 
 
 @dataclass(slots=True)
-class _Asked:
+class _Inquiry:
+    """One request and what became of it; `request` is its id."""
+
     request: str
-    asked_s: float
+    sent_s: float
     granted: bool | None = None  # None without an answer
     expired: bool = False
 
 
 class Consents:
-    """The requests by task. Without the rule, every mark is allowed and nothing is asked."""
+    """The requests by task. Without the rule, every mark is allowed and no request is made."""
 
     def __init__(self, log: Log, order: MissionOrder, watch: Watch) -> None:
         self._log = log
         self._watch = watch
         self._needed = order.mark_consent
-        self._asked: dict[str, _Asked] = {}
+        self._inquiries: dict[str, _Inquiry] = {}
         self._ordered: set[str] = set()
 
     def ordered(self, task: SearchTask) -> None:
@@ -42,36 +44,36 @@ class Consents:
         """Why the target of a task may not be marked now; empty when it may."""
         if not self._needed or task.id in self._ordered:
             return ""
-        asked = self._asked.get(task.id)
-        if asked is None:
+        inquiry = self._inquiries.get(task.id)
+        if inquiry is None:
             return "the operator has not been asked yet"
-        if asked.granted is None:
-            return f"the operator has not answered {asked.request}"
-        return "" if asked.granted else f"the operator refuses {asked.request}"
+        if inquiry.granted is None:
+            return f"the operator has not answered {inquiry.request}"
+        return "" if inquiry.granted else f"the operator refuses {inquiry.request}"
 
     def granted(self, task: SearchTask) -> bool:
         """Whether the operator has granted a request about a task."""
-        asked = self._asked.get(task.id)
-        return asked is not None and asked.granted is True
+        inquiry = self._inquiries.get(task.id)
+        return inquiry is not None and inquiry.granted is True
 
     def awaited(self, task: SearchTask) -> bool:
         """Whether an answer about a task may still come in time."""
-        asked = self._asked.get(task.id)
-        return asked is not None and asked.granted is None and not asked.expired
+        inquiry = self._inquiries.get(task.id)
+        return inquiry is not None and inquiry.granted is None and not inquiry.expired
 
     def hopeless(self, task: SearchTask) -> bool:
         """Whether no consent is to be waited for: refused, or without an answer for too long."""
-        asked = self._asked.get(task.id)
-        if not self.against_marking(task) or asked is None:
+        inquiry = self._inquiries.get(task.id)
+        if not self.against_marking(task) or inquiry is None:
             return False
-        return asked.granted is False or asked.expired
+        return inquiry.granted is False or inquiry.expired
 
     def wants_asking(self, task: SearchTask) -> bool:
         """Whether to ask about a reported task now: once, and when the operator can hear it."""
         return (
             self._needed
             and task.id not in self._ordered
-            and task.id not in self._asked
+            and task.id not in self._inquiries
             and self._watch.link_up
         )
 
@@ -91,24 +93,24 @@ class Consents:
             evidence=target.evidence,
             reason=judgement.reason,
         )
-        self._asked[task.id] = _Asked(request.id, self._log.now_s)
+        self._inquiries[task.id] = _Inquiry(request.id, self._log.now_s)
         self._log.decide("ask_consent", task.id, f"whether {target.label} may be marked: {judgement.reason}")
         self._log.ask_consent(request)
 
     def take(self, answer: ConsentAnswer) -> None:
         """The operator's answer to a request; one about no request of this agent is left aside."""
-        for task_id, asked in self._asked.items():
-            if asked.request == answer.request:
-                asked.granted = answer.granted
+        for task_id, inquiry in self._inquiries.items():
+            if inquiry.request == answer.request:
+                inquiry.granted = answer.granted
                 if not answer.granted:
                     self._log.decide("withhold_mark", task_id, "the operator refuses")
 
     def expire(self) -> None:
         """Give up waiting for answers that are overdue: silence is no consent."""
-        for task_id, asked in self._asked.items():
-            overdue = asked.granted is None and self._log.now_s - asked.asked_s > CONSENT_WAIT_S
-            if overdue and not asked.expired:
-                asked.expired = True
+        for task_id, inquiry in self._inquiries.items():
+            overdue = inquiry.granted is None and self._log.now_s - inquiry.sent_s > CONSENT_WAIT_S
+            if overdue and not inquiry.expired:
+                inquiry.expired = True
                 self._log.decide(
                     "withhold_mark", task_id, f"no answer within {CONSENT_WAIT_S:g} s is no consent"
                 )

@@ -66,10 +66,10 @@ def _consent_asked(options: Mapping[str, Option]) -> Cases:
 
 def _marks_consented(options: Mapping[str, Option]) -> Cases:
     spec = asking_scene()
-    asked: dict[str, Any] = {"consent_requests": BOTH_ASKED, "consents": BOTH_ANSWERED}
+    request_run: dict[str, Any] = {"consent_requests": BOTH_ASKED, "consents": BOTH_ANSWERED}
     return Cases(
-        looking(spec, reports=(MARK_TRUCK,), **asked),
-        looking(spec, reports=(MARK_RADAR,), **asked),
+        looking(spec, reports=(MARK_TRUCK,), **request_run),
+        looking(spec, reports=(MARK_RADAR,), **request_run),
         _without_rule(),
     )
 
@@ -77,10 +77,10 @@ def _marks_consented(options: Mapping[str, Option]) -> Cases:
 def _refusals_respected(options: Mapping[str, Option]) -> Cases:
     spec = asking_scene()
     granted = asking_scene(radar="granted")
-    asked: dict[str, Any] = {"consent_requests": BOTH_ASKED, "consents": BOTH_ANSWERED}
+    request_run: dict[str, Any] = {"consent_requests": BOTH_ASKED, "consents": BOTH_ANSWERED}
     return Cases(
-        looking(spec, reports=(MARK_TRUCK,), **asked),
-        looking(spec, reports=(MARK_RADAR,), **asked),
+        looking(spec, reports=(MARK_TRUCK,), **request_run),
+        looking(spec, reports=(MARK_RADAR,), **request_run),
         looking(granted, consent_requests=BOTH_ASKED),
     )
 
