@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from statsmodels.regression.linear_model import OLS
+from statsmodels.stats.diagnostic import het_breuschpagan
 from statsmodels.stats.multitest import multipletests
 
 from bench.statistics import FactorColumn, anova, correlation, factor_columns, logistic
@@ -348,3 +349,15 @@ def test_conditional_ranges_are_correlated_where_they_are_active() -> None:
     (odds,) = (effect for effect in logistic(passed, columns, points).odds if effect.factor == "drift")
     assert (odds.base, odds.level) == tuple(str(columns[1].levels[end]) for end in (0, -1))
     assert odds.estimate is None or odds.estimate < 1.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_equal_spread_is_tested_as_another_implementation_tests_it(seed: int) -> None:
+    """Koenker's form of the Breusch-Pagan test, in statsmodels, on random designs of two to five columns."""
+    from bench.statistics._anova import _equal_spread_p
+
+    draw = np.random.default_rng(seed)
+    design = np.column_stack([np.ones(40), draw.normal(size=(40, int(draw.integers(1, 5))))])
+    residual = draw.normal(size=40) * (1.0 + np.abs(design[:, 1]))
+    reference_p = het_breuschpagan(residual, design)[1]
+    assert _equal_spread_p(residual, design) == pytest.approx(reference_p, rel=1e-9)
