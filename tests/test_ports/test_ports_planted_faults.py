@@ -1,0 +1,114 @@
+"""Small faults that were once planted in the measures and that no test noticed (docs/mutants.md)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from cases import Run, scene
+from cases.bystanders import RADAR_AT
+from cases.mission import OVER_BOTH, Stop, went
+from cases.orders import TURNS_HOME, flew, ordered, state
+from cases.perception import actors_of
+from cases.reliability import fault
+from made_run import detected, frame, report
+
+from bench.campaign import measure_all
+from bench.contracts import Observation
+from test_ports.ground_truth import FlownTrack
+
+
+def observed(measure: str, run: Run, **options: Any) -> Observation:
+    return measure_all({"OBS-1": (measure, options)}, run.tape, run.simspec)[0]
+
+
+def x_of(measure: str, run: Run, **options: Any) -> float | None:
+    return observed(measure, run, **options).x
+
+
+def test_being_far_away_before_a_fault_is_no_flyaway() -> None:
+    """Far out before the fault and near its area from the fault on: survived. Far out after it: not."""
+    early: tuple[Stop, ...] = ((0.0, 0.0, 0.0), (15.0, 900.0, 0.0), (35.0, 50.0, 50.0), (180.0, 0.0, 0.0))
+    late: tuple[Stop, ...] = ((0.0, 0.0, 0.0), (45.0, 50.0, 50.0), (60.0, 900.0, 0.0), (180.0, 0.0, 0.0))
+    spec = scene(**fault("gps_off"))
+    assert x_of("fault_survived", went(spec, *early)) == 1.0
+    assert x_of("fault_survived", went(spec, *late)) == 0.0
+
+
+@pytest.mark.parametrize(("end_s", "x"), [(79.5, 1.0), (79.0, 1.0), (78.5, 0.0)])
+def test_a_run_that_ends_a_second_before_its_limit_was_ended_by_it(end_s: float, x: float) -> None:
+    """The vehicle is on its way home when the run ends: excused if the limit of 80 s ended it."""
+    spec, delivered = ordered("return", mission={"time_limit_s": 80.0})
+    run = flew(spec, *TURNS_HOME, end_s=end_s, **delivered)
+    assert x_of("order_obeyed", run, kind="return") == x
+
+
+def test_detections_on_others_say_nothing_about_a_role() -> None:
+    """Two actors are mistaken for an adversary: one of another role in clear view, one of the role that is
+    hardly visible. Neither counts; a third, clear one of the role does.
+    """
+    spec = scene()
+    house = actors_of(spec, "clutter")[0]
+    walker = actors_of(spec, "bystander")[0]
+    frames = (frame(0, 1.0, house), frame(1, 1.2, walker, visible=0.1), frame(2, 1.4, walker))
+    labels = ("mobile_radar", "mobile_radar", spec_class(spec, walker))
+    answers = tuple(detected(1.0 + 0.2 * number, label) for number, label in enumerate(labels))
+    run = went(spec, *OVER_BOTH, frames=frames, detections=answers)
+    assert x_of("detection_role_right", run, role="bystander", as_role="adversary") == 1.0
+
+
+def spec_class(spec: Any, actor: int) -> str:
+    return went(spec, *OVER_BOTH).tape.cast[actor].class_label
+
+
+def test_evidence_tells_what_spam_cost() -> None:
+    """Wrong reports that lower the credibility are named in evidence; right ones alone are not."""
+    wild = [report(100.0 + index, "mobile_radar", 20.0 * index - 300.0, -250.0) for index in range(6)]
+    spam = went(scene(), *OVER_BOTH, reports=(report(62.0, *RADAR_AT), *wild))
+    right = went(scene(), *OVER_BOTH, reports=(report(62.0, *RADAR_AT),))
+    for run, told in ((spam, True), (right, False)):
+        evidence = observed("ids_unique", run).evidence
+        assert any("so this counts" in item.text for item in evidence) is told
+
+
+def test_evidence_of_silence_begins_with_the_run() -> None:
+    assert [item.time_s for item in observed("track_freshness", went(scene(), *OVER_BOTH)).evidence] == [0.0]
+
+
+def test_a_return_under_way_at_the_end_need_not_be_down() -> None:
+    """`stays_down` excuses who was rightly on its way home, and not who ignored the order."""
+    spec, delivered = ordered("return", mission={"time_limit_s": 80.0})
+    in_the_air = (state(0.0, landed=True), state(5.0))
+    homewards = flew(spec, *TURNS_HOME, end_s=80.0, **delivered, condition=in_the_air)
+    assert x_of("stays_down", homewards) is None
+    outwards: tuple[tuple[float, float, float, float], ...] = (
+        (5.0, 0.0, 0.0, 0.0),
+        (20.0, 0.0, 0.0, 60.0),
+        (80.0, 0.0, -200.0, 60.0),
+    )
+    assert x_of("stays_down", flew(spec, *outwards, end_s=80.0, **delivered, condition=in_the_air)) == 0.0
+
+
+@pytest.mark.parametrize(("within_m", "x"), [(10.0, 0.0), (9.9, 1.0)])
+def test_a_report_exactly_at_the_limit_points_at_a_bystander(within_m: float, x: float) -> None:
+    """The walker at (0, -200) has the report 10 m beside him, as no adversary has."""
+    run = went(scene(), *OVER_BOTH, reports=(report(62.0, "mobile_radar", 10.0, -200.0),))
+    judged = observed("bystanders_not_reported", run, within_m=within_m)
+    assert bool(judged.evidence and "a bystander" in judged.evidence[0].text) is (x == 0.0)
+
+
+@pytest.mark.parametrize(("back_s", "x"), [(30.0, 1.0), (3.0, 0.0)])
+def test_a_link_lost_on_the_ground_asks_for_a_flight_before(back_s: float, x: float) -> None:
+    """Down for the whole outage: obeyed after a flight of more than ten seconds away from home, not else."""
+    spec = scene(**fault("operator_link"), rules={"link_lost": "return", "link_lost_after_s": 5.0})
+    stops: tuple[Stop, ...] = ((0.0, 0.0, 0.0), (6.0, 60.0, 0.0), (6.0 + back_s, 60.0, 0.0), (39.0, 0.0, 0.0))
+    run = went(spec, *stops, (180.0, 0.0, 0.0), down_s=38.0 if back_s > 10.0 else 8.0)
+    assert x_of("link_lost_obeyed", run) == x
+
+
+def test_before_its_first_state_a_vehicle_was_not_in_the_air() -> None:
+    """The track begins at 0 s, the first state (in the air) comes at 10 s."""
+    run = went(scene(), *OVER_BOTH, condition=(state(10.0), state(180.0, landed=True)))
+    track = FlownTrack.of(run.tape, run.simspec)
+    assert not track.airborne[track.time_s < 10.0].any()
+    assert track.airborne[(track.time_s >= 10.0) & (track.time_s < 180.0)].all()
