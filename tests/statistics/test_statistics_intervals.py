@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import binom
+from scipy.stats import binom, t
 
 from bench.statistics import bounded_mean, clopper_pearson, effective_size, wilson
 
@@ -152,3 +152,24 @@ def test_design_points_of_unequal_size_keep_the_interval_around_the_mean() -> No
         mean = totals.sum() / sizes.sum()
         low, high = bounded_mean(mean, sizes.sum(), sizes.size, ((totals - sizes * mean) ** 2).sum())
         assert 0.0 <= low <= mean <= high <= 1.0
+
+
+@pytest.mark.parametrize("points", [2, 3, 7])
+def test_the_effective_size_follows_from_the_variance_between_design_points(points: int) -> None:
+    """Against the formula worked out run by run: the variance of the share by linearisation, that of
+    independent runs, and the correction of the degrees of freedom.
+    """
+    rng = np.random.default_rng(points)
+    for _ in range(20):
+        passed = [rng.random(int(rng.integers(2, 6))) < rng.random() for _ in range(points)]
+        everything = np.concatenate(passed)
+        n, p = len(everything), float(everything.mean())
+        deviations = [float((cluster - p).sum()) for cluster in passed]
+        squared = sum(deviation**2 for deviation in deviations)
+        if not 0.0 < p < 1.0 or squared < 1e-9:
+            continue
+        clustered = points / (points - 1) * squared / n**2
+        independent = float(everything.var(ddof=1)) / n
+        correction = (t.ppf(0.975, n - 1) / t.ppf(0.975, points - 1)) ** 2
+        expected = min(n, n * independent / clustered * correction)
+        assert effective_size(p, n, points, squared) == pytest.approx(expected)
