@@ -155,6 +155,15 @@ def test_what_does_not_discriminate(floor: float | None, ceiling: float | None, 
     assert not node("OBS1", floor, ceiling).model_copy(update={"configured_sensor": True}).flaw
 
 
+@pytest.mark.parametrize(
+    ("agents", "named"), [(("null-a",), "null-a"), (("null-b", "null-a", "null-c"), "null-b and 2 more")]
+)
+def test_a_flaw_names_the_agents_that_reach_the_floor(agents: tuple[str, ...], named: str) -> None:
+    for ceiling, text in ((1.0, f"{named} without merit: 60%"), (0.5, f"{named}: 50% of at most 50%")):
+        rated = node("OBS1", min(0.6, ceiling), ceiling).model_copy(update={"floor_agents": agents})
+        assert rated.flaw == text
+
+
 def test_the_worst_come_first() -> None:
     """By the distance from floor to ceiling; what was never considered comes last."""
     nodes = [

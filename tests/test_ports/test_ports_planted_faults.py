@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 from cases import Run, scene
 from cases.bystanders import RADAR_AT
 from cases.mission import OVER_BOTH, Stop, went
-from cases.orders import TURNS_HOME, flew, ordered, state
+from cases.orders import BEFORE_S, OUT, STANDS, TAKEN_BACK, TURNS_HOME, flew, ordered, state
 from cases.perception import actors_of
 from cases.reliability import fault
 from made_run import detected, frame, report
+from shapely import Point as Place
+from shapely import Polygon
 
 from bench.campaign import measure_all
 from bench.contracts import Observation
-from test_ports.ground_truth import FlownTrack
+from bench.simspec import Point
+from test_ports.ground_truth import FlownTrack, distance_beyond
 
 
 def observed(measure: str, run: Run, **options: Any) -> Observation:
@@ -112,3 +116,50 @@ def test_before_its_first_state_a_vehicle_was_not_in_the_air() -> None:
     track = FlownTrack.of(run.tape, run.simspec)
     assert not track.airborne[track.time_s < 10.0].any()
     assert track.airborne[(track.time_s >= 10.0) & (track.time_s < 180.0)].all()
+
+
+def test_distances_from_an_outline_agree_with_a_library() -> None:
+    """Random triangles and quadrilaterals around the middle, one corner of each given twice."""
+    draw = np.random.default_rng(3)
+    for count in (3, 4, 5):
+        turns_rad = np.sort(draw.uniform(0.0, 2.0 * np.pi, count))
+        corners = [(50.0 * np.cos(turn), 50.0 * np.sin(turn)) for turn in turns_rad]
+        corners.insert(1, corners[1])
+        outline = Polygon(corners)
+        places = draw.uniform(-80.0, 80.0, (40, 2))
+        expected = [
+            outline.exterior.distance(Place(place)) * (-1.0 if outline.contains(Place(place)) else 1.0)
+            for place in places
+        ]
+        points = [Point(east_m=east_m, north_m=north_m) for east_m, north_m in corners]
+        assert distance_beyond(places, points) == pytest.approx(np.array(expected), abs=1e-9)
+
+
+@pytest.mark.parametrize(("end_s", "x"), [(75.5, 1.0), (72.0, 1.0), (69.5, 1.0), (68.0, 0.0)])
+def test_a_hold_may_end_up_to_a_second_early_with_the_run(end_s: float, x: float) -> None:
+    """Ordered at 60 s while it flies, still from then on: ten seconds are asked for, nine of them suffice."""
+    spec, delivered = ordered("hold")
+    assert x_of("order_obeyed", flew(spec, *STANDS, end_s=end_s, **delivered), kind="hold") == x
+
+
+@pytest.mark.parametrize(("speed_mps", "x"), [(20.0, 0.0), (1.0, 1.0)])
+def test_a_vehicle_that_dawdles_on_its_way_has_not_been_retasked(speed_mps: float, x: float) -> None:
+    """Two minutes are left for 270 m, and it covers some 60 m: enough at the speed that the mission asks for only
+    where that speed is one metre a second.
+    """
+    spec, delivered = ordered("retask", mission={"time_limit_s": 180.0, "speed_mps": speed_mps})
+    towards = (*OUT, (180.0, -20.0, -90.0, 60.0))
+    in_the_air = (state(0.0, landed=True), state(5.0))
+    run = flew(spec, *towards, end_s=180.0, condition=in_the_air, **delivered)
+    assert x_of("order_obeyed", run, kind="retask") == x
+
+
+@pytest.mark.parametrize(("reported_s", "x"), [(80.0, 1.0), (175.0, 0.0)])
+def test_a_mission_must_go_on_in_time_after_it_is_taken_back(reported_s: float, x: float) -> None:
+    """Taken back at 60 s, the vehicle goes nowhere near a place; a report soon after shows that the mission goes
+    on, a late one does not.
+    """
+    spec, delivered = ordered("take_back")
+    nowhere = (*OUT[:2], (BEFORE_S, 0.0, -75.0, 60.0), (60.0, 0.0, -75.0, 60.0), (180.0, 0.0, -250.0, 60.0))
+    run = flew(spec, *nowhere, reports=(report(reported_s, *RADAR_AT),), **delivered, **TAKEN_BACK)
+    assert x_of("mission_resumed", run) == x
