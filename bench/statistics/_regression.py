@@ -210,7 +210,7 @@ class FirthFit:
     likelihood: float
     y: Floats
     x: Floats
-    design_effect: float = 1.0
+    design_effect: float
 
     def p(self, place: slice) -> float | None:
         free = np.ones(self.x.shape[1], dtype=bool)

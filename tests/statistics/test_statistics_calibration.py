@@ -61,6 +61,14 @@ def test_the_interval_of_a_slope_covers_the_true_one(points: int, slope: float) 
     assert (rising >= 50) if slope else (rising <= 6)
 
 
+def test_failure_that_falls_with_difficulty_is_told_as_such() -> None:
+    """The mirror image of a rising slope has the opposite direction and the opposite interval, a moderate one."""
+    rising, falling = simulated_slope(1, 40, 0.5), simulated_slope(1, 40, -0.5)
+    assert (rising.direction, falling.direction) == (Direction.RISES, Direction.FALLS)
+    assert falling.high is not None
+    assert -1.0 < falling.high < 0.0
+
+
 def test_slope_and_abilities_are_those_of_the_likelihood() -> None:
     """The estimates agree with a general optimizer, and even chances lie where the model has them."""
     random = np.random.default_rng(5)

@@ -92,6 +92,30 @@ def test_cliffs_delta_counts_wins() -> None:
     assert cliffs_delta([], [1.0]) is None
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_cliffs_interval_is_that_of_its_dominance_matrix(seed: int) -> None:
+    """Samples of two to six values, ties among them, so small that the variance often takes its lower limit."""
+    draw = np.random.default_rng(seed)
+    for _ in range(20):
+        a, b = (draw.integers(0, 4, draw.integers(2, 7)).astype(float) for _ in range(2))
+        wins = np.sign(b[:, None] - a[None, :])
+        m, n = wins.shape
+        delta = float(wins.mean())
+        if abs(delta) == 1.0:
+            continue
+        above = (
+            n**2 * ((wins.mean(axis=1) - delta) ** 2).sum() + m**2 * ((wins.mean(axis=0) - delta) ** 2).sum()
+        )
+        variance = (above - ((wins - delta) ** 2).sum()) / (m * n * (m - 1) * (n - 1))
+        variance = max(variance, (1 - delta**2) / (m * n - 1))
+        z = float(stats.norm.ppf(0.975))
+        reach = z * np.sqrt(variance) * np.sqrt((1 - delta**2) ** 2 + z**2 * variance)
+        edges = [(delta - delta**3 + sign * reach) / (1 - delta**2 + z**2 * variance) for sign in (-1, 1)]
+        result = cliffs_delta(a.tolist(), b.tolist())
+        assert result is not None
+        assert (result.low, result.high) == pytest.approx((max(-1.0, edges[0]), min(1.0, edges[1])), abs=1e-9)
+
+
 def test_cliffs_interval_covers() -> None:
     """Two normals half a deviation apart: some 95 of 100 intervals hold the truth."""
     truth = 2 * stats.norm.cdf(0.5 / np.sqrt(2)) - 1
@@ -261,6 +285,11 @@ def test_a_hint_is_not_settled_and_says_what_would() -> None:
         result.verdict("A", "B")
         == f"A passes KA-18 in 25 more of 100 scenes; 12 pairs; not settled: about {needed} pairs would"
     )
+    mirrored = compared([False] * 12, [True] * 3 + [False] * 9)
+    assert (
+        mirrored.verdict("A", "B")
+        == f"B passes KA-18 in 25 more of 100 scenes; 12 pairs; not settled: about {needed} pairs would"
+    )
 
 
 def test_no_difference_seen_says_what_would_show_one() -> None:
@@ -268,7 +297,8 @@ def test_no_difference_seen_says_what_would_show_one() -> None:
     result = compared([True] * 12, [True] * 12)
     assert result.p_adjusted is None
     assert result.pairs_needed == pairs_for_difference(0.0, 0.1)
-    assert "not settled" in result.verdict("A", "B")
+    needed = result.pairs_needed
+    assert result.verdict("A", "B").endswith(f"not settled: about {needed} pairs would show one of 10 in 100")
 
 
 def test_replicates_that_agree_settle_less() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import t
 
 from bench.statistics import FactorColumn, difference_bounds
 
@@ -74,3 +75,19 @@ def test_what_the_points_do_not_carry_has_no_bound() -> None:
     }
     assert difference_bounds([0.0, 1.0], [FactorColumn("one", ("x", "y"))], ["p1", "p2"]) == {"one": None}
     assert difference_bounds([], [], []) == {}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_bound_of_two_levels_is_that_of_two_means(seed: int) -> None:
+    """Each run is a design point of its own: the difference of the means, plus t times the larger of Welch's and
+    the pooled standard error, with two degrees of freedom less than runs.
+    """
+    draws = np.random.default_rng(seed)
+    low, high = draws.uniform(0.0, 0.6, 16), draws.uniform(0.3, 0.9, 9)
+    factor = FactorColumn("side", ("a",) * 16 + ("b",) * 9)
+    points = [f"p{number}" for number in range(25)]
+    pooled = ((low.var(ddof=1) * 15 + high.var(ddof=1) * 8) / 23) * (1 / 16 + 1 / 9)
+    welch = low.var(ddof=1) / 16 + high.var(ddof=1) / 9
+    expected = abs(low.mean() - high.mean()) + float(t.ppf(0.8, 23)) * np.sqrt(max(pooled, welch))
+    bound = difference_bounds([*low, *high], [factor], points, confidence=0.8)["side"]
+    assert bound == pytest.approx(expected)
