@@ -21,7 +21,13 @@ from bench.statistics import (
     runs_for_claim,
     runs_for_half_width,
 )
-from bench.statistics._divergence import NodeOutcome, _outcome_class, divergence, js_divergence
+from bench.statistics._divergence import (
+    NodeOutcome,
+    _outcome_class,
+    _shuffled_pairs,
+    divergence,
+    js_divergence,
+)
 from bench.statistics._effect_sizes import PairedCounts, cliffs_delta
 
 
@@ -114,6 +120,15 @@ def test_cliffs_interval_is_that_of_its_dominance_matrix(seed: int) -> None:
         result = cliffs_delta(a.tolist(), b.tolist())
         assert result is not None
         assert (result.low, result.high) == pytest.approx((max(-1.0, edges[0]), min(1.0, edges[1])), abs=1e-9)
+
+
+@pytest.mark.parametrize("shuffles", [1, 200, 201, 650])
+def test_as_many_shuffles_are_drawn_as_are_asked_for(shuffles: int) -> None:
+    """Each swaps some pairs: the first rows summed, with either row of each pair."""
+    first, second = np.array([[1.0, 0.0], [0.0, 1.0]]), np.array([[0.0, 1.0], [0.0, 1.0]])
+    sums = _shuffled_pairs(first, second, np.random.default_rng(1), shuffles)
+    assert sums.shape == (shuffles, 2)
+    assert {tuple(row) for row in sums} <= {(1.0, 1.0), (0.0, 2.0)}
 
 
 def test_cliffs_interval_covers() -> None:

@@ -9,17 +9,30 @@ import pytest
 from cases import Run, scene
 from cases.bystanders import RADAR_AT
 from cases.mission import OVER_BOTH, Stop, went
-from cases.orders import BEFORE_S, OUT, STANDS, TAKEN_BACK, TURNS_HOME, flew, ordered, state
+from cases.orders import (
+    BEFORE_S,
+    NAME,
+    OUT,
+    STANDS,
+    TAKEN_BACK,
+    TO_THE_SECOND,
+    TURNS_HOME,
+    flew,
+    ordered,
+    state,
+)
 from cases.perception import actors_of
 from cases.reliability import fault
-from made_run import detected, frame, report
+from made_run import answer, detected, frame, report
 from shapely import Point as Place
 from shapely import Polygon
 
 from bench.campaign import measure_all
 from bench.contracts import Observation
 from bench.simspec import Point
+from test_ports._time_shares import Exposure, share_kept
 from test_ports.ground_truth import FlownTrack, distance_beyond
+from test_ports.reliability.faults import down_at_home
 
 
 def observed(measure: str, run: Run, **options: Any) -> Observation:
@@ -163,3 +176,58 @@ def test_a_mission_must_go_on_in_time_after_it_is_taken_back(reported_s: float, 
     nowhere = (*OUT[:2], (BEFORE_S, 0.0, -75.0, 60.0), (60.0, 0.0, -75.0, 60.0), (180.0, 0.0, -250.0, 60.0))
     run = flew(spec, *nowhere, reports=(report(reported_s, *RADAR_AT),), **delivered, **TAKEN_BACK)
     assert x_of("mission_resumed", run) == x
+
+
+def test_at_home_is_who_stands_there_at_that_moment() -> None:
+    """Landed, then in the air again; landed once more; and a single state."""
+    spec = scene()
+    out: tuple[Stop, ...] = ((0.0, 0.0, 0.0), (20.0, 100.0, 0.0), (60.0, 100.0, 0.0), (80.0, 0.0, 0.0))
+    condition = (state(5.0), state(80.0, landed=True), state(90.0), state(180.0, landed=True))
+    run = went(spec, *out, (180.0, 0.0, 0.0), condition=condition)
+    for at_s, down in ((50.0, False), (85.0, True), (100.0, False), (185.0, True)):
+        assert down_at_home(run.tape, spec, at_s) is down
+    only_up = went(spec, *out, condition=condition[:1])
+    assert not down_at_home(only_up.tape, spec, 100.0)
+    assert not down_at_home(only_up.tape, spec, 1.0)
+
+
+def test_no_landing_is_accurate_without_a_flight_or_after_a_crash() -> None:
+    stays: tuple[Stop, ...] = ((0.0, 0.0, 0.0), (180.0, 0.0, 0.0))
+    assert x_of("landing_accuracy", went(scene(), *stays)) == 0.0
+    assert x_of("landing_accuracy", went(scene(), *OVER_BOTH, crashed=True)) == 0.0
+    assert x_of("landing_accuracy", went(scene(), *OVER_BOTH)) == 1.0
+
+
+def text_of(measure: str, run: Run, **options: Any) -> str:
+    return observed(measure, run, **options).evidence[0].text
+
+
+def test_what_was_not_considered_says_why() -> None:
+    nobody = went(scene("adversary"), *OVER_BOTH)
+    assert "priority" not in text_of("targets_reported", nobody)
+    assert text_of("targets_reported", nobody, priority=2).endswith("of priority 2")
+
+
+def test_evidence_has_the_moment_at_which_something_was_missing() -> None:
+    """The end of the run where the vehicle never flew in the right way, the onset where it kept silent."""
+    spec = scene(
+        vehicle={"failures": [{"kind": "gps_drift", "at_s": 40.0, "duration_s": 20.0, "drift_mps": 1.0}]}
+    )
+    silent = went(spec, *OVER_BOTH, reports=(report(30.0, *RADAR_AT),))
+    moment = observed("uncertainty_honest", silent, during="gps_drift").evidence[0]
+    assert (moment.time_s, moment.text) == (40.0, "no report during gps_drift")
+    track = FlownTrack.of(silent.tape, spec)
+    nowhere, everywhere = track.time_s < 0.0, track.time_s >= 0.0
+    finding = share_kept(track, everywhere, nowhere, track.time_s, "m", Exposure(everywhere, 1.0, "out"))
+    assert [item.time_s for item in finding.evidence] == [track.time_s[-1]]
+
+
+def test_a_vehicle_may_be_sent_to_what_arrives_with_the_order() -> None:
+    """The place that the order of 60 s names is told in the same moment."""
+    intelligence = [
+        {"id": "first", "about": "radar", "uncertainty_m": 50.0},
+        {"id": "second", "about": "truck", "uncertainty_m": 50.0, "delivered_s": 60.0},
+    ]
+    spec, delivered = ordered("retask", intelligence=intelligence)
+    run = flew(spec, *TO_THE_SECOND, **delivered, answers=(answer(60.1, NAME),))
+    assert x_of("order_obeyed", run, kind="retask") == 1.0

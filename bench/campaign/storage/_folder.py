@@ -63,10 +63,6 @@ class CampaignFolder:
     def manifest(self) -> Path:
         return self.path / "manifest.json"
 
-    @property
-    def logs(self) -> Path:
-        return self.path / "logs"
-
     def simspec(self, realization: str) -> Path:
         return self.path / "simspecs" / f"{realization}.json"
 
