@@ -361,3 +361,12 @@ def test_equal_spread_is_tested_as_another_implementation_tests_it(seed: int) ->
     residual = draw.normal(size=40) * (1.0 + np.abs(design[:, 1]))
     reference_p = het_breuschpagan(residual, design)[1]
     assert _equal_spread_p(residual, design) == pytest.approx(reference_p, rel=1e-9)
+
+
+def test_columns_come_in_the_order_of_the_first_run() -> None:
+    """One run is enough; a second one may name its factors in another order."""
+    single = factor_columns([{"fog": 1.0, "crowd": 2.0}])
+    assert [(column.name, column.values) for column in single] == [("fog", (1.0,)), ("crowd", (2.0,))]
+    both = factor_columns([{"fog": 1.0, "crowd": 2.0}, {"crowd": 3.0, "fog": 4.0}])
+    assert [(column.name, column.values) for column in both] == [("fog", (1.0, 4.0)), ("crowd", (2.0, 3.0))]
+    assert factor_columns([]) == ()

@@ -110,6 +110,17 @@ def test_separated_results_have_a_finite_slope_that_replicates_do_not_sharpen() 
     assert separated(5, 10, (50.0,)).direction is Direction.OPEN
 
 
+def test_separated_results_may_also_fall() -> None:
+    """Agents that fail below a difficulty only: the interval has an upper end and no lower one."""
+    difficulty = np.linspace(10.0, 90.0, 20)
+    failed = np.concatenate([difficulty < 40.0, difficulty < 60.0])
+    names = [f"p{number}" for number in range(20)] * 2
+    fit = difficulty_slope(np.tile(difficulty, 2), failed, ["a0"] * 20 + ["a1"] * 20, names)
+    assert (fit.state, fit.direction) == (SlopeState.SEPARATED, Direction.FALLS)
+    assert fit.low is None
+    assert fit.high is not None
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_separation_is_that_of_the_linear_programme(seed: int) -> None:
     """Few trials at few difficulties, so that some are separated, by either sign of the slope, and some not."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.stats import t
@@ -90,4 +92,27 @@ def test_the_bound_of_two_levels_is_that_of_two_means(seed: int) -> None:
     welch = low.var(ddof=1) / 16 + high.var(ddof=1) / 9
     expected = abs(low.mean() - high.mean()) + float(t.ppf(0.8, 23)) * np.sqrt(max(pooled, welch))
     bound = difference_bounds([*low, *high], [factor], points, confidence=0.8)["side"]
+    assert bound == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_bound_of_three_levels_is_that_of_the_worst_pair(seed: int) -> None:
+    """As above, over every two of three levels, of 16, 9 and 12 runs."""
+    draws = np.random.default_rng(seed)
+    groups = [draws.uniform(0.0, 0.4, 16), draws.uniform(0.3, 0.7, 9), draws.uniform(0.5, 0.9, 12)]
+    factor = FactorColumn("side", ("a",) * 16 + ("b",) * 9 + ("c",) * 12)
+    pooled = sum(float(group.var(ddof=1)) * (len(group) - 1) for group in groups) / 34
+    expected = max(
+        abs(one.mean() - other.mean())
+        + float(t.ppf(0.8, 34))
+        * np.sqrt(
+            max(
+                one.var(ddof=1) / len(one) + other.var(ddof=1) / len(other),
+                pooled * (1 / len(one) + 1 / len(other)),
+            )
+        )
+        for one, other in itertools.combinations(groups, 2)
+    )
+    points = [f"p{number}" for number in range(37)]
+    bound = difference_bounds(np.concatenate(groups).tolist(), [factor], points, confidence=0.8)["side"]
     assert bound == pytest.approx(expected)

@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from cases import Run, scene
-from cases.bystanders import RADAR_AT
+from cases.bystanders import RADAR_AT, TRUCK_AT
+from cases.handover import TOLD, stating, worse
 from cases.mission import OVER_BOTH, Stop, went
 from cases.orders import (
     BEFORE_S,
+    HOME,
     NAME,
     OUT,
     STANDS,
+    STANDS_LONG,
     TAKEN_BACK,
     TO_THE_SECOND,
     TURNS_HOME,
+    decided,
     flew,
     ordered,
     state,
 )
 from cases.perception import actors_of
-from cases.reliability import fault
+from cases.reliability import fault, statuses
 from made_run import answer, detected, frame, report
 from shapely import Point as Place
 from shapely import Polygon
@@ -32,6 +37,7 @@ from bench.contracts import Observation
 from bench.simspec import Point
 from test_ports._time_shares import Exposure, share_kept
 from test_ports.ground_truth import FlownTrack, distance_beyond
+from test_ports.operator.perception_state import BAD_LEVEL
 from test_ports.reliability.faults import down_at_home
 
 
@@ -231,3 +237,81 @@ def test_a_vehicle_may_be_sent_to_what_arrives_with_the_order() -> None:
     spec, delivered = ordered("retask", intelligence=intelligence)
     run = flew(spec, *TO_THE_SECOND, **delivered, answers=(answer(60.1, NAME),))
     assert x_of("order_obeyed", run, kind="retask") == 1.0
+
+
+def test_places_of_actors_are_between_their_samples() -> None:
+    """Two actors walk from sample to sample while the vehicle is sampled in between; before the first sample and
+    after the last one they stand. With a single sample they stand throughout.
+    """
+    spec = scene()
+    made = went(spec, *OVER_BOTH).tape
+    members = len(made.cast)
+    sampled_s = np.array([10.0, 13.0, 100.0])
+    places = np.random.default_rng(7).uniform(-100.0, 100.0, (3, members, 3))
+    walking = replace(made, actor_time_s=sampled_s, actor_position_enu_m=places)
+    track = FlownTrack.of(walking, spec)
+    for actor in (0, members - 1):
+        for axis in range(3):
+            expected = np.interp(made.vehicle_time_s, sampled_s, places[:, actor, axis])
+            assert track.actors_m[:, actor, axis] == pytest.approx(expected)
+    standing = replace(made, actor_time_s=sampled_s[:1], actor_position_enu_m=places[:1])
+    everywhere = FlownTrack.of(standing, spec).actors_m
+    assert everywhere == pytest.approx(np.broadcast_to(places[0], everywhere.shape))
+
+
+def test_frames_after_the_last_sample_of_the_truth_search_what_it_saw() -> None:
+    """Two runs alike, one with frames that were exposed after the truth of the motion ends."""
+    looks = tuple(frame(number, float(number)) for number in range(6, 179))
+    beyond = (frame(500, 250.0), frame(501, 300.0))
+    shares = [
+        x_of("area_searched", went(scene(), *OVER_BOTH, frames=frames)) for frames in (looks, looks + beyond)
+    ]
+    assert shares[0] == shares[1] != 0.0
+
+
+def test_spam_makes_modest_reports_worth_less() -> None:
+    """Two runs with a modest report while perception is degraded; in one, places are guessed later."""
+    modest = (report(40.0, *RADAR_AT), report(80.0, *TRUCK_AT, confidence=0.7))
+    wild = tuple(report(130.0 + 2 * at, "mobile_radar", 25.0 * at - 300.0, -250.0) for at in range(20))
+    assert x_of("degraded_reports_modest", stating(*TOLD, reports=modest)) == 1.0
+    spam = x_of("degraded_reports_modest", stating(*TOLD, reports=modest + wild))
+    assert spam is not None
+    assert 0.0 < spam < 0.5
+
+
+@pytest.mark.parametrize(("fog_level", "x"), [(0.0, 0.5), (BAD_LEVEL, 1.0)])
+def test_a_restoration_stated_too_early_is_false_in_good_weather(fog_level: float, x: float) -> None:
+    """Perception is stated to be restored while it still is degraded, and again when it is; fog that hides much
+    excuses it.
+    """
+    early = decided(70.0, "restored", "detections")
+    spec = worse(environment={"fog_level": fog_level})
+    run = flew(spec, *STANDS_LONG, decisions=(TOLD[0], early, TOLD[1]))
+    assert x_of("degradation_announced", run) == x
+
+
+def test_a_stop_long_before_the_order_to_go_on_was_no_hold() -> None:
+    """Ordered to hold at 40 s and to go on at 60 s: it stands from 42 to 48 s and flies on, which is no hold that it
+    could have ended.
+    """
+    spec, delivered = ordered("resume")
+    stops = (*OUT[:2], (42.0, 0.0, -75.0, 60.0), (48.0, 0.0, -75.0, 60.0), (100.0, 0.0, -250.0, 60.0), *HOME)
+    assert x_of("order_obeyed", flew(spec, *stops, **delivered), kind="resume") == 0.0
+
+
+def test_silence_is_named_by_what_was_silent() -> None:
+    """The status alone, or any document of the agent."""
+    rare = went(scene(), *OVER_BOTH, status=statuses(1.0, 60.0))
+    for of, name in (("status", "no status"), ("any", "no document")):
+        assert text_of("status_alive", rare, of=of).startswith(name)
+
+
+def test_phases_of_a_vehicle_without_truth_are_not_true() -> None:
+    """No sample of the vehicle's motion, and no status: nothing is true, and nothing breaks."""
+    made = went(scene(), *OVER_BOTH)
+    empty = np.zeros((0, 3))
+    blind = replace(
+        made.tape, vehicle_time_s=np.zeros(0), vehicle_position_enu_m=empty, vehicle_velocity_enu_mps=empty
+    )
+    for status in ((), statuses(1.0, 60.0)):
+        assert not x_of("states_true", Run(made.simspec, replace(blind, status=status)))
