@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import errno
+import os
+import signal
 import sqlite3
 import sys
 from collections.abc import Sequence
+from typing import Annotated
 
 import typer
 
@@ -15,6 +18,7 @@ from . import (
     _calibrate,
     _compare,
     _decomposition,
+    _examples,
     _fly,
     _graph,
     _look,
@@ -30,7 +34,6 @@ app = typer.Typer(
     name="rebar",
     help="How hard a situation can this drone agent be trusted in, and how sure are we?",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     # Help texts name fields such as actors[people], which rich would take for markup.
     rich_markup_mode=None,
@@ -45,9 +48,27 @@ _DISK_ERRORS = frozenset(
     }
 )
 
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        print(f"rebar {version('rebar-bench')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version")
+    ] = False,
+) -> None:
+    """Options of the command itself."""
+
+
 for commands in (
     *(_campaigns, _sessions, _scores, _compare, _calibrate, _decomposition),
-    *(_graph, _look, _prose, _fly, _next, _machine),
+    *(_graph, _look, _prose, _fly, _next, _examples, _machine),
 ):
     commands.register(app)
 
@@ -74,6 +95,11 @@ def run(arguments: Sequence[str]) -> int:
             file=sys.stderr,
         )
         return 1
+    except BrokenPipeError:
+        # The reader of the output, such as `head`, has seen enough. Python would complain again at its exit when it
+        # flushes what nobody reads.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
     except OSError as error:
         if error.errno not in _DISK_ERRORS:
             raise

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
+from ._examples import shipped
 from ._fault_paths import file_in_faults
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def demo(
 
     Example: rebar demo
     """
-    _run(_demo_campaign(), out, workers, as_json=False)
+    _run(shipped("campaigns/demo.yaml"), out, workers, as_json=False)
 
 
 def run(
@@ -160,12 +161,6 @@ def verify(
         print("\n".join(faults) or f"{folder}: all files match the manifest")
     if faults:
         raise typer.Exit(1)
-
-
-def _demo_campaign() -> Path:
-    """The campaign file of the demo: in the package if installed, in campaigns/ if run from a checkout."""
-    packaged = Path(__file__).with_name("demo.yaml")
-    return packaged if packaged.is_file() else Path(__file__).parents[2] / "campaigns" / "demo.yaml"
 
 
 def _run(

@@ -1,0 +1,73 @@
+"""The files that come with the distribution: campaigns, decompositions and examples."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+FOLDERS = ("campaigns", "decompositions", "examples")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(examples)
+
+
+def examples(
+    copy: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Copy all files to this folder. Nothing is overwritten")
+    ] = None,
+) -> None:
+    """List the campaigns, decompositions and examples that come with REBAR, or copy them to a folder of your own.
+
+    Example: rebar examples --copy mine
+    """
+    from bench.errors import Fault, SetupError
+
+    files = sorted(shipped_files())
+    if copy is None:
+        print("\n".join(name for name, _ in files))
+        print("\nrebar examples --copy DIR copies them, to be changed and run from there.")
+        return
+    occupied = [name for name, _ in files if (copy / name).exists()]
+    if occupied:
+        raise SetupError(
+            [
+                Fault(str(copy / name), "this file exists", "copy to another folder, or move this file away")
+                for name in occupied
+            ]
+        )
+    for name, source in files:
+        target = copy / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(source, target)
+    print(f"{len(files)} files in {copy}. Try: rebar run {copy / 'campaigns' / 'demo.yaml'}")
+
+
+def shipped(name: str) -> Path:
+    """The path of a shipped file, named from the top of the project such as `campaigns/demo.yaml`."""
+    top, _, rest = name.partition("/")
+    return _folder(top) / rest
+
+
+def shipped_files() -> Iterator[tuple[str, Path]]:
+    """Every shipped file with its name from the top of the project."""
+    for top in FOLDERS:
+        folder = _folder(top)
+        for path in folder.rglob("*"):
+            if path.is_file() and path.suffix in (".yaml", ".py", ".toml"):
+                yield f"{top}/{path.relative_to(folder).as_posix()}", path
+
+
+def _folder(top: str) -> Path:
+    """Where a folder of shipped files lies: in the package if installed, at the top of a checkout otherwise."""
+    if top == "decompositions":
+        import decompositions
+
+        return Path(decompositions.__file__).parent / "data"
+    packaged = Path(__file__).with_name("shipped") / top
+    return packaged if packaged.is_dir() else Path(__file__).parents[2] / top

@@ -1,0 +1,92 @@
+"""What comes with the distribution: listed, copied, and run from an installed wheel outside the checkout."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+import yaml
+
+from bench.campaign import load_campaign
+from bench.cli._app import run
+from bench.simspec import load_simspec
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_every_file_is_listed_and_copied(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every campaign, decomposition and example of the project; the campaigns and SimSpecs load where they lie."""
+    assert run(["examples"]) == 0
+    listed = set(capsys.readouterr().out.splitlines())
+    wanted = {
+        *(f"campaigns/{path.relative_to(ROOT / 'campaigns')}" for path in ROOT.glob("campaigns/**/*.yaml")),
+        *(f"decompositions/{path.name}" for path in ROOT.glob("decompositions/data/*.yaml")),
+        *(f"examples/{path.relative_to(ROOT / 'examples')}" for path in ROOT.glob("examples/**/*.yaml")),
+    }
+    assert wanted <= listed
+    mine = tmp_path / "mine"
+    assert run(["examples", "--copy", str(mine)]) == 0
+    assert all((mine / name).is_file() for name in wanted)
+    for campaign in ("demo", "full", "paper", "rescue", "standard"):
+        load_campaign(mine / "campaigns" / f"{campaign}.yaml")
+    for simspec in ("search", "rescue", "governed", "patrol"):
+        load_simspec(mine / "examples" / f"{simspec}.yaml")
+
+
+def test_a_copy_overwrites_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two files stand in the way: both are named, and nothing at all is written."""
+    for name in ("demo", "paper"):
+        (tmp_path / "campaigns").mkdir(exist_ok=True)
+        (tmp_path / "campaigns" / f"{name}.yaml").write_text("mine", encoding="utf-8")
+    assert run(["examples", "--copy", str(tmp_path)]) == 2
+    told = capsys.readouterr().err
+    assert "demo.yaml: this file exists" in told
+    assert "paper.yaml: this file exists" in told
+    assert (tmp_path / "campaigns" / "demo.yaml").read_text(encoding="utf-8") == "mine"
+    assert not (tmp_path / "examples").exists()
+
+
+# Building and two sessions are a minute of a core, which a busy host may stretch beyond the usual limit.
+@pytest.mark.timeout(900)
+def test_an_installed_wheel_runs_a_campaign_outside_the_checkout(tmp_path: Path) -> None:
+    """Built, installed without the checkout, its examples copied, and two sessions flown from the copy."""
+    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
+    build = ["wheel", "--no-build-isolation", "--no-deps", "--wheel-dir", str(tmp_path), str(ROOT)]
+    subprocess.run([*pip, *build], check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    assert not [name for name in names if name.startswith("tests/") or name.endswith(".pyc")]
+    # The dependencies are those of this environment: paths in a .pth file bring modules, and no other .pth file.
+    home = tmp_path / "venv"
+    venv.create(home, with_pip=False)
+    (packages,) = home.glob("lib/python*/site-packages")
+    others = [path for path in sys.path if path.endswith("site-packages")]
+    (packages / "dependencies.pth").write_text("\n".join(others), encoding="utf-8")
+    python = str(home / "bin" / "python")
+    install = ["install", "--no-deps", "--no-index", "--ignore-installed", str(wheel)]
+    subprocess.run([*pip, "--python", python, *install], check=True, capture_output=True)
+
+    def rebar(*arguments: str) -> str:
+        environment = {name: text for name, text in os.environ.items() if name != "PYTHONPATH"}
+        command = [str(home / "bin" / "rebar"), *arguments]
+        ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+        assert ended.returncode == 0, ended.stderr
+        return ended.stdout
+
+    where = subprocess.run(
+        [python, "-c", "import bench; print(bench.__file__)"], cwd=tmp_path, capture_output=True
+    )
+    assert str(packages).encode() in where.stdout
+    assert rebar("--version").startswith("rebar ")
+    rebar("examples", "--copy", "mine")
+    file = tmp_path / "mine" / "campaigns" / "demo.yaml"
+    campaign = yaml.safe_load(file.read_text(encoding="utf-8"))
+    campaign["design"]["method"]["take"] = 1
+    file.write_text(yaml.safe_dump(campaign), encoding="utf-8")
+    assert "2 completed" in rebar("run", str(file), "--out", "out")
+    assert "all files match" in rebar("verify", "out")
