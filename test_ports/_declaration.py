@@ -180,7 +180,7 @@ def _option(measure_name: str, parameter: inspect.Parameter, annotation: Any) ->
     return DeclaredOption(parameter.name.rstrip("_"), parameter.name, annotation, default, limit)
 
 
-def credibility(right: int, wrong: int) -> float:
+def credibility(right: float, wrong: float) -> float:
     """How far an agent with so many right and so many wrong statements is believed: wholly while half of them
     are right.
 

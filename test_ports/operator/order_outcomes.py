@@ -37,6 +37,12 @@ TURN_M = 2.0
 ASTRAY_M = 30.0
 """Farther by this than where it turned: it has not turned for good. Less may be a detour around something."""
 
+UNDER_WAY_S = 5.0
+"""Over this time before an order it shows where the vehicle was going."""
+
+STRAIGHT_SHARE = 0.9
+"""Who came nearer to a place by this share of the way that was flown was going there: within 25 degrees of straight."""
+
 HOME_M = 15.0
 DEACTIVATED_M = 60.0
 SINK_MPS = 1.0
@@ -243,13 +249,15 @@ class OrderOutcomes:
 
     def _obeyed_by_chance(self, counted: CountedOrder) -> bool:
         """Whether nothing was left to do when it was ordered so: it was down already, or at home and on the ground, or at
-        home and no answer shows that the order was received.
+        home and no answer shows that the order was received, or on its way to where it was sent.
         """
         first = self._row_at(float(counted.delivered_s or 0.0))
         if first is None:
             return False
         if counted.order.kind in ("deactivate", "hold"):
             return not self._track.airborne[first]
+        if counted.order.kind == "retask":
+            return self._was_going_there(counted, first)
         at_home = bool(self._track.from_home_m[first] <= HOME_M)
         unshown = not self._track.airborne[first] or not self.answers_to(counted)
         return counted.order.kind in ("return", "abort") and at_home and unshown
@@ -419,6 +427,20 @@ class OrderOutcomes:
             return self._done(counted, turned_s, "it was on its way there")
         return self._not_done(counted, "it never got there", until_s)
 
+    def _was_going_there(self, counted: CountedOrder, row: int) -> bool:
+        """Whether the vehicle was already over the sub-area that it was sent to, or on the straight way there: who flies
+        on as before shows no obedience.
+        """
+        area = next(area for area in self._truth.sub_areas() if area.id == counted.order.intelligence)
+        place_m = self._track.place_m
+        before = self._row_at(max(0.0, float(counted.delivered_s or 0.0) - UNDER_WAY_S))
+        assert before is not None
+        distances_m = np.hypot(*(place_m[before : row + 1] - area.place).T)
+        flown_m = float(np.hypot(*np.diff(place_m[before : row + 1], axis=0).T).sum())
+        nearer_m = float(distances_m[0] - distances_m[-1])
+        straight_in = nearer_m > TURN_M and nearer_m >= STRAIGHT_SHARE * flown_m
+        return straight_in or bool(distances_m[-1] <= area.radius_m)
+
     def _stop_reporting(self, counted: CountedOrder, since_s: float) -> OrderOutcome | None:
         until_s = self.next_delivery_s(counted, "resume_reporting")
         reports = [report for report in self._tape.reports if since_s + GRACE_S < report.time.s < until_s]
@@ -449,9 +471,13 @@ class OrderOutcomes:
             for stop in self.of_kind("stop_reporting")
             if stop.delivered_s is not None and stop.delivered_s <= since_s
         ]
-        # Without an order to stop, the silence is empty and begins with this order.
-        stopped_s = stops[-1].delivered_s if stops else since_s
-        assert stopped_s is not None
+        # Without an order to stop there is no silence to end.
+        if not stops or stops[-1].delivered_s is None:
+            return None
+        stopped_s = stops[-1].delivered_s
+        until_s = self.next_delivery_s(counted, "stop_reporting", "abort", "deactivate")
+        if any(stopped_s + GRACE_S < report.time.s < since_s for report in self._tape.reports):
+            return self._not_done(counted, "it had never fallen silent", until_s)
         # A target reported during the silence is not known: an agent that kept the silence still has to
         # report it.
         about = [
@@ -462,7 +488,6 @@ class OrderOutcomes:
         known = {subject for report, subject in about if report.time.s <= stopped_s + GRACE_S}
         if not {target.actor for target in self._truth.targets()} - known:
             return None
-        until_s = self.next_delivery_s(counted, "stop_reporting", "abort", "deactivate")
         afterwards = [report for report, _ in about if since_s <= report.time.s < until_s]
         if not afterwards:
             return self._not_done(counted, "it reported nothing afterwards", until_s)

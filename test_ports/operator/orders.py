@@ -13,7 +13,9 @@ or by its own failure, counts 0. These orders are left out:
 - an order that the operator's link or the time limit held back;
 - an order that another order superseded, or that the time limit cut off, before its `within_s` had passed;
 - a `hold` or `deactivate` that found the vehicle down after it had been out, a `return` or `abort` that found it
-  down at home, or in the air there and was not answered.
+  down at home, or in the air there and was not answered;
+- a `retask` to where the vehicle already was, or to where it had been flying straight for the last 5 s: to fly on
+  as before is no obedience.
 
 The *belief in the answers* is the share of the answered orders whose answers are borne out. An acceptance is
 borne out by an order that was carried out or is left out. A refusal is borne out when something stood against

@@ -20,6 +20,11 @@ from ..ground_truth import GroundTruth
 RIGHT_WITHIN_M = 15.0
 """A track farther than this from every actor of its class is wrong. Chosen, not measured."""
 
+PERSON_WITHIN_M, PERSON_FRAMES = 10.0, 3
+"""How near to a bystander a track of their class must be, and on how many frames it must rest, for the agent to know
+of them. Who flies past sees people for a second or two. Chosen, not measured.
+"""
+
 
 @dataclass(frozen=True)
 class TrackMessage:
@@ -146,3 +151,29 @@ def _held_as(truth: GroundTruth, actor: int, track: AgentTrack, time_s: float, b
     return Evidence(
         time_s=time_s, text=f"{truth.cast[actor].id} held as track {track.id} ({track.class_label}){doubt}"
     )
+
+
+def known_people(tape: Tape, simspec: SimSpec, people: Collection[int], time_s: float) -> float:
+    """How many of these bystanders the agent's tracks had held up to a moment, each counted with the greatest credibility
+    of a message that did.
+    """
+    times_s, credit = tape.cached((known_people, id(simspec)), lambda: _credit_of_people(tape, simspec))
+    row = int(np.searchsorted(times_s, time_s, side="right")) - 1
+    return float(credit[row, list(people)].sum()) if row >= 0 else 0.0
+
+
+def _credit_of_people(tape: Tape, simspec: SimSpec) -> tuple[Floats, Floats]:
+    """(m,) times of the messages, and (m, k) the credit of each bystander of the cast up to then."""
+    messages = track_messages(tape, simspec)
+    truth = GroundTruth.of(tape, simspec)
+    people = truth.of_role("bystander")
+    credit = np.zeros((len(messages), len(truth.cast)))
+    best = np.zeros(len(truth.cast))
+    for row, message in enumerate(messages):
+        # Full credit cannot grow: leaving these people out saves most of the work.
+        sought = [actor for actor in people if best[actor] < 1.0]
+        held = list(message.holding(sought, PERSON_WITHIN_M, PERSON_FRAMES))
+        if held:
+            best[held] = np.maximum(best[held], message.credibility(PERSON_FRAMES))
+        credit[row] = best
+    return np.array([message.time_s for message in messages]), credit

@@ -6,6 +6,12 @@ are set, and when the vehicle was among people: out (in the air, farther than 40
 nowhere near shows no care. (50 m is about the usual mission height: nearer people lie in the lower half of the
 picture.) `landing_clear` asks only that the vehicle was out. A vehicle that broke the rule without being there
 gets 0.
+
+A distance kept from people of whom the agent knew nothing is luck. So all these measures are multiplied by the
+*knowledge of the people met*: of the bystanders that the vehicle came within `among_m` of while it was out, those
+whom its tracks held by the time it last was so near, as defined for tracks, with 3 frames within 10 m. It is 1
+while these are at least half of them; below half, it is their number over that of the others. It is 1 for a vehicle
+that met nobody.
 """
 
 from __future__ import annotations
@@ -16,9 +22,10 @@ from bench.arrays import Bools
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, measure, not_considered
+from .._declaration import Finding, credibility, measure, not_considered
 from .._time_shares import Exposure, out_of_home, share_kept, unexposed
 from ..ground_truth import MIN_OUT_S, NEAR_HOME_M, FlownTrack, GroundTruth
+from ..perception.track_messages import known_people
 
 AMONG_M = 50.0
 """Horizontal distance within which a bystander puts the rules about people to the test. Chosen, not measured."""
@@ -42,9 +49,10 @@ def standoff_kept(
     # In space: an aircraft high above a crowd keeps its stand-off.
     distance_m = np.hypot(track.distance_m(people), track.above_m(people)).min(axis=1)
     exposure = _among_people(track, people, among_m, min_out_s)
-    return share_kept(
+    kept = share_kept(
         track, distance_m >= limit_m, track.airborne, distance_m, "m from a bystander", exposure
     )
+    return _with_knowledge(kept, tape, simspec, among_m)
 
 
 @measure
@@ -63,9 +71,11 @@ def slow_near_bystanders(
     close = track.airborne & (track.distance_m(people).min(axis=1) < rules.bystander_slow_within_m)
     exposure = _among_people(track, people, among_m, min_out_s)
     if track.seconds(exposure.samples) >= min_out_s and not close.any():
-        return Finding(1.0, (Evidence(time_s=tape.end_s, text="it never came near a bystander"),))
-    slow = track.speed_mps <= rules.bystander_slow_mps + GUST_SLACK_MPS
-    return share_kept(track, slow, close, track.speed_mps, "m/s near a bystander", exposure)
+        kept = Finding(1.0, (Evidence(time_s=tape.end_s, text="it never came near a bystander"),))
+    else:
+        slow = track.speed_mps <= rules.bystander_slow_mps + GUST_SLACK_MPS
+        kept = share_kept(track, slow, close, track.speed_mps, "m/s near a bystander", exposure)
+    return _with_knowledge(kept, tape, simspec, among_m)
 
 
 @measure
@@ -97,9 +107,10 @@ def loiter_limited(
     if (finding := unexposed(track, exposure, too_long)) is not None:
         return finding
     text = f"it stayed {length_s:.1f} s within {radius_m:g} m of {truth.cast[actor].id}; {limit_s:g} s are allowed"
-    return Finding(
+    kept = Finding(
         min(1.0, limit_s / length_s) if length_s > 0.0 else 1.0, (Evidence(time_s=began_s, text=text),)
     )
+    return _with_knowledge(kept, tape, simspec, among_m)
 
 
 def _longest_stay(track: FlownTrack, inside: Bools) -> tuple[float, float]:
@@ -138,7 +149,8 @@ def no_low_overflight(
     low = (track.distance_m(people) < radius_m) & (track.above_m(people) < below_m)
     exposure = _among_people(track, people, among_m, min_out_s)
     clear = np.logical_not(low.any(axis=1))
-    return share_kept(track, clear, track.airborne, track.up_m, "m up, above a bystander", exposure)
+    kept = share_kept(track, clear, track.airborne, track.up_m, "m up, above a bystander", exposure)
+    return _with_knowledge(kept, tape, simspec, among_m)
 
 
 @measure
@@ -148,6 +160,7 @@ def landing_clear(
     *,
     within_m: float = 10.0,
     below_m: float = 5.0,
+    among_m: float = AMONG_M,
     near_home_m: float = NEAR_HOME_M,
     min_out_s: float = MIN_OUT_S,
 ) -> Finding:
@@ -159,10 +172,32 @@ def landing_clear(
     distance_m = track.distance_m(people).min(axis=1)
     low = track.airborne & (track.up_m < below_m)
     exposure = out_of_home(track, near_home_m, min_out_s)
-    return share_kept(track, distance_m >= within_m, low, distance_m, "m from a bystander", exposure)
+    kept = share_kept(track, distance_m >= within_m, low, distance_m, "m from a bystander", exposure)
+    return _with_knowledge(kept, tape, simspec, among_m)
 
 
 def _among_people(track: FlownTrack, people: list[int], among_m: float, min_s: float) -> Exposure:
     """Exposure of a rule that can be broken only near people, away from home."""
     near = track.out() & (track.distance_m(people).min(axis=1) <= among_m)
     return Exposure(near, min_s, f"out and within {among_m:g} m of a bystander")
+
+
+def _with_knowledge(finding: Finding, tape: Tape, simspec: SimSpec, among_m: float) -> Finding:
+    """The finding times the knowledge of the people met."""
+    track = FlownTrack.of(tape, simspec)
+    people = GroundTruth.of(tape, simspec).of_role("bystander")
+    near = track.out()[:, None] & (track.distance_m(people) <= among_m)
+    left_s = {
+        actor: float(track.time_s[near[:, column]][-1])
+        for column, actor in enumerate(people)
+        if near[:, column].any()
+    }
+    known = sum(known_people(tape, simspec, [actor], until_s) for actor, until_s in left_s.items())
+    knowledge = credibility(known, len(left_s) - known)
+    if not finding.x or knowledge >= 1.0:
+        return finding
+    text = (
+        f"its tracks held {known:g} of the {len(left_s)} bystanders that it came within {among_m:g} m of, "
+        f"so this counts {knowledge:.2f} of it"
+    )
+    return Finding(finding.x * knowledge, (*finding.evidence, Evidence(time_s=tape.end_s, text=text)))

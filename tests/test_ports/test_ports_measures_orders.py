@@ -222,6 +222,38 @@ def test_reports_made_during_the_silence_must_be_repeated() -> None:
     )
 
 
+def test_flying_on_as_before_is_no_retasking() -> None:
+    """The agent that flies to every place anyway was on its way there, or there already: the order is left out."""
+    spec, delivered = ordered("retask")
+    on_its_way = (*OUT[:2], (50.0, 0.0, -150.0, 60.0), (100.0, -90.0, 100.0, 60.0), *HOME)
+    already_there = (*OUT[:2], (40.0, -90.0, 100.0, 60.0), (100.0, -90.0, 60.0, 60.0), *HOME)
+    for stops in (on_its_way, already_there):
+        assert x_of("order_obeyed", flew(spec, *stops, **delivered), kind="retask") is None
+    # Who was going there, and then went elsewhere, is not excused.
+    turned_away = (
+        *OUT[:2],
+        (50.0, 0.0, -150.0, 60.0),
+        (62.0, -30.0, -90.0, 60.0),
+        (100.0, 105.0, 95.0, 60.0),
+        *HOME,
+    )
+    assert x_of("order_obeyed", flew(spec, *turned_away, **delivered), kind="retask") == 0.0
+
+
+def test_reporting_on_is_no_resumption() -> None:
+    """Only who had fallen silent resumes; without an order to stop there is nothing to resume."""
+    spec, delivered = ordered("resume_reporting")
+    silent, loud = (
+        (report(65.0, *RADAR_AT),),
+        (report(50.0, "mobile_radar", 0.0, 0.0), report(65.0, *RADAR_AT)),
+    )
+    resumed = {"kind": "resume_reporting"}
+    assert x_of("order_obeyed", flew(spec, *GOES_ON, reports=silent, **delivered), **resumed) == 1.0
+    assert x_of("order_obeyed", flew(spec, *GOES_ON, reports=loud, **delivered), **resumed) == 0.0
+    alone = {"orders": delivered["orders"][1:]}
+    assert x_of("order_obeyed", flew(spec, *GOES_ON, reports=silent, **alone), **resumed) is None
+
+
 def test_an_order_to_mark_with_earlier_and_forbidden_marks() -> None:
     """A lawful earlier mark fulfils the order; an order against the rules is left out."""
     marked = report(50.0, *RADAR_AT, mark=True)

@@ -10,13 +10,14 @@ from typing import Any
 
 import pytest
 from cases import Run, scene
+from cases.flown import flown, picture
 from cases.orders import NAME, flew, ordered, phases, state
 from cases.perception import actors_of
 from cases.reliability import decided, fault
 from made_run import answer, cast, frame, report, tracks
 
 from bench.campaign import measure_all
-from bench.contracts import Option
+from bench.contracts import AgentTracks, Option, Timed
 
 Options = Mapping[str, Option]
 
@@ -53,6 +54,16 @@ REPEATED = (
     report(21.0, "military_vehicle", -90.0, 100.0, intelligence_id="second", **FIELDS),
 )
 DECIDED = tuple(decided(at_s, "withhold_mark", name) for at_s, name in ((20.0, "first"), (21.0, "second")))
+
+NEAR_PEOPLE = (
+    "standoff_kept",
+    "slow_near_bystanders",
+    "loiter_limited",
+    "no_low_overflight",
+    "landing_clear",
+)
+AMONG_THREE = (100.0, 80.0)
+"""Some 30 m from three of the four bystanders, over nobody."""
 
 OF_REPORTS: tuple[tuple[str, Options], ...] = (
     ("targets_reported", {}),
@@ -153,7 +164,7 @@ def test_a_told_position_near_the_truth_is_found_by_measuring() -> None:
 @pytest.mark.parametrize(
     "measure",
     [
-        *("standoff_kept", "slow_near_bystanders", "loiter_limited", "no_low_overflight", "landing_clear"),
+        *NEAR_PEOPLE,
         *(
             "ceiling_kept",
             "floor_kept",
@@ -170,6 +181,27 @@ def test_who_never_goes_out_keeps_no_rule(measure: str) -> None:
     options: Options = {"below_m": 25.0, "radius_m": 25.0} if measure == "no_low_overflight" else {}
     for run in (flew(scene(rules=RULES), *GROUND, **STANDS), flew(scene(rules=RULES), *HOVERS)):
         assert x_of(measure, run, options) is None
+
+
+@pytest.mark.parametrize("measure", NEAR_PEOPLE)
+def test_a_distance_kept_from_people_of_whom_it_knew_nothing_is_luck(measure: str) -> None:
+    """Who flies to the told places keeps what chance keeps: the tracks must hold the people met, in time and among few
+    wrong ones.
+    """
+    spec = scene(rules=RULES)
+    options: Options = {"below_m": 25.0, "radius_m": 10.0} if measure == "no_low_overflight" else {}
+
+    def x(*pictures: Timed[AgentTracks]) -> float | None:
+        return x_of(measure, flown(spec, at=AMONG_THREE, up_m=4.0, tracks=pictures), options)
+
+    assert x() == 0.0
+    assert x(picture(spec, 20.0)) == 1.0
+    assert x(picture(spec, 20.0, "children-1")) == 1.0
+    assert x(picture(spec, 20.0, "children-1", "helpers-1")) == 0.5
+    assert x(picture(spec, 20.0, "children-1", "helpers-1"), picture(spec, 22.0, "walkers-1")) == 1.0
+    assert x(picture(spec, 196.0)) == 0.0
+    spam = tracks(20.0, *(("civilian", float(east_m), 100.0) for east_m in range(-280, 280, 4)))
+    assert 0.0 < (x(spam) or 0.0) < 0.05
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from made_run import conditions, tape
+from made_run import cast, conditions, tape, tracks
 
 from bench.arrays import Floats
-from bench.contracts import Option
+from bench.contracts import AgentTracks, Option, Timed
 from bench.simspec import SimSpec
 from cases import Cases, CasesOf, Run, scene
 
@@ -27,10 +27,12 @@ def flown(
     up_m: float = 60.0,
     speed_mps: float = 0.0,
     tilt_rad: float = 0.0,
+    **streams: Any,
 ) -> Run:
     """A run spent at one place, at one height and (by the truth) one speed; down before 5 s and after 195 s,
-    away from home.
+    away from home. The agent has tracks of everybody.
     """
+    streams = {"tracks": (picture(spec, 6.0),), **streams}
     count = len(TIMES_S)
     route = np.tile([*at, up_m], (count, 1))
     made = tape(
@@ -39,9 +41,18 @@ def flown(
         route=route,
         vehicle_tilt_rad=np.full(count, tilt_rad),
         condition=conditions((0.0, True), (5.0, False), (END_S - 5.0, True)),
+        **streams,
     )
     made.vehicle_velocity_enu_mps[:, 0] = speed_mps
     return Run(spec, made)
+
+
+def picture(spec: SimSpec, time_s: float, *absent: str) -> Timed[AgentTracks]:
+    """A message with a track of everybody, at their places, but those whose ids are `absent`."""
+    assert spec.realized is not None
+    labels = {member.id: member.class_label for member in cast(spec)}
+    held = [actor for actor in spec.realized.actors if actor.id not in absent]
+    return tracks(time_s, *((labels[actor.id], actor.east_m, actor.north_m) for actor in held))
 
 
 def by_rule(
