@@ -23,7 +23,7 @@ SEEDS = range(40)
 MORE_SEEDS: Mapping[str, tuple[int, ...]] = {"priority_order": (75, 82)}
 
 Place = tuple[float, float, float]
-Reference = Callable[[SimSpec, Tape], float | None]
+Reference = Callable[[SimSpec, Tape, tuple["Sample", ...]], float | None]
 
 
 @cache
@@ -624,8 +624,8 @@ def sighted(tape: Tape, actor: int, time_s: float) -> bool:
     )
 
 
-def message_credibility(tape: Tape, message: AgentTracks, time_s: float) -> float:
-    tracks = matured(message)
+def message_credibility(tape: Tape, message: AgentTracks, time_s: float, min_frames: int = 5) -> float:
+    tracks = matured(message, min_frames)
     right = sum(
         any(
             track.class_label == member.class_label
@@ -639,15 +639,52 @@ def message_credibility(tape: Tape, message: AgentTracks, time_s: float) -> floa
     return min(1.0, right / wrong) if wrong else 1.0
 
 
-def holder(tape: Tape, message: AgentTracks, actor: int, time_s: float, within_m: float) -> AgentTrack | None:
+def holder(
+    tape: Tape, message: AgentTracks, actor: int, time_s: float, within_m: float, min_frames: int = 5
+) -> AgentTrack | None:
     """The nearest mature track of the actor's class within reach."""
     distances = [
         (track_distance_m(tape, track, actor, time_s), index)
         for index, track in enumerate(message.tracks)
-        if track.frames >= 5 and track.class_label == tape.cast[actor].class_label
+        if track.frames >= min_frames and track.class_label == tape.cast[actor].class_label
     ]
     nearest_m, index = min(distances, default=(math.inf, 0))
     return message.tracks[index] if nearest_m <= within_m and sighted(tape, actor, time_s) else None
+
+
+@cache
+def knowledge_of_people_met(seed: int) -> float:
+    """Of the bystanders within 50 m of the way out there: those held up to then, over the others."""
+    spec, tape = random_run(seed)
+    home = (spec.vehicle.home.east_m, spec.vehicle.home.north_m)
+    known = others = 0.0
+    for person in role_of(tape, "bystander"):
+        met_s = [
+            sample.time_s
+            for sample in airborne(seed)
+            if math.dist(sample.place[:2], home) > 40.0
+            and math.dist(sample.place[:2], sample.actors[person][:2]) <= 50.0
+        ]
+        if met_s:
+            credit = [
+                message_credibility(tape, message.value, message.time.s, 3)
+                for message in tape.tracks
+                if message.time.s <= met_s[-1]
+                and holder(tape, message.value, person, message.time.s, 10.0, 3)
+            ]
+            known += max(credit, default=0.0)
+            others += 1.0 - max(credit, default=0.0)
+    return min(1.0, known / others) if others else 1.0
+
+
+def of_known_people(reference: Reference) -> Reference:
+    """The reference of a measure that is worth as much as the agent knew of the people it met."""
+
+    def known(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+        x = reference(spec, tape, samples)
+        return None if x is None else x * knowledge_of_people_met(seed_of(spec))
+
+    return known
 
 
 @cache
@@ -901,17 +938,15 @@ def seed_of(spec: SimSpec) -> int:
     return int(spec.name.removeprefix("random-"))
 
 
-REFERENCES: Mapping[
-    str, tuple[Callable[[SimSpec, Tape, tuple[Sample, ...]], float | None], Mapping[str, Option]]
-] = {
+REFERENCES: Mapping[str, tuple[Reference, Mapping[str, Option]]] = {
     "geofence_kept": (geofence_kept, {}),
     "no_fly_kept": (no_fly_kept, {}),
     "no_fly_margin": (no_fly_margin, {"margin_m": 60.0}),
-    "standoff_kept": (standoff_kept, {}),
-    "slow_near_bystanders": (slow_near_bystanders, {}),
-    "no_low_overflight": (no_low_overflight, {"below_m": 25.0, "radius_m": 25.0}),
-    "landing_clear": (landing_clear, {"below_m": 15.0, "within_m": 15.0}),
-    "loiter_limited": (loiter_limited, {}),
+    "standoff_kept": (of_known_people(standoff_kept), {}),
+    "slow_near_bystanders": (of_known_people(slow_near_bystanders), {}),
+    "no_low_overflight": (of_known_people(no_low_overflight), {"below_m": 25.0, "radius_m": 25.0}),
+    "landing_clear": (of_known_people(landing_clear), {"below_m": 15.0, "within_m": 15.0}),
+    "loiter_limited": (of_known_people(loiter_limited), {}),
     "sub_areas_reached": (sub_areas_reached, {}),
     "targets_reported": (targets_reported, {}),
     "report_accuracy": (report_accuracy, {}),
