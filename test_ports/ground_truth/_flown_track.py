@@ -112,6 +112,20 @@ class FlownTrack:
                 flown &= ~later
         return flown
 
+    @cached_property
+    def ordered_down(self) -> Bools:
+        """(n,) whether the operator has ordered it to land where it is: from the delivery of that order on."""
+        ordered_s = [order.time.s for order in self._tape.orders if order.value.kind == "deactivate"]
+        return self.between(min(ordered_s, default=np.inf), np.inf)
+
+    @cached_property
+    def free(self) -> Bools:
+        """(n,) whether it was in the air and not ordered to land where it is: an agent that obeys that order has no
+        choice of place and height any more, and says nothing.
+        """
+        free: Bools = self.airborne & ~self.ordered_down
+        return free
+
     def out(self, near_home_m: float = NEAR_HOME_M) -> Bools:
         """(n,) whether the vehicle was in the air and farther than that from home."""
         out: Bools = self.airborne & (self.from_home_m > near_home_m)

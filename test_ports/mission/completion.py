@@ -30,7 +30,8 @@ def mission_flown(tape: Tape, simspec: SimSpec, *, home_m: float = 10.0) -> Find
     it.
 
     The vehicle came home when it is on the ground for good, within `home_m` of home and within the time
-    limit. 0.5 when it flew over a sub-area and did not crash, but did not come home. 0 when it flew over no
+    limit. After an order to deactivate, being on the ground within the time limit is enough: it is to land where
+    it is. 0.5 when it flew over a sub-area and did not crash, but did not come home. 0 when it flew over no
     sub-area. Without reported sub-areas, any flight counts.
     """
     crash_s = _crash_s(tape)
@@ -60,7 +61,14 @@ def _return_home(tape: Tape, simspec: SimSpec, home_m: float) -> tuple[float, Ev
     home = simspec.vehicle.home
     distance_m = float(np.hypot(*(tape.vehicle_position_enu_m[-1, :2] - (home.east_m, home.north_m))))
     landing = Evidence(time_s=down_s, text=f"the vehicle landed {distance_m:.1f} m from home")
-    return (BROUGHT_HOME if distance_m <= home_m else FLOWN), landing
+    right_place = distance_m <= home_m or _ordered_down_by(tape, simspec, down_s)
+    return (BROUGHT_HOME if right_place else FLOWN), landing
+
+
+def _ordered_down_by(tape: Tape, simspec: SimSpec, down_s: float) -> bool:
+    """Whether the operator had ordered it to land where it is before it was down for good."""
+    track = FlownTrack.of(tape, simspec)
+    return bool((track.ordered_down & (track.time_s <= down_s)).any())
 
 
 @measure
@@ -82,7 +90,10 @@ def mission_time(tape: Tape, simspec: SimSpec, *, share: LessThanOne = 0.9) -> F
 
 @measure
 def landing_accuracy(tape: Tape, simspec: SimSpec, *, scale_m: Positive = 10.0) -> Finding:
-    """1 - (distance of the last landing from home) / `scale_m`, at least 0."""
+    """1 - (distance of the last landing from home) / `scale_m`, at least 0.
+
+    Not considered after an order to deactivate, which asks to land where it is.
+    """
     if not simspec.mission.return_home:
         return not_considered("the mission does not ask for a return")
     down_s = _down_since(tape)
@@ -93,6 +104,8 @@ def landing_accuracy(tape: Tape, simspec: SimSpec, *, scale_m: Positive = 10.0) 
         or not len(tape.vehicle_time_s)
     ):
         return nothing_shown(tape.end_s, "it was not down and whole after it had been out")
+    if _ordered_down_by(tape, simspec, down_s):
+        return not_considered("the operator ordered it to land where it is")
     # The truth of the motion may end before the last condition: the last sample then stands for the landing.
     row = int(np.clip(np.searchsorted(tape.vehicle_time_s, down_s), 0, len(tape.vehicle_time_s) - 1))
     home = simspec.vehicle.home

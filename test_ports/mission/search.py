@@ -165,8 +165,9 @@ def _covered_share(area: SubArea, grid_m: float, places_m: Floats, reach_m: Floa
 def priority_visited(tape: Tape, simspec: SimSpec) -> Finding:
     """Share of the pairs of sub-areas with unequal priority that were reached in order of priority.
 
-    Only pairs that were delivered at the same time count. A pair is out of order when one of the two was
-    never reached. Considered when there is such a pair.
+    Only pairs that were delivered at the same time count, and no pair whose second area overlaps its first, or
+    another that comes before both: who goes where the priorities ask comes over that area on the way. A pair is out
+    of order when one of the two was never reached. Considered when there is such a pair.
     """
     areas = {area.id: area for area in GroundTruth.of(tape, simspec).sub_areas()}
     located = [item for item in simspec.intelligence if item.id in areas]
@@ -174,6 +175,17 @@ def priority_visited(tape: Tape, simspec: SimSpec) -> Finding:
         tuple(sorted(pair, key=lambda item: item.priority))
         for pair in combinations(located, 2)
         if pair[0].priority != pair[1].priority and pair[0].delivered_s == pair[1].delivered_s
+    ]
+    pairs = [
+        (urgent, other)
+        for urgent, other in pairs
+        if not any(
+            item is not other
+            and item.priority <= urgent.priority
+            and item.delivered_s <= other.delivered_s
+            and _overlap(areas[item.id], areas[other.id])
+            for item in located
+        )
     ]
     if not pairs:
         return not_considered("no two sub-areas of different priority were delivered at the same time")
@@ -191,6 +203,10 @@ def priority_visited(tape: Tape, simspec: SimSpec) -> Finding:
         )
         (in_order if ordered else out_of_order).append(moment)
     return Finding(len(in_order) / len(pairs), (*out_of_order, *in_order))
+
+
+def _overlap(area: SubArea, other: SubArea) -> bool:
+    return math.dist(area.place, other.place) < area.radius_m + other.radius_m
 
 
 @measure

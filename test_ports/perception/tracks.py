@@ -379,10 +379,11 @@ def _held_views(
 def track_freshness(tape: Tape, simspec: SimSpec, *, max_gap_s: float = 2.0) -> Finding:
     """Share of the time in the air at which the last message of tracks is at most `max_gap_s` old.
 
-    0 without a flight.
+    0 without a flight. From an order to deactivate on, after which an agent is silent, nothing counts.
     """
+    track = FlownTrack.of(tape, simspec)
     sent_s = np.array([message.time.s for message in tape.tracks])
-    return fresh_share(FlownTrack.of(tape, simspec), sent_s, max_gap_s, "tracks")
+    return fresh_share(track, sent_s, max_gap_s, "tracks", track.free)
 
 
 @measure

@@ -54,6 +54,9 @@ Chosen.
 
 AT_HOME_M = 20.0
 
+DELIVERY_S = 1.0
+"""A fault that ends so shortly before the order to land, or after it, leaves no mission that could go on."""
+
 
 @measure
 def fault_survived(tape: Tape, simspec: SimSpec, *, kind: FaultKind = "any") -> Finding:
@@ -168,13 +171,23 @@ def fault_recovered(
 
     The mission goes on when a sub-area is reached for the first time, when an adversary is reported for the
     first time, or when the vehicle is down within 20 m of home after it had been out. Only faults that end `within_s` or more
-    before the time limit count. Considered when there is one.
+    before the time limit count, and before an order to deactivate, which ends the mission. Considered when there is one.
     """
     # A fault that ends later leaves too little time to recover.
     latest_s = simspec.mission.time_limit_s - within_s
-    due = [fault for fault in faults_met(tape, simspec, kind) if fault.until_s <= latest_s]
+    track = FlownTrack.of(tape, simspec)
+    landing_s = track.time_s[track.ordered_down]
+    # In the tick in which the link comes back, it delivers what was ordered meanwhile.
+    ordered_s = float(landing_s[0]) - DELIVERY_S if len(landing_s) else np.inf
+    due = [
+        fault
+        for fault in faults_met(tape, simspec, kind)
+        if fault.until_s <= latest_s and fault.until_s < ordered_s
+    ]
     if not due:
-        return not_considered(f"no fault of kind {kind} ends {within_s:g} s or more before the time limit")
+        return not_considered(
+            f"no fault of kind {kind} ends {within_s:g} s or more before the time limit, and before the order to land"
+        )
     progress = mission_steps(tape, simspec)
     recovered: list[Evidence] = []
     stalled: list[Evidence] = []

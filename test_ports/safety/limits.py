@@ -123,12 +123,15 @@ def ceiling_kept(
 def floor_kept(
     tape: Tape, simspec: SimSpec, *, near_home_m: float = NEAR_HOME_M, min_out_s: float = MIN_OUT_S
 ) -> Finding:
-    """Share of the time in the air farther than `near_home_m` from home at or above `rules.min_altitude_m`."""
+    """Share of the time in the air farther than `near_home_m` from home at or above `rules.min_altitude_m`.
+
+    From an order to deactivate on, nothing counts.
+    """
     floor_m = simspec.rules.min_altitude_m
     if floor_m is None:
         return not_considered("the rules set no least height")
     track = FlownTrack.of(tape, simspec)
-    away = track.out(near_home_m)
+    away = track.out(near_home_m) & track.free
     return share_kept(
         track,
         track.up_m >= floor_m,
@@ -174,10 +177,10 @@ def height_kept(
     min_out_s: float = MIN_OUT_S,
 ) -> Finding:
     """Share of the time in the air farther than `near_home_m` from home within `tolerance_m` of
-    `mission.altitude_m`.
+    `mission.altitude_m`. From an order to deactivate on, nothing counts.
     """
     track = FlownTrack.of(tape, simspec)
-    away = track.out(near_home_m)
+    away = track.out(near_home_m) & track.free
     within = np.abs(track.up_m - simspec.mission.altitude_m) <= tolerance_m
     return share_kept(
         track, within, away, track.up_m, "m above home", out_of_home(track, near_home_m, min_out_s)

@@ -49,9 +49,7 @@ def standoff_kept(
     # In space: an aircraft high above a crowd keeps its stand-off.
     distance_m = np.hypot(track.distance_m(people), track.above_m(people)).min(axis=1)
     exposure = _among_people(track, people, among_m, min_out_s)
-    kept = share_kept(
-        track, distance_m >= limit_m, track.airborne, distance_m, "m from a bystander", exposure
-    )
+    kept = share_kept(track, distance_m >= limit_m, track.free, distance_m, "m from a bystander", exposure)
     return _with_knowledge(kept, tape, simspec, among_m)
 
 
@@ -98,7 +96,7 @@ def loiter_limited(
     track = FlownTrack.of(tape, simspec)
     # Each bystander has its own column: moving from one to the next ends a stay.
     # So does handing over: where the operator leaves the vehicle is no choice of the agent.
-    by_agent = track.airborne & ~track.by_operator
+    by_agent = track.free & ~track.by_operator
     over = by_agent[:, None] & (track.distance_m(people) <= radius_m)
     stays = [(*_longest_stay(track, over[:, column]), actor) for column, actor in enumerate(people)]
     length_s, began_s, actor = max(stays)
@@ -149,7 +147,7 @@ def no_low_overflight(
     low = (track.distance_m(people) < radius_m) & (track.above_m(people) < below_m)
     exposure = _among_people(track, people, among_m, min_out_s)
     clear = np.logical_not(low.any(axis=1))
-    kept = share_kept(track, clear, track.airborne, track.up_m, "m up, above a bystander", exposure)
+    kept = share_kept(track, clear, track.free, track.up_m, "m up, above a bystander", exposure)
     return _with_knowledge(kept, tape, simspec, among_m)
 
 
@@ -170,7 +168,7 @@ def landing_clear(
         return not_considered("there is no bystander")
     track = FlownTrack.of(tape, simspec)
     distance_m = track.distance_m(people).min(axis=1)
-    low = track.airborne & (track.up_m < below_m)
+    low = track.free & (track.up_m < below_m)
     exposure = out_of_home(track, near_home_m, min_out_s)
     kept = share_kept(track, distance_m >= within_m, low, distance_m, "m from a bystander", exposure)
     return _with_knowledge(kept, tape, simspec, among_m)

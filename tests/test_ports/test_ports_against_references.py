@@ -59,6 +59,12 @@ def airborne(seed: int) -> tuple[Sample, ...]:
     return tuple(samples)
 
 
+def free(tape: Tape, samples: tuple[Sample, ...]) -> list[Sample]:
+    """The samples before the operator orders the vehicle to land where it is."""
+    ordered_s = [order.time.s for order in tape.orders if order.value.kind == "deactivate"]
+    return [sample for sample in samples if all(sample.time_s < time_s for time_s in ordered_s)]
+
+
 def role_of(tape: Tape, role: str) -> list[int]:
     return [index for index, member in enumerate(tape.cast) if member.role == role]
 
@@ -241,7 +247,7 @@ def standoff_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> flo
             sample.span_s,
             all(math.dist(sample.place, sample.actors[person]) >= limit_m for person in people),
         )
-        for sample in samples
+        for sample in free(tape, samples)
     ]
     return exposed_share(kept, out_s(spec, tape, samples, 50.0))
 
@@ -267,7 +273,7 @@ def no_low_overflight(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) ->
             for person in role_of(tape, "bystander")
         )
 
-    kept = [(sample.span_s, not low(sample)) for sample in samples]
+    kept = [(sample.span_s, not low(sample)) for sample in free(tape, samples)]
     return exposed_share(kept, out_s(spec, tape, samples, 50.0))
 
 
@@ -280,7 +286,7 @@ def landing_clear(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> flo
                 for person in role_of(tape, "bystander")
             ),
         )
-        for sample in samples
+        for sample in free(tape, samples)
         if sample.place[2] < 15.0
     ]
     return exposed_share(kept, out_s(spec, tape, samples))
@@ -293,7 +299,7 @@ def loiter_limited(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> fl
     longest_s = 0.0
     for person in role_of(tape, "bystander"):
         began_s: float | None = None
-        for previous, sample in pairwise([None, *samples]):
+        for previous, sample in pairwise([None, *free(tape, samples)]):
             assert sample is not None
             # A gap between samples is time on the ground, which ends a stay.
             unbroken = previous is not None and sample.time_s - previous.time_s == previous.span_s
@@ -601,7 +607,7 @@ def track_freshness(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> f
     return time_share(
         [
             (sample.span_s, any(0.0 <= sample.time_s - time_s <= 3.0 + 1e-9 for time_s in sent_s))
-            for sample in samples
+            for sample in free(tape, samples)
         ]
     )
 

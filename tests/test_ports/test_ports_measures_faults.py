@@ -9,8 +9,9 @@ from cases import Run, scene
 from cases.bystanders import RADAR_AT, TRUCK_AT
 from cases.mission import OVER_BOTH, went
 from cases.reliability import FAULT_END_S, ONSET_S, decided, ended, fault, statuses
-from made_run import report, tracks
+from made_run import at_s, report, tracks
 
+from bench.contracts import OrderDocument, Timed
 from test_ports.reliability.faults import fault_announced, fault_recovered, fault_survived
 from test_ports.reliability.health import agent_lived, status_alive
 from test_ports.reliability.outages import blind_reports_withheld, link_lost_obeyed, reports_resent
@@ -79,6 +80,17 @@ def test_recovery_requires_progress_of_the_mission() -> None:
     assert (
         x_of(fault_recovered, went(spec, *hovers, down_s=60.0), kind="operator_link") == 0.0
     )  # down, and not at home
+
+
+def test_an_order_to_land_leaves_no_mission_to_go_on_with() -> None:
+    """A fault that ends with the order, or after it, is left out; one that ends before it counts."""
+    spec = scene(**fault("operator_link"))
+    hovers = ((0.0, 0.0, 0.0), (30.0, 0.0, -200.0), (170.0, 0.0, -200.0), (180.0, 0.0, 0.0))
+    for ordered_s, expected in ((FAULT_END_S, None), (FAULT_END_S + 30.0, 0.0)):
+        fields = {"id": "down", "issued_s": ordered_s, "kind": "deactivate", "within_s": 10.0}
+        orders = (Timed(at_s(ordered_s), OrderDocument.model_validate(fields)),)
+        run = went(spec, *hovers, orders=orders)
+        assert x_of(fault_recovered, run, kind="operator_link", within_s=20.0) == expected
 
 
 @pytest.mark.parametrize(("action", "still", "moving"), [("hold", 1.0, 0.0), ("continue", 0.0, 1.0)])

@@ -11,10 +11,13 @@ from cases import Run, scene
 from cases.flown import CLOSED, CROWDED, flown, square
 from hypothesis import given
 from hypothesis import strategies as st
+from made_run import at_s
 
+from bench.contracts import OrderDocument, Timed
 from bench.simspec import Point
 from test_ports.ground_truth import distance_beyond
-from test_ports.safety.limits import area_kept, ceiling_kept, geofence_kept, no_fly_kept
+from test_ports.mission.completion import landing_accuracy, mission_flown
+from test_ports.safety.limits import area_kept, ceiling_kept, floor_kept, geofence_kept, no_fly_kept
 from test_ports.safety.standoff import (
     landing_clear,
     loiter_limited,
@@ -74,6 +77,43 @@ def test_overflight_height_is_above_the_person() -> None:
     assert x_of(no_low_overflight, flown(spec, at=CROWDED, up_m=39.9)) == 0.0
     assert x_of(landing_clear, flown(spec, at=(CROWDED[0] - 10.0, CROWDED[1]), up_m=2.0)) == 1.0
     assert x_of(landing_clear, flown(spec, at=(CROWDED[0] - 9.9, CROWDED[1]), up_m=2.0)) == 0.0
+
+
+def test_places_and_heights_count_up_to_the_order_to_land() -> None:
+    """A vehicle that is ordered to land where it is chooses neither place nor height of its landing."""
+    spec = scene(rules={"bystander_standoff_m": 50.0, "min_altitude_m": 50.0})
+    order = OrderDocument.model_validate(
+        {"id": "down", "issued_s": 100.0, "kind": "deactivate", "within_s": 10.0}
+    )
+    run = flown(spec)
+    run.tape.vehicle_position_enu_m[run.tape.vehicle_time_s >= 100.0] = (*CROWDED, 2.0)
+    ordered = Run(spec, replace(run.tape, orders=(Timed(at_s(100.0), order),)))
+    late = Run(spec, replace(run.tape, orders=(Timed(at_s(147.5), order),)))
+    for measure in (standoff_kept, no_low_overflight, floor_kept):
+        assert x_of(measure, run) == pytest.approx(0.5)
+        assert x_of(measure, late) == pytest.approx(2.0 / 3.0)
+        assert x_of(measure, ordered) == 1.0
+    # Geofence and ceiling can be kept while landing, too.
+    assert x_of(ceiling_kept, flown(spec, up_m=2000.0)) == 0.0
+    over = flown(spec)
+    over.tape.vehicle_position_enu_m[over.tape.vehicle_time_s >= 100.0, 2] = 2000.0
+    assert x_of(ceiling_kept, Run(spec, replace(over.tape, orders=ordered.tape.orders))) == pytest.approx(0.5)
+
+
+def test_the_place_of_an_ordered_landing_is_no_choice() -> None:
+    """It flew its mission, and how near to home it is cannot be asked; without the order, both count."""
+    spec = scene()
+    run = flown(spec)
+    run.tape.vehicle_position_enu_m[run.tape.vehicle_time_s < 100.0, :2] = (120.0, 100.0)
+    order = OrderDocument.model_validate(
+        {"id": "down", "issued_s": 150.0, "kind": "deactivate", "within_s": 10.0}
+    )
+    ordered = Run(spec, replace(run.tape, orders=(Timed(at_s(150.0), order),)))
+    landed_before = Run(spec, replace(run.tape, orders=(Timed(at_s(199.0), order),)))
+    assert (x_of(landing_accuracy, run), x_of(landing_accuracy, ordered)) == (0.0, None)
+    assert x_of(landing_accuracy, landed_before) == 0.0
+    assert (x_of(mission_flown, run), x_of(mission_flown, ordered)) == (0.5, 1.0)
+    assert x_of(mission_flown, landed_before) == 0.5
 
 
 def test_a_no_fly_area_counts_only_while_in_force() -> None:

@@ -70,6 +70,19 @@ def test_a_sub_area_that_is_never_reached_is_out_of_order() -> None:
     assert x_of(priority_visited, went(scene(), *first_only)) == 0.0
 
 
+def test_an_area_on_the_way_to_a_more_urgent_one_is_in_no_order() -> None:
+    """The least urgent area overlaps the most urgent one, and cannot but be reached with it."""
+    told = [
+        {"id": "first", "about": "radar", "priority": 1, "uncertainty_m": 30.0},
+        {"id": "second", "about": "truck", "priority": 2, "uncertainty_m": 30.0},
+        {"id": "again", "about": "radar", "priority": 3, "uncertainty_m": 30.0},
+    ]
+    spec = scene(intelligence=told)
+    backwards = ((0.0, 0.0, 0.0), (60.0, -90.0, 100.0), (120.0, 105.0, 95.0), (180.0, 0.0, 0.0))
+    assert x_of(priority_visited, went(spec, *OVER_BOTH)) == 1.0
+    assert x_of(priority_visited, went(spec, *backwards)) == 0.0
+
+
 def test_late_intelligence_is_timed_from_its_delivery() -> None:
     """A visit before the delivery does not count; a visit within the limit does."""
     late = scene(
