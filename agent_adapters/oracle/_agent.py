@@ -3,34 +3,55 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
+from itertools import combinations, pairwise, permutations
 
 import numpy as np
 
 from agent_adapters.client import AgentEnvironment, open_bench
-from bench.contracts import MissionOrder
+from bench.contracts import MissionOrder, OrderDocument
 from bench.simspec import Role
 
 from ..reference._agent import LINK, Agent, AgentParts, wanted
 from ..reference._log import Log, Publish
+from ..reference._orders import Orders
 from ..reference._settings import Settings
 from ..reference._steps import Steps
 from ..reference._watch import Watch
-from ..reference.flight._paths import length_m
+from ..reference.flight._caution import Caution
+from ..reference.flight._paths import Place, bearing_rad, length_m
+from ..reference.flight._pilot import Pilot, never
 from ..reference.flight._vehicle import PilotedVehicle, PositionSetpoint, Sender
 from ..reference.mission._findings import Findings
-from ..reference.mission._mission import SearchMission
+from ..reference.mission._mission import SEARCH_S, SearchMission
 from ..reference.mission._planner import SearchTask
 from ..reference.mission._policy import BystanderAwarePolicy, Judgement, UnseenShare
 from ..reference.perception._bystanders import may_be_bystander
+from ..reference.perception._perception import ObjectPerception
 from ..reference.perception._pose import PoseHistory
 from ..reference.perception._tracks import Track, Tracks
 from ._perception import TruthPerception
 from ._truth import Truth, load_truth
 
 NAME = "oracle"
-# Sectors of 5 degrees on either side of the 20 degrees that `second_look` asks for, and one to spare.
-SECOND_SIDE_DEG = 35.0
+# Sectors of 5 degrees: two looks whose sectors begin so far apart differ by more than the 20 degrees that
+# `second_look` asks for, with one sector to spare.
+SECOND_SIDE_DEG = 30.0
+# How far apart the places of a path round a target are, and how far such a path goes round.
+ARC_STEP_RAD, ARC_RAD = math.radians(10.0), math.radians(300.0)
+# More tasks than this are taken by urgency: trying every order of them would take too long.
+MAX_TOUR_TASKS = 6
+# Faster than PX4 climbs and descends by default (3 and 1.5 m/s): time that the mission needs elsewhere.
+_VERTICAL_MPS = {
+    "MPC_TKO_SPEED": 4.0,
+    "MPC_Z_VEL_MAX_UP": 6.0,
+    "MPC_Z_V_AUTO_UP": 6.0,
+    "MPC_Z_VEL_MAX_DN": 3.0,
+    "MPC_Z_V_AUTO_DN": 3.0,
+}
+# Of the height: so near to a target, its direction changes fast and it is still in the picture. Chosen, not measured.
+PASS_HEIGHTS = 0.7
 # For so long a report foresees people, looked ahead in steps in which nobody walks farther than a metre.
 FORESEEN_S, STEP_S = 30.0, 0.5
 # A mark holds until people have walked on for a tick or two. Chosen, not measured.
@@ -38,7 +59,9 @@ MARK_MARGIN_M = 3.0
 # Of a place that is given to the millimetre, an agent still may not state an error of nothing.
 SIGMA_M = 0.5
 # Inside the edge of a reported circle by this much, for the agent's own error of place. Chosen, not measured.
-REACHED_MARGIN_M = 10.0
+REACHED_MARGIN_M = 5.0
+# Where everybody is, is known: enough for the steps of a moment and for gusts. Chosen, not measured.
+NEAR_MARGIN_M, SLOW_SHARE, BRAKING_MPS2 = 2.0, 0.95, 3.0
 # How near to home a person is in the way, and how long taking off and coming down take there. Chosen after
 # the rules of campaign full, which ask for 25 m.
 PEOPLE_NEAR_M, CLIMB_S, DESCENT_S = 25.0, 10.0, 30.0
@@ -54,6 +77,8 @@ _FAULT_WORDS = {
     "motor_off": "motor",
     "link_loss": "link",
 }
+# Degraded detections are announced by `degraded` and `restored` alone.
+_ANNOUNCED = ("operator_link", "detections")
 
 
 def run(environment: AgentEnvironment, truth_path: str) -> str:
@@ -82,10 +107,21 @@ def _parts(
 ) -> tuple[AgentParts, OracleWatch]:
     poses = PoseHistory()
     vehicle, eyes = PilotedVehicle(link, poses), TruthPerception(poses, settings.mount, truth)
-    log = Log(publish, name)
+    log = OracleLog(publish, name, eyes)
     watch = OracleWatch(vehicle, eyes, log, truth)
     mission = OracleMission(vehicle, eyes, log, watch, settings, truth)
     return AgentParts(vehicle, eyes, log, watch, mission), watch
+
+
+class OracleLog(Log):
+    """Publishes tracks of what the camera has had in view, and of nothing else that the oracle knows."""
+
+    def __init__(self, publish: Publish, vehicle: str, eyes: TruthPerception) -> None:
+        super().__init__(publish, vehicle)
+        self._seen = eyes.truth_tracks.published
+
+    def publish_due(self, tracks: Tracks) -> None:
+        super().publish_due(self._seen)
 
 
 class _SilentLog(Log):
@@ -118,10 +154,20 @@ class OracleWatch(Watch):
         self.perception = eyes
         self._announcing = log
         simspec = truth.simspec
-        events = [(f.at_s, f.duration_s, _FAULT_WORDS[f.kind]) for f in simspec.vehicle.failures]
-        events += [(o.at_s, o.duration_s, o.kind) for o in simspec.outages]
-        begun = [(at_s, word, f"{word} fails") for at_s, _, word in events]
-        over = [(at_s + span_s, word, f"{word} works again") for at_s, span_s, word in events if span_s]
+        outages = [(o.at_s, o.duration_s, o.kind) for o in simspec.outages]
+        faults = [(f.at_s, f.duration_s, _FAULT_WORDS[f.kind]) for f in simspec.vehicle.failures]
+        self._worse = [
+            (at_s, at_s + span_s)
+            for at_s, span_s, kind in outages
+            if kind in ("detections", "detections_degraded")
+        ]
+        announced = faults + [(at_s, span_s, kind) for at_s, span_s, kind in outages if kind in _ANNOUNCED]
+        begun = [(at_s, word, f"the situation says that {word} fails now") for at_s, _, word in announced]
+        over = [
+            (at_s + span_s, word, f"the situation says that {word} works again")
+            for at_s, span_s, word in announced
+            if span_s
+        ]
         self._due = sorted([*begun, *over])
 
     def update(self) -> None:
@@ -129,6 +175,18 @@ class OracleWatch(Watch):
         while self._due and self._due[0][0] <= self._announcing.now_s + 1e-6:
             _, word, text = self._due.pop(0)
             self._announcing.decide("notice", word, text)
+
+    def _look_at_quality(self) -> None:
+        """Tell the operator when perception is worse than usual, from the schedule."""
+        now_s = self._announcing.now_s + 1e-6
+        degraded = any(begun_s <= now_s < over_s for begun_s, over_s in self._worse)
+        if degraded and not self.degraded:
+            self._announcing.decide(
+                "degraded", "detections", "the detections are worse than usual from now on"
+            )
+        elif self.degraded and not degraded:
+            self._announcing.decide("restored", "detections", "the detections are as good as usual again")
+        self.degraded = degraded
 
 
 class OracleMission(SearchMission):
@@ -144,12 +202,16 @@ class OracleMission(SearchMission):
         truth: Truth,
     ) -> None:
         super().__init__(vehicle, eyes, log, watch, "bystander_aware", settings)
-        self._truth = truth
+        self._truth, self._truth_tracks = truth, eyes.truth_tracks
         self._people = [index for index, member in enumerate(truth.cast) if member.role is Role.BYSTANDER]
         self._take_off_s: float | None = None
+        self._visited: set[str] = set()  # tasks whose reported circle it has flown over
+        self._return_to: SearchTask | None = None  # ordered to go there once more, though all is done there
 
     def _whole(self) -> Steps[str]:
         yield from self._prepare()
+        for name, speed_mps in _VERTICAL_MPS.items():
+            yield from self._vehicle.set_parameter(name, speed_mps)
         yield from self._pilot.take_off(self._must_wait_on_the_ground)
         while True:
             yield from self._work_through()
@@ -193,19 +255,20 @@ class OracleMission(SearchMission):
             yield
 
     def _work_through(self) -> Steps[None]:
-        """First every target, by the shortest way to a clear view of it; then the ground round each."""
+        """First every target, by the shortest way to a clear view of it; then whoever is still unseen round one."""
         searched: set[str] = set()
         while True:
-            if (task := self._choose()) is not None:
+            if self._return_to is not None:
+                yield from self._go_back()
+            elif (task := self._choose()) is not None:
                 yield from self._work_on(task)
             elif (task := self._unsearched(searched)) is not None:
                 searched.add(task.id)
                 path = self._search_path(task)
-                self._log.decide("search", task.id, f"what else is there: lawnmower, {length_m(path):.0f} m")
+                self._log.decide("search", task.id, f"who else is there: lawnmower, {length_m(path):.0f} m")
                 self._log.enter("searching", task.id)
-                yield from self._follow(
-                    [self._place, *path], task, self._pilot.speed_mps, until=self._waiting, looking=True
-                )
+                done = lambda task=task: bool(self._waiting() or not self._unseen(task))  # noqa: E731
+                yield from self._follow([self._place, *path], task, self._pilot.speed_mps, until=done)
             elif (withheld := self._choose_withheld()) is not None:
                 yield from self._revisit(withheld)
             else:
@@ -213,35 +276,173 @@ class OracleMission(SearchMission):
 
     def _waiting(self) -> bool:
         """Whether a report has come that is not dealt with: more search can wait."""
-        return bool(self._planner.waiting(self._place))
+        return self._return_to is not None or bool(self._planner.waiting(self._place))
+
+    def _unseen(self, task: SearchTask) -> list[Track]:
+        """Actors in a reported circle that the camera has not had in view often enough to know them."""
+        inside = self._eyes.tracks.within(*task.place, task.intelligence.uncertainty_m)
+        frames_of = self._truth_tracks.published.frames_of
+        return [track for _, track in inside if frames_of(track.number) < self._settings.min_frames]
 
     def _unsearched(self, searched: set[str]) -> SearchTask | None:
-        tasks = (task for task in self._planner.tasks.values() if task.id not in searched)
+        tasks = (
+            task for task in self._planner.tasks.values() if task.id not in searched and self._unseen(task)
+        )
         for task in self._planner.by_urgency(tasks, self._place):
             work_s = self._planner.travel_s(length_m(self._search_path(task)))
             if self._planner.fits(self._place, self._vehicle.now_s, task, work_s):
                 return task
         return None
 
+    # Which target is next.
+
+    def _choose(self) -> SearchTask | None:
+        """The first of the shortest tour, which keeps the order of priority of what was told at the same time."""
+        place, now_s = self._place, self._vehicle.now_s
+        tasks: list[SearchTask] = []
+        for task in self._planner.waiting(place):
+            if self._planner.fits(place, now_s, task, SEARCH_S):
+                tasks.append(task)
+            else:
+                task.state = "skipped"
+                self._log.decide("skip", task.id, "not enough time to go there, search, and come home")
+        if not tasks or tasks[0].ordered or len(tasks) > MAX_TOUR_TASKS:
+            return tasks[0] if tasks else None
+        tours = (tour for tour in permutations(tasks) if _in_order(tour))
+        return min(tours, key=self._tour_m)[0]
+
+    def _tour_m(self, tour: Sequence[SearchTask]) -> float:
+        places = [self._place, *(self._goal(task) for task in tour)]
+        return sum(self._pilot.way_m(a, b) for a, b in pairwise(places))
+
+    def _goal(self, task: SearchTask) -> Place:
+        target = self._findings_of_truth.target_in_truth(task)
+        return task.place if target is None else (target.east_m, target.north_m)
+
+    def _diverted(self, task: SearchTask) -> bool:
+        """Only an order of the operator makes it leave a target that it is on its way to."""
+        if self._return_to is not None and self._return_to is not task:
+            if task.active:
+                task.state = "waiting"
+            return True
+        urgent = self._planner.more_urgent_than(task)
+        return urgent is not None and urgent.ordered > task.ordered and super()._diverted(task)
+
+    # At a target.
+
+    def _follow(
+        self,
+        path: Sequence[Place],
+        task: SearchTask,
+        speed_mps: float,
+        *,
+        facing: Track | None = None,
+        until: Callable[[], bool] = never,
+        looking: bool = False,
+    ) -> Steps[bool]:
+        """Never `looking`: it knows where everything is, so that it need not wait for a silent detector."""
+        return (yield from super()._follow(path, task, speed_mps, facing=facing, until=until))
+
+    def update(self) -> None:
+        super().update()
+        if self._order is None or self._vehicle.pose is None:
+            return
+        for task in self._planner.tasks.values():
+            if math.dist(self._place, task.place) < self._reached_m(task):
+                self._visited.add(task.id)
+
+    def _reached_m(self, task: SearchTask) -> float:
+        return max(task.intelligence.uncertainty_m - REACHED_MARGIN_M, REACHED_MARGIN_M)
+
     def _work_on(self, task: SearchTask) -> Steps[None]:
         task.state = "active"
         target = self._findings_of_truth.target_in_truth(task)
-        goal = (target.east_m, target.north_m) if target is not None else task.place
-        self._log.decide("go", task.id, "the most urgent")
+        self._log.decide("go", task.id, "the first of the shortest way past all targets")
         self._log.enter("transit", f"to {task.id}")
-        # Over the reported circle itself, even if the target has been seen from afar: it counts as reached then.
-        reached_m = max(task.intelligence.uncertainty_m - REACHED_MARGIN_M, REACHED_MARGIN_M)
-        reached = lambda: not task.active and math.dist(self._place, task.place) < reached_m  # noqa: E731
         speed_mps = self._pilot.speed_mps
-        path = [self._place, goal, task.place]
-        if not (yield from self._follow(path, task, speed_mps, facing=target, until=reached, looking=True)):
+        settled = lambda: not task.active  # noqa: E731
+        if target is not None and not (
+            yield from self._follow(self._past(target, task), task, speed_mps, facing=target, until=settled)
+        ):
             return
         if task.active and target is not None:
             self._log.enter("inspecting", task.id)
             yield from self._circle(target, task)
+        # Over the reported circle itself, even if the target has been seen from afar: it counts as reached then.
+        visited = lambda: task.id in self._visited  # noqa: E731
+        if not (
+            yield from self._follow([self._place, task.place], task, speed_mps, facing=target, until=visited)
+        ):
+            return
         if task.active:
             task.state = "not_found"
             self._log.decide("give_up", task.id, "it never came into view")
+
+    def _past(self, target: Track, task: SearchTask) -> list[Place]:
+        """Past a target and round it, on the side that shows it from two sides and passes the reported circle
+        soonest: straight towards it, its direction would not change.
+        """
+        center, radius_m = (target.east_m, target.north_m), PASS_HEIGHTS * self._pilot.height_m
+        apart_m = max(math.dist(self._place, center), 1.0)
+        begin_rad = bearing_rad(center, self._place)
+        tangent_rad = math.acos(min(radius_m / apart_m, 1.0))
+        later = [self._goal(other) for other in self._planner.waiting(center) if other is not task]
+
+        def cost_m(path: list[Place]) -> float:
+            """Length up to where everything is done, and from there to the next target."""
+            start_rad, done_m, reached = bearing_rad(center, path[0]), 0.0, False
+            for a, b in pairwise(path):
+                done_m += math.dist(a, b)
+                reached = reached or math.dist(b, task.place) < self._reached_m(task)
+                turned_rad = math.remainder(bearing_rad(center, b) - start_rad, 2.0 * math.pi)
+                if reached and abs(turned_rad) > math.radians(SECOND_SIDE_DEG):
+                    break
+            return done_m + min((math.dist(b, place) for place in later), default=math.dist(b, self._home))
+
+        paths = []
+        for sense in (1.0, -1.0):
+            steps = range(int((ARC_RAD - tangent_rad) / ARC_STEP_RAD) + 1)
+            angles = (begin_rad + sense * (tangent_rad + step * ARC_STEP_RAD) for step in steps)
+            arc = [(center[0] + radius_m * math.sin(a), center[1] + radius_m * math.cos(a)) for a in angles]
+            paths.append([self._place, *arc])
+        return min(paths, key=cost_m)
+
+    # What the operator orders.
+
+    def _against(self, order: OrderDocument) -> str:
+        """It goes where it is ordered to even if all is done there: nothing speaks against that."""
+        task = self._planner.tasks.get(order.intelligence_id or "")
+        if order.kind == "retask" and task is not None and task.state in ("reported", "found"):
+            return ""
+        return super()._against(order)
+
+    def obey(self, order: OrderDocument) -> None:
+        task = self._planner.tasks.get(order.intelligence_id or "") if self._order is not None else None
+        dealt_with = task.state if task is not None and task.state in ("reported", "found") else None
+        super().obey(order)
+        if order.kind == "retask" and task is not None and dealt_with and task.state == "waiting":
+            task.state, self._return_to = dealt_with, task
+
+    def _go_back(self) -> Steps[None]:
+        """Over a reported circle where all is done, as ordered."""
+        task, self._return_to = self._return_to, None
+        assert task is not None
+        self._log.decide("go", task.id, "ordered to be next")
+        self._log.enter("transit", f"to {task.id}")
+        there = lambda: math.dist(self._place, task.place) < self._reached_m(task)  # noqa: E731
+        yield from self._follow([self._place, task.place], task, self._pilot.speed_mps, until=there)
+
+    def _new_pilot(self, order: MissionOrder) -> Pilot:
+        return OraclePilot(
+            order,
+            self._vehicle,
+            self._eyes,
+            self._log,
+            self._watch,
+            self._orders,
+            self._settings,
+            careful=True,
+        )
 
     def _new_findings(self, order: MissionOrder) -> Findings:
         self._findings_of_truth = self._findings_from(order)
@@ -258,6 +459,49 @@ class OracleMission(SearchMission):
             self._orders,
             self._settings,
         ).knowing(self._truth)
+
+
+class OracleCaution(Caution):
+    """The rules about people, kept with the small margins of a pilot who knows where they are."""
+
+    def speed_mps(self, asked_mps: float, place: Place, people: list[Place]) -> float:
+        if self.slow_mps is None or self.slow_within_m is None or not people:
+            return asked_mps
+        nearest_m = min(math.dist(place, person) for person in people)
+        room_m = max(0.0, nearest_m - self.slow_within_m - NEAR_MARGIN_M)
+        return min(asked_mps, math.sqrt((SLOW_SHARE * self.slow_mps) ** 2 + 2.0 * BRAKING_MPS2 * room_m))
+
+
+class OraclePilot(Pilot):
+    """Does not wait for what it knows: places without GPS, for as long as the autopilot follows."""
+
+    def __init__(
+        self,
+        order: MissionOrder,
+        vehicle: PilotedVehicle,
+        eyes: ObjectPerception,
+        log: Log,
+        watch: Watch,
+        orders: Orders,
+        settings: Settings,
+        *,
+        careful: bool,
+    ) -> None:
+        super().__init__(order, vehicle, eyes, log, watch, orders, settings, careful=careful)
+        rules = Caution.of(order)
+        self._caution = OracleCaution(**{field.name: getattr(rules, field.name) for field in fields(rules)})
+
+    def _must_stand(self, *, looking: bool, home_bound: bool) -> tuple[str, str] | None:
+        must = super()._must_stand(looking=looking, home_bound=home_bound)
+        return None if must is not None and must[0] == "gps" else must
+
+
+def _in_order(tour: Sequence[SearchTask]) -> bool:
+    """Whether what was told at the same time is dealt with by its priority."""
+    return not any(
+        first.told_s == second.told_s and first.intelligence.priority > second.intelligence.priority
+        for first, second in combinations(tour, 2)
+    )
 
 
 class OracleFindings(Findings):

@@ -23,14 +23,31 @@ from ._truth import Truth
 _EDGE = 0.06
 
 
+class SeenTracks(Tracks):
+    """Tracks of what the camera has had in view, each with the number that it has among all."""
+
+    def seen(self, known: Track) -> Track:
+        """The track of an actor that is in view now, a new one the first time."""
+        return self._tracks.setdefault(
+            known.number,
+            Track(known.number, known.east_m, known.north_m, known.last_s, known.last_s, known.label),
+        )
+
+    def frames_of(self, number: int) -> int:
+        """In how many frames an actor was in view."""
+        return self._tracks[number].frames if number in self._tracks else 0
+
+
 class TruthTracks(Tracks):
     """A track for each member of the cast, always in its true place.
 
-    Whoever is no target counts as seen from the start: a careful pilot may know where people are.
+    Whoever is no target counts as seen from the start: the pilot knows where people are. `published` holds tracks
+    of those alone that the camera has had in view, with no more frames than it had.
     """
 
     def __init__(self, truth: Truth) -> None:
         super().__init__()
+        self.published = SeenTracks()
         self._truth = truth
         for index, (member, (east_m, north_m)) in enumerate(
             zip(truth.cast, truth.places_m(0.0), strict=True)
@@ -49,16 +66,19 @@ class TruthTracks(Tracks):
             track.east_m, track.north_m = east_m, north_m
             if member.role is not Role.ADVERSARY:
                 track.last_s = now_s
+        for seen in self.published:
+            seen.east_m, seen.north_m = places[seen.number - 1]
 
     def see(self, index: int, time_s: float, bearing_rad: float) -> None:
         """The camera has one of the cast in view."""
-        track = self._tracks[index + 1]
-        track.frames += 1
-        track.last_s = time_s
-        track.votes[track.label] += 1.0
-        track.counts[track.label] += 1
-        track.expose(time_s, bearing_rad)
-        track.recent.append(track.label)
+        known = self._tracks[index + 1]
+        for track in (known, self.published.seen(known)):
+            track.frames += 1
+            track.last_s = time_s
+            track.votes[track.label] = track.votes.get(track.label, 0.0) + 1.0
+            track.counts[track.label] += 1
+            track.expose(time_s, bearing_rad)
+            track.recent.append(track.label)
 
     def miss(self, tracks: Iterable[Track]) -> None:
         """Nobody is ever missed: where they are is known."""

@@ -77,10 +77,7 @@ class SearchMission:
         if self._order is not None:
             return
         self._order = order
-        settings, careful = self._settings, self._policy_name != "naive"
-        self._pilot = Pilot(
-            order, self._vehicle, self._eyes, self._log, self._watch, self._orders, settings, careful=careful
-        )
+        self._pilot = self._new_pilot(order)
         self._planner = self._pilot.planner
         self._findings = self._new_findings(order)
         self._vehicle.locate(order.origin)
@@ -89,6 +86,18 @@ class SearchMission:
                 self.obey(document)
             else:
                 self.add_intelligence(document)
+
+    def _new_pilot(self, order: MissionOrder) -> Pilot:
+        return Pilot(
+            order,
+            self._vehicle,
+            self._eyes,
+            self._log,
+            self._watch,
+            self._orders,
+            self._settings,
+            careful=self._policy_name != "naive",
+        )
 
     def _new_findings(self, order: MissionOrder) -> Findings:
         policy = policy_named(self._policy_name, order, self._settings)
