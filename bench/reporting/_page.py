@@ -48,6 +48,7 @@ from .text._fidelity import fidelity_note, with_table_notes
 from .text._format import interval, number, p_value, percent, score, span
 from .text._glossary import GLOSSARY
 from .text._outcomes import outcome_name, outcome_text
+from .text._sensor import detector_sentences, sensor_observables
 
 # Chosen, not measured: a manifest has a row for every file, which in a large campaign would be most of the
 # page.
@@ -99,6 +100,9 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
         "studied": studied_nodes(data, shown, trials, figures) if data.tallies else [],
         "trees": node_trees(data, shown, trials),
         "panels": configuration_panels(data, shown, figures),
+        "sensor": sensor_observables(data),
+        "style_of": {style.name: style for style in shown},
+        "detectors": detector_sentences(simspec.perception for simspec in data.simspecs.values()),
         "maps": [map_section(chart, place, figures) for place, chart in enumerate(charts, start=1)],
         "map_notes": map_notes,
         "comparisons": comparisons,

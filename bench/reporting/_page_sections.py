@@ -27,6 +27,7 @@ from .text._format import listed, percent, plural, score, span
 from .text._glossary import METHODS, NO_INTERVAL
 from .text._node_sentences import curve_remark, node_sentences
 from .text._outcomes import AFTER_STOP, outcome_name
+from .text._sensor import only_about_sensor
 
 # Chosen, not measured: agents decide as often as they like, and a page holds several runs.
 DECISION_ROWS = 200
@@ -127,12 +128,14 @@ def node_trees(data: ReportData, shown: Sequence[AgentStyle], trials: AllTrials)
     if not data.tallies:
         return []
     flown = {run.agent for run in data.runs}
+    about_sensor = only_about_sensor(data.scores)
     sentences = {
         (style.name, name): node_sentences(
             data.tally(style.name, name), trials.get((style.name, name), NodeTrials())
         )
         for style in shown
         for name in data.nodes
+        if (style.name, name) not in about_sensor
     }
     return [
         {
@@ -189,7 +192,9 @@ def _tree_rows(
             "studied": name in data.study,
             "also": listed([other for other in parents.get(name, []) if other != parent]),
             "tally": data.tally(agent, name),
-            "lines": sentences[agent, name],
+            # Without sentences: the node is about the simulated detector, and this table is about the agent.
+            "lines": sentences.get((agent, name), []),
+            "about_sensor": (agent, name) not in sentences,
         }
         for child in node.children:
             yield from below(child, min(depth + 1, 3), name)
@@ -238,6 +243,9 @@ def map_section(chart: RunMap, place: int, figures: PageFigures) -> dict[str, An
         f"Map of {run.realization}: {plural(len(chart.reports), 'report')}, {marked} marked, "
         f"{forbidden} of them with a bystander within {chart.no_mark_within_m:g} m; {len(chart.actors)} actors"
     )
+    if chart.consents:
+        granted = sum(consent.state == "granted" for consent in chart.consents)
+        label += f"; {plural(len(chart.consents), 'request')} for consent, {granted} granted"
     return {
         "box": f"map-{place}-box",
         "id": figures.add(f"map-{place}", map_figure(chart)),

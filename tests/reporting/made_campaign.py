@@ -78,13 +78,14 @@ class Made:
     never_scored: str | None = None
     description: str = "A made-up campaign for the report's tests."
     scored: bool = True
+    about_sensor: tuple[str, ...] = ()  # observables whose subject is the perception
 
 
 def make_campaign(folder: Path, made: Made = Made()) -> Path:
     """Write the folder; recordings are not part of it (see `write_recording`)."""
     (folder / "simspecs").mkdir(parents=True)
     (folder / "campaign.yaml").write_text(yaml.safe_dump(_campaign(made), sort_keys=False))
-    (folder / "decomposition.json").write_text(json.dumps(_decomposition()))
+    (folder / "decomposition.json").write_text(json.dumps(_decomposition(made.about_sensor)))
     document = load_decomposition(folder / "decomposition.json")
     scored: list[ScoredRun] = []
     for scene in range(made.scenes):
@@ -304,7 +305,7 @@ def _campaign(made: Made) -> dict[str, Any]:
     }
 
 
-def _decomposition() -> dict[str, Any]:
+def _decomposition(about_sensor: Sequence[str] = ()) -> dict[str, Any]:
     """Concealment rates every second observable, fog the others; each key attribute is a little harder than
     the one before.
     """
@@ -319,7 +320,8 @@ def _decomposition() -> dict[str, Any]:
     hidden = {"factor": "target_concealment", "unit": "1", "values": [0, 1], "reason": "Made up."}
     leaves = [
         {"id": observable, "title": f"Observable {observable}", "asks": "Something measurable.", **leaf,
-         "key_factors": [{**(hidden if second else fog), "ratings": [10 + 10 * place + 5 * second, 100]}]}
+         "key_factors": [{**(hidden if second else fog), "ratings": [10 + 10 * place + 5 * second, 100]}],
+         "subject": "perception" if observable in about_sensor else "agent"}
         for place, ka in enumerate(STUDY)
         for second, observable in enumerate(OBSERVABLES[ka])
     ]  # fmt: skip

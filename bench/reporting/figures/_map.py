@@ -10,12 +10,20 @@ import plotly.graph_objects as go
 
 from bench.simspec import Role
 
+from ..map._consents import ConsentState, MapConsent
 from ..map._run_map import MapActor, MapReport, RunMap, Track
 from ._style import empty_figure
 
 # Visible on white and on black: the scale does not change with the theme.
 FLIGHT_COLOURS = ((0.0, "#4a74d9"), (0.5, "#b35fa0"), (1.0, "#e0912f"))
 ROLE_MARKERS = {Role.ADVERSARY: "triangle-up", Role.BYSTANDER: "circle", Role.CLUTTER: "square"}
+# Outlines, larger than the cross of a report: the request about a target and its report have one place. Each answer
+# has a shape of its own, because colours alone are lost in a grey print.
+CONSENT_MARKERS: dict[ConsentState, tuple[str, str]] = {
+    "granted": ("diamond-open", "var(--good)"),
+    "refused": ("square-open", "var(--forbidden)"),
+    "never answered": ("hexagon-open", "var(--warn)"),
+}
 ROLE_NAMES = {Role.ADVERSARY: "adversary", Role.BYSTANDER: "bystander", Role.CLUTTER: "clutter"}
 
 
@@ -62,6 +70,7 @@ def map_figure(chart: RunMap) -> go.Figure:
             report,
             first=report.mark not in {earlier.mark for earlier in chart.reports[:place]},
         )
+    _draw_consents(figure, chart.consents)
     # Last, so that a target is not hidden by the report on it.
     _draw_actors(figure, Role.ADVERSARY, [actor for actor in chart.actors if actor.role is Role.ADVERSARY])
     figure.add_scatter(
@@ -226,6 +235,35 @@ def _draw_report(figure: go.Figure, chart: RunMap, report: MapReport, first: boo
         borderpad=3,
         opacity=0.92,
     )
+
+
+def _draw_consents(figure: go.Figure, consents: Sequence[MapConsent]) -> None:
+    for state, (symbol, colour) in CONSENT_MARKERS.items():
+        requests = [consent for consent in consents if consent.state == state]
+        if not requests:
+            continue
+        figure.add_scatter(
+            x=[request.east_m for request in requests],
+            y=[request.north_m for request in requests],
+            mode="markers",
+            marker={
+                "symbol": symbol,
+                "size": 30,
+                "color": colour,
+                "line": {"color": colour, "width": 2},
+            },
+            hovertext=[_consent_text(request) for request in requests],
+            hoverinfo="text",
+            name=f"consent {state}",
+        )
+
+
+def _consent_text(consent: MapConsent) -> str:
+    # The id is any text of the agent, and Plotly renders markup.
+    about = f"consent to mark {escape(consent.about)} asked at {consent.time_s:.1f} s"
+    if consent.answered_s is None:
+        return f"{about}, never answered"
+    return f"{about}, {consent.state} at {consent.answered_s:.1f} s"
 
 
 def _outline(

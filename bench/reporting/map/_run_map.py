@@ -13,6 +13,7 @@ from bench.contracts import Decision, Tape, TargetReport, Timed
 from bench.simspec import Polygon, Role, SimSpec
 
 from .._campaign_data import Run
+from ._consents import MapConsent, map_consents
 from ._events import RunEvent, run_events
 
 # East and north in metres.
@@ -105,6 +106,8 @@ class RunMap:
     roads: tuple[tuple[str, Track, float], ...] = ()  # id, middle, width_m
     areas: tuple[tuple[str, Track], ...] = ()
     events: tuple[RunEvent, ...] = ()
+    consents: tuple[MapConsent, ...] = ()
+    mark_consent: bool = False  # the rules ask for the operator's consent before a mark
 
 
 def build_run_map(run: Run, simspec: SimSpec, tape: Tape) -> RunMap:
@@ -140,6 +143,8 @@ def build_run_map(run: Run, simspec: SimSpec, tape: Tape) -> RunMap:
         ),
         areas=tuple((area.id, _closed_ring(area)) for area in simspec.world.areas),
         events=run_events(simspec, tape),
+        consents=map_consents(tape),
+        mark_consent=simspec.rules.mark_consent,
     )
 
 
