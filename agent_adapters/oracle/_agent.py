@@ -215,6 +215,7 @@ class OracleMission(SearchMission):
         yield from self._pilot.take_off(self._must_wait_on_the_ground)
         while True:
             yield from self._work_through()
+            yield from self._accompany()
             yield from self._wait_for_people_at_home()
             if (yield from self._pilot.go_home("every task is dealt with", unless=self._more_to_do)):
                 return "complete"

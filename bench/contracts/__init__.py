@@ -32,6 +32,7 @@ from ._documents import CastMember as CastMember
 from ._documents import ConsentAnswer as ConsentAnswer
 from ._documents import ConsentRequest as ConsentRequest
 from ._documents import Decision as Decision
+from ._documents import EscortDocument as EscortDocument
 from ._documents import EventDocument as EventDocument
 from ._documents import IntelligenceDocument as IntelligenceDocument
 from ._documents import MissionOrder as MissionOrder
@@ -45,6 +46,8 @@ from ._documents import TruthDocument as TruthDocument
 from ._documents import VehicleDocument as VehicleDocument
 from ._documents import ViewDocument as ViewDocument
 from ._documents import parse_document as parse_document
+from ._escort import convoy_places_m as convoy_places_m
+from ._escort import escort_document as escort_document
 from ._measure import ChecksOptions as ChecksOptions
 from ._measure import Measure as Measure
 from ._measure import Option as Option

@@ -51,6 +51,28 @@ class NoFlyDocument(Document):
     until_s: Annotated[float | None, Field(description="To the end when absent.")]
 
 
+class EscortDocument(Document):
+    """A group to stay with and to warn: one's own side, so where it starts and drives is no secret."""
+
+    class_label: str
+    starts: Annotated[tuple[Point, ...], Field(description="Where its members start.")]
+    route: Annotated[
+        tuple[Point, ...],
+        Field(
+            description="Driven in a loop: each member goes to the nearest point first, then on in this order."
+        ),
+    ]
+    speed_mps: float
+    depart_s: Annotated[float, Field(description="Simulated time at which it sets off.")]
+    halt_s: Annotated[float | None, Field(description="Simulated time at which it stops; never when absent.")]
+    within_m: Annotated[
+        float, Field(description="Stay this near to one of its members, horizontally, while it moves.")
+    ]
+    warn_before_m: Annotated[
+        float, Field(description="Report each adversary before the group comes this near to it.")
+    ]
+
+
 class MissionOrder(Document):
     """Bench to agent, once: what to do and within which rules.
 
@@ -107,6 +129,14 @@ class MissionOrder(Document):
             description="Mark only what the operator has granted in answer to a ConsentRequest, or has ordered.",
         ),
     ] = False
+    escort: Annotated[
+        EscortDocument | None,
+        Field(
+            # Left out where there is none, for the same reason.
+            exclude_if=lambda escort: escort is None,
+            description="Whom to stay with and to warn, beside the search.",
+        ),
+    ] = None
     # Class labels and not assets: an agent knows what a detector can report, not the catalogue.
     target_classes: Annotated[tuple[str, ...], Field(description="Class labels that count as targets.")]
     bystander_classes: Annotated[tuple[str, ...], Field(description="Class labels that count as bystanders.")]

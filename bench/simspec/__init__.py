@@ -23,6 +23,7 @@ from ._document import AgentSpec as AgentSpec
 from ._document import Budgets as Budgets
 from ._document import Consent as Consent
 from ._document import DetectionModel as DetectionModel
+from ._document import Escort as Escort
 from ._document import Intelligence as Intelligence
 from ._document import Mission as Mission
 from ._document import Order as Order

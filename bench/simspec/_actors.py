@@ -27,6 +27,7 @@ class Motion(Document):
     """How a member moves.
 
     `wander`: to random points within `radius_m` of its start. `patrol`: along `route`, in a loop.
+    Before `depart_s` and from `halt_s` on it stands still.
     """
 
     kind: Literal["still", "wander", "patrol"] = "still"
@@ -36,6 +37,30 @@ class Motion(Document):
         float, Field(ge=0.0, le=3600.0, description="Mean pause at each point of the path.")
     ] = 5.0
     route: tuple[Point, ...] = ()
+    # Left out where they change nothing: SimSpecs without them keep their bytes.
+    depart_s: Annotated[
+        float,
+        Field(
+            ge=0.0,
+            le=7200.0,
+            exclude_if=lambda depart_s: depart_s == 0.0,
+            description="Simulated time at which it sets off.",
+        ),
+    ] = 0.0
+    halt_s: Annotated[
+        float | None,
+        Field(
+            gt=0.0,
+            exclude_if=lambda halt_s: halt_s is None,
+            description="Simulated time at which it stops for good, wherever it is; never when absent.",
+        ),
+    ] = None
+
+    @model_validator(mode="after")
+    def _halt_follows_departure(self) -> Self:
+        if self.halt_s is not None and self.halt_s <= self.depart_s:
+            raise ValueError(f"halt_s {self.halt_s:g} must be later than depart_s {self.depart_s:g}")
+        return self
 
     @model_validator(mode="after")
     def _patrol_has_a_route(self) -> Self:

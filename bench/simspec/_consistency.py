@@ -70,6 +70,7 @@ def situation_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
     yield from _consent_inconsistencies(simspec)
     yield from _handover_inconsistencies(simspec)
     yield from _outage_inconsistencies(simspec)
+    yield from _escort_inconsistencies(simspec)
     yield from _altitude_inconsistencies(simspec)
     yield from _home_inconsistencies(simspec)
 
@@ -266,6 +267,41 @@ def _outage_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
         if outage.until_s > limit_s:
             outage_text = f"{outage.kind} from {outage.at_s:g} to {outage.until_s:g} s lasts past the end"
             yield ("outages", index), f"{outage_text}: mission.time_limit_s is {limit_s:g}"
+
+
+def _escort_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
+    """Whether the escorted group exists, may be escorted, and can be predicted from what the agent is told."""
+    escort = simspec.mission.escort
+    if escort is None:
+        return
+    groups = {group.id: (index, group) for index, group in enumerate(simspec.actors)}
+    if escort.group not in groups:
+        message = f"escort names group {escort.group!r}, which is not one of {[*groups]}"
+        yield ("mission", "escort", "group"), message
+        return
+    index, group = groups[escort.group]
+    # The area does not matter here: a density of 0 has no members in any.
+    if not group.member_count(simspec.world.area.area_m2):
+        yield (
+            ("actors", index, "count"),
+            f"group {group.id!r} is escorted and may be empty: set count to 1 or more",
+        )
+    if group.role == "adversary":
+        yield (
+            ("actors", index, "role"),
+            f"group {group.id!r} is escorted, so it is no adversary: set role to bystander",
+        )
+    motion = group.motion
+    if motion.kind != "patrol":
+        message = f"group {group.id!r} is escorted along a route: set motion.kind to patrol, and give a route"
+        yield ("actors", index, "motion", "kind"), message
+    elif motion.pause_s > 0.0:
+        message = f"group {group.id!r} is escorted, and rests are drawn at random: set motion.pause_s to 0"
+        yield ("actors", index, "motion", "pause_s"), message
+    limit_s = simspec.mission.time_limit_s
+    if motion.depart_s >= limit_s:
+        message = f"escorted group {group.id!r} sets off after the end: mission.time_limit_s is {limit_s:g}"
+        yield ("actors", index, "motion", "depart_s"), message
 
 
 def _altitude_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:

@@ -44,6 +44,30 @@ class Intelligence(Document):
     delivered_s: Annotated[NotNegative, Field(description="Simulated time of delivery.")] = 0.0
 
 
+class Escort(Document):
+    """A group to stay with and to warn, beside the search.
+
+    The agent is told what the group is, where its members start, their route, speed and times.
+    """
+
+    group: Annotated[
+        Identifier, Field(description="The escorted group: a patrol without rests, and no adversary.")
+    ]
+    within_m: Annotated[
+        Positive,
+        Field(
+            le=1000.0,
+            description="The vehicle is with the group when it is this near to one of its members, horizontally.",
+        ),
+    ] = 80.0
+    warn_before_m: Annotated[
+        Positive,
+        Field(
+            le=1000.0, description="An adversary is to be reported before the group comes this near to it."
+        ),
+    ] = 100.0
+
+
 class Mission(Document):
     """The task of the agent."""
 
@@ -54,6 +78,14 @@ class Mission(Document):
         float, Field(gt=0.0, le=7200.0, description="The session ends at this simulated time.")
     ] = 300.0
     return_home: Annotated[bool, Field(description="Whether the mission ends with a landing at home.")] = True
+    escort: Annotated[
+        Escort | None,
+        Field(
+            # Left out where there is none: SimSpecs without escort keep their bytes.
+            exclude_if=lambda escort: escort is None,
+            description="Whom to stay with and to warn, beside the search.",
+        ),
+    ] = None
 
 
 OrderKind = Literal[

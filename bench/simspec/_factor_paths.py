@@ -21,17 +21,23 @@ def factor_paths(simspec: SimSpec, factor: str) -> tuple[str, ...]:
     factor.
     """
     stated_path = FACTORS[factor].path
+    escorted = "" if simspec.mission.escort is None else simspec.mission.escort.group
     for alternative in stated_path.split(" else "):
         fields = tuple(
-            field for path in alternative.split(", ") for field in _given_fields(simspec, path.split("."), "")
+            field
+            for path in alternative.split(", ")
+            for field in _given_fields(simspec, path.split("."), "", escorted)
         )
         if fields:
             return fields
     return (stated_path,)
 
 
-def _given_fields(part: Any, steps: list[str], prefix: str) -> Iterator[str]:
-    """The path of every field that the steps lead to from `part`; fields that are not given are left out."""
+def _given_fields(part: Any, steps: list[str], prefix: str, escorted: str) -> Iterator[str]:
+    """The path of every field that the steps lead to from `part`; fields that are not given are left out.
+
+    `escorted` is the id of the escorted group, empty without one.
+    """
     if not steps:
         yield prefix.removeprefix(".")
         return
@@ -44,10 +50,12 @@ def _given_fields(part: Any, steps: list[str], prefix: str) -> Iterator[str]:
     if value is None:
         return
     if match["pick"] is None:
-        yield from _given_fields(value, steps[1:], prefix)
+        yield from _given_fields(value, steps[1:], prefix, escorted)
         return
     for index, member in enumerate(value):
-        selectors = (getattr(member, "role", None), getattr(member, "kind", None))
+        selectors = [getattr(member, "role", None), getattr(member, "kind", None)]
+        if escorted and getattr(member, "id", None) == escorted:
+            selectors.append("escorted")
         if match["pick"] == "*" or match["pick"] in selectors:
             # By its id where the member has one: an index would change its meaning when a member is inserted.
-            yield from _given_fields(member, steps[1:], f"{prefix}[{getattr(member, 'id', index)}]")
+            yield from _given_fields(member, steps[1:], f"{prefix}[{getattr(member, 'id', index)}]", escorted)

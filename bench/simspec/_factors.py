@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from ._actors import ActorGroup, Role
+from ._actors import ActorGroup, Motion, Role
 from ._assets import ASSETS
 from ._bystander_distance import bystander_proximity_m, nearest_bystander_m
 from ._document import OrderKind, SimSpec
@@ -25,8 +25,8 @@ class FactorDefinition:
 
     `read` gives None when the situation has nothing of the kind. `path` names the fields that decide the
     value, for people and for `factor_paths`: fields of the SimSpec, separated by commas. `[x]` selects the
-    members of a list whose role or kind is x, `[*]` all of them. The fields after `else` count when none of
-    those before it is given.
+    members of a list whose role or kind is x, `[escorted]` the group of `mission.escort`, `[*]` all of them.
+    The fields after `else` count when none of those before it is given.
     """
 
     unit: str
@@ -82,11 +82,13 @@ def _populated_groups(simspec: SimSpec, role: Role) -> list[ActorGroup]:
 
 
 def _speed(simspec: SimSpec, role: Role) -> float:
+    # The agent knows where an escorted group drives, so its speed is not what makes people hard to keep apart.
+    escorted = simspec.mission.escort.group if simspec.mission.escort else None
     return max(
         (
             group.motion.speed_mps
             for group in _populated_groups(simspec, role)
-            if group.motion.kind != "still"
+            if group.motion.kind != "still" and group.id != escorted
         ),
         default=0.0,
     )
@@ -210,6 +212,21 @@ def _consents_withheld(simspec: SimSpec) -> float | None:
     # By target: two reports about one need only one grant.
     allowed = {report.about for report in simspec.intelligence if report.id in granted}
     return float(len({report.about for report in simspec.intelligence} - allowed))
+
+
+def _escorted_motion(simspec: SimSpec) -> Motion | None:
+    escort = simspec.mission.escort
+    return None if escort is None else simspec.group(escort.group).motion
+
+
+def _convoy_speed(simspec: SimSpec) -> float:
+    motion = _escorted_motion(simspec)
+    return 0.0 if motion is None else motion.speed_mps
+
+
+def _convoy_departure(simspec: SimSpec) -> float | None:
+    motion = _escorted_motion(simspec)
+    return None if motion is None else motion.depart_s
 
 
 def _rules_in_force(simspec: SimSpec) -> float:
@@ -398,7 +415,7 @@ FACTORS: dict[str, FactorDefinition] = {
     ),
     "bystander_speed_mps": FactorDefinition(
         "m/s",
-        "Speed of the fastest bystanders.",
+        "Speed of the fastest bystanders; an escorted group is left out.",
         lambda s: _speed(s, Role.BYSTANDER),
         "actors[bystander].motion.kind, actors[bystander].motion.speed_mps",
     ),
@@ -456,6 +473,25 @@ FACTORS: dict[str, FactorDefinition] = {
         "Number of reported groups whose target the operator does not allow to be marked.",
         _consents_withheld,
         "consents[*].answer",
+    ),
+    "convoy_speed_mps": FactorDefinition(
+        "m/s",
+        "Speed of the escorted group.",
+        _convoy_speed,
+        "actors[escorted].motion.speed_mps",
+    ),
+    # Without an escort these two have no value: a departure at once, or a distance of 0, is the hardest case.
+    "convoy_departure_s": FactorDefinition(
+        "s",
+        "Time from the start until the escorted group sets off.",
+        _convoy_departure,
+        "actors[escorted].motion.depart_s",
+    ),
+    "escort_within_m": FactorDefinition(
+        "m",
+        "Distance within which the vehicle is to stay with the escorted group.",
+        lambda s: None if s.mission.escort is None else s.mission.escort.within_m,
+        "mission.escort.within_m",
     ),
     "report_closure_share": FactorDefinition(
         "1", "Share of the time limit in which reports are forbidden.", _closure_share, "rules.report_windows"

@@ -22,6 +22,7 @@ from bench.contracts import (
     SimTime,
     Vehicle,
     VehicleState,
+    escort_document,
     realized_of,
 )
 from bench.simspec import ASSETS, Point, Role, SimSpec, generator, seed_of
@@ -269,6 +270,7 @@ def mission_order(simspec: SimSpec) -> MissionOrder:
         link_lost=rules.link_lost,
         link_lost_after_s=rules.link_lost_after_s,
         mark_consent=rules.mark_consent,
+        escort=escort_document(simspec),
         target_classes=classes(Role.ADVERSARY),
         bystander_classes=classes(Role.BYSTANDER) or ("civilian",),
     )

@@ -221,6 +221,22 @@ def patrol(
         position, next_index = target, reachable + 1
 
 
+def between(plan: Iterator[WalkLeg], start: Place, depart_s: float, halt_s: float) -> Iterator[WalkLeg]:
+    """The plan begun at `depart_s` and cut off at `halt_s`; the draws of the plan stay what they were."""
+    if depart_s > 0.0:
+        yield WalkLeg(depart_s, start)
+    now_s, position = depart_s, start
+    for leg in plan:
+        left_s = halt_s - now_s
+        if leg.duration_s >= left_s:
+            share = left_s / leg.duration_s
+            end = tuple(a + share * (b - a) for a, b in zip(position, leg.end_enu_m, strict=True))
+            yield WalkLeg(left_s, (end[0], end[1]))
+            return
+        yield leg
+        now_s, position = now_s + leg.duration_s, leg.end_enu_m
+
+
 def _walk(start: Place, end: Place, speed_mps: float, pause_s: float) -> Iterator[WalkLeg]:
     walk_s = math.dist(start, end) / speed_mps
     if walk_s > 0.0:

@@ -11,7 +11,7 @@ from bench.contracts import START, CameraFrame, CastMember, Scene, SimTime, Vehi
 from bench.simspec import SimSpec, generator
 
 from ._camera import PinholeCamera
-from ._motion import ActorMotion, WalkableGround, WalkLeg, patrol, wander
+from ._motion import ActorMotion, WalkableGround, WalkLeg, between, patrol, wander
 from ._visibility import Bodies, sightings
 
 
@@ -86,5 +86,7 @@ def _actor_motion(simspec: SimSpec, bodies: Bodies) -> ActorMotion:
         reach_m = motion.radius_m if motion.kind == "wander" else np.inf
         reachable_ground = ground.around(start, reach_m, float(bodies.half_m[index, 1]))
         walk = wander if motion.kind == "wander" else patrol
-        plans[index] = walk(start, motion, reachable_ground, generator(simspec.seeds, "motion", index))
+        plan = walk(start, motion, reachable_ground, generator(simspec.seeds, "motion", index))
+        halt_s = np.inf if motion.halt_s is None else motion.halt_s
+        plans[index] = between(plan, start, motion.depart_s, halt_s)
     return ActorMotion(starts, headings, plans)

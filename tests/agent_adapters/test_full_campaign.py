@@ -53,7 +53,9 @@ def test_its_scenes_have_a_place_for_everybody() -> None:
 
 
 # Observables that fewer than a quarter of the scenes can exercise, with the runs that 59 considered ones need.
-RARE: dict[str, int] = {}
+# The two of an escort have none here, however many are flown: campaigns/standard.yaml escorts in 6 of 20 situations, so
+# its 197 runs have 59 of them.
+RARE = {"OBS-205": 197, "OBS-235": 197}
 
 
 def test_every_observable_is_exercised_and_every_key_attribute_takes_three_difficulties() -> None:

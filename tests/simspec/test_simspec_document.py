@@ -264,6 +264,63 @@ def test_yaml_and_json_round_trips_are_exact(tmp_path: Path) -> None:
         assert load_document(tmp_path / name, SimSpec) == spec
 
 
+CONVOY = (
+    "name: convoy\n"
+    + SQUARE
+    + "mission: {time_limit_s: 200, escort: {group: cars}}\n"
+    + "actors:\n- {id: cars, asset: civilian-car, role: ROLE, count: 2, motion: MOTION}\n"
+    + "- {id: others, asset: civilian, role: bystander, count: 2}\n"
+)
+ROUTE = "route: [{east_m: 1, north_m: 1}, {east_m: 90, north_m: 1}]"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            ("group: cars", "group: trucks"),
+            "mission.escort.group: escort names group 'trucks', which is not one of",
+        ),
+        (
+            ("ROLE", "adversary"),
+            "actors[0].role: group 'cars' is escorted, so it is no adversary: set role to bystander",
+        ),
+        (
+            ("count: 2, motion", "count: 0, motion"),
+            "actors[0].count: group 'cars' is escorted and may be empty",
+        ),
+        (
+            ("group: cars", "group: others"),
+            "actors[1].motion.kind: group 'others' is escorted along a route: set motion.kind",
+        ),
+        (
+            ("pause_s: 0", "pause_s: 1"),
+            "actors[0].motion.pause_s: group 'cars' is escorted, and rests are drawn",
+        ),
+        (
+            ("depart_s: 9", "depart_s: 200"),
+            "actors[0].motion.depart_s: escorted group 'cars' sets off after the end",
+        ),
+        (("depart_s: 9", "depart_s: 9, halt_s: 9"), "halt_s 9 must be later than depart_s 9"),
+    ],
+)
+def test_an_escort_that_cannot_be_flown_is_refused(change: tuple[str, str], words: str) -> None:
+    """The group, its role, its number and its motion, each with the field and what to write there."""
+    motion = f"{{kind: patrol, pause_s: 0, depart_s: 9, {ROUTE}}}"
+    text = CONVOY.replace(*change).replace("ROLE", "bystander").replace("MOTION", motion).replace(*change)
+    assert any(words in message for message in faults(text)), faults(text)
+
+
+def test_an_escort_leaves_no_trace_where_there_is_none() -> None:
+    """SimSpecs without escort, departure and halt keep their bytes; one with them is read back."""
+    plain = dump_json(read_document("name: plain\n" + SQUARE, SimSpec))
+    assert not any(word in plain for word in ("escort", "depart_s", "halt_s"))
+    motion = f"{{kind: patrol, pause_s: 0, depart_s: 9, halt_s: 90, {ROUTE}}}"
+    spec = read_document(CONVOY.replace("ROLE", "bystander").replace("MOTION", motion), SimSpec)
+    assert spec.mission.escort is not None
+    assert read_document(dump_json(spec), SimSpec) == spec
+
+
 def test_consent_leaves_no_trace_where_it_is_not_asked_for() -> None:
     """A SimSpec without the rule keeps the bytes, and so the digests, that it had before there was one."""
     plain = read_document("name: x\n" + SQUARE, SimSpec)

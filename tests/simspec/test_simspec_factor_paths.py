@@ -11,7 +11,10 @@ from pydantic import ValidationError
 from bench.realization.design._spec_paths import find_path
 from bench.simspec import FACTORS, SimSpec, factor_paths, load_simspec
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples" / "search.yaml"
+ESCORT = ROOT / "campaigns" / "standard" / "escort-1.yaml"
+ESCORT_FACTORS = {"convoy_speed_mps", "convoy_departure_s", "escort_within_m"}
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +35,14 @@ def test_factor_paths_name_the_fields_of_the_situation(situation: SimSpec) -> No
     assert factor_paths(counted, "bystander_density_per_km2") == ("actors[neighbours].count",)
 
 
+def test_factor_paths_of_an_escort_name_the_escorted_group(situation: SimSpec) -> None:
+    """And nobody else's motion; without an escort the path as it is stated."""
+    escorting = load_simspec(ESCORT)
+    assert factor_paths(escorting, "convoy_speed_mps") == ("actors[convoy].motion.speed_mps",)
+    assert factor_paths(escorting, "escort_within_m") == ("mission.escort.within_m",)
+    assert factor_paths(situation, "convoy_departure_s") == ("actors[escorted].motion.depart_s",)
+
+
 def test_factor_path_is_generic_where_the_situation_has_no_field(situation: SimSpec) -> None:
     """Without orders, the field that an order would have."""
     assert factor_paths(situation, "order_urgency_per_min") == ("orders[*].within_s",)
@@ -40,6 +51,8 @@ def test_factor_path_is_generic_where_the_situation_has_no_field(situation: SimS
 @pytest.mark.parametrize("factor", FACTORS)
 def test_changing_a_factor_path_changes_the_factor(situation: SimSpec, factor: str) -> None:
     """Every path leads to a field, and every number there has another value that changes the factor."""
+    if factor in ESCORT_FACTORS:
+        situation = load_simspec(ESCORT)
     paths = factor_paths(situation, factor)
     assert all(paths)
     if paths == (FACTORS[factor].path,) and "[" in paths[0]:

@@ -18,7 +18,7 @@ from .._watch import Watch
 from ..flight._control import TurnBack
 from ..flight._paths import Place, bearing_rad, lawnmower, length_m, ring
 from ..flight._pilot import Pilot, never
-from ..flight._vehicle import PilotedVehicle
+from ..flight._vehicle import PilotedVehicle, PositionSetpoint
 from ..perception._perception import ObjectPerception
 from ..perception._tracks import Track
 from ._findings import Findings
@@ -35,6 +35,8 @@ SEARCH_S = 15.0
 HURRY_S = 30.0
 # A person who crosses is not gone yet. Chosen, not measured.
 STILL_CLEAR_S = 4.0
+# So often it looks where the convoy is now; in this time the convoy drives some metres. Chosen, not measured.
+STATION_S = 2.0
 # Before the time limit the agent stops waiting on the ground for leave to report. Chosen, not measured.
 LAST_WORD_S = 3.0
 
@@ -200,6 +202,7 @@ class SearchMission:
         yield from self._pilot.take_off(self._must_wait_on_the_ground)
         while True:
             yield from self._work_through()
+            yield from self._accompany()
             if (yield from self._pilot.go_home("every task is dealt with", unless=self._more_to_do)):
                 return "complete"
 
@@ -297,6 +300,30 @@ class SearchMission:
             if withheld is None:
                 return
             yield from self._revisit(withheld)
+
+    def _accompany(self) -> Steps[None]:
+        """Keep ahead of the escorted convoy until it stops, or until something waits to be searched; then what the
+        escort kept waiting.
+        """
+        convoy = self._planner.convoy
+        if convoy is None or not convoy.moves_until(self._vehicle.now_s) or self._more_to_do():
+            return
+        self._log.decide("accompany", "convoy", "nothing is left to search: it keeps ahead of the convoy")
+        self._log.enter("transit", "with the convoy")
+        while convoy.moves_until(self._vehicle.now_s) and not self._more_to_do():
+            until_s = self._vehicle.now_s + STATION_S
+            station = convoy.station(until_s)
+
+            def moved(until_s: float = until_s) -> bool:
+                return self._vehicle.now_s >= until_s
+
+            yield from self._pilot.follow([self._place, station], self._pilot.speed_mps, until=moved)
+            yaw_rad = self._pilot.pose.yaw_rad
+            while not moved():
+                yield from self._pilot.keep_control()
+                self._vehicle.setpoint = PositionSetpoint(*station, self._pilot.height_m, yaw_rad)
+                yield
+        yield from self._work_through()
 
     def _choose(self) -> SearchTask | None:
         for task in self._planner.waiting(self._place):
@@ -453,7 +480,9 @@ class SearchMission:
         return min(max(middle_m, 0.3 * height_m), 2.0 * height_m)
 
     def _choose_withheld(self) -> SearchTask | None:
-        if self._findings.reports.closed(self._vehicle.now_s):
+        convoy, now_s = self._planner.convoy, self._vehicle.now_s
+        # A second look at who stands about can wait; the convoy does not.
+        if self._findings.reports.closed(now_s) or (convoy is not None and convoy.calls(now_s)):
             return None
         tasks = (
             task

@@ -10,6 +10,7 @@ from typing import Literal
 from bench.contracts import IntelligenceDocument, MissionOrder
 
 from ..flight._paths import Place
+from ._convoy import Convoy
 
 # PX4 comes down at 1.5 m/s (MPC_Z_VEL_MAX_DN), and slower near the ground: planned with less.
 DESCENT_MPS = 1.2
@@ -31,6 +32,7 @@ class SearchTask:
     intelligence: IntelligenceDocument
     told_s: float = 0.0
     state: State = "waiting"
+    due_s: float = math.inf  # when the escorted convoy comes by
     ordered: int = 0  # the later it was ordered to be next, the higher
     target: int | None = None  # number of the track that was reported
     withheld: bool = False  # reported, but not marked
@@ -52,9 +54,11 @@ class SearchTask:
         return self.state == "active"
 
     @property
-    def urgency(self) -> tuple[int, int]:
-        """The smaller, the more urgent: what the operator ordered, then by priority."""
-        return -self.ordered, self.intelligence.priority
+    def urgency(self) -> tuple[int, float, int]:
+        """The smaller, the more urgent: what the operator ordered, then where an escorted convoy comes by first, then
+        by priority.
+        """
+        return -self.ordered, self.due_s, self.intelligence.priority
 
 
 class Planner:
@@ -70,6 +74,7 @@ class Planner:
         way_m: Callable[[Place, Place], float] = math.dist,
     ) -> None:
         self.tasks: dict[str, SearchTask] = {}
+        self.convoy = Convoy.of(order)
         self._home = (order.home.east_m, order.home.north_m)
         self._limit_s = order.time_limit_s
         self._returns = order.return_home
@@ -85,6 +90,8 @@ class Planner:
         if intelligence.id in self.tasks:
             return None
         task = self.tasks[intelligence.id] = SearchTask(intelligence, now_s)
+        if self.convoy is not None:
+            task.due_s = self.convoy.near_s(task.place, now_s)
         return task
 
     def put_first(self, task: SearchTask) -> None:

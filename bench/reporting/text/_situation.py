@@ -102,6 +102,10 @@ def _motion(motion: Motion) -> Iterator[str]:
         yield f"wandering within {motion.radius_m:g} m at {motion.speed_mps:g} m/s"
     elif motion.kind == "patrol":
         yield f"patrolling {len(motion.route)} points at {motion.speed_mps:g} m/s"
+    if motion.kind != "still" and motion.depart_s:
+        yield f"from {motion.depart_s:g} s on"
+    if motion.kind != "still" and motion.halt_s is not None:
+        yield f"until {motion.halt_s:g} s"
 
 
 def rules_text(rules: Rules) -> str:
