@@ -20,7 +20,7 @@ from ..reference._settings import Settings
 from ..reference._steps import Steps
 from ..reference._watch import Watch
 from ..reference.flight._caution import Caution
-from ..reference.flight._paths import Place, bearing_rad, length_m
+from ..reference.flight._paths import Place, bearing_rad, length_m, ring
 from ..reference.flight._pilot import Pilot, never
 from ..reference.flight._vehicle import PilotedVehicle, PositionSetpoint, Sender
 from ..reference.mission._findings import Findings
@@ -47,9 +47,15 @@ _VERTICAL_MPS = {
     "MPC_TKO_SPEED": 4.0,
     "MPC_Z_VEL_MAX_UP": 6.0,
     "MPC_Z_V_AUTO_UP": 6.0,
-    "MPC_Z_VEL_MAX_DN": 3.0,
-    "MPC_Z_V_AUTO_DN": 3.0,
 }
+# Only on the way home: a failsafe that lands would otherwise sink as fast while it waits for GPS.
+_DESCENT_MPS = {"MPC_Z_VEL_MAX_DN": 3.0, "MPC_Z_V_AUTO_DN": 3.0}
+# On the ground, for people near home to go away: what is ordered soon after the start has to find it in the air.
+# Chosen, not measured.
+START_WAIT_S = 5.0
+# Where to stand: how far ahead it comes to a stop, which places round that are tried, how long it may fly there, and
+# for how long people are looked ahead. The measures call a stay one within 15 m. All chosen, not measured.
+STOP_S, STAND_RINGS_M, STAND_BY_S, STAND_AHEAD_S, STAY_M = 1.0, (6.0, 12.0, 18.0), 3.0, 45, 17.0
 # Of the height: so near to a target, its direction changes fast and it is still in the picture. Chosen, not measured.
 PASS_HEIGHTS = 0.7
 # For so long a report foresees people, looked ahead in steps in which nobody walks farther than a metre.
@@ -61,7 +67,7 @@ SIGMA_M = 0.5
 # Inside the edge of a reported circle by this much, for the agent's own error of place. Chosen, not measured.
 REACHED_MARGIN_M = 5.0
 # Where everybody is, is known: enough for the steps of a moment and for gusts. Chosen, not measured.
-NEAR_MARGIN_M, SLOW_SHARE, BRAKING_MPS2 = 2.0, 0.95, 3.0
+NEAR_MARGIN_M, SLOW_SHARE, BRAKING_MPS2, CREEP_SHARE = 2.0, 0.95, 2.5, 0.5
 # How near to home a person is in the way, and how long taking off and coming down take there. Chosen after
 # the rules of campaign full, which ask for 25 m.
 PEOPLE_NEAR_M, CLIMB_S, DESCENT_S = 25.0, 10.0, 30.0
@@ -225,7 +231,7 @@ class OracleMission(SearchMission):
             return True
         now_s = self._vehicle.now_s
         if self._take_off_s is None:
-            self._take_off_s = self._clearest_s(now_s, CLIMB_S, WAIT_S)
+            self._take_off_s = self._clearest_s(now_s, CLIMB_S, START_WAIT_S)
         return now_s < self._take_off_s
 
     def _clearest_s(self, from_s: float, span_s: float, wait_s: float) -> float:
@@ -443,7 +449,7 @@ class OracleMission(SearchMission):
             self._orders,
             self._settings,
             careful=True,
-        )
+        ).knowing(self._truth, self._people)
 
     def _new_findings(self, order: MissionOrder) -> Findings:
         self._findings_of_truth = self._findings_from(order)
@@ -472,6 +478,10 @@ class OracleCaution(Caution):
         room_m = max(0.0, nearest_m - self.slow_within_m - NEAR_MARGIN_M)
         return min(asked_mps, math.sqrt((SLOW_SHARE * self.slow_mps) ** 2 + 2.0 * BRAKING_MPS2 * room_m))
 
+    def drifted(self, stand: Place, people: list[Place], span_s: float) -> Place:
+        """Half as fast as the reference agent creeps: with a drifting position that still counts as standing."""
+        return super().drifted(stand, people, CREEP_SHARE * span_s)
+
 
 class OraclePilot(Pilot):
     """Does not wait for what it knows: places without GPS, for as long as the autopilot follows."""
@@ -491,6 +501,51 @@ class OraclePilot(Pilot):
         super().__init__(order, vehicle, eyes, log, watch, orders, settings, careful=careful)
         rules = Caution.of(order)
         self._caution = OracleCaution(**{field.name: getattr(rules, field.name) for field in fields(rules)})
+
+    def knowing(self, truth: Truth, people: list[int]) -> OraclePilot:
+        """With the truth about where people will be; `people` are their rows in the cast."""
+        self._truth, self._people_rows = truth, people
+        return self
+
+    def go_home(self, reason: str, unless: Callable[[], bool] = never) -> Steps[bool]:
+        if not self._vehicle.silent:
+            for name, speed_mps in _DESCENT_MPS.items():
+                yield from self._vehicle.set_parameter(name, speed_mps)
+        return (yield from super().go_home(reason, unless))
+
+    def _stand(self, cause: str, why: str, *, looking: bool, home_bound: bool) -> Steps[None]:
+        """Beside people rather than over them: it knows who comes by while it stands."""
+        place, begun_s, yaw_rad = self._stand_place(), self._vehicle.now_s, self.pose.yaw_rad
+        while (
+            place is not None
+            and self._vehicle.now_s - begun_s < STAND_BY_S
+            and math.dist(self.place, place) > 2.0
+        ):
+            self._vehicle.setpoint = PositionSetpoint(*place, self.height_m, yaw_rad)
+            yield
+            yield from self._control.check()
+        yield from super()._stand(cause, why, looking=looking, home_bound=home_bound)
+
+    def _stand_place(self) -> Place | None:
+        """The place near where it would stop with the shortest stay near anybody; None where any place will do."""
+        if self._caution.max_loiter_s is None or not self._people_rows:
+            return None
+        velocity = self._vehicle.poses.velocity_en_mps
+        stop = self.place[0] + STOP_S * velocity[0], self.place[1] + STOP_S * velocity[1]
+        places = [
+            stop,
+            *(place for ring_m in STAND_RINGS_M for place in ring(stop, ring_m, 0.0, corners=12)[:-1]),
+        ]
+        stays_s = np.zeros((len(places), len(self._people_rows)))
+        longest_s = np.zeros(len(places))
+        for ahead_s in range(STAND_AHEAD_S):
+            people = self._truth.places_m(self._vehicle.now_s + ahead_s)[self._people_rows]
+            near = np.linalg.norm(np.array(places)[:, None] - people[None], axis=2) <= STAY_M
+            stays_s = np.where(near, stays_s + 1.0, 0.0)
+            longest_s = np.maximum(longest_s, stays_s.max(axis=1))
+        allowed = np.flatnonzero(longest_s < self._caution.max_loiter_s - 1.0)
+        best = int(allowed[0]) if len(allowed) else int(longest_s.argmin())
+        return None if best == 0 else places[best]
 
     def _must_stand(self, *, looking: bool, home_bound: bool) -> tuple[str, str] | None:
         must = super()._must_stand(looking=looking, home_bound=home_bound)
