@@ -46,6 +46,10 @@ class Failures:
         self._links = links
         self._silence = silence
         self.active: tuple[str, ...] = ()
+        # By name: what the SimSpec broke, and what a command broke. A command repairs only the latter, or an
+        # agent could end the failure that it is to be tested with.
+        self._planned: set[str] = set()
+        self._commanded: set[str] = set()
         self._check(timeline)
         self._changes = sorted(_failure_changes(timeline), key=lambda change: (change.at_ns, change.order))
         self._next_ns = self._changes[0].at_ns if self._changes else None
@@ -58,15 +62,17 @@ class Failures:
             self._next_ns = self._changes[0].at_ns if self._changes else None
 
     def break_part(self, kind: str, instance: int, breaks: bool) -> bool:
-        """Break or repair on command; instance 0 is all of them. False where there is no such part."""
+        """Break or repair on command; instance 0 is all of them. False where there is no such part.
+
+        What the SimSpec broke stays broken.
+        """
         if kind == "gps_off" and instance in (0, 1):
-            self._mark_active("gps_off", breaks)
-            self._navigation.set_off(breaks)
+            self._set_gps(self._commanded, breaks)
         elif kind == "motor_off" and instance <= self._rotors:
             for number in range(1, self._rotors + 1) if instance == 0 else (instance,):
-                self._set_motor(number, breaks)
+                self._set_motor(self._commanded, number, breaks)
         elif kind == "link_loss" and instance == 0:
-            self._set_link_loss(None, breaks)
+            self._set_link_loss(self._commanded, None, breaks)
         else:
             return False
         return True
@@ -80,11 +86,11 @@ class Failures:
             self._set_drift(failure, breaks)
         elif failure.kind == "motor_off":
             assert failure.instance is not None
-            self._set_motor(failure.instance, breaks)
+            self._set_motor(self._planned, failure.instance, breaks)
         elif failure.kind == "link_loss":
-            self._set_link_loss(failure.link, breaks)
+            self._set_link_loss(self._planned, failure.link, breaks)
         else:
-            self.break_part("gps_off", 0, breaks)
+            self._set_gps(self._planned, breaks)
 
     def _set_drift(self, failure: Failure, breaks: bool) -> None:
         towards_rad = math.radians(failure.towards_deg or 0.0)
@@ -94,14 +100,26 @@ class Failures:
             (speed_mps * math.sin(towards_rad), speed_mps * math.cos(towards_rad)) if breaks else None
         )
 
-    def _set_motor(self, number: int, breaks: bool) -> None:
-        self._mark_active(f"motor_off {number}", breaks)
-        self._set_works(number - 1, not breaks)
+    def _set_gps(self, source: set[str], breaks: bool) -> None:
+        self._navigation.set_off(self._switch(source, "gps_off", breaks))
 
-    def _set_link_loss(self, link: str | None, breaks: bool) -> None:
+    def _set_motor(self, source: set[str], number: int, breaks: bool) -> None:
+        self._set_works(number - 1, not self._switch(source, f"motor_off {number}", breaks))
+
+    def _set_link_loss(self, source: set[str], link: str | None, breaks: bool) -> None:
         for name in self._links if link is None else (link,):
-            self._mark_active(f"link_loss {name}", breaks)
-            self._silence(name, breaks)
+            self._silence(name, self._switch(source, f"link_loss {name}", breaks))
+
+    def _switch(self, source: set[str], name: str, breaks: bool) -> bool:
+        """Break or repair for one source; whether the part is broken then."""
+        if breaks:
+            source.add(name)
+        else:
+            source.discard(name)
+        broken = name in self._planned or name in self._commanded
+        if breaks or not broken:
+            self._mark_active(name, broken)
+        return broken
 
     def _mark_active(self, name: str, breaks: bool) -> None:
         others = tuple(other for other in self.active if other != name)

@@ -129,12 +129,12 @@ def test_what_is_not_there_cannot_break(make: Make) -> None:
 
 
 def test_failures_by_command_need_the_parameter(make: Make) -> None:
-    """INJECT_FAILURE: denied without SYS_FAILURE_EN; with it GPS and rotors, and nothing that is not
-    modelled.
+    """INJECT_FAILURE: denied without SYS_FAILURE_EN; with it (as the SITL starts) GPS and rotors, and nothing
+    that is not modelled.
     """
-    client = make()
+    client = make(simspec(vehicle={"parameters": {"SYS_FAILURE_EN": 0}}))
     assert client.command(mavlink.MAV_CMD_INJECT_FAILURE, 4, 1, 0) == [2]
-    allowed = make(simspec(vehicle={"parameters": {"SYS_FAILURE_EN": 1}}))
+    allowed = make()
     allowed.airborne(5.0)
     assert allowed.command(mavlink.MAV_CMD_INJECT_FAILURE, 4, 1, 0) == [0]
     allowed.fly(0.1)
@@ -145,6 +145,20 @@ def test_failures_by_command_need_the_parameter(make: Make) -> None:
     assert allowed.command(mavlink.MAV_CMD_INJECT_FAILURE, 1, 1, 0) == [3]
     assert allowed.command(mavlink.MAV_CMD_INJECT_FAILURE, 101, 1, 9) == [3]
     assert allowed.command(mavlink.MAV_CMD_INJECT_FAILURE, math.nan, math.nan, math.nan) == [3]
+
+
+def test_a_command_repairs_only_what_a_command_broke(make: Make) -> None:
+    """An agent cannot end the failures of the SimSpec; what it broke itself it can repair meanwhile."""
+    gps, rotor = (4, 0, 0), (101, 0, 2)
+    client = make(failing({"at_s": 1.0, "kind": "gps_off"}))
+    client.fly(5.0)
+    assert client.command(mavlink.MAV_CMD_INJECT_FAILURE, 101, 1, 2) == [0]
+    client.fly(0.1)
+    assert client.vehicle.condition().failures == ("gps_off", "motor_off 2")
+    for repair in (gps, rotor):
+        assert client.command(mavlink.MAV_CMD_INJECT_FAILURE, *repair) == [0]
+    client.fly(0.1)
+    assert client.vehicle.condition().failures == ("gps_off",)
 
 
 def test_ardupilot_does_not_know_the_command(make: Make) -> None:
