@@ -1,7 +1,7 @@
 """The tables of commands and parameters in docs/, written from the code: `python -m
 vehicle_models.documentation`.
 
-docs/flight-controller.md has one pair of markers, docs/parameters.md one for each table. The text between
+docs/flight-controller.md has one pair of markers for each table, docs/parameters.md likewise. The text between
 them is replaced.
 """
 
@@ -137,6 +137,22 @@ def parameter_table(section: str, page: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+def parameter_counts(autopilot: str) -> str:
+    """How many parameters an autopilot has and how many of them the code reads: in all, and by the first word of
+    the name.
+    """
+    read = parameters_read()[autopilot]
+    names = [parameter.name for parameter in AUTOPILOTS[autopilot].parameters.definitions]
+    groups: dict[str, list[str]] = {}
+    for name in sorted(names):
+        groups.setdefault(name.partition("_")[0], []).append(name)
+    lines = ["| names | parameters | with an effect | without |", "| --- | ---: | ---: | ---: |"]
+    for label, members in [("all", names), *((f"`{word}`", group) for word, group in groups.items())]:
+        effective = len(read.intersection(members))
+        lines.append(f"| {label} | {len(members)} | {effective} | {len(members) - effective} |")
+    return "\n".join(lines) + "\n"
+
+
 def parameters_read() -> dict[str, set[str]]:
     """Names of the parameters that the code looks up, by section of the page."""
     names_by_section: dict[str, set[str]] = {name: set() for name in PARAMETER_SECTIONS}
@@ -145,7 +161,7 @@ def parameters_read() -> dict[str, set[str]]:
         for name, autopilot in PARAMETER_SECTIONS.items()
     }
     for path in Path(__file__).parent.rglob("*.py"):
-        looked_up = _constant_subscripts(path)
+        looked_up = constant_subscripts(path)
         if path.parent.name == "px4_wing":
             names_by_section["wing"] |= looked_up & known["wing"]
             continue
@@ -167,7 +183,7 @@ def parameters_read() -> dict[str, set[str]]:
     return names_by_section
 
 
-def _constant_subscripts(path: Path) -> set[str]:
+def constant_subscripts(path: Path) -> set[str]:
     """Every text in square brackets of a module, as in `p["RTL_ALT"]`."""
     return {
         node.slice.value
@@ -196,6 +212,8 @@ def with_parameters(page: str) -> str:
     """docs/parameters.md with its tables updated."""
     for section in PARAMETER_SECTIONS:
         page = _with_section(page, f"parameters of {section}", parameter_table(section, page))
+    for autopilot in AUTOPILOTS:
+        page = _with_section(page, f"counts of {autopilot}", parameter_counts(autopilot))
     return page
 
 

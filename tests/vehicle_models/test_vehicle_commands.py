@@ -19,6 +19,7 @@ ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, CANCELLED = range(
 PX4_BOTH = {
     UNSUPPORTED: (
         31999,
+        mavlink.MAV_CMD_INJECT_FAILURE,  # of a gyro, which is not modelled; DENIED while SYS_FAILURE_EN is 0
         mavlink.MAV_CMD_DO_PAUSE_CONTINUE,
         mavlink.MAV_CMD_DO_SET_MISSION_CURRENT,
         mavlink.MAV_CMD_DO_FENCE_ENABLE,
@@ -61,7 +62,6 @@ PX4_BOTH = {
         mavlink.MAV_CMD_DO_VTOL_TRANSITION,
         mavlink.MAV_CMD_START_RX_PAIR,
     ),
-    DENIED: (mavlink.MAV_CMD_INJECT_FAILURE,),  # while SYS_FAILURE_EN is 0
 }
 PX4_FLYING = {
     REJECTED: (mavlink.MAV_CMD_PREFLIGHT_CALIBRATION, mavlink.MAV_CMD_PREFLIGHT_STORAGE),

@@ -422,7 +422,7 @@ PX4 = (
         (0.1, 0.4),
         battery_text_s("Critical battery"),
         (9.0, 6.0),
-        beside=(*DRAIN, ("BAT_LOW_THR", 0.5)),
+        beside=(*DRAIN, ("BAT_LOW_THR", 0.5), ("COM_LOW_BAT_ACT", 0.0)),
     ),
     Effect(
         "BAT_EMERGEN_THR",
@@ -444,7 +444,7 @@ PX4 = (
     Effect("BAT1_V_EMPTY", (3.6, 3.2), half_volts, (15.3, 14.5), 0.1, beside=DRAIN),
     Effect("MC_ORBIT_RAD_MAX", (1000.0, 30.0), wide_orbit, (0.0, 1.0)),
     Effect("MPC_YAW_MODE", (0.0, 3.0), nose_deg, (90.0, 0.0), 5.0),
-    Effect("NAV_ACC_RAD", (10.0, 30.0), nose_deg, (90.0, 0.0), 5.0),
+    Effect("NAV_ACC_RAD", (2.0, 30.0), nose_deg, (90.0, 0.0), 5.0),
     Effect("RTL_RETURN_ALT", (20.0, 30.0), returning_height(30.0), (20.0, 30.0), 0.5),
     Effect("RTL_MIN_DIST", (2.0, 20.0), returning_height(10.0), (30.0, 10.0), 0.7),
     Effect("MPC_MAN_TILT_MAX", (15.0, 30.0), sticks(ALTITUDE, tilt_deg, ahead=1000), (15.0, 30.0), 2.5),
@@ -745,7 +745,8 @@ ROW = re.compile(r"\| `(\w+)` \| ([-\d.]+) \| (.+) \| (\S+|not shown) \|")
 def on_the_page() -> dict[str, dict[str, tuple[float, str]]]:
     """Default and proof of each parameter, by section and name."""
     rows_by_section: dict[str, dict[str, tuple[float, str]]] = {}
-    for line in PAGE.read_text().splitlines():
+    tables, _, _ = PAGE.read_text().partition("## How many have an effect")
+    for line in tables.splitlines():
         if line.startswith("## "):
             section = rows_by_section.setdefault(line.removeprefix("## "), {})
         elif row := ROW.fullmatch(line):

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import pytest
 from vehicle_client import Client, mavlink, simspec
+
+from vehicle_models import documentation
+from vehicle_models.controller import AUTOPILOTS
+from vehicle_models.controller.parameters._store import INT8, INT16, INT32, REAL32
+from vehicle_models.documentation import PARAMETER_SECTIONS, constant_subscripts
 
 Make = Callable[..., Client]
 
@@ -92,11 +101,51 @@ def test_ardupilot_pushes_and_clamps(make: Make) -> None:
     assert not values(put(client, "NO_SUCH", 1.0))
 
 
-def test_table_rows_stand_for_many() -> None:
-    """Spans of numbers and of texts, and a default that carries the number."""
-    from vehicle_models.controller.ardupilot import ARDUPILOT
+@pytest.mark.parametrize(
+    ("autopilot", "kinds", "checksum"),
+    [
+        ("px4", {REAL32: 602, INT32: 286}, 0x7D1E0B7E),
+        ("ardupilot", {REAL32: 560, INT8: 423, INT16: 328, INT32: 86}, 0x8232B1F1),
+    ],
+)
+def test_all_parameters_of_the_real_autopilot_exist(
+    autopilot: str, kinds: dict[int, int], checksum: int
+) -> None:
+    """As many of each type as the real one lists, each once; the checksum over names, types and values is that of
+    the lists that were read from the real ones.
+    """
+    definitions = AUTOPILOTS[autopilot].parameters.definitions
+    assert Counter(parameter.kind for parameter in definitions) == kinds
+    assert len({parameter.name for parameter in definitions}) == len(definitions)
+    record = sorted(f"{p.name} {p.kind} {p.default:.6g}" for p in definitions if p.name != "MAV_SYS_ID")
+    assert zlib.crc32("\n".join(record).encode()) == checksum
 
-    definitions = {definition.name: definition for definition in ARDUPILOT.parameters.definitions}
-    assert [definitions[f"SERVO{number}_FUNCTION"].default for number in (1, 4, 5)] == [31, 34, 0]
-    assert {"COMPASS_OFS_X", "COMPASS_OFS2_X", "COMPASS_OFS3_X", "INS_USE", "INS_USE2"} <= set(definitions)
-    assert len(definitions) == len(ARDUPILOT.parameters.definitions)
+
+def test_defaults_that_decide_what_an_autopilot_does() -> None:
+    """Those on which clients and assessors rely; the lists of the real autopilots have these values."""
+    px4, ardupilot = (
+        {parameter.name: parameter.default for parameter in AUTOPILOTS[name].parameters.definitions}
+        for name in ("px4", "ardupilot")
+    )
+    assert {
+        "COM_LOW_BAT_ACT": 3,
+        "NAV_ACC_RAD": 2,
+        "RTL_DESCEND_ALT": 10,
+        "SYS_FAILURE_EN": 1,
+    }.items() <= px4.items()
+    assert {"MAV_SYS_ID": 1, "MIS_TAKEOFF_ALT": 2.5, "NAV_DLL_ACT": 0}.items() <= px4.items()
+    assert {"FENCE_RADIUS": 150, "FS_GCS_ENABLE": 0, "RTL_ALT": 1500}.items() <= ardupilot.items()
+    assert [ardupilot[f"SERVO{number}_FUNCTION"] for number in (1, 2, 3, 4, 5)] == [33, 34, 35, 36, 0]
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot", "wing"])
+def test_every_parameter_that_the_code_names_exists(autopilot: str) -> None:
+    """A name in square brackets that looks like a parameter of the autopilot's folder is one."""
+    folder = {"wing": "px4_wing"}.get(autopilot, autopilot)
+    definitions = {parameter.name for parameter in PARAMETER_SECTIONS[autopilot].parameters.definitions}
+    modes = {mode.name for mode in PARAMETER_SECTIONS[autopilot].modes.modes}
+    named = set[str]()
+    for path in (Path(documentation.__file__).parent / "controller" / folder).glob("*.py"):
+        named |= {name for name in constant_subscripts(path) if re.fullmatch(r"[A-Z0-9]+(_[A-Z0-9]+)+", name)}
+    assert len(named) > 10
+    assert named - modes <= definitions

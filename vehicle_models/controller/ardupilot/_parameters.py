@@ -1,4 +1,9 @@
-"""The parameters of ArduCopter that exist here, and the flight limits that they give."""
+"""The parameters of ArduCopter, and the flight limits that they give.
+
+`parameters.csv` has every parameter that the SITL of ArduCopter 4.6.3 (`--model +`) lists with no optional device
+enabled, with the type and the value that it sends after its start from an empty memory; calibrations and device
+numbers that it stored in its first seconds are among them. The order of the list is our own.
+"""
 
 from __future__ import annotations
 
@@ -6,73 +11,9 @@ import math
 from pathlib import Path
 
 from ..guidance._limits import FlightLimits, FollowTargetLimits, StickLimits
-from ..parameters._store import INT8, INT16, INT32, Parameter, ParameterStore
+from ..parameters._store import ParameterStore
 from ..parameters._table import read_parameters
 from ..policies._parameters import ParameterPolicy, ParameterPush
-
-_RATE_PARAMETERS = (
-    "RAW_SENS",
-    "EXT_STAT",
-    "RC_CHAN",
-    "RAW_CTRL",
-    "POSITION",
-    "EXTRA1",
-    "EXTRA2",
-    "EXTRA3",
-    "PARAMS",
-    "ADSB",
-)
-
-# Parameters with an effect here and some that clients look for; where parameters.csv has a row of the same
-# name, that one counts.
-_EXTRA = (
-    Parameter("ACRO_RP_RATE", 360.0),
-    Parameter("ANGLE_MAX", 3000, INT16),
-    Parameter("ARMING_CHECK", 1, INT32),
-    Parameter("BATT_CAPACITY", 3300, INT32),
-    Parameter("BATT_CRT_VOLT", 0.0),
-    Parameter("BATT_FS_CRT_ACT", 0, INT8),
-    Parameter("BATT_FS_LOW_ACT", 0, INT8),
-    Parameter("BATT_LOW_TIMER", 10, INT8),
-    Parameter("BATT_LOW_VOLT", 10.5),
-    Parameter("BATT_MONITOR", 4, INT8),
-    Parameter("CIRCLE_RADIUS", 1000.0),
-    Parameter("CIRCLE_RATE", 20.0),
-    Parameter("DISARM_DELAY", 10, INT8),
-    Parameter("FENCE_ENABLE", 0, INT8),
-    Parameter("FENCE_ACTION", 1, INT8),
-    Parameter("FENCE_ALT_MAX", 100.0),
-    Parameter("FENCE_MARGIN", 2.0),
-    Parameter("FENCE_RADIUS", 300.0),
-    Parameter("FENCE_TYPE", 7, INT8),
-    Parameter("RALLY_INCL_HOME", 1, INT8),
-    Parameter("RALLY_LIMIT_KM", 0.3),
-    Parameter("WPNAV_RADIUS", 200.0),
-    Parameter("FRAME_CLASS", 1, INT8),
-    Parameter("FS_EKF_ACTION", 1, INT8),
-    Parameter("FS_GCS_ENABLE", 0, INT8),
-    Parameter("FS_GCS_TIMEOUT", 5.0),
-    Parameter("FS_THR_ENABLE", 1, INT8),
-    Parameter("GUID_OPTIONS", 0, INT32),
-    Parameter("GUID_TIMEOUT", 3.0),
-    Parameter("LAND_SPEED", 50, INT16),
-    Parameter("LOIT_SPEED", 1250.0),
-    Parameter("PILOT_SPEED_DN", 0, INT16),
-    Parameter("PILOT_SPEED_UP", 250, INT16),
-    Parameter("PILOT_Y_RATE", 202.5),
-    Parameter("RC_OVERRIDE_TIME", 3.0),
-    Parameter("RTL_ALT", 1500, INT32),
-    Parameter("RTL_CLIMB_MIN", 0, INT16),
-    Parameter("RTL_SPEED", 0, INT16),
-    Parameter("SIM_BATT_VOLTAGE", 12.6),
-    Parameter("SIM_RC_FAIL", 0, INT8),
-    Parameter("SYSID_MYGCS", 255, INT16),
-    Parameter("SYSID_THISMAV", 1, INT16),
-    Parameter("WPNAV_SPEED", 1000.0),
-    Parameter("WPNAV_SPEED_DN", 150.0),
-    Parameter("WPNAV_SPEED_UP", 250.0),
-    *(Parameter(f"SR0_{name}", 0, INT16) for name in _RATE_PARAMETERS),
-)
 
 
 def limits(p: ParameterStore) -> FlightLimits:
@@ -124,7 +65,7 @@ def limits(p: ParameterStore) -> FlightLimits:
 
 
 PARAMETERS = ParameterPolicy(
-    definitions=read_parameters(Path(__file__).with_name("parameters.csv"), _EXTRA),
+    definitions=read_parameters(Path(__file__).with_name("parameters.csv")),
     system_id="SYSID_THISMAV",
     limits=limits,
     bytewise=False,
@@ -134,6 +75,7 @@ PARAMETERS = ParameterPolicy(
     any_case=True,
     changes_twice=False,
     checks_type=False,
+    listed_per_step=40,
     pushes=(
         ParameterPush("BARO1_GND_PRESS", 20.0),
         ParameterPush("BARO2_GND_PRESS", 20.0),

@@ -17,8 +17,6 @@ from ._store import REAL32, UINT32
 _VALUE = KINDS["PARAM_VALUE"].id
 # MAV_PARAM_ERROR
 _DOES_NOT_EXIST, _TYPE_MISMATCH = 1, 7
-# A list of a thousand takes about a second, as it does on the real autopilots.
-_LISTED_PER_STEP = 20
 # PX4's parameter that holds the hash over all others.
 _HASH_CHECK = "_HASH_CHECK"
 _NO_INDEX = 65535
@@ -64,7 +62,7 @@ class Parameters:
 
     def _continue_lists(self) -> None:
         for name, (channel, start) in list(self._lists.items()):
-            end = min(start + _LISTED_PER_STEP, len(self._store.names))
+            end = min(start + self._policy.listed_per_step, len(self._store.names))
             for index in range(start, end):
                 self._send(channel, self._store.names[index], index)
             if end < len(self._store.names):

@@ -49,4 +49,7 @@ class ParameterPolicy:
     changes_twice: bool
     """Whether a changed value is sent once more to every channel."""
     checks_type: bool
+    listed_per_step: int
+    """How many values of a list leave in one step: the list takes as long as the real autopilot's."""
+
     pushes: tuple[ParameterPush, ...] = ()

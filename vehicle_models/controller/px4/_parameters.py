@@ -1,4 +1,9 @@
-"""The parameters of PX4 that exist here, and the flight limits that they give."""
+"""The parameters of PX4, and the flight limits that they give.
+
+`parameters.csv` has every parameter that the SITL of PX4 (between 1.17 and 1.18, airframe `sihsim_quadx`) lists,
+with the type and the value that it sends after its start; calibrations that it learned in its first seconds are
+among them. One value differs: MAV_SYS_ID is 1, the number of a first instance.
+"""
 
 from __future__ import annotations
 
@@ -7,61 +12,12 @@ from pathlib import Path
 
 from .._flight_state import Behaviour
 from ..guidance._limits import FlightLimits, FollowTargetLimits, StickLimits
-from ..parameters._store import INT32, Parameter, ParameterStore
+from ..parameters._store import ParameterStore
 from ..parameters._table import read_parameters
 from ..policies._parameters import ParameterPolicy
 
 _AUTOMATIC = frozenset(
     {Behaviour.TAKEOFF, Behaviour.HOLD, Behaviour.MISSION, Behaviour.RETURN, Behaviour.LAND}
-)
-
-# Parameters with an effect here and some that clients look for; where parameters.csv has a row of the same
-# name, that one counts.
-_EXTRA = (
-    Parameter("BAT1_CAPACITY", -1.0),
-    Parameter("BAT1_N_CELLS", 4, INT32),
-    Parameter("BAT_CRIT_THR", 0.07),
-    Parameter("BAT_EMERGEN_THR", 0.05),
-    Parameter("BAT_LOW_THR", 0.15),
-    Parameter("COM_DISARM_LAND", 2.0),
-    Parameter("COM_DISARM_PRFLT", 10.0),
-    Parameter("COM_DL_LOSS_T", 10, INT32),
-    Parameter("COM_FAIL_ACT_T", 5.0),
-    Parameter("COM_LOW_BAT_ACT", 0, INT32),
-    Parameter("COM_OBL_RC_ACT", 0, INT32),
-    Parameter("COM_OF_LOSS_T", 1.0),
-    Parameter("COM_RC_IN_MODE", 1, INT32),
-    Parameter("COM_RC_LOSS_T", 1.0),
-    Parameter("GF_ACTION", 2, INT32),
-    Parameter("GF_MAX_HOR_DIST", 0.0),
-    Parameter("GF_MAX_VER_DIST", 0.0),
-    Parameter("MAV_COMP_ID", 1, INT32),
-    Parameter("MAV_SYS_ID", 1, INT32),
-    Parameter("MAV_TYPE", 2, INT32),
-    Parameter("MIS_TAKEOFF_ALT", 2.5),
-    Parameter("MC_ORBIT_RAD_MAX", 1000.0),
-    Parameter("MPC_LAND_ALT1", 10.0),
-    Parameter("MPC_LAND_ALT2", 5.0),
-    Parameter("MPC_LAND_SPEED", 0.7),
-    Parameter("MPC_MAN_TILT_MAX", 35.0),
-    Parameter("MPC_MAN_Y_MAX", 150.0),
-    Parameter("MPC_TKO_SPEED", 1.5),
-    Parameter("MPC_VEL_MANUAL", 10.0),
-    Parameter("MPC_XY_CRUISE", 5.0),
-    Parameter("MPC_XY_VEL_MAX", 12.0),
-    Parameter("MPC_YAW_MODE", 0, INT32),
-    Parameter("MPC_Z_VEL_MAX_DN", 1.5),
-    Parameter("MPC_Z_VEL_MAX_UP", 3.0),
-    Parameter("MPC_Z_V_AUTO_DN", 1.5),
-    Parameter("MPC_Z_V_AUTO_UP", 3.0),
-    Parameter("NAV_ACC_RAD", 10.0),
-    Parameter("NAV_DLL_ACT", 0, INT32),
-    Parameter("NAV_RCL_ACT", 2, INT32),
-    Parameter("RTL_DESCEND_ALT", 30.0),
-    Parameter("RTL_MIN_DIST", 10.0),
-    Parameter("RTL_RETURN_ALT", 30.0),
-    Parameter("RTL_TYPE", 0, INT32),
-    Parameter("SYS_AUTOSTART", 10040, INT32),
 )
 
 
@@ -124,7 +80,7 @@ def _overrides(bits: int) -> frozenset[Behaviour]:
 
 
 PARAMETERS = ParameterPolicy(
-    definitions=read_parameters(Path(__file__).with_name("parameters.csv"), _EXTRA, by_name=True),
+    definitions=read_parameters(Path(__file__).with_name("parameters.csv")),
     system_id="MAV_SYS_ID",
     limits=limits,
     bytewise=True,
@@ -134,4 +90,5 @@ PARAMETERS = ParameterPolicy(
     any_case=False,
     changes_twice=True,
     checks_type=True,
+    listed_per_step=20,
 )

@@ -26,6 +26,7 @@ _WING_PARAMETERS = (
     Parameter("FW_T_SINK_R_SP", 2.0, unit="m/s", description="Descent of automatic flight"),
     Parameter("MAV_TYPE", 1, INT32),
     Parameter("MIS_TAKEOFF_ALT", 30.0),
+    Parameter("NAV_ACC_RAD", 10.0),
     Parameter("NAV_LOITER_RAD", 80.0),
     Parameter("RTL_DESCEND_ALT", 60.0),
     Parameter("RTL_LAND_DELAY", -1.0),
@@ -40,7 +41,7 @@ _RADIUS_RANGE_M = (30.0, 500.0)
 
 
 def _definitions() -> tuple[Parameter, ...]:
-    """The quadrotor's, with the defaults of a fixed wing and what only that has."""
+    """The quadrotor's, with the defaults of a fixed wing and what only that has, by name."""
     remaining = {parameter.name: parameter for parameter in _WING_PARAMETERS}
     common = tuple(
         replace(parameter, default=remaining.pop(parameter.name).default)
@@ -48,7 +49,7 @@ def _definitions() -> tuple[Parameter, ...]:
         else parameter
         for parameter in MULTICOPTER_PARAMETERS.definitions
     )
-    return (*common, *remaining.values())
+    return tuple(sorted((*common, *remaining.values()), key=lambda parameter: parameter.name))
 
 
 def limits(p: ParameterStore) -> WingLimits:
