@@ -82,7 +82,10 @@ def test_guided_flight(copter: Client) -> None:
     assert copter.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [ACCEPTED]
     copter.fly(4.0)
     assert copter.vehicle.truth().position_enu_m[2] == pytest.approx(15.0, abs=0.5)
+    # A return shows the bit of a mode that steers position while it is flown.
+    assert (copter.last("HEARTBEAT").base_mode, copter.last("HEARTBEAT").custom_mode) == (217, 6)
     copter.fly(50.0)
+    assert (copter.last("HEARTBEAT").base_mode, copter.last("HEARTBEAT").custom_mode) == (81, 6)
     condition = copter.vehicle.condition()
     assert (condition.armed, condition.landed, condition.mode) == (False, True, "RTL")
     assert copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [FAILED]

@@ -269,3 +269,86 @@ def test_copter_addresses(copter: Client) -> None:
             system,
             component,
         )
+
+
+def test_px4_modes_without_the_custom_flag(make: Make) -> None:
+    """DO_SET_MODE: accepted first, whatever is asked; then rejected where no bit asks for a mode, or as the bits
+    ask.
+    """
+    client = make()
+    client.fly(5.0)
+    assert client.command(mavlink.MAV_CMD_DO_SET_MODE, 0, 4, 3) == [ACCEPTED, REJECTED]
+    assert client.vehicle.condition().mode == "AUTO_LOITER"
+    for base, mode in ((4, "AUTO_MISSION"), (64, "MANUAL"), (64 | 8, "POSCTL"), (64 | 16, "STABILIZED")):
+        assert client.command(mavlink.MAV_CMD_DO_SET_MODE, base, 9, 9) == [ACCEPTED, ACCEPTED]
+        assert client.vehicle.condition().mode == mode
+
+
+@pytest.mark.parametrize("place", [(473970000 + 9_100_000, 85450000), (-473970000, -1714550000)])
+def test_a_reposition_may_be_far_away(make: Make, place: tuple[int, int]) -> None:
+    """100 km away or on the other side of the Earth: accepted without a text, and the vehicle sets out."""
+    client = make(streams="onboard")
+    client.airborne()
+    before = client.texts()
+    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, *place, 500.0) == [ACCEPTED]
+    client.fly(4.0)
+    assert client.texts() == before
+    assert sum(axis**2 for axis in client.vehicle.truth().velocity_enu_mps[:2]) > 9.0
+
+
+def test_px4_answers_a_new_origin_with_its_own(make: Make) -> None:
+    """SET_GPS_GLOBAL_ORIGIN is answered at once; the origin stays."""
+    client = make()
+    client.fly(5.0)
+    origin = client.last("GPS_GLOBAL_ORIGIN")
+    client.send(mavlink.MAVLink_set_gps_global_origin_message(1, 10, 20, 30))
+    answers = [m for m in client.fly(0.1) if m.get_type() == "GPS_GLOBAL_ORIGIN"]
+    assert [(m.latitude, m.longitude) for m in answers] == [(origin.latitude, origin.longitude)]
+
+
+def test_copter_auxiliary_functions_and_sources(make: Make) -> None:
+    """DO_AUX_FUNCTION enters modes with the switch high; unknown functions fail with their number. The sources of
+    the estimator are 1 to 3.
+    """
+    client = make(simspec("ardupilot"))
+    client.fly(5.0)
+    aux = mavlink.MAV_CMD_DO_AUX_FUNCTION
+    assert client.command(aux, 999, 2) == [FAILED]
+    assert client.texts() == ["Invalid channel option (999)"]
+    assert client.command(aux, 56, 0) == [ACCEPTED]
+    assert client.vehicle.condition().mode == "STABILIZE"
+    assert client.command(aux, 56, 2) == [ACCEPTED]
+    assert client.vehicle.condition().mode == "LOITER"
+    assert client.command(aux, 55, 3) == [DENIED]
+    assert client.command(42007, 2) == [ACCEPTED]
+    assert client.command(42007, 4) == [DENIED]
+    assert client.command(mavlink.MAV_CMD_START_RX_PAIR) == [FAILED]
+
+
+def test_copter_home(make: Make) -> None:
+    """Not on Earth: FAILED. 0, 0 is the present place, and the origin is sent with home."""
+    client = make(simspec("ardupilot"))
+    # It is silent to a client that has never sent anything.
+    client.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+    client.fly(25.0)
+    home = client.last("HOME_POSITION")
+    set_home = mavlink.MAV_CMD_DO_SET_HOME
+    assert client.command(set_home, 0, 0, 0, 0, 95.0, 8.0, 500.0) == [FAILED]
+    client.received.clear()
+    assert client.command(set_home) == [ACCEPTED]
+    assert client.last("HOME_POSITION").latitude == pytest.approx(home.latitude, abs=300)
+    assert client.last("GPS_GLOBAL_ORIGIN").latitude == pytest.approx(home.latitude, abs=300)
+
+
+def test_copter_judges_the_first_item_of_a_fence(make: Make) -> None:
+    """Home takes the first place of missions alone: a waypoint in a fence or among rally points is refused."""
+    client = make(simspec("ardupilot"))
+    for kind in (mavlink.MAV_MISSION_TYPE_FENCE, mavlink.MAV_MISSION_TYPE_RALLY):
+        client.send(mavlink.MAVLink_mission_count_message(1, 1, 1, kind))
+        client.fly(0.1)
+        item = mavlink.MAVLink_mission_item_int_message
+        client.send(
+            item(1, 1, 0, 3, mavlink.MAV_CMD_NAV_WAYPOINT, 0, 1, 0, 0, 0, 0, 470000000, 80000000, 10, kind)
+        )
+        client.fly(0.1)
+        assert (client.last("MISSION_ACK").type, client.last("MISSION_ACK").mission_type) == (3, kind)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import pytest
@@ -51,7 +52,7 @@ def test_copter_bits_through_the_start(copter: Client) -> None:
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
     assert bits(copter)[2] & PREARM == 0
     until(copter, 43.0)
-    assert bits(copter) == (0x5371FC2F, 0x5261FC2F, 0x57719C2F)
+    assert bits(copter) == (0x5371FC2F, 0x5261FC2F, 0x5771FC2F)
     assert copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
     assert bits(copter)[1] == 0x5361FC2F
 
@@ -64,6 +65,34 @@ def test_copter_estimator_flags(copter: Client) -> None:
     until(copter, 42.0)
     copter.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT)
     assert copter.last("EKF_STATUS_REPORT").flags == 831
+
+
+def test_copter_has_no_local_position_before_its_estimator_has_one(copter: Client) -> None:
+    """LOCAL_POSITION_NED is silent until 41.5 s, though home and the other position are sent from 20 s."""
+    for name in ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "HOME_POSITION"):
+        number = getattr(mavlink, f"MAVLINK_MSG_ID_{name}")
+        assert copter.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 200_000) == [0]
+    until(copter, 41.4)
+    kinds = {message.get_type() for message in copter.received}
+    assert {"GLOBAL_POSITION_INT", "HOME_POSITION"} <= kinds
+    assert "LOCAL_POSITION_NED" not in kinds
+    assert all(math.isnan(axis) for axis in copter.last("HOME_POSITION").q)
+    until(copter, 42.0)
+    assert copter.last("LOCAL_POSITION_NED").time_boot_ms >= 41_500
+
+
+def test_copter_arms_as_soon_as_its_estimator_shows_a_position(copter: Client) -> None:
+    """A script that arms in GUIDED once, at the first report with flags 831, is not refused."""
+    until(copter, 40.0)
+    assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4) == [0]
+    assert copter.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 193, 100_000) == [0]
+    while copter.vehicle.time.s < 45.0:
+        reports = [m for m in copter.fly(0.1) if m.get_type() == "EKF_STATUS_REPORT"]
+        if reports and reports[-1].flags == 831:
+            break
+        assert copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [4]
+    assert copter.vehicle.time.s == pytest.approx(41.5, abs=0.2)
+    assert copter.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
 
 
 @pytest.mark.parametrize(

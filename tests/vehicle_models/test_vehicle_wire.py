@@ -85,10 +85,14 @@ def test_fields_say_what_the_flight_is(make: Make) -> None:
     )
     assert yaw == pytest.approx(attitude.yaw, abs=0.01)
     odometry = client.last("ODOMETRY")
-    assert (odometry.frame_id, odometry.child_frame_id) == (1, 12)
-    assert math.hypot(odometry.vx, odometry.vy) == pytest.approx(math.hypot(local.vx, local.vy), abs=0.3)
+    # PX4 gives the velocities of ODOMETRY in the local frame, and names it as the child.
+    assert (odometry.frame_id, odometry.child_frame_id) == (1, 1)
+    assert (odometry.vx, odometry.vy, odometry.vz) == pytest.approx((local.vx, local.vy, local.vz), abs=0.1)
     home = client.last("HOME_POSITION")
     assert (home.x, home.y, home.altitude) == pytest.approx((0.0, 0.0, 488_000), abs=0.1)
+    assert math.hypot(*home.q) == pytest.approx(1.0)
+    assert (home.approach_x, home.approach_y, home.approach_z) == (0.0, 0.0, 0.0)
+    assert client.last("VFR_HUD").airspeed == 0.0
     fix = client.last("GPS_RAW_INT")
     assert (fix.lat, fix.lon, fix.fix_type, fix.satellites_visible) == (
         pytest.approx(world.lat, abs=200),

@@ -261,7 +261,7 @@ class Controller:
                 battery,
                 self._setpoints.fresh,
             ),
-            MotionTelemetry(context, attitude),
+            MotionTelemetry(context, autopilot.telemetry, attitude),
             TargetTelemetry(context, autopilot.setpoints),
             SensorTelemetry(context, autopilot.telemetry, attitude),
             PowerTelemetry(context, autopilot.telemetry, battery, self._failsafe.charge_state),

@@ -4,6 +4,7 @@ airframe flies to.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum, StrEnum, auto
 from typing import Protocol
@@ -128,8 +129,8 @@ class FlightTarget:
 
 @dataclass(frozen=True, slots=True)
 class ReferencePoint:
-    """A place on the ground: degrees and metres above mean sea level, and where that is in the local
-    frame.
+    """A place on the ground: degrees and metres above mean sea level, where that is in the local frame, and the
+    vehicle's heading when home was set there; NaN without one.
     """
 
     latitude_e7: int
@@ -138,6 +139,7 @@ class ReferencePoint:
     north_m: float = 0.0
     east_m: float = 0.0
     down_m: float = 0.0
+    yaw_rad: float = math.nan
 
 
 class Airframe(Protocol):

@@ -36,6 +36,7 @@ _FAILED = (
     MAV_CMD.VIDEO_START_CAPTURE,
     MAV_CMD.VIDEO_STOP_CAPTURE,
     MAV_CMD.DO_WINCH,
+    MAV_CMD.START_RX_PAIR,
 )
 _RELATIVE_FRAMES = (MAV_FRAME.GLOBAL_RELATIVE_ALT, MAV_FRAME.GLOBAL_RELATIVE_ALT_INT)
 _REPOSITION_FRAMES = (MAV_FRAME.GLOBAL, MAV_FRAME.GLOBAL_INT, *_RELATIVE_FRAMES)
@@ -58,11 +59,9 @@ def _answer(flight: FlightState, command: Command) -> CommandAnswer | None:
         case MAV_CMD.DO_LAND_START:
             texts = ((WARNING, "Mode change to AUTO RTL failed: No landing sequence found"),) * 2
             return CommandAnswer((CommandResult.FAILED,), texts)
-        case MAV_CMD.DO_AUX_FUNCTION:
-            text = (
-                f"Invalid channel option ({first:.0f})" if math.isfinite(first) else "Invalid channel option"
-            )
-            return CommandAnswer((CommandResult.FAILED,), ((WARNING, text),))
+        case MAV_CMD.SET_EKF_SOURCE_SET:
+            # Sets 1 to 3 exist (source); they change nothing, since there is one source of position here.
+            return accepted if first in (1.0, 2.0, 3.0) else CommandAnswer((CommandResult.DENIED,))
         case MAV_CMD.PREFLIGHT_CALIBRATION:
             return _answer_calibration(flight, command)
         case MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN:
@@ -152,6 +151,11 @@ COMMANDS = CommandPolicy(
     takeoff_altitude_m=_takeoff_altitude_m,
     refuse_reposition=_refuse_reposition,
     refuse_home=_refuse_home,
+    home_has_heading=False,
+    confirms_origin=False,
+    origin_with_home=True,
+    bad_home=CommandResult.FAILED,
+    home_at_zero_is_here=True,
     altitude_amsl_m=_altitude_amsl_m,
     result_without_speed=CommandResult.FAILED,
     roi_names_place=roi_by_coordinates,

@@ -52,13 +52,38 @@ _UNAVAILABLE = {
     28: ("TURTLE", ""),
 }
 
+# Functions of a radio's switches (RCn_OPTION) that enter a mode, as ArduPilot's documentation numbers them.
+_AUXILIARY_MODES: dict[float, int] = {
+    function: _NAMED[name].custom
+    for function, name in (
+        (4, "RTL"),
+        (16, "AUTO"),
+        (18, "LAND"),
+        (33, "BRAKE"),
+        (37, "THROW"),
+        (42, "SMART_RTL"),
+        (52, "ACRO"),
+        (55, "GUIDED"),
+        (56, "LOITER"),
+        (60, "ZIGZAG"),
+        (68, "STABILIZE"),
+        (69, "POSHOLD"),
+        (70, "ALT_HOLD"),
+        (72, "CIRCLE"),
+        (73, "DRIFT"),
+    )
+}
+
 
 def steers_position(flight: FlightState) -> bool:
     return flight.mode.base == _STEERS
 
 
 def ready(flight: FlightState) -> bool:
-    """Whether the vehicle could be armed in its present mode."""
+    """Whether SYS_STATUS shows that the vehicle could be armed in its present mode.
+
+    The real one works this out once a second, so it shows it up to a second later than it arms.
+    """
     placed = flight.time_s >= GUIDED_READY_S and flight.position_ok
     return (placed if steers_position(flight) else flight.time_s >= STABILIZE_READY_S) and not flight.crashed
 
@@ -83,7 +108,7 @@ def _prearm_failures(flight: FlightState, p: ParameterStore) -> tuple[str, ...]:
     failures = ["Battery 1 low voltage failsafe", "Battery failsafe"] if low else []
     if now_s < RECEIVER_S:
         return (*failures, "AHRS: EK3 sources require GPS")
-    if steers_position(flight) and (now_s < GUIDED_READY_S or not flight.position_ok):
+    if steers_position(flight) and (now_s < USES_GPS_S or not flight.position_ok):
         return (*failures, "Need Position Estimate")
     if now_s < STABILIZE_READY_S:
         return (*failures, "AHRS: waiting for home")
@@ -92,6 +117,9 @@ def _prearm_failures(flight: FlightState, p: ParameterStore) -> tuple[str, ...]:
 
 def _heartbeat(flight: FlightState, has_setpoints: bool) -> tuple[int, int]:
     base = flight.mode.base | (_ARMED if flight.armed or flight.tests_motors else 0)
+    # A return steers position as soon as it is flown; disarmed in RTL the SITL showed the plain bits.
+    if flight.armed and flight.mode.behaviour is Behaviour.RETURN:
+        base |= MAV_MODE_FLAG.GUIDED_ENABLED
     # While it starts, the SITL shows a mode that steers position, whatever the mode is.
     if flight.time_s < STANDBY_S:
         return _STEERS, MAV_STATE.BOOT
@@ -112,9 +140,7 @@ def _refuse_arming(
     if not flight.mode.armable:
         return Refusal(CommandResult.FAILED, ((CRITICAL, f"Arm: {flight.mode.name} mode not armable"),))
     failures = _prearm_failures(flight, parameters)
-    if forced and ready(flight):
-        return None
-    if not failures and not flight.crashed:
+    if not flight.crashed and (not failures or (forced and ready(flight))):
         return None
     return Refusal(CommandResult.FAILED, tuple((CRITICAL, f"Arm: {text}") for text in failures))
 
@@ -164,6 +190,8 @@ MODES = ModePolicy(
     heartbeat=_heartbeat,
     refuse_mode=_refuse_mode,
     number_of_command=_number_of_command,
+    result_without_mode=CommandResult.DENIED,
+    auxiliary_modes=_AUXILIARY_MODES,
     knows_position=knows_position,
     refuse_arming=_refuse_arming,
     refuse_disarming=_refuse_disarming,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from .._flight_state import FlightState
+import math
+
+from .._flight_state import Behaviour, FlightState
 from .._service import CommandResult
 from ..links._enums import GPS_FIX_TYPE, MAV_DATA_STREAM
 from ..policies._telemetry import GpsQuality, SensorBits, TelemetryPolicy
@@ -83,8 +85,9 @@ def _sensors(flight: FlightState) -> SensorBits:
     enabled, health = bits.enabled, bits.health
     if now_s >= AHRS_S:
         enabled, health = enabled | _AHRS, health | _AHRS
-    if steers_position(flight):
-        enabled |= _POSITION_CONTROL
+    # A return steers position too, though the heartbeat shows that only while it is flown.
+    if steers_position(flight) or flight.mode.behaviour is Behaviour.RETURN:
+        enabled, health = enabled | _POSITION_CONTROL, health | _POSITION_CONTROL
     if flight.armed:
         enabled |= _LOGGING
     return SensorBits(bits.present, enabled, health | (_PREARM if flight.armed or ready(flight) else 0))
@@ -94,6 +97,16 @@ def _estimator_flags(flight: FlightState) -> int:
     if flight.time_s < ESTIMATOR_S:
         return _UNINITIALISED
     return _CONSTANT_POSITION if flight.time_s < USES_GPS_S or not flight.position_ok else _ALL
+
+
+def _knows_local_position(flight: FlightState) -> bool:
+    """The estimator has an origin earlier, but no position in its frame before it uses the receiver."""
+    return flight.home is not None and flight.time_s >= USES_GPS_S
+
+
+def _ground_speed_mps(flight: FlightState) -> float:
+    """Without a sensor ArduPilot shows the receiver's ground speed as airspeed (source)."""
+    return math.hypot(flight.vn_mps, flight.ve_mps)
 
 
 def _wind(flight: FlightState) -> tuple[float, float, float] | None:
@@ -123,5 +136,7 @@ TELEMETRY = TelemetryPolicy(
     lost_fix_type=GPS_FIX_TYPE.NO_FIX,
     sensors=_sensors,
     estimator_flags=_estimator_flags,
+    knows_local_position=_knows_local_position,
+    airspeed_mps=_ground_speed_mps,
     wind=_wind,
 )

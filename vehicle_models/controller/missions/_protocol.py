@@ -156,9 +156,9 @@ class MissionProtocol:
         if as_float and policy.item_float_text and upload.index == 0:
             self._send(policy.item_float_text)
         item = _item_of(m, as_float)
-        fault = (
-            policy.refuse_item(upload.kind, item, as_float) if not (self._home_first and m.seq == 0) else None
-        )
+        # Home, which is the first item of a mission but of no fence, comes back as the vehicle knows it.
+        is_home = self._home_first and m.seq == 0 and upload.kind == MISSION
+        fault = None if is_home else policy.refuse_item(upload.kind, item, as_float)
         if fault is not None:
             if policy.bad_item_text and fault is not MissionResult.ERROR:
                 self._send(policy.bad_item_text)

@@ -69,6 +69,16 @@ class CommandPolicy:
     """AMSL altitude that NAV_TAKEOFF asks for; None for the default height."""
     refuse_reposition: Callable[[FlightState, Command], Refusal | None]
     refuse_home: Callable[[FlightState, Command], Refusal | None]
+    confirms_origin: bool
+    """Whether SET_GPS_GLOBAL_ORIGIN is answered with the origin."""
+    origin_with_home: bool
+    """Whether GPS_GLOBAL_ORIGIN is sent whenever home is set to the present place."""
+    bad_home: CommandResult
+    """Result of a DO_SET_HOME with a place that is not on Earth."""
+    home_at_zero_is_here: bool
+    """Whether latitude and longitude 0 mean the present place."""
+    home_has_heading: bool
+    """Whether HOME_POSITION has the heading with which home was set."""
     altitude_amsl_m: Callable[[FlightState, int | None, float], float]
     """AMSL altitude that the frame and the seventh parameter of a command mean."""
     result_without_speed: CommandResult

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from .._flight_state import Behaviour, FlightMode, FlightState
 from .._service import CommandResult, Refusal
 from ..parameters._store import ParameterStore
+from ..telemetry._texts import WARNING, StatusText
 
 
 def no_prearm_failures(flight: FlightState, parameters: ParameterStore) -> tuple[str, ...]:
@@ -55,6 +56,11 @@ class ModePolicy:
 
     number_of_command: Callable[[tuple[float, ...]], int | None]
     """The custom mode that the parameters of DO_SET_MODE ask for; None where they ask for none."""
+    result_without_mode: CommandResult
+    """Result of a DO_SET_MODE that asks for none."""
+    auxiliary_modes: Mapping[float, int] = field(default_factory=dict)
+    """Custom modes by function of DO_AUX_FUNCTION; empty: there is no such command."""
+    no_auxiliary_text: StatusText = (WARNING, "Invalid channel option ({})")
     knows_position: Callable[[FlightState], bool]
     """Whether navigation has found the position, so that home can be set."""
     refuse_arming: Callable[[FlightState, ParameterStore, bool, bool], Refusal | None]

@@ -34,6 +34,14 @@ def no_estimator_flags(flight: FlightState) -> int:
     return 0
 
 
+def knows_home(flight: FlightState) -> bool:
+    return flight.home is not None
+
+
+def no_airspeed(flight: FlightState) -> float:
+    return 0.0
+
+
 def no_wind(flight: FlightState) -> tuple[float, float, float] | None:
     return None
 
@@ -78,6 +86,10 @@ class TelemetryPolicy:
     sensors: Callable[[FlightState], SensorBits]
     estimator_flags: Callable[[FlightState], int] = no_estimator_flags
     """EKF_STATUS_REPORT.flags."""
+    knows_local_position: Callable[[FlightState], bool] = knows_home
+    """Whether LOCAL_POSITION_NED is sent."""
+    airspeed_mps: Callable[[FlightState], float] = no_airspeed
+    """VFR_HUD.airspeed; a multicopter has no sensor for it, and the true one would tell agents the wind."""
     wind: Callable[[FlightState], tuple[float, float, float] | None] = no_wind
     """WIND: degrees that the estimated wind comes from, its speed and its speed downwards; None without an
     estimate.

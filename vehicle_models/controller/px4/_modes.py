@@ -141,9 +141,19 @@ def _refuse_mode(
 
 
 def _number_of_command(params: tuple[float, ...]) -> int | None:
-    """Bit 0 of the first parameter announces a custom mode, given as main and sub mode."""
-    main, sub = params[1:3]
-    if not (has_flag(params[0], MAV_MODE_FLAG.CUSTOM_MODE_ENABLED) and 0 <= main < 256 and 0 <= sub < 256):
+    """Bit 0 of the first parameter announces a custom mode, given as main and sub mode; without it the other bits
+    ask for a mode (source).
+    """
+    base, main, sub = params[:3]
+    if not has_flag(base, MAV_MODE_FLAG.CUSTOM_MODE_ENABLED):
+        if has_flag(base, MAV_MODE_FLAG.AUTO_ENABLED):
+            return _NAMED["AUTO_MISSION"].custom
+        if not has_flag(base, MAV_MODE_FLAG.MANUAL_INPUT_ENABLED):
+            return None
+        if has_flag(base, MAV_MODE_FLAG.GUIDED_ENABLED):
+            return _NAMED["POSCTL"].custom
+        return _NAMED["STABILIZED" if has_flag(base, MAV_MODE_FLAG.STABILIZE_ENABLED) else "MANUAL"].custom
+    if not (0 <= main < 256 and 0 <= sub < 256):
         return None
     return int(sub) << 24 | int(main) << 16
 
@@ -176,6 +186,7 @@ MODES = ModePolicy(
     heartbeat=_heartbeat,
     refuse_mode=_refuse_mode,
     number_of_command=_number_of_command,
+    result_without_mode=CommandResult.TEMPORARILY_REJECTED,
     knows_position=knows_position,
     refuse_arming=_refuse_arming,
     refuse_disarming=_refuse_disarming,

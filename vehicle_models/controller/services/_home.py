@@ -4,15 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from typing import Any
 
 from .._flight_state import FlightState, ReferencePoint
-from .._service import Command, CommandHandler, CommandResult, Fields, Stream, Values
+from .._service import (
+    Command,
+    CommandHandler,
+    CommandResult,
+    Fields,
+    MessageHandler,
+    MessageSender,
+    Stream,
+    Values,
+)
 from .._service_context import ServiceContext
 from ..links._enums import MAV_CMD
 from ..policies._commands import CommandPolicy
+from ..telemetry._attitude import attitude_quaternion
 
 _NO_ATTITUDE = (math.nan,) * 4
-_NO_APPROACH = (math.nan,) * 3
+# Both autopilots send zeros here (source), not the NaN that MAVLink has for an unknown approach.
+_NO_APPROACH = (0.0,) * 3
 
 
 class HomeKeeper:
@@ -31,10 +43,14 @@ class HomeKeeper:
     def streams(self) -> Mapping[str, Stream]:
         return {"HOME_POSITION": self._home_values, "GPS_GLOBAL_ORIGIN": self._origin_values}
 
+    def handlers(self) -> Mapping[str, MessageHandler]:
+        return {"SET_GPS_GLOBAL_ORIGIN": self._confirm_origin} if self._policy.confirms_origin else {}
+
     def tick(self) -> None:
         if self._context.flight.home is None and self._knows_position(self._context.flight):
             self.set_here()
-            self._context.radio.broadcast("GPS_GLOBAL_ORIGIN", **origin_fields(self._context.flight))
+            if not self._policy.origin_with_home:
+                self._send_origin()
 
     def set_here(self) -> None:
         """Set home to the estimated position; on the ground to the ground's height."""
@@ -48,28 +64,43 @@ class HomeKeeper:
             flight.north_m,
             flight.east_m,
         )
+        if self._policy.origin_with_home:
+            self._send_origin()
+
+    def _send_origin(self) -> None:
+        self._context.radio.broadcast("GPS_GLOBAL_ORIGIN", **origin_fields(self._context.flight))
+
+    def _confirm_origin(self, message: Any, sender: MessageSender) -> None:
+        """Answer with the origin; it stays where it is."""
+        sender.channel.send_message("GPS_GLOBAL_ORIGIN", **origin_fields(self._context.flight))
 
     def _set(
         self, latitude_e7: int, longitude_e7: int, altitude_m: float, north_m: float, east_m: float
     ) -> None:
         flight = self._context.flight
         down_m = flight.origin.altitude_m - altitude_m
-        flight.home = ReferencePoint(latitude_e7, longitude_e7, altitude_m, north_m, east_m, down_m)
+        flight.home = ReferencePoint(
+            latitude_e7, longitude_e7, altitude_m, north_m, east_m, down_m, self._heading_rad()
+        )
         self._context.radio.broadcast("HOME_POSITION", **home_fields(flight))
+
+    def _heading_rad(self) -> float:
+        return self._context.flight.yaw_rad if self._policy.home_has_heading else math.nan
 
     def _set_home(self, command: Command) -> CommandResult | None:
         flight = self._context.flight
         refusal = self._policy.refuse_home(flight, command)
         if refusal:
             return refusal.result
-        if command.params[0] == 1.0:
+        latitude, longitude, altitude = command.params[4:7]
+        at_zero = latitude == 0.0 and longitude == 0.0
+        if command.params[0] == 1.0 or (at_zero and self._policy.home_at_zero_is_here):
             self.set_here()
             return CommandResult.ACCEPTED
-        latitude, longitude, altitude = command.params[4:7]
         if not (
             abs(latitude) <= 90 and abs(longitude) <= 180 and math.isfinite(altitude) and abs(altitude) < 1e5
         ):
-            return CommandResult.DENIED
+            return self._policy.bad_home
         north, east = self._context.frame.to_local_m(latitude, longitude)
         altitude = self._policy.altitude_amsl_m(flight, command.frame, altitude)
         self._set(round(latitude * 1e7), round(longitude * 1e7), altitude, north, east)
@@ -93,7 +124,7 @@ class HomeKeeper:
             home.east_m,
             home.down_m,
         )
-        return (*place, *_NO_ATTITUDE, *_NO_APPROACH, self._context.flight.time_us)
+        return (*place, *_home_attitude(home), *_NO_APPROACH, self._context.flight.time_us)
 
     def _origin_values(self) -> Values | None:
         flight = self._context.flight
@@ -104,10 +135,7 @@ class HomeKeeper:
 
 
 def home_fields(flight: FlightState) -> Fields:
-    """Fields of HOME_POSITION.
-
-    The attitude at home and the approach to it are unknown, which is what NaN means.
-    """
+    """Fields of HOME_POSITION."""
     home = flight.home or flight.origin
     return {
         "latitude": home.latitude_e7,
@@ -116,12 +144,17 @@ def home_fields(flight: FlightState) -> Fields:
         "x": home.north_m,
         "y": home.east_m,
         "z": home.down_m,
-        "q": _NO_ATTITUDE,
-        "approach_x": math.nan,
-        "approach_y": math.nan,
-        "approach_z": math.nan,
+        "q": _home_attitude(home),
+        "approach_x": 0.0,
+        "approach_y": 0.0,
+        "approach_z": 0.0,
         "time_usec": flight.time_us,
     }
+
+
+def _home_attitude(home: ReferencePoint) -> tuple[float, ...]:
+    """The heading at home as w, x, y, z; NaN, which means unknown, without one."""
+    return attitude_quaternion(0.0, 0.0, home.yaw_rad) if math.isfinite(home.yaw_rad) else _NO_ATTITUDE
 
 
 def origin_fields(flight: FlightState) -> Fields:

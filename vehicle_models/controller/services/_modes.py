@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -14,6 +15,8 @@ from ..links._enums import MAV_CMD
 from ..policies._modes import ModePolicy
 from ..telemetry._texts import FlightEvent
 
+# Position of a switch in DO_AUX_FUNCTION.
+_SWITCH_HIGH = 2.0
 _EVENTS = {
     Behaviour.LAND: FlightEvent.LANDING,
     Behaviour.RETURN: FlightEvent.RETURNING,
@@ -47,7 +50,10 @@ class Modes:
         return {"SET_MODE": self._set_mode_message}
 
     def commands(self) -> Mapping[int, CommandHandler]:
-        return {MAV_CMD.DO_SET_MODE: self._set_mode}
+        handlers: dict[int, CommandHandler] = {MAV_CMD.DO_SET_MODE: self._set_mode}
+        if self._policy.auxiliary_modes:
+            handlers[MAV_CMD.DO_AUX_FUNCTION] = self._run_auxiliary
+        return handlers
 
     def tick(self) -> None:
         """Hold when a takeoff has reached its height, where taking off is a mode of its own."""
@@ -111,9 +117,27 @@ class Modes:
     def _set_mode(self, command: Command) -> CommandResult | None:
         number = self._policy.number_of_command(command.params)
         if number is None:
-            return CommandResult.DENIED
+            return self._policy.result_without_mode
         refusal = self.request(number)
         return refusal.result if refusal else CommandResult.ACCEPTED
+
+    def _run_auxiliary(self, command: Command) -> CommandResult | None:
+        """DO_AUX_FUNCTION: what a switch of the radio would do. Only the functions that enter a mode are flown, and
+        only their upper position, which enters it.
+        """
+        function, position = command.params[:2]
+        mode = self._policy.auxiliary_modes.get(function)
+        if mode is None:
+            severity, text = self._policy.no_auxiliary_text
+            shown = f"{function:.0f}" if math.isfinite(function) else "0"
+            self._context.texts.send(severity, text.format(shown))
+            return CommandResult.FAILED
+        if position not in (0.0, 1.0, 2.0):
+            return CommandResult.DENIED
+        if position == _SWITCH_HIGH:
+            # The switch was moved, whatever becomes of the mode.
+            self.request(mode)
+        return CommandResult.ACCEPTED
 
     def _set_mode_message(self, message: Any, sender: MessageSender) -> None:
         refusal = self.request(message.custom_mode)

@@ -29,7 +29,6 @@ from ..safety._fence_boundary import FenceBoundary
 from ..telemetry._texts import FlightEvent
 from ._modes import Modes
 
-_MAX_REPOSITION_M = 100_000.0
 # Towards the centre.
 _MAX_ORBIT_MPS2 = 2.0
 # SPEED_TYPE
@@ -152,8 +151,6 @@ class Navigator:
             if abs(latitude) > 90.0 or abs(longitude) > 180.0:
                 return CommandResult.DENIED
             place = self._context.frame.to_local_m(latitude, longitude)
-            if math.hypot(place[0] - flight.north_m, place[1] - flight.east_m) > _MAX_REPOSITION_M:
-                return CommandResult.DENIED
         down = self._down_m(command, altitude)
         if not self._fence.allows(
             *(place or (flight.north_m, flight.east_m)), flight.down_m if down is None else down

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from .._service import Stream, Values
 from .._service_context import ServiceContext
+from ..policies._telemetry import TelemetryPolicy
 from ._attitude import AttitudeCache
 from ._units import heading_cdeg, hundredths
 
@@ -14,7 +15,7 @@ _NAN = math.nan
 # Of pose and velocity: NaN in the first element means unknown.
 _UNKNOWN_COVARIANCES = (_NAN, *(0.0,) * 20) * 2
 # MAV_FRAME of ODOMETRY.
-_LOCAL_NED, _BODY_FRD = 1, 12
+_LOCAL_NED = 1
 _ESTIMATOR_AUTOPILOT, _QUALITY_PERCENT = 8, 100
 
 
@@ -24,8 +25,9 @@ class MotionTelemetry:
     SIMSTATE, which holds the truth in a real SITL, holds the estimate: agents must not learn the truth.
     """
 
-    def __init__(self, context: ServiceContext, attitude: AttitudeCache) -> None:
+    def __init__(self, context: ServiceContext, policy: TelemetryPolicy, attitude: AttitudeCache) -> None:
         self._context = context
+        self._policy = policy
         self._flight = context.flight
         self._body = attitude
 
@@ -53,7 +55,7 @@ class MotionTelemetry:
 
     def _local_position(self) -> Values | None:
         f = self._flight
-        if f.home is None:
+        if not self._policy.knows_local_position(f):
             return None
         return (f.time_ms, f.north_m, f.east_m, f.down_m, f.vn_mps, f.ve_mps, f.vd_mps)
 
@@ -77,12 +79,12 @@ class MotionTelemetry:
         f = self._flight
         if f.home is None:
             return None
-        body = self._body.now()
-        velocity = body.rotated(f.vn_mps, f.ve_mps, f.vd_mps)
-        # Velocity of ODOMETRY is in the child frame, the body; position in the parent frame.
-        pose = (f.north_m, f.east_m, f.down_m, *body.quaternion)
+        # MAVLink's default child frame is the body; PX4's estimator gives velocities in the local frame and names
+        # that one as the child.
+        pose = (f.north_m, f.east_m, f.down_m, *self._body.now().quaternion)
+        velocity = (f.vn_mps, f.ve_mps, f.vd_mps)
         rates = (f.p_radps, f.q_radps, f.r_radps)
-        frames = (_LOCAL_NED, _BODY_FRD, 0, _ESTIMATOR_AUTOPILOT, _QUALITY_PERCENT)
+        frames = (_LOCAL_NED, _LOCAL_NED, 0, _ESTIMATOR_AUTOPILOT, _QUALITY_PERCENT)
         return (f.time_us, *pose, *velocity, *rates, *_UNKNOWN_COVARIANCES, *frames)
 
     def _hud(self) -> Values:
@@ -90,7 +92,8 @@ class MotionTelemetry:
         outputs = self._context.airframe.outputs()
         heading = round(math.degrees(f.yaw_rad)) % 360
         throttle = round(100.0 * sum(outputs) / len(outputs))
-        return (f.airspeed_mps, math.hypot(f.vn_mps, f.ve_mps), f.altitude_m, -f.vd_mps, heading, throttle)
+        airspeed_mps = self._policy.airspeed_mps(f)
+        return (airspeed_mps, math.hypot(f.vn_mps, f.ve_mps), f.altitude_m, -f.vd_mps, heading, throttle)
 
     def _altitude(self) -> Values:
         f = self._flight
