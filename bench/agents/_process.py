@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import selectors
 import signal
 import subprocess
@@ -14,10 +13,9 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from bench.contracts import AgentPlan, AgentUsage
@@ -26,6 +24,7 @@ from bench.simspec import seed_of
 
 from . import _launch
 from ._process_usage import ProcessTreeUsage
+from ._program import expand_command, expand_placeholders
 
 # Host times, chosen: for an agent to exit by itself after the tick socket's end, and between SIGTERM and
 # SIGKILL.
@@ -44,8 +43,6 @@ READ_BYTES = 65536
 OUTPUT_FILE = "agent.log"
 TRUTH_FILE = "truth.json"
 
-_PLACEHOLDER = re.compile(r"\{(python|folder|option:([A-Za-z0-9_.-]+))\}")
-
 
 @contextmanager
 def open_agent(plan: AgentPlan) -> Iterator[LocalProcess]:
@@ -57,37 +54,38 @@ def open_agent(plan: AgentPlan) -> Iterator[LocalProcess]:
     shortened in the middle when it was much. Raises SetupError when the command or the environment names an
     option that the SimSpec does not have.
     """
-    command = expand_command(plan)
+    options = plan.simspec.agent.options
+    command = expand_command(plan.manifest, plan.folder, options)
     environment = environment_of(plan)
     plan.scratch.mkdir(parents=True, exist_ok=True)
     if plan.truth is not None:
         (plan.scratch / TRUTH_FILE).write_text(plan.truth.model_dump_json())
     with _open_output(plan.scratch / OUTPUT_FILE) as output:
-        # Through a launcher and not a preexec_fn, because this process has threads; see _launch.
-        started = subprocess.Popen(
-            [sys.executable, "-I", "-S", _launch.__file__, str(os.getpid()), str(FILE_BYTES), *command],
-            cwd=plan.scratch,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            stdout=output.write_end,
-            stderr=output.write_end,
-            start_new_session=True,
-        )
+        failure_end, launcher_end = os.pipe()
+        try:
+            # Through a launcher and not a preexec_fn, because this process has threads; see _launch.
+            launch = [_launch.__file__, str(os.getpid()), str(FILE_BYTES), str(launcher_end)]
+            started = subprocess.Popen(
+                [sys.executable, "-I", "-S", *launch, *command],
+                cwd=plan.scratch,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=output.write_end,
+                stderr=output.write_end,
+                pass_fds=(launcher_end,),
+                start_new_session=True,
+            )
+        except BaseException:
+            os.close(failure_end)
+            raise
+        finally:
+            os.close(launcher_end)
         output.begin()
-        agent = LocalProcess(started, output, home=str(plan.scratch))
+        agent = LocalProcess(started, output, home=str(plan.scratch), failure_end=failure_end)
         try:
             yield agent
         finally:
             agent.end(home=str(plan.scratch))
-
-
-def expand_command(plan: AgentPlan) -> tuple[str, ...]:
-    """The manifest's command with its placeholders filled in. Raises SetupError with every unknown one."""
-    return tuple(
-        _expanded(
-            plan, {f"command[{index}]": part for index, part in enumerate(plan.manifest.command)}
-        ).values()
-    )
 
 
 def environment_of(plan: AgentPlan) -> dict[str, str]:
@@ -115,38 +113,8 @@ def environment_of(plan: AgentPlan) -> dict[str, str]:
         environment["REBAR_TICK"] = ends.tick
     if plan.truth is not None:
         environment["REBAR_TRUTH"] = str(plan.scratch / TRUTH_FILE)
-    return environment | dict(ends.mavlink) | _expanded(plan, plan.manifest.environment)
-
-
-def _expanded(plan: AgentPlan, texts: Mapping[str, str]) -> dict[str, str]:
-    options = plan.simspec.agent.options
-    faults = []
-
-    def value(where: str, match: re.Match[str]) -> str:
-        if match[1] == "python":
-            return sys.executable
-        if match[1] == "folder":
-            return str(plan.folder)
-        if match[2] in options:
-            return _as_text(options[match[2]])
-        known = ", ".join(sorted(options)) or "none"
-        faults.append(
-            Fault(
-                f"{plan.manifest.name}: {where}",
-                f"needs the option {match[2]!r}, which the SimSpec does not give",
-                f"add it under agent.options (there now: {known})",
-            )
-        )
-        return ""
-
-    expanded = {where: _PLACEHOLDER.sub(partial(value, where), text) for where, text in texts.items()}
-    if faults:
-        raise SetupError(faults)
-    return expanded
-
-
-def _as_text(option: str | float | int | bool) -> str:
-    return str(option).lower() if isinstance(option, bool) else str(option)
+    stated = expand_placeholders(plan.manifest, plan.folder, spec.agent.options, plan.manifest.environment)
+    return environment | dict(ends.mavlink) | stated
 
 
 class _Output:
@@ -241,8 +209,11 @@ def _open_output(path: Path) -> Iterator[_Output]:
 class LocalProcess:
     """The `AgentProcess` contract over one local process and its group."""
 
-    def __init__(self, started: subprocess.Popen[bytes], output: _Output, home: str) -> None:
+    def __init__(
+        self, started: subprocess.Popen[bytes], output: _Output, home: str, failure_end: int
+    ) -> None:
         self._started = started
+        self._failure_end = failure_end
         self._output = output
         self._tree = ProcessTreeUsage(started.pid, home)
         self._usage = AgentUsage()
@@ -254,13 +225,20 @@ class LocalProcess:
         return self._started.pid
 
     def exit_code(self) -> int | None:
+        code = self._poll()
+        if code == _launch.NOT_FOUND and (failure := os.read(self._failure_end, READ_BYTES)):
+            remedy = "restore the program, or correct the command in the manifest"
+            raise SetupError(Fault("agent.manifest", failure.decode(errors="replace"), remedy))
+        return code
+
+    def _poll(self) -> int | None:
         if self._started.returncode is None:
             self._reap(os.WNOHANG)
         return self._started.returncode
 
     def usage(self) -> AgentUsage:
         # Not after the end: the kernel may give the id to a stranger.
-        if self.exit_code() is None:
+        if self._poll() is None:
             self._usage = self._tree.read()
         return replace(self._usage, cpu_s=max(self._usage.cpu_s, self._reaped_cpu_s))
 
@@ -278,12 +256,13 @@ class LocalProcess:
         for pid in _processes_with_home(home):
             with suppress(OSError):
                 os.kill(pid, signal.SIGKILL)
-        if self.exit_code() is None:
+        if self._poll() is None:
             self._reap(0)
+        os.close(self._failure_end)
 
     def _wait(self, span_s: float) -> None:
         deadline = time.monotonic() + span_s
-        while self.exit_code() is None and time.monotonic() < deadline:
+        while self._poll() is None and time.monotonic() < deadline:
             time.sleep(0.005)
 
     def _signal(self, number: signal.Signals) -> None:

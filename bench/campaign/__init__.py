@@ -46,6 +46,8 @@ from .planning._realizations import campaign_quality as campaign_quality
 from .planning._realizations import realizations as realizations
 from .planning._realizations import situation_tensions as situation_tensions
 from .planning._scenes import write_scenes as write_scenes
+from .storage._completeness import Completeness as Completeness
+from .storage._completeness import parse_accepted_outcomes as parse_accepted_outcomes
 from .storage._files import digest_of as digest_of
 from .storage._files import write_whole as write_whole
 from .storage._folder import CampaignFolder as CampaignFolder

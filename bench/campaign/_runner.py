@@ -26,6 +26,13 @@ from .execution._pool import OpenExecutor, open_local_pool
 from .execution._stop_request import open_stop_request
 from .execution._task import FLIGHT_JOB, WorkerPlan
 from .planning._plan import finish_infeasible, plan_campaign
+from .storage._completeness import (
+    Completeness,
+    accepted_realizations,
+    completeness_of,
+    parse_accepted_outcomes,
+)
+from .storage._completeness import accept as accept_outcomes
 from .storage._folder import CampaignFolder, open_lock
 from .storage._journal import Journal, open_journal
 from .storage._manifest import write_manifest
@@ -42,13 +49,15 @@ Finish = Callable[[CampaignFolder], object]
 class CampaignSummary:
     """How a run of a campaign ended.
 
-    `flown` counts the results of this run, `outcomes` all results in the folder.
+    `flown` counts the results of this run, `outcomes` all results in the folder. `completeness` says which
+    runs are missing.
     """
 
     folder: Path
     total: int
     flown: int
     outcomes: Mapping[Outcome, int]
+    completeness: Completeness
     stopped: str | None
     observer_faults: int
     wall_s: float
@@ -60,8 +69,8 @@ class CampaignSummary:
 
     @property
     def complete(self) -> bool:
-        """Whether every realization has a result."""
-        return self.done == self.total
+        """Whether every realization has a result that counts, was not needed, or is accepted as missing."""
+        return self.completeness.complete
 
 
 def run_campaign(
@@ -73,6 +82,7 @@ def run_campaign(
     on_event: Observer | None = None,
     finish: Finish | None = None,
     rerun: Collection[Outcome] = (),
+    accept: Collection[Outcome] = (),
     job: str = FLIGHT_JOB,
     open_executor: OpenExecutor = open_local_pool,
     clock: Callable[[], float] = time.monotonic,
@@ -81,8 +91,10 @@ def run_campaign(
     requested.
 
     Call it again on the same folder to resume. `workers` overrides the campaign's budget, which overrides the
-    number of cores. Realizations with an outcome in `rerun` are flown once more; their results are kept in
-    aside/. `clock` gives the host seconds by which the campaign's total budget is judged.
+    number of cores. Realizations that may have failed because of the host are flown again, with two attempts
+    in every run; their earlier results are kept in aside/. `accept` leaves those that have one of its
+    outcomes now as they are, for good; `rerun` takes that back. `clock` gives the host seconds by which the
+    campaign's total budget is judged.
 
     Raises SetupError for a campaign that cannot be realized and for a folder that is in use or belongs to
     another campaign, WorkersUnusable if no worker process can be started, BenchBroken if the first sessions
@@ -92,6 +104,7 @@ def run_campaign(
     campaign = _with_floor_of_folder(campaign, paths)
     started = clock()
     parse_rerun_outcomes(rerun)
+    parse_accepted_outcomes(accept)
     if campaign.stopping is not None:
         check_stopping(campaign.stopping, decomposition)
     with open_lock(folder), open_journal(paths.journal) as journal:
@@ -99,10 +112,11 @@ def run_campaign(
         journal.release()
         check_fidelity(campaign, journal)
         plans = plan_campaign(campaign, paths, journal, decomposition)
-        # First what the disk holds, then what the user wants to rerun: `rerun` is about results, not about
-        # stale entries.
+        # First what the disk holds, then what the user wants: both options are about results, not about stale
+        # entries.
         reconcile(paths, journal)
-        reset_for_rerun(paths, journal, rerun)
+        accept_outcomes(journal, accept, withdrawn=rerun)
+        reset_for_rerun(paths, journal)
         early_stopping = EarlyStopping(
             campaign.stopping, decomposition, paths, journal, campaign.floor_labels
         )
@@ -127,12 +141,20 @@ def run_campaign(
         if dispatcher.done == dispatcher.total:
             if finish is not None:
                 finish(paths)
-            write_manifest(paths, campaign.name, decomposition.digest, _outcome_counts(journal), versions())
+            write_manifest(
+                paths,
+                campaign.name,
+                decomposition.digest,
+                _outcome_counts(journal),
+                versions(),
+                _completeness(journal),
+            )
         return CampaignSummary(
             folder=folder,
             total=dispatcher.total,
             flown=dispatcher.flown,
             outcomes=_outcomes(journal),
+            completeness=_completeness(journal),
             stopped=dispatcher.stopped,
             observer_faults=observers.faults,
             wall_s=clock() - started,
@@ -153,6 +175,12 @@ def _deadline(campaign: Campaign, started: float, clock: Callable[[], float]) ->
 
 def _outcomes(journal: Journal) -> dict[Outcome, int]:
     return dict(Counter(entry.outcome for entry in journal.entries() if entry.outcome is not None))
+
+
+def _completeness(journal: Journal) -> Completeness:
+    return completeness_of(
+        ((entry, entry.outcome) for entry in journal.entries()), accepted_realizations(journal)
+    )
 
 
 def _outcome_counts(journal: Journal) -> dict[str, int]:

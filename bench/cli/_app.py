@@ -48,6 +48,9 @@ _DISK_ERRORS = frozenset(
     }
 )
 
+# Memory, processes, open files, buffers: a shortage of the host that passes.
+_SHORTAGES = frozenset({errno.ENOMEM, errno.EAGAIN, errno.EMFILE, errno.ENFILE, errno.ENOBUFS})
+
 
 def _print_version(wanted: bool) -> None:
     if wanted:
@@ -101,6 +104,13 @@ def run(arguments: Sequence[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
     except OSError as error:
+        if error.errno in _SHORTAGES:
+            print(
+                f"rebar: the host has no more of something that this needs: {error.strerror}. "
+                "End other programs or raise the limits (ulimit -a), then run again: no result is lost.",
+                file=sys.stderr,
+            )
+            return 1
         if error.errno not in _DISK_ERRORS:
             raise
         print(

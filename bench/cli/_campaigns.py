@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,9 +13,10 @@ from rich.console import Console
 
 from ._examples import shipped
 from ._fault_paths import file_in_faults
+from ._missing_runs import INCOMPLETE_EXIT_CODE, print_missing
 
 if TYPE_CHECKING:
-    from bench.campaign import Campaign, CampaignEstimate
+    from bench.campaign import Campaign, CampaignEstimate, CampaignSummary, FinishedCampaign
 
 
 # Commands import what they need themselves: otherwise `rebar --help` would wait for the simulator.
@@ -32,6 +34,8 @@ def demo(
 ) -> None:
     """Run the demo campaign: twelve scenes, each flown by both reference agents, and a report.
 
+    Ends with code 3 while runs are missing. The same command again flies them.
+
     Example: rebar demo
     """
     _run(shipped("campaigns/demo.yaml"), out, workers, as_json=False)
@@ -48,7 +52,14 @@ def run(
         list[str] | None,
         typer.Option(
             metavar="OUTCOME",
-            help="Rerun realizations with this outcome, for example bench_error. Repeatable",
+            help="Take back --accept: fly realizations with this outcome again. Repeatable",
+        ),
+    ] = None,
+    accept: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="OUTCOME",
+            help="Go without the runs that have this outcome now, for example bench_error. Repeatable",
         ),
     ] = None,
     dry_run: Annotated[
@@ -74,7 +85,9 @@ def run(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the scores as JSON")] = False,
 ) -> None:
-    """Run a campaign, or resume one that was interrupted.
+    """Run a campaign, or resume one that was interrupted or lost runs.
+
+    Ends with code 3 while runs are missing that the agents did not cause. The same command again flies them.
 
     Example: rebar run campaigns/paper.yaml --out out/paper
     """
@@ -93,7 +106,15 @@ def run(
             _print_plan(campaign, workers, session_s, as_json=as_json, floor=floor)
         return
     with file_in_faults(campaign):
-        _run(campaign, out, workers, as_json=as_json, again=tuple(again or ()), floor=floor)
+        _run(
+            campaign,
+            out,
+            workers,
+            as_json=as_json,
+            again=tuple(again or ()),
+            accept=tuple(accept or ()),
+            floor=floor,
+        )
 
 
 def realize(
@@ -135,16 +156,17 @@ def realize(
 
 
 def report(folder: Annotated[Path, typer.Argument(help="Folder of a campaign")]) -> None:
-    """Score the results in a campaign's folder and write its report. Example: rebar report out/demo"""
+    """Score the results in a campaign's folder and write its report. Ends with code 3 if runs are missing.
+
+    Example: rebar report out/demo
+    """
     from bench.campaign import finish_campaign
 
     finished = finish_campaign(folder)
-    missing = finished.outcomes.get("not finished", 0)
-    if missing:
-        from ._scores import missing_results
-
-        print(missing_results(missing))
+    print_missing(finished.completeness, folder)
     print(finished.report)
+    if not finished.completeness.complete:
+        raise typer.Exit(INCOMPLETE_EXIT_CODE)
 
 
 def verify(
@@ -170,13 +192,14 @@ def _run(
     *,
     as_json: bool,
     again: tuple[str, ...] = (),
+    accept: tuple[str, ...] = (),
     floor: bool = False,
 ) -> None:
     from bench.campaign import (
-        FinishedCampaign,
         finish_campaign,
         load_campaign,
         load_measurable_decomposition,
+        parse_accepted_outcomes,
         parse_rerun_outcomes,
         run_campaign,
         with_floor,
@@ -189,8 +212,7 @@ def _run(
     if floor:
         campaign = with_floor(campaign)
     decomposition = load_measurable_decomposition(campaign.decomposition)
-    for label in () if as_json else _given_the_truth(campaign):
-        print(f"{label} is given the truth: its results are no agent's")
+    informed = () if as_json else _given_the_truth(campaign)
     folder = out or Path("out") / campaign.name
     finished: list[FinishedCampaign] = []
     with open_progress(campaign.name, quiet=as_json) as progress:
@@ -201,21 +223,37 @@ def _run(
             workers=workers,
             on_event=progress,
             rerun=parse_rerun_outcomes(again),
+            accept=parse_accepted_outcomes(accept),
             finish=lambda paths: finished.append(finish_campaign(paths.path)),
         )
     if not finished:
         print(
-            f"{summary.done} of {summary.total} realizations have a result ({summary.stopped}). "
+            f"INCOMPLETE: {summary.done} of {summary.total} realizations have a result ({summary.stopped}). "
             "Run the same command again to resume."
         )
         # As for an interrupted command: the campaign stopped early, by a signal or by its budget.
         raise typer.Exit(130)
     (scores,) = finished
+    print_missing(scores.completeness, folder, as_json=as_json)
     if as_json:
         print(campaign_report(folder).model_dump_json(indent=1))
-        return
+    else:
+        _show_scores(campaign, folder, summary, scores, informed)
+    if not scores.completeness.complete:
+        raise typer.Exit(INCOMPLETE_EXIT_CODE)
+
+
+def _show_scores(
+    campaign: Campaign,
+    folder: Path,
+    summary: CampaignSummary,
+    scores: FinishedCampaign,
+    informed: Sequence[str],
+) -> None:
     from bench.reporting import score_table
 
+    for label in informed:
+        print(f"{label} is given the truth: its results are no agent's")
     console = Console(width=None if Console().is_terminal else 140)
     table = score_table(scores.summary, scores.study, scores.floors)
     # Nobody is to mistake predictions for flights, also where only the table is copied.

@@ -16,9 +16,12 @@ from rich.tree import Tree
 
 from bench.errors import Fault, SetupError
 
+from ._missing_runs import INCOMPLETE_EXIT_CODE, print_missing
+
 if TYPE_CHECKING:
     import polars as pl
 
+    from bench.campaign import Completeness
     from bench.scoring import (
         AgentExplanation,
         Explanation,
@@ -70,7 +73,7 @@ def score(
     """Measure and score recordings again, from nothing but the recording, its SimSpec and the decomposition.
 
     For the folder of a run, the scores are printed. For a campaign, result.json files, scores.parquet and
-    report.html are written again.
+    report.html are written again. Ends with code 3 if a campaign lacks runs that its agents did not cause.
 
     Example: rebar score out/demo/runs/p000-r0-reference-naive
 
@@ -78,13 +81,20 @@ def score(
 
     Example: rebar score --observations table.csv --decomposition mine.yaml --json
     """
-    for source in _score_sources(runs or [], decomposition, observations, reading=explain is not None):
+    sources = _score_sources(runs or [], decomposition, observations, reading=explain is not None)
+    partial = [source for source in sources if source.completeness and not source.completeness.complete]
+    for source in partial:
+        assert source.completeness is not None
+        print_missing(source.completeness, Path(source.source), as_json=as_json)
+    for source in sources:
         if explain is not None:
             _show_explanation(source.explained(explain, limit), as_json=as_json)
         elif as_json:
             print(source.report(per_run=per_run).model_dump_json(indent=1))
         else:
             source.show(per_run=per_run)
+    if partial:
+        raise typer.Exit(INCOMPLETE_EXIT_CODE)
 
 
 def check_node(option: str, decomposition: Decomposition, node: str) -> None:
@@ -94,11 +104,6 @@ def check_node(option: str, decomposition: Decomposition, node: str) -> None:
         attributes = ", ".join(decomposition.key_attributes)
         remedy = f"did you mean {' or '.join(similar)}?" if similar else f"key attributes: {attributes}"
         raise SetupError(Fault(option, f"there is no node {node!r} in {decomposition.name}", remedy))
-
-
-def missing_results(count: int) -> str:
-    """The sentence about realizations of a campaign that cannot be scored."""
-    return f"{count} realizations have no result, or one that does not match its recording. `rebar run` reruns them."
 
 
 def campaign_report(folder: Path) -> ScoreReport:
@@ -121,6 +126,7 @@ class ScoreSource:
     closing_lines: tuple[str, ...] = field(default=())
     fidelity: Literal["full", "overhead"] | None = None
     floors: Mapping[str, NodeFloor] = field(default_factory=dict)
+    completeness: Completeness | None = None
 
     def report(self, *, per_run: bool) -> ScoreReport:
         """The document for `--json`."""
@@ -211,17 +217,14 @@ def _of_campaign(folder: Path, decomposition: str | None, *, reading: bool) -> S
     from bench.campaign import read_runs, rescore_campaign
     from bench.scoring import Sources, score_table, summary_frame
 
-    lines: list[str] = []
+    lines: tuple[str, ...] = ()
     if reading:
         campaign = read_runs(folder, decomposition)
     else:
         finished = rescore_campaign(folder, decomposition)
         # Without the argument: scoring again has stored the decomposition in the folder.
         campaign = read_runs(folder)
-        missing = finished.outcomes.get("not finished", 0)
-        if missing:
-            lines.append(missing_results(missing))
-        lines.append(str(finished.report))
+        lines = (str(finished.report),)
     scores = score_table(campaign.decomposition, campaign.runs, campaign.study)
     recordings = {name: str(path) for name, path in campaign.recordings.items()}
     return ScoreSource(
@@ -233,8 +236,9 @@ def _of_campaign(folder: Path, decomposition: str | None, *, reading: bool) -> S
         sources=Sources(recordings, campaign.reasons),
         scores=scores,
         summary=summary_frame(scores, campaign.decomposition),
-        closing_lines=tuple(lines),
+        closing_lines=lines,
         fidelity=campaign.fidelity,
+        completeness=campaign.completeness,
         floors=campaign.floors(),
     )
 

@@ -110,7 +110,10 @@ class AgentProcess(Protocol):
     def pid(self) -> int: ...
 
     def exit_code(self) -> int | None:
-        """Exit code, or None while it runs. A negative code is the signal that ended it."""
+        """Exit code, or None while it runs. A negative code is the signal that ended it.
+
+        Raises SetupError if the agent's program could not be started at all.
+        """
 
     def usage(self) -> AgentUsage:
         """What the agent has used of the host so far. It never shrinks, and can be asked after the end too."""

@@ -6,8 +6,9 @@ again and returns how it ended. Every message goes to the tap as a record.
 
 from __future__ import annotations
 
+import signal
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -49,6 +50,7 @@ from ._agent_time import AgentTime
 from ._air_network import AirNetwork, open_air_network
 from ._detector import open_detector
 from ._host_clock import HOST_CLOCK, HostClock
+from ._host_memory import count_memory_kills
 from ._mission_information import MissionInformation
 from ._operator_pilot import OperatorPilot, open_operator_pilot, operator_links
 from ._ports import reserved_udp_port
@@ -69,7 +71,7 @@ class SessionPlan:
     """All that one session needs.
 
     `scratch` is an empty folder for the agent, `tap` receives every record, and budgets are measured by
-    `clock`.
+    `clock`. `memory_kills` counts the processes that the kernel killed for want of memory.
     """
 
     simspec: SimSpec
@@ -79,6 +81,7 @@ class SessionPlan:
     scratch: Path
     tap: Tap
     clock: HostClock = HOST_CLOCK
+    memory_kills: Callable[[], int] = count_memory_kills
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,6 +173,7 @@ class Session:
         self._clock = plan.clock
         self._agent_time = AgentTime(plan.clock, self._usage)
         self._wall_deadline_s = plan.clock.now() + plan.simspec.budgets.wall_s
+        self._memory_kills = plan.memory_kills()
 
     def attach(self, agent: AgentProcess, ticks: TickServer | None) -> None:
         """The started agent, and the tick socket in lockstep."""
@@ -359,6 +363,11 @@ class Session:
         condition = self._vehicle.condition()
         if code == 0 and condition.landed and not condition.armed and self._progress.now > START:
             raise StopSession(Outcome.COMPLETED, "the agent ended by itself and the vehicle is down")
+        # Which process used up the memory is not known, so the agent is not blamed; the run is flown again.
+        if code == -signal.SIGKILL and self._plan.memory_kills() > self._memory_kills:
+            raise StopSession(
+                Outcome.BENCH_ERROR, "the host ran out of memory, and the kernel killed the agent's process"
+            )
         cause = f"exit code {code}" if code >= 0 else f"signal {-code}"
         raise StopSession(
             Outcome.AGENT_CRASHED,

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from bench.agents import LocalProcess, load_manifest, open_agent
+from bench.agents import LocalProcess, load_manifest, open_agent, program_faults
 from bench.contracts import AgentEndpoints, AgentManifest, AgentPlan
 from bench.errors import SetupError
 from bench.simspec import AgentSpec, Point, Polygon, SimSpec, World
@@ -127,10 +127,37 @@ def test_a_crash_leaves_its_code_and_last_words(tmp_path: Path) -> None:
 
 
 def test_a_program_that_is_not_there_says_so(tmp_path: Path) -> None:
-    """A wrong command is an agent that ends at once, with a sentence."""
-    with open_agent(plan(tmp_path, "/nowhere/agent")) as agent:
-        assert wait_for_end(agent) == 127
+    """A program that cannot be started is a wrong set-up, and none of the agent's doing."""
+    with (
+        open_agent(plan(tmp_path, "/nowhere/agent")) as agent,
+        pytest.raises(SetupError, match="/nowhere/agent cannot be started: No such file"),
+    ):
+        wait_for_end(agent)
     assert agent.output_tail() == "/nowhere/agent cannot be started: No such file or directory\n"
+
+
+def test_an_agent_may_end_with_the_code_of_a_missing_program(tmp_path: Path) -> None:
+    """127 from a program that did start is an exit code as any other."""
+    with open_agent(python(tmp_path, "raise SystemExit(127)")) as agent:
+        assert wait_for_end(agent) == 127
+
+
+def test_missing_programs_scripts_and_modules_are_known_without_starting_them(tmp_path: Path) -> None:
+    """Each of two kinds of command with and without its files; nothing is run or imported."""
+    (tmp_path / "agent.py").touch()
+
+    def faults(*command: str, **options: str) -> list[str]:
+        manifest = AgentManifest(name="agent", command=command, environment={"MODE": "{option:mode}"})
+        return [fault.what for fault in program_faults(manifest, tmp_path, options or {"mode": "x"})]
+
+    for command in (("sh", "-c", "true"), ("{python}", "{folder}/agent.py"), ("{python}", "-m", "bench.cli")):
+        assert faults(*command) == []
+    assert faults("{folder}/agent.py") == [f"there is no program '{tmp_path}/agent.py'"]
+    assert faults("no-such-program") == ["there is no program 'no-such-program'"]
+    assert faults("{python}", "{folder}/gone.py") == [f"there is no file {tmp_path}/gone.py"]
+    assert faults("{python}", "-m", "bench.no_such") == ["there is no Python module 'bench.no_such'"]
+    assert faults("{python}", "-m", "no_such.agent") == ["there is no Python module 'no_such.agent'"]
+    assert "needs the option 'mode'" in faults("sh", other="y")[0]
 
 
 def test_an_agent_that_ignores_sigterm_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,6 +23,7 @@ from bench.campaign import (
     run_campaign,
 )
 from bench.contracts import Outcome, SessionResult
+from bench.errors import Fault, SetupError
 from bench.realization import Design, DesignFactor
 from bench.simspec import ActorGroup, AgentSpec, Budgets, Point, Polygon, Role, SimSpec, World
 
@@ -58,6 +59,11 @@ def fake_flight(simspec: SimSpec, decomposition: Script, folder: Path, realizati
     match act:
         case "raise":
             raise ValueError("a made-up bench error")
+        case "vanish":
+            raise SetupError(Fault("agent.manifest", "there is no such file", "restore it"))
+        case "crash":
+            reason = "the agent's process ended with exit code 1 before its mission did"
+            return SessionResult(realization=realization, outcome=Outcome.AGENT_CRASHED, reason=reason)
         case "exit":
             os._exit(3)
         case "segv":

@@ -142,7 +142,7 @@ def test_bad_sessions_cost_themselves_only(tmp_path: Path) -> None:
 
     summary = fly(tmp_path, script=Script(acts), workers=2, on_event=events.append)
 
-    assert summary.complete
+    assert summary.completeness.missing == {Outcome.BENCH_ERROR: 2, Outcome.WORKER_LOST: 2}
     by_id = entries(tmp_path)
     assert by_id["p001-r1-fake"].outcome is Outcome.BENCH_ERROR
     assert "a made-up bench error" in by_id["p001-r1-fake"].reason

@@ -6,22 +6,29 @@ from __future__ import annotations
 
 from bench.contracts import Outcome, SessionResult
 
+from ..storage._completeness import PROVISIONAL_OUTCOMES
 from ._task import BenchBroken
 
-RETRIED_OUTCOMES = frozenset({Outcome.WORKER_LOST, Outcome.BENCH_ERROR, Outcome.WALL_BUDGET})
-"""Outcomes that are the fault of the bench or of a busy host.
-
-The realization is flown once more, because the agent did not cause them.
-"""
-
-
 MAX_ATTEMPTS = 2
-"""Attempts after which an outcome of RETRIED_OUTCOMES becomes the result."""
+"""Attempts of one run of the campaign after which a session that may have failed because of the host is left
+as it is.
+"""
 
 FAULTS_BEFORE_GIVING_UP = 5
-"""Realizations that fail with bench errors before any session succeeds, after which the bench is considered
-broken.
+"""Realizations that fail because of the bench or the host before any session succeeds, after which the bench
+is considered broken.
 """
+
+
+def is_worth_a_retry(result: SessionResult) -> bool:
+    """Whether the host may have caused this end, so that the session deserves another attempt.
+
+    An agent that ends before its first tick is one of them: it has seen nothing of the situation, so it
+    cannot use the second attempt to drop one that goes badly, and its files or its memory may have been
+    missing for a moment. The second end is its own.
+    """
+    at_start = result.outcome in (Outcome.AGENT_CRASHED, Outcome.AGENT_NEVER_CONNECTED)
+    return result.outcome in PROVISIONAL_OUTCOMES or (at_start and result.simulated_s == 0.0)
 
 
 class BenchFaultWatch:
@@ -36,14 +43,14 @@ class BenchFaultWatch:
 
         Raises BenchBroken when the first FAULTS_BEFORE_GIVING_UP realizations all failed.
         """
-        if self._faulty is None or result.outcome not in RETRIED_OUTCOMES:
+        if self._faulty is None or result.outcome not in PROVISIONAL_OUTCOMES:
             self._faulty = None
             return
         # By realization, not by session: the second attempt of a faulty realization is no new evidence.
         self._faulty.add(result.realization)
         if len(self._faulty) >= FAULTS_BEFORE_GIVING_UP:
             raise BenchBroken(
-                f"the first {FAULTS_BEFORE_GIVING_UP} sessions all ended with bench errors, so no more are started. "
-                f"The last error: {result.outcome}: {result.reason}. "
-                f"Fix it, then run `rebar run ... --again {result.outcome}`."
+                f"INCOMPLETE: the first {FAULTS_BEFORE_GIVING_UP} sessions all failed because of the bench or the host, "
+                f"so no more are started. The last error: {result.outcome}: {result.reason}. "
+                "Fix it, then run the same command again: it flies them again."
             )

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
-from collections import deque
+import os
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from bench.contracts import Outcome, SessionResult
 from bench.errors import Fault, SetupError
@@ -14,16 +15,25 @@ from bench.realization import RealizationPlan
 from .._events import CampaignStopping, Observers, RealizationFinished, RealizationRetried, RealizationStarted
 from ..early_stopping._decisions import PointKey
 from ..early_stopping._early_stopping import EarlyStopping
+from ..storage._completeness import PROVISIONAL_OUTCOMES
 from ..storage._folder import CampaignFolder
 from ..storage._journal import Journal, RealizationState
 from ..storage._results import write_result
-from ._bench_faults import MAX_ATTEMPTS, RETRIED_OUTCOMES, BenchFaultWatch
+from ._bench_faults import MAX_ATTEMPTS, BenchFaultWatch, is_worth_a_retry
 from ._pool import Executor
 from ._stop_request import StopRequest
 from ._task import Task, TaskEnded
 
 MIN_FREE_BYTES = 1024 * 1024
-"""With less free space on the disk a bench error is taken for a full disk, and not kept as a result."""
+"""With less free space on the disk a failed session is taken for one that a full disk stopped."""
+
+# The agent's scratch folder is on the same disk as the campaign's: an agent that cannot write crashes or
+# hangs.
+_STOPPED_BY_A_FULL_DISK = PROVISIONAL_OUTCOMES | {
+    Outcome.AGENT_CRASHED,
+    Outcome.AGENT_TIMEOUT,
+    Outcome.AGENT_NEVER_CONNECTED,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +67,8 @@ class Dispatcher:
             early_stopping,
         )
         self._bench_faults = BenchFaultWatch()
+        # Of this run alone: a run on another day, on a repaired host, has its own attempts.
+        self._failures: Counter[str] = Counter()
         self._running: dict[str, PointKey | None] = {}
         self.total = len(plans)
         # Planning compared the files in simspecs/ with the journal's digests: none has to be read again for
@@ -148,10 +160,7 @@ class Dispatcher:
         if result.realization not in self._running:
             return
         key = self._running.pop(result.realization)
-        if (
-            result.outcome is Outcome.BENCH_ERROR
-            and shutil.disk_usage(self._folder.path).free < MIN_FREE_BYTES
-        ):
+        if result.outcome in _STOPPED_BY_A_FULL_DISK and _is_full(self._folder.path):
             raise SetupError(
                 Fault(
                     str(self._folder.path),
@@ -159,10 +168,8 @@ class Dispatcher:
                     "free some space and run again; no result is lost",
                 )
             )
-        if (
-            result.outcome in RETRIED_OUTCOMES
-            and self._journal.count_attempts(result.realization, RETRIED_OUTCOMES) + 1 < MAX_ATTEMPTS
-        ):
+        self._failures[result.realization] += is_worth_a_retry(result)
+        if is_worth_a_retry(result) and self._failures[result.realization] < MAX_ATTEMPTS:
             self._journal.retry(result.realization, result.outcome, result.reason)
             self._waiting.append(result.realization)
             self._observers.notify(RealizationRetried(result.realization, result.outcome, result.reason))
@@ -172,3 +179,11 @@ class Dispatcher:
         if key is not None:
             self._decide(key)
         self._bench_faults.record(result)
+
+
+def _is_full(folder: Path) -> bool:
+    """Whether the disk has no room for another session, in bytes or in files."""
+    disk = os.statvfs(folder)
+    # Some file systems state no number of files at all.
+    out_of_files = disk.f_files > 0 and disk.f_favail == 0
+    return disk.f_bavail * disk.f_frsize < MIN_FREE_BYTES or out_of_files

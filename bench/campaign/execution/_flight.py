@@ -7,12 +7,14 @@ scoring the recording again gives the same observations.
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
-from bench.agents import load_manifest, open_agent
+from bench.agents import load_manifest, open_agent, program_faults
 from bench.contracts import (
     AgentManifest,
     Observation,
+    Outcome,
     Record,
     SessionFailure,
     SessionResult,
@@ -65,13 +67,30 @@ def fly_realization(
             tape(record)
 
         plan = SessionPlan(placed, manifest, manifest_folder, open_agent, Path(scratch), tap)
-        end = run_session(plan)
+        end = _without_host_faults(run_session(plan), plan)
         log = Path(scratch, AGENT_LOG)
         if log.is_file():
             (folder / AGENT_LOG).write_bytes(log.read_bytes())
     observations = measure_all(measures_of(decomposition), tape.tape(), placed) if end.outcome.counts else ()
     result = result_of(realization, end, recording.sha256, observations)
     return result.model_copy(update={"details": {**result.details, **_metadata(manifest)}})
+
+
+# Host files are looked at only for agents that ended so early, in simulated seconds: later an agent knows its
+# situation, and could remove its own files to be rid of a session that goes badly. Chosen, not measured.
+_STARTING_S = 5.0
+
+
+def _without_host_faults(end: SessionEnd, plan: SessionPlan) -> SessionEnd:
+    """The end as it was, or SETUP_INVALID where the agent could not start because its files are gone."""
+    if end.outcome not in (Outcome.AGENT_CRASHED, Outcome.AGENT_NEVER_CONNECTED):
+        return end
+    if end.simulated_s > _STARTING_S:
+        return end
+    faults = program_faults(plan.manifest, plan.manifest_folder, plan.simspec.agent.options)
+    if not faults:
+        return end
+    return replace(end, outcome=Outcome.SETUP_INVALID, reason=f"{SetupError(faults)}; {end.reason}")
 
 
 def _metadata(manifest: AgentManifest) -> dict[str, str]:

@@ -31,6 +31,7 @@ from decompositions import Decomposition
 from .._document import Campaign
 from .._versions import versions
 from ..early_stopping._decisions import PointKey, is_after_stop, outcome_name
+from ..storage._completeness import NOT_FINISHED, Completeness, accepted_realizations, completeness_of
 from ..storage._files import digest_of, write_whole
 from ..storage._folder import RECORDING, RESULT, CampaignFolder, open_lock
 from ..storage._journal import JournalEntry, open_journal
@@ -42,11 +43,14 @@ from ._rescore import recording_faults, rescore
 
 @dataclass(frozen=True, slots=True)
 class FinishedCampaign:
-    """Scores of a campaign. `summary` has the columns SUMMARY_COLUMNS of bench.scoring."""
+    """Scores of a campaign. `summary` has the columns SUMMARY_COLUMNS of bench.scoring; `completeness` says
+    which runs are missing in it.
+    """
 
     summary: pl.DataFrame
     study: tuple[str, ...]
     outcomes: dict[str, int]
+    completeness: Completeness
     report: Path
     floors: Mapping[str, NodeFloor]
 
@@ -58,8 +62,8 @@ def finish_campaign(path: Path, other_decomposition: str | None = None) -> Finis
     not a campaign.
     """
     folder, campaign, decomposition = read_campaign_folder(path, other_decomposition)
-    entries, stops = _read_journal(folder)
-    all_runs, outcomes = _scored_runs(folder, campaign, decomposition, entries, stops)
+    results = _read_results(folder)
+    all_runs = _scored_runs(folder, campaign, decomposition, results)
     runs, floor_runs = _split(all_runs, campaign)
     write_whole(folder.decomposition, dump_yaml(decomposition.document))
     scores = score_table(decomposition, runs, campaign.study)
@@ -70,7 +74,9 @@ def finish_campaign(path: Path, other_decomposition: str | None = None) -> Finis
         _write_table(folder.floor, floor_scores)
 
     def seal() -> None:
-        write_manifest(folder, campaign.name, decomposition.digest, outcomes, versions())
+        write_manifest(
+            folder, campaign.name, decomposition.digest, results.outcomes, versions(), results.completeness
+        )
 
     # Twice: the report shows the manifest, and the manifest holds the digest of the report, which the report
     # leaves out.
@@ -80,7 +86,8 @@ def finish_campaign(path: Path, other_decomposition: str | None = None) -> Finis
     return FinishedCampaign(
         summary_frame(scores, decomposition),
         studied_key_attributes(decomposition, campaign.study),
-        outcomes,
+        results.outcomes,
+        results.completeness,
         report,
         node_floors(floor_scores, campaign.oracle_label),
     )
@@ -128,7 +135,8 @@ def rescore_campaign(path: Path, other_decomposition: str | None = None) -> Fini
 class CampaignRuns:
     """The runs of a campaign that have a result, as scoring takes them.
 
-    `recordings` and `reasons` (why each session ended) are by realization. `fidelity` is the one of all runs.
+    `recordings` and `reasons` (why each session ended) are by realization. `completeness` says which runs are
+    missing, `fidelity` is the one of all runs.
     `floor_runs` are those of null agents and of the agent with the label `oracle`; they are not among `runs`.
     """
 
@@ -137,6 +145,7 @@ class CampaignRuns:
     runs: tuple[ScoredRun, ...]
     recordings: Mapping[str, Path]
     reasons: Mapping[str, str]
+    completeness: Completeness
     fidelity: Literal["full", "overhead"] = "full"
     floor_runs: tuple[ScoredRun, ...] = ()
     oracle: str | None = None
@@ -153,8 +162,8 @@ def read_runs(path: Path, other_decomposition: str | None = None) -> CampaignRun
     is not a campaign, or a recording cannot be measured.
     """
     folder, campaign, decomposition = read_campaign_folder(path, other_decomposition)
-    entries, stops = _read_journal(folder)
-    runs, _ = _scored_runs(folder, campaign, decomposition, entries, stops)
+    results = _read_results(folder)
+    runs = _scored_runs(folder, campaign, decomposition, results)
     recordings = {run.realization: folder.run(run.realization) / RECORDING for run in runs}
     recordings = {name: recording for name, recording in recordings.items() if recording.is_file()}
     if other_decomposition is not None:
@@ -164,7 +173,7 @@ def read_runs(path: Path, other_decomposition: str | None = None) -> CampaignRun
             else run
             for run in runs
         ]
-    reasons = {entry.id: entry.reason for entry in entries}
+    reasons = {entry.id: entry.reason for entry, _ in results.ends}
     tested, floor_runs = _split(runs, campaign)
     return CampaignRuns(
         decomposition,
@@ -172,6 +181,7 @@ def read_runs(path: Path, other_decomposition: str | None = None) -> CampaignRun
         tuple(tested),
         recordings,
         reasons,
+        results.completeness,
         campaign.fidelity,
         tuple(floor_runs),
         campaign.oracle_label,
@@ -200,29 +210,43 @@ def is_campaign(path: Path) -> bool:
     return (path / "campaign.yaml").is_file() and (path / "journal.sqlite").is_file()
 
 
-def _read_journal(folder: CampaignFolder) -> tuple[list[JournalEntry], dict[PointKey, int]]:
-    """The realizations in the journal, and the replicates at which design points stopped early."""
+@dataclass(frozen=True, slots=True)
+class _Results:
+    """Every realization of a journal with its result, None without one; and where design points stopped
+    early.
+    """
+
+    ends: tuple[tuple[JournalEntry, SessionResult | None], ...]
+    stops: Mapping[PointKey, int]
+    completeness: Completeness
+
+    @property
+    def outcomes(self) -> dict[str, int]:
+        """The number of realizations by outcome."""
+        return dict(
+            Counter(
+                outcome_name(entry, result.outcome, self.stops) if result else NOT_FINISHED
+                for entry, result in self.ends
+            )
+        )
+
+
+def _read_results(folder: CampaignFolder) -> _Results:
     with open_journal(folder.journal) as journal:
-        return journal.entries(), journal.stops()
+        entries, stops, accepted = journal.entries(), journal.stops(), accepted_realizations(journal)
+    ends = tuple((entry, _result(folder, entry)) for entry in entries)
+    outcomes = ((entry, result.outcome if result else None) for entry, result in ends)
+    return _Results(ends, stops, completeness_of(outcomes, accepted))
 
 
 def _scored_runs(
-    folder: CampaignFolder,
-    campaign: Campaign,
-    decomposition: Decomposition,
-    entries: list[JournalEntry],
-    stops: Mapping[PointKey, int],
-) -> tuple[list[ScoredRun], dict[str, int]]:
-    """The runs that count, and the number of realizations by outcome.
-
-    No run after a stop counts, flown or not.
-    """
+    folder: CampaignFolder, campaign: Campaign, decomposition: Decomposition, results: _Results
+) -> list[ScoredRun]:
+    """The runs that count. No run after a stop counts, flown or not."""
     runs = []
-    outcomes: Counter[str] = Counter()
+    stops = results.stops
     rated: dict[tuple[str, int], Difficulty] = {}
-    for entry in entries:
-        result = _result(folder, entry)
-        outcomes[outcome_name(entry, result.outcome, stops) if result else "not finished"] += 1
+    for entry, result in results.ends:
         if result is not None and result.outcome is not Outcome.SETTLED and not is_after_stop(entry, stops):
             # Difficulty is a property of the scene, the same for every agent.
             scene = (entry.design_point, entry.replicate)
@@ -231,7 +255,7 @@ def _scored_runs(
                     decomposition, load_json_document(folder.simspec(entry.id), SimSpec)
                 )
             runs.append(_scored_run(entry, result, rated[scene], campaign.stopping is not None))
-    return runs, dict(outcomes)
+    return runs
 
 
 def _result(folder: CampaignFolder, entry: JournalEntry) -> SessionResult | None:

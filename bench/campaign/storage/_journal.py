@@ -17,7 +17,7 @@ from __future__ import annotations
 import datetime as dt
 import json
 import sqlite3
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
@@ -200,15 +200,6 @@ class Journal:
         for realization in running:
             self.retry(realization, INTERRUPTED, "the runner ended before the session did")
         return running
-
-    def count_attempts(self, realization: str, outcomes: Collection[Outcome]) -> int:
-        """Number of attempts that ended with one of these outcomes."""
-        marks = ", ".join("?" * len(outcomes))
-        (count,) = self._database.execute(
-            f"SELECT count(*) FROM attempts WHERE realization = ? AND outcome IN ({marks})",
-            (realization, *outcomes),
-        ).fetchone()
-        return int(count)
 
     def _end_attempt(self, realization: str, outcome: str, reason: str) -> None:
         self._database.execute(

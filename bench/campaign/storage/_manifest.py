@@ -12,6 +12,7 @@ from pydantic import Field
 from bench.documents import Document, dump_json
 from bench.errors import Fault, SetupError
 
+from ._completeness import Completeness
 from ._files import digest_of, write_whole
 from ._folder import CampaignFolder
 
@@ -31,6 +32,12 @@ class Manifest(Document):
     campaign: str
     decomposition_sha256: str
     outcomes: Annotated[dict[str, int], Field(description="Number of realizations by outcome.")]
+    missing: Annotated[
+        dict[str, int], Field(description="Number of runs that the campaign lacks, by outcome.")
+    ] = {}
+    accepted: Annotated[
+        tuple[str, ...], Field(description="Realizations without a run that a person took as they are.")
+    ] = ()
     versions: dict[str, str]
     files: Annotated[dict[str, str], Field(description="SHA-256 of every file, by its path in the folder.")]
 
@@ -41,12 +48,15 @@ def write_manifest(
     decomposition_sha256: str,
     outcomes: Mapping[str, int],
     versions: Mapping[str, str],
+    completeness: Completeness,
 ) -> None:
     """Write `manifest.json` over everything that is in the folder now."""
     manifest = Manifest(
         campaign=campaign,
         decomposition_sha256=decomposition_sha256,
         outcomes=dict(sorted(outcomes.items())),
+        missing=dict(sorted(completeness.missing.items())),
+        accepted=completeness.accepted,
         versions=dict(versions),
         files={name: digest_of(folder.path / name) for name in _listed_files(folder.path)},
     )

@@ -7,38 +7,39 @@ from collections.abc import Collection
 from bench.contracts import Outcome
 from bench.errors import Fault, SetupError
 
+from ._completeness import PROVISIONAL_OUTCOMES, accepted_realizations
 from ._files import digest_of
 from ._folder import RESULT, CampaignFolder
 from ._journal import Journal, RealizationState
 from ._results import read_result
 
-RERUNNABLE_OUTCOMES = frozenset(
-    {Outcome.WORKER_LOST, Outcome.BENCH_ERROR, Outcome.WALL_BUDGET, Outcome.SETUP_INVALID}
-)
-"""Outcomes that a user may ask to rerun: the agent did not cause them, and another attempt may end
-differently.
-"""
-
 
 def parse_rerun_outcomes(names: Collection[str]) -> frozenset[Outcome]:
     """The outcomes with these names. Raises SetupError for each that does not exist or cannot be rerun."""
-    wrong = sorted(set(names) - RERUNNABLE_OUTCOMES)
+    wrong = sorted(set(names) - PROVISIONAL_OUTCOMES)
     if wrong:
-        remedy = f"give {', '.join(sorted(RERUNNABLE_OUTCOMES))}"
+        remedy = f"give {', '.join(sorted(PROVISIONAL_OUTCOMES))}"
         raise SetupError(
             [Fault("--again", f"results with the outcome {name!s} cannot be rerun", remedy) for name in wrong]
         )
     return frozenset(map(Outcome, names))
 
 
-def reset_for_rerun(folder: CampaignFolder, journal: Journal, outcomes: Collection[Outcome]) -> None:
-    """Plan every realization with one of these outcomes again; its result is kept in aside/."""
+def reset_for_rerun(folder: CampaignFolder, journal: Journal) -> list[str]:
+    """Plan every realization again whose outcome is provisional and not accepted, and return their ids.
+
+    The results are kept in aside/.
+    """
+    accepted = accepted_realizations(journal)
+    reset = []
     for entry in journal.entries():
-        if entry.outcome in outcomes:
+        if entry.outcome in PROVISIONAL_OUTCOMES and entry.id not in accepted:
             # The file first: after a crash in between, `reconcile` sees that the result is gone and plans it
             # again.
             folder.set_aside(entry.id, entry.attempts)
             journal.forget(entry.id)
+            reset.append(entry.id)
+    return reset
 
 
 def reconcile(folder: CampaignFolder, journal: Journal) -> None:

@@ -21,9 +21,27 @@ def sessions_sentence(data: ReportData) -> str:
     ends = Counter(outcome_name(run) for run in data.runs)
     rest = ", ".join(f"{count} {name}" for name, count in sorted(ends.items()) if name != "completed")
     agents = plural(len(data.agents), "agent")
-    return (
+    return _missing_sentence(data) + (
         f"{plural(len(data.runs), 'session')} of {plural(scenes, 'scene')} by {agents}: {ends['completed']} completed"
         + (f", {rest}." if rest else ".")
+    )
+
+
+def _missing_sentence(data: ReportData) -> str:
+    """What comes before everything else while the campaign lacks runs; empty when it has all."""
+    accepted = frozenset(data.manifest.get("accepted") or ())
+    missing = Counter(
+        outcome_name(run)
+        for run in data.runs
+        if run.outcome is None
+        or not (run.outcome.counts or run.outcome is Outcome.SETTLED or run.realization in accepted)
+    )
+    if not missing:
+        return ""
+    kinds = ", ".join(f"{count} {name}" for name, count in sorted(missing.items()))
+    return (
+        f"INCOMPLETE: {missing.total()} of {plural(len(data.runs), 'run')} are missing ({kinds}), so the numbers will change. "
+        "Run the campaign again to fly them. "
     )
 
 

@@ -1,0 +1,120 @@
+"""Whether a campaign has all its runs: which ones have no result that counts, and what brings them back."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.contracts import Outcome
+from bench.errors import Fault, SetupError
+
+from ._journal import Journal, JournalEntry
+
+PROVISIONAL_OUTCOMES = frozenset(
+    {Outcome.WORKER_LOST, Outcome.BENCH_ERROR, Outcome.WALL_BUDGET, Outcome.SETUP_INVALID}
+)
+"""Outcomes that may be the fault of the host: files that vanished, a full disk, no memory, no free port.
+
+They never become final by themselves: the next run flies them again, until a person accepts them.
+"""
+
+ACCEPTABLE_OUTCOMES = PROVISIONAL_OUTCOMES | {Outcome.PLACEMENT_INFEASIBLE}
+"""Outcomes without a run that a person may accept, so that the campaign counts as complete without them."""
+
+NOT_FINISHED = "not finished"
+"""In place of an outcome: the realization has no result, or one that does not match its recording."""
+
+_ACCEPTED = "accepted"
+# A reason may be a whole traceback, and this one has to fit into the first line of the output.
+_REASON_CHARACTERS = 160
+
+
+@dataclass(frozen=True, slots=True)
+class Completeness:
+    """How many of a campaign's `total` runs are `missing`, by outcome; `example` is one of them with its
+    reason. `accepted` are the realizations without a run that a person took as they are.
+    """
+
+    total: int
+    missing: Mapping[str, int]
+    example: str = ""
+    accepted: tuple[str, ...] = ()
+
+    @property
+    def complete(self) -> bool:
+        """Whether every run counts, was not needed, or is accepted as missing."""
+        return not self.missing
+
+    def lines(self, folder: Path) -> list[str]:
+        """What a command prints before anything else: the finding, then the remedy. Empty if complete."""
+        if self.complete:
+            return []
+        kinds = ", ".join(f"{count} {outcome}" for outcome, count in sorted(self.missing.items()))
+        head = f"INCOMPLETE: {sum(self.missing.values())} of {self.total} runs are missing: {kinds}"
+        command = shlex.join(["rebar", "run", str(folder / "campaign.yaml"), "--out", str(folder)])
+        fliable = self.missing.keys() - {Outcome.PLACEMENT_INFEASIBLE}
+        remedies = [f"Run `{command}` to fly them."] if fliable else []
+        acceptable = [f"--accept {outcome}" for outcome in sorted(self.missing.keys() & ACCEPTABLE_OUTCOMES)]
+        if acceptable:
+            remedies.append(f"To go without them for good, add {' '.join(acceptable)} to that command.")
+            if not fliable:
+                remedies[-1] = f"To go without them for good, run `{command} {' '.join(acceptable)}`."
+        return [head + (f" ({self.example})" if self.example else ""), " ".join(remedies)]
+
+
+def completeness_of(
+    ends: Iterable[tuple[JournalEntry, Outcome | None]], accepted: Collection[str]
+) -> Completeness:
+    """Compare the realizations of a campaign, each with its outcome, None without a result."""
+    total, missing, example, kept = 0, Counter[str](), "", []
+    for entry, outcome in ends:
+        total += 1
+        if outcome is not None and (outcome.counts or outcome is Outcome.SETTLED):
+            continue
+        if outcome in ACCEPTABLE_OUTCOMES and entry.id in accepted:
+            kept.append(entry.id)
+            continue
+        missing[outcome or NOT_FINISHED] += 1
+        if outcome is not None and not example:
+            # The last line of a traceback says what went wrong.
+            reason = next(reversed(entry.reason.strip().splitlines()), "")
+            example = f"{entry.id}: {reason[:_REASON_CHARACTERS]}"
+    return Completeness(total, dict(missing), example, tuple(kept))
+
+
+def accepted_realizations(journal: Journal) -> frozenset[str]:
+    """The realizations whose missing runs a person accepted."""
+    return frozenset(json.loads(journal.fact(_ACCEPTED) or "[]"))
+
+
+def accept(journal: Journal, outcomes: Collection[Outcome], withdrawn: Collection[Outcome] = ()) -> None:
+    """Accept what has one of these outcomes now; nothing that ends so later. `withdrawn` is accepted no
+    more.
+    """
+    entries = journal.entries()
+    accepted = accepted_realizations(journal) | {entry.id for entry in entries if entry.outcome in outcomes}
+    kept = {
+        entry.id
+        for entry in entries
+        if entry.outcome in ACCEPTABLE_OUTCOMES and entry.outcome not in withdrawn
+    }
+    if accepted & kept != accepted_realizations(journal):
+        journal.note(_ACCEPTED, json.dumps(sorted(accepted & kept)))
+
+
+def parse_accepted_outcomes(names: Collection[str]) -> frozenset[Outcome]:
+    """The outcomes with these names. Raises SetupError for each that does not exist or needs no word."""
+    remedy = f"give {', '.join(sorted(ACCEPTABLE_OUTCOMES))}"
+    wrong = sorted(set(names) - ACCEPTABLE_OUTCOMES)
+    if wrong:
+        raise SetupError(
+            [
+                Fault("--accept", f"results with the outcome {name!s} cannot be accepted", remedy)
+                for name in wrong
+            ]
+        )
+    return frozenset(map(Outcome, names))

@@ -1,0 +1,61 @@
+"""A campaign that lacks runs says so in the first line of every output, and by its exit code."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+
+import pytest
+from test_cli_commands import CAMPAIGN, EXAMPLE
+
+from bench.cli._app import run
+
+MANIFEST = """
+format: rebar.agent/1
+name: brittle
+command: ["{folder}/agent.sh"]
+pace: [lockstep]
+zenoh: false
+"""
+
+
+def first_line(capsys: pytest.CaptureFixture[str]) -> str:
+    return capsys.readouterr().out.splitlines()[0]
+
+
+def test_files_that_vanish_in_mid_campaign_leave_it_incomplete_until_they_are_back(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The agent's program is gone after its first start: no run is put down to the agent. Run, report and
+    score all say what is missing and end with code 3. With the program back, the printed command flies it.
+    """
+    scene = EXAMPLE.read_text().replace("model: x500", "model: still")
+    (tmp_path / "scene.yaml").write_text(scene)
+    (tmp_path / "agent.yaml").write_text(MANIFEST)
+    campaign, out = tmp_path / "small.yaml", tmp_path / "out"
+    campaign.write_text(CAMPAIGN.replace("reference-naive", "agent.yaml"))
+    program = tmp_path / "agent.sh"
+    program.write_text('#!/bin/sh\nrm "$0"\nexit 1\n')
+    program.chmod(0o755)
+
+    assert run(["run", str(campaign), "--out", str(out), "--workers", "1"]) == 3
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("INCOMPLETE: 2 of 2 runs are missing: 2 setup_invalid (p001-r1-agent: ")
+    for command in (["report", str(out)], ["score", str(out)], ["score", str(out), "--explain", "KA-18"]):
+        assert run(command) == 3
+        assert first_line(capsys) == lines[0]
+    assert run(["score", str(out), "--json"]) == 3
+    shown = capsys.readouterr()
+    assert shown.err.splitlines()[0] == lines[0]
+    assert json.loads(shown.out)["kind"] == "campaign"
+    assert "INCOMPLETE: 2 of 2 runs are missing (2 setup invalid)" in (out / "report.html").read_text()
+
+    program.write_text("#!/bin/sh\nexit 1\n")
+    program.chmod(0o755)
+    again = shlex.split(lines[1].split("`")[1])
+    assert again[0] == "rebar"
+    assert run([*again[1:], "--workers", "1"]) == 0
+    assert "2 agent_crashed" in capsys.readouterr().out
+    assert run(["report", str(out)]) == 0
+    assert "INCOMPLETE" not in first_line(capsys)
