@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from .execution._flight import fly_realization as fly_realization
     from .next_campaign._proposal import CampaignProposal as CampaignProposal
     from .next_campaign._proposal import propose_next as propose_next
+    from .planning._before_takeoff import takeoff_faults as takeoff_faults
     from .planning._estimate import CampaignEstimate as CampaignEstimate
     from .planning._estimate import estimate_campaign as estimate_campaign
     from .results._finish import CampaignRuns as CampaignRuns
@@ -98,6 +99,7 @@ _HEAVY = {
     "read_runs": "results._finish",
     "rescore": "results._rescore",
     "rescore_campaign": "results._finish",
+    "takeoff_faults": "planning._before_takeoff",
 }
 
 

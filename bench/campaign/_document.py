@@ -173,6 +173,10 @@ class Campaign(Document):
             description="Fly null agents and an oracle on a share of the scenes; true for the shipped ones."
         ),
     ] = None
+    pace: Annotated[
+        Literal["lockstep", "realtime"] | None,
+        Field(description="Pace of all runs, in place of the base SimSpec's; every agent must follow it."),
+    ] = None
     budgets: CampaignBudgets = CampaignBudgets()
 
     @model_validator(mode="before")
@@ -248,28 +252,30 @@ class Campaign(Document):
 
     @property
     def situation(self) -> SimSpec:
-        """The base SimSpec with the campaign's budgets. Only for a campaign from `load_campaign`, with one
-        base.
+        """The base SimSpec with the campaign's budgets and pace. Only for a campaign from `load_campaign`, with
+        one base.
         """
-        return self._budgeted(self.base)
+        return self._adjusted(self.base)
 
     @property
     def bases(self) -> Bases:
-        """The base SimSpec, or those of all situations by name, with the campaign's budgets.
+        """The base SimSpec, or those of all situations by name, with the campaign's budgets and
+        pace.
 
         Only for a campaign from `load_campaign`.
         """
         if not self.situations:
             return self.situation
-        return {situation.name: self._budgeted(situation.base) for situation in self.situations}
+        return {situation.name: self._adjusted(situation.base) for situation in self.situations}
 
-    def _budgeted(self, base: SimSpec | None) -> SimSpec:
+    def _adjusted(self, base: SimSpec | None) -> SimSpec:
         assert base is not None, "load_campaign replaces base_file by base"
-        if self.budgets.wall_s is None:
-            return base
-        return base.model_copy(
-            update={"budgets": base.budgets.model_copy(update={"wall_s": self.budgets.wall_s})}
-        )
+        changes: dict[str, object] = {}
+        if self.budgets.wall_s is not None:
+            changes["budgets"] = base.budgets.model_copy(update={"wall_s": self.budgets.wall_s})
+        if self.pace is not None:
+            changes["pace"] = base.pace.model_copy(update={"mode": self.pace})
+        return base.model_copy(update=changes) if changes else base
 
 
 def _sets_base(factor: object) -> bool:

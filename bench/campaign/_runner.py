@@ -25,7 +25,7 @@ from .execution._dispatcher import Deadline, Dispatcher
 from .execution._pool import OpenExecutor, open_local_pool
 from .execution._stop_request import open_stop_request
 from .execution._task import FLIGHT_JOB, WorkerPlan
-from .planning._plan import finish_infeasible, plan_campaign
+from .planning._plan import CheckTakeoff, finish_infeasible, plan_campaign
 from .storage._completeness import (
     Completeness,
     accepted_realizations,
@@ -101,7 +101,7 @@ def run_campaign(
     all end with bench errors. Sessions that fail are results, never exceptions.
     """
     paths = CampaignFolder(folder)
-    campaign = _with_floor_of_folder(campaign, paths)
+    campaign = _with_options_of_folder(campaign, paths)
     started = clock()
     parse_rerun_outcomes(rerun)
     parse_accepted_outcomes(accept)
@@ -111,7 +111,7 @@ def run_campaign(
         observers = Observers(on_event)
         journal.release()
         check_fidelity(campaign, journal)
-        plans = plan_campaign(campaign, paths, journal, decomposition)
+        plans = plan_campaign(campaign, paths, journal, decomposition, _takeoff_check(campaign, job))
         # First what the disk holds, then what the user wants: both options are about results, not about stale
         # entries.
         reconcile(paths, journal)
@@ -148,6 +148,7 @@ def run_campaign(
                 _outcome_counts(journal),
                 versions(),
                 _completeness(journal),
+                campaign.pace,
             )
         return CampaignSummary(
             folder=folder,
@@ -161,11 +162,28 @@ def run_campaign(
         )
 
 
-def _with_floor_of_folder(campaign: Campaign, folder: CampaignFolder) -> Campaign:
-    """The campaign with the floor that its folder was flown with: resuming without --floor drops nothing."""
-    if campaign.floor is not None or not folder.campaign.is_file():
+def _with_options_of_folder(campaign: Campaign, folder: CampaignFolder) -> Campaign:
+    """The campaign with the floor and the pace that its folder was flown with: resuming without --floor or
+    --pace changes nothing.
+    """
+    if not folder.campaign.is_file() or (campaign.floor is not None and campaign.pace is not None):
         return campaign
-    return campaign.model_copy(update={"floor": load_document(folder.campaign, Campaign).floor})
+    flown = load_document(folder.campaign, Campaign)
+    return campaign.model_copy(
+        update={"floor": campaign.floor or flown.floor, "pace": campaign.pace or flown.pace}
+    )
+
+
+def _takeoff_check(campaign: Campaign, job: str) -> CheckTakeoff:
+    """What looks at the sessions before they fly. Surrogates are asked by themselves, and other jobs fly
+    nothing that could be looked at.
+    """
+    if campaign.fidelity == OVERHEAD or job != FLIGHT_JOB:
+        return lambda simspecs: []
+    # Imported here: it brings the simulator along, and a finished campaign does without.
+    from .planning._before_takeoff import takeoff_faults
+
+    return takeoff_faults
 
 
 def _deadline(campaign: Campaign, started: float, clock: Callable[[], float]) -> Deadline | None:

@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.console import Console
+
+from bench.errors import Fault, SetupError
 
 from ._examples import shipped
 from ._fault_paths import file_in_faults
@@ -17,6 +20,9 @@ from ._missing_runs import INCOMPLETE_EXIT_CODE, print_missing
 
 if TYPE_CHECKING:
     from bench.campaign import Campaign, CampaignEstimate, CampaignSummary, FinishedCampaign
+
+
+Pace = Literal["lockstep", "realtime"]
 
 
 # Commands import what they need themselves: otherwise `rebar --help` would wait for the simulator.
@@ -75,6 +81,12 @@ def run(
             help="Fly null agents and an oracle on a share of the scenes as well, to see what needs no merit",
         ),
     ] = False,
+    pace: Annotated[
+        Pace | None,
+        typer.Option(
+            help="Pace of all runs, in place of the situation's. A folder keeps the pace it was flown at"
+        ),
+    ] = None,
     session_s: Annotated[
         float | None,
         typer.Option(
@@ -91,8 +103,6 @@ def run(
 
     Example: rebar run campaigns/paper.yaml --out out/paper
     """
-    from bench.errors import Fault, SetupError
-
     if executor != "local":
         raise SetupError(
             Fault(
@@ -103,7 +113,7 @@ def run(
         )
     if dry_run:
         with file_in_faults(campaign):
-            _print_plan(campaign, workers, session_s, as_json=as_json, floor=floor)
+            _print_plan(campaign, workers, session_s, as_json=as_json, floor=floor, pace=pace)
         return
     with file_in_faults(campaign):
         _run(
@@ -114,6 +124,7 @@ def run(
             again=tuple(again or ()),
             accept=tuple(accept or ()),
             floor=floor,
+            pace=pace,
         )
 
 
@@ -194,6 +205,7 @@ def _run(
     again: tuple[str, ...] = (),
     accept: tuple[str, ...] = (),
     floor: bool = False,
+    pace: Pace | None = None,
 ) -> None:
     from bench.campaign import (
         finish_campaign,
@@ -208,10 +220,14 @@ def _run(
     from ._progress import open_progress
     from ._scores import campaign_report
 
-    campaign = load_campaign(path)
+    campaign = _with_pace(load_campaign(path), pace)
     if floor:
         campaign = with_floor(campaign)
-    decomposition = load_measurable_decomposition(campaign.decomposition)
+    try:
+        decomposition = load_measurable_decomposition(campaign.decomposition)
+    except SetupError as error:
+        # All at once: whoever corrects the decomposition shall not then learn of a missing agent.
+        raise SetupError([*error.faults, *_takeoff_faults(campaign)]) from None
     informed = () if as_json else _given_the_truth(campaign)
     folder = out or Path("out") / campaign.name
     finished: list[FinishedCampaign] = []
@@ -272,6 +288,23 @@ def _show_scores(
     print(f"report: {scores.report}")
 
 
+def _with_pace(campaign: Campaign, pace: Pace | None) -> Campaign:
+    return campaign if pace is None else campaign.model_copy(update={"pace": pace})
+
+
+def _takeoff_faults(campaign: Campaign) -> list[Fault]:
+    """What would keep the campaign's sessions from flying, or its design from being realized."""
+    from bench.campaign import realizations, takeoff_faults
+
+    # Surrogates fly without the agents' programs, and say for themselves what they cannot fly.
+    if campaign.fidelity == "overhead":
+        return []
+    try:
+        return takeoff_faults(plan.simspec for plan in realizations(campaign))
+    except SetupError as error:
+        return list(error.faults)
+
+
 def _given_the_truth(campaign: Campaign) -> list[str]:
     """The labels of a campaign's agents, those of its floor included, whose manifests ask for the truth."""
     from bench.agents import load_manifest
@@ -279,11 +312,22 @@ def _given_the_truth(campaign: Campaign) -> list[str]:
     if campaign.fidelity == "overhead":
         return []
     specs = (*campaign.agents, *(campaign.floor.specs if campaign.floor else ()))
-    return [agent.label for agent in specs if load_manifest(agent.manifest)[0].truth]
+    labels = []
+    for agent in specs:
+        # A manifest that is missing is told with everything else that is wrong before take-off.
+        with suppress(SetupError):
+            labels += [agent.label] if load_manifest(agent.manifest)[0].truth else []
+    return labels
 
 
 def _print_plan(
-    path: Path, workers: int | None, session_s: float | None, *, as_json: bool, floor: bool
+    path: Path,
+    workers: int | None,
+    session_s: float | None,
+    *,
+    as_json: bool,
+    floor: bool,
+    pace: Pace | None,
 ) -> None:
     from bench.campaign import (
         campaign_quality,
@@ -294,11 +338,13 @@ def _print_plan(
         with_floor,
     )
 
-    campaign = load_campaign(path)
+    campaign = _with_pace(load_campaign(path), pace)
     if floor:
         campaign = with_floor(campaign)
     # Only for its faults: they come before anything is printed.
     load_measurable_decomposition(campaign.decomposition)
+    if wrong := _takeoff_faults(campaign):
+        raise SetupError(wrong)
     plans = realizations(campaign)
     points = {plan.design_point for plan in plans}
     # Each realization has its own limit: situations, and factors, may differ in it.
@@ -346,7 +392,6 @@ def _estimate(
 ) -> tuple[CampaignEstimate | None, list[str]]:
     """What surrogates expect of a campaign, or the faults for which they cannot fly it."""
     from bench.campaign import estimate_campaign
-    from bench.errors import SetupError
 
     count = workers or campaign.budgets.workers or len(os.sched_getaffinity(0))
     try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
@@ -20,6 +20,9 @@ def simulate(
     simspec: Annotated[Path, typer.Argument(help="SimSpec file, base or realized (YAML or JSON)")],
     out: Annotated[Path, typer.Option(help="Folder for recording.mcap and result.json")] = Path("out"),
     decomposition: Annotated[str, typer.Option(help="Name or file of a decomposition")] = "search-and-report",
+    pace: Annotated[
+        Literal["lockstep", "realtime"] | None, typer.Option(help="Pace, in place of the SimSpec's")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json")] = False,
 ) -> None:
     """Fly one session. Example: rebar simulate examples/search.yaml --out out/first"""
@@ -28,9 +31,10 @@ def simulate(
     from bench.documents import dump_json
     from bench.simspec import load_simspec
 
-    result = fly_realization(
-        load_simspec(simspec), load_measurable_decomposition(decomposition), out, out.name
-    )
+    situation = load_simspec(simspec)
+    if pace is not None:
+        situation = situation.model_copy(update={"pace": situation.pace.model_copy(update={"mode": pace})})
+    result = fly_realization(situation, load_measurable_decomposition(decomposition), out, out.name)
     # The flight does not write its result: in a campaign the runner does.
     write_result(out, result)
     if as_json:

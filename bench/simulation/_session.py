@@ -43,11 +43,12 @@ from bench.contracts import (
     parse_document,
     realized_of,
 )
-from bench.errors import Fault, SetupError
+from bench.errors import SetupError
 from bench.simspec import SimSpec
 
 from ._agent_time import AgentTime
 from ._air_network import AirNetwork, open_air_network
+from ._before_takeoff import link_faults, pace_faults, tick_faults
 from ._detector import open_detector
 from ._host_clock import HOST_CLOCK, HostClock
 from ._host_memory import count_memory_kills
@@ -380,18 +381,9 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
     """Open everything that a session needs. Leaving the block closes all of it, the agent first."""
     spec, manifest = plan.simspec, plan.manifest
     progress = progress or SessionProgress()
-    if any(need.name == OPERATOR_LINK for need in manifest.mavlink):
-        remedy = "give the link in the manifest another name"
-        raise SetupError(Fault("mavlink", f"{OPERATOR_LINK!r} is the operator's link", remedy))
     realized_of(spec)  # before anything is opened: a session without places has nothing to fly over
-    if spec.pace.mode not in manifest.pace:
-        raise SetupError(
-            Fault(
-                "pace.mode",
-                f"agent {manifest.name!r} cannot follow pace {spec.pace.mode!r}",
-                f"its manifest allows {', '.join(manifest.pace)}",
-            )
-        )
+    if faults := [*link_faults(manifest), *pace_faults(spec, manifest)]:
+        raise SetupError(faults)
     open_vehicle: OpenVehicle = load_plugin("rebar.vehicles", spec.vehicle.model)
     open_scene: OpenScene = load_plugin("rebar.scenes", spec.world.scene)
     truth = TruthRecorder(spec.vehicle.name, plan.tap)
@@ -400,15 +392,8 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
         scene = open_scene(spec)
         detector = open_detector(spec, scene.cast)
         vehicle = stack.enter_context(open_vehicle(VehiclePlan(spec, links), truth.keep_mavlink))
-        step_ns = round(vehicle.step_s * 1e9)
-        if round(spec.pace.tick_s * 1e9) % step_ns:
-            raise SetupError(
-                Fault(
-                    "pace.tick_s",
-                    f"{spec.pace.tick_s} s is not a whole number of controller steps",
-                    f"take a multiple of {vehicle.step_s} s",
-                )
-            )
+        if faults := tick_faults(spec, vehicle):
+            raise SetupError(faults)
         air = stack.enter_context(open_air_network(spec, plan.tap, zenoh=manifest.zenoh, clock=plan.clock))
         ticks = stack.enter_context(open_tick_server(plan.clock)) if spec.pace.mode == "lockstep" else None
         operator = stack.enter_context(open_operator_pilot(spec, vehicle))

@@ -59,3 +59,20 @@ def test_files_that_vanish_in_mid_campaign_leave_it_incomplete_until_they_are_ba
     assert "2 agent_crashed" in capsys.readouterr().out
     assert run(["report", str(out)]) == 0
     assert "INCOMPLETE" not in first_line(capsys)
+
+
+def test_a_pace_that_agents_cannot_follow_is_told_for_all_of_them_before_take_off(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The null agents and the oracle know lockstep alone: with --pace realtime each is named, at once."""
+    (tmp_path / "scene.yaml").write_text(EXAMPLE.read_text().replace("model: x500", "model: still"))
+    campaign = tmp_path / "small.yaml"
+    campaign.write_text(CAMPAIGN)
+    line = ["run", str(campaign), "--out", str(tmp_path / "out"), "--pace", "realtime"]
+    assert run([*line, "--floor"]) == 2
+    faults = capsys.readouterr().err.splitlines()
+    assert len(faults) == 14
+    assert all("cannot follow pace 'realtime'" in fault for fault in faults)
+    assert run([*line, "--floor", "--dry-run"]) == 2
+    assert capsys.readouterr().err.splitlines() == faults
+    assert not (tmp_path / "out" / "simspecs").exists()

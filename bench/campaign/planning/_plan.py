@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from bench.contracts import Outcome, SessionResult
@@ -20,21 +20,31 @@ from ..storage._journal import Journal, PlannedRealization
 from ..storage._results import write_result
 from ._realizations import realizations
 
+CheckTakeoff = Callable[[Iterable[SimSpec]], list[Fault]]
+"""Finds what is known to be wrong with sessions of these SimSpecs before any of them flies."""
+
 
 def plan_campaign(
-    campaign: Campaign, folder: CampaignFolder, journal: Journal, decomposition: Decomposition
+    campaign: Campaign,
+    folder: CampaignFolder,
+    journal: Journal,
+    decomposition: Decomposition,
+    check_takeoff: CheckTakeoff = lambda simspecs: [],
 ) -> list[RealizationPlan]:
     """Every realization of the campaign, added to the journal, with its SimSpec in simspecs/.
 
     Entries that the journal has already stay as they are. Raises SetupError if they belong to another
-    campaign, and if the decomposition cannot rate one of the situations: such a session could be flown and
-    never be scored.
+    campaign, if the decomposition cannot rate one of the situations (such a session could be flown and never
+    be scored), and with all that `check_takeoff` finds about the realizations that have no result yet.
     """
     plans = realizations(campaign)
     intents = {plan.id: _sha256(dump_json(plan.simspec)) for plan in plans}
     _check_same(folder, journal, intents, decomposition.digest)
     known = {entry.id: entry for entry in journal.entries()}
     _check_rated((plan for plan in plans if plan.id not in known), decomposition)
+    done = {entry.id for entry in known.values() if entry.outcome is not None and entry.outcome.counts}
+    if faults := check_takeoff(plan.simspec for plan in plans if plan.id not in done):
+        raise SetupError(faults)
     folder.path.mkdir(parents=True, exist_ok=True)
     write_whole(folder.campaign, dump_yaml(_with_local_decomposition(campaign, folder)))
     placer = _Placer()

@@ -75,7 +75,13 @@ def finish_campaign(path: Path, other_decomposition: str | None = None) -> Finis
 
     def seal() -> None:
         write_manifest(
-            folder, campaign.name, decomposition.digest, results.outcomes, versions(), results.completeness
+            folder,
+            campaign.name,
+            decomposition.digest,
+            results.outcomes,
+            versions(),
+            results.completeness,
+            campaign.pace,
         )
 
     # Twice: the report shows the manifest, and the manifest holds the digest of the report, which the report

@@ -38,6 +38,12 @@ class Manifest(Document):
     accepted: Annotated[
         tuple[str, ...], Field(description="Realizations without a run that a person took as they are.")
     ] = ()
+    pace: Annotated[
+        str | None,
+        Field(
+            description="Pace of all runs, where campaign or command line set it in place of the situations'."
+        ),
+    ] = None
     versions: dict[str, str]
     files: Annotated[dict[str, str], Field(description="SHA-256 of every file, by its path in the folder.")]
 
@@ -49,6 +55,7 @@ def write_manifest(
     outcomes: Mapping[str, int],
     versions: Mapping[str, str],
     completeness: Completeness,
+    pace: str | None,
 ) -> None:
     """Write `manifest.json` over everything that is in the folder now."""
     manifest = Manifest(
@@ -57,6 +64,7 @@ def write_manifest(
         outcomes=dict(sorted(outcomes.items())),
         missing=dict(sorted(completeness.missing.items())),
         accepted=completeness.accepted,
+        pace=pace,
         versions=dict(versions),
         files={name: digest_of(folder.path / name) for name in _listed_files(folder.path)},
     )

@@ -63,6 +63,7 @@ def campaign_facts(data: ReportData) -> list[Fact]:
         Fact("Agents", listed(data.agents) or "none"),
         Fact("Under study", ", ".join(data.study) or "nothing"),
         Fact("Design", _design(data)),
+        *_pace_override(data),
     ]
     specs = list(data.simspecs.values())
     if not specs:
@@ -74,6 +75,14 @@ def campaign_facts(data: ReportData) -> list[Fact]:
         for group_id in groups
     ]
     return [*facts, _fact_over_runs("Intelligence", [intelligence_text(spec) for spec in specs])]
+
+
+def _pace_override(data: ReportData) -> list[Fact]:
+    pace = data.campaign.get("pace")
+    if not pace:
+        return []
+    repeats = "" if pace == "lockstep" else "; at this pace a run does not repeat bit for bit"
+    return [Fact("Pace override", f"all runs at {pace}, in place of the pace of the situations{repeats}")]
 
 
 def _design(data: ReportData) -> str:

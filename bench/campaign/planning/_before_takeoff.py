@@ -1,0 +1,43 @@
+"""Everything that is known to be wrong with a campaign before its first session, all of it at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from bench.agents import load_manifest, program_faults
+from bench.documents import dump_json
+from bench.errors import Fault, SetupError
+from bench.simspec import SimSpec
+from bench.simulation import session_faults
+
+# Of a vehicle, what its opening does not check: factors often vary these, and one look is enough for all.
+_VARIED_VEHICLE_FIELDS = frozenset({"home", "gps", "camera", "battery", "name"})
+
+
+def takeoff_faults(simspecs: Iterable[SimSpec]) -> list[Fault]:
+    """Why sessions with these SimSpecs would end before they fly: agents without manifest, program, options
+    or the pace; vehicles, scenes, parameters and failures that do not exist.
+
+    Looks once at everything that several SimSpecs have in common. Places are not looked at.
+    """
+    faults: dict[str, Fault] = {}
+    seen: set[str] = set()
+    for simspec in simspecs:
+        vehicle = simspec.vehicle.model_dump_json(exclude=set(_VARIED_VEHICLE_FIELDS))
+        key = "|".join((vehicle, dump_json(simspec.agent), dump_json(simspec.pace), str(simspec.world.scene)))
+        if key not in seen:
+            seen.add(key)
+            # By its text: two agents of one campaign often have the same fault.
+            faults |= {str(fault): fault for fault in _faults(simspec)}
+    return list(faults.values())
+
+
+def _faults(simspec: SimSpec) -> list[Fault]:
+    try:
+        manifest, folder = load_manifest(simspec.agent.manifest)
+    except SetupError as error:
+        return [Fault(f"agents: {fault.where}", fault.what, fault.remedy) for fault in error.faults]
+    return [
+        *program_faults(manifest, folder, simspec.agent.options),
+        *session_faults(simspec, manifest),
+    ]

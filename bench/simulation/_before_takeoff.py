@@ -1,0 +1,83 @@
+"""What can be known to be wrong with a session before anything of it is opened."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+
+from bench.contracts import (
+    OPERATOR_LINK,
+    AgentManifest,
+    LinkSpec,
+    OpenVehicle,
+    Vehicle,
+    VehiclePlan,
+    load_plugin,
+)
+from bench.errors import Fault, SetupError
+from bench.simspec import SimSpec
+
+DISCARD_PORT = 9
+"""The port of the discard service (RFC 863)."""
+
+
+def session_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
+    """Every fault for which `run_session` would refuse this SimSpec and agent; its places are not looked at.
+
+    Opens the vehicle for a moment, because only it knows its parameters, failures and step.
+    """
+    faults = [*link_faults(manifest), *pace_faults(spec, manifest)]
+    try:
+        load_plugin("rebar.scenes", spec.world.scene)
+    except SetupError as error:
+        faults += error.faults
+    # The system chooses where the vehicle listens; where it sends, nothing is sent before the first step.
+    links = tuple(
+        LinkSpec(
+            need.name, need.kind, port=DISCARD_PORT if need.kind == "udp_out" else 0, streams=need.streams
+        )
+        for need in manifest.mavlink
+    )
+    with ExitStack() as stack:
+        try:
+            open_vehicle: OpenVehicle = load_plugin("rebar.vehicles", spec.vehicle.model)
+            vehicle = stack.enter_context(open_vehicle(VehiclePlan(spec, links), lambda *_: None))
+            faults += tick_faults(spec, vehicle)
+        except SetupError as error:
+            faults += error.faults
+    return faults
+
+
+def link_faults(manifest: AgentManifest) -> list[Fault]:
+    """A fault if the agent asks for the operator's link as its own."""
+    if all(need.name != OPERATOR_LINK for need in manifest.mavlink):
+        return []
+    remedy = "give the link in the manifest another name"
+    return [Fault("mavlink", f"{OPERATOR_LINK!r} is the operator's link", remedy)]
+
+
+def pace_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
+    """A fault if the agent cannot follow the SimSpec's pace."""
+    if spec.pace.mode in manifest.pace:
+        return []
+    possible = " or ".join(manifest.pace)
+    return [
+        Fault(
+            "pace.mode",
+            f"agent {manifest.name!r} cannot follow pace {spec.pace.mode!r}",
+            f"its manifest allows {possible}: fly with --pace {manifest.pace[0]}, or write pace: {manifest.pace[0]} "
+            "into the campaign",
+        )
+    ]
+
+
+def tick_faults(spec: SimSpec, vehicle: Vehicle) -> list[Fault]:
+    """A fault if a tick is not a whole number of the vehicle's steps."""
+    if round(spec.pace.tick_s * 1e9) % round(vehicle.step_s * 1e9) == 0:
+        return []
+    return [
+        Fault(
+            "pace.tick_s",
+            f"{spec.pace.tick_s} s is not a whole number of controller steps",
+            f"take a multiple of {vehicle.step_s} s",
+        )
+    ]
