@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -127,7 +126,7 @@ def test_a_disk_without_free_inodes_is_full(tmp_path: Path, monkeypatch: pytest.
 
 def test_the_first_line_counts_names_and_explains() -> None:
     """Number, kinds and an example in the first line; the whole command in the second."""
-    missing = Counter({Outcome.SETUP_INVALID: 19, Outcome.BENCH_ERROR: 1})
+    missing: dict[str, int] = {Outcome.SETUP_INVALID: 19, Outcome.BENCH_ERROR: 1}
     found = Completeness(24, missing, "p001-r1-a: there is no such file").lines(Path("out/my demo"))
     assert found == [
         "INCOMPLETE: 20 of 24 runs are missing: 1 bench_error, 19 setup_invalid (p001-r1-a: there is no such file)",
