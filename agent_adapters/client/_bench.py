@@ -107,7 +107,7 @@ class Bench:
         with open_tick_line(address) as line:
             # Only now, when links are bound and topics subscribed: the bench starts to publish after the
             # hello.
-            line.hello(name, tuple(self._subscriptions))
+            line.hello(name, tuple(self._subscriptions), self.environment.tick_secret)
             while True:
                 message = line.next()
                 if isinstance(message, End):

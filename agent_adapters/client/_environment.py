@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from bench.errors import Fault, SetupError
 
@@ -15,7 +15,7 @@ Option = str | float | int | bool
 class AgentEnvironment:
     """The REBAR_* variables, parsed.
 
-    `tick` is None in the realtime pace; `zenoh` is None for a MAVLink-only agent.
+    `tick` is None in the realtime pace, `tick_secret` is what the hello must bear; `zenoh` is None for a MAVLink-only agent.
     """
 
     vehicle: str
@@ -27,6 +27,7 @@ class AgentEnvironment:
     tick: tuple[str, int] | None
     options: Mapping[str, Option]
     seed: int
+    tick_secret: str = field(default="", repr=False)
 
 
 def read_environment(
@@ -60,6 +61,7 @@ def read_environment(
         tick=tick,
         options=options,
         seed=seed,
+        tick_secret=variables.get("REBAR_TICK_SECRET", ""),
     )
 
 

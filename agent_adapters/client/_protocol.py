@@ -58,9 +58,10 @@ def read_line(line: bytes) -> Tick | End | None:
     return None
 
 
-def hello_line(agent: str, subscribes: Sequence[str]) -> bytes:
-    """The first line of an agent: its name, and the topics that it subscribes to."""
-    return _line({"kind": "hello", "protocol": 1, "agent": agent, "subscribes": list(subscribes)})
+def hello_line(agent: str, subscribes: Sequence[str], secret: str) -> bytes:
+    """The first line of an agent: its name, the topics that it subscribes to, and the session's secret."""
+    hello = {"kind": "hello", "protocol": 1, "agent": agent, "subscribes": list(subscribes)}
+    return _line({**hello, "secret": secret})
 
 
 def ack_line(number: int, topics: Mapping[str, int], links: Mapping[str, int]) -> bytes:

@@ -22,9 +22,9 @@ class TickLine:
         self._lines = connection.makefile("rb")
         self.malformed = 0
 
-    def hello(self, agent: str, subscribes: Sequence[str]) -> None:
-        """Say that everything is bound and subscribed."""
-        self._send(hello_line(agent, subscribes))
+    def hello(self, agent: str, subscribes: Sequence[str], secret: str) -> None:
+        """Say that everything is bound and subscribed. `secret` is the one in REBAR_TICK_SECRET."""
+        self._send(hello_line(agent, subscribes, secret))
 
     def next(self) -> Tick | End:
         """Wait for the bench. A line that is not of the protocol is counted and passed over.

@@ -110,7 +110,7 @@ def environment_of(plan: AgentPlan) -> dict[str, str]:
             "REBAR_ZENOH_PASSWORD": ends.zenoh_password,
         }
     if ends.tick is not None:
-        environment["REBAR_TICK"] = ends.tick
+        environment |= {"REBAR_TICK": ends.tick, "REBAR_TICK_SECRET": ends.tick_secret}
     if plan.truth is not None:
         environment["REBAR_TRUTH"] = str(plan.scratch / TRUTH_FILE)
     stated = expand_placeholders(plan.manifest, plan.folder, spec.agent.options, plan.manifest.environment)

@@ -48,6 +48,10 @@ def simulate(
                 highlight=False,
             )
         ended = f"{result.outcome} after {result.simulated_s:.1f} simulated s ({result.wall_s:.1f} s): {result.reason}"
+        if strangers := result.counters.get("tick_strangers", 0):
+            console.print(
+                f"connections of strangers to the tick socket, refused: {strangers}", highlight=False
+            )
         # Nothing was flown, so the reason is about the file.
         if not result.simulated_s:
             ended = f"{simspec}: {ended}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, Protocol
 
@@ -67,7 +67,7 @@ class AgentEndpoints:
 
     REBAR_MAVLINK (or the manifest's name for each link), REBAR_ZENOH (a locator such as tcp/127.0.0.1:7447),
     REBAR_ZENOH_USER, REBAR_ZENOH_PASSWORD, ROS_DOMAIN_ID, REBAR_VEHICLE, REBAR_TICK (host:port of the tick
-    socket, absent in realtime), REBAR_OPTIONS (JSON object), REBAR_SEED (integer).
+    socket) and REBAR_TICK_SECRET (both absent in realtime), REBAR_OPTIONS (JSON object), REBAR_SEED (integer).
     """
 
     mavlink: Mapping[str, str]
@@ -76,6 +76,7 @@ class AgentEndpoints:
     zenoh_password: str
     domain: int
     tick: str | None
+    tick_secret: str = field(default="", repr=False)
 
 
 @dataclass(frozen=True, slots=True)

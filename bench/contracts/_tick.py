@@ -1,8 +1,9 @@
 """The lockstep protocol: one JSON object a line over a plain TCP socket beside the streams. docs/time.md
 describes it.
 
-1. The agent binds its MAVLink sockets, declares its subscriptions, connects and says `Hello`, naming what it
-   subscribes to.
+1. The agent binds its MAVLink sockets, declares its subscriptions, connects and says `Hello`, with the secret
+   that it was given (REBAR_TICK_SECRET), naming what it subscribes to. The bench closes every connection
+   whose first line is anything else.
 2. The bench waits until those subscriptions are matched, then sends `Tick` with the first moment.
 3. `Tick` says how many samples (the publisher's sequence number) went out on each topic and how many MAVLink
    messages on each link since the start. The agent takes in exactly those, acts, and answers `Ack` with the
@@ -36,6 +37,7 @@ class Hello(Document):
     protocol: Literal[1] = 1
     agent: Annotated[str, Field(max_length=64)]
     subscribes: Annotated[tuple[str, ...], Field(max_length=64)] = ()
+    secret: Annotated[str, Field(max_length=256, repr=False)] = ""
 
 
 class Tick(Document):

@@ -171,6 +171,16 @@ def _runs(
     # A session that waits has only its SimSpec; one that was killed has a folder without a result.
     names = sorted({*scored, *simspecs, *folders})
     results = {name: _result(folder / "runs" / name / "result.json", notes) for name in names}
+    strangers = {
+        name: count
+        for name, result in results.items()
+        if result is not None and (count := result.counters.get("tick_strangers", 0))
+    }
+    if strangers:
+        notes.append(
+            f"Programs other than the agent connected to a session's clock {sum(strangers.values())} times and were "
+            f"refused, in {', '.join(strangers)}."
+        )
     early_stopping = stopped_early(scores)
     return tuple(
         _run(folder, name, results[name], scored.get(name, {}), simspecs.get(name), early_stopping)

@@ -199,7 +199,8 @@ class Session:
             self._truth.write_event(self._progress.now, "ended", f"{end.outcome}")
             raise
         finally:
-            self._progress.counters = {**self._vehicle.counters(), **self._air.counters()}
+            strangers = {"tick_strangers": self._ticks.strangers} if self._ticks is not None else {}
+            self._progress.counters = {**self._vehicle.counters(), **self._air.counters(), **strangers}
 
     def _run_lockstep(self, ticks: TickServer) -> None:
         budgets = self._spec.budgets
@@ -405,6 +406,7 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
             zenoh_password=air.access.password if air.access else "",
             domain=air.access.domain if air.access else 0,
             tick=ticks.address if ticks else None,
+            tick_secret=ticks.secret if ticks else "",
         )
         # From a scene of its own: this one must not be advanced before the session.
         truth_document = truth_of(spec, open_scene(spec)) if manifest.truth else None

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import secrets
 import select
 import socket
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from hmac import compare_digest
 from typing import NoReturn
 
 from bench.contracts import (
@@ -34,6 +36,8 @@ LIVENESS_POLL_S = 0.25
 EXIT_GRACE_S = 1.0
 EXIT_POLL_S = 0.02
 RECEIVE_BYTES = 65536
+# Connections that may be open without having said anything. Chosen: far more than one agent needs.
+MAX_UNKNOWN = 128
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,18 +58,27 @@ class _Budget:
 
 
 class TickServer:
-    """Serves one agent.
+    """Serves one agent: the program whose hello bears the session's secret, which only its agent was given.
 
-    Every wait has a budget of the agent's own time and ends early when the agent's process ends.
+    Every other connection is a stranger's: refused, counted, and no matter to the session. Every wait has a
+    budget of the agent's own time and ends early when the agent's process ends.
     """
 
-    def __init__(self, listener: socket.socket, clock: HostClock) -> None:
+    def __init__(self, listener: socket.socket, clock: HostClock, secret: str) -> None:
+        self.secret = secret
+        self.strangers = 0
+        self.last_stranger = ""
+        """Why the last stranger was refused; empty without one."""
+        # Strangers may leave before they are accepted, and an accept that waits for the next would never end.
+        listener.setblocking(False)
         self._listener = listener
         self._clock = clock
         self._agent_time = AgentTime(clock, AgentUsage)
         self._check_agent: Callable[[], None] = lambda: None
         self._peer: socket.socket | None = None
         self._buffer = b""
+        # Connections without a whole first line yet, the oldest first.
+        self._unknown: dict[socket.socket, bytes] = {}
 
     @property
     def address(self) -> str:
@@ -82,18 +95,74 @@ class TickServer:
 
     def hello(self, budget_s: float) -> Hello:
         """Wait for the agent to connect and to send its hello."""
-        never = Outcome.AGENT_NEVER_CONNECTED
-        budget = _Budget(Wait(self._agent_time), budget_s, never, "no connection to the tick socket")
-        while self._peer is None:
-            self._wait_readable(self._listener, budget)
-            peer, _ = self._listener.accept()
-            peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            peer.setblocking(False)
-            self._peer = peer
-        message = self._read(replace(budget, missing="no hello"))
+        wait = Wait(self._agent_time)
+        poll_s = min(LIVENESS_POLL_S, budget_s / 8)
+        looked_s = 0.0
+        while True:
+            readable = select.select([self._listener, *self._unknown], [], [], poll_s)[0]
+            for connection in readable:
+                if connection is self._listener:
+                    self._accept_unknown()
+                elif (hello := self._read_unknown(connection)) is not None:
+                    return hello
+            # Strangers who talk without end must not keep the session from looking at its agent.
+            if not readable or wait.waited_s - looked_s >= poll_s:
+                looked_s = wait.waited_s
+                _Budget(wait, budget_s, Outcome.AGENT_NEVER_CONNECTED, self._missing_hello()).check()
+                self._check_agent()
+
+    def _missing_hello(self) -> str:
+        missing = "no hello on the tick socket" if self._unknown else "no connection to the tick socket"
+        if not self.strangers:
+            return missing
+        refused = "1 stranger was" if self.strangers == 1 else f"{self.strangers} strangers were"
+        return f"{missing} ({refused} refused, the last because {self.last_stranger})"
+
+    def _accept_unknown(self) -> None:
+        with suppress(OSError):  # gone again already
+            connection, _ = self._listener.accept()
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            connection.setblocking(False)
+            self._unknown[connection] = b""
+        if len(self._unknown) > MAX_UNKNOWN:
+            # The agent says hello as soon as it is connected, so the oldest silent one is not the agent.
+            self._refuse(next(iter(self._unknown)), "it connected and said nothing")
+
+    def _read_unknown(self, connection: socket.socket) -> Hello | None:
+        """Read on a connection whose other end is not known yet; its hello if it is the agent's."""
+        try:
+            data = connection.recv(RECEIVE_BYTES)
+        except OSError:
+            data = b""
+        self._unknown[connection] += data
+        line, newline, rest = self._unknown[connection].partition(b"\n")
+        if not newline:
+            if not data:
+                self._refuse(connection, "it closed without a hello")
+            elif len(line) > MAX_LINE_BYTES:
+                self._refuse(connection, f"its first line has more than {MAX_LINE_BYTES} bytes")
+            return None
+        message = read_line(line)
         if not isinstance(message, Hello):
-            raise StopSession(Outcome.AGENT_PROTOCOL, f"expected a hello, got {_shown(message)}")
-        return message
+            self._refuse(connection, f"it sent {_shown(message)} in place of a hello")
+        elif not compare_digest(message.secret.encode(), self.secret.encode()):
+            kind = "a wrong secret" if message.secret else "no secret"
+            self._refuse(connection, f"its hello as {message.agent!r} has {kind} (REBAR_TICK_SECRET)")
+        else:
+            del self._unknown[connection]
+            self._peer, self._buffer = connection, rest
+            while self._unknown:
+                self._refuse(next(iter(self._unknown)), "it said no hello before the agent did")
+            return message
+        return None
+
+    def _refuse(self, connection: socket.socket, reason: str) -> None:
+        self._unknown.pop(connection, None)
+        self.strangers += 1
+        self.last_stranger = reason
+        # The reason helps whoever wrote an agent that does not send the secret yet.
+        with connection, suppress(OSError):
+            connection.send(write_line(End(reason=f"refused: {reason}; see docs/agents.md")))
 
     def exchange(self, tick: Tick, budget_s: float) -> Ack:
         """Send a tick and wait for its acknowledgement."""
@@ -115,6 +184,8 @@ class TickServer:
                 self._peer.sendall(write_line(End(reason=reason)))
             self._peer.close()
             self._peer = None
+        while self._unknown:
+            self._unknown.popitem()[0].close()
 
     def _write(self, message: TickMessage) -> None:
         assert self._peer is not None
@@ -148,9 +219,17 @@ class TickServer:
         # A budget that is shorter than a few polls is still looked at several times. What is there already is
         # an answer in time, however late this process gets a core to read it.
         poll_s = min(LIVENESS_POLL_S, budget.span_s / 8)
-        while not select.select([sock], [], [], poll_s)[0]:
-            budget.check()
-            self._check_agent()
+        while True:
+            readable = select.select([sock, self._listener], [], [], poll_s)[0]
+            if self._listener in readable:
+                self._accept_unknown()
+                while self._unknown:
+                    self._refuse(next(iter(self._unknown)), "the agent is connected already")
+            if sock in readable:
+                return
+            if not readable or budget.wait.waited_s >= budget.span_s:
+                budget.check()
+                self._check_agent()
 
     def _end_disconnected(self) -> NoReturn:
         # The process usually ends a moment after its socket: give it that moment, so that the exit code is
@@ -165,8 +244,9 @@ class TickServer:
 @contextmanager
 def open_tick_server(clock: HostClock = HOST_CLOCK) -> Generator[TickServer]:
     """Listen on a free loopback port; leaving the block closes everything."""
-    with socket.create_server(("127.0.0.1", 0), backlog=1) as listener:
-        server = TickServer(listener, clock)
+    # A backlog, so that strangers who connect first do not keep the agent's connection out.
+    with socket.create_server(("127.0.0.1", 0), backlog=MAX_UNKNOWN) as listener:
+        server = TickServer(listener, clock, secrets.token_urlsafe(24))
         try:
             yield server
         finally:

@@ -34,7 +34,13 @@ def main() -> None:
         subscribes = ["/clock"] if behaviour == "pretender" else []
         say(
             connection,
-            {"kind": "hello", "protocol": 1, "agent": f"fake-{behaviour}", "subscribes": subscribes},
+            {
+                "kind": "hello",
+                "protocol": 1,
+                "agent": f"fake-{behaviour}",
+                "subscribes": subscribes,
+                "secret": os.environ["REBAR_TICK_SECRET"],
+            },
         )
         for line in connection.makefile("rb"):
             message = json.loads(line)

@@ -83,15 +83,19 @@ def test_the_tick_protocol_follows_the_contract() -> None:
     """Hello, a tick, its ack, the end: word for word as bench/contracts says."""
 
     def play(peer: socket.socket) -> None:
-        assert receive_line(peer) == {"kind": "hello", "protocol": 1, "agent": "probe", "subscribes": []}
+        assert receive_line(peer) == {
+            "kind": "hello", "protocol": 1, "agent": "probe", "subscribes": [], "secret": "of this session"
+        }  # fmt: skip
         send_line(peer, kind="tick", number=0, time_ns=0, topics={"/clock": 1}, links={})
         assert receive_line(peer) == {"kind": "ack", "number": 0, "topics": {}, "links": {}}
         send_line(peer, kind="tick", number=1, time_ns=100_000_000)
         assert receive_line(peer)["number"] == 1
         send_line(peer, kind="end", reason="time is up")
 
-    with bench_side(play) as address, open_bench("probe", replace(TICKLESS, tick=address)) as bench:
-        times = [moment.time for moment in bench.moments("probe")]
+    with bench_side(play) as address:
+        environment = replace(TICKLESS, tick=address, tick_secret="of this session")
+        with open_bench("probe", environment) as bench:
+            times = [moment.time for moment in bench.moments("probe")]
     assert times == [SimTime(0), SimTime(100_000_000)]
     assert bench.ended == "time is up"
 
@@ -237,6 +241,7 @@ def test_the_environment_is_read_and_every_fault_named() -> None:
     }  # fmt: skip
     read = read_environment(valid)
     assert (read.tick, read.seed, read.domain, dict(read.options)) == (("127.0.0.1", 4000), 7, 3, {"a": 1})
+    assert read_environment(valid | {"REBAR_TICK_SECRET": "s"}).tick_secret == "s"
     assert read_environment(valid | {"EXTRA": "tcp:h:1"}, {"extra": "EXTRA"}).mavlink == {"extra": "tcp:h:1"}
     with pytest.raises(SetupError) as caught:
         read_environment(

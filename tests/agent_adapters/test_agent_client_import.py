@@ -78,9 +78,9 @@ def test_both_halves_of_the_protocol_agree() -> None:
         3, 300_000_000, {"/clock": 4, "/ü": 2}, {"onboard": 9}
     )
     assert read_line(contracts.write_line(end)) == End("the session is over")
-    hello = contracts.Hello(agent="mine", subscribes=("/clock", "/ü"))
+    hello = contracts.Hello(agent="mine", subscribes=("/clock", "/ü"), secret="s")
     ack = contracts.Ack(number=3, topics={"/ü": 1}, links={"onboard": 2})
-    assert hello_line("mine", ("/clock", "/ü")) == contracts.write_line(hello)
+    assert hello_line("mine", ("/clock", "/ü"), "s") == contracts.write_line(hello)
     assert ack_line(3, {"/ü": 1}, {"onboard": 2}) == contracts.write_line(ack)
     assert contracts.MAX_LINE_BYTES == MAX_LINE_BYTES
 

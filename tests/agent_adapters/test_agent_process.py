@@ -90,7 +90,7 @@ def test_an_agent_gets_only_the_documented_environment(
     assert set(environment) == {
         "PATH", "HOME", "LANG", "PYTHONHASHSEED", "PYTHONUNBUFFERED", "ROS_DOMAIN_ID",
         "REBAR_VEHICLE", "REBAR_OPTIONS", "REBAR_SEED", "REBAR_ZENOH", "REBAR_ZENOH_USER", "REBAR_ZENOH_PASSWORD",
-        "REBAR_TICK", "REBAR_MAVLINK",
+        "REBAR_TICK", "REBAR_TICK_SECRET", "REBAR_MAVLINK",
     }  # fmt: skip
     assert environment["HOME"] == str(tmp_path / "agent")
     assert json.loads(environment["REBAR_OPTIONS"]) == {"height": 40, "gentle": True}

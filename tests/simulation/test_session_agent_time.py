@@ -69,8 +69,8 @@ def connection() -> Iterator[Connection]:
     listener = socket.create_server(("127.0.0.1", 0))
     with closing(listener), socket.create_connection(listener.getsockname()) as peer:
         host = Host()
-        server = TickServer(listener, host.clock)
-        peer.sendall(b'{"kind":"hello","protocol":1,"agent":"fake","subscribes":[]}\n')
+        server = TickServer(listener, host.clock, "secret")
+        peer.sendall(b'{"kind":"hello","protocol":1,"agent":"fake","subscribes":[],"secret":"secret"}\n')
         server.hello(1.0)
         yield Connection(server, peer, host)
         server.end("over")

@@ -61,6 +61,7 @@ class FakeAgent:
 
     def __init__(self, host: Host, reply_s: float = 0.0, links: Mapping[str, int] | None = None) -> None:
         self._host, self._reply_s, self._links = host, reply_s, dict(links or {})
+        self.strangers = 0
 
     def watch(self, check_agent: object, agent_time: object) -> None:
         pass

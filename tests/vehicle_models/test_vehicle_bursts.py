@@ -23,7 +23,7 @@ link.connect((host, int(port)))
 host, port = os.environ["REBAR_TICK"].rsplit(":", 1)
 ticks = socket.create_connection((host, int(port)))
 say = lambda message: ticks.sendall((json.dumps(message) + "\\n").encode())
-say({"kind": "hello", "protocol": 1, "agent": "talker", "subscribes": []})
+say({"kind": "hello", "protocol": 1, "agent": "talker", "subscribes": [], "secret": os.environ["REBAR_TICK_SECRET"]})
 sent = 0
 for line in ticks.makefile("rb"):
     message = json.loads(line)
