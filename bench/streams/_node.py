@@ -12,7 +12,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -249,6 +249,15 @@ class RosNode:
         self._show(token)
         return subscription
 
+    def close(self) -> None:
+        """Withdraw everything that this node declared, the newest first. Only once nobody uses it any more."""
+        # Closing the session alone leaves a publisher's memory behind, 156 KiB for a session of the bench: a
+        # worker flies thousands.
+        while self._held:
+            # Zenoh's own name for a thing that its session has withdrawn already.
+            with suppress(zenoh.ZError):
+                self._held.pop().undeclare()
+
     def _token(self, kind: str, topic: str, message: type[object], qos: QoS) -> str:
         if not is_name(topic):
             raise SetupError(
@@ -287,7 +296,10 @@ def open_client(
         ) from error
     with session:
         node = RosNode(session, access.domain, itertools.count(), name, namespace)
-        yield node
+        try:
+            yield node
+        finally:
+            node.close()
 
 
 def _client_settings(access: AirAccess, timeout_s: float) -> dict[str, Any]:

@@ -69,6 +69,11 @@ class Router:
         self._nodes.append(node)
         return node
 
+    def close(self) -> None:
+        """Close all nodes. Before the session: what it still holds then is never freed."""
+        while self._nodes:
+            self._nodes.pop().close()
+
 
 @contextmanager
 def open_router(plan: AirPlan) -> Iterator[Router]:
@@ -81,7 +86,11 @@ def open_router(plan: AirPlan) -> Iterator[Router]:
     password = secrets.token_urlsafe(24)
     session, port = _open(plan, password)
     with session:
-        yield Router(session, AirAccess(f"tcp/{plan.host}:{port}", _AGENT, password, plan.domain))
+        router = Router(session, AirAccess(f"tcp/{plan.host}:{port}", _AGENT, password, plan.domain))
+        try:
+            yield router
+        finally:
+            router.close()
 
 
 def _check(plan: AirPlan) -> None:

@@ -10,7 +10,7 @@ from campaign_fakes import Script, fly, small_campaign
 from bench.campaign import Campaign, FloorPlan, load_campaign, open_journal, realizations, with_floor
 from bench.campaign._document import NULL_AGENTS
 from bench.campaign.planning._realizations import floor_scenes
-from bench.contracts import plugins
+from bench.contracts import Outcome, plugins
 from bench.errors import SetupError
 from bench.simspec import AgentSpec
 
@@ -71,8 +71,8 @@ def test_a_bench_error_of_the_floor_costs_only_itself(tmp_path: Path) -> None:
     plans = [plan.id for plan in realizations(floored()) if plan.agent == "null-one"]
     summary = fly(tmp_path, floored(), Script({plans[0]: "raise"}))
 
-    assert summary.complete
-    assert summary.done == 15
+    assert summary.completeness.missing == {Outcome.BENCH_ERROR: 1}
+    assert summary.outcomes == {Outcome.BENCH_ERROR: 1, Outcome.COMPLETED: 14}
 
 
 def test_a_campaign_file_asks_for_it(tmp_path: Path) -> None:

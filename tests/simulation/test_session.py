@@ -173,11 +173,11 @@ def test_false_claims_of_an_agent_end_the_session(tmp_path: Path, behaviour: str
     assert words in end.reason
 
 
-def test_a_missing_agent_program_is_an_agent_crash(tmp_path: Path) -> None:
+def test_a_missing_agent_program_is_no_doing_of_the_agent(tmp_path: Path) -> None:
     """The reason names the program that cannot be started."""
     manifest = AgentManifest(name="ghost", command=("/no/such/program",), pace=("lockstep",))
     end, _ = run(tmp_path, manifest)
-    assert end.outcome is Outcome.AGENT_CRASHED
+    assert end.outcome is Outcome.SETUP_INVALID
     assert "/no/such/program cannot be started" in end.reason
 
 
