@@ -14,6 +14,7 @@ from bench.simspec import SimSpec
 from bench.streams import (
     CLOCK_QOS,
     RELIABLE_10,
+    SENSOR_DATA,
     TF_QOS,
     AirAccess,
     AirPlan,
@@ -111,8 +112,8 @@ class AirNetwork:
         self.orders = recorded(topics.orders, String, depth=32)
         self.consents = recorded(topics.consents, String, depth=32)
         self.operator_link = recorded(topics.operator_link, String, depth=1)
-        self.camera_info = recorded(topics.camera_info(simspec.vehicle.camera.name), CameraInfo)
-        self.detections = recorded(topics.detections, Detection2DArray)
+        self.camera_info = recorded(topics.camera_info(simspec.vehicle.camera.name), CameraInfo, SENSOR_DATA)
+        self.detections = recorded(topics.detections, Detection2DArray, SENSOR_DATA)
         self._publishers = (
             self.clock,
             self.tf,

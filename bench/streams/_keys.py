@@ -115,10 +115,10 @@ def write_attachment(sequence: int, source_ns: int, gid: bytes) -> bytes:
 
 
 def read_sequence(attachment: bytes) -> int | None:
-    """The sequence number (from 1) in an attachment, or None when it is not one."""
+    """The sequence number in an attachment, from 0 or from 1 by its publisher; None when it is not one."""
     if len(attachment) != _ATTACHMENT.size:
         return None
     sequence: int
     sequence, _, length, _ = _ATTACHMENT.unpack(attachment)
-    # rmw_zenoh counts from 1.
-    return sequence if sequence > 0 and length == _GID_BYTES else None
+    # rmw_zenoh counts from 1, and independent ROS 2 clients from 0.
+    return sequence if sequence >= 0 and length == _GID_BYTES else None

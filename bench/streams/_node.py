@@ -104,7 +104,8 @@ class Subscription:
 
     `highest` is the highest sequence number seen, `received` counts good samples, `lost` the numbers that were skipped,
     `overflowed` the good samples that found the inbox full, `malformed` those without a proper attachment.
-    Numbers are those of the publisher, so there is to be one publisher a topic. Of a latched topic the history comes
+    Numbers are those of the publisher, counted from 1 also where it counts from 0, so there is to be one publisher a
+    topic. Of a latched topic the history comes
     with the numbers that it was sent with: a late subscriber's first may be any number, and counts nothing as lost.
     """
 
@@ -121,6 +122,8 @@ class Subscription:
         self._inbox_bytes = 0
         self._arrival = threading.Condition()
         self._waiting = 0
+        # What the publisher's numbers lack to count samples: 1 if its first sample has number 0.
+        self._shift = 0
 
     def take(self) -> list[Sample]:
         """Everything in the inbox, in order of arrival; the inbox is empty afterwards."""
@@ -154,6 +157,9 @@ class Subscription:
             if sequence is None:
                 self.malformed += 1
                 return
+            if sequence == 0 and not self.received:
+                self._shift = 1
+            sequence += self._shift
             self.received += 1
             if len(self._inbox) < self._capacity and self._inbox_bytes + len(data) <= INBOX_BYTES:
                 self._inbox.append(Sample(self.topic, self.kind, sequence, data))

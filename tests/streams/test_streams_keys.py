@@ -67,15 +67,15 @@ def test_qos_profiles_are_written_as_rmw_zenoh_writes_them(qos: QoS, text: str) 
 @settings(max_examples=200, database=None, derandomize=True)
 @given(st.binary(max_size=40))
 def test_malformed_attachments_are_none(data: bytes) -> None:
-    """An attachment has 33 bytes, a positive sequence number and a 16-byte GID."""
-    well_formed = len(data) == 33 and data[16] == 16 and int.from_bytes(data[:8], "little", signed=True) > 0
+    """An attachment has 33 bytes, a sequence number from 0 and a 16-byte GID."""
+    well_formed = len(data) == 33 and data[16] == 16 and int.from_bytes(data[:8], "little", signed=True) >= 0
     assert (read_sequence(data) is not None) == well_formed
 
 
-@pytest.mark.parametrize("sequence", [0, -1])
-def test_sequence_numbers_below_one_are_malformed(sequence: int) -> None:
-    """Sequence numbers start at 1."""
-    assert read_sequence(write_attachment(sequence, 0, bytes(16))) is None
+@pytest.mark.parametrize(("sequence", "read"), [(-1, None), (0, 0), (1, 1), (2**62, 2**62)])
+def test_sequence_numbers_start_at_zero_or_one(sequence: int, read: int | None) -> None:
+    """rmw_zenoh starts at 1, two independent ROS 2 clients at 0; nothing starts below."""
+    assert read_sequence(write_attachment(sequence, 0, bytes(16))) == read
 
 
 @pytest.mark.parametrize(

@@ -111,6 +111,25 @@ def test_waiting_ends_when_the_number_arrives_or_the_budget_is_used_up() -> None
     assert outcome == [True]
 
 
+@pytest.mark.parametrize("first", [0, 1])
+def test_samples_are_counted_alike_whichever_number_the_publisher_starts_with(first: int) -> None:
+    """Three samples from 0 or from 1 are three samples, none lost and none dropped; a gap is one in both."""
+    inbox = Subscription("/a", String, capacity=9)
+    deliver(inbox, first, first + 1, first + 2)
+    assert inbox.wait(3, 0.0)
+    assert not inbox.wait(4, 0.0)
+    assert [sample.sequence for sample in inbox.take()] == [1, 2, 3]
+    deliver(inbox, first + 4)
+    assert (inbox.highest, inbox.received, inbox.lost, inbox.malformed) == (5, 4, 1, 0)
+
+
+def test_a_zero_in_mid_stream_moves_no_count() -> None:
+    """Only the first sample says where its publisher starts."""
+    inbox = Subscription("/a", String, capacity=9)
+    deliver(inbox, 1, 2, 0, 3)
+    assert (inbox.highest, inbox.received, inbox.lost) == (3, 4, 0)
+
+
 def test_a_thousand_lockstep_ticks_lose_nothing(router: Router) -> None:
     """In each of 1000 ticks, each side receives exactly what the other side has sent."""
     clock = router.node("bench").publisher("/clock", Clock)
