@@ -33,7 +33,7 @@ from ._stop_session import StopSession
 LIVENESS_POLL_S = 0.25
 # Host time that a process may take to end after its socket has closed, so that its exit code becomes the
 # reason.
-EXIT_GRACE_S = 1.0
+EXIT_GRACE_S = 10.0
 EXIT_POLL_S = 0.02
 RECEIVE_BYTES = 65536
 # Connections that may be open without having said anything. Chosen: far more than one agent needs.
