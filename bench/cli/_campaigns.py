@@ -266,18 +266,18 @@ def _show_scores(
     scores: FinishedCampaign,
     informed: Sequence[str],
 ) -> None:
-    from bench.reporting import score_table
+    from bench.reporting import score_tables
 
     for label in informed:
         print(f"{label} is given the truth: its results are no agent's")
-    console = Console(width=None if Console().is_terminal else 140)
-    table = score_table(scores.summary, scores.study, scores.floors)
-    # Nobody is to mistake predictions for flights, also where only the table is copied.
-    if campaign.fidelity == "overhead":
-        table.title = (
-            f"{table.title} – OVERHEAD FIDELITY: surrogates on a ground plan, not the agents themselves"
-        )
-    console.print(table)
+    console = Console(highlight=False)
+    for table in score_tables(scores.summary, scores.study, scores.floors):
+        # Nobody is to mistake predictions for flights, also where only one table is copied.
+        if campaign.fidelity == "overhead":
+            table.title = (
+                f"{table.title} – OVERHEAD FIDELITY: surrogates on a ground plan, not the agents themselves"
+            )
+        console.print(table)
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in sorted(scores.outcomes.items()))
     print(f"{summary.total} sessions ({summary.flown} flown now, in {summary.wall_s:.0f} s): {outcomes}")
     if scores.floors:

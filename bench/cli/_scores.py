@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -37,8 +38,6 @@ if TYPE_CHECKING:
 
 # Chosen, not measured: a larger table is more likely a wrong file than observations.
 MAX_TABLE_BYTES = 2 * 1024**3
-# Where the output is no terminal: the width of the widest table here.
-WIDTH = 140
 
 
 def register(app: typer.Typer) -> None:
@@ -159,15 +158,15 @@ class ScoreSource:
 
     def show(self, *, per_run: bool) -> None:
         """Print the scores as tables."""
-        from bench.reporting import score_table
+        from bench.reporting import score_tables
         from bench.scoring import absent_pairs, run_reports
 
         console = _console()
         if self.kind != "run":
             top = self.decomposition.level_of(next(iter(self.decomposition.nodes)))
-            console.print(
-                score_table(self.summary, self.study or self.decomposition.at_level(top), self.floors)
-            )
+            nodes = self.study or self.decomposition.at_level(top)
+            for table in score_tables(self.summary, nodes, self.floors):
+                console.print(table)
         if per_run or self.kind == "run":
             titles = {node.id: node.title for node in self.decomposition.nodes.values()}
             for run in run_reports(self.scores):
@@ -312,7 +311,7 @@ def _of_table(path: Path, named: str) -> ScoreSource:
 
 def _console() -> Console:
     # Without highlighting: rich would colour the numbers inside names of nodes and runs.
-    return Console(width=None if Console().is_terminal else WIDTH, highlight=False)
+    return Console(highlight=False)
 
 
 _STANDING_NOTES = {
@@ -323,9 +322,22 @@ _STANDING_NOTES = {
 
 
 def _table_of_run(run: RunReport, titles: Mapping[str, str]) -> Table:
-    table = Table(title=Text(f"{run.run}: {run.agent}, {run.outcome}"), title_justify="left")
-    for column in ("node", "title", "difficulty", "x", "score", "achieved", "considered", "confidence"):
-        table.add_column(column, justify="left" if column in ("node", "title") else "right")
+    # Without vertical lines, so that the titles have room in 80 columns.
+    table = Table(
+        title=Text(f"{run.run}: {run.agent}, {run.outcome}"),
+        title_justify="left",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        pad_edge=False,
+    )
+    for column in ("node", "title", "difficulty", "x", "score", "achieved"):
+        is_title = column == "title"
+        table.add_column(
+            column,
+            justify="left" if is_title or column == "node" else "right",
+            no_wrap=not is_title,
+            overflow="fold" if is_title else "ellipsis",
+        )
     for node in run.nodes:
         table.add_row(
             Text(node.id),
@@ -333,9 +345,7 @@ def _table_of_run(run: RunReport, titles: Mapping[str, str]) -> Table:
             "none" if node.difficulty is None else f"{node.difficulty:.1f}",
             "" if node.x is None else f"{node.x:.3g}",
             "not scored" if node.score is None else f"{node.score:.1f}",
-            str(node.achieved),
-            str(node.considered),
-            "" if node.confidence is None else f"{node.confidence:.0%}",
+            f"{node.achieved} of {node.considered}" if node.considered else "not considered",
         )
     return table
 

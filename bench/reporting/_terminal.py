@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import polars as pl
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
@@ -13,43 +15,51 @@ from bench.scoring import NodeFloor
 from ._campaign_data import ALL_CONFIGURATIONS, Tally, tallies_of
 from .text._format import interval, percent, score, span
 
-COLUMNS = (
-    "Agent",
-    "Node",
-    "Title",
-    "Difficulty",
-    "Score",
-    "Confidence",
-    "95 %",
-    "Runs",
-    "Considered",
-    "Scored",
-)
-FLOOR_COLUMNS = ("Floor", "Ceiling")
+COLUMNS = ("Node", "Title", "Difficulty", "Score", "Confidence (95 %)", "Runs")
+FLOOR_COLUMN = "Floor to ceiling"
 
 
-def score_table(
+def score_tables(
     summary: pl.DataFrame, study: Sequence[str] = (), floors: Mapping[str, NodeFloor] | None = None
-) -> Table:
-    """A table of the studied nodes (every key attribute when `study` is empty) for each agent, over all
-    configurations. With `floors`, every confidence stands beside floor and ceiling.
+) -> list[Table]:
+    """For each agent, under its name, a table of the studied nodes (every key attribute when `study` is empty) over
+    all configurations. With `floors`, every confidence stands beside floor and ceiling.
+
+    The tables fit into 80 columns. `Runs` are those in which the node was considered, of all.
     """
-    table = Table(title="Score and confidence over all runs", title_justify="left")
-    for place, name in enumerate((*COLUMNS, *FLOOR_COLUMNS) if floors else COLUMNS):
-        # In a narrow terminal the title wraps; numbers and ids stay whole.
-        table.add_column(name, justify="left" if place < 3 else "right", no_wrap=place != 2)
-    previous = None
-    for row, tally in _rows(summary, study):
-        if previous not in (None, tally.agent):
-            table.add_section()
-        previous = tally.agent
-        # As Text: rich would take an agent's name in brackets for markup.
-        table.add_row(*map(Text, (*row, *_floor_cells(floors.get(tally.node))) if floors else row))
+    by_agent = itertools.groupby(_rows(summary, study), key=lambda row: row[1].agent)
+    return [_agent_table(agent, list(rows), floors) for agent, rows in by_agent]
+
+
+def _agent_table(
+    agent: str, rows: Sequence[tuple[tuple[str, ...], Tally]], floors: Mapping[str, NodeFloor] | None
+) -> Table:
+    # No vertical lines, and one space between columns: the titles of the nodes need the room. As Text, because rich
+    # would take an agent's name in brackets for markup.
+    table = Table(
+        title=Text(agent), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
+    )
+    for place, name in enumerate((*COLUMNS, FLOOR_COLUMN) if floors else COLUMNS):
+        # In a narrow terminal titles and headings wrap; numbers and ids stay whole.
+        table.add_column(name, justify="left" if place < 2 else "right", overflow="fold")
+    for cells, tally in rows:
+        last = (_floor_cell(floors.get(tally.node)),) if floors else ()
+        table.add_row(
+            *(Text(cell, no_wrap=place != 1) for place, cell in enumerate((*cells, *last))),
+        )
     return table
 
 
-def _floor_cells(node: NodeFloor | None) -> tuple[str, str]:
-    return (percent(node.floor), percent(node.ceiling)) if node else (percent(None), percent(None))
+def _floor_cell(node: NodeFloor | None) -> str:
+    if node is None or node.floor is None:
+        return "–"
+    return f"{100 * node.floor:.0f}–{'?' if node.ceiling is None else f'{100 * node.ceiling:.0f}'} %"
+
+
+def _confidence_cell(tally: Tally) -> str:
+    if tally.confidence_low is None or tally.confidence_high is None:
+        return percent(tally.confidence)
+    return f"{percent(tally.confidence)} ({100 * tally.confidence_low:.0f}–{100 * tally.confidence_high:.0f})"
 
 
 def score_lines(summary: pl.DataFrame, study: Sequence[str] = ()) -> list[str]:
@@ -79,14 +89,10 @@ def _rows(summary: pl.DataFrame, study: Sequence[str]) -> list[tuple[tuple[str, 
 
 def _cells(tally: Tally, title: str) -> tuple[str, ...]:
     return (
-        tally.agent,
         tally.node,
         title,
-        span(tally.difficulty_low, tally.difficulty_high),
+        span(tally.difficulty_low, tally.difficulty_high).replace(" to ", "–"),
         score(tally.score),
-        percent(tally.confidence),
-        interval(tally),
-        str(tally.runs),
-        str(tally.considered),
-        str(tally.scored),
+        _confidence_cell(tally),
+        f"{tally.considered} of {tally.runs}",
     )

@@ -25,14 +25,14 @@ from bench.reporting import (
     pair_agents,
     pairings_figure,
     score_lines,
-    score_table,
+    score_tables,
 )
 from bench.reporting._campaign_data import ReportData, ReportedCompetence, Run
 from bench.reporting.figures._pass_rates import curve_figure
 from bench.reporting.figures._style import agent_styles
 from bench.reporting.statistics._trials import NodeTrials, trials_of
 from bench.reporting.text._node_sentences import curve_remark, node_sentences
-from bench.scoring import summary_frame
+from bench.scoring import NodeFloor, summary_frame
 from bench.statistics import competence_of
 
 
@@ -223,7 +223,8 @@ def test_terminal_shows_the_numbers_of_the_summary(data: ReportData) -> None:
         data.scores.with_columns(pl.col("agent").str.replace("reference-naive", "[red]naive"))
     )
     console = Console(width=200, record=True, file=StringIO())
-    console.print(score_table(summary, STUDY))
+    for table in score_tables(summary, STUDY):
+        console.print(table)
     text = console.export_text()
     lines = score_lines(summary, STUDY)
     assert len(lines) == len(STUDY) * len(AGENTS)
@@ -237,6 +238,28 @@ def test_terminal_shows_the_numbers_of_the_summary(data: ReportData) -> None:
             for line in lines
         )
     assert "[red]naive" in text
+
+
+@pytest.mark.parametrize("floors", [False, True])
+def test_score_tables_fit_into_80_columns(data: ReportData, floors: bool) -> None:
+    """Nothing is cut: ids, numbers and the words of the titles are all there, in lines of 80 characters."""
+    summary = summary_frame(data.scores)
+    rated = {
+        node: NodeFloor(id=node, level="ka", floor=0.123, floor_agents=("a",), ceiling=1.0, scenes=5)
+        for node in STUDY
+    }
+    console = Console(width=80, record=True, file=StringIO())
+    for table in score_tables(summary, STUDY, rated if floors else None):
+        console.print(table)
+    text = console.export_text()
+    assert max(map(len, text.splitlines())) <= 80
+    assert "…" not in text
+    for row in summary.filter(pl.col("configuration") == "all", pl.col("node").is_in(STUDY)).iter_rows(
+        named=True
+    ):
+        for word in (row["node"], f"{row['score_mean']:.1f}", f"{100 * row['confidence_mean']:.1f} %"):
+            assert word in text
+    assert ("12–100 %" in text) is floors
 
 
 def _scene(data: ReportData, point: str) -> list[Run]:
