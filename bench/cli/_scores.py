@@ -356,7 +356,8 @@ def _show_explanation(explanation: Explanation, *, as_json: bool) -> None:
         return
     console = _console()
     for agent in explanation.agents:
-        console.print(_tree_of_agent(explanation, agent))
+        # Only a terminal wraps: a path that is broken over two lines of a file cannot be searched or copied.
+        console.print(_tree_of_agent(explanation, agent), soft_wrap=not console.is_terminal)
     if not explanation.agents:
         print(f"{explanation.source}: no runs yet")
 

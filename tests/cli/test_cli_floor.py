@@ -108,7 +108,7 @@ def test_confidence_stands_beside_floor_and_ceiling(
     assert (campaign / "scores.parquet").read_bytes() == before
     table = printed(["score", str(campaign)], capsys)
     assert "Floor" in table
-    assert "Ceiling" in table
+    assert "ceiling" in table
     page = (campaign / "report.html").read_text()
     assert "What needs no merit" in page
     assert 'data-agent="null-idle"' not in page
