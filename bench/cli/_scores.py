@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 # Chosen, not measured: a larger table is more likely a wrong file than observations.
 MAX_TABLE_BYTES = 2 * 1024**3
+# Characters; more than any sentence or path has.
+WHOLE_LINE = 10_000
 
 
 def register(app: typer.Typer) -> None:
@@ -354,10 +356,10 @@ def _show_explanation(explanation: Explanation, *, as_json: bool) -> None:
     if as_json:
         print(explanation.model_dump_json(indent=1))
         return
-    console = _console()
+    # Only a terminal wraps: a path that is broken over two lines of a file cannot be searched or copied.
+    console = _console() if _console().is_terminal else Console(width=WHOLE_LINE, highlight=False)
     for agent in explanation.agents:
-        # Only a terminal wraps: a path that is broken over two lines of a file cannot be searched or copied.
-        console.print(_tree_of_agent(explanation, agent), soft_wrap=not console.is_terminal)
+        console.print(_tree_of_agent(explanation, agent))
     if not explanation.agents:
         print(f"{explanation.source}: no runs yet")
 
