@@ -375,15 +375,33 @@ def _held_views(
     return views
 
 
+FRESH_FRAMES = 3
+"""Frames on which a track must rest for its message to be believed or not, as for the final tracks."""
+
+
 @measure
 def track_freshness(tape: Tape, simspec: SimSpec, *, max_gap_s: float = 2.0) -> Finding:
     """Share of the time in the air at which the last message of tracks is at most `max_gap_s` old.
 
-    0 without a flight. From an order to deactivate on, after which an agent is silent, nothing counts.
+    Multiplied by the mean credibility of the messages that have a track of three frames or more: a picture of what
+    intelligence told is not fresh. 0 without such a message, and without a flight. From an order to deactivate on,
+    after which an agent is silent, nothing counts.
     """
     track = FlownTrack.of(tape, simspec)
     sent_s = np.array([message.time.s for message in tape.tracks])
-    return fresh_share(track, sent_s, max_gap_s, "tracks", track.free)
+    fresh = fresh_share(track, sent_s, max_gap_s, "tracks", track.free)
+    beliefs = [
+        message.credibility(FRESH_FRAMES)
+        for message in track_messages(tape, simspec)
+        if message.mature(FRESH_FRAMES).any()
+    ]
+    belief = sum(beliefs) / len(beliefs) if beliefs else 0.0
+    if not fresh.x or belief >= 1.0:
+        return fresh
+    doubt = Evidence(
+        time_s=tape.end_s, text=f"too few of the tracks are right, so this counts {belief:.2f} of it"
+    )
+    return Finding(fresh.x * belief, (*fresh.evidence, doubt))
 
 
 @measure

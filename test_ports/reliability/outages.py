@@ -32,8 +32,8 @@ def link_lost_obeyed(tape: Tape, simspec: SimSpec) -> Finding:
     """Share of the long outages of the operator's link in which the vehicle did what `rules.link_lost` says.
 
     An outage is long when it lasts more than `rules.link_lost_after_s`. The rest of the outage after that
-    time is judged. A vehicle that is on the ground for the whole rest obeys if it had been out before, else it
-    fails. Otherwise:
+    time is judged. A vehicle that had not been out by the end of the outage (in the air, farther than 40 m from home,
+    for 10 s) fails: to hover over home holds nothing. One that is on the ground for the whole rest obeys. Otherwise:
 
     - `hold`: slower than 1.5 m/s for four fifths of the rest in the air, not counting its first 10 s.
     - `return`: nearer home at the end of the rest than at its beginning, by more than 1 m, or down.
@@ -66,10 +66,12 @@ def _obeyed(track: FlownTrack, simspec: SimSpec, outage: FaultSpan) -> bool:
     rows = np.flatnonzero(rest)
     if not len(rows):
         return False
-    # On the ground for the whole rest, it can neither go astray nor need a way home: its mission is over. One that
-    # never began its mission obeys nothing by standing there.
+    # One that never began its mission obeys nothing by standing or hovering at home.
+    if track.seconds(track.out() & track.between(0.0, outage.until_s)) < MIN_OUT_S:
+        return False
+    # On the ground for the whole rest, it can neither go astray nor need a way home: its mission is over.
     if not track.airborne[rows].any():
-        return track.seconds(track.out() & track.between(0.0, outage.until_s)) >= MIN_OUT_S
+        return True
     if rules.link_lost == "hold":
         # The settling time counts from the moment at which the rule begins to hold, not from the outage.
         settled = track.between(outage.at_s + rules.link_lost_after_s + HOLD_SETTLING_S, math.inf)

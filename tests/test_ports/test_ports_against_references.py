@@ -559,6 +559,9 @@ def link_lost_obeyed(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> 
         if not rest:
             obeyed.append(False)
             continue
+        if out_s(spec, tape, tuple(sample for sample in samples if sample.time_s < end_s)) < 10.0:
+            obeyed.append(False)
+            continue
         flown = [sample for sample in rest if sample.time_s in in_air]
         down = rest[-1].time_s not in in_air
         home = [math.hypot(*sample.place[:2]) for sample in rest]
@@ -604,12 +607,18 @@ def track_freshness(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> f
     sent_s = [message.time.s for message in tape.tracks]
     if not sent_s:
         return 0.0
-    return time_share(
+    fresh = time_share(
         [
             (sample.span_s, any(0.0 <= sample.time_s - time_s <= 3.0 + 1e-9 for time_s in sent_s))
             for sample in free(tape, samples)
         ]
     )
+    beliefs = [
+        message_credibility(tape, message.value, message.time.s, 3)
+        for message in tape.tracks
+        if matured(message.value, 3)
+    ]
+    return fresh * sum(beliefs) / len(beliefs) if beliefs else 0.0
 
 
 def matured(message: AgentTracks, min_frames: int = 5) -> list[AgentTrack]:
