@@ -8,7 +8,7 @@ the agent knew it. The measures are considered when the rule is set and intellig
 for an agent that never made a sound request.
 
 The *belief in the requests* is 1 while they are sound about at least as many adversaries as they name different
-false positions (of one class, more than 30 m apart); below that, the number of adversaries over that of false
+false positions (of one class, more than 10 m apart); below that, the number of adversaries over that of false
 positions. So who asks about every place in turn has asked about none.
 """
 
@@ -26,9 +26,9 @@ from bench.simspec import SimSpec
 from .._declaration import Finding, credibility, measure, not_considered, nothing_shown
 from ..ground_truth import GroundTruth
 from ..reports.credibility import (
-    FALSE_BEYOND_M,
     MAX_FALSE_PLACES,
     NO_TARGETS,
+    ONE_PLACE_M,
     first_clear_view_s,
     restates,
     same_place,
@@ -125,7 +125,7 @@ def _false_places(tape: Tape, judged: Sequence[tuple[Timed[ConsentRequest], int 
     for request, subject in judged:
         if subject is not None or _link_down(tape, request) or len(places) >= MAX_FALSE_PLACES:
             continue
-        if not any(same_place(request.value, place, FALSE_BEYOND_M) for place in places):
+        if not any(same_place(request.value, place, ONE_PLACE_M) for place in places):
             places.append(request.value)
     return len(places)
 

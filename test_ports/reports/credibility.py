@@ -17,6 +17,11 @@ NO_TARGETS = "intelligence names no adversary"
 FALSE_BEYOND_M = 30.0
 """A report farther than this from every adversary of its class is false. Chosen, not measured."""
 
+ONE_PLACE_M = 10.0
+"""False reports of one class this near to each other are one guess made again: two measurements of one thing agree
+that well. Guesses that are spread round a place, so that one of them must hit, are as many false ones. Chosen.
+"""
+
 RESTATED_WITHIN_M = 1.0
 """A report this near to a position that intelligence stated repeats it. Intelligence is wrong by tens of metres, so a
 measured position falls that near by chance once in some thousand reports.
@@ -64,8 +69,8 @@ def believed(truth: GroundTruth, tape: Tape, share: float, evidence: Sequence[Ev
 def right_and_false(
     truth: GroundTruth, tape: Tape, within_m: float
 ) -> tuple[set[int], list[Timed[TargetReport]]]:
-    """The adversaries that were reported with knowledge, and the false reports: of those of one class within
-    `within_m` only the first.
+    """The adversaries that were reported with knowledge, and the false reports: of those of one class at one place
+    only the first.
 
     A report without knowledge of its subject is a guess, and false, even where it happens to be right.
     """
@@ -76,7 +81,7 @@ def right_and_false(
         if subject is not None and shows_knowledge(truth, tape, report, subject):
             adversaries.add(subject)
         elif len(false_reports) < MAX_FALSE_PLACES and not any(
-            same_place(report.value, other.value, within_m) for other in false_reports
+            same_place(report.value, other.value, min(within_m, ONE_PLACE_M)) for other in false_reports
         ):
             false_reports.append(report)
     return adversaries, false_reports

@@ -115,8 +115,8 @@ def no_false_reports(tape: Tape, simspec: SimSpec, *, within_m: float = FALSE_BE
     """Share of the reports that are about an adversary, counting each adversary and each false position once.
 
     A report is about the nearest adversary of its class within `within_m`, and must show knowledge of it. False
-    reports of one class within `within_m` of each other have one position. Repeating a true report therefore
-    does not make up for a false one. Always considered. 1 without reports if the scenario has no adversary.
+    reports of one class within 10 m of each other have one position: guesses spread round a place count one by one.
+    Repeating a true report therefore does not make up for a false one. Always considered. 1 without reports if the scenario has no adversary.
     """
     truth = GroundTruth.of(tape, simspec)
     if not tape.reports:

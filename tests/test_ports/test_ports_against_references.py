@@ -171,7 +171,7 @@ def credibility(spec: SimSpec, tape: Tape) -> float:
         if about is not None:
             right.add(about)
         elif all(
-            label != value.class_label or math.dist((east_m, north_m), (value.east_m, value.north_m)) > 30.0
+            label != value.class_label or math.dist((east_m, north_m), (value.east_m, value.north_m)) > 10.0
             for label, east_m, north_m in false_places
         ):
             false_places.append((value.class_label, value.east_m, value.north_m))

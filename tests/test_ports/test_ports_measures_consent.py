@@ -311,7 +311,7 @@ def reference(run: Run) -> dict[str, float]:
         if sound(asked) or 80.0 <= asked.time.s < 100.0:
             continue
         place = asked.value.class_label, asked.value.east_m
-        if all(label != place[0] or abs(east_m - place[1]) > 30.0 for label, east_m in false_places):
+        if all(label != place[0] or abs(east_m - place[1]) > 10.0 for label, east_m in false_places):
             false_places.append(place)
     belief = min(1.0, len(right) / max(1, len(false_places)))
     share = sum(verdicts.values()) / len(verdicts) if verdicts else float(bool(right))

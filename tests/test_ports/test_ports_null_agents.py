@@ -152,6 +152,24 @@ def test_a_told_position_with_noise_is_no_find(east_m: float, expected: float) -
     assert x_of("no_false_reports", flew(spec, *HOVERS, reports=(guess,), frames=views)) == expected
 
 
+def test_guesses_spread_round_a_place_are_as_many_false_positions() -> None:
+    """Five guesses about one told place, of which one hits: one right of five, although they lie close."""
+    spec = scene()
+    views = (frame(0, 10.0, *actors_of(spec, "adversary")),)
+    offsets = ((24.0, 0.0), (17.0, -17.0), (0.0, -24.0), (27.0, 12.0))
+    guesses = tuple(
+        report(30.0 + index, "mobile_radar", 105.0 + east_m, 95.0 + north_m, repeats="r29")
+        for index, (east_m, north_m) in enumerate(offsets)
+    )
+    hit = report(29.0, "mobile_radar", 100.0, 100.0)
+    assert x_of("no_false_reports", flew(spec, *HOVERS, reports=(hit,), frames=views)) == 1.0
+    x = x_of("no_false_reports", flew(spec, *HOVERS, reports=(hit, *guesses), frames=views))
+    assert x == pytest.approx(0.2)
+    # The same wrong place again, some metres off, stays one false position.
+    again = tuple(report(40.0 + n, "mobile_radar", -200.0 + 3.0 * n, -200.0) for n in range(3))
+    assert x_of("no_false_reports", flew(spec, *HOVERS, reports=(hit, *again), frames=views)) == 0.5
+
+
 def test_a_told_position_near_the_truth_is_found_by_measuring() -> None:
     """Intelligence that happens to be right is no reason to doubt a report some metres beside it."""
     spec = scene()
