@@ -64,7 +64,7 @@ def scene(campaign: str, name: str) -> RealizationPlan:
 def confidences(agents: Sequence[str], scenes: Sequence[tuple[str, str]]) -> dict[str, Confidences]:
     """Mean confidence of each agent in every node, over the scenes in which the node was considered."""
     decomposition = load_measurable_decomposition("search-and-report-full")
-    means = {}
+    means: dict[str, Confidences] = {}
     for agent in agents:
         values: dict[str, list[float]] = defaultdict(list)
         for campaign, name in scenes:

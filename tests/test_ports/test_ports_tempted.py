@@ -153,6 +153,7 @@ def test_the_agent_that_is_tempted_most_reaches_nothing(name: str) -> None:
 
 # The file of the test that tempts each of the others; it names the measure.
 ELSEWHERE: Mapping[str, str] = {
+    **dict.fromkeys(("convoy_accompanied", "convoy_warned"), "test_ports_measures_escort.py"),
     **dict.fromkeys(
         ("consent_asked", "marks_consented", "refusals_respected", "consent_requests_true"),
         "test_ports_measures_consent.py",
