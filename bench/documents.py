@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -103,6 +104,16 @@ def validate_document(
         raise SetupError([_fault_of(detail, kind, source, lines or {}) for detail in details]) from None
 
 
+_SURROGATE = re.compile("[\ud800-\udfff]")
+
+
+def _joined_surrogates(text: str) -> str:
+    """JSON writes a character beyond U+FFFF as two escapes (RFC 8259, section 7), of which YAML makes two
+    characters. One without its other half stays, and is refused where text is validated.
+    """
+    return text.encode("utf-16", "surrogatepass").decode("utf-16", "surrogatepass")
+
+
 class _Loader(yaml.SafeLoader):
     """Safe YAML that refuses what would silently lose or grow: duplicate keys and aliases."""
 
@@ -113,6 +124,8 @@ class _Loader(yaml.SafeLoader):
                 None, None, "aliases (*name) are not taken here; write it out", event.start_mark
             )
         node: yaml.Node | None = super().compose_node(parent, index)
+        if isinstance(node, yaml.ScalarNode) and _SURROGATE.search(node.value):
+            node.value = _joined_surrogates(node.value)
         return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:

@@ -116,7 +116,7 @@ def _table_document(table: TableCalibration) -> dict[str, Any]:
 
 
 def _show(calibration: Calibration) -> None:
-    console = Console(width=WIDTH, highlight=False)
+    console = Console(width=WIDTH, highlight=False, markup=False, emoji=False)
     for line in _heading(calibration):
         console.print(Text(line))
     fitted = [node for node in calibration.nodes if node.slope.slope is not None]

@@ -270,7 +270,7 @@ def _show_scores(
 
     for label in informed:
         print(f"{label} is given the truth: its results are no agent's")
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False, emoji=False)
     for table in score_tables(scores.summary, scores.study, scores.floors):
         # Nobody is to mistake predictions for flights, also where only one table is copied.
         if campaign.fidelity == "overhead":

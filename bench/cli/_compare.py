@@ -47,7 +47,7 @@ def compare(
         # NaN is not JSON: other readers would refuse the document.
         print(json.dumps(_document(comparison), indent=1, allow_nan=False))
         return
-    console = Console(width=None if Console().is_terminal else 140)
+    console = Console(width=None if Console().is_terminal else 140, markup=False, emoji=False)
     console.print(_table(comparison))
     for node_comparison in comparison.nodes:
         print(f"{node_comparison.node}: {node_comparison.verdict(comparison.first, comparison.second)}")

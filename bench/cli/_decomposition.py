@@ -81,7 +81,9 @@ def check(
     )
     if floor is not None:
         titles = {node.id: node.title for node in decomposition.nodes.values()}
-        Console(width=None if Console().is_terminal else WIDTH, highlight=False).print(_table(nodes, titles))
+        Console(
+            width=None if Console().is_terminal else WIDTH, highlight=False, markup=False, emoji=False
+        ).print(_table(nodes, titles))
         flawed = sum(bool(node.flaw) for node in nodes)
         unknown = sum(node.level == "observable" and node.floor is None for node in nodes)
         print(

@@ -117,7 +117,9 @@ def difficulty(
         print("\n".join(rated.in_full(node)))
     else:
         # Where output is piped, wide enough for five columns that must not break.
-        Console(width=None if Console().is_terminal else 140).print(rated.table(f"Difficulty of {simspec}"))
+        Console(width=None if Console().is_terminal else 140, markup=False, emoji=False).print(
+            rated.table(f"Difficulty of {simspec}")
+        )
 
 
 @dataclass(frozen=True, slots=True)

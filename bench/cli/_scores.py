@@ -313,7 +313,7 @@ def _of_table(path: Path, named: str) -> ScoreSource:
 
 def _console() -> Console:
     # Without highlighting: rich would colour the numbers inside names of nodes and runs.
-    return Console(highlight=False)
+    return Console(highlight=False, markup=False, emoji=False)
 
 
 _STANDING_NOTES = {

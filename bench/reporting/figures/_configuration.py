@@ -48,7 +48,7 @@ def configuration_figure(data: ReportData, configuration: Configuration) -> go.F
     figure.update_layout(
         xaxis={
             "tickvals": list(range(len(data.study))),
-            "ticktext": list(data.study),
+            "ticktext": [escape(node) for node in data.study],
             "range": [-0.5, len(data.study) - 0.5],
         },
         # Bars are on the first axis, so that the violins, on the overlaid second one, are drawn over them.
@@ -97,7 +97,7 @@ def _confidence_bars(
         for tally in tallies
     ]
     texts = [
-        f"{style.letter} {escape(style.name)}<br>{node}: confidence "
+        f"{style.letter} {escape(style.name)}<br>{escape(node)}: confidence "
         + (
             "none: never considered"
             if tally is None or tally.confidence is None
@@ -164,7 +164,8 @@ def _score_shapes(
                     "line": {"width": 0.5, "color": "var(--paper)"},
                 },
                 hovertext=[
-                    f"{style.letter} {escape(style.name)}<br>{node}: score {value:.2f}" for value in values
+                    f"{style.letter} {escape(style.name)}<br>{escape(node)}: score {value:.2f}"
+                    for value in values
                 ],
                 hoverinfo="text",
             )
@@ -216,6 +217,6 @@ def _difficulty_dots(figure: go.Figure, study: Sequence[str], configuration: Con
             "color": "var(--difficulty)",
             "line": {"color": "var(--paper)", "width": 1.6},
         },
-        hovertext=[f"{node}: difficulty {configuration.difficulty[node]:.1f}" for _, node in known],
+        hovertext=[f"{escape(node)}: difficulty {configuration.difficulty[node]:.1f}" for _, node in known],
         hoverinfo="text",
     )

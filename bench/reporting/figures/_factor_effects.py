@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from html import escape
+
 import plotly.graph_objects as go
 
 from ..statistics._factor_effects import SIGNIFICANCE_LEVEL, FactorEffects
@@ -64,7 +66,7 @@ def factor_effects_figure(effects: FactorEffects) -> go.Figure:
         yaxis={
             **axis,
             "tickvals": list(range(len(rows))),
-            "ticktext": [f"{table.node} {table.agent}" for table in rows],
+            "ticktext": [escape(f"{table.node} {table.agent}") for table in rows],
             # From high to low, so that the first row is at the top, as in the table.
             "range": [len(rows) - 0.4, -0.6],
         },

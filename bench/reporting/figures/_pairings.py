@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
+from html import escape
 
 import plotly.graph_objects as go
 
@@ -34,7 +35,7 @@ def pairings_figure(pairings: Sequence[Pairing]) -> go.Figure:
             text=[str(counts[step]) for step in steps],
             textfont={"size": 11, "color": "var(--ink)"},
             hovertext=[
-                f"{pairing.node}: {step:+d} points in {counts[step]} of {pairing.scenes} scenes"
+                f"{escape(pairing.node)}: {step:+d} points in {counts[step]} of {pairing.scenes} scenes"
                 for step in steps
             ],
             hoverinfo="text",
@@ -47,7 +48,7 @@ def pairings_figure(pairings: Sequence[Pairing]) -> go.Figure:
                 y=[place - 0.4],
                 mode="markers",
                 marker={"symbol": "triangle-down", "size": 12, "color": "var(--accent)"},
-                hovertext=f"{pairing.node}: mean {mean:+.1f} points over {pairing.scenes} scenes",
+                hovertext=f"{escape(pairing.node)}: mean {mean:+.1f} points over {pairing.scenes} scenes",
                 hoverinfo="text",
             )
     figure.update_layout(
@@ -62,7 +63,7 @@ def pairings_figure(pairings: Sequence[Pairing]) -> go.Figure:
         },
         yaxis={
             "tickvals": list(range(len(pairings))),
-            "ticktext": [pairing.node for pairing in pairings],
+            "ticktext": [escape(pairing.node) for pairing in pairings],
             "range": [len(pairings) - 0.5, -0.65],
             "showgrid": False,
             "zeroline": False,
