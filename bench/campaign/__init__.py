@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from ._digest import question_sha256 as question_sha256
 from ._document import Campaign as Campaign
 from ._document import CampaignBudgets as CampaignBudgets
 from ._document import FloorPlan as FloorPlan

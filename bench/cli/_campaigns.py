@@ -185,13 +185,17 @@ def verify(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
 ) -> None:
     """Check every file of a campaign against the digests in its manifest. Example: rebar verify out/demo"""
-    from bench.campaign import verify_folder
+    from bench.campaign import CampaignFolder, load_campaign, question_sha256, verify_folder
 
     faults = [str(fault) for fault in verify_folder(folder)]
+    # Of a folder that was changed it would say nothing.
+    question = None if faults else question_sha256(load_campaign(CampaignFolder(folder).campaign))
     if as_json:
-        print(json.dumps({"folder": str(folder), "faults": faults}))
+        print(json.dumps({"folder": str(folder), "faults": faults, "question_sha256": question}))
     else:
-        print("\n".join(faults) or f"{folder}: all files match the manifest")
+        print(
+            "\n".join(faults) or f"{folder}: all files match the manifest\nsituations and design: {question}"
+        )
     if faults:
         raise typer.Exit(1)
 

@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
-from bench.campaign import load_campaign, situation_tensions
+import pytest
+
+from bench.campaign import load_campaign, question_sha256, situation_tensions
 from bench.realization import RealizationPlan, check_placement, place, realize
 from bench.scoring import Difficulty, difficulty_of
 from bench.simspec import Seeds
@@ -16,6 +18,13 @@ from decompositions import Decomposition, load_decomposition
 ROOT = Path(__file__).parents[2]
 CAMPAIGN = load_campaign(ROOT / "campaigns" / "standard.yaml")
 APPLICATIONS = ("search", "missing", "escort")
+
+FROZEN_QUESTION = "777eefb7ad947fa554b60e0ba7e350d11c675651171d7398d5292f56df3b4eaf"
+FROZEN_DECOMPOSITION = "dfb54669c3d9a4ae514c5d2dba3d596ed50e7e1ae1778ce4fd0768e057a6d492"
+NEW_VERSION = (
+    "rebar-standard-1 is frozen, and results on it are compared between laboratories. Keep its files as they are: put "
+    "the change into a new version (rebar-standard-2, with its own campaign file, page and digests)"
+)
 
 
 @cache
@@ -54,6 +63,32 @@ def test_it_has_twenty_situations_over_three_applications() -> None:
     # A copy under another name would count one situation twice.
     same = {"name": "", "description": "", "seeds": Seeds()}
     assert len({plan.simspec.model_copy(update=same).model_dump_json() for plan in scenes()}) == 20
+
+
+def test_it_is_frozen() -> None:
+    """What is asked of an agent has the published digest, whoever flies; so has the decomposition."""
+    page = (ROOT / "docs" / "standard.md").read_text()
+    assert question_sha256(CAMPAIGN) == FROZEN_QUESTION, NEW_VERSION
+    assert decomposition().digest == FROZEN_DECOMPOSITION, NEW_VERSION
+    assert FROZEN_QUESTION in page
+    assert FROZEN_DECOMPOSITION in page
+    others = {"agents": CAMPAIGN.agents[:1], "description": "", "floor": None, "name": "of-somebody-else"}
+    assert question_sha256(CAMPAIGN.model_copy(update=others)) == FROZEN_QUESTION
+
+
+@pytest.mark.parametrize("part", ["situation", "design", "study"])
+def test_a_changed_part_has_another_digest(part: str) -> None:
+    first, *rest = CAMPAIGN.situations
+    assert first.base is not None
+    easier = first.base.model_copy(
+        update={"mission": first.base.mission.model_copy(update={"altitude_m": 41.0})}
+    )
+    changes = {
+        "situation": {"situations": (first.model_copy(update={"base": easier}), *rest)},
+        "design": {"design": CAMPAIGN.design.model_copy(update={"seed": 2})},
+        "study": {"study": CAMPAIGN.study[1:]},
+    }
+    assert question_sha256(CAMPAIGN.model_copy(update=changes[part])) != FROZEN_QUESTION
 
 
 def test_every_scene_has_a_place_for_everybody() -> None:

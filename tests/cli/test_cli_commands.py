@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 
+from bench.campaign import load_campaign, question_sha256
 from bench.cli._app import run
 from bench.cli._fly import parse_home, parse_link
 from bench.errors import SetupError
@@ -152,6 +153,8 @@ def test_a_campaign_to_its_report_and_back(tmp_path: Path, capsys: pytest.Captur
     assert {row["agent"] for row in first["nodes"]} == {"reference-naive"}
     assert first["fidelity"] == "full"
     assert run(["verify", str(out)]) == 0
+    # The folder and the file that it was flown from ask the same.
+    assert question_sha256(load_campaign(campaign)) in capsys.readouterr().out
     assert (out / "report.html").stat().st_size > 1_000_000
 
     result = next((out / "runs").glob("*/result.json"))
