@@ -83,7 +83,7 @@ def test_a_changed_part_has_another_digest(part: str) -> None:
     easier = first.base.model_copy(
         update={"mission": first.base.mission.model_copy(update={"altitude_m": 41.0})}
     )
-    changes = {
+    changes: dict[str, dict[str, object]] = {
         "situation": {"situations": (first.model_copy(update={"base": easier}), *rest)},
         "design": {"design": CAMPAIGN.design.model_copy(update={"seed": 2})},
         "study": {"study": CAMPAIGN.study[1:]},
