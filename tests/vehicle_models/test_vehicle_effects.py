@@ -309,6 +309,13 @@ def battery_text_s(text: str) -> Measure:
 DRAIN = (("SIM_BAT_DRAIN", 10.0), ("SIM_BAT_MIN_PCT", 0.0), ("COM_DISARM_PRFLT", 0.0))
 
 
+def returning_s(client: Client) -> float:
+    """How long a return to the place below takes to the ground."""
+    hover(client, 2.5)
+    assert client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [0]
+    return wait(client, lambda flown: flown.vehicle.condition().landed, 40.0)
+
+
 def flat_battery(client: Client) -> str:
     hover(client, 5.0)
     wait(client, in_mode("AUTO_LAND"), 20.0)
@@ -446,6 +453,8 @@ PX4 = (
     Effect("MPC_YAW_MODE", (0.0, 3.0), nose_deg, (90.0, 0.0), 5.0),
     Effect("NAV_ACC_RAD", (2.0, 30.0), nose_deg, (90.0, 0.0), 5.0),
     Effect("RTL_RETURN_ALT", (20.0, 30.0), returning_height(30.0), (20.0, 30.0), 0.5),
+    Effect("RTL_DESCEND_ALT", (10.0, 30.0), returning_s, (13.0, 4.6), 0.7),
+    Effect("RTL_LAND_DELAY", (0.0, 4.0), returning_s, (13.0, 17.0), 0.7),
     Effect("RTL_MIN_DIST", (2.0, 20.0), returning_height(10.0), (30.0, 10.0), 0.7),
     Effect("MPC_MAN_TILT_MAX", (15.0, 30.0), sticks(ALTITUDE, tilt_deg, ahead=1000), (15.0, 30.0), 2.5),
     Effect("MPC_MAN_Y_MAX", (20.0, 40.0), sticks(POSITION, turn_radps, turn=1000), (0.35, 0.7), 0.06),

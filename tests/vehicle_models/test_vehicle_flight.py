@@ -38,6 +38,27 @@ def test_takeoff_lasts_as_long_as_the_real_one(make: Make, height_m: float, real
     assert client.vehicle.time.s - begun == pytest.approx(real_s, rel=0.1)
 
 
+@pytest.mark.parametrize(
+    ("height_m", "away_m", "real_s", "within"), [(2.5, 0.0, 13.0, 0.05), (10.0, 20.0, 54.5, 0.1)]
+)
+def test_return_lasts_as_long_as_the_real_one(
+    make: Make, height_m: float, away_m: float, real_s: float, within: float
+) -> None:
+    """Near home from the command to the ground, and from 20 m away to the disarming, with RTL_DESCEND_ALT 10."""
+    client = make(streams="onboard")
+    client.airborne(height_m)
+    if away_m:
+        goal = client.vehicle_goal(0.0, away_m)
+        client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, *goal, 488.0 + height_m)
+        client.fly(10.0)
+    begun = client.vehicle.time.s
+    assert client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == [0]
+    while not client.vehicle.condition().landed if not away_m else client.vehicle.condition().armed:
+        client.fly(0.1)
+        assert client.vehicle.time.s < begun + 100.0
+    assert client.vehicle.time.s - begun == pytest.approx(real_s, rel=within)
+
+
 def copter(make: Make) -> Client:
     """An ArduCopter armed in GUIDED."""
     client = make(simspec("ardupilot"), system=255)

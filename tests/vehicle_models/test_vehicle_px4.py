@@ -365,3 +365,21 @@ def test_a_lost_station_holds_and_returns_by_its_parameter(make: Make) -> None:
     assert (client.vehicle.condition().mode, client.vehicle.condition().failsafe) == ("AUTO_LOITER", "link")
     client.fly(5.2)
     assert client.vehicle.condition().mode == "AUTO_RTL"
+
+
+def test_a_takeoff_to_below_home_rises_all_the_same(make: Make) -> None:
+    """Lower than MIS_TAKEOFF_ALT: that height, with a text; and lower than the vehicle: it stays, with another."""
+    client = make()
+    client.fly(5.0)
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, 480.0) == [0]
+    client.fly(8.0)
+    assert client.vehicle.truth().position_enu_m[2] == pytest.approx(2.5, abs=0.3)
+    goal = client.vehicle_goal(0.0, 0.0)
+    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 0, -1, 1, 0, NAN, *goal, 496.0) == [0]
+    client.fly(6.0)
+    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, 491.0) == [0]
+    client.fly(3.0)
+    assert client.vehicle.truth().position_enu_m[2] == pytest.approx(8.0, abs=0.4)
+    texts = [text for text in client.texts() if "takeoff altitude" in text]
+    assert texts == ["Using minimum takeoff altitude: 2.50 m\t", "Already higher than takeoff altitude\t"]

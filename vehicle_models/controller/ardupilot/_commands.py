@@ -149,6 +149,7 @@ COMMANDS = CommandPolicy(
     answers_ping=False,
     refuse_takeoff=_refuse_takeoff,
     takeoff_altitude_m=_takeoff_altitude_m,
+    raises_low_takeoffs=False,
     refuse_reposition=_refuse_reposition,
     refuse_home=_refuse_home,
     home_has_heading=False,

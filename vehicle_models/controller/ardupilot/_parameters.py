@@ -55,6 +55,7 @@ def limits(p: ParameterStore) -> FlightLimits:
         goto_mps=cruise_mps,
         faces_beyond_m=None,
         return_faces_home=False,
+        return_descends_to_m=None,
         return_waits_s=max(p["RTL_LOIT_TIME"], 0.0) / 1000.0,
         orbit_radius_max_m=math.inf,
         circle_radius_m=max(p["CIRCLE_RADIUS"], 100.0) / 100.0,

@@ -69,6 +69,9 @@ class FlightLimits:
         float | None
     )  # nose to the place of a reposition that is farther away; None: along the motion
     return_faces_home: bool
+    return_descends_to_m: (
+        float | None
+    )  # above home, before it waits there; None: a return waits at the height at which it arrives
     return_waits_s: Seconds  # above home, before landing
     orbit_radius_max_m: float
     circle_radius_m: float

@@ -157,9 +157,11 @@ class Land:
 
 
 class Return:
-    """Climb, go home, land there."""
+    """Climb, go home, descend to a height where the autopilot waits, land."""
 
     ARRIVED_M = 0.5
+    # PX4's NAV_MC_ALT_RAD.
+    ARRIVED_HEIGHT_M = 0.8
 
     def __init__(self, flight: FlightState, home: ReferencePoint, limits: FlightLimits) -> None:
         self._home = home
@@ -173,6 +175,12 @@ class Return:
             )
         self._climb = Hold(flight, down_m=home.down_m - max(cruise_m, height_m))
         self._cruise_down_m = home.down_m - max(cruise_m, height_m)
+        # Above home; never a climb.
+        lower_m = limits.return_descends_to_m
+        self._wait_down_m = self._cruise_down_m
+        if lower_m is not None:
+            self._wait_down_m = max(self._cruise_down_m, home.down_m - lower_m)
+        self._is_above_home = False
         self._faces = limits.return_faces_home
         self._arrived_ns: int | None = None
         self._climbing = self._cruise_down_m < flight.down_m - 0.5
@@ -180,7 +188,7 @@ class Return:
 
     @property
     def landing(self) -> bool:
-        return self._land is not None
+        return self._land is not None or (self._is_above_home and self._wait_down_m > self._cruise_down_m)
 
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         if self._land:
@@ -189,13 +197,14 @@ class Return:
             self._climbing = flight.down_m > self._cruise_down_m + 0.5
             return self._climb.target(flight, limits)
         home = (self._home.north_m, self._home.east_m)
-        if self._has_waited(
-            flight, limits, math.hypot(flight.north_m - home[0], flight.east_m - home[1]) < self.ARRIVED_M
-        ):
+        distance_m = math.hypot(flight.north_m - home[0], flight.east_m - home[1])
+        self._is_above_home = self._is_above_home or distance_m < self.ARRIVED_M
+        arrived = self._is_above_home and self._wait_down_m - flight.down_m < self.ARRIVED_HEIGHT_M
+        if self._has_waited(flight, limits, arrived):
             self._land = Land(flight, home, self._home.down_m)
         return FlightTarget(
             north_east_m=home,
-            down_m=self._cruise_down_m,
+            down_m=self._wait_down_m if self._is_above_home else self._cruise_down_m,
             yaw_rad=self._yaw_home(flight),
             speed_max_mps=limits.cruise_mps,
             climb_max_mps=limits.climb_mps,

@@ -184,6 +184,11 @@ class WingReturn(Return):
         self._descended_ns: int | None = None
         self._land = None
 
+    @property
+    def landing(self) -> bool:
+        # The circles on the way down are flown above home and are no landing.
+        return self._land is not None
+
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         if self._land:
             return self._land.target(flight, limits)

@@ -67,6 +67,8 @@ class CommandPolicy:
     refuse_takeoff: Callable[[FlightState, Command], Refusal | None]
     takeoff_altitude_m: Callable[[FlightState, Command, FlightLimits], float | None]
     """AMSL altitude that NAV_TAKEOFF asks for; None for the default height."""
+    raises_low_takeoffs: bool
+    """Whether a takeoff to less than the default height, or to below the vehicle, goes higher than requested."""
     refuse_reposition: Callable[[FlightState, Command], Refusal | None]
     refuse_home: Callable[[FlightState, Command], Refusal | None]
     confirms_origin: bool

@@ -95,6 +95,7 @@ COMMANDS = CommandPolicy(
     answers_ping=True,
     refuse_takeoff=lambda flight, command: None,
     takeoff_altitude_m=_takeoff_altitude_m,
+    raises_low_takeoffs=True,
     refuse_reposition=_refuse_reposition,
     refuse_home=lambda flight, command: None,
     home_has_heading=True,

@@ -23,6 +23,8 @@ EVENTS = tuple(
         ("Arming denied", "commander_arming_denied"),
         ("Disarming denied", "commander_disarming_denied_not_landed"),
         ("Using default takeoff altitude", "navigator_default_takeoff_alt"),
+        ("Using minimum takeoff altitude", "navigator_takeoff_min_alt"),
+        ("Already higher than takeoff altitude", "navigator_takeoff_already_higher"),
         ("Takeoff detected", "commander_takeoff_detected"),
         ("Landing detected", "commander_landing_detected"),
         ("Landing at current position", "navigator_landing_current_position"),
@@ -62,6 +64,9 @@ IDENTITY = IdentityPolicy(
         FlightEvent.DISARMED_BY_LANDING: (INFO, "Disarmed by landing"),
         FlightEvent.DISARMED_IDLE: (INFO, "Disarmed by auto preflight disarming"),
         FlightEvent.TAKEOFF_DEFAULT: (INFO, "Using default takeoff altitude: {:.1f} m"),
+        # As PX4's source has these two; they were not observed.
+        FlightEvent.TAKEOFF_RAISED: (CRITICAL, "Using minimum takeoff altitude: {:.2f} m"),
+        FlightEvent.TAKEOFF_BELOW: (CRITICAL, "Already higher than takeoff altitude"),
         FlightEvent.TAKEOFF_DETECTED: (INFO, "Takeoff detected"),
         FlightEvent.LANDING_DETECTED: (INFO, "Landing detected"),
         FlightEvent.LANDING: (INFO, "Landing at current position"),

@@ -128,6 +128,8 @@ class Navigator:
         altitude = self._policy.takeoff_altitude_m(flight, command, guidance.limits)
         if altitude is None:
             context.texts.announce(FlightEvent.TAKEOFF_DEFAULT, guidance.limits.takeoff_height_m)
+        elif self._policy.raises_low_takeoffs:
+            altitude = self._raised_takeoff_m(altitude)
         if self._mode_policy.takeoff:
             self._modes.switch(self._mode_policy.takeoff)
         if altitude is not None:
@@ -135,6 +137,26 @@ class Navigator:
         elif not self._mode_policy.takeoff:
             guidance.begin(Behaviour.TAKEOFF, flight)
         return CommandResult.ACCEPTED
+
+    def _raised_takeoff_m(self, altitude_m: float) -> float:
+        """The altitude of a takeoff: at least the default height above home, and never below the vehicle; with a
+        text for either.
+        """
+        context, flight, height_m = (
+            self._context,
+            self._context.flight,
+            self._guidance.limits.takeoff_height_m,
+        )
+        least_m = (flight.home or flight.origin).altitude_m + height_m
+        if altitude_m < least_m:
+            # A tenth of a metre is within the rounding of MAVLink's floats, and not worth a text.
+            if altitude_m < least_m - 0.1:
+                context.texts.announce(FlightEvent.TAKEOFF_RAISED, height_m)
+            altitude_m = least_m
+        if altitude_m < flight.altitude_m:
+            context.texts.announce(FlightEvent.TAKEOFF_BELOW)
+            altitude_m = flight.altitude_m
+        return altitude_m
 
     def _switch_to(self, behaviour: Behaviour) -> CommandResult:
         self._modes.switch_to(behaviour)

@@ -22,6 +22,8 @@ class FlightEvent(Enum):
     DISARMED_BY_LANDING = auto()
     DISARMED_IDLE = auto()
     TAKEOFF_DEFAULT = auto()
+    TAKEOFF_RAISED = auto()
+    TAKEOFF_BELOW = auto()
     TAKEOFF_DETECTED = auto()
     LANDING_DETECTED = auto()
     LANDING = auto()
