@@ -48,17 +48,20 @@ from .safety._fence_boundary import FenceBoundary
 from .safety._health import Health
 from .safety._rally import Rally
 from .services._arming import Arming
+from .services._calibration import Calibration
 from .services._clock import ClockService
 from .services._commands import Commands
 from .services._follow_target import FollowTargetService
 from .services._home import HomeKeeper
 from .services._identity import Identity
+from .services._logs import Logs
 from .services._manual_control import ManualControl
 from .services._modes import Modes
 from .services._motor_test import MotorTest
 from .services._navigator import Navigator
 from .services._restart import PersistentState, Restart
 from .services._setpoints import Setpoints
+from .services._shell import Shell
 from .services._signing_keys import SigningKeys
 from .telemetry._attitude import AttitudeCache
 from .telemetry._events import EventService
@@ -178,6 +181,8 @@ class Controller:
             SigningKeys(self._signing),
             self._restart,
             Identity(context, autopilot.identity, autopilot.modes),
+            Logs(),
+            Shell(context, autopilot.identity),
             EventService(context, autopilot.identity.event_names),
             self._build_file_transfer(),
             MissionProtocol(context, autopilot.missions, self._plans),
@@ -198,6 +203,8 @@ class Controller:
             self._battery,
             self._failsafe,
         ]
+        if autopilot.identity.calibrates:
+            services.append(Calibration(context))
         if gimbal:
             services.append(gimbal)
         # The truth is streamed only where the bench allows it: agents must not learn it otherwise.
@@ -211,7 +218,11 @@ class Controller:
     def _build_file_transfer(self) -> FileTransfer:
         identity = self._autopilot.identity
         metadata = identity.metadata.contents() if identity.metadata else {}
-        files = ServedFiles({**metadata, **identity.files(self._context.parameters)}, identity.files_writable)
+        files = ServedFiles(
+            {**metadata, **identity.files(self._context.parameters)},
+            identity.files_writable,
+            identity.folders,
+        )
         return FileTransfer(self._context, files, identity.file_sessions)
 
     def _build_navigator(self) -> Navigator:

@@ -65,6 +65,41 @@ _ON_REQUEST = (
     "POSITION_TARGET_LOCAL_NED",
     "POSITION_TARGET_GLOBAL_INT",
     "HEARTBEAT",
+    "SCALED_IMU",
+    "HIGHRES_IMU",
+    "ATTITUDE_TARGET",
+)
+# Streams of ArduCopter 4.6 (source) for devices and procedures that do not exist here.
+_SILENT = frozenset(
+    {
+        "ADSB_VEHICLE",
+        "AIRSPEED",
+        "AUTOPILOT_VERSION",
+        "BATTERY2",
+        "CAMERA_FEEDBACK",
+        "DISTANCE_SENSOR",
+        "EFI_STATUS",
+        "GENERATOR_STATUS",
+        "GPS2_RAW",
+        "GPS2_RTK",
+        "GPS_RTK",
+        "HIGH_LATENCY2",
+        "HWSTATUS",
+        "MAG_CAL_PROGRESS",
+        "MAG_CAL_REPORT",
+        "MISSION_ITEM_REACHED",
+        "OPTICAL_FLOW",
+        "PARAM_VALUE",
+        "PID_TUNING",
+        "RANGEFINDER",
+        "RC_CHANNELS_RAW",
+        "RC_CHANNELS_SCALED",
+        "RELAY_STATUS",
+        "RPM",
+        "SCALED_PRESSURE3",
+        "WHEEL_DISTANCE",
+        "WINCH_STATUS",
+    }
 )
 
 # present, enabled and health of SYS_STATUS as they went by while the SITL started.
@@ -116,6 +151,7 @@ def _wind(flight: FlightState) -> tuple[float, float, float] | None:
 
 TELEMETRY = TelemetryPolicy(
     messages=frozenset({*_ON_REQUEST, *(name for group in _GROUPS.values() for name in group)}),
+    silent_messages=_SILENT,
     # ArduPilot streams nothing until a client asks, except its TIMESYNC every 10 s.
     stream_sets={"onboard": {"TIMESYNC": 0.1}, "gcs": {"TIMESYNC": 0.1}, "none": {}},
     stream_groups=_GROUPS,

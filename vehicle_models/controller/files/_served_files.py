@@ -23,11 +23,13 @@ class ServedFiles:
     when the scratch area is full, EROFS where there is none.
     """
 
-    def __init__(self, contents: Mapping[str, FileContent], writable: bool = False) -> None:
+    def __init__(
+        self, contents: Mapping[str, FileContent], writable: bool = False, folders: tuple[str, ...] = ()
+    ) -> None:
         self._contents = dict(contents)
         self._writable = writable
         self._scratch: dict[str, bytearray] = {}
-        self._folders: set[str] = set()
+        self._folders: set[str] = set(folders)
 
     def read(self, path: str) -> bytes | None:
         """A file's bytes, or None when there is none."""

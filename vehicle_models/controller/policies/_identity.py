@@ -64,6 +64,14 @@ class IdentityPolicy:
     metadata: Metadata | None = None
     files: Callable[[ParameterStore], Mapping[str, FileContent]] = no_files
     """What MAVLink FTP serves beside the metadata."""
+    folders: tuple[str, ...] = ()
+    """Empty folders that MAVLink FTP lists from the start."""
+    has_shell: bool = False
+    """Whether SERIAL_CONTROL reaches a shell."""
+    reports_flight: bool = False
+    """Whether FLIGHT_INFORMATION comes on request."""
+    calibrates: bool = False
+    """Whether a calibration of sensors is told by texts that begin with [cal]."""
     file_sessions: int = 1
     files_writable: bool = False
     """Whether clients may store files, which last as long as the process."""

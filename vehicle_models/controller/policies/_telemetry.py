@@ -67,6 +67,8 @@ class TelemetryPolicy:
     """Rates of the gimbal's messages on a vehicle that has one."""
     waits_for_client: bool
     """Whether a channel stays silent, but for streams and answers, until a client has sent something."""
+    silent_messages: frozenset[str] = frozenset()
+    """Streams that the real autopilot has and that nothing here fills: an interval is accepted, nothing is sent."""
     promised_messages: frozenset[int] = frozenset()
     """Ids of messages whose request is accepted but which never come."""
     unknown_interval: CommandResult

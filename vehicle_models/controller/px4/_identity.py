@@ -78,5 +78,9 @@ IDENTITY = IdentityPolicy(
     text_ending="\t",
     event_names=EVENTS,
     metadata=Metadata(PARAMETERS.definitions, EVENTS),
+    folders=("log",),
+    has_shell=True,
+    reports_flight=True,
+    calibrates=True,
     files_writable=True,
 )

@@ -75,6 +75,47 @@ _GCS_RATES_HZ = {
 }
 
 
+_ON_REQUEST = (
+    "HEARTBEAT",
+    "GPS_GLOBAL_ORIGIN",
+    "SCALED_IMU",
+    "SCALED_IMU2",
+    "SCALED_IMU3",
+    "NAV_CONTROLLER_OUTPUT",
+)
+# Streams of PX4 (source) for devices and estimates that do not exist here. RAW_IMU is none of them: FAILED.
+_SILENT = frozenset(
+    {
+        "ADSB_VEHICLE",
+        "ATT_POS_MOCAP",
+        "CAMERA_IMAGE_CAPTURED",
+        "CAMERA_TRIGGER",
+        "COLLISION",
+        "DEBUG",
+        "DEBUG_FLOAT_ARRAY",
+        "DEBUG_VECT",
+        "EFI_STATUS",
+        "GPS2_RAW",
+        "GPS_STATUS",
+        "HIGH_LATENCY2",
+        "HYGROMETER_SENSOR",
+        "MAG_CAL_REPORT",
+        "MANUAL_CONTROL",
+        "MOUNT_ORIENTATION",
+        "NAMED_VALUE_FLOAT",
+        "OBSTACLE_DISTANCE",
+        "OPEN_DRONE_ID_BASIC_ID",
+        "OPTICAL_FLOW_RAD",
+        "RAW_RPM",
+        "RC_CHANNELS",
+        "SCALED_PRESSURE2",
+        "SCALED_PRESSURE3",
+        "UTM_GLOBAL_POSITION",
+        "WIND_COV",
+    }
+)
+
+
 def _sensors(flight: FlightState) -> SensorBits:
     health = _SENSORS if knows_position(flight) else _SENSORS & ~_GPS_AND_POSITION
     return SensorBits(_SENSORS, _SENSORS, health | (_PREARM if flight.armed or ready(flight) else 0))
@@ -82,7 +123,8 @@ def _sensors(flight: FlightState) -> SensorBits:
 
 TELEMETRY = TelemetryPolicy(
     # Every message of a stream set may also be requested.
-    messages=frozenset({*_ONBOARD_RATES_HZ, *_GCS_RATES_HZ, "HEARTBEAT", "GPS_GLOBAL_ORIGIN"}),
+    messages=frozenset({*_ONBOARD_RATES_HZ, *_GCS_RATES_HZ, *_ON_REQUEST}),
+    silent_messages=_SILENT,
     stream_sets={"onboard": _ONBOARD_RATES_HZ, "gcs": _GCS_RATES_HZ, "none": {}},
     gimbal_rates_hz={"GIMBAL_DEVICE_ATTITUDE_STATUS": 5.0, "GIMBAL_MANAGER_STATUS": 0.5},
     waits_for_client=False,

@@ -20,6 +20,7 @@ class Identity:
 
     def __init__(self, context: ServiceContext, policy: IdentityPolicy, modes: ModePolicy) -> None:
         self._flight = context.flight
+        self._parameters = context.parameters
         self._policy = policy
         self._modes = modes
 
@@ -39,6 +40,8 @@ class Identity:
             answers["COMPONENT_INFORMATION"] = lambda command: self._metadata(
                 "general_metadata_file_crc", "general_metadata_uri"
             )
+        if policy.reports_flight:
+            answers["FLIGHT_INFORMATION"] = lambda command: self._flight_information()
         if self._modes.standard_modes:
             answers["AVAILABLE_MODES"] = self._available_modes
         return answers
@@ -66,6 +69,16 @@ class Identity:
         assert self._policy.protocol_versions
         version, lowest, highest = self._policy.protocol_versions
         return {"version": version, "min_version": lowest, "max_version": highest}
+
+    def _flight_information(self) -> Fields:
+        """The time of arming, 0 while disarmed; the take-off is not timed."""
+        f = self._flight
+        return {
+            "time_boot_ms": f.time_ms,
+            "arming_time_utc": f.unix_start_us + f.armed_since_ns // 1000 if f.armed else 0,
+            "takeoff_time_utc": 0,
+            "flight_uuid": int(self._parameters["COM_FLIGHT_UUID"]),
+        }
 
     def _metadata(self, checksum: str, uri: str) -> Fields:
         metadata = self._policy.metadata

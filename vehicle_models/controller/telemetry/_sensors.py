@@ -37,6 +37,7 @@ class SensorTelemetry:
         return {
             "HIGHRES_IMU": self._highres_imu,
             "RAW_IMU": self._raw_imu,
+            "SCALED_IMU": self._scaled_imu,
             "SCALED_IMU2": self._scaled_imu,
             "SCALED_IMU3": self._scaled_imu,
             "SCALED_PRESSURE": self._pressure,

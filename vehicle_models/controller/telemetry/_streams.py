@@ -74,6 +74,7 @@ _SENDING_ORDER = (
     "OPEN_DRONE_ID_LOCATION",
     "OPEN_DRONE_ID_SYSTEM",
     "TIME_ESTIMATE_TO_TARGET",
+    "SCALED_IMU",
     "SCALED_IMU2",
     "SCALED_IMU3",
     "SCALED_PRESSURE2",
@@ -122,6 +123,8 @@ class Streams:
         self._supported = {
             KINDS[name].id for name in streams if name in policy.messages | _EQUIPMENT_MESSAGES
         }
+        self._silent = {KINDS[name].id for name in policy.silent_messages if name in KINDS} - self._supported
+        self._silent_intervals_us: dict[tuple[str, int], int] = {}  # by channel and message
         self._answers = {KINDS[name].id: (name, answer) for name, answer in answers.items()}
         self._schedules: dict[str, list[_MessageStream]] = {}  # by channel, in sending order
         for channel in context.radio.channels:
@@ -232,11 +235,16 @@ class Streams:
 
     def _set_interval(self, command: Command) -> CommandResult | None:
         number, interval_us = _message_id(command.params[0]), command.params[1]
-        if number not in self._supported or interval_us != interval_us:
+        if number not in self._supported | self._silent or interval_us != interval_us:
             return self._refuse_interval(number)
         if 0 < interval_us < self._policy.min_interval_us:
             return CommandResult.DENIED
         channel = command.sender.channel
+        if number in self._silent:
+            # 0 and -1 alike end a stream that has no interval of its own.
+            shown_us = round(min(interval_us, 1e9)) if interval_us > 0 else -1
+            self._silent_intervals_us[channel.name, number] = shown_us
+            return CommandResult.ACCEPTED
         if interval_us < 0:
             self._schedule(channel, number, None)
         elif interval_us == 0:
@@ -253,9 +261,9 @@ class Streams:
 
     def _get_interval(self, command: Command) -> CommandResult | None:
         number, channel = _message_id(command.params[0]), command.sender.channel
-        known = number in self._supported
+        known = number in self._supported | self._silent
         # As MESSAGE_INTERVAL defines it.
-        not_streamed_us = -1 if known else 0
+        not_streamed_us = self._silent_intervals_us.get((channel.name, number), -1) if known else 0
         intervals_us = [
             stream.interval_ns // 1000 for stream in self._schedules[channel.name] if stream.number == number
         ]

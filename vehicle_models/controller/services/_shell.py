@@ -1,0 +1,149 @@
+"""PX4's shell over SERIAL_CONTROL: `ver all`, `param show`, `listener` of the main topics."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from fnmatch import fnmatchcase
+from typing import Any
+
+from .._service import MessageHandler, MessageSender
+from .._service_context import ServiceContext
+from ..links._radio import Channel
+from ..parameters._store import REAL32
+from ..policies._identity import IdentityPolicy
+from ..telemetry._attitude import quaternion
+
+# SERIAL_CONTROL_DEV, SERIAL_CONTROL_FLAG
+_DEVICE_SHELL, _REPLY = 10, 1
+_CHUNK_BYTES = 70
+# A list of all parameters takes some three seconds, and leaves room for telemetry on the link.
+_CHUNKS_PER_STEP = 4
+_MAX_LINE_BYTES = 256
+_PROMPT = "pxh> "
+
+
+class Shell:
+    """Echoes each line, answers it and prompts for the next, to the client that wrote last."""
+
+    def __init__(self, context: ServiceContext, policy: IdentityPolicy) -> None:
+        self._context = context
+        self._policy = policy
+        self._line = b""
+        self._output: deque[bytes] = deque()
+        self._channel: Channel | None = None
+        self._programs: dict[str, Callable[[list[str]], list[str]]] = {
+            "help": self._help,
+            "listener": self._listener,
+            "param": self._param,
+            "ver": self._ver,
+        }
+
+    def handlers(self) -> Mapping[str, MessageHandler]:
+        return {"SERIAL_CONTROL": self._take_input} if self._policy.has_shell else {}
+
+    def tick(self) -> None:
+        for _ in range(min(_CHUNKS_PER_STEP, len(self._output))):
+            chunk = self._output.popleft()
+            assert self._channel
+            self._channel.send_message(
+                "SERIAL_CONTROL",
+                device=_DEVICE_SHELL,
+                flags=_REPLY,
+                timeout=0,
+                baudrate=0,
+                count=len(chunk),
+                data=[*chunk, *bytes(_CHUNK_BYTES - len(chunk))],
+            )
+
+    def _take_input(self, m: Any, sender: MessageSender) -> None:
+        if m.device != _DEVICE_SHELL or m.flags & _REPLY:
+            return
+        self._channel = sender.channel
+        *lines, rest = (self._line + bytes(m.data[: m.count])).replace(b"\r", b"").split(b"\n")
+        # What does not fit is lost, as in any terminal.
+        self._line = rest[-_MAX_LINE_BYTES:]
+        for line in lines:
+            text = line.decode("ascii", "replace").strip()
+            self._write("\n".join([text, *self._run(text.split()), _PROMPT]))
+
+    def _write(self, text: str) -> None:
+        data = text.encode("ascii", "replace")
+        self._output.extend(data[start : start + _CHUNK_BYTES] for start in range(0, len(data), _CHUNK_BYTES))
+
+    def _run(self, words: list[str]) -> list[str]:
+        if not words:
+            return []
+        program = self._programs.get(words[0])
+        if program is None:
+            return [f"Invalid command: {words[0]}", "type 'help' for a list of commands"]
+        return program(words[1:])
+
+    def _help(self, words: list[str]) -> list[str]:
+        return ["Available commands:", *(f"  {name}" for name in self._programs)]
+
+    def _ver(self, words: list[str]) -> list[str]:
+        version = self._policy.flight_sw_version
+        numbers = ".".join(str(version >> shift & 0xFF) for shift in (24, 16, 8))
+        entries = {
+            "hwtypecmp": [],
+            "hw": ["HW arch: PX4_SITL"],
+            "git": [f"PX4 git-hash: {self._policy.flight_custom_version.hex()}"],
+            "px4": [f"PX4 version: {numbers} 0 ({version})"],
+            "os": ["OS: Linux"],
+        }
+        if words == ["all"]:
+            return [line for lines in entries.values() for line in lines]
+        if len(words) == 1 and words[0] in entries:
+            return entries[words[0]]
+        return ["usage: ver {all|hw|git|px4|os}"]
+
+    def _param(self, words: list[str]) -> list[str]:
+        store = self._context.parameters
+        if not words or words[0] != "show" or len(words) > 2:
+            return ["usage: param show [NAME]"]
+        pattern = words[1] if len(words) == 2 else "*"
+        changed = store.changed()
+        lines = [
+            f"x {'+' if name in changed else ' '} {name} [{index},{index}] : {self._shown(name)}"
+            for index, name in enumerate(store.names)
+            if fnmatchcase(name, pattern)
+        ]
+        counts = f" {len(lines)}/{len(store.names)} parameters used."
+        return ["Symbols: x = used, + = saved, * = unsaved", *lines, "", counts]
+
+    def _shown(self, name: str) -> str:
+        value = self._context.parameters[name]
+        return f"{value:.4f}" if self._context.parameters.kinds[name] == REAL32 else str(int(value))
+
+    def _listener(self, words: list[str]) -> list[str]:
+        topics = self._topics()
+        if len(words) != 1 or words[0] not in topics:
+            return [f"usage: listener {{{'|'.join(topics)}}}"]
+        (name,) = words
+        stamp = f"timestamp: {self._context.flight.time_us} (0.000000 seconds ago)"
+        fields = [f"{field}: {value}" for field, value in topics[name].items()]
+        return ["", f"TOPIC: {name}", f" {name}", *(f"    {line}" for line in (stamp, *fields))]
+
+    def _topics(self) -> dict[str, dict[str, object]]:
+        """Main topics as the vehicle estimates them, with some fields of each."""
+        f = self._context.flight
+        return {
+            "battery_status": {"voltage_v": f"{f.battery_v:.5f}", "remaining": f"{f.battery_fraction:.5f}"},
+            "vehicle_attitude": {"q": "[" + ", ".join(f"{part:.5f}" for part in quaternion(f)) + "]"},
+            "vehicle_global_position": {
+                "lat": f"{f.latitude_e7 * 1e-7:.7f}",
+                "lon": f"{f.longitude_e7 * 1e-7:.7f}",
+                "alt": f"{f.altitude_m:.5f}",
+            },
+            "vehicle_land_detected": {"landed": not f.flying},
+            "vehicle_local_position": {
+                name: f"{value:.5f}"
+                for name, value in zip(
+                    ("x", "y", "z", "vx", "vy", "vz", "heading"),
+                    (f.north_m, f.east_m, f.down_m, f.vn_mps, f.ve_mps, f.vd_mps, f.yaw_rad),
+                    strict=True,
+                )
+            },
+            "vehicle_status": {"armed": f.armed, "failsafe": f.failsafe is not None},
+        }
