@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import csv
 import itertools
 import re
 import sys
@@ -30,6 +31,11 @@ from .controller.parameters._store import Parameter
 DOCS = Path(__file__).parent.parent / "docs"
 COMMANDS_PAGE = DOCS / "flight-controller.md"
 PARAMETERS_PAGE = DOCS / "parameters.md"
+
+CONFORMANCE = Path(__file__).parent / "controller" / "conformance.csv"
+"""What was observed of the real autopilots, and whether it holds here."""
+
+VERDICTS = ("same", "different", "missing")
 
 PARAMETER_SECTIONS: dict[str, Autopilot] = {**AUTOPILOTS, "wing": WING_AUTOPILOTS["px4"]}
 """The autopilot of each table of parameters."""
@@ -113,6 +119,26 @@ def _result_without_effect(autopilot: Autopilot, number: MAV_CMD, sender: Messag
     # A pair of results is the longest and reads best at the end.
     *others, last = sorted(results, key=lambda text: ("then" in text, text))
     return f"{', '.join(others)} or {last}" if others else last
+
+
+def conformance_counts() -> str:
+    """How many observations of the real autopilots hold here, by autopilot and subject, and those that do not."""
+    with CONFORMANCE.open(newline="", encoding="ascii") as file:
+        observations = list(csv.DictReader(file))
+    lines = [f"| autopilot | subject | {' | '.join(VERDICTS)} |", "| --- | --- | ---: | ---: | ---: |"]
+    for autopilot in AUTOPILOTS:
+        found = [row for row in observations if row["autopilot"] == autopilot]
+        for subject in ("all", *dict.fromkeys(row["subject"] for row in found)):
+            verdicts = [row["verdict"] for row in found if subject in ("all", row["subject"])]
+            counts = " | ".join(str(verdicts.count(verdict)) for verdict in VERDICTS)
+            lines.append(f"| {autopilot} | {subject} | {counts} |")
+    lines += ["", "| autopilot | observed | here |", "| --- | --- | --- |"]
+    lines += [
+        f"| {row['autopilot']} | {row['observation']} | {row['verdict']}: {row['note']} |"
+        for row in observations
+        if row["verdict"] != "same"
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def parameter_table(section: str, page: str) -> str:
@@ -204,7 +230,8 @@ def _explained(parameter: Parameter) -> str:
 
 
 def with_commands(page: str) -> str:
-    """docs/flight-controller.md with its table updated."""
+    """docs/flight-controller.md with its tables updated."""
+    page = _with_section(page, "conformance", conformance_counts())
     return _with_section(page, "commands", command_table())
 
 

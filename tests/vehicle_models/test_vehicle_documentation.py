@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +11,15 @@ from vehicle_client import Client, mavlink, simspec
 
 from vehicle_models import documentation
 from vehicle_models.controller.links._enums import MAV_CMD
-from vehicle_models.documentation import COMMANDS_PAGE, PARAMETERS_PAGE, command_table, main, with_parameters
+from vehicle_models.documentation import (
+    COMMANDS_PAGE,
+    CONFORMANCE,
+    PARAMETERS_PAGE,
+    VERDICTS,
+    command_table,
+    main,
+    with_parameters,
+)
 
 Make = Callable[..., Client]
 CELLS_BY_COMMAND = {
@@ -46,6 +55,16 @@ def test_out_of_date_pages_are_found_and_updated(
     assert {name: (tmp_path / name).read_text("utf-8") for name in changes} == {
         name: page + "Last words.\n" for name, page in originals.items()
     }
+
+
+def test_every_observation_has_a_verdict_and_what_differs_a_note() -> None:
+    """Each observation stands once; a verdict other than `same` says what is so instead."""
+    with CONFORMANCE.open(newline="", encoding="ascii") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["verdict"] for row in rows} == set(VERDICTS)
+    assert {row["autopilot"] for row in rows} == {"px4", "ardupilot"}
+    assert len({(row["autopilot"], row["observation"]) for row in rows}) == len(rows)
+    assert all(row["note"] for row in rows if row["verdict"] != "same")
 
 
 def test_a_page_without_its_markers_is_refused() -> None:
