@@ -88,11 +88,15 @@ def test_no_shell_on_ardupilot(make: Make) -> None:
     assert ask(client, "ver all") == ""
 
 
-@pytest.mark.parametrize(("autopilot", "unknown"), [("px4", FAILED), ("ardupilot", DENIED)])
+@pytest.mark.parametrize(
+    ("autopilot", "unknown", "requested"), [("px4", FAILED, DENIED), ("ardupilot", DENIED, ACCEPTED)]
+)
 def test_streams_of_devices_that_are_not_there_are_accepted_and_silent(
-    make: Make, autopilot: str, unknown: int
+    make: Make, autopilot: str, unknown: int, requested: int
 ) -> None:
-    """An interval is kept and shown; nothing is sent. A stream that the real one lacks is refused."""
+    """An interval is kept and shown; nothing is sent. ArduPilot promises the message on request too. A stream that
+    the real one lacks is refused.
+    """
     client = make(simspec(autopilot))
     interval = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
     for name in ("EFI_STATUS", "GPS2_RAW"):
@@ -100,6 +104,7 @@ def test_streams_of_devices_that_are_not_there_are_accepted_and_silent(
         assert client.command(interval, number, 100_000) == [ACCEPTED]
         assert client.command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, number) == [ACCEPTED]
         assert client.last("MESSAGE_INTERVAL").interval_us == 100_000
+        assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, number) == [requested]
     assert client.command(interval, mavlink.MAVLINK_MSG_ID_SCALED_IMU, 100_000) == [ACCEPTED]
     assert client.command(interval, mavlink.MAVLINK_MSG_ID_UAVIONIX_ADSB_OUT_CFG, 100_000) == [unknown]
     kinds = [m.get_type() for m in client.fly(1.0)]

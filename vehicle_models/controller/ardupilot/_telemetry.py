@@ -7,6 +7,7 @@ import math
 from .._flight_state import Behaviour, FlightState
 from .._service import CommandResult
 from ..links._enums import GPS_FIX_TYPE, MAV_DATA_STREAM
+from ..links._frames import KINDS
 from ..policies._telemetry import GpsQuality, SensorBits, TelemetryPolicy
 from ..telemetry._texts import INFO
 from ._modes import AHRS_S, ESTIMATOR_S, RECEIVER_S, STANDBY_S, USES_GPS_S, ready, steers_position
@@ -53,10 +54,6 @@ _RATE_PARAMETERS = {
     "EXTRA2": MAV_DATA_STREAM.EXTRA2,
     "EXTRA3": MAV_DATA_STREAM.EXTRA3,
 }
-# Messages of devices that are not there: CAMERA_* and VIDEO_*, GIMBAL_*, GPS2_*, distances, RPM, EFI_STATUS.
-_PROMISED = frozenset(
-    (124, 128, 132, 173, 225, 226, 259, 260, 261, 262, 263, 269, 270, 271, 280, 281, 284, 285)
-)
 _ON_REQUEST = (
     "EXTENDED_SYS_STATE",
     "ATTITUDE_QUATERNION",
@@ -69,17 +66,27 @@ _ON_REQUEST = (
     "HIGHRES_IMU",
     "ATTITUDE_TARGET",
 )
-# Streams of ArduCopter 4.6 (source) for devices and procedures that do not exist here.
+# Streams of ArduCopter 4.6 (source) for devices and procedures that do not exist here. It accepts intervals for them,
+# and requests: the messages never come.
 _SILENT = frozenset(
     {
         "ADSB_VEHICLE",
         "AIRSPEED",
         "AUTOPILOT_VERSION",
         "BATTERY2",
+        "CAMERA_CAPTURE_STATUS",
         "CAMERA_FEEDBACK",
+        "CAMERA_FOV_STATUS",
+        "CAMERA_IMAGE_CAPTURED",
+        "CAMERA_INFORMATION",
+        "CAMERA_SETTINGS",
         "DISTANCE_SENSOR",
         "EFI_STATUS",
         "GENERATOR_STATUS",
+        "GIMBAL_DEVICE_ATTITUDE_STATUS",
+        "GIMBAL_DEVICE_SET_ATTITUDE",
+        "GIMBAL_MANAGER_INFORMATION",
+        "GIMBAL_MANAGER_STATUS",
         "GPS2_RAW",
         "GPS2_RTK",
         "GPS_RTK",
@@ -97,6 +104,9 @@ _SILENT = frozenset(
         "RELAY_STATUS",
         "RPM",
         "SCALED_PRESSURE3",
+        "STORAGE_INFORMATION",
+        "VIDEO_STREAM_INFORMATION",
+        "VIDEO_STREAM_STATUS",
         "WHEEL_DISTANCE",
         "WINCH_STATUS",
     }
@@ -158,7 +168,7 @@ TELEMETRY = TelemetryPolicy(
     stream_parameters=_RATE_PARAMETERS,
     max_rates_hz={"TERRAIN_REQUEST": 0.5},
     waits_for_client=True,
-    promised_messages=_PROMISED,
+    promised_messages=frozenset(KINDS[name].id for name in _SILENT),
     unknown_interval=CommandResult.DENIED,
     unknown_interval_text=(INFO, "No ap_message for mavlink id ({})"),
     unknown_get_interval=CommandResult.FAILED,
