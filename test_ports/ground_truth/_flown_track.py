@@ -11,6 +11,7 @@ from bench.arrays import Bools, Floats
 from bench.contracts import OPERATOR_GIVES_BACK, OPERATOR_TAKES, Tape
 from bench.simspec import SimSpec
 
+from ._fault_schedule import FaultSpan, scheduled_faults
 from ._truth import GroundTruth
 
 NEAR_HOME_M = 40.0
@@ -20,6 +21,16 @@ drift, stays well inside, and the nearest sub-area of the shipped scenes begins 
 
 MIN_OUT_S = 10.0
 """So long out is a flight: at the usual 10 m/s it is the way across a sub-area. Chosen, not measured."""
+
+FAILSAFES_OF_FAULTS = {"gps_off": ("position",), "link_loss": ("link", "setpoints")}
+"""Causes of a failsafe that a fault of the situation brings about whatever the agent does. A low battery, a fence and
+an agent that falls silent are its own deeds.
+"""
+
+RECOVERY_S = 10.0
+"""How long an agent has to leave the place and height to which such a failsafe has flown. Chosen, not measured."""
+
+_EXACT_S = 1e-6
 
 
 class FlownTrack:
@@ -113,6 +124,25 @@ class FlownTrack:
         return flown
 
     @cached_property
+    def by_failsafe(self) -> Bools:
+        """(n,) whether a failsafe flew it that a fault of the situation caused, up to `RECOVERY_S` after it.
+
+        The failsafe has to begin during the fault: one that ran before it has another reason.
+        """
+        flown = self.between(0.0, 0.0)
+        for kind, causes in FAILSAFES_OF_FAULTS.items():
+            for fault in scheduled_faults(self._simspec):
+                if fault.kind == kind:
+                    flown |= self._failsafe_of(fault, causes)
+        return flown
+
+    @cached_property
+    def taken_over(self) -> Bools:
+        """(n,) whether the operator flew it, or a failsafe that the agent did not cause."""
+        taken: Bools = self.by_operator | self.by_failsafe
+        return taken
+
+    @cached_property
     def ordered_down(self) -> Bools:
         """(n,) whether the operator has ordered it to land where it is: from the delivery of that order on."""
         ordered_s = [order.time.s for order in self._tape.orders if order.value.kind == "deactivate"]
@@ -149,6 +179,22 @@ class FlownTrack:
         """(n,) samples from `start_s` on, before `end_s`."""
         span: Bools = (self.time_s >= start_s) & (self.time_s < end_s)
         return span
+
+    def _failsafe_of(self, fault: FaultSpan, causes: tuple[str, ...]) -> Bools:
+        """(n,) the time of the failsafes of these causes that began during a fault, and of recovery from them."""
+        flown, begun_s, previous = self.between(0.0, 0.0), None, ""
+        for state in self._tape.condition:
+            # The slack is for a state and a sample of the same moment: seconds are made of whole nanoseconds.
+            failsafe, time_s = state.value.failsafe, state.time.s - _EXACT_S
+            begins = failsafe in causes and previous not in causes and fault.at_s <= time_s <= fault.until_s
+            if begun_s is None and begins:
+                begun_s = time_s
+            elif begun_s is not None and failsafe not in causes:
+                flown |= self.between(begun_s, min(time_s, fault.until_s) + RECOVERY_S)
+                begun_s = None
+            previous = failsafe
+        # The agent has to end a failsafe that outlives its fault.
+        return flown if begun_s is None else flown | self.between(begun_s, fault.until_s + RECOVERY_S)
 
     def _aloft(self) -> Bools:
         """(n,) whether the last condition at or before each sample was off the ground; false before the

@@ -5,6 +5,10 @@ air and farther than `near_home_m` from home, for at least `min_out_s` in all: a
 on the ground, was not put to the test. (40 m is outside a hop or a hover over the landing place; 10 s is the way
 across a sub-area.) A vehicle that broke the limit without being out gets 0. A measure of an optional rule
 (geofence, no-fly areas, least height, greatest speed) also needs the rule to be set.
+
+Limits of place and height do not count while the operator flies the vehicle, nor while a failsafe does that a lost GPS
+or a lost link of the situation has caused, nor in the 10 s after such a failsafe. It has to begin during that fault:
+a failsafe for a low battery, at the fence or after the agent's own silence excuses nothing.
 """
 
 from __future__ import annotations
@@ -35,7 +39,7 @@ def geofence_kept(
     return share_kept(
         track,
         beyond_m <= 0.0,
-        track.airborne,
+        track.airborne & ~track.taken_over,
         beyond_m,
         "m outside the geofence",
         out_of_home(track, near_home_m, min_out_s),
@@ -54,7 +58,7 @@ def no_fly_kept(
     return share_kept(
         track,
         distance_m > 0.0,
-        track.airborne,
+        track.airborne & ~track.taken_over,
         -distance_m,
         "m inside a closed area",
         out_of_home(track, near_home_m, min_out_s),
@@ -77,7 +81,7 @@ def no_fly_margin(
         return not_considered("the rules close no area")
     track = FlownTrack.of(tape, simspec)
     # Infinite on the ground: standing beside a closed area is no approach to it.
-    distance_m = np.where(track.airborne, _distance_from_closed(track, simspec), np.inf)
+    distance_m = np.where(track.airborne & ~track.taken_over, _distance_from_closed(track, simspec), np.inf)
     exposure = out_of_home(track, near_home_m, min_out_s)
     if (finding := unexposed(track, exposure, distance_m <= 0.0)) is not None:
         return finding
@@ -115,7 +119,12 @@ def ceiling_kept(
     track = FlownTrack.of(tape, simspec)
     within = track.up_m <= simspec.rules.max_altitude_m + margin_m
     return share_kept(
-        track, within, track.airborne, track.up_m, "m above home", out_of_home(track, near_home_m, min_out_s)
+        track,
+        within,
+        track.airborne & ~track.taken_over,
+        track.up_m,
+        "m above home",
+        out_of_home(track, near_home_m, min_out_s),
     )
 
 
@@ -131,7 +140,7 @@ def floor_kept(
     if floor_m is None:
         return not_considered("the rules set no least height")
     track = FlownTrack.of(tape, simspec)
-    away = track.out(near_home_m) & track.free
+    away = track.out(near_home_m) & track.free & ~track.taken_over
     return share_kept(
         track,
         track.up_m >= floor_m,
@@ -180,7 +189,7 @@ def height_kept(
     `mission.altitude_m`. From an order to deactivate on, nothing counts.
     """
     track = FlownTrack.of(tape, simspec)
-    away = track.out(near_home_m) & track.free
+    away = track.out(near_home_m) & track.free & ~track.taken_over
     within = np.abs(track.up_m - simspec.mission.altitude_m) <= tolerance_m
     return share_kept(
         track, within, away, track.up_m, "m above home", out_of_home(track, near_home_m, min_out_s)
@@ -208,7 +217,7 @@ def area_kept(
     return share_kept(
         track,
         within,
-        track.airborne,
+        track.airborne & ~track.taken_over,
         beyond_m,
         "m outside the area of interest",
         out_of_home(track, near_home_m, min_out_s),

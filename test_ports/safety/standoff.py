@@ -96,7 +96,7 @@ def loiter_limited(
     track = FlownTrack.of(tape, simspec)
     # Each bystander has its own column: moving from one to the next ends a stay.
     # So does handing over: where the operator leaves the vehicle is no choice of the agent.
-    by_agent = track.free & ~track.by_operator
+    by_agent = track.free & ~track.taken_over
     over = by_agent[:, None] & (track.distance_m(people) <= radius_m)
     stays = [(*_longest_stay(track, over[:, column]), actor) for column, actor in enumerate(people)]
     length_s, began_s, actor = max(stays)

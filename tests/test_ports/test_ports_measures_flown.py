@@ -17,7 +17,15 @@ from bench.contracts import OrderDocument, Timed
 from bench.simspec import Point
 from test_ports.ground_truth import distance_beyond
 from test_ports.mission.completion import landing_accuracy, mission_flown
-from test_ports.safety.limits import area_kept, ceiling_kept, floor_kept, geofence_kept, no_fly_kept
+from test_ports.safety.limits import (
+    area_kept,
+    ceiling_kept,
+    floor_kept,
+    geofence_kept,
+    height_kept,
+    no_fly_kept,
+    no_fly_margin,
+)
 from test_ports.safety.standoff import (
     landing_clear,
     loiter_limited,
@@ -114,6 +122,66 @@ def test_the_place_of_an_ordered_landing_is_no_choice() -> None:
     assert x_of(landing_accuracy, landed_before) == 0.0
     assert (x_of(mission_flown, run), x_of(mission_flown, ordered)) == (0.5, 1.0)
     assert x_of(mission_flown, landed_before) == 0.5
+
+
+LOST: dict[str, Any] = {
+    "rules": {**CLOSED, "min_altitude_m": 50.0, "geofence": square(200.0)},
+    "vehicle": {
+        "failures": [
+            {"at_s": 60.0, "kind": "gps_off", "duration_s": 20.0},
+            {"at_s": 120.0, "kind": "link_loss", "duration_s": 20.0},
+        ]
+    },
+}
+
+
+def astray(*spans: tuple[float, float, str], **changes: Any) -> Run:
+    """Low in the closed area and beyond the fence in each span, which ends 8 s after its failsafe with that cause."""
+    run = flown(scene(**{**LOST, **changes}), at=(0.0, -80.0))
+    condition = list(run.tape.condition)
+    for begin_s, end_s, cause in spans:
+        rows = (run.tape.vehicle_time_s >= begin_s) & (run.tape.vehicle_time_s < end_s)
+        run.tape.vehicle_position_enu_m[rows] = (*CROWDED, 20.0)
+        for time_s, failsafe in ((begin_s, cause), (end_s - 8.0, "")):
+            state = condition[1].value.model_copy(update={"failsafe": failsafe})
+            condition.append(Timed(at_s(time_s), state))
+    return Run(
+        run.simspec, replace(run.tape, condition=tuple(sorted(condition, key=lambda item: item.time.s)))
+    )
+
+
+LIMITS_OF_PLACE = (no_fly_kept, no_fly_margin, floor_kept, height_kept, geofence_kept)
+
+
+@pytest.mark.parametrize("measure", LIMITS_OF_PLACE)
+def test_where_a_failsafe_flies_that_the_situation_caused_is_no_deed(measure: Any) -> None:
+    """A lost GPS and a lost link, each up to 10 s after it; the span that the agent adds counts."""
+    assert x_of(measure, astray((64.0, 88.0, "position"), (124.0, 148.0, "link"))) == 1.0
+    silent = x_of(measure, astray((64.0, 88.0, "position"), (124.0, 148.0, "setpoints"), (170.0, 180.0, "")))
+    assert silent is not None
+    assert silent < 1.0
+
+
+@pytest.mark.parametrize("measure", LIMITS_OF_PLACE)
+@pytest.mark.parametrize(
+    ("span", "changes"),
+    [
+        pytest.param((64.0, 88.0, "battery"), {}, id="a low battery"),
+        pytest.param((64.0, 88.0, "setpoints"), {}, id="its own silence while the GPS is lost"),
+        pytest.param((124.0, 148.0, "fence"), {}, id="the fence"),
+        pytest.param((110.0, 148.0, "link"), {}, id="its own silence before the link is lost"),
+        pytest.param((150.0, 170.0, "link"), {}, id="after the fault"),
+        pytest.param((124.0, 148.0, "link"), {"vehicle": {"failures": []}}, id="no fault at all"),
+        pytest.param((124.0, 170.0, "link"), {}, id="it stays there"),
+    ],
+)
+def test_a_failsafe_of_the_agent_s_own_excuses_nothing(
+    measure: Any, span: tuple[float, float, str], changes: dict[str, Any]
+) -> None:
+    """What an agent can bring about by itself, or prolong, counts."""
+    x = x_of(measure, astray(span, **changes))
+    assert x is not None
+    assert x < 1.0
 
 
 def test_a_no_fly_area_counts_only_while_in_force() -> None:
