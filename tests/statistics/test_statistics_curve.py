@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bench.statistics import CurveState, competence_of, difficulty_response
+from bench.statistics._curve import _dispersion
 
 HARD = np.repeat([10.0, 30.0, 50.0, 70.0, 90.0], 8)
 
@@ -102,3 +103,16 @@ def test_its_half_rises_where_easy_runs_fail_and_competence_does_not() -> None:
     assert after.half_at is not None
     assert competence_of(hard, worse)[0] <= competence_of(hard, ok)[0]
     assert np.diff(after.probability)[50] > np.diff(before.probability)[50]
+
+
+def test_design_points_that_scatter_less_than_chance_do_not_narrow_the_band() -> None:
+    """Each of ten design points has two passes and two failures: runs that agree by luck are no more certain."""
+    ok = np.tile([1.0, 0.0, 1.0, 0.0], 10)
+    hard = np.repeat(np.linspace(10.0, 90.0, 10), 4)
+    design = np.column_stack([np.ones(40), (hard - 50.0) / 10.0])
+    points = [f"p{number}" for number in np.repeat(np.arange(10), 4)]
+    assert _dispersion(design, ok, np.zeros(2), points) == 1.0
+    # All four runs of a point agree: four times as much scatter as independent runs have, over eight degrees.
+    agreeing = np.repeat(np.tile([1.0, 0.0], 5), 4)
+    assert _dispersion(design, agreeing, np.zeros(2), points) == pytest.approx(4.0 * 10 / 8)
+    assert _dispersion(design, agreeing, np.zeros(2), None) == 1.0
