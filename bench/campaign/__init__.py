@@ -28,6 +28,7 @@ from ._events import Observer as Observer
 from ._events import RealizationFinished as RealizationFinished
 from ._events import RealizationRetried as RealizationRetried
 from ._events import RealizationStarted as RealizationStarted
+from ._events import ResultLost as ResultLost
 from ._runner import CampaignSummary as CampaignSummary
 from ._runner import Finish as Finish
 from ._runner import run_campaign as run_campaign
@@ -49,6 +50,7 @@ from .planning._realizations import situation_tensions as situation_tensions
 from .planning._scenes import write_scenes as write_scenes
 from .storage._completeness import Completeness as Completeness
 from .storage._completeness import parse_accepted_outcomes as parse_accepted_outcomes
+from .storage._evidence_check import verify_folder as verify_folder
 from .storage._files import digest_of as digest_of
 from .storage._files import write_whole as write_whole
 from .storage._folder import CampaignFolder as CampaignFolder
@@ -57,7 +59,6 @@ from .storage._journal import JournalEntry as JournalEntry
 from .storage._journal import RealizationState as RealizationState
 from .storage._journal import open_journal as open_journal
 from .storage._manifest import Manifest as Manifest
-from .storage._manifest import verify_folder as verify_folder
 from .storage._manifest import write_manifest as write_manifest
 from .storage._recovery import parse_rerun_outcomes as parse_rerun_outcomes
 from .storage._results import read_result as read_result

@@ -47,6 +47,13 @@ class RealizationFinished:
 
 
 @dataclass(frozen=True, slots=True)
+class ResultLost:
+    """A realization had a result whose files are gone. It is flown again."""
+
+    realization: str
+
+
+@dataclass(frozen=True, slots=True)
 class CampaignStopping:
     """Nothing more is started. Running the campaign again resumes it."""
 
@@ -54,7 +61,12 @@ class CampaignStopping:
 
 
 CampaignEvent = (
-    CampaignPlanned | RealizationStarted | RealizationRetried | RealizationFinished | CampaignStopping
+    CampaignPlanned
+    | RealizationStarted
+    | RealizationRetried
+    | RealizationFinished
+    | ResultLost
+    | CampaignStopping
 )
 Observer = Callable[[CampaignEvent], None]
 """Called with every event. May fail: its exceptions are counted and change nothing."""

@@ -16,7 +16,7 @@ from bench.contracts import Outcome
 from bench.documents import load_document
 
 from ._document import Campaign
-from ._events import CampaignPlanned, Observer, Observers
+from ._events import CampaignPlanned, Observer, Observers, ResultLost
 from ._overhead import OVERHEAD, check_fidelity, flown_overhead, job_at
 from ._versions import versions
 from .early_stopping._decisions import check_stopping, outcome_name
@@ -33,6 +33,7 @@ from .storage._completeness import (
     parse_accepted_outcomes,
 )
 from .storage._completeness import accept as accept_outcomes
+from .storage._evidence_check import check_evidence
 from .storage._folder import CampaignFolder, open_lock
 from .storage._journal import Journal, open_journal
 from .storage._manifest import write_manifest
@@ -96,8 +97,8 @@ def run_campaign(
     outcomes now as they are, for good; `rerun` takes that back. `clock` gives the host seconds by which the
     campaign's total budget is judged.
 
-    Raises SetupError for a campaign that cannot be realized and for a folder that is in use or belongs to
-    another campaign, WorkersUnusable if no worker process can be started, BenchBroken if the first sessions
+    Raises SetupError for a campaign that cannot be realized and for a folder that is in use, belongs to
+    another campaign or holds files that were changed since they were written, WorkersUnusable if no worker process can be started, BenchBroken if the first sessions
     all end with bench errors. Sessions that fail are results, never exceptions.
     """
     paths = CampaignFolder(folder)
@@ -109,12 +110,15 @@ def run_campaign(
         check_stopping(campaign.stopping, decomposition)
     with open_lock(folder), open_journal(paths.journal) as journal:
         observers = Observers(on_event)
+        # Before anything is changed: what was edited since it was written is refused, and left as it is.
+        check_evidence(paths, journal)
         journal.release()
         check_fidelity(campaign, journal)
         plans = plan_campaign(campaign, paths, journal, decomposition, _takeoff_check(campaign, job))
         # First what the disk holds, then what the user wants: both options are about results, not about stale
         # entries.
-        reconcile(paths, journal)
+        for realization in reconcile(paths, journal):
+            observers.notify(ResultLost(realization))
         accept_outcomes(journal, accept, withdrawn=rerun)
         reset_for_rerun(paths, journal)
         early_stopping = EarlyStopping(

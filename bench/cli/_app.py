@@ -98,6 +98,12 @@ def run(arguments: Sequence[str]) -> int:
             file=sys.stderr,
         )
         return 1
+    except sqlite3.DatabaseError as error:
+        print(
+            f"rebar: the journal was damaged while it was in use: {error}. Check the disk, then run again.",
+            file=sys.stderr,
+        )
+        return 1
     except BrokenPipeError:
         # The reader of the output, such as `head`, has seen enough. Python would complain again at its exit when it
         # flushes what nobody reads.

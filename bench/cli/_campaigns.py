@@ -16,7 +16,7 @@ from bench.errors import Fault, SetupError
 
 from ._examples import shipped
 from ._fault_paths import file_in_faults
-from ._missing_runs import INCOMPLETE_EXIT_CODE, print_missing
+from ._missing_runs import INCOMPLETE_EXIT_CODE, print_missing, print_rewritten
 
 if TYPE_CHECKING:
     from bench.campaign import Campaign, CampaignEstimate, CampaignSummary, FinishedCampaign
@@ -175,6 +175,7 @@ def report(folder: Annotated[Path, typer.Argument(help="Folder of a campaign")])
 
     finished = finish_campaign(folder)
     print_missing(finished.completeness, folder)
+    print_rewritten(finished.rewritten)
     print(finished.report)
     if not finished.completeness.complete:
         raise typer.Exit(INCOMPLETE_EXIT_CODE)
@@ -182,20 +183,37 @@ def report(folder: Annotated[Path, typer.Argument(help="Folder of a campaign")])
 
 def verify(
     folder: Annotated[Path, typer.Argument(help="Folder of a campaign")],
+    digest: Annotated[
+        str | None,
+        typer.Option(help="SHA-256 of the manifest as `rebar run` printed it and you published it"),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
 ) -> None:
-    """Check every file of a campaign against the digests in its manifest. Example: rebar verify out/demo"""
-    from bench.campaign import CampaignFolder, load_campaign, question_sha256, verify_folder
+    """Check every file of a campaign against its manifest, its chain of evidence and its journal.
 
-    faults = [str(fault) for fault in verify_folder(folder)]
+    Example: rebar verify out/demo
+    """
+    from bench.campaign import CampaignFolder, digest_of, load_campaign, question_sha256, verify_folder
+
+    faults = [str(fault) for fault in verify_folder(folder, digest)]
+    manifest = CampaignFolder(folder).manifest
+    actual = digest_of(manifest) if manifest.is_file() else None
     # Of a folder that was changed it would say nothing.
     question = None if faults else question_sha256(load_campaign(CampaignFolder(folder).campaign))
     if as_json:
-        print(json.dumps({"folder": str(folder), "faults": faults, "question_sha256": question}))
+        document = {"manifest_sha256": actual, "faults": faults, "question_sha256": question}
+        print(json.dumps({"folder": str(folder), **document}))
+    elif faults:
+        print("\n".join(faults))
     else:
-        print(
-            "\n".join(faults) or f"{folder}: all files match the manifest\nsituations and design: {question}"
-        )
+        if actual is None:
+            print(
+                f"{folder}: all results match the chain of evidence and the journal; there is no manifest yet"
+            )
+        else:
+            print(f"{folder}: all files match the manifest, the chain of evidence and the journal")
+            print(f"manifest SHA-256: {actual}")
+        print(f"situations and design: {question}")
     if faults:
         raise typer.Exit(1)
 
@@ -255,6 +273,7 @@ def _run(
         raise typer.Exit(130)
     (scores,) = finished
     print_missing(scores.completeness, folder, as_json=as_json)
+    print_rewritten(scores.rewritten)
     if as_json:
         print(campaign_report(folder).model_dump_json(indent=1))
     else:
@@ -270,6 +289,7 @@ def _show_scores(
     scores: FinishedCampaign,
     informed: Sequence[str],
 ) -> None:
+    from bench.campaign import CampaignFolder, digest_of
     from bench.reporting import score_tables
 
     for label in informed:
@@ -290,6 +310,9 @@ def _show_scores(
             f"{len(flat)} observables do not discriminate: rebar decomposition check {campaign.decomposition} --floor {folder}"
         )
     print(f"report: {scores.report}")
+    print(
+        f"manifest SHA-256: {digest_of(CampaignFolder(folder).manifest)} (publish it: rebar verify --digest)"
+    )
 
 
 def _with_pace(campaign: Campaign, pace: Pace | None) -> Campaign:

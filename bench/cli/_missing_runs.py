@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,3 +21,9 @@ def print_missing(completeness: Completeness, folder: Path, *, as_json: bool = F
     """
     for line in completeness.lines(folder):
         print(line, file=sys.stderr if as_json else sys.stdout, flush=True)
+
+
+def print_rewritten(names: Sequence[str]) -> None:
+    """Say that files which somebody had changed were written again, to stderr."""
+    for name in names:
+        print(f"{name} had been changed since its manifest was written; it is written again", file=sys.stderr)

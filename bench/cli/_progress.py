@@ -23,6 +23,7 @@ from bench.campaign import (
     Observer,
     RealizationFinished,
     RealizationRetried,
+    ResultLost,
 )
 from bench.contracts import Outcome
 
@@ -59,7 +60,7 @@ def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
                         progress.console.print(
                             f"{event.realization}: {event.outcome}: {event.reason[:200]}", markup=False
                         )
-                case RealizationRetried() | CampaignStopping():
+                case RealizationRetried() | ResultLost() | CampaignStopping():
                     progress.console.print(_line(event), markup=False)
                 case _:
                     pass
@@ -82,6 +83,8 @@ def _line(event: CampaignEvent) -> str:
         case RealizationRetried():
             # A reason may be a whole traceback, which would push the other lines off the screen.
             return f"{event.realization}: {event.outcome}, retrying: {event.reason[:200]}"
+        case ResultLost(realization):
+            return f"{realization}: its result or its recording is gone; it is flown again"
         case CampaignStopping(reason):
             return f"stopping: {reason}"
         case _:

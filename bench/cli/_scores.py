@@ -17,7 +17,7 @@ from rich.tree import Tree
 
 from bench.errors import Fault, SetupError
 
-from ._missing_runs import INCOMPLETE_EXIT_CODE, print_missing
+from ._missing_runs import INCOMPLETE_EXIT_CODE, print_missing, print_rewritten
 
 if TYPE_CHECKING:
     import polars as pl
@@ -223,6 +223,7 @@ def _of_campaign(folder: Path, decomposition: str | None, *, reading: bool) -> S
         campaign = read_runs(folder, decomposition)
     else:
         finished = rescore_campaign(folder, decomposition)
+        print_rewritten(finished.rewritten)
         # Without the argument: scoring again has stored the decomposition in the folder.
         campaign = read_runs(folder)
         lines = (str(finished.report),)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from bench.campaign import OpenExecutor, Task, TaskEnded, WorkerPlan
+from bench.campaign import OpenExecutor, Task, TaskEnded, WorkerPlan, digest_of
 from bench.campaign.execution._task import load_job
 from bench.documents import load_document
 from bench.simspec import SimSpec
@@ -49,6 +49,10 @@ class InProcessExecutor:
     def _fly(self, task: Task) -> list[TaskEnded]:
         simspec = load_document(task.simspec, SimSpec)
         result = self._job(simspec, self._decomposition, task.folder, task.realization)
+        recording = task.folder / "recording.mcap"
+        if result.recording_sha256 is None and recording.is_file():
+            # As a worker does.
+            result = result.model_copy(update={"recording_sha256": digest_of(recording)})
         # The repeated reports differ from the first, as those of two flights would.
         results = [result.model_copy(update={"wall_s": float(number)}) for number in range(self._reports)]
         return [

@@ -303,5 +303,5 @@ def test_an_edited_recording_is_noticed_without_its_result(tmp_path: Path) -> No
     run = CampaignFolder(tmp_path / "out").run("p001-r1-fake")
     (run / "result.json").unlink()
     (run / "recording.mcap").write_bytes(b"something else")
-    with pytest.raises(SetupError, match="its digest differs from the one in the journal"):
+    with pytest.raises(SetupError, match=r"its digest differs from the one in evidence\.jsonl"):
         rescore_campaign(tmp_path / "out")

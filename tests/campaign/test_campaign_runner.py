@@ -419,15 +419,20 @@ def test_importing_is_light() -> None:
     )
 
 
-def test_an_edited_result_is_flown_again(tmp_path: Path) -> None:
-    """The journal has the digest of the result: a different one in its place does not count, however well
-    formed.
+def test_an_edited_result_is_refused_and_flown_again_once_it_is_removed(tmp_path: Path) -> None:
+    """The chain has the digest of the result: a different one in its place stops every run, however well
+    formed, and stays as it is.
     """
     fly(tmp_path)
     file = CampaignFolder(tmp_path).run("p002-r1-fake") / "result.json"
     before = file.read_bytes()
     file.write_bytes(before.replace(b'"simulated_s": 1.0', b'"simulated_s": 9.0'))
-    assert file.read_bytes() != before
+    edited = file.read_bytes()
+    assert edited != before
+    with pytest.raises(SetupError, match=r"result.json: has changed since its session"):
+        fly(tmp_path)
+    assert file.read_bytes() == edited
+    file.unlink()
     assert fly(tmp_path).flown == 1
     assert file.read_bytes() != before.replace(b'"simulated_s": 1.0', b'"simulated_s": 9.0')
     assert verify_folder(tmp_path) == []

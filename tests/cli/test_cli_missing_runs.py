@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import json
 import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -18,6 +22,21 @@ command: ["{folder}/agent.sh"]
 pace: [lockstep]
 zenoh: false
 """
+
+
+@contextmanager
+def writer(folder: Path) -> Iterator[int]:
+    """Another process that holds a campaign folder, as a runner does."""
+    code = (
+        "import sys\nfrom pathlib import Path\nfrom bench.campaign.storage._folder import open_lock\n"
+        "with open_lock(Path(sys.argv[1])):\n    print('held', flush=True)\n    sys.stdin.read()"
+    )
+    command = [sys.executable, "-c", code, str(folder)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "held\n"
+        yield process.pid
+        process.communicate()
 
 
 def first_line(capsys: pytest.CaptureFixture[str]) -> str:
@@ -50,6 +69,13 @@ def test_files_that_vanish_in_mid_campaign_leave_it_incomplete_until_they_are_ba
     assert shown.err.splitlines()[0] == lines[0]
     assert json.loads(shown.out)["kind"] == "campaign"
     assert "INCOMPLETE: 2 of 2 runs are missing (2 setup invalid)" in (out / "report.html").read_text()
+
+    with writer(out) as pid:
+        for command in (["report", str(out)], ["score", str(out)]):
+            assert run(command) == 2
+            assert f"is in use by another run (process {pid})" in capsys.readouterr().err
+        assert run(["score", str(out), "--explain", "KA-18"]) == 3
+        assert f"; process {pid} is at work in {out}" in first_line(capsys)
 
     program.write_text("#!/bin/sh\nexit 1\n")
     program.chmod(0o755)

@@ -32,8 +32,9 @@ from .._document import Campaign
 from .._versions import versions
 from ..early_stopping._decisions import PointKey, is_after_stop, outcome_name
 from ..storage._completeness import NOT_FINISHED, Completeness, accepted_realizations, completeness_of
+from ..storage._evidence_check import changed_tables, check_evidence, evidence_faults
 from ..storage._files import digest_of, write_whole
-from ..storage._folder import RECORDING, RESULT, CampaignFolder, open_lock
+from ..storage._folder import RECORDING, RESULT, CampaignFolder, open_lock, writing_process
 from ..storage._journal import JournalEntry, open_journal
 from ..storage._manifest import write_manifest
 from ..storage._results import read_result, write_result
@@ -44,7 +45,7 @@ from ._rescore import recording_faults, rescore
 @dataclass(frozen=True, slots=True)
 class FinishedCampaign:
     """Scores of a campaign. `summary` has the columns SUMMARY_COLUMNS of bench.scoring; `completeness` says
-    which runs are missing in it.
+    which runs are missing in it, `rewritten` names files that had been changed and were written again.
     """
 
     summary: pl.DataFrame
@@ -52,16 +53,28 @@ class FinishedCampaign:
     outcomes: dict[str, int]
     completeness: Completeness
     report: Path
+    rewritten: tuple[str, ...]
     floors: Mapping[str, NodeFloor]
 
 
 def finish_campaign(path: Path, other_decomposition: str | None = None) -> FinishedCampaign:
     """Write scores.parquet, manifest.json and report.html from the results in a campaign folder.
 
-    May be called at any time: a realization without a result has no row. Raises SetupError if the folder is
-    not a campaign.
+    A realization without a result has no row. Raises SetupError if the folder is not a campaign, if another
+    process is writing in it, and if something in it was changed since it was written.
     """
+    with open_lock(path, reentrant=True) as was_free:
+        if was_free:
+            paths, _, _ = read_campaign_folder(path, other_decomposition)
+            with open_journal(paths.journal) as journal:
+                check_evidence(paths, journal)
+        # Else the runner of this process checked the folder before it flew.
+        return _finish_campaign(path, other_decomposition)
+
+
+def _finish_campaign(path: Path, other_decomposition: str | None) -> FinishedCampaign:
     folder, campaign, decomposition = read_campaign_folder(path, other_decomposition)
+    rewritten = tuple(changed_tables(folder))
     results = _read_results(folder)
     all_runs = _scored_runs(folder, campaign, decomposition, results)
     runs, floor_runs = _split(all_runs, campaign)
@@ -95,6 +108,7 @@ def finish_campaign(path: Path, other_decomposition: str | None = None) -> Finis
         results.outcomes,
         results.completeness,
         report,
+        rewritten,
         node_floors(floor_scores, campaign.oracle_label),
     )
 
@@ -119,6 +133,7 @@ def rescore_campaign(path: Path, other_decomposition: str | None = None) -> Fini
     """
     folder, _, decomposition = read_campaign_folder(path, other_decomposition)
     with open_lock(path), open_journal(folder.journal) as journal:
+        check_evidence(folder, journal)
         runs = {entry.id: folder.run(entry.id) for entry in journal.entries()}
         recorded = {name: run for name, run in runs.items() if (run / RECORDING).is_file()}
         digests = journal.recordings()
@@ -129,11 +144,9 @@ def rescore_campaign(path: Path, other_decomposition: str | None = None) -> Fini
         # way.
         if faults:
             raise SetupError(faults)
-        for name, run in recorded.items():
+        for run in recorded.values():
             result = rescore(run, decomposition)
-            digest = write_result(run, result)
-            journal.forget(name)
-            journal.finish(result, digest)
+            journal.measure(result, write_result(run, result))
     return finish_campaign(path, other_decomposition)
 
 
@@ -165,10 +178,11 @@ def read_runs(path: Path, other_decomposition: str | None = None) -> CampaignRun
     """The runs in a campaign folder. Writes nothing.
 
     With `other_decomposition`, their recordings are measured again. Raises SetupError if the folder
-    is not a campaign, or a recording cannot be measured.
+    is not a campaign, something in it was changed since it was written, or a recording cannot be measured.
+    Beside a process that is writing, nothing is checked; `completeness` names it.
     """
     folder, campaign, decomposition = read_campaign_folder(path, other_decomposition)
-    results = _read_results(folder)
+    results = _read_results(folder, check=True)
     runs = _scored_runs(folder, campaign, decomposition, results)
     recordings = {run.realization: folder.run(run.realization) / RECORDING for run in runs}
     recordings = {name: recording for name, recording in recordings.items() if recording.is_file()}
@@ -237,12 +251,16 @@ class _Results:
         )
 
 
-def _read_results(folder: CampaignFolder) -> _Results:
+def _read_results(folder: CampaignFolder, *, check: bool = False) -> _Results:
+    writer = writing_process(folder.path)
     with open_journal(folder.journal) as journal:
         entries, stops, accepted = journal.entries(), journal.stops(), accepted_realizations(journal)
+        # Beside a writer, files are newer than the chain that was read a moment ago.
+        if check and writer is None and (faults := evidence_faults(folder, journal)):
+            raise SetupError(faults)
     ends = tuple((entry, _result(folder, entry)) for entry in entries)
     outcomes = ((entry, result.outcome if result else None) for entry, result in ends)
-    return _Results(ends, stops, completeness_of(outcomes, accepted))
+    return _Results(ends, stops, replace(completeness_of(outcomes, accepted), writer=writer))
 
 
 def _scored_runs(

@@ -36,13 +36,15 @@ _REASON_CHARACTERS = 160
 @dataclass(frozen=True, slots=True)
 class Completeness:
     """How many of a campaign's `total` runs are `missing`, by outcome; `example` is one of them with its
-    reason. `accepted` are the realizations without a run that a person took as they are.
+    reason. `accepted` are the realizations without a run that a person took as they are. `writer` is the id
+    of another process that was writing in the folder at that moment.
     """
 
     total: int
     missing: Mapping[str, int]
     example: str = ""
     accepted: tuple[str, ...] = ()
+    writer: str | None = None
 
     @property
     def complete(self) -> bool:
@@ -51,10 +53,17 @@ class Completeness:
 
     def lines(self, folder: Path) -> list[str]:
         """What a command prints before anything else: the finding, then the remedy. Empty if complete."""
+        busy = (
+            f"process {self.writer} is at work in {folder}, so these numbers will change"
+            if self.writer
+            else ""
+        )
         if self.complete:
-            return []
+            return [f"RUNNING: {busy}."] if busy else []
         kinds = ", ".join(f"{count} {outcome}" for outcome, count in sorted(self.missing.items()))
         head = f"INCOMPLETE: {sum(self.missing.values())} of {self.total} runs are missing: {kinds}"
+        if busy:
+            return [f"{head}; {busy}.", "Wait until it ends."]
         command = shlex.join(["rebar", "run", str(folder / "campaign.yaml"), "--out", str(folder)])
         fliable = self.missing.keys() - {Outcome.PLACEMENT_INFEASIBLE}
         remedies = [f"Run `{command}` to fly them."] if fliable else []

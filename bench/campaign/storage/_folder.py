@@ -4,6 +4,7 @@
     decomposition.yaml          the decomposition, if the campaign named a file
     simspecs/<realization>.json each realized SimSpec
     journal.sqlite              state, attempts and outcome of every realization
+    evidence.jsonl              a line for everything that happened to a result, each with the digest of the last
     aside/                      earlier results of realizations that were rerun
     runs/<realization>/         recording.mcap, and result.json once the session is over
     logs/                       stdout and stderr of the workers
@@ -18,15 +19,18 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 from bench.errors import Fault, SetupError
 
 RECORDING = "recording.mcap"
 RESULT = "result.json"
+EVIDENCE = "evidence.jsonl"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +50,10 @@ class CampaignFolder:
     @property
     def journal(self) -> Path:
         return self.path / "journal.sqlite"
+
+    @property
+    def evidence(self) -> Path:
+        return self.path / EVIDENCE
 
     @property
     def scores(self) -> Path:
@@ -84,25 +92,58 @@ class CampaignFolder:
         return run
 
 
+LOCK = ".lock"
+_LOCK_TRIES, _LOCK_PAUSE_S = 5, 0.05
+
+
 @contextmanager
-def open_lock(folder: Path) -> Iterator[None]:
-    """Hold a campaign folder alone. Raises SetupError while another runner holds it."""
+def open_lock(folder: Path, *, reentrant: bool = False) -> Iterator[bool]:
+    """Hold a campaign folder alone, and yield whether it was free. Raises SetupError while another runner holds
+    it; with `reentrant`, this process may hold it already, and False is yielded.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / ".lock").open("a+") as file:
-        try:
-            # A lock of the kernel, not the file's existence: it goes with its process, also after kill -9.
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+    with (folder / LOCK).open("a+") as file:
+        if not _take_lock(file):
             file.seek(0)
             holder = file.read().strip() or "unknown"
+            if reentrant and holder == str(os.getpid()):
+                yield False
+                return
             raise SetupError(
                 Fault(
                     str(folder),
                     f"is in use by another run (process {holder})",
                     "wait until it ends, stop it, or name another folder",
                 )
-            ) from None
+            )
         file.truncate(0)
         file.write(str(os.getpid()))
         file.flush()
-        yield
+        yield True
+
+
+def _take_lock(file: IO[str]) -> bool:
+    # More than one try: a reader that looks who holds the lock holds it for a moment itself.
+    for attempt in range(_LOCK_TRIES):
+        if attempt:
+            time.sleep(_LOCK_PAUSE_S)
+        # A lock of the kernel, not the file's existence: it goes with its process, also after kill -9.
+        with suppress(BlockingIOError):
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+    return False
+
+
+def writing_process(folder: Path) -> str | None:
+    """The id of another process that is writing in a campaign folder now; None if there is none."""
+    try:
+        with (folder / LOCK).open() as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except BlockingIOError:
+                holder = file.read().strip() or "unknown"
+                return None if holder == str(os.getpid()) else holder
+    except OSError:
+        # No lock file, or none that this user may read: nobody who could be asked.
+        return None
+    return None

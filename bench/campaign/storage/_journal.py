@@ -21,11 +21,15 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from pathlib import Path
 
 from bench.contracts import Outcome, SessionResult
 from bench.errors import Fault, SetupError
 from bench.realization import RealizationPlan
+
+from ._evidence import EvidenceLog
+from ._folder import EVIDENCE
 
 _TABLES = """
 CREATE TABLE IF NOT EXISTS facts (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
@@ -89,11 +93,26 @@ class PlannedRealization:
 class Journal:
     """An open journal. Every method is one transaction."""
 
-    def __init__(self, database: sqlite3.Connection) -> None:
+    def __init__(self, database: sqlite3.Connection, path: Path) -> None:
         self._database = database
+        self._path = path
+
+    @cached_property
+    def evidence(self) -> EvidenceLog:
+        """The chain of evidence beside the journal, as it is at the first look."""
+        return EvidenceLog(self._path.with_name(EVIDENCE))
 
     def entries(self) -> list[JournalEntry]:
-        """All realizations in the order in which they were added."""
+        """All realizations in the order in which they were added.
+
+        Raises SetupError if the file is damaged in a way that SQLite does not see.
+        """
+        try:
+            return self._entries()
+        except (ValueError, TypeError, sqlite3.DatabaseError) as error:
+            raise _damaged(self._path, str(error)) from error
+
+    def _entries(self) -> list[JournalEntry]:
         rows = self._database.execute(
             "SELECT r.id, design_point, replicate, agent, levels, intent_sha256, simspec_sha256, state, "
             "(SELECT count(*) FROM attempts a WHERE a.realization = r.id), outcome, reason, wall_s, result_sha256 "
@@ -140,6 +159,8 @@ class Journal:
             # The attempt overwrites the recording, so the digest of the earlier one would only accuse the new
             # one.
             self._database.execute("DELETE FROM recordings WHERE realization = ?", (realization,))
+            # Only where the journal is younger than the chain: else it was withdrawn when it was forgotten.
+            self.evidence.withdraw(realization, "its result is gone, and it is flown again")
         return int(number)
 
     def retry(self, realization: str, outcome: str, reason: str) -> None:
@@ -165,8 +186,24 @@ class Journal:
             if updated.rowcount and result.recording_sha256 is not None:
                 row = (result.realization, result.recording_sha256)
                 self._database.execute("INSERT OR REPLACE INTO recordings VALUES (?, ?)", row)
+            if updated.rowcount:
+                # Before the journal's commit: a result that the journal has is in the chain.
+                self.evidence.add_result("flown", result, result_sha256)
 
-    def forget(self, realization: str) -> None:
+    def measure(self, result: SessionResult, result_sha256: str) -> None:
+        """Note what measuring a recording again made of a result, in place of the result so far."""
+        with self._change():
+            self._database.execute(
+                "UPDATE realizations SET state = 'done', outcome = ?, reason = ?, wall_s = ?, result_sha256 = ? "
+                "WHERE id = ?",
+                (result.outcome, result.reason, result.wall_s, result_sha256, result.realization),
+            )
+            if result.recording_sha256 is not None:
+                row = (result.realization, result.recording_sha256)
+                self._database.execute("INSERT OR REPLACE INTO recordings VALUES (?, ?)", row)
+            self.evidence.add_result("measured", result, result_sha256)
+
+    def forget(self, realization: str, reason: str = "") -> None:
         """Plan a realization again because its result is lost, damaged or no longer wanted."""
         # Its recording's digest stays: a recording that was edited meanwhile must not become a result.
         with self._change():
@@ -175,6 +212,7 @@ class Journal:
                 "WHERE id = ?",
                 (realization,),
             )
+            self.evidence.withdraw(realization, reason)
 
     def recordings(self) -> dict[str, str]:
         """SHA-256 of the recording behind each result, by realization. Kept when the result is lost."""
@@ -224,7 +262,7 @@ class Journal:
 def open_journal(path: Path) -> Iterator[Journal]:
     """Yield the journal, created if it does not exist.
 
-    Raises SetupError if the file is not a campaign journal.
+    Raises SetupError if the file is not a campaign journal, or is damaged.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with closing(sqlite3.connect(path, isolation_level=None, timeout=30.0)) as database:
@@ -235,10 +273,26 @@ def open_journal(path: Path) -> Iterator[Journal]:
             database.execute("PRAGMA synchronous = NORMAL")
             database.execute("PRAGMA foreign_keys = ON")
             database.executescript(_TABLES)
+            # Noise in the middle of the file shows only where it is read, which may be after hours of flights.
+            found = [str(row[0]) for row in database.execute("PRAGMA integrity_check(3)")]
+        except sqlite3.OperationalError:
+            # A full or read-only disk: no fault of the journal.
+            raise
         except sqlite3.DatabaseError as error:
-            remedy = "move it away and run again: the results in runs/ are kept"
-            raise SetupError(Fault(str(path), f"is not a campaign journal: {error}", remedy)) from error
-        yield Journal(database)
+            raise _damaged(path, str(error)) from error
+        if found != ["ok"]:
+            raise _damaged(path, "; ".join(found))
+        yield Journal(database, path)
+
+
+def _damaged(path: Path, what: str) -> SetupError:
+    remedy = (
+        f"restore it from a copy, or move {path.name}* away and run again: it is made anew, with the results in runs/ "
+        f"that {EVIDENCE} knows"
+    )
+    return SetupError(
+        Fault(str(path), f"is not a campaign journal, or is damaged: {' '.join(what.split())}", remedy)
+    )
 
 
 def _now() -> str:

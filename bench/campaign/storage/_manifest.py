@@ -13,16 +13,24 @@ from bench.documents import Document, dump_json
 from bench.errors import Fault, SetupError
 
 from ._completeness import Completeness
+from ._evidence import EvidenceLog
 from ._files import digest_of, write_whole
-from ._folder import CampaignFolder
+from ._folder import EVIDENCE, CampaignFolder
 
-# The journal and the lock change while nothing of the results does, and a manifest cannot hold its own
-# digest.
+# The journal and the lock change while nothing of the results does, the chain of evidence has its own entry, and a
+# manifest cannot hold its own digest.
 _UNLISTED_FILES = frozenset(
-    {"journal.sqlite", "journal.sqlite-wal", "journal.sqlite-shm", ".lock", "manifest.json"}
+    {"journal.sqlite", "journal.sqlite-wal", "journal.sqlite-shm", ".lock", "manifest.json", EVIDENCE}
 )
 # Logs hold process ids and times, so they differ between two runs with the same results.
 _UNLISTED_FOLDER = "logs"
+
+
+class EvidenceHead(Document):
+    """How long the chain of evidence was, and the digest of its last line."""
+
+    lines: int
+    head: str
 
 
 class Manifest(Document):
@@ -44,6 +52,9 @@ class Manifest(Document):
             description="Pace of all runs, where campaign or command line set it in place of the situations'."
         ),
     ] = None
+    evidence: Annotated[
+        EvidenceHead | None, Field(description="The chain in evidence.jsonl when this was written.")
+    ] = None
     versions: dict[str, str]
     files: Annotated[dict[str, str], Field(description="SHA-256 of every file, by its path in the folder.")]
 
@@ -58,6 +69,7 @@ def write_manifest(
     pace: str | None,
 ) -> None:
     """Write `manifest.json` over everything that is in the folder now."""
+    evidence = EvidenceLog(folder.evidence)
     manifest = Manifest(
         campaign=campaign,
         decomposition_sha256=decomposition_sha256,
@@ -65,27 +77,35 @@ def write_manifest(
         missing=dict(sorted(completeness.missing.items())),
         accepted=completeness.accepted,
         pace=pace,
+        evidence=EvidenceHead(lines=len(evidence.entries), head=evidence.head),
         versions=dict(versions),
         files={name: digest_of(folder.path / name) for name in _listed_files(folder.path)},
     )
     write_whole(folder.manifest, dump_json(manifest))
 
 
-def verify_folder(path: Path) -> list[Fault]:
+def read_manifest(path: Path) -> Manifest | None:
+    """The manifest in a file; None if the file is missing or holds none."""
+    try:
+        return Manifest.model_validate(json.loads(path.read_text()))
+    except (FileNotFoundError, ValueError):
+        return None
+
+
+def manifest_differences(path: Path) -> list[Fault]:
     """Every file of a campaign folder that differs from its manifest.
 
     Raises SetupError without a readable manifest.
     """
-    try:
-        manifest = Manifest.model_validate(json.loads((path / "manifest.json").read_text()))
-    except (FileNotFoundError, ValueError) as error:
+    manifest = read_manifest(path / "manifest.json")
+    if manifest is None:
         raise SetupError(
             Fault(
                 str(path / "manifest.json"),
-                f"cannot be read: {error}",
+                "cannot be read: it is missing or holds no manifest",
                 "only a complete campaign has a manifest: run the campaign to its end",
             )
-        ) from None
+        )
     present = set(_listed_files(path))
     changed = [
         name

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from pathlib import Path
 
 from bench.contracts import Outcome
 from bench.errors import Fault, SetupError
@@ -10,7 +11,7 @@ from bench.errors import Fault, SetupError
 from ._completeness import PROVISIONAL_OUTCOMES, accepted_realizations
 from ._files import digest_of
 from ._folder import RESULT, CampaignFolder
-from ._journal import Journal, RealizationState
+from ._journal import Journal, JournalEntry, RealizationState
 from ._results import read_result
 
 
@@ -37,23 +38,38 @@ def reset_for_rerun(folder: CampaignFolder, journal: Journal) -> list[str]:
             # The file first: after a crash in between, `reconcile` sees that the result is gone and plans it
             # again.
             folder.set_aside(entry.id, entry.attempts)
-            journal.forget(entry.id)
+            journal.forget(entry.id, f"flown again: {entry.outcome}")
             reset.append(entry.id)
     return reset
 
 
-def reconcile(folder: CampaignFolder, journal: Journal) -> None:
-    """Make the journal agree with the run folders.
-
-    A complete result counts even if the runner was killed before it could note it. A result that is gone, or
-    is not the one that was noted, is planned again.
+def is_unnoted(journal: Journal, entry: JournalEntry, result: Path) -> bool:
+    """Whether a result that the journal does not have is one that a killed runner had no time to note, or one
+    that the chain of evidence knows. Any other was put there by somebody.
     """
+    known = {line.result_sha256 for line in journal.evidence.entries if line.realization == entry.id}
+    return entry.attempts > 0 or digest_of(result) in known
+
+
+def reconcile(folder: CampaignFolder, journal: Journal) -> list[str]:
+    """Make the journal agree with the run folders. `evidence_faults` found that nothing was changed.
+
+    A complete result counts even if the runner was killed before it could note it. A result that is gone is
+    planned again; the ids of those are returned.
+    """
+    lost = []
     for entry in journal.entries():
         run = folder.run(entry.id)
         result = read_result(run, entry.id)
         if entry.state is RealizationState.DONE and (
             result is None or digest_of(run / RESULT) != entry.result_sha256
         ):
-            journal.forget(entry.id)
-        elif result is not None and entry.state is not RealizationState.DONE:
+            journal.forget(entry.id, "its result or its recording is gone")
+            lost.append(entry.id)
+        elif (
+            result is not None
+            and entry.state is not RealizationState.DONE
+            and is_unnoted(journal, entry, run / RESULT)
+        ):
             journal.finish(result, digest_of(run / RESULT))
+    return lost

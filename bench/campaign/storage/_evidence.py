@@ -1,0 +1,160 @@
+"""`evidence.jsonl`: a chain of digests, one line for everything that happened to a result.
+
+A line holds the digests of a result and of its recording, and the digest of the line before it. So no line can be
+changed, moved or taken out without a trace in all that follow, and the digest of the last line stands for all
+of them. The manifest holds that digest.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationError
+
+from bench.contracts import SessionResult
+from bench.documents import Document
+from bench.errors import Fault, SetupError
+
+FIRST_PREVIOUS = "0" * 64
+"""What the first line has in place of the digest of the line before."""
+
+Kind = Literal["flown", "measured", "adopted", "withdrawn"]
+
+
+class EvidenceEntry(Document):
+    """One line. The latest line about a realization says which result it has; after `withdrawn` it has none."""
+
+    number: Annotated[int, Field(ge=1)]
+    kind: Annotated[
+        Kind,
+        Field(
+            description="flown: the session ended; measured: its recording was measured again; adopted: the result was "
+            "there before the chain; withdrawn: the result is gone or no longer wanted."
+        ),
+    ]
+    realization: str
+    outcome: str = ""
+    result_sha256: str = ""
+    recording_sha256: str | None = None
+    note: str = ""
+    previous: Annotated[str, Field(description="SHA-256 of the line before, without its line end.")]
+
+
+class EvidenceLog:
+    """The chain of one campaign folder as it was when this was made. Only the holder of the folder's lock adds
+    to it.
+
+    `entries` are the lines up to the first that does not follow from the one before; `faults` names that one.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.entries: list[EvidenceEntry] = []
+        self.faults: list[Fault] = []
+        self._digests: list[str] = []
+        self._latest: dict[str, EvidenceEntry] = {}
+        self._torn = False
+        self._read()
+
+    def result_of(self, realization: str) -> EvidenceEntry | None:
+        """The line about the result that a realization has; None if it has none."""
+        entry = self._latest.get(realization)
+        return None if entry is None or entry.kind == "withdrawn" else entry
+
+    def last_of(self, realization: str) -> EvidenceEntry | None:
+        """The latest line about a realization, `withdrawn` ones included."""
+        return self._latest.get(realization)
+
+    @property
+    def head(self) -> str:
+        """The digest of the last line, which stands for the whole chain."""
+        return self._digests[-1] if self._digests else FIRST_PREVIOUS
+
+    def digest_at(self, count: int) -> str | None:
+        """The digest of the chain's first `count` lines; None if it has fewer."""
+        if count > len(self._digests):
+            return None
+        return self._digests[count - 1] if count else FIRST_PREVIOUS
+
+    def add_result(self, kind: Kind, result: SessionResult, result_sha256: str) -> None:
+        """Add a line about a result, unless the latest one about its realization says the same."""
+        last = self.result_of(result.realization)
+        if last and (last.result_sha256, last.recording_sha256) == (result_sha256, result.recording_sha256):
+            return
+        self._add(
+            EvidenceEntry(
+                number=len(self.entries) + 1,
+                kind=kind,
+                realization=result.realization,
+                outcome=result.outcome,
+                result_sha256=result_sha256,
+                recording_sha256=result.recording_sha256,
+                previous=self.head,
+            )
+        )
+
+    def withdraw(self, realization: str, note: str) -> None:
+        """Add a line that the realization has no result any more, if it had one."""
+        if self.result_of(realization) is not None:
+            number = len(self.entries) + 1
+            self._add(
+                EvidenceEntry(
+                    number=number, kind="withdrawn", realization=realization, note=note, previous=self.head
+                )
+            )
+
+    def _add(self, entry: EvidenceEntry) -> None:
+        # What follows a broken line would prove nothing, and would look as if somebody had checked it.
+        if self.faults:
+            raise SetupError(self.faults)
+        line = entry.model_dump_json(exclude_defaults=True).encode()
+        with self.path.open("ab") as file:
+            if self._torn:
+                # A power cut in mid-line; its result was not noted either.
+                file.truncate(sum(len(self._line(kept)) + 1 for kept in self.entries))
+                self._torn = False
+            file.write(line + b"\n")
+            file.flush()
+            os.fsync(file.fileno())
+        self._take(entry, line)
+
+    def _take(self, entry: EvidenceEntry, line: bytes) -> None:
+        self.entries.append(entry)
+        self._digests.append(hashlib.sha256(line).hexdigest())
+        self._latest[entry.realization] = entry
+
+    @staticmethod
+    def _line(entry: EvidenceEntry) -> bytes:
+        return entry.model_dump_json(exclude_defaults=True).encode()
+
+    def _read(self) -> None:
+        try:
+            content = self.path.read_bytes()
+        except FileNotFoundError:
+            return
+        *lines, torn = content.split(b"\n")
+        self._torn = bool(torn)
+        for number, line in enumerate(lines, start=1):
+            try:
+                entry = EvidenceEntry.model_validate_json(line)
+            except ValidationError:
+                entry = None
+            if (
+                entry is None
+                or entry.number != number
+                or entry.previous != self.head
+                # Other spellings of the same line would have other digests.
+                or self._line(entry) != line
+            ):
+                self.faults = [
+                    Fault(
+                        f"{self.path}:{number}",
+                        "does not follow from the line before: the chain of evidence was edited or damaged",
+                        "restore the file from a copy; without one, results from this line on prove nothing",
+                    )
+                ]
+                return
+            self._take(entry, line)

@@ -1,0 +1,179 @@
+"""Whether what a campaign folder holds is what its chain of evidence, its journal and its manifest say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+
+from bench.contracts import SessionResult
+from bench.errors import Fault, SetupError
+
+from ._files import digest_of
+from ._folder import RECORDING, RESULT, CampaignFolder
+from ._journal import Journal, JournalEntry, RealizationState, open_journal
+from ._manifest import Manifest, manifest_differences, read_manifest
+from ._recovery import is_unnoted
+from ._results import read_result
+
+EVIDENCE_NOTED = "evidence"
+"""The journal's fact that its folder has a chain of evidence: a chain that is gone is noticed."""
+
+_REMEDY = "restore it from a copy; `rebar verify` lists everything that disagrees"
+# Digests of these are in the chain or in the journal, or are of no result.
+_EVIDENCE_FOLDERS = frozenset({"runs", "simspecs", "aside"})
+
+
+def evidence_faults(folder: CampaignFolder, journal: Journal) -> list[Fault]:
+    """Everything in which files, journal, chain and manifest disagree. What is missing is no disagreement.
+
+    Files are read: results and recordings once, and once more where the manifest lists them.
+    """
+    log = journal.evidence
+    if log.faults:
+        return log.faults
+    manifest, faults = _manifest(folder)
+    expected = journal.fact(EVIDENCE_NOTED) is not None or (
+        manifest is not None and manifest.evidence is not None
+    )
+    if expected and not log.path.is_file() and _has_results(journal):
+        return [Fault(str(log.path), "is gone, so no result can be checked", "restore it from a copy")]
+    recordings = journal.recordings()
+    for entry in journal.entries():
+        faults += _faults_of(folder, journal, entry, recordings.get(entry.id))
+    if manifest is not None:
+        faults += _manifest_faults(folder, journal, manifest)
+    return faults
+
+
+def check_evidence(folder: CampaignFolder, journal: Journal) -> None:
+    """Raises SetupError with everything in which a folder disagrees; begins its chain where it has none."""
+    if faults := evidence_faults(folder, journal):
+        raise SetupError(faults)
+    adopt_evidence(folder, journal)
+
+
+def verify_folder(path: Path, digest: str | None = None) -> list[Fault]:
+    """Everything in which a campaign folder disagrees with its manifest, its chain of evidence and its journal.
+
+    `digest` is the SHA-256 of the manifest that was published. A campaign that is not complete has no
+    manifest; its results are checked against chain and journal. Raises SetupError for any other folder
+    without one.
+    """
+    folder = CampaignFolder(path)
+    faults = []
+    if (
+        digest is not None
+        and folder.manifest.is_file()
+        and (actual := digest_of(folder.manifest)) != digest.lower()
+    ):
+        faults = [Fault(folder.manifest.name, f"has the digest {actual}, not the one given")]
+    if folder.manifest.is_file() or not folder.journal.is_file():
+        faults += manifest_differences(path)
+    listed = {str(path / fault.where) for fault in faults}
+    if folder.journal.is_file():
+        try:
+            with open_journal(folder.journal) as journal:
+                faults += [fault for fault in evidence_faults(folder, journal) if fault.where not in listed]
+        except SetupError as error:
+            faults += error.faults
+    return faults
+
+
+def changed_tables(folder: CampaignFolder) -> list[str]:
+    """Files made from the results, such as scores.parquet, that differ from the manifest: they are to be written
+    again, and whoever changed them is to know.
+    """
+    manifest = read_manifest(folder.manifest)
+    return [
+        name
+        for name, sha256 in (manifest.files.items() if manifest else ())
+        if folder.path / name in (folder.scores, folder.floor, folder.report)
+        and (folder.path / name).is_file()
+        and digest_of(folder.path / name) != sha256
+    ]
+
+
+def adopt_evidence(folder: CampaignFolder, journal: Journal) -> None:
+    """Begin the chain of a folder that has none: results that the journal holds are `adopted` into it."""
+    if not journal.evidence.entries:
+        for entry in journal.entries():
+            result = _noted_result(folder, entry)
+            if result is not None and entry.result_sha256 is not None:
+                journal.evidence.add_result("adopted", result, entry.result_sha256)
+    journal.note(EVIDENCE_NOTED, "1")
+
+
+def _noted_result(folder: CampaignFolder, entry: JournalEntry) -> SessionResult | None:
+    if entry.state is not RealizationState.DONE:
+        return None
+    result = read_result(folder.run(entry.id), entry.id)
+    return result if result and digest_of(folder.run(entry.id) / RESULT) == entry.result_sha256 else None
+
+
+def _has_results(journal: Journal) -> bool:
+    return any(entry.state is RealizationState.DONE for entry in journal.entries())
+
+
+def _manifest(folder: CampaignFolder) -> tuple[Manifest | None, list[Fault]]:
+    if not folder.manifest.is_file():
+        return None, []
+    manifest = read_manifest(folder.manifest)
+    if manifest is None:
+        return None, [Fault(str(folder.manifest), "is damaged", _REMEDY)]
+    return manifest, []
+
+
+def _faults_of(
+    folder: CampaignFolder, journal: Journal, entry: JournalEntry, recording_sha256: str | None
+) -> Iterator[Fault]:
+    simspec, run = folder.simspec(entry.id), folder.run(entry.id)
+    if simspec.is_file() and digest_of(simspec) != entry.simspec_sha256:
+        yield Fault(
+            str(simspec), "is not the one in the journal", f"{_REMEDY}, or delete it: its seeds bring it back"
+        )
+    done = entry.state is RealizationState.DONE
+    line = journal.evidence.result_of(entry.id)
+    if line is None:
+        if done and journal.evidence.entries:
+            what = f"holds a result of {entry.id} that {journal.evidence.path.name} does not know"
+            yield Fault(str(folder.journal), what, _REMEDY)
+        elif (
+            not done
+            # Without a recording it is no evidence: what made it makes it again.
+            and (run / RECORDING).is_file()
+            and (run / RESULT).is_file()
+            and not is_unnoted(journal, entry, run / RESULT)
+        ):
+            remedy = f"move {run} away, and run again"
+            yield Fault(str(run / RESULT), "is a result of a session that never flew here", remedy)
+        return
+    where = f"{journal.evidence.path.name}:{line.number}"
+    if done and (entry.result_sha256, recording_sha256) != (line.result_sha256, line.recording_sha256):
+        yield Fault(str(folder.journal), f"has other digests for {entry.id} than {where}", _REMEDY)
+    for path, sha256 in ((run / RESULT, line.result_sha256), (run / RECORDING, line.recording_sha256)):
+        if sha256 is not None and path.is_file() and digest_of(path) != sha256:
+            remedy = f"{_REMEDY}, or delete it to fly the session again"
+            yield Fault(
+                str(path),
+                f"has changed since its session: its digest differs from the one in {where}",
+                remedy,
+            )
+
+
+def _manifest_faults(folder: CampaignFolder, journal: Journal, manifest: Manifest) -> Iterator[Fault]:
+    log, stated = journal.evidence, manifest.evidence
+    if stated is not None and log.digest_at(stated.lines) != stated.head:
+        what = f"and {log.path.name} disagree: the first {stated.lines} lines of the chain are not those of the manifest"
+        yield Fault(str(folder.manifest), what, _REMEDY)
+        return
+    since = {line.realization for line in log.entries[stated.lines if stated else 0 :]}
+    for name, sha256 in manifest.files.items():
+        parts = PurePosixPath(name).parts
+        path = folder.path / name
+        if parts[0] not in _EVIDENCE_FOLDERS or len(parts) < 2 or not path.is_file():
+            continue
+        # Flown or measured again since then, with a line in the chain: the next manifest has its new digests.
+        if parts[0] == "runs" and parts[1] in since:
+            continue
+        if digest_of(path) != sha256:
+            yield Fault(str(path), f"has changed since {folder.manifest.name} was written", _REMEDY)

@@ -1,0 +1,241 @@
+"""Evidence is checked and never rewritten: files, journal, chain and manifest vouch for each other."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+from campaign_fakes import Script, fly, small_campaign
+from in_process_executor import open_in_process
+
+from bench.campaign import (
+    CampaignFolder,
+    CampaignSummary,
+    ResultLost,
+    digest_of,
+    open_journal,
+    verify_folder,
+)
+from bench.campaign.storage._evidence import EvidenceLog
+from bench.contracts import Outcome
+from bench.errors import SetupError
+
+FIRST, SECOND = "p001-r1-fake", "p003-r2-fake"
+
+
+def flown(folder: Path, script: Script | None = None, **options: Any) -> CampaignSummary:
+    return fly(folder, script=script, open_executor=open_in_process(), **options)
+
+
+def refusal(folder: Path) -> list[str]:
+    with pytest.raises(SetupError) as refused:
+        flown(folder)
+    return [str(fault) for fault in refused.value.faults]
+
+
+def edit_together(folder: Path, realization: str) -> None:
+    """Recording, result and both tables of the journal, all in agreement with each other."""
+    run = CampaignFolder(folder).run(realization)
+    (run / "recording.mcap").write_bytes(b"a better flight")
+    result = json.loads((run / "result.json").read_text())
+    result["recording_sha256"] = digest_of(run / "recording.mcap")
+    (run / "result.json").write_text(json.dumps(result))
+    with closing(sqlite3.connect(folder / "journal.sqlite", isolation_level=None)) as journal:
+        journal.execute(
+            "UPDATE realizations SET result_sha256 = ? WHERE id = ?",
+            (digest_of(run / "result.json"), realization),
+        )
+        journal.execute(
+            "INSERT OR REPLACE INTO recordings VALUES (?, ?)", (realization, result["recording_sha256"])
+        )
+
+
+def forge_chain(folder: Path, realization: str) -> None:
+    """Rewrite the chain from the line of a realization on, as somebody would who may write everywhere."""
+    run = CampaignFolder(folder).run(realization)
+    path, previous, lines = folder / "evidence.jsonl", "0" * 64, []
+    for line in path.read_text().splitlines():
+        entry = json.loads(line)
+        if entry["realization"] == realization:
+            entry["result_sha256"] = digest_of(run / "result.json")
+            entry["recording_sha256"] = digest_of(run / "recording.mcap")
+        entry["previous"] = previous
+        lines.append(json.dumps(entry, separators=(",", ":")))
+        previous = hashlib.sha256(lines[-1].encode()).hexdigest()
+    path.write_text("\n".join(lines) + "\n")
+
+
+def test_recording_result_and_journal_edited_together_do_not_pass(tmp_path: Path) -> None:
+    """Two runs are edited in every place but the chain: verify and run name each file, and change none."""
+    flown(tmp_path)
+    assert verify_folder(tmp_path) == []
+    for realization in (FIRST, SECOND):
+        edit_together(tmp_path, realization)
+    before = {path: digest_of(path) for path in tmp_path.rglob("*.*") if "journal" not in path.name}
+
+    faults = refusal(tmp_path)
+    for realization in (FIRST, SECOND):
+        assert sum(realization in fault for fault in faults) >= 3
+        assert any(f"journal.sqlite: has other digests for {realization}" in fault for fault in faults)
+    assert len(verify_folder(tmp_path)) >= 6
+    assert {path: digest_of(path) for path in before} == before
+
+
+def test_a_campaign_that_is_not_complete_is_checked_too(tmp_path: Path) -> None:
+    """Without a manifest the chain alone notices it."""
+    flown(tmp_path, campaign=small_campaign(total_wall_s=1e-9))
+    assert not (tmp_path / "manifest.json").exists()
+    flown(tmp_path)
+    (tmp_path / "manifest.json").unlink()
+    assert verify_folder(tmp_path) == []
+    edit_together(tmp_path, FIRST)
+    assert len(refusal(tmp_path)) == len(verify_folder(tmp_path)) == 3
+
+
+def test_a_forged_chain_disagrees_with_the_manifest_and_a_forged_manifest_with_its_digest(
+    tmp_path: Path,
+) -> None:
+    """Whoever may write everywhere can make all files agree; only the published digest tells."""
+    flown(tmp_path)
+    published = digest_of(tmp_path / "manifest.json")
+    edit_together(tmp_path, SECOND)
+    forge_chain(tmp_path, SECOND)
+    (fault,) = refusal(tmp_path)
+    assert "manifest.json: and evidence.jsonl disagree" in fault
+
+    (tmp_path / "manifest.json").unlink()
+    flown(tmp_path)  # writes a manifest of what is there
+    assert verify_folder(tmp_path) == [], "as docs/campaigns.md says"
+    (fault,) = map(str, verify_folder(tmp_path, published))
+    assert fault.startswith("manifest.json: has the digest ")
+
+
+def test_a_manifest_that_disagrees_is_refused_and_not_replaced(tmp_path: Path) -> None:
+    """A file of a run that no chain holds, such as agent.log, and a damaged manifest."""
+    flown(tmp_path)
+    log = CampaignFolder(tmp_path).run(FIRST) / "agent.log"
+    log.write_text("all went well")
+    (tmp_path / "manifest.json").unlink()
+    flown(tmp_path)
+    log.write_text("all went very well")
+    manifest = (tmp_path / "manifest.json").read_bytes()
+    assert [
+        "agent.log: has changed since manifest.json was written" in fault for fault in refusal(tmp_path)
+    ] == [True]
+    assert (tmp_path / "manifest.json").read_bytes() == manifest
+
+    log.write_text("all went well")
+    (tmp_path / "manifest.json").write_bytes(manifest[:100])
+    assert ["manifest.json: is damaged" in fault for fault in refusal(tmp_path)] == [True]
+
+
+def test_every_change_of_the_chain_itself_is_noticed(tmp_path: Path) -> None:
+    """A line taken out, two exchanged, one edited, one written differently, noise, and no file at all."""
+    flown(tmp_path)
+    path = tmp_path / "evidence.jsonl"
+    content = path.read_bytes()
+    lines = content.splitlines(keepends=True)
+    assert len(lines) == 6
+    changed = {
+        2: [lines[0], *lines[2:]],
+        3: [*lines[:2], lines[3], lines[2], *lines[4:]],
+        5: [*lines[:3], lines[3].replace(b"completed", b"time_limit"), *lines[4:]],
+        1: [lines[0].replace(b",", b", "), *lines[1:]],
+        6: [*lines[:5], b"\xff noise\n"],
+    }
+    for number, kept in changed.items():
+        path.write_bytes(b"".join(kept))
+        (fault,) = refusal(tmp_path)
+        assert fault.startswith(f"{path}:{number}: does not follow from the line before")
+    path.unlink()
+    assert ["is gone, so no result can be checked" in fault for fault in refusal(tmp_path)] == [True]
+    path.write_bytes(content)
+    assert flown(tmp_path).flown == 0
+
+
+def test_a_line_that_a_power_cut_tore_is_dropped(tmp_path: Path) -> None:
+    """What was not written whole was not noted either; the chain goes on with the next line."""
+    flown(tmp_path)
+    path = tmp_path / "evidence.jsonl"
+    whole = path.read_bytes()
+    path.write_bytes(whole + b'{"number":7,"ki')
+    assert verify_folder(tmp_path) == []
+    CampaignFolder(tmp_path).run(FIRST).joinpath("result.json").unlink()
+    flown(tmp_path)
+    assert path.read_bytes().startswith(whole + b'{"number":7,"kind":"withdrawn"')
+    assert EvidenceLog(path).faults == []
+
+
+def test_what_is_gone_is_flown_again_with_a_word(tmp_path: Path) -> None:
+    """Nothing can be compared: two results are named as lost, withdrawn in the chain, and flown anew."""
+    flown(tmp_path)
+    CampaignFolder(tmp_path).run(FIRST).joinpath("result.json").unlink()
+    CampaignFolder(tmp_path).run(SECOND).joinpath("result.json").unlink()
+    events: list[object] = []
+    assert flown(tmp_path, on_event=events.append).flown == 2
+    lost = [event.realization for event in events if isinstance(event, ResultLost)]
+    assert lost == [FIRST, SECOND]
+    kinds = [(line.kind, line.realization) for line in EvidenceLog(tmp_path / "evidence.jsonl").entries[6:]]
+    assert kinds == [("withdrawn", FIRST), ("withdrawn", SECOND), ("flown", FIRST), ("flown", SECOND)]
+    assert verify_folder(tmp_path) == []
+
+
+def test_a_result_that_somebody_put_there_is_not_taken_up(tmp_path: Path) -> None:
+    """The session never started, so no killed runner can have left it."""
+    flown(tmp_path / "donor")
+    flown(tmp_path / "out", campaign=small_campaign(total_wall_s=1e-9))
+    donor, run = (CampaignFolder(tmp_path / name).run(FIRST) for name in ("donor", "out"))
+    run.mkdir(parents=True)
+    for name in ("recording.mcap", "result.json"):
+        (run / name).write_bytes((donor / name).read_bytes())
+    assert ["a session that never flew here" in fault for fault in refusal(tmp_path / "out")] == [True]
+
+
+def test_results_of_a_folder_without_a_chain_are_adopted(tmp_path: Path) -> None:
+    """A folder from before the chain, or whose journal and manifest know nothing of one: the lines say so."""
+    flown(tmp_path)
+    (tmp_path / "evidence.jsonl").unlink()
+    (tmp_path / "manifest.json").unlink()
+    with closing(sqlite3.connect(tmp_path / "journal.sqlite", isolation_level=None)) as journal:
+        journal.execute("DELETE FROM facts WHERE name = 'evidence'")
+    assert flown(tmp_path).flown == 0
+    assert {line.kind for line in EvidenceLog(tmp_path / "evidence.jsonl").entries} == {"adopted"}
+    assert verify_folder(tmp_path) == []
+
+
+@pytest.mark.parametrize("where", ["header", "page", "text"])
+def test_a_damaged_journal_is_a_sentence_with_file_and_remedy(tmp_path: Path, where: str) -> None:
+    """Noise in the header, in a page and in a text: run and verify say which file and what to do. With the
+    journal moved away, every result is taken up again from the chain.
+    """
+    flown(tmp_path)
+    path = tmp_path / "journal.sqlite"
+    with closing(sqlite3.connect(path)) as journal:
+        journal.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    data = bytearray(path.read_bytes())
+    match where:
+        case "header":
+            data[:16] = b"no such database"
+        case "page":
+            data[4096:8192] = bytes(range(256)) * 16
+        case "text":
+            at = data.index(b"completed")
+            data[at : at + 9] = b"complated"
+    path.write_bytes(data)
+
+    (fault,) = refusal(tmp_path)
+    assert fault.startswith(f"{path}: is not a campaign journal, or is damaged: ")
+    assert "move journal.sqlite* away and run again" in fault
+    assert any(str(path) in str(fault) for fault in verify_folder(tmp_path))
+    for file in tmp_path.glob("journal.sqlite*"):
+        file.rename(tmp_path.parent / file.name)
+    summary = flown(tmp_path)
+    assert (summary.flown, summary.outcomes) == (0, {Outcome.COMPLETED: 6})
+    assert verify_folder(tmp_path) == []
+    with open_journal(path) as journal_anew:
+        assert len(journal_anew.recordings()) == 6
