@@ -138,3 +138,10 @@ def test_the_first_line_counts_names_and_explains() -> None:
         "To go without them for good, run `rebar run out/campaign.yaml --out out --accept placement_infeasible`."
     )
     assert Completeness(24, {}).lines(Path("out")) == []
+    # Beside a writer the remedy is to wait, and complete numbers may change too.
+    found = Completeness(24, missing, writer="7").lines(Path("out"))
+    assert found[0].endswith("19 setup_invalid; process 7 is at work in out, so these numbers will change.")
+    assert found[1:] == ["Wait until it ends."]
+    assert Completeness(24, {}, writer="7").lines(Path("out")) == [
+        "RUNNING: process 7 is at work in out, so these numbers will change."
+    ]

@@ -5,6 +5,7 @@ reads.
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import os
 import signal
@@ -155,6 +156,10 @@ def test_a_campaign_to_its_report_and_back(tmp_path: Path, capsys: pytest.Captur
     assert run(["verify", str(out)]) == 0
     # The folder and the file that it was flown from ask the same.
     assert question_sha256(load_campaign(campaign)) in capsys.readouterr().out
+    digest = hashlib.sha256((out / "manifest.json").read_bytes()).hexdigest()
+    assert run(["verify", str(out), "--digest", digest]) == 0
+    assert f"manifest SHA-256: {digest}" in capsys.readouterr().out
+    assert run(["verify", str(out), "--digest", digest[::-1]]) == 1
     assert (out / "report.html").stat().st_size > 1_000_000
 
     result = next((out / "runs").glob("*/result.json"))
