@@ -206,12 +206,12 @@ def verify(
     elif faults:
         print("\n".join(faults))
     else:
+        has_chain = CampaignFolder(folder).evidence.is_file()
+        chain = "the chain of evidence" if has_chain else "(there is no chain of evidence)"
         if actual is None:
-            print(
-                f"{folder}: all results match the chain of evidence and the journal; there is no manifest yet"
-            )
+            print(f"{folder}: all results match {chain} and the journal; there is no manifest yet")
         else:
-            print(f"{folder}: all files match the manifest, the chain of evidence and the journal")
+            print(f"{folder}: all files match the manifest, {chain} and the journal")
             print(f"manifest SHA-256: {actual}")
         print(f"situations and design: {question}")
     if faults:
