@@ -28,7 +28,7 @@ slow: $(VENV)/.dev
 clients: $(VENV)/.dev $(CLIENTS)/.built
 	$(BIN)/python -m pytest -m clients
 
-# Plants 300 faults, one at a time, and counts how many the tests notice; some two hours. See docs/mutants.md.
+# Plants 300 faults, one at a time, and counts how many the tests notice; some forty minutes. See docs/mutants.md.
 mutants: $(VENV)/.mutants
 	$(BIN)/python .ci/mutants.py
 
