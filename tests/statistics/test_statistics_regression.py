@@ -6,11 +6,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import optimize, stats
 from statsmodels.regression.linear_model import OLS
 
+from bench.arrays import Floats
 from bench.statistics import FactorColumn, correlation, logistic
-from bench.statistics._regression import CLUSTERED_LIKELIHOOD, FIRTH, LIKELIHOOD, separated
+from bench.statistics._regression import (
+    CLUSTERED_LIKELIHOOD,
+    FIRTH,
+    LIKELIHOOD,
+    MAX_HAT_ROWS,
+    FirthFit,
+    fit_logistic,
+    separated,
+)
 
 
 def table(passed: dict[str, int], failed: dict[str, int]) -> tuple[list[bool], FactorColumn, list[str]]:
@@ -70,6 +79,94 @@ def test_separation_is_found_said_and_told_in_sober_numbers() -> None:
     assert odds.high is None or odds.high <= 1000.0
     assert fit.tests[0].p is not None
     assert 0.001 < fit.tests[0].p < 0.05
+
+
+def penalized(y: Floats, x: Floats, beta: Floats, design_effect: float) -> float:
+    """Firth's penalised likelihood, one run at a time."""
+    value, information = 0.0, np.zeros((x.shape[1], x.shape[1]))
+    for result, row in zip(y, x, strict=True):
+        chance = 1.0 / (1.0 + np.exp(-float(row @ beta)))
+        value += float(np.log(chance if result else 1.0 - chance))
+        information += chance * (1.0 - chance) * np.outer(row, row)
+    return value + design_effect / 2 * float(np.log(np.linalg.det(information)))
+
+
+def reference_maximum(
+    y: Floats, x: Floats, starts: list[Floats], design_effect: float, fixed: dict[int, float]
+) -> float:
+    """The maximum with some coefficients fixed, by scipy's quasi-Newton search from each of the starts."""
+    free = [column for column in range(x.shape[1]) if column not in fixed]
+
+    def loss(values: Floats) -> float:
+        beta = np.zeros(x.shape[1])
+        beta[free], beta[list(fixed)] = values, list(fixed.values())
+        return -penalized(y, x, beta, design_effect)
+
+    return max(-float(optimize.minimize(loss, start[free]).fun) for start in starts)
+
+
+def random_factors(seed: int, runs: int, levels: tuple[int, ...]) -> tuple[Floats, Floats]:
+    """Passes, and the columns of factors with so many levels, each level as often as another."""
+    rng = np.random.default_rng(seed)
+    columns = [np.ones(runs)]
+    for count in levels:
+        codes = rng.permutation(np.arange(runs) % count)
+        columns += [(codes == level).astype(np.float64) for level in range(1, count)]
+    x = np.column_stack(columns)
+    line = x @ np.r_[rng.normal(0.0, 0.5), rng.normal(0.0, 2.0, x.shape[1] - 1)]
+    return (rng.random(runs) < 1.0 / (1.0 + np.exp(-line))).astype(np.float64), x
+
+
+@pytest.mark.parametrize(("seed", "design_effect"), [(1, 1.0), (2, 2.5), (4, 1.0)])
+def test_penalised_estimates_tests_and_bounds_are_those_of_a_general_search(
+    seed: int, design_effect: float
+) -> None:
+    """The maximum, the test of a factor and both bounds against scipy's search of a likelihood written anew."""
+    y, x = random_factors(seed, 24, (2, 3))
+    fit = fit_logistic(y, x, np.arange(24), is_separated=True, design_effect=design_effect)
+    assert isinstance(fit, FirthFit)
+    zero = [np.zeros(x.shape[1])]
+    best = reference_maximum(y, x, zero, design_effect, {})
+    assert fit.likelihood == pytest.approx(best, abs=1e-7)
+    assert penalized(y, x, fit.beta, design_effect) == pytest.approx(best, abs=1e-7)
+    without = reference_maximum(y, x, zero, design_effect, {2: 0.0, 3: 0.0})
+    assert fit.p(slice(2, 4)) == pytest.approx(
+        float(stats.chi2.sf(2 * (best - without) / design_effect, 2)), rel=1e-5
+    )
+    drop = design_effect * float(stats.norm.ppf(0.975)) ** 2 / 2
+    bounds = [(column, bound) for column in (1, 2) for bound in fit.interval(column) if np.isfinite(bound)]
+    assert len(bounds) >= 2
+    for column, bound in bounds:
+        profile = reference_maximum(y, x, [fit.beta], design_effect, {column: bound})
+        assert best - profile == pytest.approx(drop, abs=1e-6)
+
+
+def test_a_bound_lies_where_the_highest_of_several_maxima_falls_below_the_edge() -> None:
+    """With eight parameters for 24 runs a search from the estimate ends at a lower maximum, well below the edge."""
+    y, x = random_factors(14, 24, (3, 3, 3, 2))
+    fit = fit_logistic(y, x, np.arange(24), is_separated=True)
+    assert isinstance(fit, FirthFit)
+    _, high = fit.interval(5)
+    drop = float(stats.norm.ppf(0.975)) ** 2 / 2
+    other = fit.beta + np.random.default_rng(1).normal(0.0, 2.0, len(fit.beta))
+    assert fit.likelihood - reference_maximum(y, x, [other], 1.0, {5: high}) == pytest.approx(drop, abs=1e-5)
+    assert fit.likelihood - reference_maximum(y, x, [fit.beta], 1.0, {5: high}) > drop + 0.1
+
+
+def test_runs_beyond_the_exact_curvature_change_no_estimate() -> None:
+    """Every run MAX_HAT_ROWS times over, each weighing so much less, is the fit of the runs once."""
+    y, x = random_factors(2, 24, (2, 3))
+    once = fit_logistic(y, x, np.arange(24), is_separated=True)
+    copies = MAX_HAT_ROWS // 24 + 1
+    many = fit_logistic(
+        np.tile(y, copies),
+        np.tile(x, (copies, 1)),
+        np.arange(24 * copies),
+        is_separated=True,
+        design_effect=copies,
+    )
+    assert many.beta == pytest.approx(once.beta, abs=1e-6)
+    assert many.interval(1) == pytest.approx(once.interval(1), abs=1e-6)
 
 
 @pytest.mark.parametrize("reach", [1.0, 1e3])
