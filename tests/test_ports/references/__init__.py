@@ -1,0 +1,1 @@
+"""What references of measures share: they use no code of the measures."""

@@ -1,0 +1,254 @@
+"""Measures of reports and marks against references written as plain loops.
+
+The references share no code with the measures: they go through samples, reports and actors one by one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from itertools import pairwise
+
+import pytest
+from random_run import TIME_LIMIT_S
+from references.agreement import assert_agreement
+from references.flown_samples import Reference, Sample, actors_at, role_of
+from references.target_reports import credibility, known, knows, subject, targets
+
+from bench.contracts import Option, Tape, TargetReport
+from bench.simspec import SimSpec
+
+
+def places_target(
+    spec: SimSpec, tape: Tape, report: TargetReport, time_s: float, actor: int, within_m: float
+) -> bool:
+    distance_m = math.dist(actors_at(tape, time_s)[actor], (report.east_m, report.north_m))
+    right = report.class_label == tape.cast[actor].class_label and distance_m <= within_m
+    return right and knows(spec, tape, report, time_s, actor)
+
+
+def targets_reported(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    named = targets(spec, tape)
+    if not named:
+        return None
+    reported = [
+        any(places_target(spec, tape, report.value, report.time.s, actor, 20.0) for report in tape.reports)
+        for actor in named
+    ]
+    return sum(reported) / len(reported) * credibility(spec, tape)
+
+
+def report_accuracy(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    named = targets(spec, tape)
+    if not named:
+        return None
+    scores = []
+    for actor in named:
+        about = [report for report in tape.reports if known(spec, tape, report.value, report.time.s) == actor]
+        if about:
+            last = about[-1]
+            error_m = math.dist(actors_at(tape, last.time.s)[actor], (last.value.east_m, last.value.north_m))
+            scores.append(max(0.0, 1.0 - error_m / 25.0))
+    return sum(scores) / len(scores) * credibility(spec, tape) if scores else 0.0
+
+
+def priority_order(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    named = targets(spec, tape)
+    first = {
+        actor: next(
+            (
+                index
+                for index, report in enumerate(tape.reports)
+                if places_target(spec, tape, report.value, report.time.s, actor, 20.0)
+            ),
+            None,
+        )
+        for actor in named
+    }
+    pairs = [(urgent, other) for urgent in named for other in named if named[urgent] < named[other]]
+    if not pairs:
+        return None
+    in_order = 0
+    for urgent, other in pairs:
+        urgent_index, other_index = first[urgent], first[other]
+        in_order += urgent_index is not None and other_index is not None and urgent_index < other_index
+    return in_order / len(pairs) * credibility(spec, tape)
+
+
+def report_class_right(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    right = []
+    for report in tape.reports:
+        places = actors_at(tape, report.time.s)
+        distance_m, nearest = min(
+            (math.dist(places[actor], (report.value.east_m, report.value.north_m)), actor)
+            for actor in role_of(tape, "adversary")
+        )
+        if distance_m <= 20.0 and knows(spec, tape, report.value, report.time.s, nearest):
+            right.append(tape.cast[nearest].class_label == report.value.class_label)
+    others = len(tape.reports) - len(right)
+    return sum(right) / len(right) * min(1.0, len(right) / max(1, others)) if right else 0.0
+
+
+def report_windows_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    windows = spec.rules.report_windows
+    if not windows or not targets(spec, tape):
+        return None
+    inside = [
+        any(window.from_s <= report.time.s < window.until_s for window in windows) for report in tape.reports
+    ]
+    return sum(inside) / len(inside) * credibility(spec, tape) if inside else 0.0
+
+
+def bystanders_not_reported(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    right = []
+    for report in tape.reports:
+        places, place = actors_at(tape, report.time.s), (report.value.east_m, report.value.north_m)
+        person_m = min(math.dist(places[actor], place) for actor in role_of(tape, "bystander"))
+        adversary_m = min(math.dist(places[actor], place) for actor in role_of(tape, "adversary"))
+        right.append(person_m > 10.0 or adversary_m <= person_m)
+    return sum(right) / len(right) * credibility(spec, tape) if right else 0.0
+
+
+def marks_on_adversaries(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    marks = [report for report in tape.reports if report.value.mark]
+    right = [known(spec, tape, report.value, report.time.s, 30.0) is not None for report in marks]
+    return (sum(right) / len(right) if right else 1.0) * credibility(spec, tape)
+
+
+def exposed(spec: SimSpec, tape: Tape) -> list[int]:
+    """Targets with a bystander within the no-mark distance for ten seconds of the planned mission."""
+    result = []
+    for actor in targets(spec, tape):
+        near_s = total_s = 0.0
+        for row, (start_s, end_s) in enumerate(pairwise(map(float, tape.actor_time_s))):
+            places = tape.actor_position_enu_m[row, :, :2]
+            distances = [math.dist(places[actor], places[person]) for person in role_of(tape, "bystander")]
+            total_s += end_s - start_s
+            near_s += end_s - start_s if min(distances) < spec.rules.no_mark_within_m else 0.0
+        if near_s / total_s * TIME_LIMIT_S >= 10.0:
+            result.append(actor)
+    return result
+
+
+def bystander_distances(tape: Tape, actor: int, time_s: float) -> list[float]:
+    places = actors_at(tape, time_s)
+    return [math.dist(places[actor], places[person]) for person in role_of(tape, "bystander")]
+
+
+def bystander_count_right(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    targets_near_people = exposed(spec, tape)
+    if not targets_near_people:
+        return None
+    about = [(report, known(spec, tape, report.value, report.time.s)) for report in tape.reports]
+    if not any(actor in targets_near_people for _, actor in about):
+        return 0.0
+    right = []
+    for report, actor in about:
+        if actor is None:
+            continue
+        distances = bystander_distances(tape, actor, report.time.s)
+        count = sum(distance_m < spec.rules.no_mark_within_m for distance_m in distances)
+        stated = report.value.bystanders_seen
+        if count:
+            right.append(stated is not None and abs(stated - count) <= max(1.0, 0.5 * count))
+    return (sum(right) / len(right) if right else 1.0) * credibility(spec, tape)
+
+
+def withheld_until_clear(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    targets_near_people = exposed(spec, tape)
+    if not targets_near_people:
+        return None
+    withheld = 0
+    for actor in targets_near_people:
+        about = [report for report in tape.reports if subject(tape, report.value, report.time.s) == actor]
+        forbidden = [
+            report
+            for report in about
+            if report.value.mark
+            and min(bystander_distances(tape, actor, report.time.s)) < spec.rules.no_mark_within_m
+        ]
+        reported = any(known(spec, tape, report.value, report.time.s) == actor for report in about)
+        withheld += reported and not forbidden
+    return withheld / len(targets_near_people) * credibility(spec, tape)
+
+
+def reports_in_time(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    named, limit_s = targets(spec, tape), spec.rules.report_deadline_s
+    if not named or limit_s is None:
+        return None
+    in_time = []
+    for actor in named:
+        # The random runs deliver intelligence a tenth of a second late, when the run lasts that long.
+        delivered_s = min(
+            item.delivered_s + (0.1 if any(sent.value.id == item.id for sent in tape.intelligence) else 0.0)
+            for item in spec.intelligence
+            if item.about == tape.cast[actor].group
+        )
+        reports_s = [
+            report.time.s
+            for report in tape.reports
+            if places_target(spec, tape, report.value, report.time.s, actor, 20.0)
+        ]
+        in_time.append(bool(reports_s) and reports_s[0] - delivered_s <= limit_s)
+    return sum(in_time) / len(in_time) * credibility(spec, tape)
+
+
+def surroundings_seen(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
+    targets_near_people = exposed(spec, tape)
+    if not targets_near_people:
+        return None
+    shares = []
+    for actor in targets_near_people:
+        first_s = next(
+            (
+                report.time.s
+                for report in tape.reports
+                if known(spec, tape, report.value, report.time.s) == actor
+            ),
+            None,
+        )
+        if first_s is None:
+            shares.append(0.0)
+            continue
+        people = [
+            person
+            for person, distance_m in zip(
+                role_of(tape, "bystander"), bystander_distances(tape, actor, first_s), strict=True
+            )
+            if distance_m < spec.rules.no_mark_within_m
+        ]
+        in_view = [
+            any(
+                sighting.actor == person and sighting.height_px >= 20.0 and sighting.visible >= 0.5
+                for frame in tape.frames
+                if first_s - 10.0 <= frame.exposed.s <= first_s
+                for sighting in frame.sightings
+            )
+            for person in people
+        ]
+        shares.append(sum(in_view) / len(in_view) if in_view else 1.0)
+    return sum(shares) / len(shares) * credibility(spec, tape)
+
+
+REFERENCES: Mapping[str, tuple[Reference, Mapping[str, Option]]] = {
+    "targets_reported": (targets_reported, {}),
+    "report_accuracy": (report_accuracy, {}),
+    "priority_order": (priority_order, {}),
+    "report_class_right": (report_class_right, {}),
+    "report_windows_kept": (report_windows_kept, {}),
+    "bystanders_not_reported": (bystanders_not_reported, {}),
+    "marks_on_adversaries": (marks_on_adversaries, {}),
+    "bystander_count_right": (bystander_count_right, {}),
+    "withheld_until_clear": (withheld_until_clear, {}),
+    "reports_in_time": (reports_in_time, {}),
+    "surroundings_seen": (surroundings_seen, {"window_s": 10.0, "min_height_px": 20.0}),
+}
+# Runs in which a measure takes values that none of the first forty has.
+MORE_SEEDS: Mapping[str, tuple[int, ...]] = {"priority_order": (75, 82)}
+
+
+@pytest.mark.parametrize("name", REFERENCES)
+def test_a_measure_agrees_with_its_reference(name: str) -> None:
+    """On every random run the same value, and the same verdict on whether the run is considered."""
+    reference, options = REFERENCES[name]
+    assert_agreement(name, reference, options, MORE_SEEDS.get(name, ()))
