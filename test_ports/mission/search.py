@@ -17,7 +17,8 @@ from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec, VehicleSpec
 
 from .._declaration import Finding, Limit, measure, not_considered
-from ..ground_truth import FlownTrack, GroundTruth, SubArea
+from ..ground_truth import FlownTrack, GroundTruth, SubArea, scheduled_faults
+from ..operator.order_outcomes import MOTION_ORDERS
 from ..reports.credibility import known_subjects, report_credibility
 
 MAX_REACH_HEIGHTS = 2.5
@@ -218,6 +219,10 @@ def late_intelligence_served(tape: Tape, simspec: SimSpec, *, limit_s: float = 1
     serves nobody. Intelligence about anything else needs only the visit. Weighted by the credibility of the
     reports where a report is needed. Only intelligence that is due after the start and `limit_s` or more before
     the time limit counts. Considered when there is such intelligence.
+
+    `limit_s` does not run while the agent may not go there: from an order to hold or to hand over to the next order
+    about where to go, under a failsafe that the situation caused (*Limits of flight*), and while `rules.link_lost`
+    asks to hold or to return.
     """
     truth = GroundTruth.of(tape, simspec)
     areas = {area.id: area for area in truth.sub_areas()}
@@ -238,7 +243,7 @@ def late_intelligence_served(tape: Tape, simspec: SimSpec, *, limit_s: float = 1
         since_s = delivered.get(item.id, item.delivered_s)
         reached_s = first_reached_s(tape, simspec, areas[item.id], since_s)
         target = truth.target_of(item.id)
-        in_time = reached_s is not None and reached_s <= since_s + limit_s
+        in_time = reached_s is not None and _going_s(tape, simspec, since_s, reached_s) <= limit_s
         outcome = "never reached" if reached_s is None else f"reached after {reached_s - since_s:.1f} s"
         if in_time and target is not None and target not in reported:
             in_time, outcome = (
@@ -250,3 +255,20 @@ def late_intelligence_served(tape: Tape, simspec: SimSpec, *, limit_s: float = 1
         )
         credit += in_time * (1.0 if target is None else belief)
     return Finding(credit / len(late), (*missed, *served))
+
+
+def _going_s(tape: Tape, simspec: SimSpec, from_s: float, until_s: float) -> float:
+    """Seconds of a span in which nothing forbade the agent to go where it wants to."""
+    track = FlownTrack.of(tape, simspec)
+    waiting = track.taken_over.copy()
+    moving = [order for order in tape.orders if order.value.kind in MOTION_ORDERS]
+    ends_s = [*(order.time.s for order in moving[1:]), math.inf]
+    # Without orders there is nothing to end.
+    for order, end_s in zip(moving, ends_s, strict=False):
+        if order.value.kind in ("hold", "hand_over"):
+            waiting |= track.between(order.time.s, end_s)
+    rules = simspec.rules
+    for outage in scheduled_faults(simspec, "operator_link"):
+        if rules.link_lost != "continue":
+            waiting |= track.between(outage.at_s + rules.link_lost_after_s, outage.until_s)
+    return until_s - from_s - track.seconds(waiting & track.between(from_s, until_s))

@@ -520,6 +520,9 @@ class OrderOutcomes:
             return None
         if self.answers_to(counted) != {True}:
             return self._not_done(counted, "it was not accepted", until_s)
+        # Nobody can leave standing what the autopilot flies without GPS, or without a link.
+        if track.airborne[due] and self._in_failsafe(due_s) and track.by_failsafe[due]:
+            return None
         if not track.airborne[due] or self._in_failsafe(due_s):
             return self._not_done(counted, "it was not left standing safely in the air", until_s)
         standing = track.airborne & (track.speed_mps < STANDING_MPS) & self._in_time(counted)

@@ -171,7 +171,9 @@ def fault_recovered(
 
     The mission goes on when a sub-area is reached for the first time, when an adversary is reported for the
     first time, or when the vehicle is down within 20 m of home after it had been out. Only faults that end `within_s` or more
-    before the time limit count, and before an order to deactivate, which ends the mission. Considered when there is one.
+    before the time limit count, and before an order to deactivate, which ends the mission. A fault by whose end every
+    sub-area had been reached and every adversary reported is left out unless the vehicle comes down: no step was left.
+    Considered when there is one.
     """
     # A fault that ends later leaves too little time to recover.
     latest_s = simspec.mission.time_limit_s - within_s
@@ -189,6 +191,8 @@ def fault_recovered(
             f"no fault of kind {kind} ends {within_s:g} s or more before the time limit, and before the order to land"
         )
     progress = mission_steps(tape, simspec)
+    truth = GroundTruth.of(tape, simspec)
+    every_step = len(truth.sub_areas()) + len(truth.of_role("adversary"))
     recovered: list[Evidence] = []
     stalled: list[Evidence] = []
     for fault in due:
@@ -200,13 +204,16 @@ def fault_recovered(
             recovered.append(Evidence(time_s=step.time_s, text=f"{text}; {step.text}"))
         elif down_at_home(tape, simspec, fault.until_s + within_s):
             recovered.append(Evidence(time_s=tape.end_s, text=f"{text}; down at home"))
-        else:
+        elif sum(step.time_s < fault.until_s for step in progress) < every_step:
             stalled.append(
                 Evidence(
                     time_s=fault.until_s, text=f"{text}; the mission did not go on within {within_s:g} s"
                 )
             )
-    return Finding(len(recovered) / len(due), (*stalled, *recovered))
+    counted = len(stalled) + len(recovered)
+    if not counted:
+        return not_considered("no step of the mission was left when the fault ended")
+    return Finding(len(recovered) / counted, (*stalled, *recovered))
 
 
 def mission_steps(tape: Tape, simspec: SimSpec) -> list[Evidence]:

@@ -13,6 +13,7 @@ from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown
 from ..ground_truth import MIN_OUT_S, FaultSpan, FlownTrack, GroundTruth, faults_met
+from ..operator.order_outcomes import MOTION_ORDERS
 from ..perception.track_messages import track_messages
 from ..reports.credibility import believed, same_place
 
@@ -39,7 +40,8 @@ def link_lost_obeyed(tape: Tape, simspec: SimSpec) -> Finding:
     - `return`: nearer home at the end of the rest than at its beginning, by more than 1 m, or down.
     - `continue`: moved by 10 m or more, or down.
 
-    Considered when there is such an outage.
+    A vehicle that an order to hold keeps standing, and that stands, as above, may do so whatever the rule says: the
+    order to go on cannot reach it. Such an outage is left out. Considered when there is another.
     """
     rules = simspec.rules
     outages = faults_met(tape, simspec, "operator_link")
@@ -49,7 +51,13 @@ def link_lost_obeyed(tape: Tape, simspec: SimSpec) -> Finding:
             f"the operator's link is never lost for more than {rules.link_lost_after_s:g} s"
         )
     track = FlownTrack.of(tape, simspec)
-    verdicts = [(outage, _obeyed(track, simspec, outage)) for outage in long_outages]
+    verdicts = [
+        (outage, obeyed)
+        for outage in long_outages
+        if (obeyed := _obeyed(track, simspec, outage)) or not _kept_standing(tape, track, simspec, outage)
+    ]
+    if not verdicts:
+        return not_considered("an order to hold stood while the operator's link was lost")
     evidence = [
         Evidence(
             time_s=min(outage.at_s, tape.end_s),
@@ -74,8 +82,9 @@ def _obeyed(track: FlownTrack, simspec: SimSpec, outage: FaultSpan) -> bool:
         return True
     if rules.link_lost == "hold":
         # The settling time counts from the moment at which the rule begins to hold, not from the outage.
-        settled = track.between(outage.at_s + rules.link_lost_after_s + HOLD_SETTLING_S, math.inf)
-        still_share = track.time_share(track.speed_mps < HOLD_MPS, rest & track.airborne & settled)
+        still_share = _still_share(
+            track, outage.at_s + rules.link_lost_after_s + HOLD_SETTLING_S, outage.until_s
+        )
         return still_share is None or still_share >= HOLD_SHARE
     down_at_end = not track.airborne[rows[-1]]
     if rules.link_lost == "return":
@@ -83,6 +92,24 @@ def _obeyed(track: FlownTrack, simspec: SimSpec, outage: FaultSpan) -> bool:
     # The greatest distance from the start of the rest: a circle that ends where it began has moved.
     moved_m = np.hypot(*(track.place_m[rows] - track.place_m[rows[0]]).T).max()
     return bool(moved_m >= CONTINUE_M) or down_at_end
+
+
+def _still_share(track: FlownTrack, since_s: float, until_s: float) -> float | None:
+    """Share of the time in the air in a span for which the vehicle stands still; None without such time."""
+    return track.time_share(track.speed_mps < HOLD_MPS, track.between(since_s, until_s) & track.airborne)
+
+
+def _kept_standing(tape: Tape, track: FlownTrack, simspec: SimSpec, outage: FaultSpan) -> bool:
+    """Whether it was out, stood, and the last order about where to go before the outage was to hold."""
+    given = [
+        order.value.kind
+        for order in tape.orders
+        if order.time.s <= outage.at_s and order.value.kind in MOTION_ORDERS
+    ]
+    went_out = track.seconds(track.out() & track.between(0.0, outage.until_s)) >= MIN_OUT_S
+    since_s = outage.at_s + simspec.rules.link_lost_after_s
+    still_share = _still_share(track, since_s, outage.until_s)
+    return given[-1:] == ["hold"] and went_out and still_share is not None and still_share >= HOLD_SHARE
 
 
 @measure

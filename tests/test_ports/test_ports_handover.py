@@ -75,6 +75,22 @@ def test_a_handover_needs_a_standstill_without_failsafe_and_an_acceptance() -> N
     assert x_of("order_obeyed", run, options) is None
 
 
+def test_a_handover_that_a_fault_of_the_situation_ends_is_no_failure() -> None:
+    """An accepted one is left out when the link is lost before it is due; a refused one, or another cause, fails."""
+    lost = {"failures": [{"at_s": 62.0, "kind": "link_loss", "duration_s": 20.0}]}
+    spec, delivered = ordered("hand_over", vehicle=lost)
+    start, end = (state(0.0, landed=True), state(5.0)), (state(85.0), state(180.0, landed=True))
+
+    def x(cause: str, **changes: Any) -> float | None:
+        condition = (*start, state(66.0, mode="AUTO_RTL", failsafe=cause), *end)
+        run = flew(spec, *STANDS, **delivered, **{**HANDED_OVER, **changes}, condition=condition)
+        return x_of("order_obeyed", run, {"kind": "hand_over"})
+
+    assert x("setpoints") is None
+    assert x("battery") == 0.0
+    assert x("setpoints", answers=()) == 0.0
+
+
 def test_hands_off_is_a_share_of_seconds() -> None:
     """Two of the twenty seconds with the operator have a message that moves the vehicle."""
     spec, delivered = ordered("hand_over")

@@ -82,6 +82,22 @@ def test_recovery_requires_progress_of_the_mission() -> None:
     )  # down, and not at home
 
 
+def test_a_mission_without_a_step_left_need_not_go_on() -> None:
+    """All reached and reported before the fault ends: it is left out. With one report to make, it stands still."""
+    spec = scene(**fault("operator_link"))
+    stops = (
+        (0.0, 0.0, 0.0),
+        (25.0, *RADAR_AT[1:]),
+        (50.0, *TRUCK_AT[1:]),
+        (175.0, *TRUCK_AT[1:]),
+        (190.0, 0.0, 0.0),
+    )
+    first, second = report(27.0, *RADAR_AT), report(52.0, *TRUCK_AT)
+    for reports, expected in (((first, second), None), ((first,), 0.0), ((second,), 0.0), ((), 0.0)):
+        run = went(spec, *stops, reports=reports)
+        assert x_of(fault_recovered, run, kind="operator_link", within_s=20.0) == expected
+
+
 def test_an_order_to_land_leaves_no_mission_to_go_on_with() -> None:
     """A fault that ends with the order, or after it, is left out; one that ends before it counts."""
     spec = scene(**fault("operator_link"))
@@ -102,6 +118,33 @@ def test_a_lost_link_requires_the_agreed_action(action: str, still: float, movin
     goes = went(spec, *OVER_BOTH)
     goes.tape.vehicle_velocity_enu_mps[:, 0] = 5.0
     assert x_of(link_lost_obeyed, goes) == moving
+
+
+@pytest.mark.parametrize("action", ["return", "continue"])
+def test_who_is_ordered_to_hold_may_stand_while_the_link_is_lost(action: str) -> None:
+    """Left out while the order stands and the vehicle does; who flies on, or may go on, is judged by the rule."""
+    spec = scene(**fault("operator_link"), rules={"link_lost": action, "link_lost_after_s": 5.0})
+
+    def x(speed_mps: float, *kinds: str, place: tuple[float, float] = (50.0, 50.0)) -> float | None:
+        orders = tuple(
+            Timed(
+                at_s(ONSET_S - 20.0 + 2.0 * number),
+                OrderDocument.model_validate(
+                    {"id": f"o{number}", "issued_s": 1.0, "kind": kind, "within_s": 10.0}
+                ),
+            )
+            for number, kind in enumerate(kinds)
+        )
+        run = went(spec, (0.0, *place), (200.0, *place), orders=orders)
+        run.tape.vehicle_velocity_enu_mps[:, 0] = speed_mps
+        return x_of(link_lost_obeyed, run)
+
+    assert x(0.0, "hold") is None
+    assert x(0.0, "resume", "hold", "stop_reporting") is None
+    assert x(5.0, "hold") == 0.0
+    assert x(0.0, "hold", "resume") == 0.0
+    assert x(0.0) == 0.0
+    assert x(0.0, "hold", place=(5.0, 0.0)) == 0.0
 
 
 def test_a_short_outage_is_not_considered() -> None:

@@ -10,8 +10,9 @@ from cases import Run, scene
 from cases.bystanders import NEAR_RADAR, RADAR_AT, TRUCK_AT, reporting
 from cases.mission import OVER_BOTH, found_radar, went
 from cases.perception import actors_of
-from made_run import conditions, frame, report
+from made_run import at_s, conditions, frame, report
 
+from bench.contracts import OrderDocument, Timed
 from test_ports.mission.completion import battery_reserve, mission_time
 from test_ports.mission.search import (
     area_searched,
@@ -93,6 +94,44 @@ def test_late_intelligence_is_timed_from_its_delivery() -> None:
     find = found_radar(late)
     assert x_of(late_intelligence_served, went(late, *there, **find), limit_s=100.0) == 1.0
     assert x_of(late_intelligence_served, went(late, *there, **find), limit_s=30.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "expected"), [("hold", 1.0), ("hand_over", 1.0), ("mark", 0.0), ("return", 0.0)]
+)
+def test_the_time_for_late_intelligence_stops_while_the_agent_has_to_wait(kind: str, expected: float) -> None:
+    """From an order to hold or to hand over up to the next order about where to go; no other order stops it."""
+    told = [{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 100.0}]
+    late = scene(intelligence=told)
+    there = ((0.0, 0.0, 0.0), (80.0, -90.0, 100.0), (180.0, 105.0, 95.0))
+    find = found_radar(late)
+
+    def x(next_kind: str) -> float | None:
+        orders = tuple(
+            Timed(
+                at_s(time_s),
+                OrderDocument.model_validate(
+                    {"id": name, "issued_s": time_s, "kind": name, "within_s": 10.0}
+                ),
+            )
+            for time_s, name in ((101.0, kind), (102.0, next_kind))
+        )
+        return x_of(late_intelligence_served, went(late, *there, **find, orders=orders), limit_s=30.0)
+
+    assert x("stop_reporting") == expected
+    assert x("resume") == 0.0
+
+
+@pytest.mark.parametrize(("rule", "expected"), [("hold", 1.0), ("return", 1.0), ("continue", 0.0)])
+def test_the_time_for_late_intelligence_stops_with_a_lost_link(rule: str, expected: float) -> None:
+    """Only where the rules forbid to go on."""
+    told = [{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 100.0}]
+    outage = {"kind": "operator_link", "at_s": 101.0, "duration_s": 80.0}
+    rules = {"link_lost": rule, "link_lost_after_s": 2.0}
+    late = scene(intelligence=told, outages=[outage], rules=rules)
+    there = ((0.0, 0.0, 0.0), (80.0, -90.0, 100.0), (180.0, 105.0, 95.0))
+    run = went(late, *there, **found_radar(late))
+    assert x_of(late_intelligence_served, run, limit_s=30.0) == expected
 
 
 def test_a_visit_without_a_find_serves_no_intelligence() -> None:

@@ -85,19 +85,29 @@ def link_lost_obeyed(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> 
         flown = [sample for sample in rest if sample.time_s in in_air]
         down = rest[-1].time_s not in in_air
         home = [math.hypot(*sample.place[:2]) for sample in rest]
+        directed = [
+            order.value.kind
+            for order in tape.orders
+            if order.time.s <= outage.at_s
+            and order.value.kind not in ("mark", "stop_reporting", "resume_reporting")
+        ]
+        standing = [(sample.span_s, sample.speed_mps < 1.5) for sample in flown if sample.span_s]
+        stood = directed[-1:] == ["hold"] and bool(standing) and time_share(standing) >= 0.8
         if spec.rules.link_lost == "hold":
             judged = [
                 (sample.span_s, sample.speed_mps < 1.5)
                 for sample in flown
                 if sample.time_s >= start_s + 10.0 and sample.span_s
             ]
-            obeyed.append(not judged or time_share(judged) >= 0.8)
+            right = not judged or time_share(judged) >= 0.8
         elif spec.rules.link_lost == "return":
-            obeyed.append(not flown or down or home[-1] < home[0] - 1.0)
+            right = not flown or down or home[-1] < home[0] - 1.0
         else:
             moved_m = max(math.dist(sample.place[:2], rest[0].place[:2]) for sample in rest)
-            obeyed.append(not flown or down or moved_m >= 10.0)
-    return sum(obeyed) / len(obeyed)
+            right = not flown or down or moved_m >= 10.0
+        if right or not stood:
+            obeyed.append(right)
+    return sum(obeyed) / len(obeyed) if obeyed else None
 
 
 def outages_met(spec: SimSpec, tape: Tape, kind: str) -> list[tuple[float, float]]:
