@@ -71,7 +71,12 @@ class Control:
         if vehicle.mode == OFFBOARD and not vehicle.silent:
             yield from vehicle.change_mode(HOLD)
         vehicle.setpoint = None
+        mode: Mode | None = None
         while self._orders.handed_over_by:
+            if vehicle.failsafe and vehicle.mode != mode:
+                mode = vehicle.mode
+                phase = _FAILSAFE_PHASES.get(mode, "holding")
+                self._log.enter(phase, f"the autopilot's failsafe flies: {vehicle.reason}")
             yield
         if not vehicle.armed:
             raise TurnBack("the vehicle came down while the operator had it")
