@@ -80,22 +80,22 @@ class Settings:
 
 
 DEFAULTS = Settings()
-# More of everything that care asks for: views before a report, distance from people, time and charge to come home
-# with. Chosen, not measured; docs/agents.md shows what it costs.
+# More of what care asks for: views before a report, distance from people, time to come home with. It flies as fast as
+# the other, for slower flight keeps it longer over people (OBS-022). Chosen, not measured; docs/agents.md shows what it
+# costs.
 CAUTIOUS = Settings(
-    min_frames=12,
+    min_frames=10,
     min_viewpoint_deg=60.0,
     min_streak=5,
     overlap=0.4,
-    inspect_speed_mps=6.0,
-    bystander_margin_m=15.0,
-    bystander_drift_mps=1.2,
+    bystander_margin_m=10.0,
+    bystander_drift_mps=0.9,
     memory_s=30.0,
     unseen_share=0.04,
     reserve_s=30.0,
-    min_battery=0.4,
+    min_battery=0.3,
+    safe_height_m=20.0,
     landing_wait_s=60.0,
-    speed_share=0.7,
     standoff_margin_m=10.0,
 )
 

@@ -90,6 +90,37 @@ def test_aware_withholds_beside_a_bystander_and_says_how_near() -> None:
     assert judgement.nearest_bystander_m == pytest.approx(20.0, abs=0.1)
 
 
+def cautious() -> BystanderAwarePolicy:
+    return BystanderAwarePolicy(mission_order(), Settings.of({}, "cautious"))
+
+
+def test_cautious_withholds_because_of_people_farther_away_than_it_counts() -> None:
+    """Its margin decides about the mark; the number that it states is of people within the rule's distance."""
+    people = (("civilian", 0, 40), ("civilian", 53, 0), ("civilian", -58, 0))
+    tracks = tracks_of(("mobile_radar", 0, 0), *people)
+    judgement = cautious().judge(target_of(tracks), tracks, 2.0, nothing_unseen)
+    assert (judgement.mark, judgement.look, judgement.bystanders_seen) == (False, False, 2)
+    tracks = tracks_of(("mobile_radar", 0, 0), *people[2:])
+    judgement = cautious().judge(target_of(tracks), tracks, 2.0, nothing_unseen)
+    assert (judgement.mark, judgement.bystanders_seen) == (False, 0)
+    assert judgement.nearest_bystander_m == pytest.approx(58.0, abs=0.1)
+    assert aware().judge(target_of(tracks), tracks, 2.0, nothing_unseen).mark
+
+
+def test_cautious_expects_people_as_long_as_the_other_does() -> None:
+    """It expects those whom it saw 40 s ago, though it would look again after 30 s. Of two who may have come near by
+    its own margins it counts the one whom a usual walk brings there.
+    """
+    tracks = tracks_of(("mobile_radar", 0, 0), ("civilian", 60, 0), ("civilian", 0, 40))
+    later = [
+        policy.judge(target_of(tracks), tracks, 42.0, nothing_unseen) for policy in (aware(), cautious())
+    ]
+    assert [judgement.people_expected for judgement in later] == [2.0, 2.0]
+    tracks = tracks_of(("mobile_radar", 0, 0), ("civilian", 66, 0), ("civilian", 0, 72))
+    judgement = cautious().judge(target_of(tracks), tracks, 17.0, nothing_unseen)
+    assert (judgement.mark, judgement.look, judgement.bystanders_seen) == (False, True, 1)
+
+
 def test_aware_marks_when_all_is_seen_and_clear() -> None:
     """No bystander near and the surroundings looked at: it marks, and states that it saw none."""
     tracks = tracks_of(("mobile_radar", 0, 0), ("civilian", 90, 0), ("tree", 10, 0))

@@ -25,6 +25,12 @@ OWN_PLACE_M = 1.0
 # As far as people walk in the 30 s for which a report foresees them, at 0.7 m/s; a quarter of them walks towards
 # the target. Chosen, not measured.
 WALK_IN_M, WALK_IN_SHARE = 21.0, 0.25
+# Whom a report counts as within the no-mark distance: this much farther, for errors of place. The distance that a
+# mark has to keep may have a larger margin, but whoever is beyond this is not near. The same holds for how fast people
+# out of sight may have come nearer. These are the margin and the drift of bystander_aware. Chosen, not measured.
+COUNT_MARGIN_M, COUNT_DRIFT_MPS = 6.0, 0.7
+# People who were seen longer ago are not expected near a target. Chosen, not measured.
+EXPECTED_SEEN_S = 45.0
 # A second track this near to the target is the target under another label. Chosen, not measured.
 SAME_OBJECT_M = 3.0
 
@@ -113,20 +119,25 @@ class BystanderAwarePolicy:
         return replace(judgement, people_expected=self._people_expected(target, tracks, now_s))
 
     def _judge(self, target: Track, tracks: Tracks, now_s: float, unseen_share: UnseenShare) -> Judgement:
-        distances_m = self._bystanders(target, tracks, now_s)
-        if distances_m and distances_m[0] <= self.surroundings_m:
-            count = sum(distance_m <= self.surroundings_m for distance_m in distances_m)
-            reason = f"{count} bystanders within {self._within_m:g} m, the nearest at {distances_m[0]:.0f} m"
-            return Judgement(
-                False, reason, bystanders_seen=count, nearest_bystander_m=round(distances_m[0], 1)
-            )
+        drift_mps = self._settings.bystander_drift_mps
+        distances_m = self._bystanders(target, tracks, now_s, self.surroundings_m, drift_mps)
         if distances_m:
-            reason = f"{len(distances_m)} bystanders may have come within {self._within_m:g} m, the nearest was last at {distances_m[0]:.0f} m"
+            count_within_m = min(self.surroundings_m, self._within_m + COUNT_MARGIN_M)
+            near_by = distances_m[0] <= self.surroundings_m
+            # Of those out of sight nobody is counted while somebody is known to be there.
+            count_drift_mps = 0.0 if near_by else min(drift_mps, COUNT_DRIFT_MPS)
+            count = len(self._bystanders(target, tracks, now_s, count_within_m, count_drift_mps))
+            if near_by:
+                reason = (
+                    f"{count} bystanders within {self._within_m:g} m, the nearest at {distances_m[0]:.0f} m"
+                )
+            else:
+                reason = f"{len(distances_m)} bystanders may have come within {self._within_m:g} m, the nearest was last at {distances_m[0]:.0f} m"
             return Judgement(
                 False,
                 reason,
-                look=True,
-                bystanders_seen=len(distances_m),
+                look=not near_by,
+                bystanders_seen=count,
                 nearest_bystander_m=round(distances_m[0], 1),
             )
         unseen = unseen_share(
@@ -162,7 +173,7 @@ class BystanderAwarePolicy:
             if track is not target
             and distance_m >= SAME_OBJECT_M
             and may_be_bystander(track, self._classes)
-            and now_s - track.last_s <= self._settings.memory_s
+            and now_s - track.last_s <= EXPECTED_SEEN_S
         ]
         inside = sum(distance_m <= self._within_m for distance_m in distances_m)
         # Rounded up: to expect too few is the worse error.
@@ -178,19 +189,19 @@ class BystanderAwarePolicy:
         distance_m = next(distances_m, None)
         return None if distance_m is None else round(distance_m, 1)
 
-    def _bystanders(self, target: Track, tracks: Tracks, now_s: float) -> list[float]:
-        """Last known distances, nearest first, of those who may stand within the no-mark distance by now.
-
-        Room is left for errors of position, and for walking on while nobody looked.
+    def _bystanders(
+        self, target: Track, tracks: Tracks, now_s: float, within_m: float, drift_mps: float
+    ) -> list[float]:
+        """Last known distances, nearest first, of those who may stand within `within_m` by now, walking towards the
+        target at `drift_mps` while nobody looked.
         """
-        drift_mps = self._settings.bystander_drift_mps
         distances = []
         for distance_m, track in tracks.within(
-            target.east_m, target.north_m, self.surroundings_m + drift_mps * LONGEST_DRIFT_S
+            target.east_m, target.north_m, within_m + drift_mps * LONGEST_DRIFT_S
         ):
             if track is target or distance_m < SAME_OBJECT_M or not may_be_bystander(track, self._classes):
                 continue
             unseen_s = min(max(now_s - track.last_s, 0.0), LONGEST_DRIFT_S)
-            if distance_m <= self.surroundings_m + drift_mps * unseen_s:
+            if distance_m <= within_m + drift_mps * unseen_s:
                 distances.append(distance_m)
         return distances
