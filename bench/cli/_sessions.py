@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.console import Console
-from rich.table import Table
+from rich.padding import Padding
 from rich.text import Text
+
+if TYPE_CHECKING:
+    from bench.contracts import Observation
+    from decompositions import Decomposition
+
+
+DEFAULT_DECOMPOSITION = "search-and-report"
 
 
 def register(app: typer.Typer) -> None:
@@ -19,7 +27,9 @@ def register(app: typer.Typer) -> None:
 def simulate(
     simspec: Annotated[Path, typer.Argument(help="SimSpec file, base or realized (YAML or JSON)")],
     out: Annotated[Path, typer.Option(help="Folder for recording.mcap and result.json")] = Path("out"),
-    decomposition: Annotated[str, typer.Option(help="Name or file of a decomposition")] = "search-and-report",
+    decomposition: Annotated[
+        str, typer.Option(help="Name or file of a decomposition")
+    ] = DEFAULT_DECOMPOSITION,
     pace: Annotated[
         Literal["lockstep", "realtime"] | None, typer.Option(help="Pace, in place of the SimSpec's")
     ] = None,
@@ -34,7 +44,8 @@ def simulate(
     situation = load_simspec(simspec)
     if pace is not None:
         situation = situation.model_copy(update={"pace": situation.pace.model_copy(update={"mode": pace})})
-    result = fly_realization(situation, load_measurable_decomposition(decomposition), out, out.name)
+    nodes = load_measurable_decomposition(decomposition)
+    result = fly_realization(situation, nodes, out, out.name)
     # The flight does not write its result: in a campaign the runner does.
     write_result(out, result)
     if as_json:
@@ -57,21 +68,51 @@ def simulate(
             ended = f"{simspec}: {ended}"
         # Reasons and evidence contain fields such as actors[people], which must not be taken for markup.
         console.print(ended, markup=False, highlight=False, soft_wrap=True)
-        table = Table()
-        for column in ("observable", "considered", "x", "evidence"):
-            table.add_column(column, justify="right" if column == "x" else "left")
-        for observation in result.observations:
-            evidence = "; ".join(
-                f"{moment.time_s:.1f} s {moment.text}" for moment in observation.evidence[:2]
-            )
-            value = "" if observation.x is None else f"{observation.x:.3f}"
-            table.add_row(
-                observation.observable, "yes" if observation.considered else "no", value, Text(evidence)
-            )
         if result.observations:
-            console.print(table)
+            first = _show_observations(console, nodes, result.observations)
         if (out / "recording.mcap").is_file():
             console.print(f"recording: {out / 'recording.mcap'}", highlight=False, soft_wrap=True)
+        if result.observations:
+            named = "" if decomposition == DEFAULT_DECOMPOSITION else f" --decomposition {decomposition}"
+            for line in (
+                f"why: rebar score {out}{named} --explain {first}",
+                f"how hard it was: rebar difficulty {simspec}{named}",
+            ):
+                console.print(line, markup=False, highlight=False, soft_wrap=True)
     if not result.outcome.counts:
         # A SimSpec that cannot be flown is a wrong input, as any other fault in a file.
         raise typer.Exit(2 if result.outcome is Outcome.SETUP_INVALID else 1)
+
+
+def _show_observations(
+    console: Console, decomposition: Decomposition, observations: Sequence[Observation]
+) -> str:
+    """Print what was not achieved with its reason, then what was, then what the run gave no occasion for. Return the
+    first id that a reader will ask about.
+    """
+    achieved, failed, absent = [], [], []
+    ids_failed = []
+    for observation in observations:
+        observable = decomposition.observables[observation.observable]
+        name = f"{observation.observable} {observable.title}"
+        if observation.x is None:
+            absent.append(name)
+        elif observation.x >= observable.threshold:
+            achieved.append(name)
+        else:
+            ids_failed.append(observation.observable)
+            failed.append(f"{name}: {observation.x:.3g}, asked {observable.threshold:g}")
+            failed += [f"    {moment.time_s:.1f} s {moment.text}" for moment in observation.evidence[:1]]
+    considered = len(observations) - len(absent)
+    console.print(f"not achieved: {len(ids_failed)} of {considered}", highlight=False)
+    for line in failed:
+        # As Text: ids and evidence may hold brackets, which rich would take for markup.
+        console.print(Padding(Text(line.strip()), (0, 0, 0, 6 if line.startswith(" ") else 2)))
+    for heading, names in (
+        (f"achieved: {len(achieved)} of {considered}", achieved),
+        ("not considered", absent),
+    ):
+        if names:
+            console.print(heading, highlight=False)
+            console.print(Padding(Text("; ".join(names)), (0, 0, 0, 2)))
+    return (ids_failed or [observations[0].observable])[0]

@@ -8,6 +8,7 @@ import errno
 import hashlib
 import json
 import os
+import re
 import signal
 import sqlite3
 import subprocess
@@ -208,6 +209,26 @@ def test_an_agent_that_does_not_exist_is_a_matter_of_input(
     text = capsys.readouterr().out
     assert "no-such-agent" in text
     assert "recording:" not in text
+
+
+def test_a_session_ends_with_what_was_achieved_and_what_to_ask_next(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ten seconds are too short for a mission: what was not achieved is told by title, with its value and reason."""
+    simspec, text = tmp_path / "search.yaml", EXAMPLE.read_text()
+    assert "time_limit_s: 300.0" in text
+    simspec.write_text(text.replace("time_limit_s: 300.0", "time_limit_s: 10.0"))
+    assert run(["simulate", str(simspec), "--out", str(tmp_path / "out")]) == 0
+    shown = capsys.readouterr().out
+    failed, considered = map(int, re.search(r"not achieved: (\d+) of (\d+)", shown).groups())  # type: ignore[union-attr]
+    achieved = re.search(rf"\nachieved: (\d+) of {considered}\n", shown)
+    assert failed + (int(achieved[1]) if achieved else 0) == considered
+    # The mission was not flown to its end, so what it asks for was measured as 0.
+    assert re.search(r"OBS-201 .*: 0, asked", shown)
+    explained = re.search(r"why: (rebar score .* --explain (OBS-\d+))", shown)
+    assert explained
+    assert run(explained[1].split()[1:]) == 0
+    assert explained[2] in capsys.readouterr().out
 
 
 def test_a_scene_that_cannot_be_names_the_fields_whole(
