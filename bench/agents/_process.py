@@ -213,7 +213,7 @@ class LocalProcess:
         self, started: subprocess.Popen[bytes], output: _Output, home: str, failure_end: int
     ) -> None:
         self._started = started
-        self._failure_end = failure_end
+        self._failure_end: int | None = failure_end
         self._output = output
         self._tree = ProcessTreeUsage(started.pid, home)
         self._usage = AgentUsage()
@@ -226,10 +226,14 @@ class LocalProcess:
 
     def exit_code(self) -> int | None:
         code = self._poll()
-        if code == _launch.NOT_FOUND and (failure := os.read(self._failure_end, READ_BYTES)):
+        if code == _launch.NOT_FOUND and (failure := self._launch_failure()):
             remedy = "restore the program, or correct the command in the manifest"
             raise SetupError(Fault("agent.manifest", failure.decode(errors="replace"), remedy))
         return code
+
+    def _launch_failure(self) -> bytes:
+        """What the launcher said before it gave up; empty once the agent has been ended."""
+        return b"" if self._failure_end is None else os.read(self._failure_end, READ_BYTES)
 
     def _poll(self) -> int | None:
         if self._started.returncode is None:
@@ -258,7 +262,10 @@ class LocalProcess:
                 os.kill(pid, signal.SIGKILL)
         if self._poll() is None:
             self._reap(0)
-        os.close(self._failure_end)
+        # Forgotten with the close: the number may soon be that of another file of this process.
+        if self._failure_end is not None:
+            os.close(self._failure_end)
+            self._failure_end = None
 
     def _wait(self, span_s: float) -> None:
         deadline = time.monotonic() + span_s

@@ -34,8 +34,13 @@ def test_dry_run_estimates_outcome_cost_and_power(tmp_path: Path, capsys: pytest
 
 
 def test_dry_run_says_why_nothing_can_be_foretold(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An agent of one's own flies, but nobody wrote a surrogate for it."""
+    manifest = tmp_path / "agents" / "mine.yaml"
+    manifest.parent.mkdir()
+    manifest.write_text("name: mine\ncommand: ['{python}', -c, pass]\npace: [lockstep]\n")
     campaign = tmp_path / "mine.yaml"
-    campaign.write_text(DEMO.read_text().replace("reference-naive", "mine").replace("take: 12", "take: 2"))
+    text = DEMO.read_text().replace("manifest: reference-naive", f"manifest: {manifest}")
+    campaign.write_text(text.replace("take: 12", "take: 2"))
 
     assert run(["run", str(campaign), "--dry-run"]) == 0
 
