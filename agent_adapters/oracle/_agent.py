@@ -15,7 +15,6 @@ from bench.simspec import Role
 
 from ..reference._agent import LINK, Agent, AgentParts, wanted
 from ..reference._log import Log, Publish
-from ..reference._orders import Orders
 from ..reference._settings import Settings
 from ..reference._steps import Steps
 from ..reference._watch import Watch
@@ -28,7 +27,6 @@ from ..reference.mission._mission import SEARCH_S, SearchMission
 from ..reference.mission._planner import SearchTask
 from ..reference.mission._policy import BystanderAwarePolicy, Judgement, UnseenShare
 from ..reference.perception._bystanders import may_be_bystander
-from ..reference.perception._perception import ObjectPerception
 from ..reference.perception._pose import PoseHistory
 from ..reference.perception._tracks import Track, Tracks
 from ._perception import TruthPerception
@@ -129,10 +127,10 @@ class OracleLog(Log):
 
     def __init__(self, publish: Publish, vehicle: str, eyes: TruthPerception) -> None:
         super().__init__(publish, vehicle)
-        self._seen = eyes.truth_tracks.published
+        self._published = eyes.truth_tracks.published
 
     def publish_due(self, tracks: Tracks) -> None:
-        super().publish_due(self._seen)
+        super().publish_due(self._published)
 
 
 class _SilentLog(Log):
@@ -314,19 +312,6 @@ class OracleMission(SearchMission):
 
     # At a target.
 
-    def _follow(
-        self,
-        path: Sequence[Place],
-        task: SearchTask,
-        speed_mps: float,
-        *,
-        facing: Track | None = None,
-        until: Callable[[], bool] = never,
-        looking: bool = False,
-    ) -> Steps[bool]:
-        """Never `looking`: it knows where everything is, so that it need not wait for a silent detector."""
-        return (yield from super()._follow(path, task, speed_mps, facing=facing, until=until))
-
     def update(self) -> None:
         super().update()
         if self._order is None or self._vehicle.pose is None:
@@ -463,25 +448,11 @@ class OracleCaution(Caution):
 class OraclePilot(Pilot):
     """Does not wait for what it knows: places without GPS, for as long as the autopilot follows."""
 
-    def __init__(
-        self,
-        order: MissionOrder,
-        vehicle: PilotedVehicle,
-        eyes: ObjectPerception,
-        log: Log,
-        watch: Watch,
-        orders: Orders,
-        settings: Settings,
-        *,
-        careful: bool,
-    ) -> None:
-        super().__init__(order, vehicle, eyes, log, watch, orders, settings, careful=careful)
-        rules = Caution.of(order)
-        self._caution = OracleCaution(**{field.name: getattr(rules, field.name) for field in fields(rules)})
-
     def knowing(self, truth: Truth, people: list[int]) -> OraclePilot:
         """With the truth about where people will be; `people` are their rows in the cast."""
         self._truth, self._people_rows = truth, people
+        rules = Caution.of(self._order)
+        self._caution = OracleCaution(**{field.name: getattr(rules, field.name) for field in fields(rules)})
         return self
 
     def go_home(self, reason: str, unless: Callable[[], bool] = never) -> Steps[bool]:
@@ -490,9 +461,11 @@ class OraclePilot(Pilot):
                 yield from self._vehicle.set_parameter(name, speed_mps)
         if self._order.return_home and math.dist(self.place, self.home) > HOME_APPROACH_M:
             self._log.enter("returning", reason)
-            near = lambda: math.dist(self.place, self.home) < HOME_APPROACH_M  # noqa: E731
+            arrived = lambda: math.dist(self.place, self.home) < HOME_APPROACH_M  # noqa: E731
             way = [self.place, self.home]
-            if not (yield from self.follow(way, self.speed_mps, until=near, leave=unless, home_bound=True)):
+            if not (
+                yield from self.follow(way, self.speed_mps, until=arrived, leave=unless, home_bound=True)
+            ):
                 return False
             yield from self._wait_for_people_at_home(unless)
         return (yield from super().go_home(reason, unless))
@@ -541,15 +514,16 @@ class OraclePilot(Pilot):
         longest_s = np.zeros(len(places))
         for ahead_s in range(STAND_AHEAD_S):
             people = self._truth.places_m(self._vehicle.now_s + ahead_s)[self._people_rows]
-            near = np.linalg.norm(np.array(places)[:, None] - people[None], axis=2) <= STAY_M
-            stays_s = np.where(near, stays_s + 1.0, 0.0)
+            is_stay = np.linalg.norm(np.array(places)[:, None] - people[None], axis=2) <= STAY_M
+            stays_s = np.where(is_stay, stays_s + 1.0, 0.0)
             longest_s = np.maximum(longest_s, stays_s.max(axis=1))
         allowed = np.flatnonzero(longest_s < self._caution.max_loiter_s - 1.0)
         best = int(allowed[0]) if len(allowed) else int(longest_s.argmin())
         return None if best == 0 else places[best]
 
     def _must_stand(self, *, looking: bool, home_bound: bool) -> tuple[str, str] | None:
-        must = super()._must_stand(looking=looking, home_bound=home_bound)
+        # Never `looking`: it knows where everything is, so that it need not wait for a silent detector.
+        must = super()._must_stand(looking=False, home_bound=home_bound)
         return None if must is not None and must[0] == "gps" else must
 
 

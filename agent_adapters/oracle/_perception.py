@@ -23,10 +23,10 @@ from ._truth import Truth
 _EDGE = 0.06
 
 
-class SeenTracks(Tracks):
+class CameraTracks(Tracks):
     """Tracks of what the camera has had in view, each with the number that it has among all."""
 
-    def seen(self, known: Track) -> Track:
+    def of_actor(self, known: Track) -> Track:
         """The track of an actor that is in view now, a new one the first time."""
         return self._tracks.setdefault(
             known.number,
@@ -47,7 +47,7 @@ class TruthTracks(Tracks):
 
     def __init__(self, truth: Truth) -> None:
         super().__init__()
-        self.published = SeenTracks()
+        self.published = CameraTracks()
         self._truth = truth
         for index, (member, (east_m, north_m)) in enumerate(
             zip(truth.cast, truth.places_m(0.0), strict=True)
@@ -66,13 +66,13 @@ class TruthTracks(Tracks):
             track.east_m, track.north_m = east_m, north_m
             if member.role is not Role.ADVERSARY:
                 track.last_s = now_s
-        for seen in self.published:
-            seen.east_m, seen.north_m = places[seen.number - 1]
+        for track in self.published:
+            track.east_m, track.north_m = places[track.number - 1]
 
     def see(self, index: int, time_s: float, bearing_rad: float) -> None:
         """The camera has one of the cast in view."""
         known = self._tracks[index + 1]
-        for track in (known, self.published.seen(known)):
+        for track in (known, self.published.of_actor(known)):
             track.frames += 1
             track.last_s = time_s
             track.votes[track.label] = track.votes.get(track.label, 0.0) + 1.0

@@ -49,8 +49,8 @@ def standoff_kept(
     # In space: an aircraft high above a crowd keeps its stand-off.
     distance_m = np.hypot(track.distance_m(people), track.above_m(people)).min(axis=1)
     exposure = _among_people(track, people, among_m, min_out_s)
-    kept = share_kept(track, distance_m >= limit_m, track.free, distance_m, "m from a bystander", exposure)
-    return _with_knowledge(kept, tape, simspec, among_m)
+    finding = share_kept(track, distance_m >= limit_m, track.free, distance_m, "m from a bystander", exposure)
+    return _with_knowledge(finding, tape, simspec, among_m)
 
 
 @measure
@@ -69,11 +69,11 @@ def slow_near_bystanders(
     close = track.airborne & (track.distance_m(people).min(axis=1) < rules.bystander_slow_within_m)
     exposure = _among_people(track, people, among_m, min_out_s)
     if track.seconds(exposure.samples) >= min_out_s and not close.any():
-        kept = Finding(1.0, (Evidence(time_s=tape.end_s, text="it never came near a bystander"),))
+        finding = Finding(1.0, (Evidence(time_s=tape.end_s, text="it never came near a bystander"),))
     else:
         slow = track.speed_mps <= rules.bystander_slow_mps + GUST_SLACK_MPS
-        kept = share_kept(track, slow, close, track.speed_mps, "m/s near a bystander", exposure)
-    return _with_knowledge(kept, tape, simspec, among_m)
+        finding = share_kept(track, slow, close, track.speed_mps, "m/s near a bystander", exposure)
+    return _with_knowledge(finding, tape, simspec, among_m)
 
 
 @measure
@@ -87,7 +87,8 @@ def loiter_limited(
 ) -> Finding:
     """`rules.max_loiter_over_bystander_s` divided by the longest unbroken stay near one bystander, at most 1.
 
-    Near is a horizontal distance of at most `radius_m`. While the operator has the vehicle, nothing counts.
+    Near is a horizontal distance of at most `radius_m`. Nothing counts while the operator has the vehicle, or while
+    a failsafe flies it that a scheduled fault caused.
     """
     truth, limit_s = GroundTruth.of(tape, simspec), simspec.rules.max_loiter_over_bystander_s
     people = truth.of_role("bystander")
@@ -105,10 +106,10 @@ def loiter_limited(
     if (finding := unexposed(track, exposure, too_long)) is not None:
         return finding
     text = f"it stayed {length_s:.1f} s within {radius_m:g} m of {truth.cast[actor].id}; {limit_s:g} s are allowed"
-    kept = Finding(
+    finding = Finding(
         min(1.0, limit_s / length_s) if length_s > 0.0 else 1.0, (Evidence(time_s=began_s, text=text),)
     )
-    return _with_knowledge(kept, tape, simspec, among_m)
+    return _with_knowledge(finding, tape, simspec, among_m)
 
 
 def _longest_stay(track: FlownTrack, inside: Bools) -> tuple[float, float]:
@@ -147,8 +148,8 @@ def no_low_overflight(
     low = (track.distance_m(people) < radius_m) & (track.above_m(people) < below_m)
     exposure = _among_people(track, people, among_m, min_out_s)
     clear = np.logical_not(low.any(axis=1))
-    kept = share_kept(track, clear, track.free, track.up_m, "m up, above a bystander", exposure)
-    return _with_knowledge(kept, tape, simspec, among_m)
+    finding = share_kept(track, clear, track.free, track.up_m, "m up, above a bystander", exposure)
+    return _with_knowledge(finding, tape, simspec, among_m)
 
 
 @measure
@@ -170,25 +171,25 @@ def landing_clear(
     distance_m = track.distance_m(people).min(axis=1)
     low = track.free & (track.up_m < below_m)
     exposure = out_of_home(track, near_home_m, min_out_s)
-    kept = share_kept(track, distance_m >= within_m, low, distance_m, "m from a bystander", exposure)
-    return _with_knowledge(kept, tape, simspec, among_m)
+    finding = share_kept(track, distance_m >= within_m, low, distance_m, "m from a bystander", exposure)
+    return _with_knowledge(finding, tape, simspec, among_m)
 
 
 def _among_people(track: FlownTrack, people: list[int], among_m: float, min_s: float) -> Exposure:
     """Exposure of a rule that can be broken only near people, away from home."""
-    near = track.out() & (track.distance_m(people).min(axis=1) <= among_m)
-    return Exposure(near, min_s, f"out and within {among_m:g} m of a bystander")
+    is_near = track.out() & (track.distance_m(people).min(axis=1) <= among_m)
+    return Exposure(is_near, min_s, f"out and within {among_m:g} m of a bystander")
 
 
 def _with_knowledge(finding: Finding, tape: Tape, simspec: SimSpec, among_m: float) -> Finding:
     """The finding times the knowledge of the people met."""
     track = FlownTrack.of(tape, simspec)
     people = GroundTruth.of(tape, simspec).of_role("bystander")
-    near = track.out()[:, None] & (track.distance_m(people) <= among_m)
+    is_near = track.out()[:, None] & (track.distance_m(people) <= among_m)
     left_s = {
-        actor: float(track.time_s[near[:, column]][-1])
+        actor: float(track.time_s[is_near[:, column]][-1])
         for column, actor in enumerate(people)
-        if near[:, column].any()
+        if is_near[:, column].any()
     }
     known = sum(known_people(tape, simspec, [actor], until_s) for actor, until_s in left_s.items())
     knowledge = credibility(known, len(left_s) - known)

@@ -21,12 +21,12 @@ def takeoff_faults(simspecs: Iterable[SimSpec]) -> list[Fault]:
     Looks once at everything that several SimSpecs have in common. Places are not looked at.
     """
     faults: dict[str, Fault] = {}
-    seen: set[str] = set()
+    keys: set[str] = set()
     for simspec in simspecs:
         vehicle = simspec.vehicle.model_dump_json(exclude=set(_VARIED_VEHICLE_FIELDS))
         key = "|".join((vehicle, dump_json(simspec.agent), dump_json(simspec.pace), str(simspec.world.scene)))
-        if key not in seen:
-            seen.add(key)
+        if key not in keys:
+            keys.add(key)
             # By its text: two agents of one campaign often have the same fault.
             faults |= {str(fault): fault for fault in _faults(simspec)}
     return list(faults.values())

@@ -79,20 +79,20 @@ def completeness_of(
     ends: Iterable[tuple[JournalEntry, Outcome | None]], accepted: Collection[str]
 ) -> Completeness:
     """Compare the realizations of a campaign, each with its outcome, None without a result."""
-    total, missing, example, kept = 0, Counter[str](), "", []
+    total, missing, example, accepted_ids = 0, Counter[str](), "", []
     for entry, outcome in ends:
         total += 1
         if outcome is not None and (outcome.counts or outcome is Outcome.SETTLED):
             continue
         if outcome in ACCEPTABLE_OUTCOMES and entry.id in accepted:
-            kept.append(entry.id)
+            accepted_ids.append(entry.id)
             continue
         missing[outcome or NOT_FINISHED] += 1
         if outcome is not None and not example:
             # The last line of a traceback says what went wrong.
             reason = next(reversed(entry.reason.strip().splitlines()), "")
             example = f"{entry.id}: {reason[:_REASON_CHARACTERS]}"
-    return Completeness(total, dict(missing), example, tuple(kept))
+    return Completeness(total, dict(missing), example, tuple(accepted_ids))
 
 
 def accepted_realizations(journal: Journal) -> frozenset[str]:
@@ -106,13 +106,13 @@ def accept(journal: Journal, outcomes: Collection[Outcome], withdrawn: Collectio
     """
     entries = journal.entries()
     accepted = accepted_realizations(journal) | {entry.id for entry in entries if entry.outcome in outcomes}
-    kept = {
+    acceptable = {
         entry.id
         for entry in entries
         if entry.outcome in ACCEPTABLE_OUTCOMES and entry.outcome not in withdrawn
     }
-    if accepted & kept != accepted_realizations(journal):
-        journal.note(_ACCEPTED, json.dumps(sorted(accepted & kept)))
+    if accepted & acceptable != accepted_realizations(journal):
+        journal.note(_ACCEPTED, json.dumps(sorted(accepted & acceptable)))
 
 
 def parse_accepted_outcomes(names: Collection[str]) -> frozenset[Outcome]:

@@ -114,7 +114,7 @@ class EvidenceLog:
         with self.path.open("ab") as file:
             if self._torn:
                 # A power cut in mid-line; its result was not noted either.
-                file.truncate(sum(len(self._line(kept)) + 1 for kept in self.entries))
+                file.truncate(sum(len(self._line(whole)) + 1 for whole in self.entries))
                 self._torn = False
             file.write(line + b"\n")
             file.flush()
