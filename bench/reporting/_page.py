@@ -62,7 +62,8 @@ def write_report(folder: Path, *, runs_on_map: int = 6) -> Path:
     """
     data = load_report_data(folder)
     path = folder / "report.html"
-    draft = folder / "report.html.part"
+    # Hidden and with this ending, as the campaign's other files are while they are written: verification passes over it.
+    draft = folder / ".report.html.part"
     draft.write_text(render_report(data, *_charts(data, runs_on_map)), encoding="utf-8")
     # Renamed at the end: a reader, or a browser that reloads, never gets half a page.
     draft.replace(path)

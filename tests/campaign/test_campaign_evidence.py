@@ -134,6 +134,23 @@ def test_a_manifest_that_disagrees_is_refused_and_not_replaced(tmp_path: Path) -
     assert ["manifest.json: is damaged" in fault for fault in refusal(tmp_path)] == [True]
 
 
+@pytest.mark.parametrize("name", [".manifest.json.part", ".report.html.part", "simspecs/.p001.json.part"])
+def test_half_of_a_file_from_a_killed_runner_is_no_evidence(tmp_path: Path, name: str) -> None:
+    """A manifest that listed the half-written file would miss it once the next write has taken its place."""
+    flown(tmp_path)
+    (tmp_path / name).write_text("half")
+
+    assert verify_folder(tmp_path) == []
+    flown(tmp_path)
+    assert name not in json.loads((tmp_path / "manifest.json").read_text())["files"]
+    (tmp_path / name).unlink(missing_ok=True)
+    assert verify_folder(tmp_path) == []
+    (tmp_path / name.replace(".part", ".parts")).write_text("not ours")
+    assert [str(fault) for fault in verify_folder(tmp_path)] == [
+        f"{name.replace('.part', '.parts')}: is not in the manifest"
+    ]
+
+
 def test_every_change_of_the_chain_itself_is_noticed(tmp_path: Path) -> None:
     """A line taken out, two exchanged, one edited, one written differently, noise, and no file at all."""
     flown(tmp_path)

@@ -6,6 +6,14 @@ import hashlib
 import os
 from pathlib import Path
 
+# Also hidden: globs for documents, and people who list the folder, do not come upon a half-written file.
+_HALF_WRITTEN = ".part"
+
+
+def is_half_written(path: Path) -> bool:
+    """Whether a file is what `write_whole` leaves if its process is killed before the file is whole."""
+    return path.name.startswith(".") and path.name.endswith(_HALF_WRITTEN)
+
 
 def write_whole(path: Path, content: bytes | str) -> str:
     """Write a file and return the SHA-256 of its bytes.
@@ -14,7 +22,7 @@ def write_whole(path: Path, content: bytes | str) -> str:
     """
     data = content.encode() if isinstance(content, str) else content
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.part")
+    part = path.with_name(f".{path.name}{_HALF_WRITTEN}")
     with part.open("wb") as file:
         file.write(data)
         file.flush()

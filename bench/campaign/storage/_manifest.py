@@ -14,7 +14,7 @@ from bench.errors import Fault, SetupError
 
 from ._completeness import Completeness
 from ._evidence import EvidenceLog
-from ._files import digest_of, write_whole
+from ._files import digest_of, is_half_written, write_whole
 from ._folder import EVIDENCE, CampaignFolder
 
 # The journal and the lock change while nothing of the results does, the chain of evidence has its own entry, and a
@@ -120,7 +120,11 @@ def manifest_differences(path: Path) -> list[Fault]:
 
 
 def _listed_files(path: Path) -> list[str]:
-    files = (file.relative_to(path) for file in path.rglob("*") if file.is_file())
+    # A runner that was killed may have left half of a file. The next write of that file takes its place, so a
+    # manifest that listed it would soon miss it; and nothing reads it.
+    files = (
+        file.relative_to(path) for file in path.rglob("*") if file.is_file() and not is_half_written(file)
+    )
     return sorted(
         str(file) for file in files if file.parts[0] != _UNLISTED_FOLDER and file.name not in _UNLISTED_FILES
     )
