@@ -102,7 +102,6 @@ def run_campaign(
     all end with bench errors. Sessions that fail are results, never exceptions.
     """
     paths = CampaignFolder(folder)
-    campaign = _with_options_of_folder(campaign, paths)
     started = clock()
     parse_rerun_outcomes(rerun)
     parse_accepted_outcomes(accept)
@@ -112,6 +111,7 @@ def run_campaign(
         observers = Observers(on_event)
         # Before anything is changed: what was edited since it was written is refused, and left as it is.
         check_evidence(paths, journal)
+        campaign = _with_options_of_folder(campaign, paths)
         journal.release()
         check_fidelity(campaign, journal)
         plans = plan_campaign(campaign, paths, journal, decomposition, _takeoff_check(campaign, job))

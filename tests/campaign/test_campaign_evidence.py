@@ -11,13 +11,16 @@ from typing import Any
 
 import pytest
 from campaign_fakes import Script, fly, small_campaign
+from early_stopping_fakes import made_up_decomposition
 from in_process_executor import open_in_process
 
 from bench.campaign import (
+    Campaign,
     CampaignFolder,
     CampaignSummary,
     ResultLost,
     digest_of,
+    finish_campaign,
     open_journal,
     verify_folder,
 )
@@ -132,6 +135,90 @@ def test_a_manifest_that_disagrees_is_refused_and_not_replaced(tmp_path: Path) -
     log.write_text("all went well")
     (tmp_path / "manifest.json").write_bytes(manifest[:100])
     assert ["manifest.json: is damaged" in fault for fault in refusal(tmp_path)] == [True]
+
+
+def with_decomposition_file(folder: Path) -> Campaign:
+    """A campaign whose decomposition is a file, so that its folder holds a copy of it."""
+    path = made_up_decomposition(folder)
+    return small_campaign().model_copy(update={"decomposition": str(path)})
+
+
+@pytest.mark.parametrize("manifest", [True, False], ids=["complete", "interrupted"])
+def test_campaign_and_decomposition_edited_in_the_folder_are_refused_with_what_differs(
+    tmp_path: Path, manifest: bool
+) -> None:
+    """Both at once: run, score and verify name the file, the line and the remedy, and rewrite neither."""
+    campaign, folder = with_decomposition_file(tmp_path), tmp_path / "out"
+    flown(folder, campaign=campaign)
+    if not manifest:
+        (folder / "manifest.json").unlink()
+    written = {name: (folder / name).read_text() for name in ("campaign.yaml", "decomposition.yaml")}
+    edited = {
+        "campaign.yaml": written["campaign.yaml"].replace("replicates: 2", "replicates: 1"),
+        "decomposition.yaml": "# reviewed\n" + written["decomposition.yaml"],
+    }
+    for name, text in edited.items():
+        assert text != written[name]
+        (folder / name).write_text(text)
+
+    with pytest.raises(SetupError) as refused:
+        flown(folder, campaign=campaign)
+    by_run, by_score = [str(fault) for fault in refused.value.faults], []
+    with pytest.raises(SetupError) as refused_score:
+        finish_campaign(folder)
+    by_score = [str(fault) for fault in refused_score.value.faults]
+    assert by_run == by_score
+    assert len(by_run) == 2
+    line = next(
+        number
+        for number, text in enumerate(edited["campaign.yaml"].splitlines(), start=1)
+        if "replicates: 1" in text
+    )
+    assert f"campaign.yaml: was edited after it was written: line {line} has 'replicates: 1'" in by_run[0]
+    assert "in place of 'replicates: 2'" in by_run[0]
+    assert "line 1 has '# reviewed' in place of nothing" in by_run[1]
+    assert all("run your own campaign file again" in fault for fault in by_run)
+    assert {name: (folder / name).read_text() for name in written} == edited
+    assert {Path(fault.where).name for fault in verify_folder(folder)} == set(edited)
+
+    # The remedies: one from a copy, and one deleted.
+    (folder / "campaign.yaml").write_text(written["campaign.yaml"])
+    (folder / "decomposition.yaml").unlink()
+    assert flown(folder, campaign=campaign).flown == 0
+    assert {name: (folder / name).read_text() for name in written} == written
+    assert verify_folder(folder) == []
+
+
+def test_a_campaign_that_grows_by_its_own_file_is_no_edit(tmp_path: Path) -> None:
+    """One more replicate, also where a runner was killed before or after the file was exchanged."""
+    flown(tmp_path, campaign=small_campaign(1, replicates=1))
+    before = (tmp_path / "campaign.yaml").read_text()
+    flown(tmp_path, campaign=small_campaign(1, replicates=2))
+    after = (tmp_path / "campaign.yaml").read_text()
+    for text in (before, after):
+        (tmp_path / "campaign.yaml").write_text(text)
+        with open_journal(tmp_path / "journal.sqlite") as journal:
+            journal.note("campaign.yaml", json.dumps([before, after]))
+        assert flown(tmp_path, campaign=small_campaign(1, replicates=2)).flown == 0
+        assert verify_folder(tmp_path) == []
+
+
+def test_the_manifest_of_an_older_folder_tells_an_edit_of_its_campaign(tmp_path: Path) -> None:
+    """Its journal has no copy. Untouched, the folder is taken up, and has one from then on."""
+    flown(tmp_path)
+    written = (tmp_path / "campaign.yaml").read_text()
+
+    def forget_copy() -> None:
+        with closing(sqlite3.connect(tmp_path / "journal.sqlite", isolation_level=None)) as journal:
+            journal.execute("DELETE FROM facts WHERE name = 'campaign.yaml'")
+
+    forget_copy()
+    (tmp_path / "campaign.yaml").write_text(written + "# reviewed\n")
+    assert ["differs from the one in manifest.json" in fault for fault in refusal(tmp_path)] == [True]
+    (tmp_path / "campaign.yaml").write_text(written)
+    assert flown(tmp_path).flown == 0
+    (tmp_path / "campaign.yaml").write_bytes(written.replace("\n", "\r\n").encode())
+    assert ["its line ends are different" in fault for fault in refusal(tmp_path)] == [True]
 
 
 @pytest.mark.parametrize("name", [".manifest.json.part", ".report.html.part", "simspecs/.p001.json.part"])

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from bench.contracts import Outcome, SessionResult
-from bench.documents import dump_json, dump_yaml
+from bench.documents import dump_json, dump_yaml, read_text
 from bench.errors import Fault, SetupError
 from bench.realization import PlacementInfeasible, RealizationPlan, place
 from bench.simspec import SimSpec, factor_values
@@ -16,6 +16,7 @@ from decompositions import Decomposition
 from .._document import Campaign
 from ..storage._files import digest_of, write_whole
 from ..storage._folder import CampaignFolder
+from ..storage._inputs import write_input
 from ..storage._journal import Journal, PlannedRealization
 from ..storage._results import write_result
 from ._realizations import realizations
@@ -46,7 +47,7 @@ def plan_campaign(
     if faults := check_takeoff(plan.simspec for plan in plans if plan.id not in done):
         raise SetupError(faults)
     folder.path.mkdir(parents=True, exist_ok=True)
-    write_whole(folder.campaign, dump_yaml(_with_local_decomposition(campaign, folder)))
+    write_input(folder.campaign, dump_yaml(_with_local_decomposition(campaign, folder, journal)), journal)
     placer = _Placer()
     added = [
         PlannedRealization(plan, intents[plan.id], placer.write(plan, folder))
@@ -63,13 +64,13 @@ def plan_campaign(
     return plans
 
 
-def _with_local_decomposition(campaign: Campaign, folder: CampaignFolder) -> Campaign:
+def _with_local_decomposition(campaign: Campaign, folder: CampaignFolder, journal: Journal) -> Campaign:
     """The campaign as its folder holds it, with a copy of the decomposition if that was a file."""
     file = Path(campaign.decomposition)
     if not file.is_file():
         return campaign
     if file.resolve() != folder.decomposition.resolve():
-        write_whole(folder.decomposition, file.read_bytes())
+        write_input(folder.decomposition, read_text(file), journal)
     return campaign.model_copy(update={"decomposition": folder.decomposition.name})
 
 

@@ -35,6 +35,7 @@ from ..storage._completeness import NOT_FINISHED, Completeness, accepted_realiza
 from ..storage._evidence_check import changed_tables, check_evidence, evidence_faults
 from ..storage._files import digest_of, write_whole
 from ..storage._folder import RECORDING, RESULT, CampaignFolder, open_lock, writing_process
+from ..storage._inputs import write_input
 from ..storage._journal import JournalEntry, open_journal
 from ..storage._manifest import write_manifest
 from ..storage._results import read_result, write_result
@@ -78,7 +79,8 @@ def _finish_campaign(path: Path, other_decomposition: str | None) -> FinishedCam
     results = _read_results(folder)
     all_runs = _scored_runs(folder, campaign, decomposition, results)
     runs, floor_runs = _split(all_runs, campaign)
-    write_whole(folder.decomposition, dump_yaml(decomposition.document))
+    with open_journal(folder.journal) as journal:
+        write_input(folder.decomposition, dump_yaml(decomposition.document), journal)
     scores = score_table(decomposition, runs, campaign.study)
     _write_table(folder.scores, scores)
     # A table of its own: whatever reads scores.parquet is about the agents under test.

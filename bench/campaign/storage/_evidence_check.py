@@ -10,6 +10,7 @@ from bench.errors import Fault, SetupError
 
 from ._files import digest_of
 from ._folder import RECORDING, RESULT, CampaignFolder
+from ._inputs import adopt_inputs, input_faults
 from ._journal import Journal, JournalEntry, RealizationState, open_journal
 from ._manifest import Manifest, manifest_differences, read_manifest
 from ._recovery import is_unnoted
@@ -37,6 +38,7 @@ def evidence_faults(folder: CampaignFolder, journal: Journal) -> list[Fault]:
     )
     if expected and not log.path.is_file() and _has_results(journal):
         return [Fault(str(log.path), "is gone, so no result can be checked", "restore it from a copy")]
+    faults += input_faults(folder, journal, manifest)
     recordings = journal.recordings()
     for entry in journal.entries():
         faults += _faults_of(folder, journal, entry, recordings.get(entry.id))
@@ -50,6 +52,7 @@ def check_evidence(folder: CampaignFolder, journal: Journal) -> None:
     if faults := evidence_faults(folder, journal):
         raise SetupError(faults)
     adopt_evidence(folder, journal)
+    adopt_inputs(folder, journal)
 
 
 def verify_folder(path: Path, digest: str | None = None) -> list[Fault]:
