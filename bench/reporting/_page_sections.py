@@ -15,7 +15,7 @@ from bench.contracts import Outcome
 from ._campaign_data import ALL_CONFIGURATIONS, ReportData, Run, Tally
 from ._html import json_script_text
 from .figures._configuration import configuration_figure
-from .figures._map import map_figure
+from .figures._map import MAX_RINGED_REPORTS, map_figure
 from .figures._pairings import pairings_figure
 from .figures._pass_rates import curve_figure
 from .figures._style import AgentStyle, agent_styles
@@ -29,8 +29,8 @@ from .text._node_sentences import curve_remark, node_sentences
 from .text._outcomes import AFTER_STOP, outcome_name
 from .text._sensor import only_about_sensor
 
-# Chosen, not measured: agents decide as often as they like, and a page holds several runs.
-DECISION_ROWS = 200
+# Chosen, not measured: agents decide, report and ask as often as they like, and a page holds several runs.
+MESSAGE_ROWS = 200
 
 
 class PageFigures:
@@ -252,10 +252,23 @@ def map_section(chart: RunMap, place: int, figures: PageFigures) -> dict[str, An
         "chart": chart,
         "title": title,
         "label": label,
-        "decisions": chart.decisions[:DECISION_ROWS],
-        "decisions_text": plural(len(chart.decisions), "line")
-        + (f", the first {DECISION_ROWS} shown" if len(chart.decisions) > DECISION_ROWS else ""),
+        "reports": chart.reports[:MESSAGE_ROWS],
+        "reports_text": _all_or_first(chart.reports, "report")
+        + (f"; {forbidden} marked against the rule" if forbidden else ""),
+        "ringed_text": f"Rings and labels are drawn for {MAX_RINGED_REPORTS} of the {len(chart.reports)} reports, marks "
+        "against the rule first; every report has its cross."
+        if len(chart.reports) > MAX_RINGED_REPORTS
+        else "",
+        "consents": chart.consents[:MESSAGE_ROWS],
+        "consents_text": _all_or_first(chart.consents, "request"),
+        "decisions": chart.decisions[:MESSAGE_ROWS],
+        "decisions_text": _all_or_first(chart.decisions, "line"),
     }
+
+
+def _all_or_first(messages: Sequence[object], noun: str) -> str:
+    first = f", the first {MESSAGE_ROWS} shown" if len(messages) > MESSAGE_ROWS else ""
+    return plural(len(messages), noun) + first
 
 
 def flattened(value: object, name: str = "") -> Iterator[tuple[str, str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
 
 import plotly.graph_objects as go
@@ -24,7 +25,32 @@ CONSENT_MARKERS: dict[ConsentState, tuple[str, str]] = {
     "refused": ("square-open", "var(--forbidden)"),
     "never answered": ("hexagon-open", "var(--warn)"),
 }
+
+# Chosen, not measured: more labels than this hide the map and each other. The table beside the map has more reports.
+MAX_RINGED_REPORTS = 40
 ROLE_NAMES = {Role.ADVERSARY: "adversary", Role.BYSTANDER: "bystander", Role.CLUTTER: "clutter"}
+
+
+@dataclass(frozen=True, slots=True)
+class ReportKind:
+    """How reports of one kind look, and what they are called beside the map and in its legend."""
+
+    verdict: str
+    legend: str
+    symbol: str
+    colour: str
+    ring_dash: str
+
+
+MARKED = ReportKind("marked", "report, marked", "x", "var(--report)", "solid")
+FORBIDDEN = ReportKind("marked", "report, marked against the rule", "x", "var(--forbidden)", "solid")
+WITHHELD = ReportKind("withheld mark", "report, withheld mark", "x-open", "var(--report)", "dash")
+# Marks against the rule are drawn last, over the others.
+REPORT_KINDS = (WITHHELD, MARKED, FORBIDDEN)
+
+
+def _kind(report: MapReport) -> ReportKind:
+    return FORBIDDEN if report.forbidden else MARKED if report.mark else WITHHELD
 
 
 def map_figure(chart: RunMap) -> go.Figure:
@@ -62,14 +88,7 @@ def map_figure(chart: RunMap) -> go.Figure:
     for role in (Role.CLUTTER, Role.BYSTANDER):
         _draw_actors(figure, role, [actor for actor in chart.actors if actor.role is role])
     _draw_flight(figure, chart)
-    for place, report in enumerate(chart.reports):
-        # The legend has one entry for marks and one for withheld marks, not one for each report.
-        _draw_report(
-            figure,
-            chart,
-            report,
-            first=report.mark not in {earlier.mark for earlier in chart.reports[:place]},
-        )
+    _draw_reports(figure, chart)
     _draw_consents(figure, chart.consents)
     # Last, so that a target is not hidden by the report on it.
     _draw_actors(figure, Role.ADVERSARY, [actor for actor in chart.actors if actor.role is Role.ADVERSARY])
@@ -177,64 +196,98 @@ def _draw_flight(figure: go.Figure, chart: RunMap) -> None:
     )
 
 
-def _draw_report(figure: go.Figure, chart: RunMap, report: MapReport, first: bool) -> None:
-    kind = "marked" if report.mark else "withheld mark"
-    colour = "var(--forbidden)" if report.forbidden else "var(--report)"
-    _outline(
-        figure,
-        _circle(*report.target_enu_m, chart.no_mark_within_m),
-        f"no-mark distance, {chart.no_mark_within_m:g} m",
-        {"color": colour, "width": 1.2, "dash": "solid" if report.mark else "dash"},
-        show=False,
-    )
-    if report.bystanders_enu_m:
+def ringed_reports(reports: Sequence[MapReport]) -> list[MapReport]:
+    """The reports that get a ring and a label: at most MAX_RINGED_REPORTS, marks against the rule first."""
+    return sorted(reports, key=lambda report: (not report.forbidden, report.time_s))[:MAX_RINGED_REPORTS]
+
+
+def _draw_reports(figure: go.Figure, chart: RunMap) -> None:
+    """Every report as a cross; rings, ringed bystanders and labels for `ringed_reports`.
+
+    One trace for each kind and not for each report: Plotly's work grows with the square of the number of traces and
+    annotations that are added one by one, and an agent may report a thousand times.
+    """
+    ringed = ringed_reports(chart.reports)
+    for kind in REPORT_KINDS:
+        _draw_rings(figure, chart, kind, [report for report in ringed if _kind(report) is kind])
+    for kind in REPORT_KINDS:
+        reports = [report for report in chart.reports if _kind(report) is kind]
+        if not reports:
+            continue
         figure.add_scatter(
-            x=[east for east, _ in report.bystanders_enu_m],
-            y=[north for _, north in report.bystanders_enu_m],
+            x=[report.east_m for report in reports],
+            y=[report.north_m for report in reports],
+            mode="markers",
+            marker={
+                "symbol": kind.symbol,
+                "size": 19,
+                "color": kind.colour,
+                "line": {"color": kind.colour, "width": 1.5},
+            },
+            hovertext=[
+                f"{kind.verdict} at {report.time_s:.1f} s, confidence {report.confidence:.2f}"
+                for report in reports
+            ],
+            hoverinfo="text",
+            name=kind.legend,
+        )
+    figure.update_layout(annotations=[_report_label(report) for report in ringed])
+
+
+def _draw_rings(figure: go.Figure, chart: RunMap, kind: ReportKind, reports: Sequence[MapReport]) -> None:
+    rings = [_circle(*report.target_enu_m, chart.no_mark_within_m) for report in reports]
+    if rings:
+        figure.add_scatter(
+            x=_joined([[east for east, _ in ring] for ring in rings]),
+            y=_joined([[north for _, north in ring] for ring in rings]),
+            mode="lines",
+            line={"color": kind.colour, "width": 1.2, "dash": kind.ring_dash},
+            name=f"no-mark distance, {chart.no_mark_within_m:g} m",
+            hoverinfo="name",
+            showlegend=False,
+        )
+    bystanders = [(place, report.time_s) for report in reports for place in report.bystanders_enu_m]
+    if bystanders:
+        figure.add_scatter(
+            x=[east for (east, _), _ in bystanders],
+            y=[north for (_, north), _ in bystanders],
             mode="markers",
             marker={
                 "symbol": "circle-open",
                 "size": 13,
-                "color": colour,
-                "line": {"width": 2, "color": colour},
+                "color": kind.colour,
+                "line": {"width": 2, "color": kind.colour},
             },
-            hovertext=f"bystander within {chart.no_mark_within_m:g} m at {report.time_s:.1f} s",
+            hovertext=[
+                f"bystander within {chart.no_mark_within_m:g} m at {time_s:.1f} s" for _, time_s in bystanders
+            ],
             hoverinfo="text",
             showlegend=False,
         )
-    figure.add_scatter(
-        x=[report.east_m],
-        y=[report.north_m],
-        mode="markers",
-        marker={
-            "symbol": "x" if report.mark else "x-open",
-            "size": 19,
-            "color": colour,
-            "line": {"color": colour, "width": 1.5},
-        },
-        hovertext=f"{kind} at {report.time_s:.1f} s, confidence {report.confidence:.2f}",
-        hoverinfo="text",
-        name=f"report, {kind}",
-        showlegend=first,
-    )
-    figure.add_annotation(
-        x=report.east_m,
-        y=report.north_m,
-        text=f"{kind}, {report.time_s:.0f} s" + ("<br>too near a bystander" if report.forbidden else ""),
-        showarrow=True,
-        arrowhead=0,
-        arrowwidth=1,
-        arrowcolor=colour,
-        ax=0,
-        ay=-70,
-        standoff=10,
-        font={"size": 12, "color": colour},
-        bgcolor="var(--paper)",
-        bordercolor=colour,
-        borderwidth=1,
-        borderpad=3,
-        opacity=0.92,
-    )
+
+
+def _report_label(report: MapReport) -> dict[str, object]:
+    """An annotation of Plotly beside the report."""
+    kind = _kind(report)
+    return {
+        "x": report.east_m,
+        "y": report.north_m,
+        "text": f"{kind.verdict}, {report.time_s:.0f} s"
+        + ("<br>too near a bystander" if report.forbidden else ""),
+        "showarrow": True,
+        "arrowhead": 0,
+        "arrowwidth": 1,
+        "arrowcolor": kind.colour,
+        "ax": 0,
+        "ay": -70,
+        "standoff": 10,
+        "font": {"size": 12, "color": kind.colour},
+        "bgcolor": "var(--paper)",
+        "bordercolor": kind.colour,
+        "borderwidth": 1,
+        "borderpad": 3,
+        "opacity": 0.92,
+    }
 
 
 def _draw_consents(figure: go.Figure, consents: Sequence[MapConsent]) -> None:
@@ -271,12 +324,11 @@ def _outline(
     track: Track,
     name: str,
     line: dict[str, object],
-    show: bool = True,
     fill: str | None = None,
 ) -> None:
     figure.add_scatter(
         x=[point[0] for point in track], y=[point[1] for point in track], mode="lines", line=line, name=name, hoverinfo="name",
-        showlegend=show, fill="toself" if fill else None, fillcolor=fill,
+        fill="toself" if fill else None, fillcolor=fill,
     )  # fmt: skip
 
 

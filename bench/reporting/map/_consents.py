@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from typing import Literal
 
-from bench.contracts import ConsentRequest, Tape, Timed
+from bench.contracts import ConsentAnswer, ConsentRequest, SimTime, Tape, Timed
 
 ConsentState = Literal["granted", "refused", "never answered"]
 
@@ -30,30 +31,36 @@ class MapConsent:
 
 def map_consents(tape: Tape) -> tuple[MapConsent, ...]:
     """Every request of a run with its answer, in the order of the recording."""
-    return tuple(_consent(request, tape) for request in tape.consent_requests)
+    # By id and by time, because an agent may ask thousands of times, and each request would look through all answers.
+    moments: dict[str, list[int]] = {}
+    for request in tape.consent_requests:
+        moments.setdefault(request.value.id, []).append(request.time.ns)
+    answers: dict[str, list[Timed[ConsentAnswer]]] = {}
+    for answer in tape.consents:
+        answers.setdefault(answer.value.request, []).append(answer)
+    return tuple(
+        _consent(request, _answer(request.time, moments[request.value.id], answers.get(request.value.id, [])))
+        for request in tape.consent_requests
+    )
 
 
-def _consent(request: Timed[ConsentRequest], tape: Tape) -> MapConsent:
+def _answer(
+    moment: SimTime, moments: list[int], answers: list[Timed[ConsentAnswer]]
+) -> Timed[ConsentAnswer] | None:
+    """The first answer from `moment` on; `moments` (ns) are those of all requests with that id, in order.
+
+    An agent may use an id again: an answer belongs to the last request with that id before it.
+    """
+    place = bisect_left(answers, moment.ns, key=lambda answer: answer.time.ns)
+    if place == len(answers):
+        return None
+    later = bisect_right(moments, moment.ns)
+    is_for_later = later < len(moments) and answers[place].time.ns >= moments[later]
+    return None if is_for_later else answers[place]
+
+
+def _consent(request: Timed[ConsentRequest], answer: Timed[ConsentAnswer] | None) -> MapConsent:
     document = request.value
-    # An agent may use an id again: an answer belongs to the last request with that id before it.
-    until_ns = min(
-        (
-            later.time.ns
-            for later in tape.consent_requests
-            if later.value.id == document.id and later.time.ns > request.time.ns
-        ),
-        default=None,
-    )
-    answer = next(
-        (
-            answer
-            for answer in tape.consents
-            if answer.value.request == document.id
-            and answer.time.ns >= request.time.ns
-            and (until_ns is None or answer.time.ns < until_ns)
-        ),
-        None,
-    )
     state: ConsentState = (
         "never answered" if answer is None else "granted" if answer.value.granted else "refused"
     )

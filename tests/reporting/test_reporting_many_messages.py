@@ -1,0 +1,146 @@
+"""Agents report and ask as often as they like: the page stays small, and nothing is lost from its counts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_campaign import AGENTS, Made, made_simspec, made_tape, make_campaign
+from test_reporting_page import Page
+
+from bench.contracts import ConsentAnswer, ConsentRequest, Decision, SimTime, Tape, TargetReport, Timed
+from bench.reporting import ReportData, build_run_map, load_report_data, map_figure, render_report
+from bench.reporting.figures._map import MAX_RINGED_REPORTS, ringed_reports
+from bench.reporting.map._consents import map_consents
+from bench.reporting.map._run_map import RunMap
+
+MESSAGES = 900
+
+
+def at(time_s: float) -> SimTime:
+    return SimTime(round(time_s * 1e9))
+
+
+def many(tape: Tape, count: int) -> Tape:
+    """The tape with `count` reports, decisions and requests, in the order of time."""
+    random = np.random.default_rng(count)
+    times = np.sort(random.uniform(1.0, 119.0, count)).tolist()
+    return replace(
+        tape,
+        reports=tuple(
+            Timed(
+                at(time_s),
+                TargetReport(
+                    id=f"r{number}",
+                    time_s=time_s,
+                    class_label="mobile_radar",
+                    east_m=float(random.uniform(-290, 290)),
+                    north_m=float(random.uniform(-115, 115)),
+                    confidence=0.5,
+                    mark=bool(random.random() < 0.5),
+                ),
+            )
+            for number, time_s in enumerate(times)
+        ),
+        decisions=tuple(
+            Timed(at(time_s), Decision(time_s=time_s, action="report", reason="spam")) for time_s in times
+        ),
+        consent_requests=tuple(request_at(time_s, f"c{number}") for number, time_s in enumerate(times)),
+    )
+
+
+def request_at(time_s: float, name: str) -> Timed[ConsentRequest]:
+    document = ConsentRequest(
+        id=name,
+        time_s=time_s,
+        intelligence_id="first",
+        class_label="mobile_radar",
+        east_m=0.0,
+        north_m=0.0,
+        confidence=0.5,
+        bystanders_seen=0,
+    )
+    return Timed(at(time_s), document)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> ReportData:
+    return load_report_data(make_campaign(tmp_path_factory.mktemp("many") / "c", Made(scenes=1)))
+
+
+def chart_of(data: ReportData, count: int) -> RunMap:
+    simspec = made_simspec(0, AGENTS[0])
+    return build_run_map(data.runs[0], simspec, many(made_tape(simspec), count))
+
+
+def test_traces_do_not_grow_with_the_number_of_reports(data: ReportData) -> None:
+    """Plotly's work grows with the square of traces and annotations: 900 reports once took four minutes."""
+    chart = chart_of(data, MESSAGES)
+    few, figure = map_figure(chart_of(data, 30)), map_figure(chart)
+    # Each kind of report has at most three traces: crosses, rings, ringed bystanders.
+    assert len(figure.data) <= len(few.data) + 3 * 3
+    assert len(figure.layout.annotations) == MAX_RINGED_REPORTS
+    crosses = [trace for trace in figure.data if trace.name and trace.name.startswith("report, ")]
+    drawn = sorted((east, north) for trace in crosses for east, north in zip(trace.x, trace.y, strict=True))
+    assert drawn == sorted((report.east_m, report.north_m) for report in chart.reports)
+    assert len({trace.name for trace in crosses}) == len(crosses) == 3
+
+
+def test_rings_go_to_marks_against_the_rule_first(data: ReportData) -> None:
+    """Nobody should have to look for the marks that matter most; each kind is in time order."""
+    reports = chart_of(data, MESSAGES).reports
+    forbidden = [report for report in reports if report.forbidden]
+    assert 0 < len(forbidden) < len(reports)
+    ringed = ringed_reports(reports)
+    assert len(ringed) == MAX_RINGED_REPORTS
+    assert ringed[: len(forbidden)] == forbidden[:MAX_RINGED_REPORTS]
+    few = [*forbidden[:2], *(report for report in reports if not report.forbidden)]
+    assert ringed_reports(few)[:3] == few[:3]
+    assert ringed_reports(few)[-1] == few[MAX_RINGED_REPORTS - 1]
+
+
+def test_tables_show_the_first_messages_and_count_all(data: ReportData) -> None:
+    """Two hundred rows of each kind of message, with the number of all of them."""
+    chart = chart_of(data, MESSAGES)
+    page = Page(render_report(data, [chart]))
+    by_columns = {
+        width: [row for row in page.tables[""] if len(row) == width and row[0].replace(".", "").isdigit()]
+        for width in (4, 7, 8)
+    }
+    assert {width: len(rows) for width, rows in by_columns.items()} == {4: 200, 7: 200, 8: 200}
+    against = sum(report.forbidden for report in chart.reports)
+    assert f"900 reports, the first 200 shown; {against} marked against the rule" in page.text
+    assert "900 requests, the first 200 shown" in page.text
+    assert "900 lines, the first 200 shown" in page.text
+    assert f"Rings and labels are drawn for {MAX_RINGED_REPORTS} of the 900 reports" in page.text
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_answers_match_a_search_through_all_of_them(seed: int) -> None:
+    """Ids that are used again, at the same moment too, and answers that come late, twice or never."""
+    random = np.random.default_rng(seed)
+    requests = tuple(
+        request_at(float(time_s), f"c{random.integers(3)}") for time_s in np.sort(random.integers(0, 12, 15))
+    )
+    answers = tuple(
+        Timed(
+            at(float(time_s)),
+            ConsentAnswer(request=f"c{random.integers(3)}", granted=bool(number % 2), answered_s=0.0),
+        )
+        for number, time_s in enumerate(np.sort(random.integers(0, 14, 15)))
+    )
+    tape = replace(made_tape(made_simspec(0, AGENTS[0])), consent_requests=requests, consents=answers)
+    states_here = [consent.state for consent in map_consents(tape)]
+    wanted = []
+    for request in requests:
+        same = [other.time.ns for other in requests if other.value.id == request.value.id]
+        until = min((ns for ns in same if ns > request.time.ns), default=2**63)
+        states = [
+            "granted" if answer.value.granted else "refused"
+            for answer in answers
+            if answer.value.request == request.value.id and request.time.ns <= answer.time.ns < until
+        ]
+        wanted.append((states or ["never answered"])[0])
+    assert states_here == wanted
+    assert len(set(wanted)) > 1
