@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
+
+from ._tables import add_plain_row, plain_console, plain_table, print_lines
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from bench.reporting import Comparison
-    from bench.statistics import NodeComparison
 
 
 def register(app: typer.Typer) -> None:
@@ -30,7 +31,8 @@ def compare(
         ),
     ] = None,
     node: Annotated[
-        list[str] | None, typer.Option(help="Only these nodes. Default: principles and key attributes")
+        list[str] | None,
+        typer.Option(help="Compare these nodes. Default: those under study, as in the report"),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the permutation test of the divergence")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
@@ -47,10 +49,23 @@ def compare(
         # NaN is not JSON: other readers would refuse the document.
         print(json.dumps(_document(comparison), indent=1, allow_nan=False))
         return
-    console = Console(width=None if Console().is_terminal else 140, markup=False, emoji=False)
-    console.print(_table(comparison))
-    for node_comparison in comparison.nodes:
-        print(f"{node_comparison.node}: {node_comparison.verdict(comparison.first, comparison.second)}")
+    console = plain_console()
+    count = f"{comparison.scenes} {'scene' if comparison.scenes == 1 else 'scenes'}"
+    rates, divergences = _tables(comparison)
+    print_lines(
+        console,
+        [
+            f"{comparison.first} and {comparison.second} on {count}",
+            "passed in %, second minus first in points, p of McNemar's test:",
+        ],
+    )
+    console.print(rates)
+    print_lines(console, ["divergence of scores (Jensen-Shannon, 0 to 1 bit):"])
+    console.print(divergences)
+    print_lines(
+        console,
+        [f"{node.node}: {node.verdict(comparison.first, comparison.second)}" for node in comparison.nodes],
+    )
 
 
 def _document(comparison: Comparison) -> dict[str, Any]:
@@ -71,55 +86,23 @@ def _document(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def _table(comparison: Comparison) -> Table:
-    title = f"{comparison.first} and {comparison.second} on {comparison.scenes} {'scene' if comparison.scenes == 1 else 'scenes'}"
-    table = Table(
-        title=title,
-        title_justify="left",
-        caption="Differences are second minus first.",
-        caption_justify="left",
+def _tables(comparison: Comparison) -> tuple[Table, Table]:
+    """Pass rates, and the divergence of scores: side by side they would not fit into 80 columns."""
+    from bench.reporting import comparison_cells
+
+    rates = plain_table(
+        ("node", "pairs", "first", "second", "differ-\nence", "95 % interval", "p", "p\nadjusted")
     )
-    table.add_column("node")
-    for column in (
-        "pairs",
-        "first",
-        "second",
-        "difference",
-        "95 % interval",
-        "McNemar p",
-        "adjusted",
-        "divergence",
-        "p",
-    ):
-        table.add_column(column, justify="right")
-    for node in comparison.nodes:
-        table.add_row(
-            node.node,
-            str(node.counts.pairs),
-            *_rates(node),
-            _p(node.mcnemar_p),
-            _p(node.p_adjusted),
-            *_divergence(node),
+    divergences = plain_table(("node", "divergence", "by chance", "p"))
+    for cells in map(comparison_cells, comparison.nodes):
+        add_plain_row(
+            rates,
+            (
+                *(cells.node, cells.pairs, cells.first, cells.second),
+                *(cells.difference, cells.interval, cells.mcnemar_p, cells.p_adjusted),
+            ),
         )
-    return table
-
-
-def _rates(node: NodeComparison) -> tuple[str, str, str, str]:
-    if node.counts.rates is None or node.difference is None:
-        return "", "", "", ""
-    first, second = node.counts.rates
-    return (
-        f"{first:.0%}",
-        f"{second:.0%}",
-        f"{node.difference.estimate:+.0%}",
-        f"{node.difference.low:+.0%} to {node.difference.high:+.0%}",
-    )
-
-
-def _divergence(node: NodeComparison) -> tuple[str, str]:
-    return ("", "") if node.divergence is None else (f"{node.divergence.value:.2f}", _p(node.divergence.p))
-
-
-# Below 0.001 the digits depend on assumptions of the test more than on the data.
-def _p(value: float | None) -> str:
-    return "" if value is None else "< 0.001" if value < 0.001 else f"{value:.3f}"
+        add_plain_row(
+            divergences, (cells.node, cells.divergence, cells.divergence_by_chance, cells.divergence_p)
+        )
+    return rates, divergences

@@ -39,3 +39,5 @@ from .statistics._pairings import Pairing as Pairing
 from .statistics._pairings import pair_agents as pair_agents
 from .statistics._table_proposal import disorder_text as disorder_text
 from .statistics._table_proposal import table_proposal as table_proposal
+from .text._comparison import ComparisonCells as ComparisonCells
+from .text._comparison import comparison_cells as comparison_cells

@@ -33,7 +33,6 @@ from .figures._factor_effects import factor_effects_figure
 from .figures._style import agent_styles
 from .map._run_choice import choose_runs
 from .map._run_map import RunMap, build_run_map
-from .statistics._agent_comparison import compare_agents
 from .statistics._design_quality import campaign_design_quality
 from .statistics._factor_effects import factor_effects
 from .statistics._trials import trials_of
@@ -44,6 +43,7 @@ from .text._campaign_sentences import (
     disclaimers,
     sessions_sentence,
 )
+from .text._comparison import comparison_cells
 from .text._fidelity import fidelity_note, with_table_notes
 from .text._format import interval, number, p_value, percent, score, span
 from .text._glossary import GLOSSARY
@@ -90,7 +90,7 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
         "css": Markup(template_text("report.css")),
         "policy": content_security_policy(plotly, script),
         "flown": sessions_sentence(data),
-        "differences": [line for pair in comparisons for line in difference_sentences(data, pair.pairings)],
+        "differences": [line for pair in comparisons for line in difference_sentences(data, pair.comparison)],
         "not_claimed": disclaimers(data),
         "facts": campaign_facts(data),
         "quality": campaign_design_quality(data),
@@ -107,7 +107,6 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
         "maps": [map_section(chart, place, figures) for place, chart in enumerate(charts, start=1)],
         "map_notes": map_notes,
         "comparisons": comparisons,
-        "settled": {pair.id: compare_agents(data, pair.first.name, pair.second.name) for pair in comparisons},
         "matter": matter,
         "factors_id": figures.add("factors-1", factor_effects_figure(matter)) if matter.tables else "",
         "failures": [run for run in data.runs if run.outcome is not Outcome.COMPLETED],
@@ -157,6 +156,7 @@ def _environment() -> jinja2.Environment:
         interval=interval,
         span=span,
         p_value=p_value,
+        comparison_cells=comparison_cells,
         outcome_name=outcome_name,
         outcome_text=outcome_text,
         confidence_extremes=confidence_extremes,

@@ -20,6 +20,7 @@ from .figures._pairings import pairings_figure
 from .figures._pass_rates import curve_figure
 from .figures._style import AgentStyle, agent_styles
 from .map._run_map import RunMap
+from .statistics._agent_comparison import Comparison, compare_agents
 from .statistics._pairings import Pairing, pair_agents
 from .statistics._trials import AllTrials, NodeTrials
 from .text._campaign_facts import factor_levels
@@ -49,7 +50,8 @@ class AgentPair:
     id: str
     first: AgentStyle
     second: AgentStyle
-    pairings: tuple[Pairing, ...]
+    comparison: Comparison
+    pairings: Mapping[str, Pairing]
     label: str
 
 
@@ -69,7 +71,9 @@ def agent_pairs(data: ReportData, figures: PageFigures) -> list[AgentPair]:
             if pairing.mean_confidence_difference is not None
         ]
         label = f"Mean difference in confidence, {second.name} minus {shown[0].name}: {', '.join(parts)}"
-        pairs.append(AgentPair(name, shown[0], second, pairings, label))
+        comparison = compare_agents(data, shown[0].name, second.name)
+        by_node = {pairing.node: pairing for pairing in pairings}
+        pairs.append(AgentPair(name, shown[0], second, comparison, by_node, label))
     return pairs
 
 

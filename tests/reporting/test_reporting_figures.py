@@ -19,6 +19,7 @@ from bench.contracts import Outcome
 from bench.reporting import (
     build_run_map,
     choose_runs,
+    compare_agents,
     configuration_figure,
     load_report_data,
     map_figure,
@@ -98,9 +99,9 @@ def test_bench_errors_are_not_counted_in_panels(tmp_path: Path) -> None:
     assert sum(configuration.n for configuration in report.configurations) == 3
 
 
-def test_pairings_count_the_scenes_that_each_agent_passed(data: ReportData) -> None:
-    """The four counts, the differences and McNemar's p agree with a count by hand; scenes that one agent
-    lacks are excluded.
+def test_comparison_counts_the_scenes_that_each_agent_passed(data: ReportData) -> None:
+    """The counts, the differences and McNemar's p agree with a count by hand; scenes that one agent lacks are
+    excluded.
     """
     scores = data.scores.filter(~((pl.col("design_point") == "p000") & (pl.col("agent") == AGENTS[0])))
     pairing = pair_agents(scores, ["KA-18"], *AGENTS)[0]
@@ -111,17 +112,21 @@ def test_pairings_count_the_scenes_that_each_agent_passed(data: ReportData) -> N
     )
     first, second = table[AGENTS[0]], table[AGENTS[1]]
     assert pairing.scenes == 59
-    assert pairing.only_second == ((first < 1) & (second >= 1)).sum()
-    assert pairing.both == ((first >= 1) & (second >= 1)).sum()
     assert pairing.mean_confidence_difference == pytest.approx((second - first).mean())
-    assert pairing.p_value is not None
-    assert pairing.p_value < 1e-6
+    comparison = compare_agents(replace(data, scores=scores), *AGENTS)
+    node = next(node for node in comparison.nodes if node.node == "KA-18")
+    assert (comparison.scenes, node.counts.pairs) == (59, 59)
+    assert node.counts.only_second == ((first < 1) & (second >= 1)).sum()
+    assert node.counts.both == ((first >= 1) & (second >= 1)).sum()
+    assert node.mcnemar_p is not None
+    assert node.mcnemar_p < 1e-6
 
 
-def test_pairing_without_a_difference_has_no_p_value(data: ReportData) -> None:
+def test_comparison_without_a_difference_has_no_p_value(data: ReportData) -> None:
     """An agent against itself: no discordant scene, so no test, and a mean difference of zero."""
+    node = compare_agents(data, AGENTS[0], AGENTS[0]).nodes[0]
+    assert (node.counts.only_first, node.counts.only_second, node.mcnemar_p) == (0, 0, None)
     pairing = pair_agents(data.scores, ["KA-03"], AGENTS[0], AGENTS[0])[0]
-    assert (pairing.only_first, pairing.only_second, pairing.p_value) == (0, 0, None)
     assert pairing.mean_confidence_difference == 0.0
 
 

@@ -45,9 +45,11 @@ class Page(HTMLParser):
         self.attributes: list[tuple[str, str, str]] = []
         self.ids: list[str] = []
         self.tables: dict[str, list[list[str]]] = {}
+        self.tables_by_class: dict[str, list[list[list[str]]]] = {}
         self.text = ""
         self._script: str | None = None
         self._table = ""
+        self._class: str | None = None
         self.feed(text)
         self.close()
 
@@ -63,8 +65,14 @@ class Page(HTMLParser):
         if tag == "table":
             self._table = values.get("id", "")
             self.tables.setdefault(self._table, [])
+            # The rows of a table without an id go to one list for all of them, and by class to one for each.
+            if "class" in values:
+                self.tables_by_class.setdefault(values["class"], []).append([])
+            self._class = values.get("class")
         if tag == "tr":
             self.tables[self._table].append([])
+            if self._class:
+                self.tables_by_class[self._class][-1].append(self.tables[self._table][-1])
         if tag in ("td", "th"):
             self.tables[self._table][-1].append("")
 

@@ -17,24 +17,20 @@ from bench.statistics import NodeComparison, compare_nodes
 from .._campaign_data import ReportData
 from .._campaign_folder import load_report_data
 
-# In the spelling of scores.parquet.
-SHOWN_LEVELS = ("principle", "ka")
-
 
 @dataclass(frozen=True, slots=True)
 class ComparedAgent:
     """One agent of one campaign."""
 
     label: str
-    folder: Path
     agent: str
     data: ReportData
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Two sides over the scenes that both flew; `scenes` counts those, whether a node was considered in them
-    or not.
+    """Two sides over the scenes that both flew and that count; `scenes` counts those, whether a node was considered
+    in them or not.
     """
 
     first: str
@@ -53,16 +49,15 @@ def compare_campaigns(
     """Compare two agents of one campaign's folder, or one agent each of two folders.
 
     Without `agents`: the two of one folder, or each folder's only one (else the one that both have). Without
-    `nodes`: every principle and key attribute. Raises SetupError with every reason for which they cannot be
+    `nodes`: those under study, of both campaigns. Raises SetupError with every reason for which they cannot be
     compared.
     """
     first, second = _compared_agents(folders, agents)
     faults = [*_decomposition_faults(first, second), *_unknown_node_faults(first.data, nodes)]
     if faults:
         raise SetupError(faults)
-    first_rows, second_rows = _shared_scene_rows(first, second)
-    scenes = first_rows["realization"].n_unique()
-    if not scenes:
+    comparison = _compared(first, second, nodes, seed)
+    if not comparison.scenes:
         raise SetupError(
             Fault(
                 f"{first.label} and {second.label}",
@@ -70,21 +65,28 @@ def compare_campaigns(
                 "compare agents of one campaign, or run the same campaign (base, design, seed) with the other agent",
             )
         )
-    compared_nodes = nodes or [node.id for node in first.data.nodes.values() if node.level in SHOWN_LEVELS]
+    return comparison
+
+
+def compare_agents(data: ReportData, first: str, second: str, *, seed: int = 0) -> Comparison:
+    """Two agents of one campaign at the nodes under study: the numbers of `rebar compare`."""
+    return _compared(ComparedAgent(first, first, data), ComparedAgent(second, second, data), (), seed)
+
+
+def _compared(first: ComparedAgent, second: ComparedAgent, nodes: Sequence[str], seed: int) -> Comparison:
+    """The one computation behind the report and `rebar compare`."""
+    first_rows, second_rows = _shared_scene_rows(first, second)
+    # p values are adjusted over the nodes compared. Those under study were chosen before the flights; what the reader
+    # of a result chooses is not.
+    compared_nodes = nodes or tuple(dict.fromkeys((*first.data.study, *second.data.study)))
     return Comparison(
         first.label,
         second.label,
-        scenes,
+        first_rows["realization"].n_unique(),
         compare_nodes(
             first_rows, second_rows, compared_nodes, excluded_outcomes=EXCLUDED_OUTCOMES, seed=seed
         ),
     )
-
-
-def compare_agents(data: ReportData, first: str, second: str) -> tuple[NodeComparison, ...]:
-    """Two agents of one campaign at the nodes under study."""
-    mine, other = (data.scores.filter(pl.col("agent") == agent) for agent in (first, second))
-    return compare_nodes(mine, other, data.study, excluded_outcomes=EXCLUDED_OUTCOMES)
 
 
 def _compared_agents(folders: Sequence[Path], agents: Sequence[str]) -> tuple[ComparedAgent, ComparedAgent]:
@@ -117,8 +119,8 @@ def _compared_agents(folders: Sequence[Path], agents: Sequence[str]) -> tuple[Co
         )
     labels = _labels(chosen, folders)
     first, second = (
-        ComparedAgent(label, folder, agent, campaign)
-        for label, (folder, campaign), agent in zip(labels, places, chosen, strict=True)
+        ComparedAgent(label, agent, campaign)
+        for label, (_, campaign), agent in zip(labels, places, chosen, strict=True)
     )
     return first, second
 
@@ -163,7 +165,7 @@ def _decomposition_faults(first: ComparedAgent, second: ComparedAgent) -> list[F
         return []
     return [
         Fault(
-            f"{first.folder} and {second.folder}",
+            f"{first.label} and {second.label}",
             "were scored over different decompositions, or one that cannot be read",
             "`rebar score FOLDER --decomposition NAME` scores both over one",
         )
@@ -183,8 +185,19 @@ def _shared_scene_rows(first: ComparedAgent, second: ComparedAgent) -> tuple[pl.
     first side.
     """
     first_rows, second_rows = (
-        side.data.scores.filter(pl.col("agent") == side.agent) for side in (first, second)
+        side.data.scores.filter(
+            pl.col("agent") == side.agent, ~pl.col("outcome").is_in(list(EXCLUDED_OUTCOMES))
+        )
+        for side in (first, second)
     )
+    if first.data is second.data:
+        # A campaign gives all its agents the same scene at each design point and replicate, also where the SimSpecs are
+        # lost.
+        shared_keys = ["design_point", "replicate"]
+        return (
+            first_rows.join(second_rows.select(shared_keys).unique(), on=shared_keys, how="semi"),
+            second_rows.join(first_rows.select(shared_keys).unique(), on=shared_keys, how="semi"),
+        )
     first_scenes, second_scenes = (
         _realizations_by_scene(first, first_rows),
         _realizations_by_scene(second, second_rows),

@@ -1,4 +1,4 @@
-"""Two agents compared scene by scene, so that the scenes cannot explain a difference."""
+"""The differences of two agents scene by scene, so that the scenes cannot explain them."""
 
 from __future__ import annotations
 
@@ -6,32 +6,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import polars as pl
-from scipy.stats import binomtest
 
 
 @dataclass(frozen=True, slots=True)
 class Pairing:
-    """One node, two agents, the scenes that both were considered in.
+    """One node, two agents: the differences (second minus first) over the scenes in which both were considered.
 
-    A scene is passed when every considered observable under the node was achieved (confidence 1 in that run).
-    `p_value` is McNemar's exact two-sided test on the scenes that only one of them passed; None when there is
-    no such scene.
+    How sure a difference is, and the counts of passes, are in the NodeComparison of the same node.
     """
 
     node: str
     first: str
     second: str
-    both: int
-    only_first: int
-    only_second: int
-    neither: int
     confidence_differences: tuple[float, ...]
     score_differences: tuple[float, ...]
-    p_value: float | None
 
     @property
     def scenes(self) -> int:
-        return self.both + self.only_first + self.only_second + self.neither
+        return len(self.confidence_differences)
 
     @property
     def mean_confidence_difference(self) -> float | None:
@@ -45,7 +37,7 @@ class Pairing:
 
 
 def pair_agents(scores: pl.DataFrame, nodes: Sequence[str], first: str, second: str) -> tuple[Pairing, ...]:
-    """Compare two agents on every node, over the (design point, replicate) pairs that both flew."""
+    """The differences of two agents on every node, over the (design point, replicate) pairs that both flew."""
     return tuple(_pair(scores.filter(pl.col("node") == node), node, first, second) for node in nodes)
 
 
@@ -59,26 +51,13 @@ def _pair(rows: pl.DataFrame, node: str, first: str, second: str) -> Pairing:
     )
     # A scene in which only one agent was considered shows no difference between the two.
     shared = shared.drop_nulls(["confidence", "confidence_second"])
-    passed = [
-        (a >= 1.0, b >= 1.0) for a, b in zip(shared["confidence"], shared["confidence_second"], strict=True)
-    ]
-    only_first, only_second = passed.count((True, False)), passed.count((False, True))
     scored = shared.drop_nulls(["score", "score_second"])
     return Pairing(
         node=node,
         first=first,
         second=second,
-        both=passed.count((True, True)),
-        only_first=only_first,
-        only_second=only_second,
-        neither=passed.count((False, False)),
         confidence_differences=tuple((shared["confidence_second"] - shared["confidence"]).to_list()),
         score_differences=tuple((scored["score_second"] - scored["score"]).to_list()),
-        # McNemar's exact test: if the agents are equal, either of them passes a discordant scene with
-        # probability 1/2.
-        p_value=float(binomtest(only_first, only_first + only_second).pvalue)
-        if only_first + only_second
-        else None,
     )
 
 

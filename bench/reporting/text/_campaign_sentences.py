@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
 
 from bench.contracts import Outcome
 
 from .._campaign_data import ReportData, Tally, stopped_early
-from ..statistics._pairings import Pairing
+from ..statistics._agent_comparison import Comparison
 from ._format import p_value, percent, plural
 from ._outcomes import outcome_name
 
@@ -66,16 +65,14 @@ def _tally_text(data: ReportData, tally: Tally) -> str:
     return f"{tally.node} ({data.title(tally.node)}): {percent(tally.confidence)} over {plural(tally.considered, 'considered run')}"
 
 
-def difference_sentences(data: ReportData, pairings: Iterable[Pairing]) -> list[str]:
-    """A sentence for each studied node on which one agent passed scenes that the other did not, by more than
-    chance explains.
-    """
+def difference_sentences(data: ReportData, comparison: Comparison) -> list[str]:
+    """A sentence for each studied node on which the agents differ by more than chance explains."""
     return [
-        f"On the same {plural(pairing.scenes, 'scene')}, {pairing.second} passed {pairing.node} ({data.title(pairing.node)}) in "
-        f"{pairing.only_second} where {pairing.first} did not, the reverse in {pairing.only_first} (McNemar's exact test, {p_value(pairing.p_value)})."
-        for pairing in pairings
-        # The conventional level, not adjusted: the disclaimers of the report say so.
-        if pairing.p_value is not None and pairing.p_value < 0.05
+        f"On the same {plural(node.counts.pairs, 'scene')}, {comparison.second} passed {node.node} ({data.title(node.node)}) in "
+        f"{node.counts.only_second} where {comparison.first} did not, the reverse in {node.counts.only_first} "
+        f"({p_value(node.p_adjusted)}, adjusted for the number of key attributes)."
+        for node in comparison.nodes
+        if node.settled
     ]
 
 

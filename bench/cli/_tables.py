@@ -1,0 +1,45 @@
+"""Tables that fit into the width of the terminal, 80 columns in a pipe: nothing in them is cut."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+
+def plain_console() -> Console:
+    """A console that prints text as it is.
+
+    Without highlighting and markup: rich would colour the numbers inside names, and drop what stands in brackets.
+    """
+    return Console(highlight=False, markup=False, emoji=False)
+
+
+def plain_table(columns: Sequence[str], *, texts: Collection[str] = ()) -> Table:
+    """A table without vertical lines and without a title, one space between columns. Fill it with `add_plain_row`.
+
+    Print a title before it as a line: rich would wrap it at the width of the table.
+
+    The columns named in `texts`, and the first one, are left-aligned and wrap, so that numbers stay whole.
+    """
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    for place, column in enumerate(columns):
+        is_text = place == 0 or column in texts
+        # Folded, where a name is longer than its column: a name that is cut cannot be searched or copied.
+        table.add_column(column, justify="left" if is_text else "right", no_wrap=not is_text, overflow="fold")
+    return table
+
+
+def add_plain_row(table: Table, cells: Sequence[str]) -> None:
+    """A row of a plain table; every cell is shown as it is."""
+    # As Text, because rich would take a name in brackets for markup.
+    table.add_row(*map(Text, cells))
+
+
+def print_lines(console: Console, lines: Sequence[str]) -> None:
+    """Print sentences, each from the start of a line and wrapped between words."""
+    for line in lines:
+        console.print(Text(line))
