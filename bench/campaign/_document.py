@@ -35,6 +35,15 @@ class CampaignBudgets(Document):
             gt=0.0, description="Host seconds after which no further session is started; run again to resume."
         ),
     ] = None
+    retry_s: Annotated[
+        float,
+        Field(
+            ge=0.0,
+            le=86400.0,
+            description="Host seconds over which a session that the host may have cost is tried again, with pauses that grow; "
+            "0 for one retry at once.",
+        ),
+    ] = 60.0
 
 
 class Stopping(Document):

@@ -27,11 +27,14 @@ class RealizationStarted:
 
 @dataclass(frozen=True, slots=True)
 class RealizationRetried:
-    """An attempt ended with a bench error or a lost worker. The realization will be flown once more."""
+    """An attempt ended in a way that the host may have caused. The realization is flown again, `pause_s` host
+    seconds later at the earliest.
+    """
 
     realization: str
     outcome: Outcome
     reason: str
+    pause_s: float
 
 
 @dataclass(frozen=True, slots=True)

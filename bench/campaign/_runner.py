@@ -23,6 +23,7 @@ from .early_stopping._decisions import check_stopping, outcome_name
 from .early_stopping._early_stopping import EarlyStopping
 from .execution._dispatcher import Deadline, Dispatcher
 from .execution._pool import OpenExecutor, open_local_pool
+from .execution._retries import Retries
 from .execution._stop_request import open_stop_request
 from .execution._task import FLIGHT_JOB, WorkerPlan
 from .planning._plan import CheckTakeoff, finish_infeasible, plan_campaign
@@ -92,10 +93,10 @@ def run_campaign(
     requested.
 
     Call it again on the same folder to resume. `workers` overrides the campaign's budget, which overrides the
-    number of cores. Realizations that may have failed because of the host are flown again, with two attempts
-    in every run; their earlier results are kept in aside/. `accept` leaves those that have one of its
+    number of cores. Realizations that may have failed because of the host are flown again, with at least two
+    attempts in every run; their earlier results are kept in aside/. `accept` leaves those that have one of its
     outcomes now as they are, for good; `rerun` takes that back. `clock` gives the host seconds by which the
-    campaign's total budget is judged.
+    campaign's total budget and the pauses before retries are judged.
 
     Raises SetupError for a campaign that cannot be realized and for a folder that is in use, belongs to
     another campaign or holds files that were changed since they were written, WorkersUnusable if no worker process can be started, BenchBroken if the first sessions
@@ -124,7 +125,8 @@ def run_campaign(
         early_stopping = EarlyStopping(
             campaign.stopping, decomposition, paths, journal, campaign.floor_labels
         )
-        dispatcher = Dispatcher(paths, journal, observers, early_stopping, plans)
+        retries = Retries(campaign.budgets.retry_s)
+        dispatcher = Dispatcher(paths, journal, observers, early_stopping, plans, retries, clock)
         observers.notify(CampaignPlanned(dispatcher.total, dispatcher.done))
         for result in finish_infeasible(plans, paths, journal):
             dispatcher.finish(result)

@@ -82,7 +82,7 @@ def _line(event: CampaignEvent) -> str:
             return f"[{event.done}/{event.total}] {event.realization}: {event.outcome} ({event.wall_s:.1f} s)"
         case RealizationRetried():
             # A reason may be a whole traceback, which would push the other lines off the screen.
-            return f"{event.realization}: {event.outcome}, retrying: {event.reason[:200]}"
+            return f"{event.realization}: {event.outcome}, retrying in {event.pause_s:.0f} s: {event.reason[:200]}"
         case ResultLost(realization):
             return f"{realization}: its result or its recording is gone; it is flown again"
         case CampaignStopping(reason):

@@ -98,7 +98,8 @@ def small_campaign(points: int = 3, replicates: int = 2, **budgets: Any) -> Camp
         base=base,
         design=Design(factors=(fog,), replicates=replicates, seed=7),
         agents=(AgentSpec(manifest="fake"),),
-        budgets=CampaignBudgets(**budgets),
+        # One retry, at once: only tests about the pauses between retries have some.
+        budgets=CampaignBudgets(**({"retry_s": 0.0} | budgets)),
     )
 
 

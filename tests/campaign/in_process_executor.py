@@ -11,8 +11,19 @@ from pathlib import Path
 
 from bench.campaign import OpenExecutor, Task, TaskEnded, WorkerPlan, digest_of
 from bench.campaign.execution._task import load_job
+from bench.contracts import SessionFailure
 from bench.documents import load_document
 from bench.simspec import SimSpec
+
+
+class HostClock:
+    """Host seconds that pass only where a test says so, and while an executor waits with nothing to do."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
 
 
 class InProcessExecutor:
@@ -21,10 +32,18 @@ class InProcessExecutor:
     With `reports` above one it breaks it: every task comes back several times.
     """
 
-    def __init__(self, plan: WorkerPlan, workers: int, order: random.Random, reports: int = 1) -> None:
+    def __init__(
+        self,
+        plan: WorkerPlan,
+        workers: int,
+        order: random.Random,
+        reports: int = 1,
+        clock: HostClock | None = None,
+    ) -> None:
         self._job, self._decomposition = load_job(plan.job), plan.decomposition
         self._workers, self._order, self._reports = workers, order, reports
         self._running: list[Task] = []
+        self._clock = clock
 
     @property
     def free(self) -> int:
@@ -40,7 +59,12 @@ class InProcessExecutor:
         return f"w{len(self._running)}"
 
     def wait(self, timeout_s: float | None, wake_fd: int) -> list[TaskEnded]:
-        del timeout_s, wake_fd
+        del wake_fd
+        if not self._running:
+            assert self._clock is not None
+            assert timeout_s is not None, "nothing runs, and nothing ends the wait"
+            self._clock.now_s += timeout_s
+            return []
         self._order.shuffle(self._running)
         count = self._order.randint(1, len(self._running))
         ended, self._running = self._running[:count], self._running[count:]
@@ -48,7 +72,10 @@ class InProcessExecutor:
 
     def _fly(self, task: Task) -> list[TaskEnded]:
         simspec = load_document(task.simspec, SimSpec)
-        result = self._job(simspec, self._decomposition, task.folder, task.realization)
+        try:
+            result = self._job(simspec, self._decomposition, task.folder, task.realization)
+        except Exception as error:  # as a worker does
+            result = SessionFailure.of(error).result(task.realization, 0.0)
         recording = task.folder / "recording.mcap"
         if result.recording_sha256 is None and recording.is_file():
             # As a worker does.
@@ -60,12 +87,12 @@ class InProcessExecutor:
         ]
 
 
-def open_in_process(seed: int = 0, reports: int = 1) -> OpenExecutor:
+def open_in_process(seed: int = 0, reports: int = 1, clock: HostClock | None = None) -> OpenExecutor:
     """Opens such executors; the same seed ends tasks in the same order."""
 
     @contextmanager
     def open_executor(plan: WorkerPlan, workers: int, folder: Path) -> Iterator[InProcessExecutor]:
         del folder
-        yield InProcessExecutor(plan, workers, random.Random(seed), reports)
+        yield InProcessExecutor(plan, workers, random.Random(seed), reports, clock)
 
     return open_executor

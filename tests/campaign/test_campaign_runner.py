@@ -159,10 +159,17 @@ def test_bad_sessions_cost_themselves_only(tmp_path: Path) -> None:
 
 
 def test_a_retry_may_succeed(tmp_path: Path) -> None:
-    """A bench error that does not come back leaves a completed run and a second attempt in the journal."""
-    summary = fly(tmp_path, script=Script({"p001-r1-fake": "exit-once"}))
+    """A lost worker that does not come back leaves a completed run and a second attempt in the journal. In
+    between, real workers wait for a pause of the real clock with nothing else to do.
+    """
+    events: list[object] = []
+    campaign = small_campaign(1, 1, retry_s=0.1)
+    summary = fly(tmp_path, campaign, Script({"p001-r1-fake": "exit-once"}), on_event=events.append)
 
-    assert summary.outcomes == {Outcome.COMPLETED: 6}
+    assert summary.outcomes == {Outcome.COMPLETED: 1}
+    assert [0.1 <= event.pause_s <= 0.125 for event in events if isinstance(event, RealizationRetried)] == [
+        True
+    ]
     assert entries(tmp_path)["p001-r1-fake"].attempts == 2
 
 

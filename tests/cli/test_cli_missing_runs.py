@@ -53,7 +53,7 @@ def test_files_that_vanish_in_mid_campaign_leave_it_incomplete_until_they_are_ba
     (tmp_path / "scene.yaml").write_text(scene)
     (tmp_path / "agent.yaml").write_text(MANIFEST)
     campaign, out = tmp_path / "small.yaml", tmp_path / "out"
-    campaign.write_text(CAMPAIGN.replace("reference-naive", "agent.yaml"))
+    campaign.write_text(CAMPAIGN.replace("reference-naive", "agent.yaml") + "budgets: {retry_s: 0}\n")
     program = tmp_path / "agent.sh"
     program.write_text('#!/bin/sh\nrm "$0"\nexit 1\n')
     program.chmod(0o755)

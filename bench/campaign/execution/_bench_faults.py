@@ -9,11 +9,6 @@ from bench.contracts import Outcome, SessionResult
 from ..storage._completeness import PROVISIONAL_OUTCOMES
 from ._task import BenchBroken
 
-MAX_ATTEMPTS = 2
-"""Attempts of one run of the campaign after which a session that may have failed because of the host is left
-as it is.
-"""
-
 FAULTS_BEFORE_GIVING_UP = 5
 """Realizations that fail because of the bench or the host before any session succeeds, after which the bench
 is considered broken.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,8 +19,9 @@ from ..storage._completeness import PROVISIONAL_OUTCOMES
 from ..storage._folder import CampaignFolder
 from ..storage._journal import Journal, RealizationState
 from ..storage._results import write_result
-from ._bench_faults import MAX_ATTEMPTS, BenchFaultWatch, is_worth_a_retry
+from ._bench_faults import BenchFaultWatch
 from ._pool import Executor
+from ._retries import Retries
 from ._stop_request import StopRequest
 from ._task import Task, TaskEnded
 
@@ -59,6 +60,8 @@ class Dispatcher:
         observers: Observers,
         early_stopping: EarlyStopping,
         plans: Sequence[RealizationPlan],
+        retries: Retries,
+        clock: Callable[[], float],
     ) -> None:
         self._folder, self._journal, self._observers, self._early_stopping = (
             folder,
@@ -67,8 +70,7 @@ class Dispatcher:
             early_stopping,
         )
         self._bench_faults = BenchFaultWatch()
-        # Of this run alone: a run on another day, on a repaired host, has its own attempts.
-        self._failures: Counter[str] = Counter()
+        self._retries, self._clock = retries, clock
         self._running: dict[str, PointKey | None] = {}
         self.total = len(plans)
         # Planning compared the files in simspecs/ with the journal's digests: none has to be read again for
@@ -90,12 +92,17 @@ class Dispatcher:
         while stop.reason is None:
             left_s = None if deadline is None else deadline.left_s
             is_over = left_s is not None and left_s <= 0.0
-            while executor.free and not is_over and (realization := self._next_realization()) is not None:
+            # Read once: a pause that ended between two readings would be neither due nor waited for.
+            now = self._clock()
+            while executor.free and not is_over and (realization := self._next_realization(now)) is not None:
                 self._start(executor, realization)
-            if not executor.busy:
+            # Without a free worker a pause that is over starts nothing; the end of a session does.
+            pause_s = self._retries.next_due_s(self._waiting, now) if executor.free else None
+            if not executor.busy and (is_over or pause_s is None):
                 break
             # After the deadline the running sessions may still end by their own budgets.
-            for ended in executor.wait(None if is_over else left_s, stop.wake_fd):
+            spans_s = [] if is_over else [span_s for span_s in (left_s, pause_s) if span_s is not None]
+            for ended in executor.wait(min(spans_s, default=None), stop.wake_fd):
                 self._take_in(ended)
         self.stopped = stop.reason or ("the campaign's total wall budget is spent" if self._waiting else None)
         if self.stopped is not None:
@@ -131,15 +138,16 @@ class Dispatcher:
         for result in self._early_stopping.stop(key, self._waiting):
             self.finish(result)
 
-    def _next_realization(self) -> str | None:
+    def _next_realization(self, now: float) -> str | None:
         """Take the next realization out of `waiting`. None if none can be started before a running one ends.
 
         With early stopping a design point of which nothing is running comes first: its next replicate is the
         one that is most surely needed.
         """
         running = {key for key in self._running.values() if key is not None}
-        startable = (name for name in self._waiting if self._early_stopping.may_start(name))
-        idle = (name for name in self._waiting if self._early_stopping.key(name) not in running)
+        due = [name for name in self._waiting if self._retries.is_due(name, now)]
+        startable = (name for name in due if self._early_stopping.may_start(name))
+        idle = (name for name in due if self._early_stopping.key(name) not in running)
         realization = next(filter(self._early_stopping.may_start, idle), None) or next(startable, None)
         if realization is not None:
             self._waiting.remove(realization)
@@ -168,11 +176,13 @@ class Dispatcher:
                     "free some space and run again; no result is lost",
                 )
             )
-        self._failures[result.realization] += is_worth_a_retry(result)
-        if is_worth_a_retry(result) and self._failures[result.realization] < MAX_ATTEMPTS:
+        pause_s = self._retries.pause_s(result, self._clock())
+        if pause_s is not None:
             self._journal.retry(result.realization, result.outcome, result.reason)
             self._waiting.append(result.realization)
-            self._observers.notify(RealizationRetried(result.realization, result.outcome, result.reason))
+            self._observers.notify(
+                RealizationRetried(result.realization, result.outcome, result.reason, pause_s)
+            )
         else:
             self._journal.finish(result, write_result(self._folder.run(result.realization), result))
             self.finish(result)
