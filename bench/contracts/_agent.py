@@ -40,7 +40,12 @@ class AgentManifest(Document):
     """
 
     format: Literal["rebar.agent/1"] = "rebar.agent/1"
-    name: Identifier
+    name: Annotated[
+        Identifier,
+        Field(
+            description="For people who read the file. Results name the agent by its entry point, or by its file without the suffix."
+        ),
+    ]
     description: str = ""
     command: Annotated[tuple[str, ...], Field(min_length=1)]
     environment: dict[str, str] = {}

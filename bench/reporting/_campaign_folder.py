@@ -18,7 +18,7 @@ from bench.contracts import SessionResult, parse_document
 from bench.documents import parse_text, read_text
 from bench.errors import Fault, SetupError
 from bench.scoring import EXCLUDED_OUTCOMES, SCORE_COLUMNS, NodeFloor, node_floors, summary_frame
-from bench.simspec import FACTORS, SimSpec, factor_values
+from bench.simspec import FACTORS, SimSpec, agent_name, factor_values
 from decompositions import Decomposition, load_decomposition
 
 from ._campaign_data import LEVEL_ORDER, Configuration, Node, ReportData, Run, stopped_early, tallies_of
@@ -43,7 +43,7 @@ def load_report_data(folder: Path) -> ReportData:
     floor_labels = _floor_labels(campaign)
     all_simspecs = _simspecs(folder)
     # Null agents and the oracle are no agents under test: nothing but floor and ceiling is about them.
-    all_runs = _runs(folder, scores, all_simspecs, notes)
+    all_runs = _runs(folder, scores, all_simspecs, _names_in_ids(campaign), notes)
     runs = tuple(run for run in all_runs if run.agent not in floor_labels)
     simspecs = {
         run.realization: all_simspecs[run.realization] for run in runs if run.realization in all_simspecs
@@ -130,7 +130,7 @@ def _floor_labels(campaign: Mapping[str, Any]) -> frozenset[str]:
     floor = _mapping(campaign.get("floor"))
     specs = [*(floor.get("agents") or ()), floor.get("oracle")]
     return frozenset(
-        Path(str(manifest)).stem for spec in specs if (manifest := _mapping(spec).get("manifest"))
+        agent_name(str(manifest)) for spec in specs if (manifest := _mapping(spec).get("manifest"))
     )
 
 
@@ -144,7 +144,7 @@ def _floors(folder: Path, campaign: Mapping[str, Any], notes: list[str]) -> dict
         )
         return {}
     oracle = _mapping(_mapping(campaign.get("floor")).get("oracle")).get("manifest")
-    return node_floors(scores, Path(str(oracle)).stem if oracle else None)
+    return node_floors(scores, agent_name(str(oracle)) if oracle else None)
 
 
 def _simspecs(folder: Path) -> dict[str, SimSpec]:
@@ -156,8 +156,20 @@ def _simspecs(folder: Path) -> dict[str, SimSpec]:
     return simspecs
 
 
+def _names_in_ids(campaign: Mapping[str, Any]) -> dict[str, str]:
+    """The names of the campaign's agents, by the form in which realization ids hold them."""
+    floor = _mapping(campaign.get("floor"))
+    specs = [*(campaign.get("agents") or ()), *(floor.get("agents") or ()), floor.get("oracle")]
+    names = [agent_name(str(manifest)) for spec in specs if (manifest := _mapping(spec).get("manifest"))]
+    return {UNSAFE_LABEL_CHARACTERS.sub("-", name.lower()): name for name in names}
+
+
 def _runs(
-    folder: Path, scores: pl.DataFrame, simspecs: Mapping[str, SimSpec], notes: list[str]
+    folder: Path,
+    scores: pl.DataFrame,
+    simspecs: Mapping[str, SimSpec],
+    names_in_ids: Mapping[str, str],
+    notes: list[str],
 ) -> tuple[Run, ...]:
     """Every realization that has scores, a SimSpec or a folder, in the order of their ids."""
     scored = {
@@ -183,7 +195,15 @@ def _runs(
         )
     early_stopping = stopped_early(scores)
     return tuple(
-        _run(folder, name, results[name], scored.get(name, {}), simspecs.get(name), early_stopping)
+        _run(
+            folder,
+            name,
+            results[name],
+            scored.get(name, {}),
+            simspecs.get(name),
+            names_in_ids,
+            early_stopping,
+        )
         for name in names
     )
 
@@ -203,11 +223,13 @@ def _run(
     result: SessionResult | None,
     row: Mapping[str, Any],
     simspec: SimSpec | None,
+    names_in_ids: Mapping[str, str],
     early_stopping: bool,
 ) -> Run:
     parts = REALIZATION_ID.match(name)
     recording = folder / "runs" / name / "recording.mcap"
-    agent = row.get("agent") or (simspec.agent.label if simspec else parts["agent"] if parts else "unknown")
+    part = parts["agent"] if parts else "unknown"
+    agent = row.get("agent") or (simspec.agent.label if simspec else names_in_ids.get(part, part))
     return Run(
         realization=name,
         design_point=str(row.get("design_point") or (parts["point"] if parts else name)),
@@ -230,7 +252,7 @@ def _agents(campaign: Mapping[str, Any], runs: Iterable[Run]) -> tuple[str, ...]
     """In the order in which the campaign names them; agents that flew without being named come last."""
     flown = {run.agent for run in runs}
     stated = [str(_mapping(entry).get("manifest", "")) for entry in campaign.get("agents") or ()]
-    named = [UNSAFE_LABEL_CHARACTERS.sub("-", Path(manifest).stem.lower()) for manifest in stated if manifest]
+    named = [agent_name(manifest) for manifest in stated if manifest]
     # Before the first run, all agents are listed; afterwards only those that flew.
     ordered = [name for name in dict.fromkeys(named) if name in flown or not flown]
     return (*ordered, *sorted(flown - set(ordered)))

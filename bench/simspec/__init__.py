@@ -19,6 +19,7 @@ from ._actors import Role as Role
 from ._assets import ASSETS as ASSETS
 from ._assets import Asset as Asset
 from ._assets import asset_fault as asset_fault
+from ._document import MANIFEST_SUFFIXES as MANIFEST_SUFFIXES
 from ._document import AgentSpec as AgentSpec
 from ._document import Budgets as Budgets
 from ._document import Consent as Consent
@@ -36,6 +37,7 @@ from ._document import PlacedReport as PlacedReport
 from ._document import Realized as Realized
 from ._document import Seeds as Seeds
 from ._document import SimSpec as SimSpec
+from ._document import agent_name as agent_name
 from ._factor_paths import factor_paths as factor_paths
 from ._factors import FACTORS as FACTORS
 from ._factors import FactorDefinition as FactorDefinition

@@ -236,6 +236,21 @@ class Perception(Document):
     model: DetectionModel = DetectionModel()
 
 
+MANIFEST_SUFFIXES = (".yaml", ".yml", ".json")
+
+
+def agent_name(manifest: str) -> str:
+    """The name of an agent: that of its entry point, or of its manifest's file without the suffix.
+
+    Not the field `name` of the manifest: two builds of an agent have two files, often with one name inside, and
+    recordings are scored where the manifest is gone.
+    """
+    name = PurePosixPath(manifest).name
+    # Only these suffixes: what follows the dot of an entry point `agent-v1.2` belongs to its name.
+    suffix = next((suffix for suffix in MANIFEST_SUFFIXES if name.endswith(suffix) and name != suffix), "")
+    return name.removesuffix(suffix)
+
+
 class AgentSpec(Document):
     """The agent under test: its manifest, by name (entry-point group rebar.agents) or by file, and its
     options.
@@ -246,8 +261,8 @@ class AgentSpec(Document):
 
     @property
     def label(self) -> str:
-        """Short name of the agent for tables and identifiers."""
-        return PurePosixPath(self.manifest).stem
+        """The one name of the agent, in every table, page, document and message: see `agent_name`."""
+        return agent_name(self.manifest)
 
 
 class Pace(Document):
