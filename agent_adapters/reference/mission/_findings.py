@@ -64,14 +64,21 @@ class Findings:
     # Called by the clock.
 
     def update(self) -> None:
-        """After a frame: report the target of every active task that is identified, once the policy is
+        """After a frame: report the target of every task that is searched for and identified, once the policy is
         content.
+
+        A search that was broken off may have found its target by then: flying back for a report would keep the others
+        waiting. Nothing is marked from afar, though, for nobody sees who has come near since; and where the operator
+        ordered a search, it is flown.
         """
         for task in self._planner.tasks.values():
-            if task.active and (candidate := self.candidate(task)) and not self.missing(candidate, task):
+            broken_off = task.state == "waiting" and task.passes > 0 and not task.ordered
+            if not (task.active or broken_off):
+                continue
+            if (candidate := self.candidate(task)) and not self.missing(candidate, task):
                 judgement = self.judge(candidate)
                 self._verdicts[task.id] = judgement.reason
-                if not judgement.look:
+                if not (judgement.look or (broken_off and judgement.mark)):
                     self.settle(task, candidate, judgement)
 
     def send_reports(self) -> None:

@@ -378,16 +378,13 @@ class SearchMission:
         if task.active or task.enough or task.passes > 1 or now_s - self._asked_s < 1.0:
             return not task.active and (task.enough or task.passes > 1)
         self._asked_s = now_s
-        deadline_s = (
-            self._order.report_deadline_s if self._order and self._order.report_deadline_s else math.inf
-        )
+        deadline_s = self._order.report_deadline_s if self._order else None
         place = self._place
         for other in self._planner.waiting(place):
             if not self._planner.fits(place, now_s, other, SEARCH_S):
                 continue
-            due_s = (
-                other.told_s + deadline_s - self._planner.travel_s(math.dist(place, other.place)) - SEARCH_S
-            )
+            there_s = self._planner.travel_s(math.dist(place, other.place)) + SEARCH_S
+            due_s = other.due_s_after(deadline_s) - there_s
             if now_s + HURRY_S > due_s or not self._planner.fits(place, now_s + HURRY_S, other, SEARCH_S):
                 task.enough = True
                 self._log.decide("move_on", task.id, f"found; {other.id} would come too late otherwise")

@@ -20,6 +20,10 @@ LANDING_S = 24.0
 # What slowing down and turning costs at the end of a leg, on the safe side. Chosen, not measured.
 TURN_S = 3.0
 
+# How long intelligence about what was seen during the flight stays good: a vehicle that stands still now will not stand
+# there for long. Chosen, not measured.
+FRESH_S = 120.0
+
 State = Literal[
     "waiting", "active", "found", "reported", "not_found", "skipped"
 ]  # found: to be reported when that is allowed
@@ -52,6 +56,13 @@ class SearchTask:
     @property
     def active(self) -> bool:
         return self.state == "active"
+
+    def due_s_after(self, deadline_s: float | None) -> float:
+        """When its target should be known: by the deadline for reports, counted from when it was told, and what was seen
+        during the flight while that is fresh.
+        """
+        fresh_s = FRESH_S if self.intelligence.observed_s > 0.0 else math.inf
+        return self.told_s + min(fresh_s, deadline_s or math.inf)
 
     @property
     def urgency(self) -> tuple[int, float, int]:
