@@ -18,7 +18,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from logbook import PATIENCE_S, apart, distance_m, place, run_chapters
+from logbook import PATIENCE_S, apart, distance_m, place, run_chapters, wait_until
 
 HOME = (47.3977, 8.5456)
 MODULES = "log,wp,rally,fence,param,arm,mode,cmdlong,misc,rc,link,ftp"
@@ -117,11 +117,15 @@ class Flight:
         received = self.console.expect(r"Received (\d+) parameters").group(1)
         return {"detected": detected, "arm": arm, "parameters": int(received)}
 
+    def return_height(self) -> float:
+        """RTL_ALT in centimetres, as the console knows it."""
+        return float(self.console.ask("param show RTL_ALT", r"RTL_ALT\s+([\d.]+)"))
+
     def parameters(self) -> dict[str, Any]:
-        before = float(self.console.ask("param show RTL_ALT", r"RTL_ALT\s+([\d.]+)"))
+        before = self.return_height()
         self.console.type("param set RTL_ALT 1000")
-        time.sleep(0.5)
-        after = float(self.console.ask("param show RTL_ALT", r"RTL_ALT\s+([\d.]+)"))
+        # `param show` prints what the autopilot last answered, so it shows when the answer is there.
+        after = wait_until("another RTL_ALT", lambda: (value := self.return_height()) != before and value)
         self.console.type(f"param set RTL_ALT {before}")
         unknown = self.console.ask("param set NO_SUCH_PARAM 1", r"Unable to find parameter")
         return {"before": before, "after": after, "unknown": unknown}
