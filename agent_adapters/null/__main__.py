@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 from contextlib import suppress
 
-from agent_adapters.client import open_bench, read_environment
+from agent_adapters.client import Wanted, open_bench, read_environment
+from bench.clock import CLOCK
 from bench.errors import LinkLost, SetupError
+from bench.streams import Clock
 
 from ._autopilot import LINK, Autopilot
 from ._behaviours import BEHAVIOURS, Behaviour
@@ -38,6 +41,11 @@ def run(name: str, behaviour: Behaviour) -> None:
     links = {LINK: "REBAR_MAVLINK"} if behaviour.flies else {}
     environment = read_environment(os.environ, links)
     wanted = subscriptions(environment.vehicle, behaviour.listens) if environment.zenoh else []
+    if environment.tick is None:
+        if not wanted:
+            # It hears no clock, so nothing would tell it the time; the bench ends it.
+            signal.pause()
+        wanted.append(Wanted(CLOCK, Clock))
     with open_bench(f"null_{name.replace('-', '_')}", environment, wanted) as bench:
         session = NullSession(environment.vehicle, bench.publish, environment.seed)
         autopilot = Autopilot(bench.links[LINK]) if behaviour.flies else None

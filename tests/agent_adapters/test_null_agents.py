@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +36,7 @@ from bench.simspec import (
     Mission,
     Order,
     Outage,
+    Pace,
     Placement,
     Point,
     Polygon,
@@ -43,7 +45,7 @@ from bench.simspec import (
     VehicleSpec,
     World,
 )
-from bench.simulation import SessionEnd, SessionPlan, run_session
+from bench.simulation import HostClock, SessionEnd, SessionPlan, run_session
 from bench.streams import String, decode
 
 CORNERS = ((-60, -60), (60, -60), (60, 60), (-60, 60))
@@ -108,11 +110,17 @@ def simspec(agent: str, limit_s: float, ordered: bool = True) -> SimSpec:
     )
 
 
-def fly(folder: Path, behaviour: str, limit_s: float, manifest: str = "") -> Flight:
+def fly(
+    folder: Path, behaviour: str, limit_s: float, manifest: str = "", real_time: HostClock | None = None
+) -> Flight:
+    """In lockstep, or in real time by the clock given."""
     spec = simspec(manifest or f"null-{behaviour}", limit_s, ordered=not manifest)
+    if real_time is not None:
+        spec = spec.model_copy(update={"pace": Pace(mode="realtime")})
     agent, at = load_manifest(spec.agent.manifest)
     records: list[Record] = []
-    end = run_session(SessionPlan(spec, agent, at, open_agent, folder, records.append))
+    plan = SessionPlan(spec, agent, at, open_agent, folder, records.append, clock=real_time or HostClock())
+    end = run_session(plan)
     documents: dict[str, list[Document]] = {topic: [] for topic in KINDS}
     states = []
     for record in records:
@@ -211,6 +219,29 @@ def test_the_reckless_mark_and_report(flights: dict[str, Flight]) -> None:
     assert len({(report.east_m, report.north_m) for report in flights["everywhere"].reports}) > 20
     marked = {report.mark for report in flights["random"].reports}
     assert marked == {True, False}
+
+
+def hurried(times: float) -> HostClock:
+    """A host's clock that is so many times faster than the host's own."""
+    began_s = time.monotonic()
+    return HostClock(lambda: times * (time.monotonic() - began_s), lambda span_s: time.sleep(span_s / times))
+
+
+@pytest.mark.flight
+def test_without_ticks_it_takes_its_time_from_the_clock_topic(tmp_path: Path) -> None:
+    """It flies its hop to the end, by a clock ten times as fast as the host's, so that the test waits less. A slow
+    host costs no more than some of the 290 simulated seconds that it has.
+    """
+    flight = fly(tmp_path, "land", 290.0, real_time=hurried(10.0))
+    assert flight.end.outcome is Outcome.COMPLETED, flight.end.reason
+    assert flight.flown
+    assert flight.landed
+
+
+def test_without_ticks_the_idle_one_stays(tmp_path: Path) -> None:
+    """It has no clock to go by, and lives until the bench ends it."""
+    flight = fly(tmp_path, "idle", GROUNDED_S, real_time=hurried(10.0))
+    assert flight.end.outcome is Outcome.TIME_LIMIT, flight.end.reason
 
 
 def test_topics_are_those_of_the_contract() -> None:

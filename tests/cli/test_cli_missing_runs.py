@@ -90,14 +90,21 @@ def test_files_that_vanish_in_mid_campaign_leave_it_incomplete_until_they_are_ba
 def test_a_pace_that_agents_cannot_follow_is_told_for_all_of_them_before_take_off(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The null agents and the oracle know lockstep alone: with --pace realtime each is named, at once."""
+    """Two agents that know lockstep alone: with --pace realtime each is named, at once, and the null agents of the
+    floor, which follow both paces, are not.
+    """
     (tmp_path / "scene.yaml").write_text(EXAMPLE.read_text().replace("model: x500", "model: still"))
+    for name in ("one", "two"):
+        (tmp_path / f"{name}.yaml").write_text(
+            f"format: rebar.agent/1\nname: {name}\ncommand: ['{{python}}', '-c', '']\npace: [lockstep]\n"
+        )
     campaign = tmp_path / "small.yaml"
-    campaign.write_text(CAMPAIGN)
+    agents = "{manifest: one.yaml}, {manifest: two.yaml}"
+    campaign.write_text(CAMPAIGN.replace("{manifest: reference-naive}", agents))
     line = ["run", str(campaign), "--out", str(tmp_path / "out"), "--pace", "realtime"]
     assert run([*line, "--floor"]) == 2
     faults = capsys.readouterr().err.splitlines()
-    assert len(faults) == 14
+    assert len(faults) == 2
     assert all("cannot follow pace 'realtime'" in fault for fault in faults)
     assert run([*line, "--floor", "--dry-run"]) == 2
     assert capsys.readouterr().err.splitlines() == faults
