@@ -36,6 +36,7 @@ from .controller import (
     FlightTarget,
     Link,
     Manoeuvres,
+    MotionShaping,
     PersistentState,
     ReferencePoint,
     TargetAttitude,
@@ -99,6 +100,7 @@ class X500Airframe:
         self._step_s = step_s
         self._yaw_rad = plant.motion.yaw_rad
         self._target: FlightTarget | None = None  # as last taken
+        self._shaping: MotionShaping | None = None  # likewise
         self.error_enu_m: Vector = (0.0, 0.0, 0.0)
 
     def arm(self) -> None:
@@ -151,6 +153,23 @@ class X500Airframe:
         write("speed-max-mps", min(target.speed_max_mps, _SPEED_MAX_MPS))
         write("climb-max-mps", min(target.climb_max_mps, _CLIMB_MAX_MPS))
         write("descent-max-mps", min(target.descent_max_mps, _DESCENT_MAX_MPS))
+        if target.shaping != self._shaping:
+            self._write_shaping(target.shaping)
+
+    def _write_shaping(self, shaping: MotionShaping) -> None:
+        self._shaping = shaping
+        self._plant.write("velocity-p-per-s", shaping.velocity_p_per_s)
+        self._plant.write("velocity-i-per-s2", shaping.velocity_i_per_s2)
+        self._plant.write("drag-share", 1.0 if shaping.knows_drag else 0.0)
+        for prefix, axis in (("", shaping.horizontal), ("vertical-", shaping.vertical)):
+            write = self._plant.write
+            write(f"{prefix}accel-max-mps2", axis.accel_mps2)
+            write(f"{prefix}jerk-step-mps2", axis.jerk_mps3 * self._plant.outer_s)
+            write(f"{prefix}ramp-gain-per-s", axis.gain_per_s)
+            write(f"{prefix}brake-twice-mps2", 2.0 * axis.brake_mps2)
+            write(f"{prefix}approach-base-m2ps2", axis.base_m2ps2)
+            write(f"{prefix}approach-offset-mps", axis.offset_mps)
+            write(f"{prefix}approach-near-m", axis.near_m)
 
     def _write_attitude(self, attitude: TargetAttitude | None) -> None:
         write = self._plant.write

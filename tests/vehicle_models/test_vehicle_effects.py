@@ -151,6 +151,52 @@ def sinking(client: Client) -> float:
     return most(sink_mps, client, 6.0)
 
 
+def speed_after(seconds: float) -> Measure:
+    """Speed so long after a reposition to a place 60 m away."""
+
+    def measured(client: Client) -> float:
+        hover(client, 10.0)
+        client.fly(2.0)
+        place = client.vehicle_goal(0.0, 60.0)
+        copter = client.vehicle.condition().mode == "GUIDED"
+        frame, height_m = (6, 10.0) if copter else (0, 498.0)
+        assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, frame, -1, 1, 0, NAN, *place, height_m) == [
+            0
+        ]
+        client.fly(seconds)
+        return speed_mps(client)
+
+    return measured
+
+
+def copter_returning_speed(client: Client) -> float:
+    """The greatest on a way home of 20 m."""
+    hover(client, 15.0)
+    place = client.vehicle_goal(0.0, 20.0)
+    client.command_int(mavlink.MAV_CMD_DO_REPOSITION, 6, -1, 1, 0, NAN, *place, 15.0)
+    client.fly(10.0)
+    client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
+    return most(speed_mps, client, 8.0)
+
+
+def climbing_s(client: Client) -> float:
+    """From the order to go 10 m higher to the last metre."""
+    hover(client, 10.0)
+    client.fly(2.0)
+    place = client.vehicle_goal(0.0, 0.0)
+    copter = client.vehicle.condition().mode == "GUIDED"
+    frame, height_m = (6, 20.0) if copter else (0, 508.0)
+    assert client.command_int(mavlink.MAV_CMD_DO_REPOSITION, frame, -1, 1, 0, NAN, *place, height_m) == [0]
+    return wait(client, lambda flown: up_m(flown) > 19.0, 40.0)
+
+
+def takeoff_begins_s(client: Client) -> float:
+    """From the command to 0.1 m."""
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
+    assert client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, 500.0) == [0]
+    return wait(client, lambda flown: up_m(flown) > 0.1, 20.0)
+
+
 def idling_s(client: Client) -> float:
     assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [0]
     return wait(client, disarmed, 15.0)
@@ -190,7 +236,7 @@ def returning_speed(client: Client) -> float:
     go(client, 0, 120, 30)
     client.fly(16.0)
     client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
-    return most(speed_mps, client, 8.0)
+    return most(speed_mps, client, 12.0)
 
 
 def sticks(mode: tuple[float, ...], of: Callable[[Client], float], **stick: int) -> Measure:
@@ -411,6 +457,10 @@ PX4 = (
     Effect("MPC_XY_CRUISE", (4.0, 8.0), returning_speed, (4.0, 8.0)),
     Effect("MPC_Z_VEL_MAX_UP", (1.0, 3.0), offboard_velocity(up_mps, -6.0, 5.0), (1.0, 3.0)),
     Effect("MPC_Z_VEL_MAX_DN", (0.7, 1.5), offboard_velocity(sink_mps, 6.0, 20.0), (0.7, 1.5)),
+    Effect("MPC_ACC_HOR", (2.0, 5.0), speed_after(2.0), (3.1, 4.5), 0.2),
+    Effect("MPC_JERK_AUTO", (2.0, 8.0), speed_after(1.5), (1.7, 3.4), 0.2),
+    Effect("MPC_ACC_UP_MAX", (2.0, 6.0), climbing_s, (4.9, 6.8), 0.4),
+    Effect("MPC_TKO_RAMP_T", (1.0, 3.0), takeoff_begins_s, (1.9, 3.3), 0.2),
     Effect("MPC_LAND_SPEED", (0.5, 1.0), touching, (0.5, 1.0), 0.15),
     Effect("MPC_LAND_ALT1", (10.0, 20.0), landing_at(10.0), (1.5, 0.97), 0.15),
     Effect("MPC_LAND_ALT2", (5.0, 9.0), landing_at(7.5), (1.1, 0.7), 0.15),
@@ -636,10 +686,15 @@ ARDUPILOT = (
     Effect("WPNAV_SPEED", (400.0, 800.0), level, (4.0, 8.0)),
     Effect("WPNAV_SPEED_UP", (100.0, 250.0), climbing, (1.0, 2.5)),
     Effect("WPNAV_SPEED_DN", (80.0, 150.0), sinking, (0.8, 1.5)),
+    Effect("WPNAV_ACCEL", (100.0, 250.0), speed_after(2.5), (2.35, 5.5), 0.3),
+    Effect("PSC_JERK_XY", (1.0, 10.0), speed_after(1.5), (1.1, 3.4), 0.3),
+    Effect("WPNAV_ACCEL_Z", (50.0, 200.0), climbing_s, (8.1, 4.7), 0.4),
+    Effect("RTL_SPEED", (300.0, 600.0), copter_returning_speed, (3.0, 4.6), 0.3),
+    Effect("WPNAV_JERK", (1.0, 5.0), copter_returning_speed, (4.6, 6.5), 0.4),
     Effect("LAND_SPEED", (30.0, 80.0), copter_landing, (0.3, 0.8), 0.12),
     Effect("RTL_ALT", (1500.0, 2500.0), returning_height(20.0), (15.0, 25.0), 0.5),
     Effect("RTL_CLIMB_MIN", (0.0, 1000.0), returning_height(20.0), (15.0, 20.0), 0.5),
-    Effect("RTL_LOIT_TIME", (1000.0, 6000.0), waiting_above_home_s, (2.0, 7.0), 0.6),
+    Effect("RTL_LOIT_TIME", (1000.0, 6000.0), waiting_above_home_s, (2.6, 7.6), 0.6),
     Effect("DISARM_DELAY", (4.0, 10.0), idling_s, (4.0, 10.0)),
     Effect("GUID_TIMEOUT", (2.0, 5.0), lapse_s, (2.5, 5.5), 0.5),
     Effect("GUID_OPTIONS", (0.0, 8.0), thrust, (2.4, 5.0), 0.8),

@@ -92,18 +92,22 @@ def test_a_copter_takes_off_as_fast_as_the_real_one(make: Make) -> None:
     assert rise[:, 2].max() < 10.5
 
 
-@pytest.mark.parametrize("speed", [5.0, 10.0])
-def test_a_copters_leg_of_50_m_ends_without_overshoot(make: Make, speed: float) -> None:
-    """After DO_CHANGE_SPEED a reposition reaches that speed and passes its goal by less than 1 m."""
+@pytest.mark.parametrize(
+    ("speed", "greatest_mps", "overshoot_m"), [(5.0, 5.0, 0.0), (10.0, 8.5, 0.7)], ids=["5", "10"]
+)
+def test_a_copters_leg_of_50_m(make: Make, speed: float, greatest_mps: float, overshoot_m: float) -> None:
+    """After DO_CHANGE_SPEED a reposition reaches that speed, or the 8.5 m/s that 50 m leave the real one, and passes
+    its goal by 0.4 m more or less than the real one did, which was measured at 10 m/s alone.
+    """
     client = airborne(make, "ardupilot")
     assert client.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, speed, -1) == [0]
     assert client.command_int(
         mavlink.MAV_CMD_DO_REPOSITION, 6, -1, 1, 0, NAN, *client.vehicle_goal(0.0, 50.0), 10.0
     ) == [0]
-    leg = track(client, 20.0)
-    assert leg[:, 1].max() < 51.0
+    leg = track(client, 25.0)
+    assert leg[:, 1].max() == pytest.approx(50.0 + overshoot_m, abs=0.4)
     assert abs(leg[-1, 1] - 50.0) < 0.1
-    assert np.diff(leg[:, 1]).max() * 10 == pytest.approx(speed, rel=0.05)
+    assert np.diff(leg[:, 1]).max() * 10 == pytest.approx(greatest_mps, rel=0.1)
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
@@ -154,7 +158,7 @@ def test_a_leg_of_50_m_ends_without_overshoot(make: Make, speed: float) -> None:
     assert client.command_int(
         mavlink.MAV_CMD_DO_REPOSITION, 6, speed, 1, 0, NAN, latitude, longitude, 498.0
     ) == [0]
-    leg = track(client, 20.0) - [12.0, -7.0, 0.0]
+    leg = track(client, 25.0) - [12.0, -7.0, 0.0]
     assert leg[:, 1].max() < 51.0
     assert abs(leg[-1, 1] - 50.0) < 0.1
     assert np.abs(leg[:, 0]).max() < 0.3

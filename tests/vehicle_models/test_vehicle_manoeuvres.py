@@ -122,7 +122,7 @@ def test_change_altitude_and_speed(px4: Client) -> None:
     px4.fly(6.0)
     assert speed(px4) == pytest.approx(5.0, abs=0.2)
     assert px4.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 9.0, -1) == [ACCEPTED]
-    px4.fly(5.0)
+    px4.fly(8.0)
     assert speed(px4) == pytest.approx(9.0, abs=0.3)
 
 

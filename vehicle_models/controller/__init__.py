@@ -32,6 +32,7 @@ from ._flight_state import FlightState as FlightState
 from ._flight_state import FlightTarget as FlightTarget
 from ._flight_state import ReferencePoint as ReferencePoint
 from ._flight_state import TargetAttitude as TargetAttitude
+from ._shaping import MotionShaping as MotionShaping
 from .ardupilot import ARDUPILOT as ARDUPILOT
 from .guidance._manoeuvres import Manoeuvres as Manoeuvres
 from .guidance._wing import WingManoeuvres as WingManoeuvres

@@ -11,6 +11,8 @@ from typing import Protocol
 
 from bench.contracts import Vector
 
+from ._shaping import UNSHAPED, MotionShaping
+
 NorthEast = tuple[float, float]
 """A place or a velocity in the local frame: north, east."""
 
@@ -125,6 +127,7 @@ class FlightTarget:
     attitude: TargetAttitude | None = None
     faces_motion: bool = False  # nose where the vehicle goes, as long as it goes somewhere
     turn_max_radps: float = 1.0
+    shaping: MotionShaping = UNSHAPED
 
 
 @dataclass(frozen=True, slots=True)

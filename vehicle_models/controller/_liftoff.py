@@ -51,18 +51,24 @@ class LiftoffAndLanding:
     def _follow_flight(self, target: FlightTarget) -> None:
         """Follow the vehicle from liftoff to landing."""
         flight, guidance = self._context.flight, self._guidance
-        if self._detector.landed(flight, target):
+        if self._detector.landed(flight, target, guidance.limits.landing_settles_s):
             flight.landed = LandedState.ON_GROUND
             self._context.texts.announce(FlightEvent.LANDING_DETECTED)
             self._arming.record_landing()
         elif guidance.landing:
             flight.landed = LandedState.LANDING
         elif flight.landed is LandedState.TAKING_OFF:
-            takes_off = isinstance(guidance.manoeuvre, Takeoff)
-            if guidance.manoeuvre.done(flight) if takes_off else flight.height_m > _IN_AIR_M:
+            takeoff = guidance.manoeuvre
+            reached = takeoff.done(flight) if isinstance(takeoff, Takeoff) else flight.height_m > _IN_AIR_M
+            if reached:
                 flight.landed = LandedState.IN_AIR
                 # Guided mode has no takeoff mode of its own; from here on it waits for setpoints.
-                if takes_off and flight.mode.behaviour is Behaviour.OFFBOARD and not self._policy.takeoff:
+                if (
+                    isinstance(takeoff, Takeoff)
+                    and flight.mode.behaviour is Behaviour.OFFBOARD
+                    and not self._policy.takeoff
+                ):
                     guidance.begin(Behaviour.OFFBOARD, flight)
+                    guidance.manoeuvre = guidance.manoeuvres.follow(flight, takeoff.hold(flight))
         elif flight.landed is LandedState.LANDING:
             flight.landed = LandedState.IN_AIR

@@ -49,6 +49,22 @@ _WRITTEN = (
     "climb-max-mps",
     "descent-max-mps",
     "accel-max-mps2",
+    "jerk-step-mps2",
+    "ramp-gain-per-s",
+    "brake-twice-mps2",
+    "approach-base-m2ps2",
+    "approach-offset-mps",
+    "approach-near-m",
+    "velocity-p-per-s",
+    "velocity-i-per-s2",
+    "drag-share",
+    "vertical-accel-max-mps2",
+    "vertical-jerk-step-mps2",
+    "vertical-ramp-gain-per-s",
+    "vertical-brake-twice-mps2",
+    "vertical-approach-base-m2ps2",
+    "vertical-approach-offset-mps",
+    "vertical-approach-near-m",
     "tilt-max-rad",
     "ground-m",
     "outer-dt-s",
@@ -59,7 +75,7 @@ class X500Plant(JsbsimPlant):
     """One quadrotor standing at `place`, advanced by `step_s` at a time in steps of 1 / `physics_hz`.
 
     `shift_ne_m` is what the cascade measures from the start of the flight, less metres in the plane of the
-    origin. Raises SetupError when the step is not a whole number of physics steps.
+    origin; `outer_s` is the period of the cascade's outer channel. Raises SetupError when the step is not a whole number of physics steps.
     """
 
     def __init__(self, place: StartPose, step_s: float, physics_hz: int = 200) -> None:
@@ -68,7 +84,8 @@ class X500Plant(JsbsimPlant):
         self._motors = [self.node(f"motor/{name}").get_double_value for name in ROTORS]
         self._wanted = [self.node(f"ap/{name}").get_double_value for name in _WANTED]
         self._setters["ground-m"](self._ground_m)
-        self._setters["outer-dt-s"](_OUTER_EVERY / physics_hz)
+        self.outer_s = _OUTER_EVERY / physics_hz
+        self._setters["outer-dt-s"](self.outer_s)
         self._written: dict[str, float] = {}
         self.shift_ne_m = self._shift()
 

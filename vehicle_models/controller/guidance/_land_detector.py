@@ -10,13 +10,11 @@ from .._flight_state import FlightState, FlightTarget
 class LandDetector:
     """On the ground: the feet touch, nothing moves, and the target is not above the vehicle."""
 
-    SETTLE_S = 0.6
-
     def __init__(self) -> None:
         self._still_s = 0.0
 
-    def landed(self, flight: FlightState, target: FlightTarget) -> bool:
-        """Whether the vehicle has come to rest on the ground; called once a step while it flies."""
+    def landed(self, flight: FlightState, target: FlightTarget, settles_s: float) -> bool:
+        """Whether the vehicle has been at rest on the ground for long enough; called once a step while it flies."""
         attitude = target.attitude
         # With a commanded thrust there is no target height or velocity to compare with.
         if attitude and attitude.thrust is not None:
@@ -26,7 +24,7 @@ class LandDetector:
                 and abs(flight.vd_mps) < 0.15
             )
             self._still_s = self._still_s + flight.step_s if low else 0.0
-            return self._still_s >= self.SETTLE_S
+            return self._still_s >= settles_s
         # A target above the vehicle means that it is about to leave, though its feet still touch.
         wants_down = (
             target.velocity_ned_mps[2] > 0.05
@@ -37,7 +35,7 @@ class LandDetector:
             flight.on_ground and abs(flight.vd_mps) < 0.15 and math.hypot(flight.vn_mps, flight.ve_mps) < 0.5
         )
         self._still_s = self._still_s + flight.step_s if wants_down and still else 0.0
-        return self._still_s >= self.SETTLE_S
+        return self._still_s >= settles_s
 
     def wants_off(self, flight: FlightState, target: FlightTarget) -> bool:
         """Whether a target, given on the ground, leads off it."""

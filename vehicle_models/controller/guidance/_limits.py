@@ -6,8 +6,12 @@ import math
 from dataclasses import dataclass
 
 from .._flight_state import Behaviour
+from .._shaping import MotionShaping
 
 Seconds = float
+
+# A target that is less above the vehicle asks for no climb worth another acceleration.
+_CLIMBS_FROM_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +42,16 @@ class FollowTargetLimits:
 
 
 @dataclass(frozen=True, slots=True)
+class PathLimits:
+    """Speed, acceleration and jerk of paths from rest to rest."""
+
+    speed_mps: float
+    accel_mps2: float
+    vertical_accel_mps2: float
+    jerk_mps3: float
+
+
+@dataclass(frozen=True, slots=True)
 class FlightLimits:
     """Speeds, heights and times of every manoeuvre."""
 
@@ -50,20 +64,29 @@ class FlightLimits:
     takeoff_mps: float
     takeoff_spool_s: Seconds  # rotors turn, nothing moves
     takeoff_ramp_s: Seconds  # the climb grows to its full speed
+    takeoff_ramp_from_mps: float  # where it grows from; the vehicle leaves the ground above zero
     takeoff_height_m: float  # when a takeoff command gives none
+    takeoff_reached_m: float  # nearer to its height a takeoff is over
+    takeoff_beyond_m: float  # so far above its height a takeoff aims until it is over
     land_mps: float
     land_slow_below_m: float  # landing speed below, full descent above `land_fast_above_m`, linear between
     land_fast_above_m: float
     return_height_m: float  # above home
+    return_mps: float
+    return_path: PathLimits | None  # None: the return is flown like any position
+    return_arrives_m: float  # from home, horizontally
+    return_arrives_height_m: float  # from a height that it climbs or descends to
     return_near_m: float  # nearer to home than this no climb is made
     return_climbs_by_m: (
         float | None
     )  # climb at least this much, where an autopilot does not climb to a fixed height
+    landing_settles_s: Seconds  # at rest on the ground, until the landing is detected
     landed_disarm_s: Seconds | None
     idle_disarm_s: Seconds | None
     setpoint_timeout_s: Seconds
     sticks: StickLimits
     follow_target: FollowTargetLimits
+    reposition_delay_s: Seconds  # until a reposition takes effect
     goto_mps: float  # positions that a companion gives
     faces_beyond_m: (
         float | None
@@ -77,3 +100,11 @@ class FlightLimits:
     circle_radius_m: float
     circle_radps: float  # clockwise
     thrust_is_climb: bool  # thrust of attitude setpoints: 0.5 holds the height
+    # Positions that the autopilot flies to on its own account, with a climb or without.
+    climb_shaping: MotionShaping
+    descent_shaping: MotionShaping
+    takeoff_shaping: MotionShaping
+
+    def shaping(self, down_m: float) -> MotionShaping:
+        """For a target so far below the vehicle."""
+        return self.climb_shaping if down_m < -_CLIMBS_FROM_M else self.descent_shaping

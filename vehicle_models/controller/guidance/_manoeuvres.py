@@ -15,7 +15,8 @@ from .._flight_state import (
     StickPositions,
     TargetAttitude,
 )
-from ._limits import FlightLimits
+from .._shaping import UNSHAPED, StraightLine
+from ._limits import FlightLimits, PathLimits
 
 # The airframe brakes harder than this when it must.
 _STOPPING_MPS2 = 2.0
@@ -44,13 +45,21 @@ class Hold:
         yaw_rad: float | None = None,
         speed_mps: float | None = None,
     ) -> None:
+        # Braking is the airframe's, as sharp as it can; a place that was given is approached as the autopilot does.
+        self._brakes = north_east_m is None
         self._place = north_east_m or _stopping_place(flight)
         self._down_m = down_m if down_m is not None else flight.down_m + _stopping_m(flight.vd_mps)
         self._yaw_rad = yaw_rad if yaw_rad is not None else flight.yaw_rad
         self._speed_mps = speed_mps
         self._faces = False
+        self._previous: tuple[FlightTarget, int] | None = None
 
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
+        if self._previous:
+            previous_target, until_ns = self._previous
+            if flight.time_ns < until_ns:
+                return previous_target
+            self._previous = None
         if self._faces and limits.faces_beyond_m is not None:
             north, east = self._place[0] - flight.north_m, self._place[1] - flight.east_m
             if math.hypot(north, east) > limits.faces_beyond_m:
@@ -64,7 +73,12 @@ class Hold:
             speed_max_mps=self._speed_mps or limits.cruise_mps,
             climb_max_mps=limits.climb_mps,
             descent_max_mps=limits.descent_mps,
+            shaping=UNSHAPED if self._brakes else limits.shaping(self._down_m - flight.down_m),
         )
+
+    def delay(self, flight: FlightState, delay_s: float) -> None:
+        """Fly on to the present target for so long."""
+        self._previous = (flight.target, flight.time_ns + round(delay_s * 1e9))
 
     def face_ahead(self) -> None:
         """Turn the nose to the place, as long as that is far enough away."""
@@ -84,37 +98,37 @@ class Hold:
 class Takeoff:
     """Climb straight up to a height; on the ground the rotors spool up first."""
 
-    REACHED_M = 0.3
-    SLOWEST_MPS = 0.2
-
     def __init__(self, flight: FlightState, down_m: float) -> None:
         self._place = (flight.north_m, flight.east_m)
         self._down_m = min(down_m, flight.down_m)
         self._yaw_rad = flight.yaw_rad
         self._begun_ns: int | None = None
         self._spools_up = not flight.flying
+        self._reached_m = 0.3  # as the limits said last
 
     def target(self, flight: FlightState, limits: FlightLimits) -> FlightTarget:
         if self._begun_ns is None:
             self._begun_ns = flight.time_ns
-        climbing_s = (flight.time_ns - self._begun_ns) * 1e-9 - limits.takeoff_spool_s
-        spooling = self._spools_up and climbing_s < 0.0
-        share = (
-            climbing_s / limits.takeoff_ramp_s
-            if self._spools_up and climbing_s < limits.takeoff_ramp_s
-            else 1.0
-        )
+        self._reached_m = limits.takeoff_reached_m
+        ramping_s = (flight.time_ns - self._begun_ns) * 1e-9 - limits.takeoff_spool_s
+        spooling = self._spools_up and ramping_s < 0.0
+        climb_mps = limits.takeoff_mps
+        if self._spools_up and ramping_s < limits.takeoff_ramp_s:
+            start_mps = limits.takeoff_ramp_from_mps
+            climb_mps = start_mps + ramping_s / limits.takeoff_ramp_s * (climb_mps - start_mps)
         return FlightTarget(
-            north_east_m=self._place,
-            down_m=flight.down_m if spooling else self._down_m,
+            # On its feet it holds still: following a position that wanders would turn it over.
+            north_east_m=None if flight.on_ground else self._place,
+            down_m=flight.down_m if spooling else self._down_m - limits.takeoff_beyond_m,
             yaw_rad=self._yaw_rad,
             speed_max_mps=limits.cruise_mps,
-            climb_max_mps=max(share * limits.takeoff_mps, self.SLOWEST_MPS),
+            climb_max_mps=max(climb_mps, 0.0),
             descent_max_mps=limits.descent_mps,
+            shaping=limits.takeoff_shaping,
         )
 
     def done(self, flight: FlightState) -> bool:
-        return abs(flight.down_m - self._down_m) < self.REACHED_M
+        return not flight.on_ground and abs(flight.down_m - self._down_m) < self._reached_m
 
     def hold(self, flight: FlightState) -> Hold:
         """Hold at the height of the takeoff."""
@@ -150,6 +164,7 @@ class Land:
             speed_max_mps=limits.cruise_mps,
             climb_max_mps=limits.climb_mps,
             descent_max_mps=max(speed, 0.1),
+            shaping=limits.descent_shaping,
         )
 
     def done(self, flight: FlightState) -> bool:
@@ -158,10 +173,6 @@ class Land:
 
 class Return:
     """Climb, go home, descend to a height where the autopilot waits, land."""
-
-    ARRIVED_M = 0.5
-    # PX4's NAV_MC_ALT_RAD.
-    ARRIVED_HEIGHT_M = 0.8
 
     def __init__(self, flight: FlightState, home: ReferencePoint, limits: FlightLimits) -> None:
         self._home = home
@@ -173,8 +184,8 @@ class Return:
             cruise_m = (
                 height_m if distance_m < limits.return_near_m else max(limits.return_height_m, height_m)
             )
-        self._climb = Hold(flight, down_m=home.down_m - max(cruise_m, height_m))
         self._cruise_down_m = home.down_m - max(cruise_m, height_m)
+        self._climb = Hold(flight, _stopping_place(flight), self._cruise_down_m)
         # Above home; never a climb.
         lower_m = limits.return_descends_to_m
         self._wait_down_m = self._cruise_down_m
@@ -183,8 +194,13 @@ class Return:
         self._is_above_home = False
         self._faces = limits.return_faces_home
         self._arrived_ns: int | None = None
-        self._climbing = self._cruise_down_m < flight.down_m - 0.5
+        self._climbing = self._cruise_down_m < flight.down_m - limits.return_arrives_height_m
         self._land: Land | None = None
+        self._path = (
+            ReturnPath(flight, (home.north_m, home.east_m), self._cruise_down_m, limits.return_path, limits)
+            if limits.return_path
+            else None
+        )
 
     @property
     def landing(self) -> bool:
@@ -194,22 +210,27 @@ class Return:
         if self._land:
             return self._land.target(flight, limits)
         if self._climbing:
-            self._climbing = flight.down_m > self._cruise_down_m + 0.5
-            return self._climb.target(flight, limits)
+            self._climbing = flight.down_m > self._cruise_down_m + limits.return_arrives_height_m
+            climb = self._climb.target(flight, limits)
+            return self._path.on_climb(climb, flight) if self._path else climb
         home = (self._home.north_m, self._home.east_m)
         distance_m = math.hypot(flight.north_m - home[0], flight.east_m - home[1])
-        self._is_above_home = self._is_above_home or distance_m < self.ARRIVED_M
-        arrived = self._is_above_home and self._wait_down_m - flight.down_m < self.ARRIVED_HEIGHT_M
+        on_path = self._path is not None and not self._path.is_over(flight)
+        self._is_above_home = self._is_above_home or (not on_path and distance_m < limits.return_arrives_m)
+        arrived = self._is_above_home and self._wait_down_m - flight.down_m < limits.return_arrives_height_m
         if self._has_waited(flight, limits, arrived):
             self._land = Land(flight, home, self._home.down_m)
-        return FlightTarget(
+        down_m = self._wait_down_m if self._is_above_home else self._cruise_down_m
+        target = FlightTarget(
             north_east_m=home,
-            down_m=self._wait_down_m if self._is_above_home else self._cruise_down_m,
+            down_m=down_m,
             yaw_rad=self._yaw_home(flight),
-            speed_max_mps=limits.cruise_mps,
+            speed_max_mps=limits.return_mps,
             climb_max_mps=limits.climb_mps,
             descent_max_mps=limits.descent_mps,
+            shaping=limits.shaping(down_m - flight.down_m),
         )
+        return self._path.on_way(target, flight) if self._path else target
 
     def _has_waited(self, flight: FlightState, limits: FlightLimits, arrived: bool) -> bool:
         """Whether the vehicle has been above home for long enough."""
@@ -230,6 +251,66 @@ class Return:
         return False
 
 
+class ReturnPath:
+    """The course of a return in time: up from where the vehicle comes to rest, then straight home."""
+
+    def __init__(
+        self,
+        flight: FlightState,
+        home: NorthEast,
+        down_m: float,
+        path: PathLimits,
+        limits: FlightLimits,
+    ) -> None:
+        self._down_m = down_m
+        self._start = _stopping_place(flight)
+        distance_m = math.dist(self._start, home)
+        self._towards = (
+            ((home[0] - self._start[0]) / distance_m, (home[1] - self._start[1]) / distance_m)
+            if distance_m > 0.0
+            else (0.0, 0.0)
+        )
+        self._climb_m = max(flight.down_m + _stopping_m(flight.vd_mps) - down_m, 0.0)
+        self._climb = StraightLine(self._climb_m, limits.climb_mps, path.vertical_accel_mps2, path.jerk_mps3)
+        self._way = StraightLine(distance_m, path.speed_mps, path.accel_mps2, path.jerk_mps3)
+        self._begun_ns = flight.time_ns
+        self._way_begun_ns: int | None = None
+
+    def on_climb(self, target: FlightTarget, flight: FlightState) -> FlightTarget:
+        """`target` at this moment of the climb."""
+        return self._at(target, flight, 0.0)
+
+    def on_way(self, target: FlightTarget, flight: FlightState) -> FlightTarget:
+        """`target` at this moment of the way home, on which the climb may still be ending."""
+        if self.is_over(flight):
+            return target
+        if self._way_begun_ns is None:
+            self._way_begun_ns = flight.time_ns
+        return self._at(target, flight, (flight.time_ns - self._way_begun_ns) * 1e-9)
+
+    def is_over(self, flight: FlightState) -> bool:
+        """Whether both the climb and the way home have taken their time."""
+        if self._way_begun_ns is None:
+            return False
+        way_s = (flight.time_ns - self._way_begun_ns) * 1e-9
+        climb_s = (flight.time_ns - self._begun_ns) * 1e-9
+        over: bool = way_s > self._way.duration_s and climb_s > self._climb.duration_s
+        return over
+
+    def _at(self, target: FlightTarget, flight: FlightState, way_s: float) -> FlightTarget:
+        way_m, speed_mps, accel_mps2 = self._way.at(way_s)
+        risen_m, climb_mps, lift_mps2 = self._climb.at((flight.time_ns - self._begun_ns) * 1e-9)
+        north, east = self._towards
+        return replace(
+            target,
+            north_east_m=(self._start[0] + north * way_m, self._start[1] + east * way_m),
+            down_m=self._down_m + self._climb_m - risen_m,
+            velocity_ned_mps=(north * speed_mps, east * speed_mps, -climb_mps),
+            acceleration_ned_mps2=(north * accel_mps2, east * accel_mps2, -lift_mps2),
+            shaping=UNSHAPED,
+        )
+
+
 class FollowSetpoints:
     """Fly the last setpoint of a companion.
 
@@ -240,8 +321,8 @@ class FollowSetpoints:
     # How far that integral may be ahead of the vehicle's velocity.
     LEAD_MPS = 2.0
 
-    def __init__(self, flight: FlightState) -> None:
-        self._rest = Hold(flight)
+    def __init__(self, flight: FlightState, rest: Hold | None = None) -> None:
+        self._rest = rest or Hold(flight)
         self._setpoint: FlightTarget | None = None
         self._accelerates = (False, False)
         self._velocity_mps = (0.0, 0.0, 0.0)
@@ -493,8 +574,9 @@ class Manoeuvres:
     def go_home(self, flight: FlightState, home: ReferencePoint, limits: FlightLimits) -> Return:
         return Return(flight, home, limits)
 
-    def follow(self, flight: FlightState) -> FollowSetpoints:
-        return FollowSetpoints(flight)
+    def follow(self, flight: FlightState, rest: Hold | None = None) -> FollowSetpoints:
+        """Fly setpoints; until the first one, `rest` or stay here."""
+        return FollowSetpoints(flight, rest)
 
     def shaped(
         self, manoeuvre: Manoeuvre, target: FlightTarget, flight: FlightState, limits: FlightLimits

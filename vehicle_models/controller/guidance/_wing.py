@@ -275,7 +275,7 @@ class WingManoeuvres(Manoeuvres):
     def go_home(self, flight: FlightState, home: ReferencePoint, limits: FlightLimits) -> Return:
         return WingReturn(flight, home, limits)
 
-    def follow(self, flight: FlightState) -> FollowSetpoints:
+    def follow(self, flight: FlightState, rest: Hold | None = None) -> FollowSetpoints:
         return WingFollowSetpoints(flight)
 
     def shaped(

@@ -11,6 +11,7 @@ import math
 from pathlib import Path
 
 from .._flight_state import Behaviour
+from .._shaping import AxisShaping, MotionShaping
 from ..guidance._limits import FlightLimits, FollowTargetLimits, StickLimits
 from ..parameters._store import ParameterStore
 from ..parameters._table import read_parameters
@@ -21,12 +22,20 @@ _AUTOMATIC = frozenset(
 )
 
 # How long a return stands at RTL_DESCEND_ALT before it lands, s. Chosen so that one near home takes the 13.0 s to
-# the ground that were observed of sihsim_quadx; from 20 m away it took 54.5 s, here 51 s. A PX4 flown with
+# the ground that were observed of sihsim_quadx; from 20 m away it took 54.5 s, here 52 s. A PX4 flown with
 # RTL_DESCEND_ALT at its return altitude did not stop. PX4's reason for the stop is not known.
-_RETURN_SETTLES_S = 8.4
+_RETURN_SETTLES_S = 7.8
+
+# Until PX4's navigator has handed a reposition to the trajectory. Fitted to the first tenth of one step of 20 m.
+_REPOSITION_DELAY_S = 0.15
+
+# A takeoff of PX4 slows down as if it went so much higher, until it is over. Fitted to one flight of PX4 on this
+# plant; the reason is not known.
+_TAKEOFF_BEYOND_M = 0.6
 
 
 def limits(p: ParameterStore) -> FlightLimits:
+    climb_shaping = _shaping(p, p["MPC_ACC_UP_MAX"])
     return FlightLimits(
         cruise_mps=max(p["MPC_XY_CRUISE"], 0.5),
         speed_max_mps=max(p["MPC_XY_VEL_MAX"], 0.5),
@@ -35,15 +44,25 @@ def limits(p: ParameterStore) -> FlightLimits:
         climb_mps=max(p["MPC_Z_V_AUTO_UP"], 0.2),
         descent_mps=max(p["MPC_Z_V_AUTO_DN"], 0.2),
         takeoff_mps=max(p["MPC_TKO_SPEED"], 0.2),
-        takeoff_spool_s=0.6,
-        takeoff_ramp_s=5.5,
+        takeoff_spool_s=0.7,
+        takeoff_ramp_s=max(p["MPC_TKO_RAMP_T"], 0.0),
+        # The climb grows from the descent that would leave the rotors no thrust (source: PX4's TakeoffHandling).
+        takeoff_ramp_from_mps=-9.81 / max(p["MPC_Z_VEL_P_ACC"], 0.1),
         takeoff_height_m=max(p["MIS_TAKEOFF_ALT"], 0.5),
+        takeoff_reached_m=_reached_height_m(p),
+        takeoff_beyond_m=_TAKEOFF_BEYOND_M,
         land_mps=max(p["MPC_LAND_SPEED"], 0.2),
         land_slow_below_m=p["MPC_LAND_ALT2"],
         land_fast_above_m=p["MPC_LAND_ALT1"],
         return_height_m=p["RTL_RETURN_ALT"],
+        return_mps=max(p["MPC_XY_CRUISE"], 0.5),
+        return_path=None,
+        return_arrives_m=max(p["NAV_ACC_RAD"], 0.5),
+        return_arrives_height_m=_reached_height_m(p),
         return_near_m=p["RTL_MIN_DIST"],
         return_climbs_by_m=None,
+        # From one landing of PX4 on this plant: 1.15 s from the touch to its text.
+        landing_settles_s=1.1,
         landed_disarm_s=p["COM_DISARM_LAND"] if p["COM_DISARM_LAND"] > 0 else None,
         idle_disarm_s=p["COM_DISARM_PRFLT"] if p["COM_DISARM_PRFLT"] > 0 else None,
         setpoint_timeout_s=max(p["COM_OF_LOSS_T"], 0.1),
@@ -65,6 +84,7 @@ def limits(p: ParameterStore) -> FlightLimits:
             angle_rad=math.radians(p["FLW_TGT_FA"]),
             speed_mps=max(p["FLW_TGT_MAX_VEL"], 0.5),
         ),
+        reposition_delay_s=_REPOSITION_DELAY_S,
         goto_mps=max(p["MPC_XY_VEL_MAX"], 0.5),
         faces_beyond_m=max(p["NAV_ACC_RAD"], 0.5) if p["MPC_YAW_MODE"] == 0 else math.inf,
         return_faces_home=True,
@@ -75,6 +95,23 @@ def limits(p: ParameterStore) -> FlightLimits:
         circle_radps=0.05,
         # PX4 takes the thrust of an attitude setpoint as thrust.
         thrust_is_climb=False,
+        climb_shaping=climb_shaping,
+        takeoff_shaping=climb_shaping.held(),
+        descent_shaping=_shaping(p, p["MPC_ACC_DOWN_MAX"]),
+    )
+
+
+def _reached_height_m(p: ParameterStore) -> float:
+    return max(p["NAV_MC_ALT_RAD"], 0.3)
+
+
+def _shaping(p: ParameterStore, vertical_mps2: float) -> MotionShaping:
+    jerk_mps3 = max(p["MPC_JERK_AUTO"], 1.0)
+    return MotionShaping(
+        AxisShaping.with_braking_delay(max(p["MPC_ACC_HOR"], 0.5), jerk_mps3),
+        AxisShaping.with_braking_delay(max(vertical_mps2, 0.5), jerk_mps3),
+        velocity_p_per_s=max(p["MPC_XY_VEL_P_ACC"], 0.5),
+        velocity_i_per_s2=max(p["MPC_XY_VEL_I_ACC"], 0.0),
     )
 
 

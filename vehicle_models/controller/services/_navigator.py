@@ -189,8 +189,11 @@ class Navigator:
             speed_mps=speed if math.isfinite(speed) and speed > 0.0 else previous_speed,
             radius_m=radius if math.isfinite(radius) and radius != 0.0 else None,
         )
-        if not math.isfinite(yaw) and isinstance(guidance.manoeuvre, Hold):
-            guidance.manoeuvre.face_ahead()
+        if isinstance(guidance.manoeuvre, Hold):
+            if not math.isfinite(yaw):
+                guidance.manoeuvre.face_ahead()
+            if guidance.limits.reposition_delay_s:
+                guidance.manoeuvre.delay(flight, guidance.limits.reposition_delay_s)
         return CommandResult.ACCEPTED
 
     def _down_m(self, command: Command, altitude_m: float) -> float | None:

@@ -1,0 +1,225 @@
+"""The flight that PX4 and ArduCopter flew on this plant, flown by the vehicle, and the figures that describe it.
+
+Take off to 10 m, go 20 m north by DO_REPOSITION, then return or land; 25 s for each of the first two. The real
+autopilots moved the rotors of this very plant (`vehicle_models/x500/x500.xml` without its cascade). Their figures
+and these are both of the physics' truth, read at 10 Hz.
+
+Run: python tests/vehicle_models/flight_qualities.py
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from vehicle_client import NAN, Client, simspec
+
+from bench.contracts import LinkSpec, VehiclePlan
+from vehicle_models import open_x500
+from vehicle_models.controller.links._dialect import dialect as mavlink
+
+Track = NDArray[np.float64]
+"""Rows of north, east, up (m), their rates (m/s) and the tilt (rad), ten a second."""
+
+ROWS_HZ = 10
+LEG_S = 25.0
+HEIGHT_M, STEP_M = 10.0, 20.0
+# With PX4's default of RTL_DESCEND_ALT for this plant's airframe; that of `sihsim_quadx` is 10 m.
+PARAMETERS = {"px4": {"MIS_TAKEOFF_ALT": 10.0, "RTL_DESCEND_ALT": 30.0}, "ardupilot": {}}
+
+
+@dataclass(frozen=True)
+class Quality:
+    """One row: what the real autopilot did, and how far the vehicle may be from it."""
+
+    unit: str
+    real: float
+    tolerance: float
+    decimals: int
+
+
+def _within_a_tenth(unit: str, real: float, decimals: int = 1) -> Quality:
+    return Quality(unit, real, 0.1 * real, decimals)
+
+
+def _about(unit: str, real: float, tolerance: float, decimals: int = 2) -> Quality:
+    """For a value near zero, of which a tenth is less than two runs of the real autopilot differ."""
+    return Quality(unit, real, tolerance, decimals)
+
+
+QUALITIES: dict[str, dict[str, Quality]] = {
+    "px4": {
+        "takeoff to 10 %": _within_a_tenth("s", 4.5),
+        "takeoff to 95 %": _within_a_tenth("s", 11.2),
+        "greatest climb of the takeoff": _within_a_tenth("m/s", 1.50, 2),
+        "overshoot of the takeoff": _about("m", 0.03, 0.1),
+        "20 m step to 10 %": _within_a_tenth("s", 1.8),
+        "20 m step to 50 %": _within_a_tenth("s", 3.5),
+        "20 m step to 95 %": _within_a_tenth("s", 7.2),
+        "overshoot of the step": _about("m", 0.06, 0.1),
+        "top speed of the step": _within_a_tenth("m/s", 5.05, 2),
+        "greatest tilt of the step": _within_a_tenth("deg", 19.6),
+        "off the line of the step": _about("m", 0.04, 0.1),
+        "off the height of the step": _about("m", 0.05, 0.1),
+        "deviation of the hold, north": _about("cm", 2.5, 3.0, 1),
+        "deviation of the hold, east": _about("cm", 2.1, 3.0, 1),
+        "deviation of the hold, height": _about("cm", 1.4, 3.0, 1),
+        "return to disarmed": _within_a_tenth("s", 46.0),
+        "top height of the return": _within_a_tenth("m", 29.9),
+        "top speed of the return": _within_a_tenth("m/s", 5.07, 2),
+        "landing to disarmed": _within_a_tenth("s", 16.0),
+        "descent of the last 2 m": _within_a_tenth("m/s", 0.70, 2),
+    },
+    "ardupilot": {
+        "takeoff to 10 %": _within_a_tenth("s", 4.3),
+        "takeoff to 95 %": _within_a_tenth("s", 9.2),
+        "greatest climb of the takeoff": _within_a_tenth("m/s", 2.58, 2),
+        "overshoot of the takeoff": _about("m", 0.0, 0.1),
+        "20 m step to 10 %": _within_a_tenth("s", 1.6),
+        "20 m step to 50 %": _within_a_tenth("s", 3.3),
+        "20 m step to 95 %": _within_a_tenth("s", 5.6),
+        "overshoot of the step": _within_a_tenth("m", 0.31, 2),
+        "top speed of the step": _within_a_tenth("m/s", 5.70, 2),
+        "greatest tilt of the step": _within_a_tenth("deg", 18.5),
+        "off the line of the step": _about("m", 0.05, 0.1),
+        "off the height of the step": _about("m", 0.05, 0.1),
+        "deviation of the hold, north": _about("cm", 0.7, 3.0, 1),
+        "deviation of the hold, east": _about("cm", 0.5, 3.0, 1),
+        "deviation of the hold, height": _about("cm", 1.1, 3.0, 1),
+        "return to disarmed": _within_a_tenth("s", 46.0),
+        "top height of the return": _within_a_tenth("m", 15.0),
+        "top speed of the return": _within_a_tenth("m/s", 4.36, 2),
+        "landing to disarmed": _within_a_tenth("s", 23.0),
+        "descent of the last 2 m": _within_a_tenth("m/s", 0.50, 2),
+    },
+}
+
+
+class _Flight:
+    """One flight of the script; `end` is its last part."""
+
+    def __init__(self, client: Client, autopilot: str) -> None:
+        self._client, self._autopilot = client, autopilot
+
+    def take_off(self) -> Track:
+        if self._autopilot == "px4":
+            self._client.fly(4.0)
+            self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+            self._client.fly(1.0)
+            return self._track(mavlink.MAV_CMD_NAV_TAKEOFF, NAN, 0, 0, NAN, NAN, NAN, NAN)
+        self._client.fly(43.0)
+        self._command(mavlink.MAV_CMD_GET_HOME_POSITION)
+        self._command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4)
+        self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+        self._client.fly(1.0)
+        return self._track(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, HEIGHT_M)
+
+    def step_north(self) -> Track:
+        # PX4 takes the height above mean sea level, ArduPilot obeys the frame.
+        frame, height = (0, 488.0 + HEIGHT_M) if self._autopilot == "px4" else (6, HEIGHT_M)
+        place = self._client.vehicle_goal(0.0, STEP_M)
+        assert self._client.command_int(
+            mavlink.MAV_CMD_DO_REPOSITION, frame, -1, 1, 0, NAN, *place, height
+        ) == [0]
+        return self._rows(LEG_S)
+
+    def come_down(self, end: Literal["return", "land"]) -> Track:
+        """Rows until the heartbeat shows the vehicle disarmed, which it does once a second."""
+        number = mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH if end == "return" else mavlink.MAV_CMD_NAV_LAND
+        self._command(number, 0, 0, 0, NAN, NAN, NAN, NAN)
+        rows = []
+        while self._client.last("HEARTBEAT").base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED:
+            rows.append(self._rows(1.0 / ROWS_HZ))
+            assert len(rows) < 1000, "it never disarmed"
+        return np.concatenate(rows)
+
+    def _command(self, number: int, *params: float) -> None:
+        results = self._client.command(number, *params)
+        assert 0 in results, (number, results)
+
+    def _track(self, number: int, *params: float) -> Track:
+        self._command(number, *params)
+        return self._rows(LEG_S)
+
+    def _rows(self, seconds: float) -> Track:
+        rows = []
+        for _ in range(round(seconds * ROWS_HZ)):
+            self._client.fly(1.0 / ROWS_HZ)
+            state = self._client.vehicle.truth()
+            (east, north, up), (ve, vn, vu) = state.position_enu_m, state.velocity_enu_mps
+            tilt = math.acos(math.cos(state.roll_rad) * math.cos(state.pitch_rad))
+            rows.append((north, east, up, vn, ve, vu, tilt))
+        return np.array(rows)
+
+
+def fly(autopilot: str, end: Literal["return", "land"]) -> tuple[Track, Track, Track]:
+    """Fly the script in still air; the rows of takeoff, step and end."""
+    client = Client(255)
+    link = LinkSpec("onboard", "udp_out", port=client.port, streams="none")
+    spec = simspec(autopilot, vehicle={"parameters": PARAMETERS[autopilot]})
+    with closing(client.socket), open_x500(VehiclePlan(spec, (link,))) as vehicle:
+        client.vehicle = vehicle
+        client.fly(1.1)
+        flight = _Flight(client, autopilot)
+        return flight.take_off(), flight.step_north(), flight.come_down(end)
+
+
+def _reached_s(rising: NDArray[np.float64], level: float) -> float:
+    return float(np.argmax(rising >= level) + 1) / ROWS_HZ
+
+
+def figures(autopilot: str) -> dict[str, float]:
+    """The figures of QUALITIES as the vehicle flies them, from a flight that returns and one that lands."""
+    up, step, back = fly(autopilot, "return")
+    *_, landing = fly(autopilot, "land")
+    height = up[-10:, 2].mean()
+    north = step[:, 0] - step[0, 0]
+    length = north[-10:].mean()
+    hold = 100.0 * step[-80:, :3].std(axis=0)
+    low = back[(back[:, 2] < 2.0) & (back[:, 5] < -0.05)]
+    return {
+        "takeoff to 10 %": _reached_s(up[:, 2], 0.1 * height),
+        "takeoff to 95 %": _reached_s(up[:, 2], 0.95 * height),
+        "greatest climb of the takeoff": up[:, 5].max(),
+        "overshoot of the takeoff": up[:, 2].max() - height,
+        "20 m step to 10 %": _reached_s(north, 0.1 * length),
+        "20 m step to 50 %": _reached_s(north, 0.5 * length),
+        "20 m step to 95 %": _reached_s(north, 0.95 * length),
+        "overshoot of the step": north.max() - length,
+        "top speed of the step": np.hypot(step[:, 3], step[:, 4]).max(),
+        "greatest tilt of the step": math.degrees(step[:, 6].max()),
+        "off the line of the step": np.abs(step[:, 1] - step[0, 1]).max(),
+        "off the height of the step": np.abs(step[:, 2] - step[0, 2]).max(),
+        "deviation of the hold, north": hold[0],
+        "deviation of the hold, east": hold[1],
+        "deviation of the hold, height": hold[2],
+        "return to disarmed": len(back) / ROWS_HZ,
+        "top height of the return": back[:, 2].max(),
+        "top speed of the return": np.hypot(back[:, 3], back[:, 4]).max(),
+        "landing to disarmed": len(landing) / ROWS_HZ,
+        "descent of the last 2 m": -low[:, 5].mean(),
+    }
+
+
+def table(flown: Mapping[str, Mapping[str, float]]) -> str:
+    """The table of docs/vehicle.md: real and simulated, autopilot by autopilot."""
+    lines = [
+        "| | PX4 real | PX4 here | ArduCopter real | ArduCopter here |",
+        "| --- | ---: | ---: | ---: | ---: |",
+    ]
+    for name in QUALITIES["px4"]:
+        cells = []
+        for autopilot, qualities in QUALITIES.items():
+            quality = qualities[name]
+            cells += [f"{value:.{quality.decimals}f}" for value in (quality.real, flown[autopilot][name])]
+        lines.append(f"| {name}, {QUALITIES['px4'][name].unit} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    print(table({autopilot: figures(autopilot) for autopilot in QUALITIES}))

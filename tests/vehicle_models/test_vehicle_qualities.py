@@ -1,0 +1,29 @@
+"""How the vehicle flies beside the real autopilots on the same plant."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import flight_qualities
+import pytest
+from flight_qualities import QUALITIES
+
+PAGE = Path(__file__).parents[2] / "docs" / "vehicle.md"
+
+# Two flights of each autopilot serve all rows.
+figures = cache(flight_qualities.figures)
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "name"), [(autopilot, name) for autopilot in QUALITIES for name in QUALITIES[autopilot]]
+)
+def test_a_figure_is_that_of_the_real_autopilot(autopilot: str, name: str) -> None:
+    """Within a tenth; near zero within the tolerance that its row states."""
+    quality = QUALITIES[autopilot][name]
+    assert figures(autopilot)[name] == pytest.approx(quality.real, abs=quality.tolerance)
+
+
+def test_the_page_has_these_figures() -> None:
+    """docs/vehicle.md has the table that `flight_qualities.py` prints."""
+    assert flight_qualities.table({name: figures(name) for name in QUALITIES}) in PAGE.read_text()
