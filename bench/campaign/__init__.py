@@ -73,6 +73,7 @@ if TYPE_CHECKING:
     from .planning._estimate import estimate_campaign as estimate_campaign
     from .results._finish import CampaignRuns as CampaignRuns
     from .results._finish import FinishedCampaign as FinishedCampaign
+    from .results._finish import campaign_completeness as campaign_completeness
     from .results._finish import finish_campaign as finish_campaign
     from .results._finish import is_campaign as is_campaign
     from .results._finish import read_runs as read_runs
@@ -90,6 +91,7 @@ _HEAVY = {
     "CampaignProposal": "next_campaign._proposal",
     "FinishedCampaign": "results._finish",
     "estimate_campaign": "planning._estimate",
+    "campaign_completeness": "results._finish",
     "finish_campaign": "results._finish",
     "fly_realization": "execution._flight",
     "is_campaign": "results._finish",

@@ -15,6 +15,8 @@ from rich.text import Text
 
 from bench.errors import Fault, SetupError
 
+from ._missing_runs import exit_if_incomplete, print_missing_in
+
 if TYPE_CHECKING:
     from bench.reporting import Calibration, NodeCalibration, TableCalibration
     from bench.statistics import AgentAbility, DifficultySlope
@@ -46,7 +48,7 @@ def calibrate(
 ) -> None:
     """Check rated difficulty against outcomes: does failure rise with it, and which tables are contradicted?
 
-    Changes no decomposition. Needs two agents or more.
+    Changes no decomposition. Needs two agents or more. Ends with code 3 if a campaign lacks runs.
 
     Example: rebar calibrate out/demo out/mine --out tables.yaml
     """
@@ -58,17 +60,22 @@ def calibrate(
     calibration = calibrate_campaigns(campaigns, agent or (), seed=seed)
     if out is not None and calibration.contradicted:
         out.write_text(table_proposal(calibration), encoding="utf-8")
+    completeness = print_missing_in(campaigns, as_json=as_json)
     if as_json:
+        document = _document(calibration) | {
+            "completeness": [report and report.model_dump(mode="json") for report in completeness]
+        }
         # NaN is not JSON: other readers would refuse the document.
-        print(json.dumps(_document(calibration), indent=1, allow_nan=False))
-        return
-    _show(calibration)
-    if out is not None:
-        print(
-            f"{out}: review it; nothing applies it"
-            if calibration.contradicted
-            else f"{out}: not written, because no table is contradicted"
-        )
+        print(json.dumps(document, indent=1, allow_nan=False))
+    else:
+        _show(calibration)
+        if out is not None:
+            print(
+                f"{out}: review it; nothing applies it"
+                if calibration.contradicted
+                else f"{out}: not written, because no table is contradicted"
+            )
+    exit_if_incomplete(completeness)
 
 
 def _document(calibration: Calibration) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ._missing_runs import exit_if_incomplete, print_missing_in
 from ._tables import add_plain_row, plain_console, plain_table, print_lines
 
 if TYPE_CHECKING:
@@ -38,17 +39,26 @@ def compare(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
 ) -> None:
     """Compare two agents on the scenes that both flew: the differences, their certainty, and the pairs needed
-    to decide.
+    to decide. Ends with code 3 if a campaign lacks runs that its agents did not cause.
 
     Example: rebar compare out/demo --agents reference-naive reference-bystander-aware
     """
     from bench.reporting import compare_campaigns
 
     comparison = compare_campaigns(campaigns, agents or (), node or (), seed=seed)
+    completeness = print_missing_in(campaigns, as_json=as_json)
     if as_json:
+        document = _document(comparison) | {
+            "completeness": [report and report.model_dump(mode="json") for report in completeness]
+        }
         # NaN is not JSON: other readers would refuse the document.
-        print(json.dumps(_document(comparison), indent=1, allow_nan=False))
-        return
+        print(json.dumps(document, indent=1, allow_nan=False))
+    else:
+        _show(comparison)
+    exit_if_incomplete(completeness)
+
+
+def _show(comparison: Comparison) -> None:
     console = plain_console()
     count = f"{comparison.scenes} {'scene' if comparison.scenes == 1 else 'scenes'}"
     rates, divergences = _tables(comparison)

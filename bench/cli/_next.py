@@ -9,6 +9,8 @@ import typer
 
 from bench.errors import Fault, SetupError
 
+from ._missing_runs import INCOMPLETE_EXIT_CODE
+
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
@@ -21,21 +23,29 @@ def propose(
         Path | None, typer.Option(help="File to write; it must not exist yet. Printed if not given")
     ] = None,
 ) -> None:
-    """Propose the next campaign, with the reasons as comments, for you to review.
+    """Propose the next campaign, with the reasons as comments, for you to review. Ends with code 3 if runs are missing.
 
     Example: rebar next out/demo --out next.yaml
     """
-    from bench.campaign import propose_next
+    from bench.campaign import campaign_completeness, propose_next
 
     if out is not None and out.exists():
         raise SetupError(Fault(str(out), "already exists and is not overwritten", "name another file"))
     proposal = propose_next(folder, out.parent if out is not None else None)
+    completeness = campaign_completeness(folder)
+    lines = completeness.lines(folder) if completeness else []
+    # As comments: the proposal is a campaign file, and who reads it later shall know what it rests on.
+    text = "".join(f"# {line}\n" for line in lines) + proposal.text
     if out is None:
-        print(proposal.text, end="")
-        return
-    _write_new(out, proposal.text)
-    print("\n".join(proposal.changes) or "only the seed changes: factors, ranges and replicates stay")
-    print(f"{out}: review it, then run `rebar run {out}`")
+        print(text, end="")
+    else:
+        _write_new(out, text)
+        for line in lines:
+            print(line)
+        print("\n".join(proposal.changes) or "only the seed changes: factors, ranges and replicates stay")
+        print(f"{out}: review it, then run `rebar run {out}`")
+    if completeness is not None and not completeness.complete:
+        raise typer.Exit(INCOMPLETE_EXIT_CODE)
 
 
 def _write_new(out: Path, text: str) -> None:

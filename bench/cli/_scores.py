@@ -17,12 +17,13 @@ from rich.tree import Tree
 
 from bench.errors import Fault, SetupError
 
-from ._missing_runs import INCOMPLETE_EXIT_CODE, print_missing, print_rewritten
+from ._missing_runs import INCOMPLETE_EXIT_CODE, completeness_report, print_missing, print_rewritten
 
 if TYPE_CHECKING:
     import polars as pl
 
     from bench.campaign import Completeness
+    from bench.documents import Document
     from bench.scoring import (
         AgentExplanation,
         Explanation,
@@ -57,7 +58,11 @@ def score(
         typer.Option(help="Score a table of observations instead of folders (CSV or JSON records)"),
     ] = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print JSON, as described by `rebar schema score-report`")
+        bool,
+        typer.Option(
+            "--json",
+            help="Print JSON (`rebar schema score-report`): an array of such documents for several folders",
+        ),
     ] = False,
     per_run: Annotated[bool, typer.Option("--per-run", help="Show the nodes of every run as well")] = False,
     explain: Annotated[
@@ -83,19 +88,31 @@ def score(
     Example: rebar score --observations table.csv --decomposition mine.yaml --json
     """
     sources = _score_sources(runs or [], decomposition, observations, reading=explain is not None)
-    partial = [source for source in sources if source.completeness and not source.completeness.complete]
-    for source in partial:
-        assert source.completeness is not None
-        print_missing(source.completeness, Path(source.source), as_json=as_json)
     for source in sources:
-        if explain is not None:
-            _show_explanation(source.explained(explain, limit), as_json=as_json)
-        elif as_json:
-            print(source.report(per_run=per_run).model_dump_json(indent=1))
-        else:
-            source.show(per_run=per_run)
-    if partial:
+        # Also of complete ones: somebody may be at work in the folder.
+        if source.completeness is not None:
+            print_missing(source.completeness, Path(source.source), as_json=as_json)
+    if as_json:
+        _print_document(
+            [
+                source.report(per_run=per_run) if explain is None else source.explained(explain, limit)
+                for source in sources
+            ]
+        )
+    else:
+        for source in sources:
+            if explain is None:
+                source.show(per_run=per_run)
+            else:
+                _show_explanation(source.explained(explain, limit))
+    if any(source.completeness and not source.completeness.complete for source in sources):
         raise typer.Exit(INCOMPLETE_EXIT_CODE)
+
+
+def _print_document(documents: Sequence[Document]) -> None:
+    """One JSON document: that of the only target, or an array of them in the order of the command line."""
+    texts = [document.model_dump_json(indent=1) for document in documents]
+    print(texts[0] if len(texts) == 1 else "[\n" + ",\n".join(texts) + "\n]")
 
 
 def check_node(option: str, decomposition: Decomposition, node: str) -> None:
@@ -146,6 +163,7 @@ class ScoreSource:
             runs,
             self.fidelity,
             self.floors,
+            completeness_report(self.completeness, Path(self.source)) if self.completeness else None,
         )
 
     def explained(self, node: str, limit: int) -> Explanation:
@@ -353,10 +371,7 @@ def _table_of_run(run: RunReport, titles: Mapping[str, str]) -> Table:
     return table
 
 
-def _show_explanation(explanation: Explanation, *, as_json: bool) -> None:
-    if as_json:
-        print(explanation.model_dump_json(indent=1))
-        return
+def _show_explanation(explanation: Explanation) -> None:
     # Only a terminal wraps: a path that is broken over two lines of a file cannot be searched or copied.
     console = _console() if _console().is_terminal else Console(width=WHOLE_LINE, highlight=False)
     for agent in explanation.agents:

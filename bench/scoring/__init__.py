@@ -36,6 +36,7 @@ from ._increase import DifficultyIncrease as DifficultyIncrease
 from ._increase import FactorChange as FactorChange
 from ._increase import difficulty_increase as difficulty_increase
 from ._increase import value_for_rating as value_for_rating
+from ._report import CompletenessReport as CompletenessReport
 from ._report import RunReport as RunReport
 from ._report import ScoreReport as ScoreReport
 from ._report import node_reports as node_reports

@@ -140,6 +140,25 @@ class RunReport(Document):
     nodes: tuple[RunNode, ...]
 
 
+class CompletenessReport(Document):
+    """Whether the numbers are over all runs of a campaign."""
+
+    folder: Annotated[str, Field(description="The campaign's folder, as the user named it.")]
+    complete: Annotated[
+        bool, Field(description="Every run counts, was not needed, or is accepted as missing.")
+    ]
+    running: Annotated[
+        bool, Field(description="Another process was writing in the folder: the numbers will change.")
+    ]
+    total: Annotated[Count, Field(description="Runs of the campaign, null agents and oracle included.")]
+    missing: Annotated[
+        dict[str, Count], Field(description="Missing runs by outcome; `not finished` without a result.")
+    ]
+    accepted: Annotated[
+        tuple[str, ...], Field(description="Missing runs that somebody took as they are (--accept).")
+    ]
+
+
 class ScoreReport(Document):
     """The document that `rebar score --json` prints."""
 
@@ -151,6 +170,9 @@ class ScoreReport(Document):
         Field(
             description="overhead: surrogates on a ground plan, not the agents themselves. Null where it is not known."
         ),
+    ] = None
+    completeness: Annotated[
+        CompletenessReport | None, Field(description="Of a campaign; null for a run and for a table.")
     ] = None
     decomposition: str
     decomposition_sha256: Annotated[
@@ -217,12 +239,14 @@ def score_report(
     runs: tuple[RunReport, ...] | None = None,
     fidelity: Literal["full", "overhead"] | None = None,
     floors: Mapping[str, NodeFloor] | None = None,
+    completeness: CompletenessReport | None = None,
 ) -> ScoreReport:
     """The document over a score table and its summary, with floor and ceiling where they are known."""
     return ScoreReport(
         kind=kind,
         source=source,
         fidelity=fidelity,
+        completeness=completeness,
         decomposition=decomposition.name,
         decomposition_sha256=decomposition.digest,
         study=tuple(study),

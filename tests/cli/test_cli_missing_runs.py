@@ -13,8 +13,16 @@ from pathlib import Path
 import pytest
 from test_cli_commands import CAMPAIGN, EXAMPLE
 
+from bench.campaign import open_journal, write_result
+from bench.campaign.storage._journal import PlannedRealization
 from bench.cli._app import run
+from bench.contracts import Outcome, SessionResult
+from bench.realization import RealizationPlan
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
+from made_campaign import Made, made_simspec, make_campaign
+
+MISSING = "p008-r0-reference-naive"
 MANIFEST = """
 format: rebar.agent/1
 name: brittle
@@ -67,7 +75,14 @@ def test_files_that_vanish_in_mid_campaign_leave_it_incomplete_until_they_are_ba
     assert run(["score", str(out), "--json"]) == 3
     shown = capsys.readouterr()
     assert shown.err.splitlines()[0] == lines[0]
-    assert json.loads(shown.out)["kind"] == "campaign"
+    document = json.loads(shown.out)
+    assert document["kind"] == "campaign"
+    wanted = {"folder": str(out), "complete": False, "running": False, "total": 2}
+    assert document["completeness"] == wanted | {"missing": {"setup_invalid": 2}, "accepted": []}
+    assert run(["score", str(out), str(out), "--json"]) == 3
+    assert [entry["completeness"] for entry in json.loads(capsys.readouterr().out)] == [
+        document["completeness"]
+    ] * 2
     assert "INCOMPLETE: 2 of 2 runs are missing (2 setup invalid)" in (out / "report.html").read_text()
 
     with writer(out) as pid:
@@ -109,3 +124,54 @@ def test_a_pace_that_agents_cannot_follow_is_told_for_all_of_them_before_take_of
     assert run([*line, "--floor", "--dry-run"]) == 2
     assert capsys.readouterr().err.splitlines() == faults
     assert not (tmp_path / "out" / "simspecs").exists()
+
+
+@pytest.fixture
+def partial(tmp_path: Path) -> Path:
+    """A made campaign of eight scenes by two agents, whose journal knows of a run that has no result yet."""
+    folder = make_campaign(tmp_path / "partial", Made(scenes=8))
+    simspec = made_simspec(0, "reference-naive")
+    finished = sorted(path.parent for path in (folder / "runs").glob("*/result.json"))
+    names = [*(run_folder.name for run_folder in finished), MISSING]
+    plans = [RealizationPlan(name, name[:4], 0, {}, simspec) for name in names]
+    with open_journal(folder / "journal.sqlite") as journal:
+        journal.add(PlannedRealization(plan, "", "") for plan in plans)
+        for run_folder in finished:
+            # Made campaigns hold no recordings, and a result without its recording is none.
+            result = SessionResult.model_validate_json((run_folder / "result.json").read_text())
+            result = result.model_copy(update={"recording_sha256": None})
+            journal.finish(result, write_result(run_folder, result))
+    return folder
+
+
+@pytest.mark.parametrize("command", ["compare", "calibrate"])
+def test_commands_that_read_results_say_what_is_missing(
+    command: str, partial: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In the first line, by the exit code, and in the JSON document; beside a runner that as well."""
+    assert run([command, str(partial)]) == 3
+    head = "INCOMPLETE: 1 of 17 runs are missing: 1 not finished"
+    assert first_line(capsys).startswith(head)
+    with writer(partial) as pid:
+        assert run([command, str(partial), "--json"]) == 3
+        shown = capsys.readouterr()
+    assert shown.err.splitlines()[0] == (
+        f"{head}; process {pid} is at work in {partial}, so these numbers will change."
+    )
+    (completeness,) = json.loads(shown.out)["completeness"]
+    assert (completeness["complete"], completeness["running"]) == (False, True)
+    assert (completeness["total"], completeness["missing"]) == (17, {"not finished": 1})
+
+
+def test_a_complete_campaign_beside_a_runner_says_running(
+    partial: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing is missing, but somebody is at work: a line, no exit code."""
+    result = SessionResult(realization=MISSING, outcome=Outcome.COMPLETED)
+    (partial / "runs" / MISSING).mkdir()
+    write_result(partial / "runs" / MISSING, result)
+    with writer(partial) as pid:
+        assert run(["compare", str(partial)]) == 0
+        assert first_line(capsys).startswith(f"RUNNING: process {pid} is at work in")
+    assert run(["compare", str(partial)]) == 0
+    assert first_line(capsys).startswith("reference-naive and")

@@ -210,6 +210,14 @@ def read_runs(path: Path, other_decomposition: str | None = None) -> CampaignRun
     )
 
 
+def campaign_completeness(path: Path) -> Completeness | None:
+    """Which runs of a campaign are missing, and whether a process is writing in its folder. Checks nothing.
+
+    None for a folder without a journal, such as results that were copied without it.
+    """
+    return _read_results(CampaignFolder(path)).completeness if is_campaign(path) else None
+
+
 def read_campaign_folder(
     path: Path, other_decomposition: str | None = None
 ) -> tuple[CampaignFolder, Campaign, Decomposition]:
