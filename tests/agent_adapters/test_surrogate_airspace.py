@@ -5,11 +5,14 @@ to be.
 from __future__ import annotations
 
 import math
-from itertools import pairwise
+from collections.abc import Sequence
+from itertools import combinations, pairwise, permutations
 
 import numpy as np
+import pytest
 
-from agent_adapters.reference.flight._airspace import NO_FLY_MARGIN_M
+from agent_adapters.reference.flight._airspace import FENCE_MARGIN_M, NO_FLY_MARGIN_M, Airspace, block_round
+from agent_adapters.reference.flight._routes import shortest_route
 from agent_adapters.reference.surrogate.batch._airspace import SurrogateAirspaces
 from bench.simspec import NoFlyArea, Point, Polygon, Rules
 
@@ -52,6 +55,52 @@ def test_lengths_are_those_of_the_ways_from_and_to_anywhere() -> None:
         assert math.isclose(
             sum(math.dist(start, stop) for start, stop in pairwise(route)), length_m, rel_tol=1e-9
         )
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_agent_and_its_surrogate_find_the_same_ways(seed: int) -> None:
+    """Their geometry is written twice, for one place and for many; three areas and a fence, forty ways."""
+    rng = np.random.Generator(np.random.PCG64(seed))
+    squares = [
+        square(float(east_m), float(north_m), float(half_m))
+        for east_m, north_m, half_m in rng.uniform((-150.0, -150.0, 10.0), (150.0, 150.0, 40.0), (3, 3))
+    ]
+    fence = square(0.0, 0.0, 300.0)
+    areas = [NoFlyArea(id=f"area-{number}", area=area) for number, area in enumerate(squares)]
+    surrogate = closed(*areas, fence=fence).of(0b111)
+    corners = [[(c.east_m, c.north_m) for c in polygon.corners] for polygon in (*squares, fence)]
+    edges = pairwise([*corners[3], corners[3][0]])
+    blocks = [block_round(area, NO_FLY_MARGIN_M) for area in corners[:3]]
+    agent = Airspace((*blocks, *(block_round(edge, FENCE_MARGIN_M) for edge in edges)), tuple(corners[3]))
+
+    bent = 0
+    for a, b in rng.uniform(-310.0, 310.0, (40, 2, 2)):
+        begin, end = (float(a[0]), float(a[1])), (float(b[0]), float(b[1]))
+        route = agent.route(begin, end)
+        bent += len(route) > 2
+        assert len(route) == len(surrogate._route(begin, end))
+        assert np.allclose(route, surrogate._route(begin, end), atol=1e-6)
+    assert bent >= 10
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_no_way_over_corners_is_shorter_than_the_one_that_is_found(seed: int) -> None:
+    """Against every order of every choice of five corners, with half of the legs closed by chance."""
+    rng = np.random.Generator(np.random.PCG64(seed))
+    places = [(float(east_m), float(north_m)) for east_m, north_m in rng.uniform(0.0, 100.0, (7, 2))]
+    open_legs = {frozenset(pair) for pair in combinations(range(7), 2) if rng.random() < 0.5}
+
+    def length_m(way: Sequence[int]) -> float:
+        legs = list(pairwise(way))
+        if any(frozenset(leg) not in open_legs for leg in legs):
+            return math.inf
+        return sum(math.dist(places[a], places[b]) for a, b in legs)
+
+    ways = [(0, *over, 1) for count in range(6) for over in permutations(range(2, 7), count)]
+    best = min(ways, key=length_m)
+    route = shortest_route(places[0], places[1], places[2:], lambda a, b: frozenset((a, b)) in open_legs)
+    straight_on = math.isinf(length_m(best))
+    assert route == ([places[0], places[1]] if straight_on else [places[index] for index in best])
 
 
 def test_an_area_is_kept_free_from_a_little_before_it_is_closed() -> None:

@@ -7,7 +7,6 @@ corner of blocks.
 
 from __future__ import annotations
 
-import heapq
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from itertools import pairwise
 from bench.contracts import MissionOrder
 
 from ._paths import Place
+from ._routes import shortest_route
 
 # For errors of place and for corners that are cut in a turn. Chosen, not measured.
 NO_FLY_MARGIN_M = 25.0
@@ -123,38 +123,26 @@ class Airspace:
         return sum(math.dist(leg_begin, leg_end) for leg_begin, leg_end in pairwise(self.route(a, b)))
 
     @cached_property
+    def _clear_pairs(self) -> dict[tuple[int, int], bool]:
+        return {}
+
+    @cached_property
     def _nodes(self) -> tuple[Place, ...]:
         return tuple(corner for block in self.blocks for corner in block.corners if self.allows(corner))
 
     def _shortest(self, begin: Place, end: Place) -> list[Place]:
-        """A* over the corners of blocks."""
         nodes = [begin, end, *self._nodes]
-        best = {0: 0.0}
-        came: dict[int, int] = {}
-        queue = [(math.dist(begin, end), 0)]
-        done: set[int] = set()
-        while queue:
-            _, at = heapq.heappop(queue)
-            if at == 1:
-                break
-            if at in done:
-                continue
-            done.add(at)
-            for to in range(1, len(nodes)):
-                so_far_m = best[at] + math.dist(nodes[at], nodes[to])
-                if (
-                    to not in done
-                    and so_far_m < best.get(to, math.inf) - 1e-9
-                    and self.clear(nodes[at], nodes[to])
-                ):
-                    best[to], came[to] = so_far_m, at
-                    heapq.heappush(queue, (so_far_m + math.dist(nodes[to], end), to))
-        if 1 not in best:
-            return [begin, end]
-        way = [1]
-        while way[-1]:
-            way.append(came[way[-1]])
-        return [nodes[index] for index in reversed(way)]
+
+        def clear(a: int, b: int) -> bool:
+            # Corners stay: whether two of them see each other is worked out once, ends anew for each way.
+            if min(a, b) < 2:
+                return self.clear(nodes[a], nodes[b])
+            pair = (min(a, b), max(a, b))
+            if pair not in self._clear_pairs:
+                self._clear_pairs[pair] = self.clear(nodes[pair[0]], nodes[pair[1]])
+            return self._clear_pairs[pair]
+
+        return shortest_route(begin, end, self._nodes, clear)
 
 
 class Airspaces:

@@ -7,7 +7,6 @@ many at once; only those are routed, one by one, from corner to corner.
 
 from __future__ import annotations
 
-import heapq
 import math
 from collections.abc import Sequence
 from functools import cached_property
@@ -21,6 +20,7 @@ from bench.arrays import Bools, Counts, Floats
 from bench.simspec import Rules
 
 from ...flight._airspace import FENCE_MARGIN_M, LEAD_S, NO_FLY_MARGIN_M, SIDES, TOUCH_M
+from ...flight._routes import shortest_route
 
 Place = tuple[float, float]
 
@@ -155,35 +155,21 @@ class SurrogateAirspace:
         return length_m.reshape(len(places_m), len(nodes))
 
     def _shortest(self, begin: Place, end: Place) -> list[Place]:
-        """Dijkstra's way over the corners of blocks."""
-        if self._clear(begin, end):
+        if not self._nodes or self._clear(begin, end):
             return [begin, end]
-        if not self._nodes:
-            return [begin, end]
-        nodes = np.array(self._nodes)
-        ends = self._straight_m(np.array([begin, end]))
-        best, previous = ends[0].copy(), np.full(len(nodes), -1)
-        queue = [(float(length_m), index) for index, length_m in enumerate(best) if math.isfinite(length_m)]
-        heapq.heapify(queue)
-        while queue:
-            so_far_m, node = heapq.heappop(queue)
-            # A queue entry that a shorter way has overtaken: heapq cannot lower a key, so stale entries stay
-            # in it.
-            if so_far_m > best[node]:
-                continue
-            through_m = so_far_m + self._node_distances_m[node]
-            # The tolerance keeps ways of equal length from replacing each other over rounding errors.
-            for neighbour in np.flatnonzero(through_m < best - 1e-9):
-                best[neighbour], previous[neighbour] = through_m[neighbour], node
-                heapq.heappush(queue, (float(through_m[neighbour]), int(neighbour)))
-        whole_m = best + ends[1]
-        if not np.isfinite(whole_m).any():
-            return [begin, end]
-        nodes_back, node = [], int(whole_m.argmin())
-        while node >= 0:
-            nodes_back.append(_place(nodes[node]))
-            node = int(previous[node])
-        return [begin, *reversed(nodes_back), end]
+        # From the ends all at once, as the ways between corners are: one by one, numpy is slower than Python.
+        seen_from_end = np.isfinite(self._straight_m(np.array([begin, end])))
+        seen = np.isfinite(self._node_distances_m)
+
+        def clear(a: int, b: int) -> bool:
+            end_index, other = min(a, b), max(a, b)
+            if other < 2:
+                return False  # from end to end, as was seen above
+            return bool(
+                seen_from_end[end_index, other - 2] if end_index < 2 else seen[end_index - 2, other - 2]
+            )
+
+        return shortest_route(begin, end, self._nodes, clear)
 
 
 class SurrogateAirspaces:
