@@ -47,14 +47,6 @@ def test_what_needs_turning_fails_and_can_be_cancelled(make: Make) -> None:
     assert client.texts()[-1] == "[cal] calibration cancelled\t"
 
 
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_a_list_of_logs_says_that_there_are_none(make: Make, autopilot: str) -> None:
-    client = make(simspec(autopilot))
-    client.send(mavlink.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))
-    (entry,) = [m for m in client.fly(0.1) if m.get_type() == "LOG_ENTRY"]
-    assert (entry.num_logs, entry.last_log_num, entry.size) == (0, 0, 0)
-
-
 def ask(client: Client, line: str, seconds: float = 0.2) -> str:
     """Write a line to the shell, in two pieces, and return what it prints."""
     data = f"{line}\n".encode()

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from .policies._commands import CommandPolicy
 from .policies._identity import IdentityPolicy
+from .policies._logs import LogPolicy
 from .policies._missions import MissionPolicy
 from .policies._modes import ModePolicy
 from .policies._parameters import ParameterPolicy
@@ -16,7 +17,7 @@ from .policies._telemetry import TelemetryPolicy
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Autopilot:
-    """The eight policies of one autopilot. The controller gives each to the services that ask it."""
+    """The nine policies of one autopilot. The controller gives each to the services that ask it."""
 
     identity: IdentityPolicy
     parameters: ParameterPolicy
@@ -26,3 +27,4 @@ class Autopilot:
     telemetry: TelemetryPolicy
     missions: MissionPolicy
     safety: SafetyPolicy
+    logs: LogPolicy

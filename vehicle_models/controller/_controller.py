@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -25,13 +26,17 @@ from ._service import (
 )
 from ._service_context import ServiceContext
 from .files._ftp import FileTransfer
-from .files._served_files import ServedFiles
+from .files._served_files import FileContent, ServedFiles
 from .guidance._guidance import Guidance
 from .guidance._manoeuvres import Manoeuvres
 from .links._frames import KINDS, Decoder, Packer, message_id, sender
 from .links._links import Link
 from .links._radio import Channel, Radio
 from .links._signing import open_signing
+from .logs._recorder import FlightRecorder
+from .logs._storage import FlightLog, LogStorage
+from .logs._streaming import LogStreaming
+from .logs._transfer import LogTransfer
 from .missions._mission_flight import MissionFlight
 from .missions._protocol import MissionProtocol
 from .missions._store import StoredPlans
@@ -54,7 +59,6 @@ from .services._commands import Commands
 from .services._follow_target import FollowTargetService
 from .services._home import HomeKeeper
 from .services._identity import Identity
-from .services._logs import Logs
 from .services._manual_control import ManualControl
 from .services._modes import Modes
 from .services._motor_test import MotorTest
@@ -122,6 +126,7 @@ class Controller:
         texts = Texts(radio, autopilot.identity.texts, autopilot.identity.text_ending)
         self._context = ServiceContext(flight, airframe, frame, radio, texts, parameters)
         self._plans = StoredPlans()
+        self._logs = persistent.logs if persistent else LogStorage()
         self._camera: CameraComponent | None = None
         self._build_flight_services(manoeuvres)
         self._build_safety_services()
@@ -181,7 +186,6 @@ class Controller:
             SigningKeys(self._signing),
             self._restart,
             Identity(context, autopilot.identity, autopilot.modes),
-            Logs(),
             Shell(context, autopilot.identity),
             EventService(context, autopilot.identity.event_names),
             self._build_file_transfer(),
@@ -213,7 +217,8 @@ class Controller:
         if equipment.break_part:
             failure_parameter = autopilot.safety.failure_parameter
             services.append(FailureInjection(context.parameters, failure_parameter, equipment.break_part))
-        return services + self._build_telemetry()
+        # What is recorded is the state that all of them leave.
+        return [*services, *self._build_logs(), *self._build_telemetry()]
 
     def _build_file_transfer(self) -> FileTransfer:
         identity = self._autopilot.identity
@@ -222,8 +227,34 @@ class Controller:
             {**metadata, **identity.files(self._context.parameters)},
             identity.files_writable,
             identity.folders,
+            self._log_files,
+            identity.memory_card,
         )
         return FileTransfer(self._context, files, identity.file_sessions)
+
+    def _log_files(self) -> Mapping[str, FileContent]:
+        """The logs as files, by path."""
+        policy, logs = self._autopilot.logs, self._logs
+        return {
+            policy.path(number, log.opening): functools.partial(_log_content, logs, log)
+            for number, log in enumerate(logs.logs, start=policy.first_number)
+        }
+
+    def _build_logs(self) -> list[object]:
+        context, policy, storage = self._context, self._autopilot.logs, self._logs
+        recorder = FlightRecorder(
+            context,
+            policy,
+            self._autopilot.identity,
+            self._autopilot.telemetry.gps_quality,
+            self._battery,
+            storage,
+        )
+        return [
+            recorder,
+            LogTransfer(context, policy, recorder, storage),
+            LogStreaming(context, policy, recorder),
+        ]
 
     def _build_navigator(self) -> Navigator:
         autopilot = self._autopilot
@@ -361,7 +392,7 @@ class Controller:
     def persistent_state(self) -> PersistentState:
         """What the next controller of the same vehicle starts with."""
         plans = {kind: plan.items for kind, plan in self._plans.by_type.items()}
-        return PersistentState(self.changed_parameters(), plans, self._signing, self._counts())
+        return PersistentState(self.changed_parameters(), plans, self._signing, self._logs, self._counts())
 
     def counters(self) -> dict[str, int]:
         """Messages that were dropped or made no sense, by name; since the first start."""
@@ -436,6 +467,10 @@ class Controller:
         flight.target = target
         airframe.fly(target)
         return target
+
+
+def _log_content(logs: LogStorage, log: FlightLog, query: str) -> bytes:
+    return bytes(logs.read(log))
 
 
 def _handlers_by_id(services: Sequence[object]) -> dict[int, list[MessageHandler]]:

@@ -130,6 +130,13 @@ class Flight:
         unknown = self.console.ask("param set NO_SUCH_PARAM 1", r"Unable to find parameter")
         return {"before": before, "after": after, "unknown": unknown}
 
+    def logs(self) -> dict[str, Any]:
+        """List the logs, download the only one."""
+        listed = self.console.ask("log list", r"Log (\d+)\s+numLogs (\d+)")
+        path = Path("flight.bin")
+        self.console.ask(f"log download {listed} {path}", r"Finished downloading")
+        return {"listed": int(listed), "bytes": path.stat().st_size}
+
     def hop(self) -> dict[str, Any]:
         start = self.up()
         refused = self.console.ask("disarm", r"COMPONENT_ARM_DISARM: (\w+)")

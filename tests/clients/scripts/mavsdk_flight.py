@@ -1,7 +1,7 @@
 """MAVSDK 4 on PX4, the synchronous API: python mavsdk_flight.py udpin://127.0.0.1:14540 CHAPTER...
 
 Flies all parameters, takeoff, `goto_location`, `do_orbit`, RTL, land; offboard velocities, positions (local,
-global, with a velocity), acceleration, attitude, rates; a mission with speeds, a pause and a return; raw items,
+global, with a velocity), acceleration, attitude, rates; logs; a mission with speeds, a pause and a return; raw items,
 rally points; a fence and its action; sticks; follow-me; gimbal, camera; the fixed wing.
 Is refused: arming during the start, disarming in the air, unknown and mistyped parameters, offboard and position
 control without input, unknown commands and frames in a plan, mission mode without a mission, a fence with two
@@ -30,6 +30,7 @@ from mavsdk.plugins.geofence.geofence import Circle, FenceType, GeofenceData, Po
 from mavsdk.plugins.gimbal import Gimbal
 from mavsdk.plugins.gimbal.gimbal import ControlMode, GimbalMode, SendMode
 from mavsdk.plugins.info import Info
+from mavsdk.plugins.log_files import LogFiles
 from mavsdk.plugins.manual_control import ManualControl
 from mavsdk.plugins.mission import Mission
 from mavsdk.plugins.mission.mission import MissionItem, MissionPlan
@@ -152,6 +153,25 @@ class Flight:
             "disarm_in_air": disarm,
             "from_start_m": distance_m(start, self.here()),
         }
+
+    def logs(self) -> dict[str, Any]:
+        """Take off, land, and download the log of the flight; erase all, and find none."""
+        self.up()
+        self.action.land()
+        self.down()
+        files = LogFiles(self.system)
+        entries = files.get_entries()
+        results: list[str] = []
+        files.download_log_file_async(
+            entries[0], "flight.ulg", lambda result, progress, _: results.append(result.name)
+        )
+        wait_until("the log", lambda: results and results[-1] != "NEXT")
+        size = os.path.getsize("flight.ulg")
+        files.erase_all_log_files()
+        return {
+            "entries": len(entries), "listed_bytes": entries[0].size_bytes, "bytes": size, "date": entries[0].date,
+            "downloaded": results[-1], "erased": outcome(files.get_entries),
+        }  # fmt: skip
 
     def travel(self) -> dict[str, Any]:
         """A place, an orbit, and back by return to launch."""

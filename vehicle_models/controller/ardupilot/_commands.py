@@ -43,6 +43,7 @@ _REPOSITION_FRAMES = (MAV_FRAME.GLOBAL, MAV_FRAME.GLOBAL_INT, *_RELATIVE_FRAMES)
 # MAV_DO_REPOSITION_FLAGS
 _CHANGE_MODE = 1
 _REBOOT, _REBOOT_TO_BOOTLOADER = 1.0, 3.0
+BANNER = ("ArduCopter V4.6.3 (92b0cd78)", "0" * 32, "Frame: QUAD/PLUS")
 
 
 def _answer(flight: FlightState, command: Command) -> CommandAnswer | None:
@@ -73,8 +74,7 @@ def _answer(flight: FlightState, command: Command) -> CommandAnswer | None:
             text = f"Control high latency {'en' if first else 'dis'}abled"
             return CommandAnswer((CommandResult.ACCEPTED,), ((NOTICE, text),))
         case MAV_CMD.DO_SEND_BANNER:
-            banner = ("ArduCopter V4.6.3 (92b0cd78)", "0" * 32, "Frame: QUAD/PLUS")
-            return CommandAnswer((CommandResult.ACCEPTED,), tuple((INFO, text) for text in banner))
+            return CommandAnswer((CommandResult.ACCEPTED,), tuple((INFO, text) for text in BANNER))
     return None
 
 

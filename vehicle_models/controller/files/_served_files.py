@@ -19,21 +19,34 @@ class ServedFiles:
     """Files by path from the root, with or without a leading slash. Folders are those in paths of files, and
     those that were made.
 
+    `changing` gives served files that come and go. A path that begins with `memory_card` means the same without it.
+
     Every method that changes something raises OSError with a POSIX number: EACCES for a served file, ENOSPC
     when the scratch area is full, EROFS where there is none.
     """
 
     def __init__(
-        self, contents: Mapping[str, FileContent], writable: bool = False, folders: tuple[str, ...] = ()
+        self,
+        contents: Mapping[str, FileContent],
+        writable: bool = False,
+        folders: tuple[str, ...] = (),
+        changing: Callable[[], Mapping[str, FileContent]] = dict,
+        memory_card: str = "",
     ) -> None:
-        self._contents = dict(contents)
+        self._fixed = dict(contents)
+        self._changing = changing
+        self._memory_card = f"{memory_card}/" if memory_card else ""
         self._writable = writable
         self._scratch: dict[str, bytearray] = {}
         self._folders: set[str] = set(folders)
 
+    @property
+    def _contents(self) -> Mapping[str, FileContent]:
+        return {**self._fixed, **self._changing()}
+
     def read(self, path: str) -> bytes | None:
         """A file's bytes, or None when there is none."""
-        name, _, query = _plain(path).partition("?")
+        name, _, query = self._name(path).partition("?")
         if name in self._scratch:
             return bytes(self._scratch[name])
         content = self._contents.get(name)
@@ -43,7 +56,7 @@ class ServedFiles:
         """The sorted contents of a folder as the protocol writes them (F name, tab, size; D name); None where
         there is no such folder.
         """
-        folder = _plain(path)
+        folder = self._name(path)
         if not self._is_folder(folder):
             return None
         prefix = f"{folder}/" if folder else ""
@@ -144,7 +157,7 @@ class ServedFiles:
 
     def _writable_name(self, path: str) -> str:
         """The name of a file or folder that a client may change."""
-        name = _plain(path)
+        name = self._name(path)
         if not self._writable:
             raise OSError(errno.EROFS, path)
         if (
@@ -162,9 +175,13 @@ class ServedFiles:
         content = self._scratch.get(self._writable_name(path))
         if content is None:
             raise OSError(
-                errno.EISDIR if self._is_folder(_plain(path)) else self._missing(_plain(path)), path
+                errno.EISDIR if self._is_folder(self._name(path)) else self._missing(self._name(path)), path
             )
         return content
+
+    def _name(self, path: str) -> str:
+        """A path from the root without a leading slash."""
+        return f"{_plain(path)}/".removeprefix(self._memory_card).strip("/")
 
     def _is_folder(self, name: str) -> bool:
         return (

@@ -66,6 +66,8 @@ class IdentityPolicy:
     """What MAVLink FTP serves beside the metadata."""
     folders: tuple[str, ...] = ()
     """Empty folders that MAVLink FTP lists from the start."""
+    memory_card: str = ""
+    """A folder by which paths of MAVLink FTP may begin and that means the root, as on a board."""
     has_shell: bool = False
     """Whether SERIAL_CONTROL reaches a shell."""
     reports_flight: bool = False

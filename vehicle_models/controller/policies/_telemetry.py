@@ -19,6 +19,7 @@ class GpsQuality:
     epv: int
     h_acc_mm: int
     v_acc_mm: int
+    satellites: int = 10
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from .._autopilot import Autopilot
 from ._commands import COMMANDS
 from ._identity import IDENTITY
+from ._logs import LOGS
 from ._missions import MISSIONS
 from ._modes import MODES
 from ._parameters import PARAMETERS
@@ -21,4 +22,5 @@ PX4 = Autopilot(
     telemetry=TELEMETRY,
     missions=MISSIONS,
     safety=SAFETY,
+    logs=LOGS,
 )

@@ -20,8 +20,6 @@ _ACCEPTED = (
     MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN,
     MAV_CMD.ACTUATOR_TEST,
     MAV_CMD.RUN_PREARM_CHECKS,
-    MAV_CMD.LOGGING_START,
-    MAV_CMD.LOGGING_STOP,
 )
 # No module of PX4's SITL handles these: there is no answer at all.
 _UNANSWERED = (

@@ -79,6 +79,7 @@ IDENTITY = IdentityPolicy(
     event_names=EVENTS,
     metadata=Metadata(PARAMETERS.definitions, EVENTS),
     folders=("log",),
+    memory_card="fs/microsd",
     has_shell=True,
     reports_flight=True,
     calibrates=True,

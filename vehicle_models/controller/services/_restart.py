@@ -9,6 +9,7 @@ from .._service import Command, CommandHandler, CommandResult
 from .._service_context import ServiceContext
 from ..links._enums import MAV_CMD
 from ..links._signing import Signing
+from ..logs._storage import LogStorage
 from ..missions._store import MissionItem
 from ..policies._commands import CommandPolicy
 
@@ -25,6 +26,7 @@ class PersistentState:
     parameters: Mapping[str, float]
     plans: Mapping[int, tuple[MissionItem, ...]]
     signing: Signing
+    logs: LogStorage
     counts: Mapping[str, int]
 
 

@@ -21,7 +21,6 @@ _ALL_FIELDS_UPDATED = 0x1FFF
 _TEMPERATURE_C, _CASE_TEMPERATURE_CDEG, _PRESSURE_TEMPERATURE_CDEG = 15.0, 3500, 1500
 # MAV_SENSOR_ORIENTATION
 _FACING_DOWN = 25
-_SATELLITES = 10
 
 
 class SensorTelemetry:
@@ -80,7 +79,7 @@ class SensorTelemetry:
             unknown = (65535, 65535, 65535, 65535, self._policy.lost_fix_type, 0)
             return (0, *f.fix_e7, altitude, *unknown, altitude, *(0,) * 5)
         motion = (quality.eph, quality.epv, min(round(speed * 100.0), 65534), course)
-        head = (0, *f.fix_e7, altitude, *motion, quality.fix_type, _SATELLITES)
+        head = (0, *f.fix_e7, altitude, *motion, quality.fix_type, quality.satellites)
         return (*head, altitude, quality.h_acc_mm, quality.v_acc_mm, 400, 0, 0)
 
     def _distance(self) -> Values:

@@ -46,6 +46,7 @@ class Texts:
         self._ending = ending
         self._id = 0
         self.listeners: list[Callable[[int, str], None]] = []
+        self.text_listeners: list[Callable[[int, str], None]] = []  # of texts alone
 
     def notify(self, severity: int, text: str) -> None:
         """Tell the listeners of an event that has no text on the links."""
@@ -62,6 +63,8 @@ class Texts:
 
     def send(self, severity: int, text: str) -> None:
         self.notify(severity, text)
+        for listener in self.text_listeners:
+            listener(severity, text)
         data = (text + self._ending).encode("ascii", "replace")
         chunks = [data[start : start + _CHUNK_BYTES] for start in range(0, len(data), _CHUNK_BYTES)]
         text_id = 0

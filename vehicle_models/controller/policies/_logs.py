@@ -1,0 +1,40 @@
+"""What an autopilot logs, in which format, and how it hands its logs out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from .._flight_state import FlightState
+from ..logs._records import LogEncoder, LogOpening
+from ..parameters._store import ParameterStore
+from ..telemetry._texts import StatusText
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogPolicy:
+    """Flight logs of an autopilot."""
+
+    encoder: Callable[[LogOpening], LogEncoder]
+    path: Callable[[int, LogOpening], str]
+    """Where MAVLink FTP has a log, given its number and its beginning."""
+    first_number: int
+    """Of the oldest log in LOG_ENTRY."""
+    records: Callable[[FlightState, ParameterStore, bool], bool]
+    """Whether something is recorded at present; the last argument is whether the vehicle has been armed since the
+    autopilot started.
+    """
+    new_for_each_flight: Callable[[ParameterStore], bool]
+    """Whether a log ends when recording does; else the next flight continues it."""
+    new_after_erase: bool
+    """Whether recording goes on in a new log when all are erased."""
+    armed_text: StatusText | None = None
+    """Sent instead of an answer while armed; None where an armed vehicle answers as well."""
+    busy_text: StatusText | None = None
+    """Sent to a link that asks while another transfer goes on; None where each link has a transfer of its own, and
+    a new request ends the previous one.
+    """
+    needs_list: bool
+    """Whether data are sent only after a list."""
+    streams: Callable[[ParameterStore], bool] | None = None
+    """Whether a log can be streamed at present; None for an autopilot without LOGGING_START."""

@@ -1,0 +1,83 @@
+"""PX4's flight logs: ULog files, by the parameters SDLOG_*."""
+
+from __future__ import annotations
+
+import functools
+from datetime import UTC, datetime
+
+from .._flight_state import FlightState
+from ..logs._records import LogOpening
+from ..logs._ulog import UlogEncoder, UlogIdentity
+from ..parameters._store import ParameterStore
+from ..policies._logs import LogPolicy
+from ._identity import IDENTITY
+from ._modes import MODES
+
+# vehicle_status.nav_state
+_NAV_STATES = {
+    "MANUAL": 0,
+    "ALTCTL": 1,
+    "POSCTL": 2,
+    "AUTO_MISSION": 3,
+    "AUTO_LOITER": 4,
+    "AUTO_RTL": 5,
+    "POSCTL_SLOW": 6,
+    "ALTITUDE_CRUISE": 8,
+    "ACRO": 10,
+    "TERMINATION": 13,
+    "OFFBOARD": 14,
+    "STABILIZED": 15,
+    "AUTO_TAKEOFF": 17,
+    "AUTO_LAND": 18,
+    "AUTO_FOLLOW": 19,
+    "AUTO_PRECLAND": 20,
+    "POSCTL_ORBIT": 21,
+    **{f"EXTERNAL{number}": 22 + number for number in range(1, 9)},
+}
+# SDLOG_BACKEND
+_FILE, _MAVLINK = 1, 2
+# SDLOG_MODE
+_BOOT_UNTIL_DISARM, _BOOT_UNTIL_SHUTDOWN = 1, 2
+
+_ULOG = UlogIdentity(
+    system="PX4",
+    hardware="PX4_SITL",
+    release=IDENTITY.flight_sw_version,
+    git_hash=IDENTITY.flight_custom_version.hex(),
+    system_uuid=f"{IDENTITY.uid:016x}",
+    nav_states={mode.custom: _NAV_STATES[mode.name] for mode in MODES.modes},
+    thresholds=("BAT_LOW_THR", "BAT_CRIT_THR", "BAT_EMERGEN_THR"),
+)
+
+
+def _path(number: int, opening: LogOpening) -> str:
+    """A folder for the day and a file for the time of the beginning, which PX4 shifts by SDLOG_UTC_OFFSET minutes."""
+    shift_min = dict(zip((p.name for p in opening.parameters), opening.values, strict=True))[
+        "SDLOG_UTC_OFFSET"
+    ]
+    started = datetime.fromtimestamp((opening.boot_utc_us + opening.time_us) * 1e-6 + shift_min * 60.0, UTC)
+    return started.strftime("log/%Y-%m-%d/%H_%M_%S.ulg")
+
+
+def _records(flight: FlightState, parameters: ParameterStore, flown: bool) -> bool:
+    """With SDLOG_MODE 1, as the SITL has it, the first log begins with the start and ends with the first flight."""
+    if not int(parameters["SDLOG_BACKEND"]) & _FILE:
+        return False
+    mode = parameters["SDLOG_MODE"]
+    return flight.armed or mode == _BOOT_UNTIL_SHUTDOWN or (mode == _BOOT_UNTIL_DISARM and not flown)
+
+
+def _streams(parameters: ParameterStore) -> bool:
+    return bool(int(parameters["SDLOG_BACKEND"]) & _MAVLINK)
+
+
+LOGS = LogPolicy(
+    encoder=functools.partial(UlogEncoder, _ULOG),
+    path=_path,
+    first_number=0,
+    records=_records,
+    new_for_each_flight=lambda parameters: True,
+    new_after_erase=False,
+    needs_list=True,
+    streams=_streams,
+)
