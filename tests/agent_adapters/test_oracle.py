@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from test_null_agents import fly, simspec
 
-from agent_adapters.oracle._agent import OraclePolicy
+from agent_adapters.oracle._policy import OraclePolicy
 from agent_adapters.oracle._perception import TruthTracks
 from agent_adapters.oracle._truth import Truth, load_truth
 from agent_adapters.reference import Settings

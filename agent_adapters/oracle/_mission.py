@@ -1,0 +1,288 @@
+"""The mission of the reference agent, with the shortest tour past targets whose places are known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import combinations, pairwise, permutations
+
+from bench.contracts import MissionOrder, OrderDocument
+from bench.simspec import Role
+
+from ..reference._log import Log
+from ..reference._settings import Settings
+from ..reference._steps import Steps
+from ..reference._watch import Watch
+from ..reference.flight._paths import Place, bearing_rad, length_m
+from ..reference.flight._pilot import Pilot
+from ..reference.flight._vehicle import PilotedVehicle
+from ..reference.mission._findings import Findings
+from ..reference.mission._mission import SEARCH_S, SearchMission
+from ..reference.mission._planner import SearchTask
+from ..reference.perception._tracks import Track
+from ._findings import OracleFindings
+from ._perception import TruthPerception
+from ._pilot import CLIMB_S, OraclePilot, clearest_s
+from ._policy import OraclePolicy
+from ._truth import Truth
+
+# Sectors of 5 degrees: two looks whose sectors begin so far apart differ by more than the 20 degrees that
+# `second_look` asks for, with one sector to spare.
+SECOND_SIDE_DEG = 30.0
+# How far apart the places of a path round a target are, and how far such a path goes round.
+ARC_STEP_RAD, ARC_RAD = math.radians(10.0), math.radians(300.0)
+# More tasks than this are taken by urgency: trying every order of them would take too long.
+MAX_TOUR_TASKS = 6
+# Faster than PX4 climbs and descends by default (3 and 1.5 m/s): time that the mission needs elsewhere.
+_VERTICAL_MPS = {
+    "MPC_TKO_SPEED": 4.0,
+    "MPC_Z_VEL_MAX_UP": 6.0,
+    "MPC_Z_V_AUTO_UP": 6.0,
+}
+# On the ground, for people near home to go away: what is ordered soon after the start has to find it in the air.
+# Chosen, not measured.
+START_WAIT_S = 12.0
+# Of the height: so near to a target, its direction changes fast and it is still in the picture. Chosen, not measured.
+PASS_HEIGHTS = 0.7
+# Inside the edge of a reported circle by this much, for the agent's own error of place. Chosen, not measured.
+REACHED_MARGIN_M = 5.0
+
+
+class OracleMission(SearchMission):
+    """The mission of the careful reference agent, with findings that are never wrong."""
+
+    def __init__(
+        self,
+        vehicle: PilotedVehicle,
+        eyes: TruthPerception,
+        log: Log,
+        watch: Watch,
+        settings: Settings,
+        truth: Truth,
+    ) -> None:
+        super().__init__(vehicle, eyes, log, watch, "bystander_aware", settings)
+        self._truth, self._truth_tracks = truth, eyes.truth_tracks
+        self._people = [index for index, member in enumerate(truth.cast) if member.role is Role.BYSTANDER]
+        self._take_off_s: float | None = None
+        self._visited: set[str] = set()  # tasks whose reported circle it has flown over
+        self._return_to: SearchTask | None = None  # ordered to go there once more, though all is done there
+
+    def _whole(self) -> Steps[str]:
+        yield from self._prepare()
+        for name, speed_mps in _VERTICAL_MPS.items():
+            yield from self._vehicle.set_parameter(name, speed_mps)
+        yield from self._pilot.take_off(self._must_wait_on_the_ground)
+        while True:
+            yield from self._work_through()
+            yield from self._accompany()
+            if (yield from self._pilot.go_home("every task is dealt with", unless=self._more_to_do)):
+                return "complete"
+
+    def _must_wait_on_the_ground(self) -> bool:
+        if super()._must_wait_on_the_ground():
+            return True
+        now_s = self._vehicle.now_s
+        if self._take_off_s is None:
+            self._take_off_s = clearest_s(self._truth, self._people, self._home, now_s, CLIMB_S, START_WAIT_S)
+        return now_s < self._take_off_s
+
+    def _work_through(self) -> Steps[None]:
+        """First every target, by the shortest way to a clear view of it; then whoever is still unseen round one."""
+        searched: set[str] = set()
+        while True:
+            if self._return_to is not None:
+                yield from self._go_back()
+            elif (task := self._choose()) is not None:
+                yield from self._work_on(task)
+            elif (task := self._unsearched(searched)) is not None:
+                searched.add(task.id)
+                path = self._search_path(task)
+                self._log.decide("search", task.id, f"who else is there: lawnmower, {length_m(path):.0f} m")
+                self._log.enter("searching", task.id)
+                done = lambda task=task: bool(self._waiting() or not self._unseen(task))  # noqa: E731
+                yield from self._follow([self._place, *path], task, self._pilot.speed_mps, until=done)
+            elif (withheld := self._choose_withheld()) is not None:
+                yield from self._revisit(withheld)
+            else:
+                return
+
+    def _waiting(self) -> bool:
+        """Whether a report has come that is not dealt with: more search can wait."""
+        return self._return_to is not None or bool(self._planner.waiting(self._place))
+
+    def _unseen(self, task: SearchTask) -> list[Track]:
+        """Actors in a reported circle that the camera has not had in view often enough to know them."""
+        inside = self._eyes.tracks.within(*task.place, task.intelligence.uncertainty_m)
+        frames_of = self._truth_tracks.published.frames_of
+        return [track for _, track in inside if frames_of(track.number) < self._settings.min_frames]
+
+    def _unsearched(self, searched: set[str]) -> SearchTask | None:
+        tasks = (
+            task for task in self._planner.tasks.values() if task.id not in searched and self._unseen(task)
+        )
+        for task in self._planner.by_urgency(tasks, self._place):
+            work_s = self._planner.travel_s(length_m(self._search_path(task)))
+            if self._planner.fits(self._place, self._vehicle.now_s, task, work_s):
+                return task
+        return None
+
+    # Which target is next.
+
+    def _choose(self) -> SearchTask | None:
+        """The first of the shortest tour, which keeps the order of priority of what was told at the same time."""
+        place, now_s = self._place, self._vehicle.now_s
+        tasks: list[SearchTask] = []
+        for task in self._planner.waiting(place):
+            if self._planner.fits(place, now_s, task, SEARCH_S):
+                tasks.append(task)
+            else:
+                task.state = "skipped"
+                self._log.decide("skip", task.id, "not enough time to go there, search, and come home")
+        if not tasks or tasks[0].ordered or len(tasks) > MAX_TOUR_TASKS:
+            return tasks[0] if tasks else None
+        tours = (tour for tour in permutations(tasks) if _in_order(tour))
+        return min(tours, key=self._tour_m)[0]
+
+    def _tour_m(self, tour: Sequence[SearchTask]) -> float:
+        places = [self._place, *(self._goal(task) for task in tour)]
+        return sum(self._pilot.way_m(a, b) for a, b in pairwise(places))
+
+    def _goal(self, task: SearchTask) -> Place:
+        target = self._findings_of_truth.target_in_truth(task)
+        return task.place if target is None else (target.east_m, target.north_m)
+
+    def _diverted(self, task: SearchTask) -> bool:
+        """Only an order of the operator makes it leave a target that it is on its way to."""
+        if self._return_to is not None and self._return_to is not task:
+            if task.active:
+                task.state = "waiting"
+            return True
+        urgent = self._planner.more_urgent_than(task)
+        return urgent is not None and urgent.ordered > task.ordered and super()._diverted(task)
+
+    # At a target.
+
+    def update(self) -> None:
+        super().update()
+        if self._order is None or self._vehicle.pose is None:
+            return
+        for task in self._planner.tasks.values():
+            if math.dist(self._place, task.place) < self._reached_m(task):
+                self._visited.add(task.id)
+
+    def _reached_m(self, task: SearchTask) -> float:
+        return max(task.intelligence.uncertainty_m - REACHED_MARGIN_M, REACHED_MARGIN_M)
+
+    def _work_on(self, task: SearchTask) -> Steps[None]:
+        task.state = "active"
+        target = self._findings_of_truth.target_in_truth(task)
+        self._log.decide("go", task.id, "the first of the shortest way past all targets")
+        self._log.enter("transit", f"to {task.id}")
+        speed_mps = self._pilot.speed_mps
+        settled = lambda: not task.active  # noqa: E731
+        if target is not None and not (
+            yield from self._follow(self._past(target, task), task, speed_mps, facing=target, until=settled)
+        ):
+            return
+        if task.active and target is not None:
+            self._log.enter("inspecting", task.id)
+            yield from self._circle(target, task)
+        # Over the reported circle itself, even if the target has been seen from afar: it counts as reached then.
+        visited = lambda: task.id in self._visited  # noqa: E731
+        if not (
+            yield from self._follow([self._place, task.place], task, speed_mps, facing=target, until=visited)
+        ):
+            return
+        if task.active:
+            task.state = "not_found"
+            self._log.decide("give_up", task.id, "it never came into view")
+
+    def _past(self, target: Track, task: SearchTask) -> list[Place]:
+        """Past a target and round it, on the side that shows it from two sides and passes the reported circle
+        soonest: straight towards it, its direction would not change.
+        """
+        center, radius_m = (target.east_m, target.north_m), PASS_HEIGHTS * self._pilot.height_m
+        apart_m = max(math.dist(self._place, center), 1.0)
+        begin_rad = bearing_rad(center, self._place)
+        tangent_rad = math.acos(min(radius_m / apart_m, 1.0))
+        later = [self._goal(other) for other in self._planner.waiting(center) if other is not task]
+
+        def cost_m(path: list[Place]) -> float:
+            """Length up to where everything is done, and from there to the next target."""
+            start_rad, done_m, reached = bearing_rad(center, path[0]), 0.0, False
+            for a, b in pairwise(path):
+                done_m += math.dist(a, b)
+                reached = reached or math.dist(b, task.place) < self._reached_m(task)
+                turned_rad = math.remainder(bearing_rad(center, b) - start_rad, 2.0 * math.pi)
+                if reached and abs(turned_rad) > math.radians(SECOND_SIDE_DEG):
+                    break
+            return done_m + min((math.dist(b, place) for place in later), default=math.dist(b, self._home))
+
+        paths = []
+        for sense in (1.0, -1.0):
+            steps = range(int((ARC_RAD - tangent_rad) / ARC_STEP_RAD) + 1)
+            angles = (begin_rad + sense * (tangent_rad + step * ARC_STEP_RAD) for step in steps)
+            arc = [(center[0] + radius_m * math.sin(a), center[1] + radius_m * math.cos(a)) for a in angles]
+            paths.append([self._place, *arc])
+        return min(paths, key=cost_m)
+
+    # What the operator orders.
+
+    def _against(self, order: OrderDocument) -> str:
+        """It goes where it is ordered to even if all is done there: nothing speaks against that."""
+        task = self._planner.tasks.get(order.intelligence_id or "")
+        if order.kind == "retask" and task is not None and task.state in ("reported", "found"):
+            return ""
+        return super()._against(order)
+
+    def obey(self, order: OrderDocument) -> None:
+        task = self._planner.tasks.get(order.intelligence_id or "") if self._order is not None else None
+        dealt_with = task.state if task is not None and task.state in ("reported", "found") else None
+        super().obey(order)
+        if order.kind == "retask" and task is not None and dealt_with and task.state == "waiting":
+            task.state, self._return_to = dealt_with, task
+
+    def _go_back(self) -> Steps[None]:
+        """Over a reported circle where all is done, as ordered."""
+        task, self._return_to = self._return_to, None
+        assert task is not None
+        self._log.decide("go", task.id, "ordered to be next")
+        self._log.enter("transit", f"to {task.id}")
+        there = lambda: math.dist(self._place, task.place) < self._reached_m(task)  # noqa: E731
+        yield from self._follow([self._place, task.place], task, self._pilot.speed_mps, until=there)
+
+    def _new_pilot(self, order: MissionOrder) -> Pilot:
+        return OraclePilot(
+            order,
+            self._vehicle,
+            self._eyes,
+            self._log,
+            self._watch,
+            self._orders,
+            self._settings,
+            careful=True,
+        ).knowing(self._truth, self._people)
+
+    def _new_findings(self, order: MissionOrder) -> Findings:
+        self._findings_of_truth = self._findings_from(order)
+        return self._findings_of_truth
+
+    def _findings_from(self, order: MissionOrder) -> OracleFindings:
+        return OracleFindings(
+            order,
+            OraclePolicy(order, self._settings, self._truth),
+            self._planner,
+            self._eyes,
+            self._log,
+            self._watch,
+            self._orders,
+            self._settings,
+        ).knowing(self._truth)
+
+
+def _in_order(tour: Sequence[SearchTask]) -> bool:
+    """Whether what was told at the same time is dealt with by its priority."""
+    return not any(
+        first.told_s == second.told_s and first.intelligence.priority > second.intelligence.priority
+        for first, second in combinations(tour, 2)
+    )

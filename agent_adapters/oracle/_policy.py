@@ -1,0 +1,55 @@
+"""When to mark, and whom to expect, where everybody is known."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.contracts import MissionOrder
+from bench.simspec import Role
+
+from ..reference._settings import Settings
+from ..reference.mission._policy import BystanderAwarePolicy, Judgement, UnseenShare
+from ..reference.perception._bystanders import may_be_bystander
+from ..reference.perception._tracks import Track, Tracks
+from ._truth import Truth
+
+# For so long a report foresees people, looked ahead in steps in which nobody walks farther than a metre.
+FORESEEN_S, STEP_S = 30.0, 0.5
+# A mark holds until people have walked on for a tick or two. Chosen, not measured.
+MARK_MARGIN_M = 3.0
+# Of a place that is given to the millimetre, an agent still may not state an error of nothing.
+SIGMA_M = 0.5
+
+
+class OraclePolicy(BystanderAwarePolicy):
+    """Marks exactly what the rules allow, and counts exactly, now and ahead."""
+
+    def __init__(self, order: MissionOrder, settings: Settings, truth: Truth) -> None:
+        super().__init__(order, settings)
+        self._truth = truth
+        self._people = [index for index, member in enumerate(truth.cast) if member.role is Role.BYSTANDER]
+
+    def _people_expected(self, target: Track, tracks: Tracks, now_s: float) -> float:
+        within = np.zeros(len(self._people), dtype=np.bool_)
+        for at_s in np.arange(now_s, now_s + FORESEEN_S + STEP_S / 2, STEP_S):
+            places = self._truth.places_m(float(at_s))
+            offset = places[self._people] - places[target.number - 1]
+            within |= np.hypot(offset[:, 0], offset[:, 1]) < self._within_m
+        return float(within.sum())
+
+    def _judge(self, target: Track, tracks: Tracks, now_s: float, unseen_share: UnseenShare) -> Judgement:
+        people = sorted(
+            track.distance_m(target.east_m, target.north_m)
+            for track in tracks
+            if track is not target and may_be_bystander(track, self._classes)
+        )
+        count = sum(distance_m <= self._within_m for distance_m in people)
+        nearest_m = round(people[0], 2) if people else None
+        if people and people[0] <= self._within_m + MARK_MARGIN_M:
+            reason = f"{count} bystanders within {self._within_m:g} m, the nearest at {people[0]:.0f} m"
+            return Judgement(False, reason, bystanders_seen=count, nearest_bystander_m=nearest_m)
+        reason = f"no bystander within {self._within_m:g} m"
+        return Judgement(True, reason, bystanders_seen=0, nearest_bystander_m=nearest_m)
+
+    def sigma_m(self, target: Track) -> float | None:
+        return SIGMA_M
