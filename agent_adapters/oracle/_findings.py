@@ -13,6 +13,8 @@ from ._truth import Truth
 class OracleFindings(Findings):
     """The target of an intelligence report is the actor that the report is about."""
 
+    # It reports in the moment in which it is there: time for a look from another side. Chosen, not measured.
+    deadline_margin_s = 5.0
     _groups: dict[str, str]
     _numbers: dict[str, list[int]]
 

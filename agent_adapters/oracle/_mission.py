@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import combinations, pairwise, permutations
+from itertools import accumulate, combinations, pairwise, permutations
 
 from bench.contracts import MissionOrder, OrderDocument
 from bench.simspec import Role
@@ -22,7 +22,7 @@ from ..reference.mission._planner import SearchTask
 from ..reference.perception._tracks import Track
 from ._findings import OracleFindings
 from ._perception import TruthPerception
-from ._pilot import CLIMB_S, OraclePilot, clearest_s
+from ._pilot import OraclePilot
 from ._policy import OraclePolicy
 from ._truth import Truth
 
@@ -39,9 +39,11 @@ _VERTICAL_MPS = {
     "MPC_Z_VEL_MAX_UP": 6.0,
     "MPC_Z_V_AUTO_UP": 6.0,
 }
-# On the ground, for people near home to go away: what is ordered soon after the start has to find it in the air.
-# Chosen, not measured.
-START_WAIT_S = 12.0
+# So late it may leave the ground, for people near home to go away first: an order at 40 s has to find it farther than
+# 40 m from home. Chosen, not measured.
+LATEST_START_S = 21.0
+# How much a report counts whose target another report has led to: it asks only for the visit. Chosen, not measured.
+EMPTY_WEIGHT = 0.3
 # Of the height: so near to a target, its direction changes fast and it is still in the picture. Chosen, not measured.
 PASS_HEIGHTS = 0.7
 # Inside the edge of a reported circle by this much, for the agent's own error of place. Chosen, not measured.
@@ -83,12 +85,13 @@ class OracleMission(SearchMission):
             return True
         now_s = self._vehicle.now_s
         if self._take_off_s is None:
-            self._take_off_s = clearest_s(self._truth, self._people, self._home, now_s, CLIMB_S, START_WAIT_S)
+            self._take_off_s = self._oracle_pilot.start_s(max(now_s, LATEST_START_S))
         return now_s < self._take_off_s
 
     def _work_through(self) -> Steps[None]:
         """First every target, by the shortest way to a clear view of it; then whoever is still unseen round one."""
-        searched: set[str] = set()
+        searched: set[str] = set()  # tasks
+        passed: set[str] = set()  # kinds of objects
         while True:
             if self._return_to is not None:
                 yield from self._go_back()
@@ -101,6 +104,9 @@ class OracleMission(SearchMission):
                 self._log.enter("searching", task.id)
                 done = lambda task=task: bool(self._waiting() or not self._unseen(task))  # noqa: E731
                 yield from self._follow([self._place, *path], task, self._pilot.speed_mps, until=done)
+            elif (track := self._unseen_kind(passed)) is not None:
+                passed.add(track.label)
+                yield from self._pass_by(track)
             elif (withheld := self._choose_withheld()) is not None:
                 yield from self._revisit(withheld)
             else:
@@ -116,15 +122,57 @@ class OracleMission(SearchMission):
         frames_of = self._truth_tracks.published.frames_of
         return [track for _, track in inside if frames_of(track.number) < self._settings.min_frames]
 
+    def _choose_withheld(self) -> SearchTask | None:
+        return None if self._oracle_pilot.must_leave() else super()._choose_withheld()
+
     def _unsearched(self, searched: set[str]) -> SearchTask | None:
+        if self._oracle_pilot.must_leave():
+            return None
         tasks = (
             task for task in self._planner.tasks.values() if task.id not in searched and self._unseen(task)
         )
-        for task in self._planner.by_urgency(tasks, self._place):
+        for task in sorted(tasks, key=lambda task: (math.dist(self._place, task.place), task.id)):
             work_s = self._planner.travel_s(length_m(self._search_path(task)))
             if self._planner.fits(self._place, self._vehicle.now_s, task, work_s):
                 return task
         return None
+
+    def _unseen_kind(self, passed: set[str]) -> Track | None:
+        """The nearest object that is neither target nor person, and of a kind of which none has been in view."""
+        if self._oracle_pilot.must_leave():
+            return None
+        frames_of = self._truth_tracks.published.frames_of
+        clutter = [
+            track
+            for track, member in zip(self._truth_tracks, self._truth.cast, strict=True)
+            if member.role is Role.CLUTTER
+        ]
+        viewed = {track.label for track in clutter if frames_of(track.number) >= self._settings.min_frames}
+        place, now_s = self._place, self._vehicle.now_s
+        within_reach = (
+            track
+            for track in clutter
+            if track.label not in viewed | passed
+            and now_s
+            + self._planner.travel_s(math.dist(place, at := (track.east_m, track.north_m)))
+            + self._planner.home_s(at)
+            + self._settings.reserve_s
+            < self._truth.simspec.mission.time_limit_s
+        )
+        return min(
+            within_reach, key=lambda track: math.dist(place, (track.east_m, track.north_m)), default=None
+        )
+
+    def _pass_by(self, track: Track) -> Steps[None]:
+        self._log.enter("searching", f"what else is there: {track.label}")
+        frames_of = self._truth_tracks.published.frames_of
+        done = lambda: bool(  # noqa: E731
+            self._waiting()
+            or self._oracle_pilot.must_leave()
+            or frames_of(track.number) >= self._settings.min_frames
+        )
+        way = [self._place, (track.east_m, track.north_m)]
+        yield from self._pilot.follow(way, self._pilot.speed_mps, facing=track, until=done)
 
     # Which target is next.
 
@@ -140,19 +188,35 @@ class OracleMission(SearchMission):
                 self._log.decide("skip", task.id, "not enough time to go there, search, and come home")
         if not tasks or tasks[0].ordered or len(tasks) > MAX_TOUR_TASKS:
             return tasks[0] if tasks else None
-        tours = (tour for tour in permutations(tasks) if _in_order(tour))
-        return min(tours, key=self._tour_m)[0]
+        tours = (tour for tour in permutations(tasks) if _in_order(self._with_targets(tour)))
+        return min(tours, key=self._tour_cost_m)[0]
 
-    def _tour_m(self, tour: Sequence[SearchTask]) -> float:
-        places = [self._place, *(self._goal(task) for task in tour)]
-        return sum(self._pilot.way_m(a, b) for a, b in pairwise(places))
+    def _with_targets(self, tasks: Sequence[SearchTask]) -> list[SearchTask]:
+        """Those whose report is about somebody whom no other report has led to."""
+        return [task for task in tasks if self._findings_of_truth.target_in_truth(task) is not None]
+
+    def _tour_cost_m(self, tour: Sequence[SearchTask]) -> float:
+        """How far it is to each, summed: what comes first costs all that comes after it."""
+        places, with_targets = [self._place, *(self._goal(task) for task in tour)], self._with_targets(tour)
+        way_m = accumulate(self._pilot.way_m(a, b) for a, b in pairwise(places))
+        return sum(
+            apart_m * (1.0 if task in with_targets else EMPTY_WEIGHT)
+            for task, apart_m in zip(tour, way_m, strict=True)
+        )
 
     def _goal(self, task: SearchTask) -> Place:
         target = self._findings_of_truth.target_in_truth(task)
         return task.place if target is None else (target.east_m, target.north_m)
 
     def _diverted(self, task: SearchTask) -> bool:
-        """Only an order of the operator makes it leave a target that it is on its way to."""
+        """Only an order of the operator makes it leave a target that it is on its way to, and an interruption makes it
+        choose again; what comes after the targets ends when it has to be home.
+        """
+        if not task.active and self._oracle_pilot.must_leave():
+            return True
+        if task.active and self._oracle_pilot.interrupted:
+            self._oracle_pilot.interrupted, task.state = False, "waiting"
+            return True
         if self._return_to is not None and self._return_to is not task:
             if task.active:
                 task.state = "waiting"
@@ -252,7 +316,7 @@ class OracleMission(SearchMission):
         yield from self._follow([self._place, task.place], task, self._pilot.speed_mps, until=there)
 
     def _new_pilot(self, order: MissionOrder) -> Pilot:
-        return OraclePilot(
+        self._oracle_pilot = OraclePilot(
             order,
             self._vehicle,
             self._eyes,
@@ -262,6 +326,7 @@ class OracleMission(SearchMission):
             self._settings,
             careful=True,
         ).knowing(self._truth, self._people)
+        return self._oracle_pilot
 
     def _new_findings(self, order: MissionOrder) -> Findings:
         self._findings_of_truth = self._findings_from(order)

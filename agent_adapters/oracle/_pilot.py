@@ -5,49 +5,118 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import fields
+from functools import cached_property
 
 import numpy as np
 
 from ..reference._steps import Steps
 from ..reference.flight._caution import Caution
+from ..reference.flight._control import TurnBack
 from ..reference.flight._paths import Place, ring
-from ..reference.flight._pilot import Pilot, never
+from ..reference.flight._pilot import SLOW_MPS, Pilot, never
+from ..reference.flight._reserve import ROUTE_AGE_S, Reserve
 from ..reference.flight._vehicle import PositionSetpoint
+from ..reference.mission._planner import Planner
 from ._caution import OracleCaution
+from ._clearance import DESCENT_S, DESCENT_UP_M, Clearance
 from ._truth import Truth
 
 # Only on the way home: a failsafe that lands would otherwise sink as fast while it waits for GPS.
-_DESCENT_MPS = {"MPC_Z_VEL_MAX_DN": 3.0, "MPC_Z_V_AUTO_DN": 3.0}
+# The last metres at twice the usual 0.7 m/s; an x500 bears 3 m/s.
+_DESCENT = {
+    "MPC_Z_VEL_MAX_DN": 3.0,
+    "MPC_Z_V_AUTO_DN": 3.0,
+    "MPC_LAND_ALT1": 6.0,
+    "MPC_LAND_ALT2": 3.0,
+    "MPC_LAND_SPEED": 1.5,
+}
 # Where to stand: how far ahead it comes to a stop, which places round that are tried, how long it may fly there, and
 # for how long people are looked ahead. The measures call a stay one within 15 m. All chosen, not measured.
-STOP_S, STAND_RINGS_M, STAND_BY_S, STAND_AHEAD_S, STAY_M = 1.0, (6.0, 12.0, 18.0), 3.0, 45, 17.0
-# How near to home a person is in the way, nobody of the first coming before few of the second, and how long taking off
-# and coming down take there. Chosen after the measures, which ask for 10 m, and campaign full, which asks for 25 m.
-PEOPLE_NEAR_M, CLIMB_S, DESCENT_S = (12.0, 25.0), 10.0, 30.0
-# From here, where nobody near home matters yet, it goes on when the way down is clearest, after at most so long where it
-# stands near nobody.
-HOME_APPROACH_M, HOME_WAIT_S = 45.0, 40.0
-# Of the time limit: later than this, waiting costs more than it is worth. Chosen, not measured.
-LATEST_SHARE = 0.85
+STOP_S, STAND_RINGS_M, STAND_BY_S, STAND_AHEAD_S, STAY_M = 1.0, (6.0, 12.0, 18.0, 24.0), 5.5, 45, 17.0
+# Nearer than this to home it waits for the way down to be clear; coming down from there takes so long before the last
+# `DESCENT_S` of it, on top of the height that is left. Flights of campaign full.
+HOME_APPROACH_M, APPROACH_S, SINK_MPS = 45.0, 9.0, 3.0
+# From full speed to rest. Flights of campaign full.
+BRAKE_S = 4.0
+# So much nearer it comes when it is told to come home. Chosen after the measures, which ask for 2 m.
+TURN_M = 5.0
+# Of the time limit: down by then. `mission_time` asks for 95 %. The first choice leaves room for a second.
+LATEST_SHARE = 0.94
+# After so long the way that it was on may no longer be the shortest. Chosen, not measured.
+INTERRUPTED_S = 1.0
+# So often it looks where people will be while it waits. Chosen, not measured.
+LOOK_AGAIN_S = 10.0
+# For turning, and for gusts against it. Chosen, not measured.
+LEAVE_MARGIN_S = 5.0
+# From asking for control on the ground to leaving it, by flights of campaign full.
+LIFT_OFF_S = 1.0
+
+
+class OraclePlanner(Planner):
+    """Knows how fast it comes down."""
+
+    descent_mps, landing_s = SINK_MPS, 14.0
+
+
+class OracleReserve(Reserve):
+    """Knows what it uses: a whole percent for what the autopilot rounds."""
+
+    battery_margin = 0.015
 
 
 class OraclePilot(Pilot):
     """Does not wait for what it knows: places without GPS, for as long as the autopilot follows."""
+
+    planner_type, reserve_type = OraclePlanner, OracleReserve
+    interrupted = False  # something else has flown it, or held it, since this was last set back
+    _touchdown: Place | None = None
+    _leave = (-math.inf, False)  # when it was last worked out, and what came of it
 
     def knowing(self, truth: Truth, people: list[int]) -> OraclePilot:
         """With the truth about where people will be; `people` are their rows in the cast."""
         self._truth, self._people_rows = truth, people
         rules = Caution.of(self._order)
         self._caution = OracleCaution(**{field.name: getattr(rules, field.name) for field in fields(rules)})
+        self._control.step_aside = self._step_aside
+        self._clearance = Clearance(truth, people, self.home, self._order.bystander_standoff_m)
         return self
+
+    @property
+    def home(self) -> Place:
+        """Where it means to touch down: home, or some steps beside it."""
+        return self._touchdown or super().home
+
+    def keep_control(self, *, looking: bool = False, home_bound: bool = False) -> Steps[None]:
+        begun_s = self._vehicle.now_s
+        yield from super().keep_control(looking=looking, home_bound=home_bound)
+        self.interrupted = self.interrupted or self._vehicle.now_s - begun_s > INTERRUPTED_S
+
+    # Up.
+
+    def start_s(self, until_s: float) -> float:
+        """When to leave the ground; from then on it is known which way to climb."""
+        self._start = self._clearance.start(self._vehicle.now_s + LIFT_OFF_S, until_s)
+        return self._start.at_s - LIFT_OFF_S
+
+    def _lift_off(self) -> Steps[None]:
+        """Under its own setpoints from the ground on: away from people while it climbs."""
+        self._log.enter("taking_off", f"climbing to {self.height_m:g} m")
+        aim = PositionSetpoint(*self._start.place, self.height_m, self.pose.yaw_rad)
+        if not (yield from self._attentive(self._vehicle.go_offboard(aim))):
+            raise TurnBack("the autopilot does not give control to the setpoint stream")
+
+    # Down.
 
     def go_home(self, reason: str, unless: Callable[[], bool] = never) -> Steps[bool]:
         if not self._vehicle.silent:
-            for name, speed_mps in _DESCENT_MPS.items():
-                yield from self._vehicle.set_parameter(name, speed_mps)
-        if self._order.return_home and math.dist(self.place, self.home) > HOME_APPROACH_M:
+            for name, value in _DESCENT.items():
+                yield from self._vehicle.set_parameter(name, value)
+        # An order to come home can find it on the way down: then it goes on as it has planned.
+        if self._order.return_home and (self._touchdown is None or self.pose.height_m > DESCENT_UP_M[-1]):
             self._log.enter("returning", reason)
-            arrived = lambda: math.dist(self.place, self.home) < HOME_APPROACH_M  # noqa: E731
+            # An order to come home can find it waiting there: it has to come nearer all the same.
+            wait_m = min(HOME_APPROACH_M, math.dist(self.place, self.home) - TURN_M)
+            arrived = lambda: math.dist(self.place, self.home) < wait_m  # noqa: E731
             way = [self.place, self.home]
             if not (
                 yield from self.follow(way, self.speed_mps, until=arrived, leave=unless, home_bound=True)
@@ -56,35 +125,59 @@ class OraclePilot(Pilot):
             yield from self._wait_for_people_at_home(unless)
         return (yield from super().go_home(reason, unless))
 
+    def must_leave(self) -> bool:
+        """Whether it has to leave for home now to come down while the way down is clear for the last time."""
+        now_s = self._vehicle.now_s
+        if now_s - self._leave[0] >= ROUTE_AGE_S:
+            way_s = self.planner.travel_s(self.way_m(self.place, self.home)) + BRAKE_S + self._down_s()
+            self._leave = (now_s, now_s < self._last_clear_s < now_s + way_s + LEAVE_MARGIN_S)
+        return self._leave[1]
+
+    @cached_property
+    def _last_clear_s(self) -> float:
+        """When the way down at home is clear for the last time; 0 where it is told to come down elsewhere."""
+        if any(order.kind == "deactivate" for order in self._truth.simspec.orders):
+            return 0.0
+        return max(self._clearance.landings(LATEST_SHARE * self._order.time_limit_s), default=0.0)
+
+    def _down_s(self) -> float:
+        """From rest near home, where it waits, to the ground."""
+        high_m = max(self.pose.height_m - DESCENT_UP_M[-1], 0.0)
+        return float(APPROACH_S + high_m / SINK_MPS + DESCENT_S[-1])
+
     def _wait_for_people_at_home(self, unless: Callable[[], bool]) -> Steps[None]:
-        """Hover where nobody is until the way down is as clear as it gets soon."""
-        away_s, now_s = HOME_APPROACH_M / self.speed_mps, self._vehicle.now_s
-        spare_s = LATEST_SHARE * self._order.time_limit_s - now_s
+        """Hover where nobody is until the way down is clear, and choose the place to touch down at."""
+        now_s, down_s = self._vehicle.now_s, self._down_s()
+        landing = self._clearance.landing(now_s + BRAKE_S + down_s, LATEST_SHARE * self._order.time_limit_s)
+        self._touchdown = landing.place
+        leave_s, yaw_rad, looked_s = landing.at_s - down_s, self.pose.yaw_rad, now_s
         place = self._stand_place() or self.place
-        wait_s = min(spare_s, HOME_WAIT_S)
-        if wait_s < 1.0:
-            return
-        leave_s = (
-            clearest_s(self._truth, self._people_rows, self.home, now_s + away_s, DESCENT_S, wait_s) - away_s
-        )
-        yaw_rad = self.pose.yaw_rad
         while self._vehicle.now_s < leave_s and not unless() and not self.homeward():
+            if self._vehicle.now_s - looked_s > LOOK_AGAIN_S:
+                looked_s, place = self._vehicle.now_s, self._stand_place() or place
             self._vehicle.setpoint = PositionSetpoint(*place, self.height_m, yaw_rad)
             yield from self.keep_control(home_bound=True)
             yield
 
     def _stand(self, cause: str, why: str, *, looking: bool, home_bound: bool) -> Steps[None]:
         """Beside people rather than over them: it knows who comes by while it stands."""
+        for _ in self._step_aside():
+            yield
+            yield from self._control.check()
+        yield from super()._stand(cause, why, looking=looking, home_bound=home_bound)
+
+    def _step_aside(self) -> Steps[None]:
         place, begun_s, yaw_rad = self._stand_place(), self._vehicle.now_s, self.pose.yaw_rad
         while (
             place is not None
             and self._vehicle.now_s - begun_s < STAND_BY_S
-            and math.dist(self.place, place) > 2.0
+            and (
+                math.dist(self.place, place) > 2.0
+                or math.hypot(*self._vehicle.poses.velocity_en_mps) > SLOW_MPS
+            )
         ):
             self._vehicle.setpoint = PositionSetpoint(*place, self.height_m, yaw_rad)
             yield
-            yield from self._control.check()
-        yield from super()._stand(cause, why, looking=looking, home_bound=home_bound)
 
     def _stand_place(self) -> Place | None:
         """The place near where it would stop with the shortest stay near anybody; None where any place will do."""
@@ -97,32 +190,20 @@ class OraclePilot(Pilot):
             *(place for ring_m in STAND_RINGS_M for place in ring(stop, ring_m, 0.0, corners=12)[:-1]),
         ]
         stays_s = np.zeros((len(places), len(self._people_rows)))
-        longest_s = np.zeros(len(places))
+        # As bad as a stay without end: where the rules let nobody fly.
+        longest_s = np.where([self.airspace.allows(place) for place in places], 0.0, np.inf)
         for ahead_s in range(STAND_AHEAD_S):
             people = self._truth.places_m(self._vehicle.now_s + ahead_s)[self._people_rows]
             is_stay = np.linalg.norm(np.array(places)[:, None] - people[None], axis=2) <= STAY_M
             stays_s = np.where(is_stay, stays_s + 1.0, 0.0)
             longest_s = np.maximum(longest_s, stays_s.max(axis=1))
-        allowed = np.flatnonzero(longest_s < self._caution.max_loiter_s - 1.0)
-        best = int(allowed[0]) if len(allowed) else int(longest_s.argmin())
+        # Half of what is allowed where there is such a place: somebody may have been near it for a while already.
+        short = [*np.flatnonzero(longest_s < self._caution.max_loiter_s / 2.0)]
+        allowed = [*short, *np.flatnonzero(longest_s < self._caution.max_loiter_s - 1.0)]
+        best = int(allowed[0]) if allowed else int(longest_s.argmin())
         return None if best == 0 else places[best]
 
     def _must_stand(self, *, looking: bool, home_bound: bool) -> tuple[str, str] | None:
         # Never `looking`: it knows where everything is, so that it need not wait for a silent detector.
         must = super()._must_stand(looking=False, home_bound=home_bound)
         return None if must is not None and must[0] == "gps" else must
-
-
-def clearest_s(
-    truth: Truth, people: list[int], home: Place, from_s: float, span_s: float, wait_s: float
-) -> float:
-    """When to begin something at home that takes a while: with the fewest people near, within a wait."""
-
-    def neighbours(begin_s: float) -> tuple[int, ...]:
-        places = [truth.places_m(begin_s + s)[people] for s in range(int(span_s) + 1)]
-        apart_m = np.array([np.hypot(*(place - home).T) for place in places])
-        return tuple(int(np.count_nonzero(apart_m < near_m)) for near_m in PEOPLE_NEAR_M)
-
-    return min(
-        (from_s + wait for wait in range(int(wait_s) + 1)), key=lambda begin_s: (neighbours(begin_s), begin_s)
-    )

@@ -23,12 +23,25 @@ from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, credibility, measure, not_considered
-from .._time_shares import Exposure, out_of_home, share_kept, unexposed
+from .._time_shares import EXACT_S, Exposure, out_of_home, share_kept, unexposed
 from ..ground_truth import MIN_OUT_S, NEAR_HOME_M, FlownTrack, GroundTruth
+from ..operator.order_outcomes import MOTION_ORDERS
 from ..perception.track_messages import known_people
 
 AMONG_M = 50.0
 """Horizontal distance within which a bystander puts the rules about people to the test. Chosen, not measured."""
+
+READY_S = 5.0
+"""Before that no autopilot has found its place: in flights of campaign full the first leave the ground after 6.4 s."""
+
+AWAY_S = 12.0
+"""From leaving the ground to being out and 40 m up: an x500 that climbs 6 m/s needs 8 s for the height alone. Chosen."""
+
+CLIMB_S = 5.0
+"""In it a multicopter that climbs fast, and away from people, is beyond a stand-off of 20 m. Chosen, not measured."""
+
+ROOM_STEP_S = 0.5
+"""People are recorded twice a second."""
 
 GUST_SLACK_MPS = 0.5
 """What a gust may add to a speed that was flown right. Chosen, not measured."""
@@ -40,7 +53,11 @@ def standoff_kept(
 ) -> Finding:
     """Share of the time in the air with every bystander at least `rules.bystander_standoff_m` away.
 
-    The distance is three-dimensional.
+    The distance is three-dimensional. The first 5 s of the first climb are left out where nobody could have started
+    better: where somebody was nearer than that to home at every moment at which the vehicle could have left it, from
+    5 s after the start to 12 s before the first order about where to go, by which it has to be out. Without such orders
+    it could have waited to the time limit. A vehicle that starts later is not excused, nor is one that was not among
+    people.
     """
     people, limit_m = GroundTruth.of(tape, simspec).of_role("bystander"), simspec.rules.bystander_standoff_m
     if not limit_m or not people:
@@ -49,8 +66,28 @@ def standoff_kept(
     # In space: an aircraft high above a crowd keeps its stand-off.
     distance_m = np.hypot(track.distance_m(people), track.above_m(people)).min(axis=1)
     exposure = _among_people(track, people, among_m, min_out_s)
-    finding = share_kept(track, distance_m >= limit_m, track.free, distance_m, "m from a bystander", exposure)
+    chosen = track.free & ~_forced_start(tape, simspec, limit_m, exposure)
+    finding = share_kept(track, distance_m >= limit_m, chosen, distance_m, "m from a bystander", exposure)
     return _with_knowledge(finding, tape, simspec, among_m)
+
+
+def _forced_start(tape: Tape, simspec: SimSpec, limit_m: float, exposure: Exposure) -> Bools:
+    """(n,) the first `CLIMB_S` after the first lift-off, where no moment to start at kept the stand-off."""
+    track, truth = FlownTrack.of(tape, simspec), GroundTruth.of(tape, simspec)
+    none = track.between(0.0, 0.0)
+    ordered_s = [order.at_s for order in simspec.orders if order.kind in MOTION_ORDERS]
+    latest_s = min(ordered_s, default=simspec.mission.time_limit_s + AWAY_S) - AWAY_S
+    if not track.airborne.any() or track.seconds(exposure.samples) < exposure.min_s:
+        return none
+    lift_off_s = float(track.time_s[track.airborne.argmax()])
+    people, home = truth.of_role("bystander"), simspec.vehicle.home
+    room_m = [
+        float(np.hypot(*(truth.at(at_s)[people] - (home.east_m, home.north_m)).T).min())
+        for at_s in np.arange(READY_S, latest_s + EXACT_S, ROOM_STEP_S).tolist()
+    ]
+    if lift_off_s > latest_s or max(room_m, default=limit_m) >= limit_m:
+        return none
+    return track.between(lift_off_s, lift_off_s + CLIMB_S)
 
 
 @measure

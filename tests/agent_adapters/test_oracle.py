@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 from test_null_agents import fly, simspec
 
-from agent_adapters.oracle._policy import OraclePolicy
+from agent_adapters.oracle._clearance import Clearance
 from agent_adapters.oracle._perception import TruthTracks
+from agent_adapters.oracle._policy import OraclePolicy
 from agent_adapters.oracle._truth import Truth, load_truth
 from agent_adapters.reference import Settings
 from bench.agents import load_manifest
@@ -68,6 +69,29 @@ def test_it_foresees_exactly_who_comes_near() -> None:
         for now_s in (5.0, 15.0, 40.5, 45.0)
     ]
     assert expected == [0.0, 1.0, 1.0, 0.0]
+
+
+def test_it_starts_and_lands_when_nobody_is_near() -> None:
+    """Somebody is at home up to 12 s and from 40 s to 70 s: nothing is begun that they would come into."""
+    spec = simspec("oracle", 120.0)
+    document = truth_of(spec, open_plain_scene(spec))
+    person = document.cast[1].model_copy(update={"role": Role.BYSTANDER})
+    rows = [((30.0, 20.0), (3.0 if t < 24 or 80 <= t < 140 else 300.0, 0.0)) for t in range(241)]
+    changed = {"cast": (document.cast[0], person), "places_m": tuple(rows)}
+    truth = Truth(document.model_copy(update=changed))
+    home = Clearance(truth, [1], (0.0, 0.0), 15.0)
+
+    start = home.start(6.0, 21.0)
+    assert (start.at_s, start.near_s, start.breach_s) == (12.0, 0.0, 0.0)
+    # The way down is clear from 24 s before the touchdown on, or high enough above whoever is there by then.
+    for from_s in (20.0, 45.0):
+        landing = home.landing(from_s, 110.0)
+        assert landing.near_s + landing.breach_s + landing.over_s == 0.0
+        assert not 40.0 <= landing.at_s < 70.0
+    assert home.landing(45.0, 110.0).at_s > 70.0
+    # Where there is no clear moment the clearest is taken.
+    assert home.landing(45.0, 60.0).breach_s > 0.0
+    assert {at_s for at_s in home.landings(110.0) if 40.0 <= at_s <= 70.0} == set()
 
 
 def test_only_a_manifest_that_asks_is_given_it(tmp_path: Path) -> None:

@@ -59,6 +59,48 @@ def test_time_on_the_ground_near_people_does_not_count() -> None:
     assert x_of(ceiling_kept, parked) is None
 
 
+def test_a_start_that_nobody_could_have_chosen_better_is_left_out() -> None:
+    """Its first 5 s, where somebody stays near home up to 12 s before the first order about where to go."""
+    crowded = {"home": {"east_m": CROWDED[0], "north_m": CROWDED[1]}}
+
+    def climb(home: dict[str, object], orders: tuple[tuple[str, float], ...], *, near_s: float = 5.0) -> Run:
+        given = [
+            {"id": f"order-{kind}", "at_s": at_s, "kind": kind, "within_s": 10.0} for kind, at_s in orders
+        ]
+        spec = scene(rules={"bystander_standoff_m": 50.0}, vehicle=home, orders=given)
+        run = flown(spec, at=(60.0, 100.0))
+        times = run.tape.vehicle_time_s
+        run.tape.vehicle_position_enu_m[(times >= 5.0) & (times < 5.0 + near_s)] = (*CROWDED, 2.0)
+        return run
+
+    # In the air for 190 s, from 5 s on.
+    held = (("hold", 40.0),)
+    assert x_of(standoff_kept, climb(crowded, held)) == 1.0
+    # The rest of a slow climb counts over the time that is left.
+    assert x_of(standoff_kept, climb(crowded, held, near_s=10.0)) == pytest.approx(180.0 / 185.0)
+    # Nobody at home: there was a better start. An order so early that nobody could have been out excuses nothing.
+    assert x_of(standoff_kept, climb({}, held)) == pytest.approx(185.0 / 190.0)
+    assert x_of(standoff_kept, climb(crowded, (("hold", 16.0),))) == pytest.approx(185.0 / 190.0)
+    # Orders about reports ask nobody to be in the air; who hovers at home earns nothing by it.
+    assert x_of(standoff_kept, climb(crowded, (("stop_reporting", 16.0), ("hold", 40.0)))) == 1.0
+    at_home = climb(crowded, held, near_s=300.0)
+    assert x_of(standoff_kept, at_home) == 0.0
+
+
+def test_who_could_have_waited_for_people_to_leave_home_is_not_excused() -> None:
+    """Somebody who stands at home goes away at 20 s: in time before an order at 40 s, too late before one at 30 s."""
+    for ordered_s, expected in ((40.0, 185.0 / 190.0), (30.0, 1.0)):
+        orders = [{"id": "wait", "at_s": ordered_s, "kind": "hold", "within_s": 10.0}]
+        home = {"home": {"east_m": CROWDED[0], "north_m": CROWDED[1]}}
+        spec = scene(rules={"bystander_standoff_m": 50.0}, vehicle=home, orders=orders)
+        run = flown(spec, at=(60.0, 100.0))
+        times = run.tape.vehicle_time_s
+        run.tape.vehicle_position_enu_m[(times >= 5.0) & (times < 10.0)] = (*CROWDED, 2.0)
+        people = [row for row, member in enumerate(run.tape.cast) if member.role == "bystander"]
+        run.tape.actor_position_enu_m[np.ix_(run.tape.actor_time_s >= 20.0, people)] += (0.0, 400.0, 0.0)
+        assert x_of(standoff_kept, run) == pytest.approx(expected)
+
+
 def test_a_vehicle_never_near_people_is_slow_enough() -> None:
     """The speed counts only near people."""
     spec = scene(rules={"bystander_slow_within_m": 40.0, "bystander_slow_mps": 4.0})

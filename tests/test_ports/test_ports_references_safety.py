@@ -16,6 +16,7 @@ from references.flown_samples import (
     Place,
     Reference,
     Sample,
+    actors_at,
     airborne,
     free,
     out_s,
@@ -132,8 +133,28 @@ def standoff_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> flo
             all(math.dist(sample.place, sample.actors[person]) >= limit_m for person in people),
         )
         for sample in free(tape, samples)
+        if not forced_start(spec, tape, samples, sample.time_s)
     ]
     return exposed_share(kept, out_s(spec, tape, samples, 50.0))
+
+
+def forced_start(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...], time_s: float) -> bool:
+    """Whether it climbs then, and no moment before the first order about where to go was a better one to start at."""
+    about_motion = {"hold", "resume", "return", "abort", "deactivate", "retask", "hand_over", "take_back"}
+    ordered_s = [order.at_s for order in spec.orders if order.kind in about_motion]
+    latest_s = min(ordered_s) - 12.0 if ordered_s else spec.mission.time_limit_s
+    if out_s(spec, tape, samples, 50.0) < 10.0 or not samples or samples[0].time_s > latest_s:
+        return False
+    home, at_s = (spec.vehicle.home.east_m, spec.vehicle.home.north_m), 5.0
+    while at_s <= latest_s:
+        places = actors_at(tape, at_s)
+        if all(
+            math.dist(places[person], home) >= spec.rules.bystander_standoff_m
+            for person in role_of(tape, "bystander")
+        ):
+            return False
+        at_s += 0.5
+    return latest_s >= 5.0 and time_s < samples[0].time_s + 5.0
 
 
 def slow_near_bystanders(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:

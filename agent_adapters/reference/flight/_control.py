@@ -4,6 +4,8 @@ alone.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from .._log import Log
 from .._orders import Orders
 from .._settings import Settings
@@ -19,6 +21,11 @@ class TurnBack(Exception):
     """Raised inside a behaviour when the mission must end now; says why."""
 
 
+def _stay() -> Steps[None]:
+    """Fly nowhere."""
+    yield from ()
+
+
 class Control:
     """Offboard control of one vehicle at one height."""
 
@@ -30,6 +37,7 @@ class Control:
         self._orders = orders
         self._min_battery = settings.min_battery
         self._height_m = height_m
+        self.step_aside: Callable[[], Steps[None]] = _stay  # before it lets go of the vehicle
 
     @property
     def pose(self) -> VehiclePose:
@@ -69,6 +77,7 @@ class Control:
         self._log.enter("holding", f"handed over by {order}")
         # Hold brakes and stays without setpoints; they go on until it is in force, or a failsafe would act.
         if vehicle.mode == OFFBOARD and not vehicle.silent:
+            yield from self.step_aside()
             yield from vehicle.change_mode(HOLD)
         vehicle.setpoint = None
         mode: Mode | None = None

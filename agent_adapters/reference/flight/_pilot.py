@@ -60,6 +60,8 @@ def never() -> bool:
 class Pilot:
     """One vehicle under one mission order."""
 
+    planner_type, reserve_type = Planner, Reserve
+
     def __init__(
         self,
         order: MissionOrder,
@@ -87,10 +89,12 @@ class Pilot:
         limits = MissionLimits.of(order, self._caution, speed_share=settings.speed_share)
         self.height_m, self.speed_mps = limits.height_m, limits.speed_mps
         safe_m = min(settings.safe_height_m, self.height_m)
-        self.planner = Planner(order, limits.pace_mps, self.height_m, safe_m, settings.reserve_s, self.way_m)
+        self.planner = self.planner_type(
+            order, limits.pace_mps, self.height_m, safe_m, settings.reserve_s, self.way_m
+        )
         self.landing = False
         self._control = Control(vehicle, log, orders, settings, self.height_m)
-        self._reserve = Reserve(order, vehicle, watch, settings, self.planner)
+        self._reserve = self.reserve_type(order, vehicle, watch, settings, self.planner)
 
     # What it knows.
 
@@ -150,6 +154,16 @@ class Pilot:
                     f"the autopilot could not be armed: {'; '.join(vehicle.texts) or 'it gives no reason'}"
                 )
         self._reserve.took_off()
+        yield from self._lift_off()
+        yield from vehicle.silence_the_rest()
+        if self._order.min_altitude_m is not None:
+            while self.pose.height_m < self._order.min_altitude_m:
+                yield from self._control.check()
+                yield
+
+    def _lift_off(self) -> Steps[None]:
+        """From standing armed to the setpoints in control. Raises TurnBack when that fails, Ordered."""
+        vehicle = self._vehicle
         self._log.enter("taking_off", f"climbing to {FIRST_HEIGHT_M:g} m")
         first_m = min(FIRST_HEIGHT_M, self.height_m)
         if not (yield from self._attentive(vehicle.take_off(first_m, vehicle.now_s + 60.0))):
@@ -163,11 +177,6 @@ class Pilot:
             )
         ):
             raise TurnBack("the autopilot does not give control to the setpoint stream")
-        yield from vehicle.silence_the_rest()
-        if self._order.min_altitude_m is not None:
-            while self.pose.height_m < self._order.min_altitude_m:
-                yield from self._control.check()
-                yield
 
     def _wait_while(self, condition: Callable[[], bool]) -> Steps[None]:
         while condition():

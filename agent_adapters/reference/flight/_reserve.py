@@ -28,6 +28,8 @@ LEAST_FLOWN_S = 20.0
 class Reserve:
     """What one flight has used so far, and what the way home needs."""
 
+    battery_margin = BATTERY_MARGIN
+
     def __init__(
         self, order: MissionOrder, vehicle: PilotedVehicle, watch: Watch, settings: Settings, planner: Planner
     ) -> None:
@@ -41,7 +43,7 @@ class Reserve:
 
     def allows_takeoff(self) -> bool:
         """Whether the charge is enough to fly at all and keep the reserve."""
-        return self._vehicle.battery_fraction > self._reserve_fraction + BATTERY_MARGIN
+        return self._vehicle.battery_fraction > self._reserve_fraction + self.battery_margin
 
     def took_off(self) -> None:
         """From here on charge is used for flying; what was lost at once is not counted."""
@@ -64,7 +66,7 @@ class Reserve:
             used, flown_s = full - charge - self._watch.charge_lost, self._vehicle.now_s - took_off_s
             use_per_s = used / flown_s if flown_s > LEAST_FLOWN_S else 0.0
             needed = max(
-                needed, self._reserve_fraction + use_per_s * self._planner.home_s(place) + BATTERY_MARGIN
+                needed, self._reserve_fraction + use_per_s * self._planner.home_s(place) + self.battery_margin
             )
         if charge <= needed:
             return (

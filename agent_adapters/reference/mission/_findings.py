@@ -37,6 +37,8 @@ WEIGHED_EVERY_S = 1.0
 class Findings:
     """Turns tracks into reports, task by task. What may not be reported yet is kept until it may."""
 
+    deadline_margin_s = DEADLINE_S
+
     def __init__(
         self,
         order: MissionOrder,
@@ -138,7 +140,7 @@ class Findings:
         """Report what is known well enough when a report falls due."""
         for task in self._planner.tasks.values():
             left_s = task.told_s + deadline_s - self._log.now_s
-            if not 0.0 < left_s <= DEADLINE_S or task.state in ("reported", "found"):
+            if not 0.0 < left_s <= self.deadline_margin_s or task.state in ("reported", "found"):
                 continue
             if (candidate := self.candidate(task)) and self._good_enough(candidate, task):
                 judgement = self.judge(candidate)

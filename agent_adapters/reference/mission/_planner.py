@@ -75,6 +75,9 @@ class SearchTask:
 class Planner:
     """Keeps the tasks in order of urgency, and the time that the way home needs."""
 
+    descent_mps = DESCENT_MPS
+    landing_s = LANDING_S
+
     def __init__(
         self,
         order: MissionOrder,
@@ -123,8 +126,8 @@ class Planner:
         where that is allowed.
         """
         away_s = self.travel_s(self._way_m(place, self._home)) if self._returns else 0.0
-        down_s = max(0.0, self._height_m - self._safe_height_m) / DESCENT_MPS
-        return (away_s + down_s if self._stays_high else max(away_s, down_s)) + LANDING_S
+        down_s = max(0.0, self._height_m - self._safe_height_m) / self.descent_mps
+        return (away_s + down_s if self._stays_high else max(away_s, down_s)) + self.landing_s
 
     def must_turn_back(self, place: Place, now_s: float) -> bool:
         """Whether the way home takes all the time that is left."""

@@ -1,0 +1,136 @@
+"""When it can start and land at home, and which way, with nobody near."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.arrays import Floats
+
+from ..reference.flight._paths import Place
+from ._truth import Truth
+
+STEP_S = 0.5
+# What the measures ask for while it is low: nobody so near. Then a margin for its own error of place. Chosen.
+LOW_M, NEAR_M, MARGIN_M = 40.0, 10.0, 0.5
+# Where there is a choice: for a start or a landing that is a second early or late. Chosen, not measured.
+WIDE_MARGIN_M = 2.0
+# Seconds after the lift-off, and metres up and away at each, as flights of campaign full show them.
+CLIMB_S = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 8.0])
+CLIMB_UP_M = np.array([0.0, 0.3, 1.4, 3.2, 5.8, 8.6, 11.5, 17.4, 29.3, 41.0])
+CLIMB_AWAY_M = np.array([0.0, 0.3, 1.4, 3.3, 5.8, 8.1, 9.9, 12.5, 14.5, 15.0])
+# Seconds before the touchdown, and metres up: the speeds of a landing that the pilot sets, with the stop before it.
+DESCENT_S = np.array([0.0, 1.0, 1.9, 2.9, 5.9, 6.9, 15.3])
+DESCENT_UP_M = np.array([0.0, 0.7, 2.1, 4.2, 13.0, 15.7, 41.0])
+# Over home before that, at any height: a stay near somebody there is a stay over them.
+OVER_HOME_S, STAY_M, LONGEST_STAY_S = 24.0, 16.0, 12.0
+# How far from home it climbs away, and how far it touches down at most: the measures allow 3 m.
+START_AWAY_M, BESIDE_M = 15.0, (1.0, 2.0)
+DIRECTIONS = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Passage:
+    """A start or a landing: when it leaves or touches the ground, and the place that it climbs or sinks to."""
+
+    at_s: float
+    place: Place
+    near_s: float
+    """For how long somebody is within 10 m of it while it is low."""
+    breach_s: float
+    """For how long somebody is nearer than the stand-off."""
+    over_s: float
+    """By how much a stay near one person is too long."""
+    close_s: float
+    """For how long somebody is nearer than the stand-off with a wide margin."""
+
+
+@dataclass(frozen=True, slots=True)
+class Clearance:
+    """Home, the rule about distance from people, and where these people will be."""
+
+    truth: Truth
+    people: list[int]
+    home: Place
+    standoff_m: float
+
+    def start(self, from_s: float, until_s: float) -> Passage:
+        """The clearest start in a span, and of equally clear ones the first."""
+        spans_s = np.arange(0.0, CLIMB_S[-1] + STEP_S, STEP_S)
+        away_m, up_m = np.interp(spans_s, CLIMB_S, CLIMB_AWAY_M), np.interp(spans_s, CLIMB_S, CLIMB_UP_M)
+        goals = self._round((START_AWAY_M,))
+        paths = [_towards(self.home, goal, away_m / START_AWAY_M) for goal in goals]
+        return self._clearest(goals, paths, spans_s, up_m, (from_s, until_s))
+
+    def landing(self, from_s: float, until_s: float) -> Passage:
+        """The clearest landing whose touchdown lies in a span, and of equally clear ones the first."""
+        spans_s = -np.arange(0.0, OVER_HOME_S, STEP_S)
+        up_m = np.where(-spans_s > DESCENT_S[-1], np.inf, np.interp(-spans_s, DESCENT_S, DESCENT_UP_M))
+        goals = [self.home, *self._round(BESIDE_M)]
+        paths = [np.repeat([goal], len(spans_s), axis=0) for goal in goals]
+        return self._clearest(goals, paths, spans_s, up_m, (from_s, until_s))
+
+    def _round(self, radii_m: tuple[float, ...]) -> list[Place]:
+        turns_rad = [2.0 * math.pi * k / DIRECTIONS for k in range(DIRECTIONS)]
+        east_m, north_m = self.home
+        return [(east_m + r * math.sin(a), north_m + r * math.cos(a)) for r in radii_m for a in turns_rad]
+
+    def landings(self, until_s: float) -> list[float]:
+        """The moments, a second apart, at which a touchdown breaks no rule about people."""
+        moments_s = np.arange(DESCENT_S[-1], until_s, 1.0).tolist()
+        return [
+            at_s for at_s in moments_s if (best := self.landing(at_s, at_s)).near_s + best.breach_s == 0.0
+        ]
+
+    def _clearest(
+        self,
+        goals: list[Place],
+        paths: list[Floats],
+        spans_s: Floats,
+        up_m: Floats,
+        window_s: tuple[float, float],
+    ) -> Passage:
+        """The best of all goals and moments; `paths` hold a place for each of `spans_s` from the moment."""
+        from_s, until_s = window_s
+        passages = [
+            passage
+            for at_s in np.arange(from_s, max(until_s, from_s) + STEP_S / 2, STEP_S).tolist()
+            for passage in self._passages(at_s, goals, np.array(paths), spans_s, up_m)
+        ]
+        return min(
+            passages,
+            key=lambda passage: (
+                passage.near_s,
+                passage.breach_s + passage.over_s,
+                passage.close_s,
+                passage.at_s,
+            ),
+        )
+
+    def _passages(
+        self, at_s: float, goals: list[Place], paths: Floats, spans_s: Floats, up_m: Floats
+    ) -> list[Passage]:
+        people = np.array([self.truth.places_m(at_s + span_s)[self.people] for span_s in spans_s.tolist()])
+        each_m = np.linalg.norm(people[None] - paths[:, :, None], axis=3)
+        stay_s = STEP_S * (each_m <= STAY_M).sum(axis=1).max(axis=1, initial=0)
+        over_s = np.maximum(stay_s - LONGEST_STAY_S, 0.0)
+        apart_m = each_m.min(axis=2, initial=np.inf)
+        near_s = STEP_S * ((apart_m < NEAR_M + MARGIN_M) & (up_m < LOW_M)).sum(axis=1)
+        space_m = np.hypot(apart_m, up_m) - self.standoff_m
+        breach_s, close_s = (
+            STEP_S * (space_m < margin_m).sum(axis=1) for margin_m in (MARGIN_M, WIDE_MARGIN_M)
+        )
+        return [
+            Passage(at_s, *values)
+            for values in zip(
+                goals, near_s.tolist(), breach_s.tolist(), over_s.tolist(), close_s.tolist(), strict=True
+            )
+        ]
+
+
+def _towards(begin: Place, end: Place, shares: Floats) -> Floats:
+    """(n, 2) places at shares of the way."""
+    path: Floats = np.array(begin) + shares[:, None] * (np.array(end) - np.array(begin))
+    return path
