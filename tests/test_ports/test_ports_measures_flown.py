@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -63,7 +64,9 @@ def test_a_start_that_nobody_could_have_chosen_better_is_left_out() -> None:
     """Its first 5 s, where somebody stays near home up to 12 s before the first order about where to go."""
     crowded = {"home": {"east_m": CROWDED[0], "north_m": CROWDED[1]}}
 
-    def climb(home: dict[str, object], orders: tuple[tuple[str, float], ...], *, near_s: float = 5.0) -> Run:
+    def climb(
+        home: Mapping[str, object], orders: tuple[tuple[str, float], ...], *, near_s: float = 5.0
+    ) -> Run:
         given = [
             {"id": f"order-{kind}", "at_s": at_s, "kind": kind, "within_s": 10.0} for kind, at_s in orders
         ]
@@ -97,7 +100,11 @@ def test_who_could_have_waited_for_people_to_leave_home_is_not_excused() -> None
         times = run.tape.vehicle_time_s
         run.tape.vehicle_position_enu_m[(times >= 5.0) & (times < 10.0)] = (*CROWDED, 2.0)
         people = [row for row, member in enumerate(run.tape.cast) if member.role == "bystander"]
-        run.tape.actor_position_enu_m[np.ix_(run.tape.actor_time_s >= 20.0, people)] += (0.0, 400.0, 0.0)
+        run.tape.actor_position_enu_m[np.ix_(run.tape.actor_time_s >= 20.0, np.array(people))] += (
+            0.0,
+            400.0,
+            0.0,
+        )
         assert x_of(standoff_kept, run) == pytest.approx(expected)
 
 
