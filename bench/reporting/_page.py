@@ -36,6 +36,7 @@ from .map._run_map import RunMap, build_run_map
 from .statistics._design_quality import campaign_design_quality
 from .statistics._factor_effects import factor_effects
 from .statistics._trials import trials_of
+from .text._answer import answer_paragraph
 from .text._campaign_facts import campaign_facts, factor_rows, provenance_of
 from .text._campaign_sentences import (
     confidence_extremes,
@@ -90,6 +91,7 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
         "css": Markup(template_text("report.css")),
         "policy": content_security_policy(plotly, script),
         "flown": sessions_sentence(data),
+        "answers": {style.name: answer_paragraph(data, style.name, trials) for style in shown},
         "differences": [line for pair in comparisons for line in difference_sentences(data, pair.comparison)],
         "not_claimed": disclaimers(data),
         "facts": campaign_facts(data),

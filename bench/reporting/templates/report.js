@@ -55,7 +55,7 @@
   const print = (on) => {
     printing = on;
     // On paper nothing can be opened, so everything is open there, and closed again afterwards.
-    document.querySelectorAll("details.branch, details.studied-node").forEach((box) => {
+    document.querySelectorAll("details.branch, details.studied-node, details.every-run").forEach((box) => {
       if (on && !box.open) { box.open = true; box.dataset.opened = "yes"; }
       if (!on && box.dataset.opened) { box.open = false; delete box.dataset.opened; }
     });

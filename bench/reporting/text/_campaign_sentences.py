@@ -20,13 +20,13 @@ def sessions_sentence(data: ReportData) -> str:
     ends = Counter(outcome_name(run) for run in data.runs)
     rest = ", ".join(f"{count} {name}" for name, count in sorted(ends.items()) if name != "completed")
     agents = plural(len(data.agents), "agent")
-    return _missing_sentence(data) + (
+    return missing_sentence(data) + (
         f"{plural(len(data.runs), 'session')} of {plural(scenes, 'scene')} by {agents}: {ends['completed']} completed"
         + (f", {rest}." if rest else ".")
     )
 
 
-def _missing_sentence(data: ReportData) -> str:
+def missing_sentence(data: ReportData) -> str:
     """What comes before everything else while the campaign lacks runs; empty when it has all."""
     accepted = frozenset(data.manifest.get("accepted") or ())
     missing = Counter(

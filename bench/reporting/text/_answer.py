@@ -1,0 +1,144 @@
+"""How hard a situation an agent can be trusted in, and how sure that is: one paragraph to quote.
+
+Every number in it stands in the tables of the page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .._campaign_data import ReportData, Tally, stopped_early
+from ..statistics._trials import AllTrials, NodeTrials
+from ._campaign_sentences import missing_sentence
+from ._fidelity import fidelity_note
+from ._format import listed, number, percent, plural, span
+
+RATE_WORDS = {"90": "nine in ten", "50": "half"}
+
+
+def answer_paragraph(data: ReportData, agent: str, trials: AllTrials) -> str:
+    """The answer about one agent over the nodes under study, with what weakens it; empty where nothing was scored."""
+    tallies = [tally for node in data.study if (tally := data.tally(agent, node)) is not None]
+    considered = [tally for tally in tallies if tally.considered]
+    caveats = _caveats(data, agent, tallies)
+    if not tallies:
+        return ""
+    if not considered:
+        return " ".join(
+            [f"Nothing can be said about {agent}: no run considered a node under study.", *caveats]
+        )
+    runs, scenes = max(tally.runs for tally in tallies), _scenes(data, agent)
+    sentences = [
+        f"In {plural(runs, 'simulated run')} that {'counts' if runs == 1 else 'count'}, on {plural(scenes, 'scene')}, {agent} met "
+        f"difficulties of {_difficulties(considered)} on the scale from 0 to 100.",
+        *_limits(considered),
+        _weakest(data, considered, trials),
+        *caveats,
+    ]
+    # No-break spaces: a line must not end between a number and its unit.
+    return " ".join(sentences).replace(" %", "\u00a0%")
+
+
+def _scenes(data: ReportData, agent: str) -> int:
+    return len(
+        {
+            run.scene
+            for run in data.runs
+            if run.agent == agent and run.outcome is not None and run.outcome.counts and not run.after_stop
+        }
+    )
+
+
+def _difficulties(tallies: Sequence[Tally]) -> str:
+    lows = [tally.difficulty_low for tally in tallies if tally.difficulty_low is not None]
+    highs = [tally.difficulty_high for tally in tallies if tally.difficulty_high is not None]
+    return span(min(lows, default=None), max(highs, default=None))
+
+
+def _limits(considered: Sequence[Tally]) -> list[str]:
+    # A node without a difficulty has no competence.
+    tallies = [tally for tally in considered if tally.competence]
+    if not tallies:
+        return []
+    every = "each key attribute under study" if len(tallies) > 1 else "the key attribute under study"
+    if min(tally.competence["50"].value for tally in tallies) <= 0.0:
+        return [f"At no difficulty does even half of such runs pass {every}."]
+    return [_limit(tallies, rate, every) for rate in RATE_WORDS]
+
+
+def _limit(tallies: Sequence[Tally], rate: str, every: str) -> str:
+    """The lowest competence among the nodes under study.
+
+    The lowest of their bounds is a 95 % bound of it: it is too high only if the bound of the node with the lowest
+    true competence is.
+    """
+    lowest = min(tallies, key=lambda tally: tally.competence[rate].value)
+    competence = lowest.competence[rate]
+    bound = min(tally.competence[rate].low for tally in tallies)
+    if competence.value <= 0.0:
+        return f"At no difficulty do {RATE_WORDS[rate]} of such runs pass {every}."
+    end = f" (the hardest flown of {lowest.node})" if competence.at_least else f" (where {lowest.node} ends)"
+    sure = (
+        f"with 95 % confidence they do up to {number(bound)}"
+        if bound > 0.0
+        else "with 95 % confidence, these runs support no difficulty above 0"
+    )
+    words = RATE_WORDS[rate].capitalize()
+    return f"{words} of such runs pass {every} up to difficulty {number(competence.value)}{end}; {sure}."
+
+
+def _weakest(data: ReportData, tallies: Sequence[Tally], trials: AllTrials) -> str:
+    # The id breaks ties, so that the same folder gives the same sentence.
+    weakest = min(tallies, key=lambda tally: (tally.confidence or 0.0, tally.node))
+    flown = trials.get((weakest.agent, weakest.node), NodeTrials())
+    interval = (
+        ""
+        if weakest.confidence_low is None or weakest.confidence_high is None
+        else f", 95 % interval {100 * weakest.confidence_low:.0f} to {100 * weakest.confidence_high:.0f} %"
+    )
+    return (
+        f"Its lowest confidence is in {weakest.node} ({data.title(weakest.node)}): {flown.passes} of {plural(len(flown.passed), 'run')} passed, "
+        f"{percent(weakest.confidence)}{interval}."
+    )
+
+
+def _caveats(data: ReportData, agent: str, tallies: Sequence[Tally]) -> list[str]:
+    """What weakens the answer, most serious first; the last one always holds."""
+    sentences = []
+    if incomplete := missing_sentence(data):
+        sentences.append(incomplete.strip())
+    if note := fidelity_note(data.campaign):
+        sentences.append(f"{note} No session was flown.")
+    if any(run.truth_given for run in data.runs if run.agent == agent):
+        sentences.append(
+            "It was given the truth, so this shows what can be reached, and is no agent’s result."
+        )
+    if unseen := [tally.node for tally in tallies if not tally.considered]:
+        sentences.append(
+            f"Nothing is known about {listed(unseen)}: no run considered {'it' if len(unseen) == 1 else 'them'}."
+        )
+    flawed = _undiscriminating_under_study(data)
+    if flawed:
+        sentences.append(
+            f"{plural(len(flawed), 'observable')} under the key attributes under study {'does' if len(flawed) == 1 else 'do'} not "
+            "discriminate: agents without merit reach them too, so passing shows less than it seems."
+        )
+    elif not data.floors:
+        sentences.append("What an agent without merit would reach was not flown (rebar run --floor).")
+    if stopped_early(data.scores):
+        sentences.append("The number of runs depended on the results; the bounds allow for that.")
+    sentences.append(
+        "This holds for the situations of this campaign and as far as the simulation does; it is no claim about harder ones."
+    )
+    return sentences
+
+
+def _undiscriminating_under_study(data: ReportData) -> list[str]:
+    below: set[str] = set()
+    pending = list(data.study)
+    while pending:
+        node = pending.pop()
+        if node not in below and node in data.nodes:
+            below.add(node)
+            pending += data.nodes[node].children
+    return [node.id for node in data.undiscriminating if node.id in below]

@@ -1,0 +1,123 @@
+"""The paragraph that answers the question has the numbers of the tables, and says what weakens it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from made_campaign import AGENTS, STUDY, Made, make_campaign
+from test_reporting_page import Page, page_of
+
+from bench.contracts import Outcome
+from bench.reporting import ReportData, load_report_data
+from bench.reporting._campaign_data import ReportedCompetence
+from bench.reporting.statistics._trials import trials_of
+from bench.reporting.text._answer import answer_paragraph
+from bench.scoring import NodeFloor
+
+NAIVE, AWARE = AGENTS
+LOST = "p004-r0-reference-bystander-aware"
+CRASHED = "p003-r0-reference-naive"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    endings = {CRASHED: (Outcome.AGENT_CRASHED, "exit <1>"), LOST: (Outcome.WORKER_LOST, "killed")}
+    return make_campaign(tmp_path_factory.mktemp("answer") / "c", Made(scenes=12, endings=endings))
+
+
+@pytest.fixture(scope="module")
+def data(folder: Path) -> ReportData:
+    return load_report_data(folder)
+
+
+@pytest.fixture(scope="module")
+def page(folder: Path) -> Page:
+    return page_of(folder)[0]
+
+
+def paragraph(data: ReportData, agent: str) -> str:
+    return answer_paragraph(data, agent, trials_of(data.scores)).replace("\u00a0", " ")
+
+
+@pytest.mark.parametrize("agent", AGENTS)
+def test_numbers_are_those_of_the_tables(data: ReportData, agent: str) -> None:
+    """Runs, difficulties, the lowest confidence, and the lowest competence with the lowest bound."""
+    text = paragraph(data, agent)
+    tallies = [data.tallies[agent, "all", node] for node in STUDY]
+    counted = 12 if agent == NAIVE else 11
+    assert text.startswith(f"In {counted} simulated runs that count, on {counted} scenes, {agent} met")
+    lowest = min(tallies, key=lambda tally: (tally.confidence or 0.0, tally.node))
+    assert f"lowest confidence is in {lowest.node} (" in text
+    assert f"passed, {100 * (lowest.confidence or 0.0):.1f} %, 95 % interval" in text
+    half = min(tally.competence["50"].value for tally in tallies)
+    assert (f"up to difficulty {half:.1f}" in text) is (half > 0.0)
+    assert ("even half of such runs" in text) is (half <= 0.0)
+
+
+def test_two_limits_with_their_bounds(data: ReportData) -> None:
+    """The node that ends first gives the limit, the node with the lowest bound how sure it is."""
+    competences = [(80.0, 30.0), (60.0, 40.0), (70.0, 50.0), (90.0, 60.0), (95.0, 70.0)]
+    tallies = dict(data.tallies)
+    for node, (value, low) in zip(STUDY, competences, strict=True):
+        competence = {
+            "50": ReportedCompetence(value, low, at_least=value == 60.0),
+            "90": ReportedCompetence(value - 20.0, 0.0, at_least=False),
+        }
+        tallies[AWARE, "all", node] = replace(tallies[AWARE, "all", node], competence=competence)
+    text = paragraph(replace(data, tallies=tallies), AWARE)
+    assert (
+        f"Half of such runs pass each key attribute under study up to difficulty 60.0 (the hardest flown of {STUDY[1]}); "
+        "with 95 % confidence they do up to 30.0." in text
+    )
+    assert (
+        f"Nine in ten of such runs pass each key attribute under study up to difficulty 40.0 (where {STUDY[1]} ends); "
+        "with 95 % confidence, these runs support no difficulty above 0." in text
+    )
+
+
+def test_caveats(data: ReportData) -> None:
+    """A lost run, observables that do not discriminate, floors that were not flown, nodes that nothing exercised."""
+    text = paragraph(data, AWARE)
+    assert "INCOMPLETE: 1 of 24 runs are missing (1 worker lost)" in text
+    assert "agent without merit would reach was not flown" in text
+    observables = [name for name, node in data.nodes.items() if node.level == "observable"]
+    floors = {
+        name: NodeFloor(
+            id=name,
+            level="observable",
+            floor=0.9 if place < 2 else 0.1,
+            floor_agents=("null-idle",),
+            ceiling=1.0,
+            scenes=5,
+        )
+        for place, name in enumerate(observables)
+    }
+    flawed = paragraph(replace(data, floors=floors), AWARE)
+    assert "2 observables under the key attributes under study do not discriminate" in flawed
+    assert "was not flown" not in flawed
+    never = dict(data.tallies)
+    never[AWARE, "all", "KA-09"] = replace(never[AWARE, "all", "KA-09"], considered=0, competence={})
+    assert "Nothing is known about KA-09: no run considered it." in paragraph(
+        replace(data, tallies=never), AWARE
+    )
+    whole = replace(data, runs=tuple(run for run in data.runs if run.realization != LOST))
+    assert "INCOMPLETE" not in paragraph(whole, AWARE)
+
+
+def test_page_has_a_paragraph_for_each_agent(data: ReportData, page: Page) -> None:
+    shown = page.text.replace("\u00a0", " ")
+    for agent in AGENTS:
+        assert paragraph(data, agent) in shown
+
+
+def test_every_run_is_listed_with_outcome_and_reason(data: ReportData, page: Page) -> None:
+    """Those that completed too; a run that is lost does not count."""
+    rows = {row[0]: row for row in page.tables["all-runs"][1:]}
+    assert list(rows) == [run.realization for run in data.runs]
+    assert len(rows) == 24
+    assert rows[CRASHED][3:5] + rows[CRASHED][6:] == ["agent crashed", "yes", "exit <1>"]
+    assert rows[LOST][3:5] + rows[LOST][6:] == ["worker lost", "no", "killed"]
+    completed = rows["p000-r0-reference-naive"]
+    assert (completed[1], completed[3], completed[4], completed[6]) == (NAIVE, "completed", "yes", "–")
