@@ -26,6 +26,7 @@ from bench.contracts import Observation, Outcome, Record, SimTime
 from bench.errors import SetupError
 from bench.recording import read_simspec, read_tape
 from bench.reporting import build_run_map, load_report_data, render_report, write_report
+from bench.reporting._html import template_text
 from bench.scoring import ScoredRun, score_table, stated_difficulty
 from bench.streams import String, encode
 from decompositions import load_decomposition
@@ -475,3 +476,14 @@ def test_page_of_the_full_decomposition_is_bounded(tmp_path: Path) -> None:
     shown_nodes = {row[0].split(" · ")[0].strip() for row in page.tables[""] if len(row) == 10}
     assert set(decomposition.observables) | set(decomposition.key_attributes) <= shown_nodes
     assert len([name for name in page.scripts if name.startswith("data-curve")]) == len(decomposition.study)
+
+
+def test_figures_fit_their_columns_on_paper() -> None:
+    """A figure is drawn at a fixed width on paper; one that is wider than its column of 25rem is cut."""
+    css, script = template_text("report.css"), template_text("report.js")
+    column = re.search(r"\.beside \{[^}]*minmax\(0, (\d+)rem\)", css)
+    width = re.search(r"BESIDE_ON_PAPER_PX = (\d+)", script)
+    assert column is not None
+    assert width is not None
+    assert int(width[1]) <= 16 * int(column[1])
+    assert 'box.closest(".beside") ? BESIDE_ON_PAPER_PX' in script

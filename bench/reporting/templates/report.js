@@ -6,6 +6,8 @@
   let printing = false;
   const PAPER_PX = 1000;
   const PANEL_ON_PAPER_PX = 480;
+  // The second column of .beside is 25rem wide (400 px), on paper too.
+  const BESIDE_ON_PAPER_PX = 390;
 
   // Colours in the figures are CSS variables, so that one figure serves light, dark and print.
   const resolve = (value, style) => {
@@ -21,7 +23,9 @@
     const figure = resolve(source, getComputedStyle(root));
     const interactive = box.classList.contains("map") && !printing;
     // The width of a page on paper, as @page in the style sets it; a figure as wide as the window would run over its edge.
-    if (printing) figure.layout.width = box.closest(".panel, .beside") ? PANEL_ON_PAPER_PX : PAPER_PX;
+    if (printing) {
+      figure.layout.width = box.closest(".beside") ? BESIDE_ON_PAPER_PX : box.closest(".panel") ? PANEL_ON_PAPER_PX : PAPER_PX;
+    }
     return Plotly.react(box, figure.data, figure.layout, {
       responsive: !printing, displaylogo: false, displayModeBar: interactive, scrollZoom: false, staticPlot: false,
       modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
