@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -31,6 +32,15 @@ CELLS_BY_COMMAND = {
 def test_the_pages_are_up_to_date(capsys: pytest.CaptureFixture[str]) -> None:
     """`python -m vehicle_models.documentation` would change nothing."""
     assert main(["--check"]) == 0, capsys.readouterr().err
+
+
+def test_every_parameter_with_an_effect_is_described() -> None:
+    """The references list no descriptions, so each of those is written by hand in `parameters.csv`."""
+    rows = re.findall(
+        r"^\| `(\w+)` \| [^|]+ \|([^|]*)\| [^|]+ \|$", PARAMETERS_PAGE.read_text("utf-8"), re.MULTILINE
+    )
+    assert len(rows) > 100
+    assert [name for name, description in rows if not description.strip()] == []
 
 
 def test_out_of_date_pages_are_found_and_updated(

@@ -71,6 +71,16 @@ def test_the_shell_answers_version_parameters_and_topics(make: Make) -> None:
     topic = ask(client, "listener vehicle_local_position")
     assert "TOPIC: vehicle_local_position" in topic
     assert "heading:" in topic
+    home = client.last("HOME_POSITION")
+    assert f"lat: {home.latitude * 1e-7:.7f}" in ask(client, "listener home_position -n 1")
+    for name in ("sensor_gps", "vehicle_gps_position"):
+        fix = ask(client, f"listener {name}")
+        assert f"latitude_deg: {home.latitude * 1e-7:.7f}" in fix
+    assert "xyz: [" in ask(client, "listener vehicle_angular_velocity")
+    assert "arming_state: 1" in ask(client, "listener vehicle_status")
+    assert "usage: listener {" in ask(client, "listener no_such_topic")
+    assert client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == [ACCEPTED]
+    assert "arming_state: 2" in ask(client, "listener vehicle_status")
     assert "Invalid command: rm" in ask(client, "rm -rf")
     assert ask(client, "") == "\npxh> "
 

@@ -21,6 +21,8 @@ _CHUNK_BYTES = 70
 _CHUNKS_PER_STEP = 4
 _MAX_LINE_BYTES = 256
 _PROMPT = "pxh> "
+# vehicle_status.arming_state
+_DISARMED, _ARMED = 1, 2
 
 
 class Shell:
@@ -118,9 +120,10 @@ class Shell:
 
     def _listener(self, words: list[str]) -> list[str]:
         topics = self._topics()
-        if len(words) != 1 or words[0] not in topics:
+        if not words or words[0] not in topics:
             return [f"usage: listener {{{'|'.join(topics)}}}"]
-        (name,) = words
+        # Options (how often, how many, which instance) change nothing: each topic has one instance, printed once.
+        name = words[0]
         stamp = f"timestamp: {self._context.flight.time_us} (0.000000 seconds ago)"
         fields = [f"{field}: {value}" for field, value in topics[name].items()]
         return ["", f"TOPIC: {name}", f" {name}", *(f"    {line}" for line in (stamp, *fields))]
@@ -129,8 +132,10 @@ class Shell:
         """Main topics as the vehicle estimates them, with some fields of each."""
         f = self._context.flight
         return {
+            **self._position_topics(),
+            "vehicle_angular_velocity": {"xyz": _array(f.p_radps, f.q_radps, f.r_radps)},
             "battery_status": {"voltage_v": f"{f.battery_v:.5f}", "remaining": f"{f.battery_fraction:.5f}"},
-            "vehicle_attitude": {"q": "[" + ", ".join(f"{part:.5f}" for part in quaternion(f)) + "]"},
+            "vehicle_attitude": {"q": _array(*quaternion(f))},
             "vehicle_global_position": {
                 "lat": f"{f.latitude_e7 * 1e-7:.7f}",
                 "lon": f"{f.longitude_e7 * 1e-7:.7f}",
@@ -145,5 +150,30 @@ class Shell:
                     strict=True,
                 )
             },
-            "vehicle_status": {"armed": f.armed, "failsafe": f.failsafe is not None},
+            "vehicle_status": {
+                "arming_state": _ARMED if f.armed else _DISARMED,
+                "failsafe": f.failsafe is not None,
+            },
         }
+
+    def _position_topics(self) -> dict[str, dict[str, object]]:
+        """Topics about places other than the vehicle's own estimate; home only once it is set."""
+        f = self._context.flight
+        latitude_e7, longitude_e7 = f.fix_e7
+        fix: dict[str, object] = {
+            "latitude_deg": f"{latitude_e7 * 1e-7:.7f}",
+            "longitude_deg": f"{longitude_e7 * 1e-7:.7f}",
+            "altitude_msl_m": f"{f.fix_altitude_m:.5f}",
+        }
+        topics = {"sensor_gps": fix, "vehicle_gps_position": fix}
+        if f.home:
+            topics["home_position"] = {
+                "lat": f"{f.home.latitude_e7 * 1e-7:.7f}",
+                "lon": f"{f.home.longitude_e7 * 1e-7:.7f}",
+                "alt": f"{f.home.altitude_m:.5f}",
+            }
+        return topics
+
+
+def _array(*values: float) -> str:
+    return "[" + ", ".join(f"{value:.5f}" for value in values) + "]"
