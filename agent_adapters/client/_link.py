@@ -62,6 +62,7 @@ class MavlinkLink:
             if left_s <= 0.0:
                 raise LinkLost(
                     f"MAVLink link {self.name}: {self.received} of {received} messages came in {timeout_s:g} s"
+                    f" ({self.garbage_bytes} bytes belonged to no frame)"
                 )
             self._take_in(left_s)
 

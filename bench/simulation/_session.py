@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -345,10 +345,7 @@ class Session:
             if not missing:
                 return
             if self._clock.now() > deadline_s:
-                raise StopSession(
-                    Outcome.AGENT_PROTOCOL,
-                    f"the agent says it sent {missing} MAVLink messages; {dict(received)} came",
-                )
+                raise StopSession(Outcome.AGENT_PROTOCOL, _miscount(missing, received))
             self._clock.sleep(RECEIVE_POLL_S)
 
     def _check_waiting(self) -> None:
@@ -426,3 +423,17 @@ def _link(need: MavlinkNeed, stack: ExitStack) -> LinkSpec:
     """
     port = stack.enter_context(reserved_udp_port()) if need.kind == "udp_out" else 0
     return LinkSpec(name=need.name, kind=need.kind, port=port, streams=need.streams)
+
+
+def _miscount(stated: Mapping[str, int], received: Mapping[str, int]) -> str:
+    """Why the agent's statement about the MAVLink messages that it sent cannot be true."""
+    parts = [
+        f"{count} on link {link!r}, of which {received[link]} came"
+        if link in received
+        else f"{count} on link {link!r}, which does not exist (links: {', '.join(sorted(received)) or 'none'})"
+        for link, count in sorted(stated.items())
+    ]
+    return (
+        f"the agent states that it sent these MAVLink messages since the start: {'; '.join(parts)}. Count each whole frame "
+        "that went out on the link once (docs/time.md)"
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 import select
 import socket
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from hmac import compare_digest
@@ -48,12 +48,14 @@ class _Budget:
     span_s: float
     outcome: Outcome
     missing: str
+    hint: str = ""
 
     def check(self) -> None:
         """Raise StopSession where the budget is spent. Time in which the agent had no core is not its own."""
         if self.wait.own_s() >= self.span_s:
             raise StopSession(
-                self.outcome, f"{self.missing} within {self.span_s:g} s of the agent's own time"
+                self.outcome,
+                f"{self.missing} within {self.span_s:g} s of the agent's own time{self.hint}",
             )
 
 
@@ -167,7 +169,11 @@ class TickServer:
     def exchange(self, tick: Tick, budget_s: float) -> Ack:
         """Send a tick and wait for its acknowledgement."""
         budget = _Budget(
-            Wait(self._agent_time), budget_s, Outcome.AGENT_TIMEOUT, f"no answer to tick {tick.number}"
+            Wait(self._agent_time),
+            budget_s,
+            Outcome.AGENT_TIMEOUT,
+            f"no answer to tick {tick.number}",
+            _count_hint(tick.links),
         )
         self._write(tick)
         message = self._read(budget)
@@ -251,6 +257,18 @@ def open_tick_server(clock: HostClock = HOST_CLOCK) -> Generator[TickServer]:
             yield server
         finally:
             server.end("the session is over")
+
+
+def _count_hint(links: Mapping[str, int]) -> str:
+    """What to check first where an agent does not answer: one that misses a message waits for it, and says nothing."""
+    sent = [f"{count} on link {link!r}" for link, count in sorted(links.items()) if count]
+    if not sent:
+        return ""
+    return (
+        f"; the tick stated the MAVLink messages sent so far: {', '.join(sent)}. An agent that has counted fewer waits "
+        "for the rest: usually its client drops frames that its dialect does not know. Count frames, not decoded "
+        "messages (docs/time.md)"
+    )
 
 
 def _shown(message: TickMessage | None) -> str:

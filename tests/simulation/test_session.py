@@ -137,10 +137,9 @@ def test_a_hanging_agent_ends_the_session_at_the_reply_budget(tmp_path: Path) ->
         HostClock(now_s),
     )
     end = run_session(plan)
-    assert (end.outcome, end.reason) == (
-        Outcome.AGENT_TIMEOUT,
-        "no answer to tick 10 within 600 s of the agent's own time",
-    )
+    assert end.outcome is Outcome.AGENT_TIMEOUT
+    # What comes after it are the links with the numbers of messages sent.
+    assert end.reason.split(";")[0] == "no answer to tick 10 within 600 s of the agent's own time"
 
 
 def test_an_agent_that_closes_its_socket_and_keeps_running_breaks_the_protocol(tmp_path: Path) -> None:

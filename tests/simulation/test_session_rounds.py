@@ -30,7 +30,7 @@ from bench.simspec import Budgets, Camera, DetectionModel, Mission, Order, Outag
 from bench.simulation import HostClock, Session, SessionPlan, open_detector, open_plain_scene
 from bench.simulation._air_network import open_air_network
 from bench.simulation._mission_information import orders
-from bench.simulation._session import SessionProgress
+from bench.simulation._session import SessionProgress, _miscount
 from bench.simulation._stop_session import StopSession
 from bench.simulation._truth import TruthRecorder
 from bench.testing import StillVehicle, agent_manifest
@@ -180,7 +180,8 @@ def test_messages_are_counted_separately_for_each_link() -> None:
     assert end.value.outcome is Outcome.AGENT_PROTOCOL
     assert (
         end.value.reason
-        == "the agent says it sent {'gcs': 3} MAVLink messages; {'onboard': 9, 'gcs': 2} came"
+        == "the agent states that it sent these MAVLink messages since the start: 3 on link 'gcs', of which 2 came. "
+        "Count each whole frame that went out on the link once (docs/time.md)"
     )
     assert host.now_s == pytest.approx(5.0, abs=0.01)
 
@@ -286,3 +287,10 @@ def test_a_degradation_loses_its_share_of_detections_and_lowers_the_rest() -> No
     assert kept / total == pytest.approx(0.6, abs=0.09)
     again = tape_of(session_simspec(**long, outages=outages))
     assert again.detections == degraded.detections
+
+
+def test_a_miscount_names_each_link_with_both_numbers() -> None:
+    """Two links that are wrong in two ways: fewer came than stated, and a link that nobody opened."""
+    text = _miscount({"gcs": 3, "payload": 1}, {"onboard": 9, "gcs": 2})
+    assert "3 on link 'gcs', of which 2 came" in text
+    assert "1 on link 'payload', which does not exist (links: gcs, onboard)" in text

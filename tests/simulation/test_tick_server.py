@@ -155,3 +155,21 @@ def test_two_sessions_have_two_secrets() -> None:
         Peers(second, stack).connect().hello(secret=first.secret)
         with pytest.raises(StopSession, match="a wrong secret"):
             second.hello(0.2)
+
+
+def test_an_agent_that_waits_for_messages_hears_which_and_how_many(server: TickServer, peers: Peers) -> None:
+    """A client that dropped frames answers never: the reason names each link that had messages, and the usual cause."""
+    peers.connect().hello(secret=server.secret)
+    server.hello(30.0)
+    with pytest.raises(StopSession) as end:
+        server.exchange(Tick(number=10, time_ns=0, links={"onboard": 214, "gcs": 37, "idle": 0}), 0.4)
+    assert end.value.outcome is Outcome.AGENT_TIMEOUT
+    head, hint = end.value.reason.split("; ", 1)
+    assert head == "no answer to tick 10 within 0.4 s of the agent's own time"
+    assert "sent so far: 37 on link 'gcs', 214 on link 'onboard'." in hint
+    assert "frames that its dialect does not know" in hint
+    assert "idle" not in hint
+    # Nothing was sent, so nothing can have been miscounted.
+    with pytest.raises(StopSession) as end:
+        server.exchange(Tick(number=11, time_ns=0, links={"onboard": 0}), 0.4)
+    assert end.value.reason.endswith("own time")
