@@ -30,8 +30,9 @@ class LogSink(Protocol):
 class FlightRecorder:
     """Records a flight log whenever the policy wants one, and feeds streams.
 
-    A sample costs some five microseconds, and nothing is written until a client asks for it, because most sessions
-    never do.
+    Nothing is written until a client asks for it, because most sessions never do. A sample takes 2.4 us of CPU time,
+    so a second of flight 33 us with the ticks between: 1 % of a vehicle that streams nothing, 0.5 % of one with PX4's
+    onboard streams (3.1 and 6.2 ms a second on the same core).
     """
 
     def __init__(
