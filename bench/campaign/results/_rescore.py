@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.contracts import Outcome, SessionResult, Tape
-from bench.documents import load_document
+from bench.documents import load_json_document
 from bench.errors import Fault, SetupError
 from bench.recording import read_simspec, read_tape
 from decompositions import Decomposition
@@ -34,7 +34,7 @@ def rescore(folder: Path, decomposition: Decomposition) -> SessionResult:
     simspec = read_simspec(recording)
     tape = read_tape(recording, simspec)
     file = folder / RESULT
-    result = load_document(file, SessionResult) if file.is_file() else _from_recording(folder.name, tape)
+    result = load_json_document(file, SessionResult) if file.is_file() else _from_recording(folder.name, tape)
     observations = measure_all(measures_of(decomposition), tape, simspec) if result.outcome.counts else ()
     return result.model_copy(update={"observations": observations, "recording_sha256": digest_of(recording)})
 
@@ -57,7 +57,7 @@ def recording_faults(folder: Path, journal_sha256: str | None = None) -> list[Fa
         ]
     if not file.is_file():
         return []
-    result_sha256 = load_document(file, SessionResult).recording_sha256
+    result_sha256 = load_json_document(file, SessionResult).recording_sha256
     if result_sha256 is None or digest_of(folder / RECORDING) == result_sha256:
         return []
     return [
