@@ -4,7 +4,7 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 CLIENTS := $(VENV)/clients
 
-.PHONY: demo test quick slow clients mutants check lock clean
+.PHONY: demo test quick slow clients mutants check lock lock-check clean
 
 demo: $(VENV)/.run
 	$(BIN)/rebar demo
@@ -68,6 +68,12 @@ lock:
 	uv pip compile pyproject.toml --group build --group dev --extra examples --extra llm --universal --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements-dev.lock
 	uv pip compile --group pyproject.toml:mutants --constraint requirements-dev.lock --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements-mutants.lock
 	printf '%s\n' $(FOREIGN) | uv pip compile - --python-version 3.11 --universal --generate-hashes --no-emit-index-url --no-header --no-annotate $(UNUSED:%=--no-emit-package %) --output-file requirements-clients.lock
+
+# Needs uv. Whether every locked dependency has a wheel for each Python that pyproject.toml names; installs nothing.
+lock-check:
+	for version in 3.11 3.12 3.13 3.14; do \
+	  uv pip install --dry-run --quiet --python-version $$version --python-platform x86_64-manylinux_2_28 --only-binary :all: --require-hashes --target build/lock-check --requirements requirements.lock || exit 1; \
+	done
 
 clean:
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build dist *.egg-info
