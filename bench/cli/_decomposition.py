@@ -8,16 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from bench.errors import Fault, SetupError
 
-if TYPE_CHECKING:
-    from bench.scoring import NodeFloor
+from ._tables import add_plain_row, plain_console, plain_table
 
-WIDTH = 140
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from bench.scoring import NodeFloor
 
 
 def register(app: typer.Typer) -> None:
@@ -81,9 +80,8 @@ def check(
     )
     if floor is not None:
         titles = {node.id: node.title for node in decomposition.nodes.values()}
-        Console(
-            width=None if Console().is_terminal else WIDTH, highlight=False, markup=False, emoji=False
-        ).print(_table(nodes, titles))
+        print("floor, ceiling and discrimination, worst first:")
+        plain_console().print(_table(nodes, titles))
         flawed = sum(bool(node.flaw) for node in nodes)
         unknown = sum(node.level == "observable" and node.floor is None for node in nodes)
         print(
@@ -102,22 +100,14 @@ def _as_json(node: NodeFloor) -> dict[str, Any]:
 
 
 def _table(nodes: Sequence[NodeFloor], titles: dict[str, str]) -> Table:
-    table = Table(title="Floor, ceiling and discrimination, worst first", title_justify="left")
-    for column in (
-        "node",
-        "title",
-        "floor",
-        "ceiling",
-        "apart",
-        "scenes",
-        "reached by",
-        "does not discriminate",
-    ):
-        number = column in ("floor", "ceiling", "apart", "scenes")
-        table.add_column(column, justify="right" if number else "left", no_wrap=number or column == "node")
+    table = plain_table(
+        ("node", "title", "floor", "ceiling", "apart", "scenes", "reached by"),
+        texts=("title", "reached by"),
+    )
     for node in nodes:
         apart = node.discrimination
-        reached = ", ".join(agent.removeprefix("null-") for agent in node.floor_agents[:3])
+        best = node.floor_agents if node.floor else ()
+        reached = ", ".join(best[:3]) + (" ..." if len(best) > 3 else "")
         cells = (
             node.id,
             titles.get(node.id, ""),
@@ -125,10 +115,10 @@ def _table(nodes: Sequence[NodeFloor], titles: dict[str, str]) -> Table:
             _percent(node.ceiling),
             "" if apart is None else f"{100 * apart:.0f}",
             str(node.scenes),
-            (reached + (" ..." if len(node.floor_agents) > 3 else "")) if node.floor else "",
-            node.flaw,
+            # In one column: two would break the names of the agents.
+            f"does not discriminate: {node.flaw}" if node.flaw else reached,
         )
-        table.add_row(*map(Text, cells))
+        add_plain_row(table, cells)
     return table
 
 

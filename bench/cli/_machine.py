@@ -8,6 +8,7 @@ import platform
 import shutil
 import socket
 import tempfile
+import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -15,6 +16,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from ._tables import plain_console
 
 PACKAGES = (
     "jsbsim",
@@ -60,7 +63,17 @@ def doctor(as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] =
     else:
         width = max(len(check.name) for check in checks)
         for check in checks:
-            print(f"{'ok ' if check.fine else 'BAD'}  {check.name:<{width}}  {check.text}")
+            head = f"{'ok ' if check.fine else 'BAD'}  {check.name:<{width}}  "
+            # Long words stay whole: a path that is broken cannot be copied.
+            lines = textwrap.wrap(
+                check.text,
+                plain_console().width,
+                initial_indent=head,
+                subsequent_indent=" " * len(head),
+                break_long_words=False,
+                break_on_hyphens=False,
+            )
+            print("\n".join(lines))
     if not all(check.fine for check in checks):
         raise typer.Exit(1)
 

@@ -9,6 +9,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+# Beside it, the widest table here (`rebar compare`) still fits into 80 columns.
+MAX_NAME_CHARACTERS = 20
+
 
 def plain_console() -> Console:
     """A console that prints text as it is.
@@ -29,12 +32,17 @@ def plain_table(columns: Sequence[str], *, texts: Collection[str] = ()) -> Table
     for place, column in enumerate(columns):
         is_text = place == 0 or column in texts
         # Folded, where a name is longer than its column: a name that is cut cannot be searched or copied.
-        table.add_column(column, justify="left" if is_text else "right", no_wrap=not is_text, overflow="fold")
+        table.add_column(
+            column, justify="left" if is_text else "right", no_wrap=place == 0 or not is_text, overflow="fold"
+        )
     return table
 
 
 def add_plain_row(table: Table, cells: Sequence[str]) -> None:
     """A row of a plain table; every cell is shown as it is."""
+    # A longer name than this is folded: the numbers beside it would not fit.
+    if len(cells[0]) > MAX_NAME_CHARACTERS:
+        table.columns[0].no_wrap = False
     # As Text, because rich would take a name in brackets for markup.
     table.add_row(*map(Text, cells))
 

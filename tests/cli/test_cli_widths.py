@@ -12,8 +12,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
 from made_campaign import AGENTS, STUDY, Made, make_campaign
 
 from bench.cli._app import run
+from bench.cli._decomposition import _table
+from bench.cli._tables import plain_console
+from bench.scoring import NodeFloor
 
 WIDTH = 80
+NULL_NAMES = ("null-repeat-hover-detailed", "null-everywhere", "null-announce", "null-random")
 
 
 @pytest.fixture(scope="module")
@@ -49,3 +53,29 @@ def test_compare_fits(
     assert_fits(text, [*nodes, *AGENTS])
     rows = [line.split() for line in text.splitlines() if line.split()[:1] and line.split()[0] in nodes]
     assert [row[0] for row in rows] == [*nodes, *nodes]
+
+
+def test_decomposition_check_fits(capsys: pytest.CaptureFixture[str]) -> None:
+    """The longest flaw and all the null agents: the words wrap, ids and numbers stay whole."""
+    nodes = [
+        NodeFloor(id=name, level="observable", floor=1.0, floor_agents=NULL_NAMES, ceiling=1.0, scenes=100)
+        for name in ("OBS-031", "OBS-PERSON-2")
+    ]
+    titles = {node.id: "Bystanders known in all parts of the area of interest" for node in nodes}
+    plain_console().print(_table(nodes, titles))
+    assert_fits(capsys.readouterr().out, ["OBS-031", "OBS-PERSON-2", "100%"])
+
+
+def test_doctor_wraps_what_it_found(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Packages with their versions are a long line; the second check is a fault."""
+    packages = ", ".join(f"package-{number} {number}.10.2" for number in range(20))
+
+    def fault() -> str:
+        raise RuntimeError(f"not installed: {packages}")
+
+    monkeypatch.setattr("bench.cli._machine.CHECKS", {"packages": lambda: packages, "streams": fault})
+    text = printed(["doctor"], capsys, code=1)
+    assert_fits(text, [f"package-{number}" for number in range(20)])
+    assert [line[:3] for line in text.splitlines() if not line.startswith(" ")] == ["ok ", "BAD"]
