@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from functools import cache
 from pathlib import Path
 from statistics import fmean
 
 import pytest
+from flown_scenes import DECOMPOSITION, fly, scene
 
-from bench.agents import load_manifest, open_agent
-from bench.campaign import load_campaign, load_measurable_decomposition, measure_all, measures_of
+from bench.campaign import load_measurable_decomposition
 from bench.contracts import Outcome
-from bench.realization import RealizationPlan, place, realize
-from bench.recording import TapeBuilder
 from bench.scoring import difficulty_of, score_run
-from bench.simspec import AgentSpec
-from bench.simulation import SessionPlan, run_session
 
 ROOT = Path(__file__).parents[2]
 MEASURES_PAGE = ROOT / "docs" / "measures.md"
@@ -49,34 +43,15 @@ EXCEPTIONS = {"KA-21", "KA-27", "KA-30", "KA-31", "KA-32", "KA-33", "KA-35", "KA
 Confidences = Mapping[str, float]
 
 
-@cache
-def scene(campaign: str, name: str) -> RealizationPlan:
-    """One scene of a shipped campaign, by its design point or its situation."""
-    loaded = load_campaign(ROOT / "campaigns" / f"{campaign}.yaml")
-    plans = realize(loaded.bases, loaded.design, loaded.agents[:1])
-    return next(
-        plan
-        for plan in plans
-        if name in (plan.design_point, plan.levels.get("situation")) and plan.replicate == 1
-    )
-
-
 def confidences(agents: Sequence[str], scenes: Sequence[tuple[str, str]]) -> dict[str, Confidences]:
     """Mean confidence of each agent in every node, over the scenes in which the node was considered."""
-    decomposition = load_measurable_decomposition("search-and-report-full")
+    decomposition = load_measurable_decomposition(DECOMPOSITION)
     means: dict[str, Confidences] = {}
     for agent in agents:
         values: dict[str, list[float]] = defaultdict(list)
         for campaign, name in scenes:
-            spec = place(
-                scene(campaign, name).simspec.model_copy(update={"agent": AgentSpec(manifest=agent)})
-            )
-            manifest, at = load_manifest(agent)
-            tape = TapeBuilder(spec)
-            with tempfile.TemporaryDirectory() as folder:
-                end = run_session(SessionPlan(spec, manifest, at, open_agent, Path(folder), tape))
+            spec, end, observations = fly(scene(campaign, name), agent)
             assert end.outcome in (Outcome.COMPLETED, Outcome.TIME_LIMIT), end.reason
-            observations = measure_all(measures_of(decomposition), tape.tape(), spec)
             scores = score_run(decomposition, difficulty_of(decomposition, spec), observations)
             for node in decomposition.nodes:
                 if (confidence := scores[node].confidence) is not None:
@@ -95,7 +70,7 @@ def key_attributes_above(agent: Confidences, bounds: Mapping[str, float], nodes:
 
 def assert_bounds(reached: Mapping[str, Confidences]) -> None:
     """The bounds for every null agent among these, against the better of the reference agents among them."""
-    decomposition = load_measurable_decomposition("search-and-report-full")
+    decomposition = load_measurable_decomposition(DECOMPOSITION)
     responsible = set(decomposition.nodes["responsible"].children)
     attributes = set(decomposition.key_attributes)
     half = {
