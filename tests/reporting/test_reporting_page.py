@@ -21,12 +21,14 @@ import polars as pl
 import pytest
 import yaml
 from made_campaign import AGENTS, STUDY, Made, make_campaign
+from plotly.offline import get_plotlyjs
 
 from bench.contracts import Observation, Outcome, Record, SimTime
 from bench.errors import SetupError
 from bench.recording import read_simspec, read_tape
 from bench.reporting import build_run_map, load_report_data, render_report, write_report
 from bench.reporting._html import template_text
+from bench.reporting._page import PLOTLY
 from bench.scoring import ScoredRun, score_table, stated_difficulty
 from bench.streams import String, encode
 from decompositions import load_decomposition
@@ -204,6 +206,8 @@ def test_figure_data_cannot_end_its_script(made: Path) -> None:
     figures = {name: text for name, text in page.scripts.items() if name.startswith("data-")}
     assert len(figures) == len(data.configurations) + len(STUDY) + 2  # the pairs, the factors
     assert all("<" not in text and json.loads(text)["data"] for text in figures.values())
+    kinds = {trace["type"] for text in figures.values() for trace in json.loads(text)["data"]}
+    assert kinds <= {"bar", "scatter", "violin"}, "the bundle of plotly.js must be able to draw them"
 
 
 def test_page_fetches_nothing_and_runs_only_its_scripts(page: Page) -> None:
@@ -476,6 +480,16 @@ def test_page_of_the_full_decomposition_is_bounded(tmp_path: Path) -> None:
     shown_nodes = {row[0].split(" · ")[0].strip() for row in page.tables[""] if len(row) == 10}
     assert set(decomposition.observables) | set(decomposition.key_attributes) <= shown_nodes
     assert len([name for name in page.scripts if name.startswith("data-curve")]) == len(decomposition.study)
+
+
+def test_the_bundle_of_plotly_js_is_the_version_that_the_figures_are_made_for() -> None:
+    """The figures' JSON comes from the Python package, which carries the whole of plotly.js."""
+    stated = re.compile(r"plotly\.js (?:\(cartesian - minified\) )?v([\d.]+)")
+    bundle, whole = (stated.search(text[:400]) for text in (template_text(PLOTLY), get_plotlyjs()))
+    assert bundle is not None
+    assert whole is not None
+    assert bundle[1] == whole[1]
+    assert len(template_text(PLOTLY)) < len(get_plotlyjs()) / 3.0
 
 
 def test_figures_fit_their_columns_on_paper() -> None:
