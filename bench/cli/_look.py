@@ -11,15 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from pydantic import BaseModel
-from rich.console import Console
 from rich.table import Table
-from rich.text import Text
+
+from ._tables import add_plain_row, plain_console, plain_table, print_lines
 
 if TYPE_CHECKING:
     from bench.scoring import Difficulty, DifficultyGoal, DifficultyIncrease, FactorChange
     from decompositions import Decomposition
 
 PLANNED_EXIT_CODE = 2
+RULED_BY = "Ruled by"
 
 
 def register(app: typer.Typer) -> None:
@@ -116,10 +117,9 @@ def difficulty(
     elif node is not None:
         print("\n".join(rated.in_full(node)))
     else:
-        # Where output is piped, wide enough for five columns that must not break.
-        Console(width=None if Console().is_terminal else 140, markup=False, emoji=False).print(
-            rated.table(f"Difficulty of {simspec}")
-        )
+        console = plain_console()
+        print_lines(console, [f"Difficulty of {simspec}"])
+        console.print(rated.table())
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,24 +159,25 @@ class _RatedSituation:
             },
         }
 
-    def table(self, title: str) -> Table:
-        """A table with one row for each node."""
+    def table(self) -> Table:
+        """A table with one row for each node. Its last column has all that is words, which wrap, so that names of
+        factors stay whole.
+        """
         from bench.scoring import difficulty_increase
 
-        table = Table(title=Text(title))
-        for column in ("node", "level", "difficulty", "tension", "ruled by", "next", "to be harder"):
-            table.add_column(column, justify="right" if column in ("difficulty", "tension") else "left")
+        table = plain_table(("Node", "Difficulty", "Tension", RULED_BY), texts=(RULED_BY,))
         for node in self.difficulty.nodes.values():
             rise = difficulty_increase(self.decomposition, self.difficulty, node.node)
-            following = "" if rise.margin is None else f"{', '.join(rise.following)} +{rise.margin:.1f}"
-            goal = rise.takeover or rise.tension
-            alone = goal is not None and [change.factor for change in goal.changes] == list(rise.ruled_by)[:1]
-            # With a single factor to change, the column before names it already.
-            changes = "; ".join(map(_span_text if alone else _change_text, goal.changes)) if goal else ""
-            ruler = self._ruler(node.node, rise)
+            words = [self._ruler(node.node, rise)]
+            if rise.margin is not None:
+                words.append(f"next {', '.join(rise.following)} +{rise.margin:.1f}")
+            if (goal := rise.takeover or rise.tension) and goal.changes:
+                alone = [change.factor for change in goal.changes] == list(rise.ruled_by)[:1]
+                # With a single factor to change, the words before name it already.
+                changes = map(_span_text if alone else _change_text, goal.changes)
+                words.append(f"harder with {', '.join(changes)}")
             hard = "none" if node.difficulty is None else f"{node.difficulty:.1f}"
-            row = (node.node, str(node.level), hard, str(node.tension or ""), ruler, following)
-            table.add_row(*map(Text, (*row, changes)))
+            add_plain_row(table, (node.node, hard, str(node.tension or ""), "; ".join(words)))
         return table
 
     def _ruler(self, node: str, rise: DifficultyIncrease) -> str:

@@ -15,8 +15,11 @@ from bench.cli._app import run
 from bench.cli._decomposition import _table
 from bench.cli._tables import plain_console
 from bench.scoring import NodeFloor
+from bench.simspec import FACTORS
+from decompositions import load_decomposition
 
 WIDTH = 80
+EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
 NULL_NAMES = ("null-repeat-hover-detailed", "null-everywhere", "null-announce", "null-random")
 
 
@@ -53,6 +56,17 @@ def test_compare_fits(
     assert_fits(text, [*nodes, *AGENTS])
     rows = [line.split() for line in text.splitlines() if line.split()[:1] and line.split()[0] in nodes]
     assert [row[0] for row in rows] == [*nodes, *nodes]
+
+
+@pytest.mark.parametrize("decomposition", ["search-and-report-full", "find-the-missing"])
+def test_difficulty_fits(decomposition: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every node of a decomposition is there, and no factor's name is broken."""
+    text = printed(["difficulty", str(EXAMPLE), "--decomposition", decomposition], capsys)
+    tree = load_decomposition(decomposition)
+    assert_fits(text, [*tree.nodes])
+    names = set(re.findall(r"\w+_\w+", text))
+    assert names
+    assert names <= FACTORS.keys()
 
 
 def test_decomposition_check_fits(capsys: pytest.CaptureFixture[str]) -> None:
