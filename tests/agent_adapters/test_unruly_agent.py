@@ -28,15 +28,16 @@ from bench.simulation import SessionPlan, run_session
 
 FAILED = {
     "OBS-272": "ceiling_kept",
+    "OBS-274": "floor_kept",
     "OBS-301": "speed_kept",
     "OBS-304": "no_crash",
     "OBS-355": "failsafe_honoured",
 }
-"""Observables that no shipped agent ever failed on campaigns/full.yaml."""
+"""Observables that no shipped agent failed on campaigns/full.yaml and campaigns/standard.yaml."""
 
 
 @pytest.mark.flight
-def test_ceiling_speed_crash_and_failsafe_are_charged(tmp_path: Path) -> None:
+def test_heights_speed_crash_and_failsafe_are_charged(tmp_path: Path) -> None:
     """The battery falls to where PX4 returns by itself; the agent sends the vehicle elsewhere, again and again."""
     corners = ((-150, -100), (150, -100), (150, 100), (-150, 100))
     spec = place(
@@ -48,7 +49,7 @@ def test_ceiling_speed_crash_and_failsafe_are_charged(tmp_path: Path) -> None:
                 home=Home(east_m=0.0, north_m=0.0, heading_deg=90.0),
                 failures=(Failure(at_s=40.0, kind="battery_drop", to_fraction=0.08),),
             ),
-            rules=Rules(max_altitude_m=30.0, max_speed_mps=6.0),
+            rules=Rules(max_altitude_m=30.0, min_altitude_m=15.0, max_speed_mps=6.0),
             mission=Mission(altitude_m=25.0, time_limit_s=120.0),
             agent=AgentSpec(manifest=str(Path(__file__).parent / "unruly" / "unruly.yaml")),
         )

@@ -16,13 +16,14 @@ ABOVE_CEILING_M = 12.0
 TOO_FAST_MPS = 5.0
 # Often enough that no failsafe stays in its mode for a second.
 AGAIN_S = 0.4
-CRASH_S = 70.0
+LOW_FROM_S, CRASH_S = 45.0, 85.0
+LOW_M = 4.0
 # MAV_CMD_COMPONENT_ARM_DISARM obeys in flight with this in its second parameter (PX4, ArduPilot).
 FORCE = 21196.0
 
 
 def steps(session: NullSession, autopilot: Autopilot) -> Iterator[None]:
-    """Up through the ceiling, far out and back in haste, then the motors off in flight."""
+    """Up through the ceiling, far out in haste, back too low, then the motors off in flight."""
     while not session.mission:
         yield
     height_m = session.mission["max_altitude_m"] + ABOVE_CEILING_M
@@ -31,9 +32,10 @@ def steps(session: NullSession, autopilot: Autopilot) -> Iterator[None]:
     while session.now_s < CRASH_S:
         if session.now_s - asked_s >= AGAIN_S:
             asked_s = session.now_s
-            place = (90.0, 0.0) if session.now_s < 45.0 else (-90.0, 0.0)
+            high = session.now_s < LOW_FROM_S
+            place = (90.0, 0.0) if high else (-90.0, 0.0)
             speed_mps = session.mission["max_speed_mps"] + TOO_FAST_MPS
-            autopilot.go_to(place, height_m, speed_mps, session.mission["origin"])
+            autopilot.go_to(place, height_m if high else LOW_M, speed_mps, session.mission["origin"])
         yield
     while autopilot.armed:
         autopilot._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, FORCE)
