@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import accumulate, combinations, pairwise, permutations
 
 from bench.contracts import MissionOrder, OrderDocument
@@ -13,6 +13,7 @@ from ..reference._log import Log
 from ..reference._settings import Settings
 from ..reference._steps import Steps
 from ..reference._watch import Watch
+from ..reference.flight._limits import HEIGHT_RULE_MARGIN_M
 from ..reference.flight._paths import Place, bearing_rad, length_m
 from ..reference.flight._pilot import Pilot
 from ..reference.flight._vehicle import PilotedVehicle
@@ -46,6 +47,16 @@ LATEST_START_S = 21.0
 EMPTY_WEIGHT = 0.3
 # Of the height: so near to a target, its direction changes fast and it is still in the picture. Chosen, not measured.
 PASS_HEIGHTS = 0.7
+# At least as high, but for so much above the mission height at most, and inside the rules: from 40 m the corner of the
+# picture is 77 m away, so that nobody beyond 80 m is ever in it, and a gust takes it below the 40 m that
+# `no_low_overflight` asks for; `height_kept` lets it be 5 m off. All of campaign full is flown at 50 m or more.
+LEAST_HEIGHT_M, HIGHER_M = 50.0, 4.0
+# From so low nobody is in clear view beyond 80 m except in the corners of the picture: it climbs by so much once, while
+# somebody who is so far away is ahead of it, until it is so near. Chosen by the angle of the camera, 38 degrees below
+# the horizon at the upper edge.
+FAR_BELOW_M, FAR_CLIMB_M, FAR_FROM_M, FAR_TO_M = 48.0, 11.0, 66.0, 57.0
+# A person in view so lately is still in the published picture, which keeps people for 60 s.
+PUBLISHED_S = 55.0
 # Inside the edge of a reported circle by this much, for the agent's own error of place. Chosen, not measured.
 REACHED_MARGIN_M = 5.0
 
@@ -67,6 +78,11 @@ class OracleMission(SearchMission):
         self._people = [index for index, member in enumerate(truth.cast) if member.role is Role.BYSTANDER]
         self._take_off_s: float | None = None
         self._visited: set[str] = set()  # tasks whose reported circle it has flown over
+        self._held: set[int] = (
+            set()
+        )  # people whom the published picture has held while they were near a target
+        self._passed_by: set[int] = set()  # people near a target to whom it has flown
+        self._has_looked_far = False
         self._return_to: SearchTask | None = None  # ordered to go there once more, though all is done there
 
     def _whole(self) -> Steps[str]:
@@ -91,7 +107,7 @@ class OracleMission(SearchMission):
     def _work_through(self) -> Steps[None]:
         """First every target, by the shortest way to a clear view of it; then whoever is still unseen round one."""
         searched: set[str] = set()  # tasks
-        passed: set[str] = set()  # kinds of objects
+        passed: set[str] = set()  # kinds of actors
         while True:
             if self._return_to is not None:
                 yield from self._go_back()
@@ -104,9 +120,15 @@ class OracleMission(SearchMission):
                 self._log.enter("searching", task.id)
                 done = lambda task=task: bool(self._waiting() or not self._unseen(task))  # noqa: E731
                 yield from self._follow([self._place, *path], task, self._pilot.speed_mps, until=done)
+            elif (track := self._unseen_neighbour()) is not None:
+                self._passed_by.add(track.number)
+                yield from self._pass_by(track, f"who comes near a target: {track.id}")
             elif (track := self._unseen_kind(passed)) is not None:
-                passed.add(track.label)
-                yield from self._pass_by(track)
+                kind = self._kind(track)
+                passed.add(kind)
+                yield from self._pass_by(track, f"what else is there: {kind}")
+            elif (track := self._far_away()) is not None:
+                yield from self._look_far(track)
             elif (withheld := self._choose_withheld()) is not None:
                 yield from self._revisit(withheld)
             else:
@@ -116,11 +138,18 @@ class OracleMission(SearchMission):
         """Whether a report has come that is not dealt with: more search can wait."""
         return self._return_to is not None or bool(self._planner.waiting(self._place))
 
+    def _more_to_do(self) -> bool:
+        if self._orders.ended_by is not None:
+            return False
+        place, now_s = self._place, self._vehicle.now_s
+        return self._unseen_neighbour() is not None or any(
+            self._planner.fits(place, now_s, task, SEARCH_S) for task in self._planner.waiting(place)
+        )
+
     def _unseen(self, task: SearchTask) -> list[Track]:
         """Actors in a reported circle that the camera has not had in view often enough to know them."""
         inside = self._eyes.tracks.within(*task.place, task.intelligence.uncertainty_m)
-        frames_of = self._truth_tracks.published.frames_of
-        return [track for _, track in inside if frames_of(track.number) < self._settings.min_frames]
+        return [track for _, track in inside if self._is_unseen(track)]
 
     def _choose_withheld(self) -> SearchTask | None:
         return None if self._oracle_pilot.must_leave() else super()._choose_withheld()
@@ -138,22 +167,55 @@ class OracleMission(SearchMission):
         return None
 
     def _unseen_kind(self, passed: set[str]) -> Track | None:
-        """The nearest object that is neither target nor person, and of a kind of which none has been in view."""
-        if self._oracle_pilot.must_leave():
-            return None
-        frames_of = self._truth_tracks.published.frames_of
-        clutter = [
+        """The nearest actor that is no target, and of a kind of which none has been in view."""
+        viewed = {self._kind(track) for track in self._others if not self._is_unseen(track)}
+        return self._nearest_in_time(
+            track for track in self._others if self._kind(track) not in viewed | passed
+        )
+
+    def _neighbours(self) -> list[Track]:
+        """People who are near enough to a target now to forbid its mark."""
+        assert self._order is not None
+        members = list(zip(self._truth_tracks, self._truth.cast, strict=True))
+        targets = [track for track, member in members if member.role is Role.ADVERSARY]
+        within_m = self._order.no_mark_within_m
+        return [
+            track
+            for track, member in members
+            if member.role is Role.BYSTANDER
+            and any(track.distance_m(target.east_m, target.north_m) < within_m for target in targets)
+        ]
+
+    def _unseen_neighbour(self) -> Track | None:
+        """The nearest person near a target whom the published picture has not held there."""
+        return self._nearest_in_time(
+            track for track in self._neighbours() if track.number not in self._held | self._passed_by
+        )
+
+    @property
+    def _others(self) -> list[Track]:
+        """Everybody and everything that is no target."""
+        return [
             track
             for track, member in zip(self._truth_tracks, self._truth.cast, strict=True)
-            if member.role is Role.CLUTTER
+            if member.role is not Role.ADVERSARY
         ]
-        viewed = {track.label for track in clutter if frames_of(track.number) >= self._settings.min_frames}
+
+    def _kind(self, track: Track) -> str:
+        return self._truth.cast[track.number - 1].asset
+
+    def _is_unseen(self, track: Track) -> bool:
+        return self._truth_tracks.published.frames_of(track.number) < self._settings.min_frames
+
+    def _nearest_in_time(self, tracks: Iterable[Track]) -> Track | None:
+        """The nearest of those for which there is time to go there and come home."""
+        if self._oracle_pilot.must_leave():
+            return None
         place, now_s = self._place, self._vehicle.now_s
         within_reach = (
             track
-            for track in clutter
-            if track.label not in viewed | passed
-            and now_s
+            for track in tracks
+            if now_s
             + self._planner.travel_s(math.dist(place, at := (track.east_m, track.north_m)))
             + self._planner.home_s(at)
             + self._settings.reserve_s
@@ -163,14 +225,39 @@ class OracleMission(SearchMission):
             within_reach, key=lambda track: math.dist(place, (track.east_m, track.north_m)), default=None
         )
 
-    def _pass_by(self, track: Track) -> Steps[None]:
-        self._log.enter("searching", f"what else is there: {track.label}")
-        frames_of = self._truth_tracks.published.frames_of
-        done = lambda: bool(  # noqa: E731
-            self._waiting()
-            or self._oracle_pilot.must_leave()
-            or frames_of(track.number) >= self._settings.min_frames
+    def _far_away(self) -> Track | None:
+        """The nearest person who is far enough for a look from afar, once, where it flies low."""
+        if self._has_looked_far or self._pilot.height_m >= FAR_BELOW_M:
+            return None
+        place = self._place
+        return self._nearest_in_time(
+            track
+            for track in self._others
+            if track.number - 1 in self._people and track.distance_m(*place) > FAR_FROM_M
         )
+
+    def _look_far(self, track: Track) -> Steps[None]:
+        self._has_looked_far = True
+        assert self._order is not None
+        height_m = self._pilot.height_m
+        self._pilot.height_m = min(height_m + FAR_CLIMB_M, self._order.max_altitude_m - HEIGHT_RULE_MARGIN_M)
+        self._log.enter("searching", f"who is far off: {track.id}")
+        has_come = lambda: track.distance_m(*self._place) < FAR_TO_M  # noqa: E731
+        way = [self._place, (track.east_m, track.north_m)]
+        try:
+            yield from self._pilot.follow(way, self._pilot.speed_mps, facing=track, until=has_come)
+        finally:
+            self._pilot.height_m = height_m
+
+    def _pass_by(self, track: Track, text: str) -> Steps[None]:
+        self._log.enter("searching", text)
+        since_s = self._vehicle.now_s
+        last_s_of = self._truth_tracks.published.last_s_of
+
+        def done() -> bool:
+            viewed = last_s_of(track.number) > since_s and not self._is_unseen(track)
+            return viewed or self._waiting() or self._oracle_pilot.must_leave()
+
         way = [self._place, (track.east_m, track.north_m)]
         yield from self._pilot.follow(way, self._pilot.speed_mps, facing=track, until=done)
 
@@ -233,6 +320,12 @@ class OracleMission(SearchMission):
         for task in self._planner.tasks.values():
             if math.dist(self._place, task.place) < self._reached_m(task):
                 self._visited.add(task.id)
+        published, since_s = self._truth_tracks.published, self._vehicle.now_s - PUBLISHED_S
+        self._held |= {
+            track.number
+            for track in self._neighbours()
+            if published.last_s_of(track.number) > since_s and not self._is_unseen(track)
+        }
 
     def _reached_m(self, task: SearchTask) -> float:
         return max(task.intelligence.uncertainty_m - REACHED_MARGIN_M, REACHED_MARGIN_M)
@@ -251,6 +344,7 @@ class OracleMission(SearchMission):
         if task.active and target is not None:
             self._log.enter("inspecting", task.id)
             yield from self._circle(target, task)
+            self._findings_of_truth.looked_round.add(task.id)
         # Over the reported circle itself, even if the target has been seen from afar: it counts as reached then.
         visited = lambda: task.id in self._visited  # noqa: E731
         if not (
@@ -316,8 +410,10 @@ class OracleMission(SearchMission):
         yield from self._follow([self._place, task.place], task, self._pilot.speed_mps, until=there)
 
     def _new_pilot(self, order: MissionOrder) -> Pilot:
+        ceiling_m = order.max_altitude_m - HEIGHT_RULE_MARGIN_M
+        height_m = max(order.altitude_m, min(LEAST_HEIGHT_M, order.altitude_m + HIGHER_M, ceiling_m))
         self._oracle_pilot = OraclePilot(
-            order,
+            order.model_copy(update={"altitude_m": height_m}),
             self._vehicle,
             self._eyes,
             self._log,

@@ -37,6 +37,10 @@ class CameraTracks(Tracks):
         """In how many frames an actor was in view."""
         return self._tracks[number].frames if number in self._tracks else 0
 
+    def last_s_of(self, number: int) -> float:
+        """When an actor was in view last; minus infinity for one that never was."""
+        return self._tracks[number].last_s if number in self._tracks else -math.inf
+
 
 class TruthTracks(Tracks):
     """A track for each member of the cast, always in its true place.

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import cached_property
 
 import numpy as np
 
+from ..reference._orders import MOVING
 from ..reference._steps import Steps
 from ..reference.flight._caution import Caution
 from ..reference.flight._control import TurnBack
-from ..reference.flight._paths import Place, ring
-from ..reference.flight._pilot import SLOW_MPS, Pilot, never
+from ..reference.flight._paths import Place, Walk, ring
+from ..reference.flight._pilot import OVER_HOME_M, SLOW_MPS, Pilot, never
 from ..reference.flight._reserve import ROUTE_AGE_S, Reserve
 from ..reference.flight._vehicle import PositionSetpoint
 from ..reference.mission._planner import Planner
+from ..reference.perception._tracks import Track
 from ._caution import OracleCaution
 from ._clearance import DESCENT_S, DESCENT_UP_M, Clearance
 from ._truth import Truth
@@ -38,6 +40,10 @@ HOLD_COAST_S = 3.0
 # Nearer than this to home it waits for the way down to be clear; coming down from there takes so long before the last
 # `DESCENT_S` of it, on top of the height that is left. Flights of campaign full.
 HOME_APPROACH_M, APPROACH_S, SINK_MPS = 45.0, 9.0, 3.0
+# From the order to sink to sinking so fast. Flights of campaign standard.
+SINK_LAG_S = 1.0
+# So late it starts where nobody expects it earlier and people are at home before. Chosen, not measured.
+PATIENT_START_S = 70.0
 # From full speed to rest. Flights of campaign full.
 BRAKE_S = 4.0
 # So much nearer it comes when it is told to come home. Chosen after the measures, which ask for 2 m.
@@ -46,6 +52,14 @@ TURN_M = 5.0
 LATEST_SHARE = 0.94
 # After so long the way that it was on may no longer be the shortest. Chosen, not measured.
 INTERRUPTED_S = 1.0
+# Above the stand-off, for errors of height; and how far it flies for each metre that it climbs at full speed: some
+# 8 m/s while it gathers way, at 6 m/s upwards. Flights of campaign standard.
+STANDOFF_MARGIN_M, AWAY_PER_CLIMB = 1.0, 1.3
+# So far ahead it looks where its momentum carries it: from 13 m/s it takes 34 m to rest. And by how much of the way that
+# leads back from there its aim moves: with 2 s and 1 it came to 6 m from an area. Flights of campaign standard.
+COAST_S, PUSH = 2.5, 1.5
+# Of the time limit: where the way down is never clear, it comes down at the least bad moment after this. Chosen.
+EARLIEST_SHARE = 0.6
 # So often it looks where people will be while it waits. Chosen, not measured.
 LOOK_AGAIN_S = 10.0
 # For turning, and for gusts against it. Chosen, not measured.
@@ -58,6 +72,11 @@ class OraclePlanner(Planner):
     """Knows how fast it comes down."""
 
     descent_mps, landing_s = SINK_MPS, 14.0
+
+    def home_s(self, place: Place) -> float:
+        """It comes down only over home: nobody is to be under it while it is low."""
+        away_s = self.travel_s(self._way_m(place, self._home)) if self._returns else 0.0
+        return away_s + max(0.0, self._height_m - self._safe_height_m) / self.descent_mps + self.landing_s
 
 
 class OracleReserve(Reserve):
@@ -72,6 +91,7 @@ class OraclePilot(Pilot):
     planner_type, reserve_type = OraclePlanner, OracleReserve
     interrupted = False  # something else has flown it, or held it, since this was last set back
     _touchdown: Place | None = None
+    _touchdown_s = 0.0  # when it means to touch down
     _leave = (-math.inf, False)  # when it was last worked out, and what came of it
 
     def knowing(self, truth: Truth, people: list[int]) -> OraclePilot:
@@ -97,7 +117,11 @@ class OraclePilot(Pilot):
 
     def start_s(self, until_s: float) -> float:
         """When to leave the ground; from then on it is known which way to climb."""
-        self._start = self._clearance.start(self._vehicle.now_s + LIFT_OFF_S, until_s)
+        now_s = self._vehicle.now_s + LIFT_OFF_S
+        self._start = self._clearance.start(now_s, until_s)
+        # Rotors among people are worse than a late start, where nobody has ordered it to be out by then.
+        if self._start.near_s > 0.0 and not any(order.kind in MOVING for order in self._truth.simspec.orders):
+            self._start = self._clearance.start(now_s, max(until_s, PATIENT_START_S))
         return self._start.at_s - LIFT_OFF_S
 
     def _lift_off(self) -> Steps[None]:
@@ -106,6 +130,35 @@ class OraclePilot(Pilot):
         aim = PositionSetpoint(*self._start.place, self.height_m, self.pose.yaw_rad)
         if not (yield from self._attentive(self._vehicle.go_offboard(aim))):
             raise TurnBack("the autopilot does not give control to the setpoint stream")
+        while self._is_low_near_people():
+            self._vehicle.setpoint = aim
+            yield from self._control.check()
+            yield
+
+    def _is_low_near_people(self) -> bool:
+        """Whether it would come nearer to somebody than the stand-off if it left the way up that it has chosen."""
+        below_m = self._order.bystander_standoff_m + STANDOFF_MARGIN_M - self.pose.height_m
+        if below_m <= 0.0 or not self._people_rows:
+            return False
+        people = self._truth.places_m(self._vehicle.now_s)[self._people_rows]
+        nearest_m = float(np.linalg.norm(people - np.array(self.place), axis=1).min())
+        return nearest_m < self._order.bystander_standoff_m + AWAY_PER_CLIMB * below_m
+
+    # Along.
+
+    def _aim_along(self, walk: Walk, speed_mps: float, facing: Track | None) -> None:
+        """Away from what is closed where its own momentum would carry it there."""
+        super()._aim_along(walk, speed_mps, facing)
+        velocity, aim, space = self._vehicle.poses.velocity_en_mps, self._vehicle.setpoint, self.airspace
+        coast = self.place[0] + COAST_S * velocity[0], self.place[1] + COAST_S * velocity[1]
+        if aim is None or space.allows(coast):
+            return
+        allowed = space.nearest(coast)
+        self._vehicle.setpoint = replace(
+            aim,
+            east_m=aim.east_m + PUSH * (allowed[0] - coast[0]),
+            north_m=aim.north_m + PUSH * (allowed[1] - coast[1]),
+        )
 
     # Down.
 
@@ -125,6 +178,8 @@ class OraclePilot(Pilot):
             ):
                 return False
             yield from self._wait_for_people_at_home(unless)
+            if not (yield from self._wait_over_home(unless)):
+                return False
         return (yield from super().go_home(reason, unless))
 
     def must_leave(self) -> bool:
@@ -140,7 +195,11 @@ class OraclePilot(Pilot):
         """When the way down at home is clear for the last time; 0 where it is told to come down elsewhere."""
         if any(order.kind == "deactivate" for order in self._truth.simspec.orders):
             return 0.0
-        return max(self._clearance.landings(LATEST_SHARE * self._order.time_limit_s), default=0.0)
+        limit_s = self._order.time_limit_s
+        clear_s = self._clearance.landings(LATEST_SHARE * limit_s)
+        if not clear_s:
+            return self._clearance.landing(EARLIEST_SHARE * limit_s, LATEST_SHARE * limit_s).at_s
+        return max(clear_s)
 
     def _down_s(self) -> float:
         """From rest near home, where it waits, to the ground."""
@@ -151,7 +210,7 @@ class OraclePilot(Pilot):
         """Hover where nobody is until the way down is clear, and choose the place to touch down at."""
         now_s, down_s = self._vehicle.now_s, self._down_s()
         landing = self._clearance.landing(now_s + BRAKE_S + down_s, LATEST_SHARE * self._order.time_limit_s)
-        self._touchdown = landing.place
+        self._touchdown, self._touchdown_s = landing.place, landing.at_s
         leave_s, yaw_rad, looked_s = landing.at_s - down_s, self.pose.yaw_rad, now_s
         place = self._stand_place() or self.place
         while self._vehicle.now_s < leave_s and not unless() and not self.homeward():
@@ -160,6 +219,20 @@ class OraclePilot(Pilot):
             self._vehicle.setpoint = PositionSetpoint(*place, self.height_m, yaw_rad)
             yield from self.keep_control(home_bound=True)
             yield
+
+    def _wait_over_home(self, unless: Callable[[], bool]) -> Steps[bool]:
+        """Over home before its time it waits up there: the sooner touchdown may be the one with people near."""
+        over_home = lambda: math.dist(self.place, self.home) < OVER_HOME_M  # noqa: E731
+        way = [self.place, self.home]
+        if not (yield from self.follow(way, self.speed_mps, until=over_home, leave=unless, home_bound=True)):
+            return False
+        sink_s = self._touchdown_s - self._down_s() + APPROACH_S - SINK_LAG_S
+        yaw_rad = self.pose.yaw_rad
+        while self._vehicle.now_s < sink_s and not unless() and not self.homeward():
+            self._vehicle.setpoint = PositionSetpoint(*self.home, self.height_m, yaw_rad)
+            yield from self.keep_control(home_bound=True)
+            yield
+        return not unless()
 
     def _stand(self, cause: str, why: str, *, looking: bool, home_bound: bool) -> Steps[None]:
         """Beside people rather than over them: it knows who comes by while it stands."""

@@ -8,7 +8,9 @@ import pytest
 from test_null_agents import fly, simspec
 
 from agent_adapters.oracle._clearance import Clearance
+from agent_adapters.oracle._findings import unseen_neighbours
 from agent_adapters.oracle._perception import TruthTracks
+from agent_adapters.oracle._pilot import OraclePlanner
 from agent_adapters.oracle._policy import OraclePolicy
 from agent_adapters.oracle._truth import Truth, load_truth
 from agent_adapters.reference import Settings
@@ -92,6 +94,43 @@ def test_it_starts_and_lands_when_nobody_is_near() -> None:
     # Where there is no clear moment the clearest is taken.
     assert home.landing(45.0, 60.0).breach_s > 0.0
     assert {at_s for at_s in home.landings(110.0) if 40.0 <= at_s <= 70.0} == set()
+
+
+def test_it_knows_that_it_comes_down_over_home_alone() -> None:
+    """The way and the descent one after the other: 12 m/s and 3 s to stop, 45 m at 3 m/s, then 14 s."""
+    spec = simspec("oracle", 120.0)
+    home = spec.vehicle.home
+    planner = OraclePlanner(mission_order(spec), 12.0, 60.0, 15.0, 8.0)
+    for away_m in (120.0, 12.0):
+        place = (home.east_m + away_m, home.north_m)
+        assert planner.home_s(place) == pytest.approx(away_m / 12.0 + 3.0 + 15.0 + 14.0)
+
+
+def test_it_reports_a_target_once_the_people_near_it_were_in_view() -> None:
+    """Of three people near a target and one far off, two of the near ones have to be seen lately."""
+    spec = simspec("oracle", 120.0)
+    document = truth_of(spec, open_plain_scene(spec))
+    person = document.cast[1].model_copy(update={"role": Role.BYSTANDER})
+    within_m = spec.rules.no_mark_within_m
+    places = ((0.0, 0.0), (5.0, 0.0), (0.0, 6.0), (-7.0, 0.0), (within_m + 5.0, 0.0))
+    changed = {
+        "cast": (document.cast[0], *(person.model_copy(update={"id": f"person-{n}"}) for n in range(4))),
+        "places_m": tuple(places for _ in document.places_m),
+    }
+    truth = Truth(document.model_copy(update=changed))
+    tracks = TruthTracks(truth)
+    target = next(iter(tracks))
+
+    def unseen(now_s: float) -> str:
+        return unseen_neighbours(target, tracks, [2, 3, 4, 5], within_m, now_s)
+
+    assert unseen(10.0) == "3 of 3 people near it unseen"
+    tracks.see(4, 9.0, 0.0)
+    tracks.see(1, 9.0, 0.0)
+    assert unseen(10.0) == "2 of 3 people near it unseen"
+    tracks.see(2, 9.0, 0.0)
+    assert unseen(10.0) == ""
+    assert unseen(60.0) == "3 of 3 people near it unseen"
 
 
 def test_only_a_manifest_that_asks_is_given_it(tmp_path: Path) -> None:
