@@ -187,7 +187,13 @@ class OracleMission(SearchMission):
         ]
 
     def _unseen_neighbour(self) -> Track | None:
-        """The nearest person near a target whom the published picture has not held there."""
+        """The nearest person near a target whom the published picture has not held there.
+
+        None while the convoy calls: an escort that is left for somebody is not taken up again.
+        """
+        convoy = self._planner.convoy
+        if convoy is not None and convoy.calls(self._vehicle.now_s):
+            return None
         return self._nearest_in_time(
             track for track in self._neighbours() if track.number not in self._held | self._passed_by
         )
