@@ -120,13 +120,14 @@ class OracleMission(SearchMission):
                 self._log.enter("searching", task.id)
                 done = lambda task=task: bool(self._waiting() or not self._unseen(task))  # noqa: E731
                 yield from self._follow([self._place, *path], task, self._pilot.speed_mps, until=done)
-            elif (track := self._unseen_neighbour()) is not None:
-                self._passed_by.add(track.number)
-                yield from self._pass_by(track, f"who comes near a target: {track.id}")
+            # Kinds are few and stand still; people come near a target again and again.
             elif (track := self._unseen_kind(passed)) is not None:
                 kind = self._kind(track)
                 passed.add(kind)
                 yield from self._pass_by(track, f"what else is there: {kind}")
+            elif (track := self._unseen_neighbour()) is not None:
+                self._passed_by.add(track.number)
+                yield from self._pass_by(track, f"who comes near a target: {track.id}")
             elif (track := self._far_away()) is not None:
                 yield from self._look_far(track)
             elif (withheld := self._choose_withheld()) is not None:
