@@ -10,7 +10,7 @@ from decompositions import load_decomposition
 
 # One goes with every run, the others with `make slow`.
 QUICK = "p5062"
-# Of the standard those in which it fails nothing, of six that were flown (docs/measures.md).
+# Of the standard some in which it fails nothing (docs/measures.md).
 STANDARD = (("p001", 1), ("p002", 3), ("p008", 1))
 SLOW = [
     *(("full", point, 1) for point in scenes("full") if point != QUICK),
