@@ -168,6 +168,7 @@ class TickServer:
 
     def exchange(self, tick: Tick, budget_s: float) -> Ack:
         """Send a tick and wait for its acknowledgement."""
+        self._check_silence(tick.number)
         budget = _Budget(
             Wait(self._agent_time),
             budget_s,
@@ -192,6 +193,23 @@ class TickServer:
             self._peer = None
         while self._unknown:
             self._unknown.popitem()[0].close()
+
+    def _check_silence(self, number: int) -> None:
+        """Raise StopSession where the agent has sent something that the bench has not asked for yet.
+
+        An agent that answers ahead acts without what the tick will tell, and none of its own time is counted.
+        """
+        assert self._peer is not None
+        ahead = self._buffer
+        # Not recv: what is left on the socket may be its end, which has reasons of its own.
+        with suppress(OSError):
+            ahead += self._peer.recv(RECEIVE_BYTES, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+        if ahead:
+            raise StopSession(
+                Outcome.AGENT_PROTOCOL,
+                f"the agent sent {len(ahead)} bytes on the tick socket before tick {number} was sent; after its hello and "
+                "after each ack it stays silent until it has read the next tick (docs/time.md)",
+            )
 
     def _write(self, message: TickMessage) -> None:
         assert self._peer is not None

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import select
 import socket
 from collections.abc import Iterator
 from contextlib import ExitStack
+from threading import Thread
 
 import pytest
 
-from bench.contracts import Hello, Outcome, Tick
+from bench.contracts import AgentUsage, Hello, Outcome, Tick
+from bench.simulation._agent_time import AgentTime
+from bench.simulation._host_clock import HOST_CLOCK
 from bench.simulation._stop_session import StopSession
 from bench.simulation._tick_server import MAX_UNKNOWN, TickServer, open_tick_server
 
@@ -50,6 +54,15 @@ class Peer:
             line = b""
         return json.loads(line) if line else {}
 
+    def answered(self, server: TickServer, tick: Tick) -> int:
+        """The number of the ack that the bench takes for this tick, from an agent that answers once it has read it."""
+        answer = Thread(target=lambda: self.ack(int(str(self.line()["number"]))))
+        answer.start()
+        try:
+            return server.exchange(tick, 30.0).number
+        finally:
+            answer.join()
+
     def close(self) -> None:
         self._lines.close()
         self.socket.close()
@@ -77,18 +90,17 @@ def test_strangers_before_the_agent_are_refused_and_the_agent_is_served(
     server: TickServer, peers: Peers
 ) -> None:
     """Garbage, a proper hello without the secret, one with a wrong secret, one that leaves and one that stays
-    silent come first; then the agent, whose hello comes with the first ack in one packet.
+    silent come first; then the agent.
     """
     garbage = peers.connect().send(b"GET / HTTP/1.1\r\n\r\n")
     polite = peers.connect().hello()
     guesser = peers.connect().hello(secret="0" * 32)
     peers.connect().close()
     silent = peers.connect()
-    agent = peers.connect().hello(secret=server.secret).ack(0)
+    agent = peers.connect().hello(secret=server.secret)
 
     assert server.hello(30.0) == Hello(agent="mine", secret=server.secret)
-    assert server.exchange(FIRST, 30.0).number == 0
-    assert agent.line()["kind"] == "tick"
+    assert agent.answered(server, FIRST) == 0
     assert server.strangers == 5
     answers = {
         "a line that is no message": garbage.line(),
@@ -107,9 +119,7 @@ def test_strangers_after_the_agent_are_refused_while_it_is_served(server: TickSe
     server.hello(30.0)
     strangers = [peers.connect().hello(), peers.connect().send(b"\xff" * 1000)]
     for number in (0, 1, 2):
-        agent.ack(number)
-        assert server.exchange(Tick(number=number, time_ns=0), 30.0).number == number
-        # An answer that is there is taken at once; the strangers get theirs in one of the waits.
+        assert agent.answered(server, Tick(number=number, time_ns=0)) == number
     assert server.strangers == 2
     assert "the agent is connected already" in str(strangers[0].line()["reason"])
 
@@ -173,3 +183,81 @@ def test_an_agent_that_waits_for_messages_hears_which_and_how_many(server: TickS
     with pytest.raises(StopSession) as end:
         server.exchange(Tick(number=11, time_ns=0, links={"onboard": 0}), 0.4)
     assert end.value.reason.endswith("own time")
+
+
+def arrived(server: TickServer, count: int) -> None:
+    """Wait until so many bytes of the agent lie on the bench's side: loopback delivers, but not in no time."""
+    peer = server._peer
+    assert peer is not None
+    while not select.select([peer], [], [], 30.0)[0] or len(peer.recv(1 << 16, socket.MSG_PEEK)) < count:
+        pass
+
+
+ACK = b'{"kind":"ack","number":%d,"topics":{},"links":{}}\n'
+
+
+@pytest.mark.parametrize(
+    "ahead",
+    [ACK % 1, ACK % 1 + ACK % 2 + ACK % 3, (ACK % 1)[:20], ACK % 7, b"\n"],
+    ids=["one", "many", "half", "of another tick", "an empty line"],
+)
+def test_what_is_sent_ahead_of_its_tick_breaks_the_protocol(
+    server: TickServer, peers: Peers, ahead: bytes
+) -> None:
+    """The agent answers the first tick as it should, and sends more before the second."""
+    agent = peers.connect().hello(secret=server.secret)
+    server.hello(30.0)
+    assert agent.answered(server, FIRST) == 0
+    agent.send(ahead)
+    arrived(server, len(ahead))
+    with pytest.raises(StopSession) as end:
+        server.exchange(Tick(number=1, time_ns=1), 30.0)
+    assert end.value.outcome is Outcome.AGENT_PROTOCOL
+    assert f"sent {len(ahead)} bytes on the tick socket before tick 1 was sent" in end.value.reason
+
+
+@pytest.mark.parametrize("ahead", [ACK % 0, ACK % 0 + ACK % 1, (ACK % 0)[:-1]], ids=["one", "two", "half"])
+def test_an_ack_in_one_packet_with_the_line_before_it_is_ahead(
+    server: TickServer, peers: Peers, ahead: bytes
+) -> None:
+    """What came with the hello is in the server's own buffer, no longer on the socket."""
+    hello = json.dumps({"kind": "hello", "protocol": 1, "agent": "mine", "secret": server.secret}).encode()
+    peers.connect().send(hello + b"\n" + ahead)
+    server.hello(30.0)
+    with pytest.raises(StopSession, match=f"sent {len(ahead)} bytes .* before tick 0 was sent"):
+        server.exchange(FIRST, 30.0)
+
+
+def test_a_fast_agent_that_reads_its_ticks_is_never_ahead(server: TickServer, peers: Peers) -> None:
+    """Acks in two pieces and in one, each sent the moment its tick is read, over many ticks."""
+    agent = peers.connect().hello(secret=server.secret)
+    server.hello(30.0)
+
+    def answer() -> None:
+        while (line := agent.line()).get("kind") == "tick":
+            whole = ACK % int(str(line["number"]))
+            cut = len(whole) // 2 if line["number"] in (3, 4, 50) else 0
+            agent.send(whole[:cut]).send(whole[cut:])
+
+    thread = Thread(target=answer)
+    thread.start()
+    for number in range(200):
+        assert server.exchange(Tick(number=number, time_ns=number), 30.0).number == number
+    server.end("over")
+    thread.join()
+
+
+def test_an_agent_that_leaves_before_a_tick_is_not_ahead(server: TickServer, peers: Peers) -> None:
+    """The end of the stream is readable too, and is no answer: the reason is what became of the agent."""
+    agent = peers.connect().hello(secret=server.secret)
+    server.hello(30.0)
+    assert agent.answered(server, FIRST) == 0
+    agent.close()
+
+    def ended() -> None:
+        raise StopSession(Outcome.AGENT_CRASHED, "exit code 3")
+
+    server.watch(ended, AgentTime(HOST_CLOCK, AgentUsage))
+    with pytest.raises(StopSession) as end:
+        server.exchange(Tick(number=1, time_ns=1), 30.0)
+    assert end.value.outcome is Outcome.AGENT_CRASHED
