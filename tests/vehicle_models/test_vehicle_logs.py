@@ -638,14 +638,31 @@ def test_a_log_is_named_for_its_beginning_in_the_time_zone(shift_min: float, pat
     opening = LogOpening(
         12_000_000, boot_us, ReferencePoint(0, 0, 0.0), 2, PX4.telemetry.gps_quality, parameters, values
     )
-    assert PX4.logs.path(0, opening) == path
+    assert PX4.logs.path(0, opening, 0) == path
 
 
-def made_log(seconds: int) -> FlightLog:
+def test_logs_of_one_second_have_paths_of_their_own() -> None:
+    """Three begun in the same second, and one in the next; the first three keep their paths when the oldest goes."""
+    one_bytes = made_log(10).recorded_bytes
+    storage = LogStorage(max_recorded_bytes=3 * one_bytes)
+
+    def paths() -> list[str]:
+        return [PX4.logs.path(0, log.opening, log.namesakes).rsplit("/")[-1] for log in storage.logs]
+
+    for begin_us in (0, 400_000, 999_999):
+        storage.begin(made_log(10, begin_us))
+    assert paths() == ["00_00_00.ulg", "00_00_00_1.ulg", "00_00_00_2.ulg"]
+    storage.begin(made_log(10, 1_000_000))
+    assert storage.make_room()
+    assert paths() == ["00_00_00_1.ulg", "00_00_00_2.ulg", "00_00_01.ulg"]
+
+
+def made_log(seconds: int, begin_us: int = 0) -> FlightLog:
     """A log of made samples at 10 Hz, with a text a second."""
-    parameters = tuple(Parameter(name, 0.0) for name in ("BAT_LOW_THR", "BAT_CRIT_THR", "BAT_EMERGEN_THR"))
+    names = ("BAT_LOW_THR", "BAT_CRIT_THR", "BAT_EMERGEN_THR", "SDLOG_UTC_OFFSET")
+    parameters = tuple(Parameter(name, 0.0) for name in names)
     opening = LogOpening(
-        0, 0, ReferencePoint(0, 0, 0.0), 2, PX4.telemetry.gps_quality, parameters, (0.0,) * 3
+        begin_us, 0, ReferencePoint(0, 0, 0.0), 2, PX4.telemetry.gps_quality, parameters, (0.0,) * 4
     )
     log = FlightLog(opening, PX4.logs.encoder)
     mode = PX4.modes.initial.custom

@@ -236,7 +236,7 @@ class Controller:
         """The logs as files, by path."""
         policy, logs = self._autopilot.logs, self._logs
         return {
-            policy.path(number, log.opening): functools.partial(_log_content, logs, log)
+            policy.path(number, log.opening, log.namesakes): functools.partial(_log_content, logs, log)
             for number, log in enumerate(logs.logs, start=policy.first_number)
         }
 

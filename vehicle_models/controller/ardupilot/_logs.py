@@ -16,7 +16,7 @@ from ._commands import BANNER
 _FILE = 1
 
 
-def _path(number: int, opening: LogOpening) -> str:
+def _path(number: int, opening: LogOpening, namesakes: int) -> str:
     return f"logs/{number:08}.BIN"
 
 

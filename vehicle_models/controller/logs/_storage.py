@@ -22,6 +22,8 @@ class FlightLog:
     def __init__(self, opening: LogOpening, encoder: Callable[[LogOpening], LogEncoder]) -> None:
         self.opening = opening
         self.end_us = opening.time_us
+        # How many logs of the storage began in the same second before; an aborted flight lasts less than one.
+        self.namesakes = 0
         self.recorded_bytes = 8 * len(opening.values)
         self._new_encoder = encoder
         self._samples = bytearray()
@@ -29,6 +31,11 @@ class FlightLog:
         self._file: _LogFile | None = None
         self._size = 0  # of the file when it was last written
         self._recorded_at_size = -1
+
+    @property
+    def begin_utc_s(self) -> int:
+        """When the log was begun, in seconds of UTC."""
+        return (self.opening.boot_utc_us + self.opening.time_us) // 1_000_000
 
     @property
     def end_utc_s(self) -> int:
@@ -105,6 +112,8 @@ class LogStorage:
         return self._logs
 
     def begin(self, log: FlightLog) -> None:
+        namesakes = [other.namesakes for other in self._logs if other.begin_utc_s == log.begin_utc_s]
+        log.namesakes = max(namesakes, default=-1) + 1
         self._logs.append(log)
 
     def make_room(self) -> bool:

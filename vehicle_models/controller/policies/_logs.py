@@ -16,8 +16,10 @@ class LogPolicy:
     """Flight logs of an autopilot."""
 
     encoder: Callable[[LogOpening], LogEncoder]
-    path: Callable[[int, LogOpening], str]
-    """Where MAVLink FTP has a log, given its number and its beginning."""
+    path: Callable[[int, LogOpening, int], str]
+    """Where MAVLink FTP has a log, given its number, its beginning, and how many others began in the same second
+    before.
+    """
     first_number: int
     """Of the oldest log in LOG_ENTRY."""
     records: Callable[[FlightState, ParameterStore, bool], bool]

@@ -50,13 +50,17 @@ _ULOG = UlogIdentity(
 )
 
 
-def _path(number: int, opening: LogOpening) -> str:
-    """A folder for the day and a file for the time of the beginning, which PX4 shifts by SDLOG_UTC_OFFSET minutes."""
+def _path(number: int, opening: LogOpening, namesakes: int) -> str:
+    """A folder for the day and a file for the time of the beginning, which PX4 shifts by SDLOG_UTC_OFFSET minutes.
+
+    Of several logs of one second each later one gets a number, where PX4 would write over the first.
+    """
     shift_min = dict(zip((p.name for p in opening.parameters), opening.values, strict=True))[
         "SDLOG_UTC_OFFSET"
     ]
     started = datetime.fromtimestamp((opening.boot_utc_us + opening.time_us) * 1e-6 + shift_min * 60.0, UTC)
-    return started.strftime("log/%Y-%m-%d/%H_%M_%S.ulg")
+    suffix = f"_{namesakes}" if namesakes else ""
+    return started.strftime(f"log/%Y-%m-%d/%H_%M_%S{suffix}.ulg")
 
 
 def _records(flight: FlightState, parameters: ParameterStore, flown: bool) -> bool:
