@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import socket
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 
@@ -18,6 +19,8 @@ class StillVehicle:
     def __init__(self, plan: VehiclePlan) -> None:
         self._plan = plan
         self._time = START
+        # A port that the session reserved, or a free one: any user may bind it, unlike one below 1024.
+        self._ports = {link.name: link.port or _free_udp_port() for link in plan.links}
 
     @property
     def time(self) -> SimTime:
@@ -28,8 +31,8 @@ class StillVehicle:
         return 1.0 / self._plan.controller_hz
 
     def endpoints(self) -> Mapping[str, str]:
-        # Port 9 is the discard service: nothing listens there, and an agent can still open the connection.
-        return {link.name: "udpin:127.0.0.1:9" for link in self._plan.links}
+        """Where an agent may listen; nothing ever comes."""
+        return {name: f"udpin:127.0.0.1:{port}" for name, port in self._ports.items()}
 
     def receive(self) -> Mapping[str, int]:
         return {link.name: 0 for link in self._plan.links}
@@ -59,6 +62,13 @@ class StillVehicle:
 
     def counters(self) -> Mapping[str, int]:
         return {}
+
+
+def _free_udp_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
 
 
 @contextmanager
