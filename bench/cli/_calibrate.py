@@ -9,20 +9,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from bench.errors import Fault, SetupError
 
 from ._missing_runs import exit_if_incomplete, print_missing_in
+from ._tables import plain_console, print_lines
 
 if TYPE_CHECKING:
     from bench.reporting import Calibration, NodeCalibration, TableCalibration
     from bench.statistics import AgentAbility, DifficultySlope
 
-# For terminals and files alike: every table here fits, and a wider one would only have wider gaps.
-WIDTH = 80
+# Beside it, the numbers of the widest row fit into 80 columns.
+MAX_TABLE_NAME_CHARACTERS = 29
+TEXT_COLUMNS = ("node", "table", "result")
 MAX_ODDS_RATIO = 1000.0
 SEPARATED = "* separated: Firth's penalised likelihood, a design point counts as one run"
 READING = {"rises": "discriminates", "falls": "reversed", "open": "open"}
@@ -123,24 +124,23 @@ def _table_document(table: TableCalibration) -> dict[str, Any]:
 
 
 def _show(calibration: Calibration) -> None:
-    console = Console(width=WIDTH, highlight=False, markup=False, emoji=False)
-    for line in _heading(calibration):
-        console.print(Text(line))
+    console = plain_console()
+    print_lines(console, _heading(calibration))
     fitted = [node for node in calibration.nodes if node.slope.slope is not None]
     slopes = [calibration.overall, *(node.slope for node in fitted)]
     if fitted or calibration.overall.slope is not None:
+        print_lines(console, ["Odds of failure for each 10 points of rated difficulty"])
         console.print(_table_of_nodes(calibration.overall, fitted))
     if any(slope.state == "separated" for slope in slopes):
-        console.print(Text(SEPARATED))
-    rest = _grouped([(str(node.slope.state), node.node) for node in calibration.nodes if node not in fitted])
-    for line in rest:
-        console.print(Text(line))
+        print_lines(console, [SEPARATED])
+    rest = [(str(node.slope.state), node.node) for node in calibration.nodes if node not in fitted]
+    print_lines(console, _grouped(rest))
     tested = [table for table in calibration.tables if table.association.p is not None]
     if tested:
+        print_lines(console, ["Key factor tables: rank correlation (tau-b) of rating and failure"])
         console.print(_table_of_tables(tested))
     untested = [(table.association.note, table.name) for table in calibration.tables if table not in tested]
-    for line in [*_grouped(untested), *_contradictions(calibration), _chance(len(tested))]:
-        console.print(Text(line))
+    print_lines(console, [*_grouped(untested), *_contradictions(calibration), _chance(len(tested))])
 
 
 def _heading(calibration: Calibration) -> list[str]:
@@ -170,28 +170,18 @@ def _ability(ability: AgentAbility, overall: DifficultySlope) -> str:
     return f"{counts}; every second {where}"
 
 
-def _table(title: str, columns: tuple[str, ...]) -> Table:
+def _table(columns: tuple[str, ...]) -> Table:
     """A table without lines: with them the numbers would not fit."""
-    table = Table(
-        title=Text(title),
-        title_justify="left",
-        box=None,
-        padding=(0, 1),
-        collapse_padding=True,
-        pad_edge=False,
-    )
-    for place, column in enumerate(columns):
+    table = Table(box=None, padding=(0, 1), collapse_padding=True, pad_edge=False)
+    for column in columns:
         # Names and results wrap where they are long; numbers and intervals stay whole.
-        is_text = place in (0, len(columns) - 1)
+        is_text = column in TEXT_COLUMNS
         table.add_column(column, justify="left" if is_text else "right", no_wrap=not is_text, overflow="fold")
     return table
 
 
 def _table_of_nodes(overall: DifficultySlope, nodes: list[NodeCalibration]) -> Table:
-    table = _table(
-        "Odds of failure for each 10 points of rated difficulty",
-        ("node", "trials", "points", "ratings", "odds x", "95 %", "p", "result"),
-    )
+    table = _table(("node", "trials", "points", "ratings", "odds x", "95 %", "p", "result"))
     if overall.slope is not None:
         table.add_row(*map(Text, _slope_cells("all observables", overall)))
     for node in nodes:
@@ -224,30 +214,37 @@ def _odds_ratio(log_odds: float | None) -> str:
 
 
 def _table_of_tables(tables: list[TableCalibration]) -> Table:
-    shown = _table(
-        "Key factor tables: rank correlation (tau-b) of rating and failure",
-        ("table", "trials", "points", "ratings", "tau-b", "95 %", "p", "result"),
-    )
+    # The result stands above the tables that have it: beside them, their names would have to be broken.
+    shown = _table(("table", "trials", "points", "ratings", "tau-b", "95 %", "p"))
     order = ("contradicted", "columns out of order", "open", "agrees")
-    for table in sorted(tables, key=lambda table: order.index(table.result)):
+    heading = ""
+    for table in sorted(tables, key=lambda table: (order.index(table.result), table.association.note)):
         association = table.association
         ends = (
             "-"
             if association.low is None or association.high is None
             else f"{association.low:.2f} to {association.high:.2f}"
         )
+        result = f"{table.result}, {association.note}:" if association.note else f"{table.result}:"
+        if result != heading:
+            shown.add_row(Text(result))
+            heading = result
         cells = (
-            table.name,
+            _table_name(table.name),
             str(association.trials),
             str(association.design_points),
             str(association.ratings),
             "" if association.tau is None else f"{association.tau:.2f}",
             ends,
             _p(association.p),
-            f"{table.result}, {association.note}" if association.note else str(table.result),
         )
         shown.add_row(*map(Text, cells))
     return shown
+
+
+def _table_name(name: str) -> str:
+    """The name in one line, or observable and factor in two, each whole."""
+    return name if len(name) <= MAX_TABLE_NAME_CHARACTERS else name.replace("/", "/\n")
 
 
 def _contradictions(calibration: Calibration) -> list[str]:

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.console import Console
 
 from bench.errors import Fault, SetupError
 
 from ._examples import shipped
 from ._fault_paths import file_in_faults
 from ._missing_runs import INCOMPLETE_EXIT_CODE, print_missing, print_rewritten
+from ._tables import plain_console, print_lines
 
 if TYPE_CHECKING:
     from bench.campaign import Campaign, CampaignEstimate, CampaignSummary, FinishedCampaign
@@ -294,7 +294,7 @@ def _show_scores(
 
     for label in informed:
         print(f"{label} is given the truth: its results are no agent's")
-    console = Console(highlight=False, markup=False, emoji=False)
+    console = plain_console()
     for table in score_tables(scores.summary, scores.study, scores.floors):
         # Nobody is to mistake predictions for flights, also where only one table is copied.
         if campaign.fidelity == "overhead":
@@ -303,16 +303,18 @@ def _show_scores(
             )
         console.print(table)
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in sorted(scores.outcomes.items()))
-    print(f"{summary.total} sessions ({summary.flown} flown now, in {summary.wall_s:.0f} s): {outcomes}")
+    print_lines(
+        console,
+        [f"{summary.total} sessions ({summary.flown} flown now, in {summary.wall_s:.0f} s): {outcomes}"],
+    )
     if scores.floors:
         flat = [node.id for node in scores.floors.values() if node.flaw]
         print(
             f"{len(flat)} observables do not discriminate: rebar decomposition check {campaign.decomposition} --floor {folder}"
         )
     print(f"report: {scores.report}")
-    print(
-        f"manifest SHA-256: {digest_of(CampaignFolder(folder).manifest)} (publish it: rebar verify --digest)"
-    )
+    print(f"manifest SHA-256: {digest_of(CampaignFolder(folder).manifest)}")
+    print("publish it, and check it with: rebar verify --digest")
 
 
 def _with_pace(campaign: Campaign, pace: Pace | None) -> Campaign:
@@ -393,8 +395,12 @@ def _print_plan(
         design = {"design": quality.model_dump(mode="json")}
         print(json.dumps({**counts, **design, **stated, **expected}, indent=1))
         return
-    print(
-        f"{campaign.name}: {len(plans)} realizations of {len(points)} design points, {len(campaign.agents)} agent(s)"
+    print_lines(
+        plain_console(),
+        [
+            f"{campaign.name}: {len(plans)} realizations of {len(points)} design points, "
+            f"{len(campaign.agents)} agent(s)"
+        ],
     )
     if campaign.floor is not None:
         beside = sum(plan.agent in campaign.floor_labels for plan in plans)
@@ -402,16 +408,15 @@ def _print_plan(
     least, most = f"{min(limits_s):g}", f"{max(limits_s):g}"
     each = least if least == most else f"{least} to {most}"
     print(f"at most {sum(limits_s) / 3600:.1f} simulated hours ({each} s each)")
-    for line in quality.lines():
-        print(line)
+    console = plain_console()
+    print_lines(console, quality.lines())
     built_for = {situation.name: situation.tension for situation in campaign.situations}
     for name, tensions in situation_tensions(campaign).items():
         reached = " to ".join(map(str, dict.fromkeys((min(tensions), max(tensions))))) if tensions else "none"
         built = f", built for {built_for[name]}" if built_for[name] else ""
-        print(f"situation {name}: tension {reached}{built}")
+        print_lines(console, [f"situation {name}: tension {reached}{built}"])
     estimate, faults = _estimate(campaign, workers, session_s)
-    for line in estimate.lines() if estimate else [f"no estimate: {fault}" for fault in faults]:
-        print(line)
+    print_lines(console, estimate.lines() if estimate else [f"no estimate: {fault}" for fault in faults])
 
 
 def _estimate(

@@ -11,7 +11,7 @@ import typer
 
 from bench.errors import Fault, SetupError
 
-from ._tables import add_plain_row, plain_console, plain_table
+from ._tables import add_plain_row, plain_console, plain_table, print_lines
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -74,19 +74,21 @@ def check(
             document["floor"] = [_as_json(node) for node in nodes]
         print(json.dumps(document, indent=1))
         return
-    print(
-        f"{decomposition.name}: {len(decomposition.nodes)} nodes, {len(decomposition.observables)} observables, "
-        "every measure, option and key factor is known"
-    )
+    console = plain_console()
+    counts = f"{len(decomposition.nodes)} nodes, {len(decomposition.observables)} observables"
+    print_lines(console, [f"{decomposition.name}: {counts}, every measure, option and key factor is known"])
     if floor is not None:
         titles = {node.id: node.title for node in decomposition.nodes.values()}
         print("floor, ceiling and discrimination, worst first:")
-        plain_console().print(_table(nodes, titles))
+        console.print(_table(nodes, titles))
         flawed = sum(bool(node.flaw) for node in nodes)
         unknown = sum(node.level == "observable" and node.floor is None for node in nodes)
-        print(
-            f"{flawed} of {len(decomposition.observables)} observables do not discriminate; "
-            f"{unknown} were never considered on these scenes"
+        print_lines(
+            console,
+            [
+                f"{flawed} of {len(decomposition.observables)} observables do not discriminate; "
+                f"{unknown} were never considered on these scenes"
+            ],
         )
 
 

@@ -115,7 +115,7 @@ def difficulty(
     if as_json:
         print(json.dumps(rated.as_json([node] if node else list(tree.nodes)), indent=2))
     elif node is not None:
-        print("\n".join(rated.in_full(node)))
+        print_lines(plain_console(), rated.in_full(node))
     else:
         console = plain_console()
         print_lines(console, [f"Difficulty of {simspec}"])

@@ -8,7 +8,6 @@ import platform
 import shutil
 import socket
 import tempfile
-import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -17,7 +16,7 @@ from typing import Annotated
 
 import typer
 
-from ._tables import plain_console
+from ._tables import plain_console, wrapped
 
 PACKAGES = (
     "jsbsim",
@@ -64,16 +63,7 @@ def doctor(as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] =
         width = max(len(check.name) for check in checks)
         for check in checks:
             head = f"{'ok ' if check.fine else 'BAD'}  {check.name:<{width}}  "
-            # Long words stay whole: a path that is broken cannot be copied.
-            lines = textwrap.wrap(
-                check.text,
-                plain_console().width,
-                initial_indent=head,
-                subsequent_indent=" " * len(head),
-                break_long_words=False,
-                break_on_hyphens=False,
-            )
-            print("\n".join(lines))
+            print(wrapped(check.text, plain_console().width, len(head), head))
     if not all(check.fine for check in checks):
         raise typer.Exit(1)
 

@@ -27,6 +27,11 @@ from bench.campaign import (
 )
 from bench.contracts import Outcome
 
+from ._tables import CONTINUATION_INDENT, wrapped
+
+# Some three lines of a terminal; the report and the journal have the whole reason.
+MAX_REASON_CHARACTERS = 200
+
 
 @contextmanager
 def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
@@ -34,8 +39,9 @@ def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
     if quiet:
         yield lambda event: None
         return
-    # On stderr: stdout belongs to the scores, also when it is piped.
-    console = Console(stderr=True)
+    # On stderr: stdout belongs to the scores, also when it is piped. Without highlighting: rich would colour the
+    # numbers inside names.
+    console = Console(stderr=True, highlight=False, emoji=False)
     if not console.is_terminal:
         yield _plain
         return
@@ -49,6 +55,11 @@ def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
     with Progress(*columns, console=console) as progress:
         bar = progress.add_task(title, total=None)
 
+        def show_line(line: str) -> None:
+            text = wrapped(line, console.width, CONTINUATION_INDENT)
+            # Soft-wrapped, because rich would break a path that is wider than the terminal.
+            progress.console.print(text, markup=False, soft_wrap=True)
+
         def show(event: CampaignEvent) -> None:
             match event:
                 case CampaignPlanned(total, done):
@@ -57,21 +68,28 @@ def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
                     progress.update(bar, completed=event.done)
                     # The bar shows the rest: only sessions that did not go as planned deserve a line.
                     if event.outcome not in (Outcome.COMPLETED, Outcome.SETTLED):
-                        progress.console.print(
-                            f"{event.realization}: {event.outcome}: {event.reason[:200]}", markup=False
-                        )
+                        show_line(f"{event.realization}: {event.outcome}: {_brief(event.reason)}")
                 case RealizationRetried() | ResultLost() | CampaignStopping():
-                    progress.console.print(_line(event), markup=False)
+                    show_line(_line(event))
                 case _:
                     pass
 
         yield show
 
 
+def _brief(reason: str) -> str:
+    # A reason may be a whole traceback, which would push the other lines off the screen.
+    return " ".join(reason.split())[:MAX_REASON_CHARACTERS]
+
+
 def _plain(event: CampaignEvent) -> None:
     line = _line(event)
     if line:
-        print(line, file=sys.stderr, flush=True)
+        print(
+            wrapped(line, Console(stderr=True).width, CONTINUATION_INDENT),
+            file=sys.stderr,
+            flush=True,
+        )
 
 
 def _line(event: CampaignEvent) -> str:
@@ -81,8 +99,8 @@ def _line(event: CampaignEvent) -> str:
         case RealizationFinished():
             return f"[{event.done}/{event.total}] {event.realization}: {event.outcome} ({event.wall_s:.1f} s)"
         case RealizationRetried():
-            # A reason may be a whole traceback, which would push the other lines off the screen.
-            return f"{event.realization}: {event.outcome}, retrying in {event.pause_s:.0f} s: {event.reason[:200]}"
+            reason = _brief(event.reason)
+            return f"{event.realization}: {event.outcome}, retrying in {event.pause_s:.0f} s: {reason}"
         case ResultLost(realization):
             return f"{realization}: its result or its recording is gone; it is flown again"
         case CampaignStopping(reason):

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ._tables import plain_console, print_lines
+
 if TYPE_CHECKING:
     from bench.errors import Fault
     from bench.instance_analysis import BaseSimSpec, ProposedResult, VariedField
@@ -96,7 +98,7 @@ def prose(
     if base_simspec.simspec is None:
         raise typer.Exit(1)
     if explain and not as_json:
-        print("\n".join(_explained(base_simspec)))
+        print_lines(plain_console(), _explained(base_simspec))
     if out is not None:
         out.write_text(annotated_yaml(base_simspec), encoding="utf-8")
     if campaign is not None:
@@ -106,7 +108,7 @@ def prose(
         for fault in _unrated(base_simspec.simspec, decomposition):
             print(f"cannot be scored yet: {fault}", file=sys.stderr)
     if groups:
-        print("\n".join(_grouped(base_simspec, base_simspec.simspec, decomposition)))
+        print_lines(plain_console(), _grouped(base_simspec, base_simspec.simspec, decomposition))
     if not (as_json or explain or groups or out or campaign):
         print(annotated_yaml(base_simspec), end="")
 
@@ -298,19 +300,21 @@ def tension(
         return
     # Tension n covers difficulties above 20 (n - 1) up to 20 n.
     lowest, highest = 20 * (wanted - 1), 20 * wanted
-    print(
-        f"{node} {tree.nodes[node].title} has tension {wanted} where its difficulty is above {lowest} and at most {highest}:"
-    )
-    print(
-        "every factor is at least as hard as its first value, and one of them is no harder than its second."
-    )
+    lines = [
+        f"{node} {tree.nodes[node].title} has tension {wanted} where its difficulty is above {lowest} and at most "
+        f"{highest}:",
+        "every factor is at least as hard as its first value, and one of them is no harder than its second.",
+    ]
     for row in rows:
-        print(
-            f"  {row['factor']} [{row['unit']}]: {_bound_text(row['from'], row['from_past'])} to {_bound_text(row['to'], False)}"
-        )
+        bounds = f"{_bound_text(row['from'], row['from_past'])} to {_bound_text(row['to'], False)}"
+        lines.append(f"  {row['factor']} [{row['unit']}]: {bounds}")
+    console = plain_console()
+    print_lines(console, lines)
     unreached = [str(row["factor"]) for row in rows if row["from"] is None]
     if unreached:
-        print(f"No situation has this tension: the tables of {', '.join(unreached)} end before it.")
+        print_lines(
+            console, [f"No situation has this tension: the tables of {', '.join(unreached)} end before it."]
+        )
         raise typer.Exit(1)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+import textwrap
+from collections.abc import Collection, Iterable, Sequence
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -11,6 +12,7 @@ from rich.text import Text
 
 # Beside it, the widest table here (`rebar compare`) still fits into 80 columns.
 MAX_NAME_CHARACTERS = 20
+CONTINUATION_INDENT = 2
 
 
 def plain_console() -> Console:
@@ -47,7 +49,24 @@ def add_plain_row(table: Table, cells: Sequence[str]) -> None:
     table.add_row(*map(Text, cells))
 
 
-def print_lines(console: Console, lines: Sequence[str]) -> None:
-    """Print sentences, each from the start of a line and wrapped between words."""
+def print_lines(console: Console, lines: Iterable[str]) -> None:
+    """Print sentences, each from a new line and wrapped between words at the console's width.
+
+    What follows on further lines is indented. A path or a name wider than the console stays whole.
+    """
     for line in lines:
-        console.print(Text(line))
+        indent = len(line) - len(line.lstrip())
+        print(wrapped(line, console.width, indent + CONTINUATION_INDENT))
+
+
+def wrapped(text: str, width: int, indent: int, first: str = "") -> str:
+    """`text` in lines of at most `width` characters; `first` stands before it, `indent` spaces before the rest."""
+    # By the standard library: rich breaks a word that is wider than the line, and what is broken cannot be copied.
+    return textwrap.fill(
+        text,
+        width,
+        initial_indent=first,
+        subsequent_indent=" " * indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )

@@ -11,15 +11,30 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
 from made_campaign import AGENTS, STUDY, Made, make_campaign
 
+from bench.campaign import CampaignPlanned, CampaignStopping, RealizationFinished, RealizationRetried
 from bench.cli._app import run
 from bench.cli._decomposition import _table
+from bench.cli._progress import open_progress
 from bench.cli._tables import plain_console
+from bench.contracts import Outcome
 from bench.scoring import NodeFloor
 from bench.simspec import FACTORS
 from decompositions import load_decomposition
 
 WIDTH = 80
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
+CAMPAIGN = f"""
+format: rebar.campaign/1
+name: a-campaign-with-a-name-that-is-longer-than-usual
+base_file: {EXAMPLE}
+fidelity: overhead
+agents: [{{manifest: {AGENTS[0]}}}, {{manifest: {AGENTS[1]}}}]
+design:
+  seed: 3
+  factors:
+    - {{name: concealment, levels: [0.5, 1.0], sets: ['actors[radar].concealment']}}
+    - {{name: fog, levels: [0, 1, 2], sets: [environment.fog_level]}}
+"""
 NULL_NAMES = ("null-repeat-hover-detailed", "null-everywhere", "null-announce", "null-random")
 
 
@@ -40,6 +55,75 @@ def assert_fits(text: str, whole: list[str], width: int = WIDTH) -> None:
     assert "…" not in text
     words = set(re.split(r"[\s,;:()]+", text))
     assert [word for word in whole if word not in words] == []
+
+
+def assert_lines_fit(text: str, width: int = WIDTH) -> None:
+    """No line is wider than the terminal unless it is a path, a digest or a command, which are to be copied."""
+    wide = [line for line in text.splitlines() if len(line.rstrip()) > width]
+    assert [line for line in wide if not re.search(r"/|SHA-256", line)] == []
+    assert "…" not in text
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign of surrogates, with everything that a flown one has but recordings; its name is long."""
+    folder = tmp_path_factory.mktemp("flown")
+    (folder / "campaign.yaml").write_text(CAMPAIGN)
+    assert run(["run", str(folder / "campaign.yaml"), "--out", str(folder / "out"), "--json"]) == 0
+    return folder
+
+
+COMMANDS: dict[str, tuple[list[str], list[str]]] = {
+    "run": (["run", "{flown}/campaign.yaml", "--out", "{flown}/out"], [*STUDY]),
+    "dry run": (["run", "{flown}/campaign.yaml", "--dry-run"], [*AGENTS, *STUDY]),
+    "score": (["score", "{flown}/out", "--per-run"], [f"p001-r1-{AGENTS[1]}", "OBS-031", "OBS-204"]),
+    "compare": (["compare", "{flown}/out"], [*AGENTS, *STUDY]),
+    "calibrate": (["calibrate", "{flown}/out"], [*AGENTS, "KA-18"]),
+    "next": (["next", "{flown}/out"], ["KA-18", *AGENTS]),
+    "difficulty": (["difficulty", str(EXAMPLE), "--node", "KA-18"], ["bystander_density_per_km2", "OBS-181"]),
+    "tension": (["tension", "KA-18", "3"], ["bystander_density_per_km2"]),
+    "examples": (["examples"], ["campaigns/demo.yaml", "examples/search.yaml"]),
+    "check": (["decomposition", "check", "search-and-report-full"], ["search-and-report-full"]),
+    "help": (["run", "--help"], ["--dry-run", "--session-s", "lockstep|realtime"]),
+}
+
+
+@pytest.mark.parametrize("columns", [None, "80"], ids=["pipe", "80 columns"])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_fits(
+    flown: Path,
+    command: str,
+    columns: str | None,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What people read of a command, and its names and ids in one piece."""
+    monkeypatch.delenv("COLUMNS", raising=False)
+    if columns:
+        monkeypatch.setenv("COLUMNS", columns)
+    line, whole = COMMANDS[command]
+    text = printed([word.format(flown=flown) for word in line], capsys)
+    assert_lines_fit(text)
+    words = set(re.split(r"[\s,;:()<>]+", text))
+    assert [word for word in whole if word not in words] == []
+
+
+def test_the_progress_of_a_campaign_fits(capsys: pytest.CaptureFixture[str]) -> None:
+    """A retry and a lost session, each with a traceback for a reason: wrapped, names whole, nothing broken."""
+    name = "p10796-r12-reference-bystander-aware-of-a-long-name"
+    reason = "Traceback (most recent call last):\n  File a\n    raise\n" + "OSError: no space left " * 20
+    with open_progress("small") as progress:
+        progress(CampaignPlanned(total=2, done=0))
+        progress(
+            RealizationRetried(realization=name, outcome=Outcome.BENCH_ERROR, reason=reason, pause_s=60.0)
+        )
+        progress(RealizationFinished(name, Outcome.BENCH_ERROR, reason, wall_s=3.21, done=1, total=2))
+        progress(CampaignStopping("a signal"))
+    text = capsys.readouterr().err
+    assert_lines_fit(text)
+    assert text.count(name) == 2
+    heads = [line.split()[0] for line in text.splitlines() if not line.startswith(" ")]
+    assert heads == ["2", f"{name}:", "[1/2]", "stopping:"]
 
 
 @pytest.mark.parametrize("columns", [None, "80"])

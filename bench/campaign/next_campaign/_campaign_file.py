@@ -11,8 +11,8 @@ import yaml
 from .._document import Campaign
 from ._factor_rules import FactorProposal
 
-WIDTH = 120
-"""Characters in a line."""
+WIDTH = 80
+"""Characters in a line: the file is read in a terminal before it is run."""
 
 
 def campaign_file(
@@ -39,13 +39,13 @@ def campaign_file(
             fields = (name, "take") if name == "method" else (name,)
             value = _set_fields(design[name]) if name == "method" else design[name]
             parts += [_comment(reasons[field], 2) for field in fields if field in reasons]
-            parts.append(textwrap.indent(_yaml({name: value}), "  "))
+            parts.append(_yaml({name: value}, 2))
     parts.append("  factors:\n")
     remaining = iter(design["factors"])
     for proposal, factor in zip(factors, previous.design.factors, strict=True):
         parts += [_comment(f"{factor.name}: {reason}", 4) for reason in proposal.reasons]
         if proposal.factor:
-            parts.append(textwrap.indent(_yaml([_set_fields(next(remaining))]), "    "))
+            parts.append(_yaml([_set_fields(next(remaining))], 4))
     if situations:
         return "".join([*parts, _comment("The situations, unchanged."), _yaml({"situations": situations})])
     return "".join([*parts, _comment("The situation, unchanged."), _yaml({"base": base})])
@@ -63,10 +63,11 @@ def _set_fields(fields: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _yaml(value: object) -> str:
-    return str(yaml.safe_dump(value, sort_keys=False, allow_unicode=True, width=WIDTH))
+def _yaml(value: object, indent: int = 0) -> str:
+    text = str(yaml.safe_dump(value, sort_keys=False, allow_unicode=True, width=WIDTH - indent))
+    return textwrap.indent(text, " " * indent)
 
 
 def _comment(text: str, indent: int = 0) -> str:
     margin = " " * indent + "# "
-    return textwrap.fill(text, width=WIDTH - 2, initial_indent=margin, subsequent_indent=margin) + "\n"
+    return textwrap.fill(text, width=WIDTH, initial_indent=margin, subsequent_indent=margin) + "\n"
