@@ -35,6 +35,7 @@ from ._runner import run_campaign as run_campaign
 from ._versions import versions as versions
 from .early_stopping._decisions import FLOWN_AFTER_STOP as FLOWN_AFTER_STOP
 from .early_stopping._decisions import EarlyStop as EarlyStop
+from .execution._parallel import OnDone as OnDone
 from .execution._pool import Executor as Executor
 from .execution._pool import OpenExecutor as OpenExecutor
 from .execution._pool import open_local_pool as open_local_pool

@@ -11,16 +11,19 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.table import Column
 
 from bench.campaign import (
     CampaignEvent,
     CampaignPlanned,
     CampaignStopping,
     Observer,
+    OnDone,
     RealizationFinished,
     RealizationRetried,
     ResultLost,
@@ -31,6 +34,29 @@ from ._tables import CONTINUATION_INDENT, wrapped
 
 # Some three lines of a terminal; the report and the journal have the whole reason.
 MAX_REASON_CHARACTERS = 200
+
+
+@contextmanager
+def open_counter(title: str) -> Generator[OnDone]:
+    """Yield what shows how many items of a long computation are done: a bar on a terminal, nothing elsewhere."""
+    console = Console(stderr=True, highlight=False, emoji=False)
+    if not console.is_terminal:
+        yield lambda done, total: None
+        return
+    with Progress(*_columns(), console=console) as progress:
+        bar = progress.add_task(title, total=None)
+        yield lambda done, total: progress.update(bar, total=total, completed=done)
+
+
+def _columns() -> tuple[ProgressColumn, ...]:
+    return (
+        # The names of campaigns are long; on a narrow terminal the counts beside them must stay.
+        TextColumn("{task.description}", table_column=Column(overflow="ellipsis", no_wrap=True)),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
 
 
 @contextmanager
@@ -45,14 +71,7 @@ def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
     if not console.is_terminal:
         yield _plain
         return
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console) as progress:
+    with Progress(*_columns(), console=console) as progress:
         bar = progress.add_task(title, total=None)
 
         def show_line(line: str) -> None:

@@ -75,11 +75,17 @@ def score(
             help="With --explain: maximum of runs per agent, observables per run and moments per observable; 0 for all",
         ),
     ] = 5,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Processes that measure the recordings of a campaign. Default: the number of cores"
+        ),
+    ] = None,
 ) -> None:
     """Measure and score recordings again, from nothing but the recording, its SimSpec and the decomposition.
 
     For the folder of a run, the scores are printed. For a campaign, result.json files, scores.parquet and
-    report.html are written again. Ends with code 3 if a campaign lacks runs that its agents did not cause.
+    report.html are written again, once every recording is measured. Ends with code 3 if a campaign lacks runs that its agents did not cause.
 
     Example: rebar score out/demo/runs/p000-r0-reference-naive
 
@@ -87,7 +93,9 @@ def score(
 
     Example: rebar score --observations table.csv --decomposition mine.yaml --json
     """
-    sources = _score_sources(runs or [], decomposition, observations, reading=explain is not None)
+    sources = _score_sources(
+        runs or [], decomposition, observations, reading=explain is not None, workers=workers
+    )
     for source in sources:
         # Also of complete ones: somebody may be at work in the folder.
         if source.completeness is not None:
@@ -201,7 +209,7 @@ class ScoreSource:
 
 
 def _score_sources(
-    runs: Sequence[Path], decomposition: str | None, table: Path | None, *, reading: bool
+    runs: Sequence[Path], decomposition: str | None, table: Path | None, *, reading: bool, workers: int | None
 ) -> list[ScoreSource]:
     """Everything that the command line names, scored. `reading` writes nothing."""
     from bench.campaign import is_campaign
@@ -225,22 +233,27 @@ def _score_sources(
             )
         )
     return [
-        _of_campaign(folder, decomposition, reading=reading)
+        _of_campaign(folder, decomposition, reading=reading, workers=workers)
         if is_campaign(folder)
         else _of_run(folder, decomposition)
         for folder in runs
     ]
 
 
-def _of_campaign(folder: Path, decomposition: str | None, *, reading: bool) -> ScoreSource:
+def _of_campaign(
+    folder: Path, decomposition: str | None, *, reading: bool, workers: int | None = None
+) -> ScoreSource:
     from bench.campaign import read_runs, rescore_campaign
     from bench.scoring import Sources, score_table, summary_frame
+
+    from ._progress import open_counter
 
     lines: tuple[str, ...] = ()
     if reading:
         campaign = read_runs(folder, decomposition)
     else:
-        finished = rescore_campaign(folder, decomposition)
+        with open_counter(f"measure {folder.name}") as counter:
+            finished = rescore_campaign(folder, decomposition, workers=workers, on_measured=counter)
         print_rewritten(finished.rewritten)
         # Without the argument: scoring again has stored the decomposition in the folder.
         campaign = read_runs(folder)

@@ -5,11 +5,13 @@ scores.
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from bench.campaign import digest_of, rescore_campaign
 from bench.cli._app import run
 from bench.documents import load_document
 from bench.scoring import Explanation, ScoreReport
@@ -371,3 +373,48 @@ def test_a_campaign_written_as_a_table_scores_the_same(
     assert without(again["nodes"], apart) == without(direct["nodes"], apart) != []
     for table_run, direct_run in zip(again["runs"], direct["runs"], strict=True):
         assert without(table_run["nodes"], apart) == without(direct_run["nodes"], apart) != []
+
+
+def files_of(folder: Path) -> dict[str, str]:
+    """Digests of everything that scoring writes."""
+    names = ("scores.parquet", "report.html", "manifest.json", "evidence.jsonl")
+    return {
+        str(path.relative_to(folder)): digest_of(path)
+        for path in folder.rglob("*")
+        if path.name in (*names, "result.json")
+    }
+
+
+def test_scores_are_the_same_for_any_number_of_workers(campaign: Path, tmp_path: Path) -> None:
+    """Two recordings measured in this process, and by two others, with another decomposition than the campaign's."""
+    folders = {count: tmp_path / str(count) / "out" for count in (1, 2)}
+    for count, folder in folders.items():
+        shutil.copytree(campaign, folder)
+        line = ["score", str(folder), "--decomposition", "find-the-missing", "--workers", str(count)]
+        assert run(line) == 0
+    before, (alone, together) = files_of(campaign), map(files_of, folders.values())
+    assert sum(name.endswith("result.json") for name in alone) == 2
+    # The report and the manifest that lists it hold nothing of the number either.
+    assert alone == together
+    assert [name for name in before if before[name] == alone[name]] == []
+
+
+def test_an_interrupted_score_leaves_the_folder_as_it_was(campaign: Path, tmp_path: Path) -> None:
+    """Interrupted at the first measured recording and at the last; then scored to the end."""
+    folder = tmp_path / "out"
+    shutil.copytree(campaign, folder)
+    before = files_of(folder)
+    for last in (1, 2):
+
+        def interrupt(done: int, total: int, last: int = last) -> None:
+            assert total == 2
+            if done == last:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            rescore_campaign(folder, "find-the-missing", on_measured=interrupt)
+        assert files_of(folder) == before
+    assert run(["verify", str(folder)]) == 0
+    rescore_campaign(folder, "find-the-missing")
+    assert files_of(folder).keys() == before.keys()
+    assert files_of(folder) != before

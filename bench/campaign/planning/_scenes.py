@@ -5,15 +5,15 @@ Many scenes are shared between processes.
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 
 from bench.documents import dump_json
 from bench.realization import PlacementInfeasible, RealizationPlan, place
 
+from ..execution._parallel import map_in_processes
 from ..storage._files import write_whole
 from ..storage._folder import CampaignFolder
 
@@ -41,12 +41,10 @@ def write_scenes(
         return _write(scenes, folder.path)
     size = -(-len(scenes) // (workers * _BATCHES_PER_PROCESS))
     batches = [scenes[start : start + size] for start in range(0, len(scenes), size)]
-    # Spawned, not forked: imported libraries run threads, whose locks a forked child would inherit held.
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        reasons: dict[str, str] = {}
-        for batch_reasons in pool.map(_write, batches, [folder.path] * len(batches)):
-            reasons |= batch_reasons
-        return reasons
+    reasons: dict[str, str] = {}
+    for batch_reasons in map_in_processes(partial(_write, path=folder.path), batches, workers):
+        reasons |= batch_reasons
+    return reasons
 
 
 def _write(scenes: Sequence[Scene], path: Path) -> dict[str, str]:

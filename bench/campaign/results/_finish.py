@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -31,6 +33,7 @@ from decompositions import Decomposition
 from .._document import Campaign
 from .._versions import versions
 from ..early_stopping._decisions import PointKey, is_after_stop, outcome_name
+from ..execution._parallel import OnDone, map_in_processes
 from ..storage._completeness import NOT_FINISHED, Completeness, accepted_realizations, completeness_of
 from ..storage._evidence_check import changed_tables, check_evidence, evidence_faults
 from ..storage._files import digest_of, write_whole
@@ -41,6 +44,9 @@ from ..storage._manifest import write_manifest
 from ..storage._results import read_result, write_result
 from ._measures import load_measurable_decomposition
 from ._rescore import recording_faults, rescore
+
+RECORDINGS_PER_WORKER = 8
+"""With fewer recordings, a second process has not imported the measures before the first one is done."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,13 +133,20 @@ def _write_table(path: Path, table: pl.DataFrame) -> None:
     write_whole(path, buffer.getvalue())
 
 
-def rescore_campaign(path: Path, other_decomposition: str | None = None) -> FinishedCampaign:
+def rescore_campaign(
+    path: Path,
+    other_decomposition: str | None = None,
+    *,
+    workers: int | None = None,
+    on_measured: OnDone = lambda done, total: None,
+) -> FinishedCampaign:
     """Measure every recording of a campaign again, write the results, and finish the campaign.
 
     A run whose result.json is gone gets it back from its recording. `other_decomposition` replaces the
-    campaign's.
+    campaign's. `workers` overrides the campaign's budget, which overrides the number of cores; the files are the
+    same for any number. Nothing is written before every recording is measured.
     """
-    folder, _, decomposition = read_campaign_folder(path, other_decomposition)
+    folder, campaign, decomposition = read_campaign_folder(path, other_decomposition)
     with open_lock(path), open_journal(folder.journal) as journal:
         check_evidence(folder, journal)
         runs = {entry.id: folder.run(entry.id) for entry in journal.entries()}
@@ -146,10 +159,21 @@ def rescore_campaign(path: Path, other_decomposition: str | None = None) -> Fini
         # way.
         if faults:
             raise SetupError(faults)
-        for run in recorded.values():
-            result = rescore(run, decomposition)
+        # All before the first is written: an interruption leaves results, scores and report as they were.
+        results = map_in_processes(
+            partial(rescore, decomposition=decomposition),
+            list(recorded.values()),
+            _workers(workers, campaign, len(recorded)),
+            on_measured,
+        )
+        for run, result in zip(recorded.values(), results, strict=True):
             journal.measure(result, write_result(run, result))
     return finish_campaign(path, other_decomposition)
+
+
+def _workers(wanted: int | None, campaign: Campaign, recordings: int) -> int:
+    limit = wanted or campaign.budgets.workers or len(os.sched_getaffinity(0))
+    return limit if wanted else min(limit, recordings // RECORDINGS_PER_WORKER)
 
 
 @dataclass(frozen=True, slots=True)
