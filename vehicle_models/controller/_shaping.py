@@ -108,26 +108,26 @@ class StraightLine:
         if speed < accel * self._rise_s:
             self._rise_s = math.sqrt(speed / jerk_mps3)
             accel = jerk_mps3 * self._rise_s
-        self._accel, self._speed = accel, speed
+        self._accel, self.speed_mps = accel, speed
         self._hold_s = speed / accel - self._rise_s if accel > 0.0 else 0.0
-        self._ramp_s = 2.0 * self._rise_s + self._hold_s
-        self._coast_s = length_m / speed - self._ramp_s if speed > 0.0 else 0.0
-        self._length_m = length_m
-        self.duration_s = 2.0 * self._ramp_s + self._coast_s
+        self.ramp_s = 2.0 * self._rise_s + self._hold_s
+        self._coast_s = length_m / speed - self.ramp_s if speed > 0.0 else 0.0
+        self.length_m = length_m
+        self.duration_s = 2.0 * self.ramp_s + self._coast_s
 
     def at(self, time_s: float) -> tuple[float, float, float]:
         """Way from the start (m), speed and acceleration at a time after it."""
         if time_s >= self.duration_s:
-            return self._length_m, 0.0, 0.0
+            return self.length_m, 0.0, 0.0
         if time_s > 0.5 * self.duration_s:
             way, speed, accel = self._speeding_up(self.duration_s - time_s)
-            return self._length_m - way, speed, -accel
+            return self.length_m - way, speed, -accel
         return self._speeding_up(max(time_s, 0.0))
 
     def _speeding_up(self, time_s: float) -> tuple[float, float, float]:
         jerk, rise_s, accel = self._jerk, self._rise_s, self._accel
-        if time_s >= self._ramp_s:
-            return self._speed * (time_s - 0.5 * self._ramp_s), self._speed, 0.0
+        if time_s >= self.ramp_s:
+            return self.speed_mps * (time_s - 0.5 * self.ramp_s), self.speed_mps, 0.0
         if time_s < rise_s:
             return jerk * time_s**3 / 6.0, 0.5 * jerk * time_s * time_s, jerk * time_s
         if time_s < rise_s + self._hold_s:
@@ -138,10 +138,10 @@ class StraightLine:
                 speed,
                 accel,
             )
-        left_s = self._ramp_s - time_s
+        left_s = self.ramp_s - time_s
         # The ramp is point-symmetric about its middle.
         return (
-            0.5 * self._speed * self._ramp_s - self._speed * left_s + jerk * left_s**3 / 6.0,
-            self._speed - 0.5 * jerk * left_s * left_s,
+            0.5 * self.speed_mps * self.ramp_s - self.speed_mps * left_s + jerk * left_s**3 / 6.0,
+            self.speed_mps - 0.5 * jerk * left_s * left_s,
             jerk * left_s,
         )

@@ -25,6 +25,9 @@ def limits(p: ParameterStore) -> FlightLimits:
     accel_mps2 = max(p["WPNAV_ACCEL"], 50.0) / 100.0
     vertical_accel_mps2 = max(p["WPNAV_ACCEL_Z"], 50.0) / 100.0
     return_mps = max(p["RTL_SPEED"], 20.0) / 100.0 if p["RTL_SPEED"] > 0 else cruise_mps
+    jerk_mps3 = max(p["WPNAV_JERK"], 1.0)
+    # Source: without a parameter for corners they may have twice the acceleration of straight ways.
+    corner_mps2 = p["WPNAV_ACCEL_C"] / 100.0 if p["WPNAV_ACCEL_C"] > 0.0 else 2.0 * accel_mps2
     land_low_m = max(p["LAND_ALT_LOW"], 100.0) / 100.0
     shaping = MotionShaping(
         AxisShaping.with_square_root(accel_mps2, max(p["PSC_JERK_XY"], 1.0)),
@@ -52,11 +55,14 @@ def limits(p: ParameterStore) -> FlightLimits:
         land_fast_above_m=land_low_m + 0.5 + 0.5 * descent_mps**2 / vertical_accel_mps2,
         return_height_m=p["RTL_ALT"] / 100.0,
         return_mps=return_mps,
-        return_path=PathLimits(return_mps, accel_mps2, vertical_accel_mps2, max(p["WPNAV_JERK"], 1.0)),
+        return_path=PathLimits(return_mps, accel_mps2, vertical_accel_mps2, jerk_mps3),
         return_arrives_m=0.5,
         return_arrives_height_m=max(p["WPNAV_RADIUS"], 5.0) / 100.0,
         return_near_m=0.0,
         return_climbs_by_m=max(p["RTL_CLIMB_MIN"], 0.0) / 100.0,
+        waypoint_turn_mps2=0.0,
+        waypoint_path=PathLimits(cruise_mps, accel_mps2, vertical_accel_mps2, jerk_mps3),
+        waypoint_corner_mps2=corner_mps2,
         # Observed of the SITL's own model: landed 1.6 s after the touch, disarmed 0.4 s later.
         landing_settles_s=1.6,
         landed_disarm_s=0.4,

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Protocol
 
 from .._flight_state import FlightState, FlightTarget, LandedState, NorthEast
+from .._shaping import UNSHAPED
 from ._limits import FlightLimits
 from ._manoeuvres import Hold, Land, Manoeuvre, Return, Takeoff
+from ._waypoints import WaypointApproach, WaypointPath
 
 HeadingFunction = Callable[[FlightState, NorthEast], "float | None"]
 """The heading to fly with towards a place; None keeps the present one."""
@@ -41,12 +44,14 @@ class GotoLeg(Hold):
         radius_m: float,
         height_m: float,
         stay_s: float,
-        aim: NorthEast | None = None,
         speed_mps: float | None = None,
         begin: NorthEast | None = None,
+        course: WaypointApproach | WaypointPath | None = None,
     ) -> None:
-        super().__init__(flight, aim or place, down_m, speed_mps=speed_mps)
+        super().__init__(flight, place, down_m, speed_mps=speed_mps)
         self._goal, self._height = place, down_m
+        self.course = course
+        """How the place is approached; None: like any other place."""
         self.line = (begin or (flight.north_m, flight.east_m), place)
         """From the place where the leg begins, by default here, to its end."""
         self._heading_towards = heading_towards
@@ -63,14 +68,36 @@ class GotoLeg(Hold):
         heading = self._heading_towards(flight, self._goal)
         if heading is not None:
             self._heading_rad = heading
-        return FlightTarget(
-            north_east_m=self._place,
+        place, speed_mps = self._goal, self._speed_mps or limits.cruise_mps
+        if isinstance(self.course, WaypointApproach):
+            place, speed_mps = self.course.aim(flight, limits, speed_mps)
+        target = FlightTarget(
+            north_east_m=place,
             down_m=self._height,
             yaw_rad=self._heading_rad,
-            speed_max_mps=self._speed_mps or limits.cruise_mps,
+            speed_max_mps=speed_mps,
             climb_max_mps=limits.climb_mps,
             descent_max_mps=limits.descent_mps,
+            shaping=limits.shaping(self._height - flight.down_m),
         )
+        if not isinstance(self.course, WaypointPath) or self.course.is_at_rest(flight.time_ns):
+            return target
+        (north, east, down), velocity, acceleration = self.course.target_at(flight.time_ns)
+        # The path is the autopilot's own shaping.
+        return replace(
+            target,
+            north_east_m=(north, east),
+            down_m=down,
+            velocity_ned_mps=velocity,
+            acceleration_ned_mps2=acceleration,
+            shaping=UNSHAPED,
+        )
+
+    def change_speed(self, speed_mps: float) -> None:
+        """Fly on at another speed. A path in time has its speed in it, so it is left."""
+        super().change_speed(speed_mps)
+        if isinstance(self.course, WaypointPath):
+            self.course = None
 
     @property
     def stays_at(self) -> NorthEast | None:
@@ -81,13 +108,19 @@ class GotoLeg(Hold):
         return self._goal if stays else None
 
     def over(self, flight: FlightState) -> bool:
-        if self._arrived_ns is None:
-            within_radius = (
-                math.hypot(self._goal[0] - flight.north_m, self._goal[1] - flight.east_m) < self._radius_m
-            )
-            if within_radius and abs(self._height - flight.down_m) < self._height_m:
-                self._arrived_ns = flight.time_ns
+        if self._arrived_ns is None and self._is_there(flight):
+            self._arrived_ns = flight.time_ns
         return self._arrived_ns is not None and flight.time_ns - self._arrived_ns >= self._stay_ns
+
+    def _is_there(self, flight: FlightState) -> bool:
+        if isinstance(self.course, WaypointPath):
+            if not self.course.over(flight.time_ns):
+                return False
+            # A waypoint that is only passed counts as soon as the path is halfway through the turn.
+            if self.course.passes:
+                return True
+        level_m = math.hypot(self._goal[0] - flight.north_m, self._goal[1] - flight.east_m)
+        return level_m < self._radius_m and abs(self._height - flight.down_m) < self._height_m
 
 
 class ClimbLeg(Takeoff):

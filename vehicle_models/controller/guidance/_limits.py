@@ -80,6 +80,9 @@ class FlightLimits:
     return_climbs_by_m: (
         float | None
     )  # climb at least this much, where an autopilot does not climb to a fixed height
+    waypoint_turn_mps2: float  # sideways, where a waypoint of a mission is only passed
+    waypoint_path: PathLimits | None  # of a mission; None: waypoints are flown like any position
+    waypoint_corner_mps2: float  # the greatest acceleration of such a path
     landing_settles_s: Seconds  # at rest on the ground, until the landing is detected
     landed_disarm_s: Seconds | None
     idle_disarm_s: Seconds | None

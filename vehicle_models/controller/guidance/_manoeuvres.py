@@ -47,8 +47,8 @@ class Hold:
     ) -> None:
         # Braking is the airframe's, as sharp as it can; a place that was given is approached as the autopilot does.
         self._brakes = north_east_m is None
-        self._place = north_east_m or _stopping_place(flight)
-        self._down_m = down_m if down_m is not None else flight.down_m + _stopping_m(flight.vd_mps)
+        self._place = north_east_m or stopping_place(flight)
+        self._down_m = down_m if down_m is not None else flight.down_m + stopping_m(flight.vd_mps)
         self._yaw_rad = yaw_rad if yaw_rad is not None else flight.yaw_rad
         self._speed_mps = speed_mps
         self._faces = False
@@ -144,7 +144,7 @@ class Land:
     def __init__(
         self, flight: FlightState, north_east_m: NorthEast | None = None, ground_down_m: float = 0.0
     ) -> None:
-        self._place = north_east_m or _stopping_place(flight)
+        self._place = north_east_m or stopping_place(flight)
         self._ground_down_m = ground_down_m
         self._yaw_rad = flight.yaw_rad
 
@@ -185,7 +185,7 @@ class Return:
                 height_m if distance_m < limits.return_near_m else max(limits.return_height_m, height_m)
             )
         self._cruise_down_m = home.down_m - max(cruise_m, height_m)
-        self._climb = Hold(flight, _stopping_place(flight), self._cruise_down_m)
+        self._climb = Hold(flight, stopping_place(flight), self._cruise_down_m)
         # Above home; never a climb.
         lower_m = limits.return_descends_to_m
         self._wait_down_m = self._cruise_down_m
@@ -263,14 +263,14 @@ class ReturnPath:
         limits: FlightLimits,
     ) -> None:
         self._down_m = down_m
-        self._start = _stopping_place(flight)
+        self._start = stopping_place(flight)
         distance_m = math.dist(self._start, home)
         self._towards = (
             ((home[0] - self._start[0]) / distance_m, (home[1] - self._start[1]) / distance_m)
             if distance_m > 0.0
             else (0.0, 0.0)
         )
-        self._climb_m = max(flight.down_m + _stopping_m(flight.vd_mps) - down_m, 0.0)
+        self._climb_m = max(flight.down_m + stopping_m(flight.vd_mps) - down_m, 0.0)
         self._climb = StraightLine(self._climb_m, limits.climb_mps, path.vertical_accel_mps2, path.jerk_mps3)
         self._way = StraightLine(distance_m, path.speed_mps, path.accel_mps2, path.jerk_mps3)
         self._begun_ns = flight.time_ns
@@ -461,7 +461,7 @@ class ThrottleHeight:
         deflection = beyond_dead_zone(sticks.throttle, stick_limits.dead)
         if deflection == 0.0:
             if self._held_m is None:
-                self._held_m = flight.down_m + _stopping_m(flight.vd_mps)
+                self._held_m = flight.down_m + stopping_m(flight.vd_mps)
             return self._held_m, 0.0
         self._held_m = None
         return None, -deflection * (stick_limits.climb_mps if deflection > 0.0 else stick_limits.descent_mps)
@@ -507,7 +507,7 @@ class ManualFlight:
         if forward == right == 0.0:
             # With its feet on the ground the vehicle holds still: following a position that wanders would
             # turn it over.
-            self._place = None if flight.on_ground else self._place or _stopping_place(flight)
+            self._place = None if flight.on_ground else self._place or stopping_place(flight)
             return 0.0, 0.0
         self._place = None
         cos, sin = math.cos(flight.yaw_rad), math.sin(flight.yaw_rad)
@@ -539,6 +539,8 @@ class ManualFlight:
 class Manoeuvres:
     """The manoeuvres of a multicopter. Another kind of aircraft overrides those that it flies differently."""
 
+    # Whether the speeds and paths of a multicopter's waypoints are flown.
+    shapes_waypoints = True
     # Whether a landing begins away from its place.
     approaches_landing = False
     # A wing cannot meet a point exactly, so it raises these lower bounds of the acceptance radius.
@@ -595,11 +597,11 @@ def _thrust(throttle: float, hover: float) -> float:
     return hover * (1.0 + throttle) if throttle < 0.0 else hover + throttle * (1.0 - hover)
 
 
-def _stopping_m(speed_mps: float) -> float:
+def stopping_m(speed_mps: float) -> float:
     return math.copysign(speed_mps * speed_mps / (2.0 * _STOPPING_MPS2), speed_mps)
 
 
-def _stopping_place(flight: FlightState) -> NorthEast:
+def stopping_place(flight: FlightState) -> NorthEast:
     speed = math.hypot(flight.vn_mps, flight.ve_mps)
     ahead_s = speed / (2.0 * _STOPPING_MPS2) + 0.2 * min(speed, 1.0)
     return flight.north_m + flight.vn_mps * ahead_s, flight.east_m + flight.ve_mps * ahead_s

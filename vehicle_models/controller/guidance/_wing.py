@@ -243,6 +243,7 @@ class WingFollowSetpoints(FollowSetpoints):
 class WingManoeuvres(Manoeuvres):
     """The manoeuvres of a fixed wing."""
 
+    shapes_waypoints = False
     approaches_landing = True
     min_acceptance_radius_m, min_acceptance_height_m = 25.0, 10.0
 

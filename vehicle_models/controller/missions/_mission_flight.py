@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
+
+from bench.contracts import Vector
 
 from .._flight_state import Behaviour, FlightMode, FlightState, NorthEast
 from .._service import Command, CommandHandler, CommandResult, MessageHandler, MessageSender, Stream
 from .._service_context import ServiceContext
 from ..guidance._guidance import Guidance
 from ..guidance._legs import ClimbLeg, DescendLeg, GotoLeg, MissionLeg, TurnsLeg, bearing
-from ..guidance._manoeuvres import Hold, Land
+from ..guidance._manoeuvres import Hold, Land, stopping_m, stopping_place
+from ..guidance._waypoints import PathSegment, WaypointApproach, WaypointPath
 from ..links._enums import MAV_CMD
 from ..payload._camera import CameraComponent
 from ..payload._gimbal import Gimbal
@@ -48,11 +52,23 @@ _MAX_ACTIONS = 1000
 _ACTIONS_PER_STEP = 20
 # Of an item from the origin.
 _MAX_DISTANCE_M = 500_000.0
-_BRAKING_MPS2 = 1.5
+# Items between a waypoint and the next place to fly to.
+_MAX_LOOK_AHEAD = 8
 # A target farther away is not where the vehicle stays.
 _MAX_RESUMED_DISTANCE_M = 20.0
 # MISSION_STATE
 _NO_MISSION, _NOT_STARTED, _ACTIVE, _PAUSED, _COMPLETE = 1, 2, 3, 4, 5
+
+
+@dataclass(frozen=True, slots=True)
+class _Following:
+    """The place to which the mission goes on without a stop, and the speed of an item on the way; None by the
+    parameters.
+    """
+
+    place: NorthEast
+    down_m: float
+    speed_mps: float | None
 
 
 class MissionFlight:
@@ -85,6 +101,7 @@ class MissionFlight:
         self._index = 0  # of the item that is flown
         self._leg: MissionLeg | None = None
         self._from: NorthEast | None = None  # where the present leg begins; None: where the vehicle was
+        self._passed: WaypointPath | None = None  # the path of the leg that is just over
         self._lands_next = False  # the present leg leads to a place to land on
         self._actions: deque[tuple[int, MissionItem]] = deque()  # DO and CONDITION items that are due
         self._wait_ns = 0
@@ -138,7 +155,7 @@ class MissionFlight:
         # Another manoeuvre means that a command has paused the mission.
         if self._guidance.manoeuvre is leg.manoeuvre:
             if leg.over(flight):
-                self._leg_over(flight)
+                self._leg_over(flight, leg)
             if self._actions:
                 self._run_due_actions(flight)
         self._repeat(flight)
@@ -252,7 +269,7 @@ class MissionFlight:
             self._send(self._policy.begin_text)
         self._begin(self._index)
 
-    def _leg_over(self, flight: FlightState) -> None:
+    def _leg_over(self, flight: FlightState, leg: MissionLeg) -> None:
         if self._lands_next:
             self._lands_next = False
             self._fly(DescendLeg(self._landing(flight, self._plan.items[self._index])))
@@ -261,7 +278,11 @@ class MissionFlight:
         self._from = (
             self._place(self._plan.items[self._index]) if self._index < len(self._plan.items) else None
         )
+        self._passed = (
+            leg.course if isinstance(leg, GotoLeg) and isinstance(leg.course, WaypointPath) else None
+        )
         self._begin(self._index + 1)
+        self._passed = None
 
     def _begin(self, index: int) -> None:
         """Fly the next item from `index` on that can be flown; the actions on the way are carried out
@@ -290,13 +311,16 @@ class MissionFlight:
             self._fly_item(flight, items[index])
 
     def _jump(self, index: int, item: MissionItem) -> int:
-        goal, times = item.params[0], item.params[1]
-        done = self._jumps.get(index, 0)
-        leads = math.isfinite(goal) and self._first <= goal < len(self._plan.items)
-        if not leads or not math.isfinite(times) or (times >= 0 and done >= times):
+        if not self._is_jump_due(index, item):
             return index + 1
-        self._jumps[index] = done + 1
-        return int(goal)
+        self._jumps[index] = self._jumps.get(index, 0) + 1
+        return int(item.params[0])
+
+    def _is_jump_due(self, index: int, item: MissionItem) -> bool:
+        """Whether a jump leads somewhere and has been taken less often than it asks for."""
+        goal, times = item.params[0], item.params[1]
+        leads = math.isfinite(goal) and self._first <= goal < len(self._plan.items)
+        return leads and math.isfinite(times) and (times < 0 or self._jumps.get(index, 0) < times)
 
     def _finish(self, flight: FlightState) -> None:
         self._end("loitering" if flight.flying else "landed")
@@ -409,8 +433,8 @@ class MissionFlight:
                 )
             case _:
                 stay_s = max(first, 0.0) if item.command != MAV_CMD.NAV_LOITER_TO_ALT else 0.0
-                aim = self._beyond(flight, place) if item.command in _PASSED and stay_s == 0.0 else None
-                return self._goto(flight, item, place, down, stay_s, aim=aim)
+                following = self._following() if item.command in _PASSED and stay_s == 0.0 else None
+                return self._goto(flight, item, place, down, stay_s, following=following)
 
     def _goto(
         self,
@@ -420,7 +444,7 @@ class MissionFlight:
         down: float,
         stay_s: float,
         radius_m: float | None = None,
-        aim: NorthEast | None = None,
+        following: _Following | None = None,
     ) -> GotoLeg:
         radius = radius_m or self._policy.acceptance_radius_m(item, self._context.parameters)
         degrees = item.params[3]
@@ -440,32 +464,61 @@ class MissionFlight:
             radius,
             height,
             stay_s,
-            aim,
             self._guidance.speed_mps,
             self._from,
+            self._course(flight, place, down, following, radius),
         )
 
-    def _beyond(self, flight: FlightState, place: NorthEast) -> NorthEast | None:
-        """A point behind a waypoint that is only passed, farther ahead the less the course bends: so the
-        vehicle does not brake.
-        """
-        goal = next(
-            (item for item in self._plan.items[self._index + 1 : self._index + 9] if item.command in _FLOWN),
-            None,
+    def _course(
+        self,
+        flight: FlightState,
+        place: NorthEast,
+        down: float,
+        following: _Following | None,
+        radius_m: float,
+    ) -> WaypointApproach | WaypointPath | None:
+        """How the autopilot approaches a place of the mission, and leaves it again."""
+        manoeuvres, limits = self._guidance.manoeuvres, self._guidance.limits
+        if not manoeuvres.shapes_waypoints or radius_m == math.inf:
+            return None
+        if limits.waypoint_path is None:
+            line = (self._from or (flight.north_m, flight.east_m), place)
+            return WaypointApproach(flight, line, following.place if following else None, radius_m)
+        passed, end = self._passed, (*place, down)
+        if passed and passed.following and passed.following.end_m == end:
+            segment, previous = passed.following, passed.segment
+        else:
+            start = (*stopping_place(flight), flight.down_m + stopping_m(flight.vd_mps))
+            segment, previous = self._segment(start, end, self._guidance.speed_mps), None
+        behind = (
+            self._segment(end, (*following.place, following.down_m), following.speed_mps)
+            if following
+            else None
         )
-        next_place = self._place(goal) if goal and goal.command in _WITH_COURSE else None
-        if next_place is None:
-            return None
-        along = (place[0] - flight.north_m, place[1] - flight.east_m)
-        beyond = (next_place[0] - place[0], next_place[1] - place[1])
-        lengths = math.hypot(*along) * math.hypot(*beyond)
-        if lengths < 1e-6:
-            return None
-        # The cosine of the bend between the two legs; a turn back leaves no point beyond.
-        share = max((along[0] * beyond[0] + along[1] * beyond[1]) / lengths, 0.0)
-        speed = self._guidance.speed_mps or self._guidance.limits.cruise_mps
-        ahead = min(share * share * speed * speed / _BRAKING_MPS2, math.hypot(*beyond)) / math.hypot(*along)
-        return place[0] + along[0] * ahead, place[1] + along[1] * ahead
+        corner_mps2 = limits.waypoint_corner_mps2
+        return WaypointPath(segment, behind, radius_m, corner_mps2, flight.time_ns, previous)
+
+    def _segment(self, start_m: Vector, end_m: Vector, speed_mps: float | None) -> PathSegment:
+        limits = self._guidance.limits
+        assert limits.waypoint_path
+        path = replace(limits.waypoint_path, speed_mps=speed_mps or limits.waypoint_path.speed_mps)
+        return PathSegment.between(start_m, end_m, path, limits)
+
+    def _following(self) -> _Following | None:
+        """The place behind a waypoint that is only passed; None where the vehicle stops."""
+        index, speed_mps, items = self._index + 1, self._guidance.speed_mps, self._plan.items
+        for _ in range(_MAX_LOOK_AHEAD):
+            if index >= len(items):
+                return None
+            item = items[index]
+            if item.command in _FLOWN:
+                place = self._place(item) if item.command in _WITH_COURSE else None
+                return _Following(place, self._down_m(item), speed_mps) if place else None
+            if item.command == MAV_CMD.DO_CHANGE_SPEED and _is_ground_speed(*item.params[:2]):
+                speed_mps = self._speed_of(item.params[1])
+            jumps = item.command == MAV_CMD.DO_JUMP and self._is_jump_due(index, item)
+            index = int(item.params[0]) if jumps else index + 1
+        return None
 
     def _landing(self, flight: FlightState, item: MissionItem) -> Land:
         ground = flight.home.down_m if flight.home else 0.0
@@ -522,8 +575,8 @@ class MissionFlight:
             gimbal.look_at(*place, down_m)
 
     def _change_speed(self, item: MissionItem, kind: float, speed: float) -> None:
-        if kind in (0.0, 1.0) and math.isfinite(speed):
-            self._speed_mps = min(speed, self._guidance.limits.speed_max_mps) if speed > 0.0 else None
+        if _is_ground_speed(kind, speed):
+            self._speed_mps = self._speed_of(speed)
             manoeuvre = self._guidance.manoeuvre
             self._guidance.speed_mps = self._speed_mps
             if self._speed_mps and isinstance(manoeuvre, Hold):
@@ -533,6 +586,10 @@ class MissionFlight:
             self._context.radio.broadcast(
                 "COMMAND_LONG", command=MAV_CMD.DO_CHANGE_SPEED, target_system=1, target_component=0, **fields
             )
+
+    def _speed_of(self, speed: float) -> float | None:
+        """The speed that an item asks for; None for the parameters' speed."""
+        return min(speed, self._guidance.limits.speed_max_mps) if speed > 0.0 else None
 
     def _arrived(self, number: int) -> None:
         items, policy = self._plan.items, self._policy
@@ -622,6 +679,11 @@ class MissionFlight:
         self._choose(starts[0])
         self._modes.switch(self._mode)
         return CommandResult.ACCEPTED
+
+
+def _is_ground_speed(kind: float, speed: float) -> bool:
+    """Whether DO_CHANGE_SPEED means the speed over ground (PX4 and ArduCopter take airspeed for the same)."""
+    return kind in (0.0, 1.0) and math.isfinite(speed)
 
 
 class _LegThen:

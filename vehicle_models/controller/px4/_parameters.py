@@ -61,6 +61,9 @@ def limits(p: ParameterStore) -> FlightLimits:
         return_arrives_height_m=_reached_height_m(p),
         return_near_m=p["RTL_MIN_DIST"],
         return_climbs_by_m=None,
+        waypoint_turn_mps2=max(p["MPC_XY_TRAJ_P"], 0.1) * max(p["MPC_ACC_HOR"], 0.5),
+        waypoint_path=None,
+        waypoint_corner_mps2=0.0,
         # From one landing of PX4 on this plant: 1.15 s from the touch to its text.
         landing_settles_s=1.1,
         landed_disarm_s=p["COM_DISARM_LAND"] if p["COM_DISARM_LAND"] > 0 else None,

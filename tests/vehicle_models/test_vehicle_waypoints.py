@@ -1,0 +1,167 @@
+"""How missions pass their waypoints: PX4's speeds and ArduPilot's paths, by themselves and flown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from test_vehicle_missions import ready_ardupilot, to, upload
+from vehicle_client import Client, mavlink, simspec
+
+from bench.contracts import Vector
+from vehicle_models.controller import ARDUPILOT, PX4, FlightState, ReferencePoint
+from vehicle_models.controller.guidance._limits import FlightLimits, PathLimits
+from vehicle_models.controller.guidance._waypoints import PathSegment, WaypointApproach, WaypointPath
+from vehicle_models.controller.parameters._store import ParameterStore
+
+Make = Callable[..., Client]
+STEP_NS = 20_000_000
+
+
+def limits_of(autopilot: str, **parameters: float) -> FlightLimits:
+    policy = {"px4": PX4, "ardupilot": ARDUPILOT}[autopilot].parameters
+    return policy.limits(ParameterStore(policy.definitions, parameters))
+
+
+def px4_mps(accel_mps2: float, jerk_mps3: float, distance_m: float, final_mps: float) -> float:
+    """The solution of v^2 + 4 a^2 / j v - 2 a d - final^2 = 0, and at least `final_mps`."""
+    roots = np.roots([1.0, 4.0 * accel_mps2**2 / jerk_mps3, -2.0 * accel_mps2 * distance_m - final_mps**2])
+    return max(float(max(roots.real)), final_mps)
+
+
+def test_px4_passes_a_waypoint_as_fast_as_the_turn_allows() -> None:
+    """Over random lines and parameters: on a circle that touches both lines at the radius the acceleration sideways is
+    MPC_XY_TRAJ_P of MPC_ACC_HOR; before the waypoint the vehicle brakes to that speed.
+    """
+    random = np.random.default_rng(1)
+    turns = 0
+    for _ in range(100):
+        accel, jerk, gain, cruise, radius = random.uniform((1, 2, 0.2, 2, 1), (5, 8, 1, 12, 4))
+        limits = limits_of("px4", MPC_ACC_HOR=accel, MPC_JERK_AUTO=jerk, MPC_XY_TRAJ_P=gain)
+        before_m, behind_m = random.uniform(10.0, 60.0, 2)
+        bend = random.uniform(0.1, 3.0)
+        place = (before_m, 0.0)
+        following = (before_m + behind_m * math.cos(bend), behind_m * math.sin(bend))
+        flight = FlightState(0.02, ReferencePoint(0, 0, 0.0), PX4.modes.initial, vn_mps=1.0)
+        approach = WaypointApproach(flight, ((0.0, 0.0), place), following, radius)
+        distance = random.uniform(radius + 0.1, before_m)
+        flight.north_m = before_m - distance
+        (north, east), speed = approach.aim(flight, limits, cruise)
+        circle_m = radius / math.tan(0.5 * bend)
+        turning = min(math.sqrt(gain * accel * circle_m), cruise, px4_mps(accel, jerk, behind_m, 0.0))
+        assert speed == pytest.approx(min(cruise, px4_mps(accel, jerk, distance, turning)), rel=1e-6)
+        assert (north > before_m, abs(east) < 1e-9) == (True, True)
+        turns += turning < cruise
+    assert 20 < turns < 100
+
+
+def test_px4_turns_towards_the_line_at_the_speed_of_the_corner() -> None:
+    """Two metres before a corner to the right it steers to a point of the new line 5 m away, and no faster; once
+    aligned with the target it speeds up.
+    """
+    limits = limits_of("px4")
+    flight = FlightState(0.02, ReferencePoint(0, 0, 0.0), PX4.modes.initial, north_m=-2.0, vn_mps=1.7)
+    approach = WaypointApproach(flight, ((0.0, 0.0), (0.0, 40.0)), None, 2.0)
+    (north, east), speed = approach.aim(flight, limits, 5.0)
+    assert speed == pytest.approx(1.7)
+    assert math.atan2(east, north + 2.0) == pytest.approx(math.acos(2.0 / 5.0))
+    flight.vn_mps, flight.ve_mps = 0.1, 1.7
+    assert approach.aim(flight, limits, 5.0) == ((0.0, 40.0), 5.0)
+
+
+def flown_path(
+    places: list[Vector], path: PathLimits, limits: FlightLimits, radius_m: float
+) -> list[list[Vector]]:
+    """Place, velocity and acceleration of every step over all places; a mission hands its legs on likewise."""
+    corner_mps2 = limits.waypoint_corner_mps2
+    segments = [PathSegment.between(*ends, path, limits) for ends in pairwise(places)]
+    now_ns, steps = 0, []
+    for number, segment in enumerate(segments):
+        previous = segments[number - 1] if number else None
+        following = segments[number + 1] if number + 1 < len(segments) else None
+        course = WaypointPath(segment, following, radius_m, corner_mps2, now_ns, previous)
+        while not (course.over(now_ns) if following else course.is_at_rest(now_ns)):
+            steps.append(list(course.target_at(now_ns)))
+            now_ns += STEP_NS
+            assert now_ns < 500e9
+    return steps
+
+
+def test_ardupilots_path_rounds_its_corners_and_is_smooth() -> None:
+    """Over random places: place and velocity have no jumps, every place is passed within the radius, speeds and
+    accelerations keep their limits, and it ends at rest. Some corners are rounded, and some are stops.
+    """
+    random = np.random.default_rng(2)
+    limits = limits_of("ardupilot", WPNAV_ACCEL_C=300.0)
+    slowest = []
+    for _ in range(20):
+        steps = random.uniform((-40, -40, -8), (40, 40, 8), (4, 3))
+        places = [(float(n), float(e), float(d)) for n, e, d in np.cumsum(steps, axis=0)]
+        path = PathLimits(8.0, 2.5, 1.0, float(random.uniform(1.0, 5.0)))
+        place, velocity, acceleration = np.array(flown_path(places, path, limits, 2.0)).transpose(1, 0, 2)
+        dt = STEP_NS * 1e-9
+        assert np.abs(np.diff(place, axis=0) - dt * 0.5 * (velocity[1:] + velocity[:-1])).max() < 1e-3
+        # The corner's limit holds in the middle of a turn; both segments together hold twice their own.
+        assert np.abs(np.diff(velocity, axis=0) / dt).max() < 5.1
+        assert np.hypot(*velocity[:, :2].T).max() < 8.0 + 1e-6
+        assert -2.5 - 1e-6 < velocity[:, 2].min() <= velocity[:, 2].max() < 1.5 + 1e-6
+        assert np.hypot(*acceleration[:, :2].T).max() < 5.0
+        for passed in places[1:-1]:
+            offsets = np.linalg.norm(place - passed, axis=1)
+            assert offsets.min() < 2.0
+            slowest.append(np.linalg.norm(velocity[offsets.argmin()]))
+        assert place[-1] == pytest.approx(places[-1], abs=1e-3)
+        assert np.linalg.norm(velocity[-1]) < 0.01
+    assert min(slowest) < 0.1
+    assert max(slowest) > 1.0
+
+
+def corner(client: Client) -> tuple[float, float, float]:
+    """Of the first corner, 30 m north: the speed when it is 2 m away, the least distance and the speed there."""
+    entry_mps, least_m, speed_mps = 0.0, math.inf, 0.0
+    for _ in range(1500):
+        client.fly(0.02)
+        truth = client.vehicle.truth()
+        distance_m = math.dist(truth.position_enu_m[:2], (0.0, 30.0))
+        if distance_m < least_m:
+            least_m, speed_mps = distance_m, math.hypot(*truth.velocity_enu_mps[:2])
+            if least_m >= 2.0:
+                entry_mps = speed_mps
+        elif distance_m > least_m + 5.0:
+            return entry_mps, least_m, speed_mps
+    raise AssertionError("it never came to the corner")
+
+
+@pytest.mark.parametrize(("gain", "speed_mps"), [(0.5, 1.73), (1.0, 2.45)])
+def test_px4_flies_a_corner_of_90_degrees(make: Make, gain: float, speed_mps: float) -> None:
+    """Inside NAV_ACC_RAD, with the speed of MPC_XY_TRAJ_P and 3 m/s2."""
+    client = make(simspec(vehicle={"parameters": {"MPC_XY_TRAJ_P": gain}}))
+    client.airborne()
+    assert upload(client, [to(client, 0, 30, 10), to(client, 30, 30, 10)]) == 0
+    client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 4)
+    entry_mps, least_m, _ = corner(client)
+    assert least_m < 2.0
+    # It brakes behind its trajectory, so it is still a little faster.
+    assert entry_mps == pytest.approx(1.1 * speed_mps, rel=0.15)
+
+
+@pytest.mark.parametrize(("corner_cmss", "radius_cm", "speed_mps"), [(0.0, 200.0, 2.9), (60.0, 200.0, 0.0)])
+def test_ardupilot_flies_a_corner_of_90_degrees(
+    make: Make, corner_cmss: float, radius_cm: float, speed_mps: float
+) -> None:
+    """Within WPNAV_RADIUS; where WPNAV_ACCEL_C allows no more it nearly stops."""
+    parameters = {"WPNAV_ACCEL_C": corner_cmss, "WPNAV_RADIUS": radius_cm}
+    client = ready_ardupilot(
+        lambda spec, system: make(simspec("ardupilot", vehicle={"parameters": parameters}))
+    )
+    rows = [to(client, 0, 0, 0), to(client, 0, 0, 5, 22), to(client, 0, 30, 5), to(client, 30, 30, 5)]
+    assert upload(client, rows) == 0
+    for number, arguments in ((176, (1, 4)), (400, (1,)), (176, (1, 3)), (300, ())):
+        assert client.command(number, *arguments) == [0]
+    client.fly(7.0)
+    _, least_m, passing_mps = corner(client)
+    assert least_m < 0.01 * radius_cm
+    assert passing_mps == pytest.approx(speed_mps, abs=0.4)
