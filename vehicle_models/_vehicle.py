@@ -266,7 +266,9 @@ class Aircraft(ABC):
             self._silence,
         )
         truth = self._hil_state if simspec.vehicle.ground_truth else None
-        self._equipment = Equipment(simspec.vehicle.camera, truth, self._failures.break_part)
+        self._equipment = Equipment(
+            simspec.vehicle.camera, truth, self._failures.break_part, simspec.vehicle.simulation_control
+        )
         self._controller = self._boot(None)
 
     def endpoints(self) -> Mapping[str, str]:

@@ -40,6 +40,22 @@ VERDICTS = ("same", "different", "missing")
 PARAMETER_SECTIONS: dict[str, Autopilot] = {**AUTOPILOTS, "wing": WING_AUTOPILOTS["px4"]}
 """The autopilot of each table of parameters."""
 
+SIMULATED_SENSORS = (
+    *("HIL_STATE", "HIL_STATE_QUATERNION", "HIL_SENSOR", "HIL_GPS", "HIL_OPTICAL_FLOW", "HIL_RC_INPUTS_RAW"),
+    *(
+        "HIL_CONTROLS",
+        "HIL_ACTUATOR_CONTROLS",
+        "SIM_STATE",
+        "SIMSTATE",
+        "GPS_INPUT",
+        "GPS_INJECT_DATA",
+        "GPS_RTCM_DATA",
+    ),
+    *("VISION_POSITION_ESTIMATE", "VISION_SPEED_ESTIMATE", "VICON_POSITION_ESTIMATE", "ATT_POS_MOCAP"),
+    *("GLOBAL_VISION_POSITION_ESTIMATE", "OPTICAL_FLOW", "OPTICAL_FLOW_RAD", "ODOMETRY"),
+)
+"""Messages with which a simulator, or a sensor on a link, would tell an autopilot what it measures."""
+
 NOT_SHOWN = "not shown"
 """In the last column of a parameter that no test proves."""
 
@@ -119,6 +135,32 @@ def _result_without_effect(autopilot: Autopilot, number: MAV_CMD, sender: Messag
     # A pair of results is the longest and reads best at the end.
     *others, last = sorted(results, key=lambda text: ("then" in text, text))
     return f"{', '.join(others)} or {last}" if others else last
+
+
+def simulation_table() -> str:
+    """What of the simulation MAVLink clients can see or change, and what of it the bench allows them in a session."""
+    lines = [
+        "| of the simulation | in a session | with `simulation_control`, and in `rebar fly` |",
+        "| --- | --- | --- |",
+    ]
+    read = parameters_read()
+    for name, autopilot in AUTOPILOTS.items():
+        names = [parameter.name for parameter in autopilot.parameters.definitions]
+        for beginning in autopilot.parameters.simulation:
+            members = [parameter for parameter in names if parameter.startswith(beginning)]
+            effective = ", ".join(f"`{member}`" for member in members if member in read[name])
+            spelled = f"`{beginning}*` ({len(members)} of them)" if len(members) > 1 else f"`{beginning}`"
+            effect = f"set; with an effect: {effective}" if effective else "set, without effect"
+            lines.append(f"| {name}: {spelled} | read only | {effect} |")
+    lines.append("| px4: command `INJECT_FAILURE` | DENIED | carried out while SYS_FAILURE_EN is 1 |")
+    lines.append(
+        "| message `HIL_STATE_QUATERNION` (the true motion) | not sent, unless `vehicle.ground_truth` | the same; "
+        "`rebar fly` sends it on request |"
+    )
+    lines.append("| ardupilot: message `SIMSTATE` | the estimate, not the truth | the same |")
+    ignored = ", ".join(f"`{message}`" for message in SIMULATED_SENSORS)
+    lines.append(f"| messages that would replace a sensor: {ignored} | ignored, and counted | the same |")
+    return "\n".join(lines) + "\n"
 
 
 def conformance_counts() -> str:
@@ -232,6 +274,7 @@ def _explained(parameter: Parameter) -> str:
 def with_commands(page: str) -> str:
     """docs/flight-controller.md with its tables updated."""
     page = _with_section(page, "conformance", conformance_counts())
+    page = _with_section(page, "simulation", simulation_table())
     return _with_section(page, "commands", command_table())
 
 

@@ -148,6 +148,15 @@ class VehicleSpec(Document):
             description="Whether the vehicle sends its true motion (HIL_STATE_QUATERNION) when asked for it."
         ),
     ] = False
+    simulation_control: Annotated[
+        bool,
+        Field(
+            description="Whether MAVLink clients, the agent among them, may set the parameters of the simulation (PX4: "
+            "SIM_*, SIH_*, SYS_FAILURE_EN, SYS_HITL; ArduPilot: SIM_*) and inject failures.",
+            # Frozen questions are compared by digest, and none of them gives an agent the simulation.
+            exclude_if=lambda allowed: not allowed,
+        ),
+    ] = False
     failures: Annotated[
         tuple[Failure, ...], Field(max_length=100, description="Failures of the vehicle.")
     ] = ()

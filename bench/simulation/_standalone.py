@@ -50,7 +50,7 @@ def run_standalone(
     5763 for ardupilot. `say` gets a line for each link. `parameter_file` saves what differs from the defaults
     from one start to the next. `model` is a vehicle of group rebar.vehicles. Raises SetupError for anything
     that cannot be opened or does not exist. `camera` adds a camera on a gimbal, both on the links. True
-    motion is sent on request, as a SITL does.
+    motion is sent on request, and clients may set parameters of the simulation, as with a SITL.
     """
     file = ParameterFile(parameter_file) if parameter_file else None
     saved = file.load() if file else {}
@@ -126,6 +126,7 @@ def standalone_simspec(
             "autopilot": autopilot,
             "parameters": dict(parameters),
             "ground_truth": True,
+            "simulation_control": True,
             "camera": {"gimbal": camera, "mavlink": camera},
             "home": {"east_m": 0.0, "north_m": 0.0, "heading_deg": math.fmod(heading, 360.0) % 360.0},
         },

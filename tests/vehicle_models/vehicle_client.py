@@ -22,9 +22,16 @@ mavlink = dialect
 
 
 def simspec(autopilot: str = "px4", **changes: Any) -> SimSpec:
-    """A bare SimSpec; `changes` are the documents vehicle, environment, seeds."""
+    """A bare SimSpec, in which clients may do what a SITL lets them; `changes` are the documents vehicle, environment,
+    seeds.
+    """
     corners = [{"east_m": e, "north_m": n} for e, n in ((0, 0), (300, 0), (300, 300))]
-    vehicle = {"autopilot": autopilot, "gps": {"wander_m": 0.0, "noise_m": 0.0}, **changes.pop("vehicle", {})}
+    vehicle = {
+        "autopilot": autopilot,
+        "gps": {"wander_m": 0.0, "noise_m": 0.0},
+        "simulation_control": True,
+        **changes.pop("vehicle", {}),
+    }
     return SimSpec.model_validate(
         {"name": "test", "world": {"area": {"corners": corners}}, "vehicle": vehicle, **changes}
     )

@@ -128,6 +128,7 @@ class Controller:
         self._plans = StoredPlans()
         self._logs = persistent.logs if persistent else LogStorage()
         self._camera: CameraComponent | None = None
+        self._failure_injection: FailureInjection | None = None
         self._build_flight_services(manoeuvres)
         self._build_safety_services()
         self._join(self._build_services(equipment or Equipment()))
@@ -177,11 +178,12 @@ class Controller:
         context, autopilot, modes, guidance = self._context, self._autopilot, self._modes, self._guidance
         self._commands = Commands(context, autopilot.commands)
         self._restart = Restart(context, autopilot.commands)
+        self._parameters = Parameters(context, autopilot.parameters, equipment.simulation_control)
         gimbal = self._build_camera(equipment)
         # A failsafe has the last word on the mode, so it ticks behind all that change it.
         services: list[object] = [
             self._commands,
-            Parameters(context, autopilot.parameters),
+            self._parameters,
             ClockService(context, autopilot.commands.answers_ping),
             SigningKeys(self._signing),
             self._restart,
@@ -216,7 +218,10 @@ class Controller:
             services.append(TruthStream(equipment.truth))
         if equipment.break_part:
             failure_parameter = autopilot.safety.failure_parameter
-            services.append(FailureInjection(context.parameters, failure_parameter, equipment.break_part))
+            self._failure_injection = FailureInjection(
+                context.parameters, failure_parameter, equipment.break_part, equipment.simulation_control
+            )
+            services.append(self._failure_injection)
         # What is recorded is the state that all of them leave.
         return [*services, *self._build_logs(), *self._build_telemetry()]
 
@@ -409,6 +414,8 @@ class Controller:
             "mavlink_malformed": self._decoder.malformed,
             "mavlink_unheard": self._unhandled,
             "setpoints_ignored": self._setpoints.ignored,
+            "simulation_refused": self._parameters.refused
+            + (self._failure_injection.refused if self._failure_injection else 0),
         }
         return {name: count + self._previous_counts.get(name, 0) for name, count in counts.items()}
 

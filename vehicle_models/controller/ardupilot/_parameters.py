@@ -108,6 +108,9 @@ PARAMETERS = ParameterPolicy(
     changes_twice=False,
     checks_type=False,
     listed_per_step=40,
+    simulation=("SIM_",),
+    # GCS_MAVLINK's text for its own read-only parameters, followed by the value that holds.
+    write_denied="Param write denied ({name})",
     pushes=(
         ParameterPush("BARO1_GND_PRESS", 20.0),
         ParameterPush("BARO2_GND_PRESS", 20.0),

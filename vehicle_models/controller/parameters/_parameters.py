@@ -12,22 +12,30 @@ from .._service_context import ServiceContext
 from ..links._frames import KINDS
 from ..links._radio import Channel
 from ..policies._parameters import ParameterPolicy
+from ..telemetry._texts import WARNING
 from ._store import REAL32, UINT32
 
 _VALUE = KINDS["PARAM_VALUE"].id
 # MAV_PARAM_ERROR
-_DOES_NOT_EXIST, _TYPE_MISMATCH = 1, 7
+_DOES_NOT_EXIST, _READ_ONLY, _TYPE_MISMATCH = 1, 5, 7
 # PX4's parameter that holds the hash over all others.
 _HASH_CHECK = "_HASH_CHECK"
 _NO_INDEX = 65535
 
 
 class Parameters:
-    """PARAM_REQUEST_LIST, PARAM_REQUEST_READ, PARAM_SET, and parameters that are sent unasked."""
+    """PARAM_REQUEST_LIST, PARAM_REQUEST_READ, PARAM_SET, and parameters that are sent unasked.
 
-    def __init__(self, context: ServiceContext, policy: ParameterPolicy) -> None:
+    Without `simulation_control` the parameters of the simulation can be read and not set.
+    """
+
+    def __init__(self, context: ServiceContext, policy: ParameterPolicy, simulation_control: bool) -> None:
         self._store = context.parameters
         self._policy = policy
+        self._simulation_control = simulation_control
+        self._texts = context.texts
+        self.refused = 0
+        """Attempts to set a parameter of the simulation."""
         self._radio = context.radio
         self._flight = context.flight
         self._lists: dict[str, tuple[Channel, int]] = {}  # by channel: the next index to send
@@ -102,6 +110,9 @@ class Parameters:
         if name is None:
             self._refuse(sender, message.param_id, _DOES_NOT_EXIST)
             return
+        if not self._simulation_control and self._policy.is_simulation(name):
+            self._deny(name, message.param_id, sender)
+            return
         kind = self._store.kinds[name]
         if self._policy.checks_type and message.param_type != kind:
             self._refuse(sender, message.param_id, _TYPE_MISMATCH)
@@ -117,6 +128,15 @@ class Parameters:
         if changed and self._policy.changes_twice:
             for channel in self._radio.channels:
                 self._send(channel, name, self._reply_index(name))
+
+    def _deny(self, name: str, requested: str, sender: MessageSender) -> None:
+        """Refuse to set a parameter that can only be read."""
+        self.refused += 1
+        if self._policy.write_denied is None:
+            self._refuse(sender, requested, _READ_ONLY)
+            return
+        self._texts.send(WARNING, self._policy.write_denied.format(name=name))
+        self._send(sender.channel, name, self._reply_index(name), requested)
 
     def _find(self, requested: str) -> str | None:
         if requested in self._store.kinds:

@@ -19,9 +19,11 @@ class Equipment:
     """The camera, whose `gimbal` and `mavlink` define what of it is on the links, and what the bench offers.
 
     `truth` gives HIL_STATE_QUATERNION in wire order; None keeps the true motion from the links. `break_part`
-    serves INJECT_FAILURE.
+    serves INJECT_FAILURE. Without `simulation_control` clients may neither inject failures nor set the parameters
+    of the simulation: an agent would choose the situation in which it is tested.
     """
 
     camera: Camera | None = None
     truth: Callable[[], tuple[Any, ...]] | None = None
     break_part: BreakPart | None = None
+    simulation_control: bool = True

@@ -52,4 +52,12 @@ class ParameterPolicy:
     listed_per_step: int
     """How many values of a list leave in one step: the list takes as long as the real autopilot's."""
 
+    simulation: tuple[str, ...]
+    """Beginnings of the names that set up the simulation, which only the bench may set in a session."""
+    write_denied: str | None
+    """The text with which a protected parameter is refused, with `{name}`; None: PARAM_ERROR."""
     pushes: tuple[ParameterPush, ...] = ()
+
+    def is_simulation(self, name: str) -> bool:
+        """Whether a parameter sets up the simulation and not the flight controller."""
+        return name.startswith(self.simulation)

@@ -147,4 +147,7 @@ PARAMETERS = ParameterPolicy(
     changes_twice=True,
     checks_type=True,
     listed_per_step=20,
+    # SYS_FAILURE_EN lets a client break parts of the vehicle, SYS_HITL replaces its sensors.
+    simulation=("SIM_", "SIH_", "SYS_FAILURE_EN", "SYS_HITL"),
+    write_denied=None,
 )

@@ -19,10 +19,20 @@ _MAX_INSTANCE = 16
 class FailureInjection:
     """Breaks and repairs what can be broken here; other units and types are UNSUPPORTED.
 
-    `allowed_by` is the parameter that allows it; None: there is no such command.
+    `allowed_by` is the parameter that allows it; None: there is no such command. Without `simulation_control`
+    every attempt is DENIED, as by an autopilot whose parameter forbids it.
     """
 
-    def __init__(self, parameters: ParameterStore, allowed_by: str | None, break_part: BreakPart) -> None:
+    def __init__(
+        self,
+        parameters: ParameterStore,
+        allowed_by: str | None,
+        break_part: BreakPart,
+        simulation_control: bool,
+    ) -> None:
+        self._simulation_control = simulation_control
+        self.refused = 0
+        """Attempts to inject a failure where the bench does not allow it."""
         self._parameters = parameters
         self._allowed_by = allowed_by
         self._break_part = break_part
@@ -31,6 +41,9 @@ class FailureInjection:
         return {MAV_CMD.INJECT_FAILURE: self._inject} if self._allowed_by else {}
 
     def _inject(self, command: Command) -> CommandResult | None:
+        if not self._simulation_control:
+            self.refused += 1
+            return CommandResult.DENIED
         if self._allowed_by is None or not self._parameters[self._allowed_by]:
             return CommandResult.DENIED
         unit, kind, instance = command.params[:3]
