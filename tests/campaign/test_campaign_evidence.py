@@ -208,17 +208,63 @@ def test_the_manifest_of_an_older_folder_tells_an_edit_of_its_campaign(tmp_path:
     flown(tmp_path)
     written = (tmp_path / "campaign.yaml").read_text()
 
-    def forget_copy() -> None:
-        with closing(sqlite3.connect(tmp_path / "journal.sqlite", isolation_level=None)) as journal:
-            journal.execute("DELETE FROM facts WHERE name = 'campaign.yaml'")
-
-    forget_copy()
+    forget_copies(tmp_path)
     (tmp_path / "campaign.yaml").write_text(written + "# reviewed\n")
     assert ["differs from the one in manifest.json" in fault for fault in refusal(tmp_path)] == [True]
     (tmp_path / "campaign.yaml").write_text(written)
     assert flown(tmp_path).flown == 0
     (tmp_path / "campaign.yaml").write_bytes(written.replace("\n", "\r\n").encode())
     assert ["its line ends are different" in fault for fault in refusal(tmp_path)] == [True]
+
+
+def forget_copies(folder: Path) -> None:
+    """Leave the journal as in folders from before it had copies of campaign and decomposition."""
+    with closing(sqlite3.connect(folder / "journal.sqlite", isolation_level=None)) as journal:
+        journal.execute("DELETE FROM facts WHERE name IN ('campaign.yaml', 'decomposition.yaml')")
+
+
+def grown_and_interrupted(folder: Path) -> str:
+    """An older folder of one replicate, grown to two in a run that was interrupted; returns its campaign."""
+    flown(folder, campaign=small_campaign(replicates=1))
+    manifest = (folder / "manifest.json").read_bytes()
+    assert not flown(folder, campaign=small_campaign(total_wall_s=1e-9)).complete
+    assert (folder / "manifest.json").read_bytes() == manifest
+    forget_copies(folder)
+    return (folder / "campaign.yaml").read_text()
+
+
+def test_an_older_folder_that_grew_and_was_interrupted_is_taken_up(tmp_path: Path) -> None:
+    """Its manifest lists the campaign as it was; the journal has the realizations that the file plans now."""
+    grown_and_interrupted(tmp_path)
+    assert flown(tmp_path).flown == 3
+    assert verify_folder(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("written", "edited"),
+    [
+        ("seed: 7", "seed: 8"),
+        ("replicates: 2", "replicates: 3"),
+        ("replicates: 2", "replicates: 1"),
+        ("name: small", "name: other"),
+        ("replicates: 2", "replicates: two"),
+    ],
+)
+def test_an_edit_of_an_older_folder_that_grew_is_refused(tmp_path: Path, written: str, edited: str) -> None:
+    """Other realizations, more, fewer, another name, and no campaign at all."""
+    text = grown_and_interrupted(tmp_path)
+    assert text.count(written) == 1
+    (tmp_path / "campaign.yaml").write_text(text.replace(written, edited))
+    assert ["differs from the one in manifest.json" in fault for fault in refusal(tmp_path)] == [True]
+
+
+def test_an_older_folder_whose_journal_did_not_grow_is_refused(tmp_path: Path) -> None:
+    """A runner that was killed before it planned leaves what an edit would leave: nothing tells them apart."""
+    flown(tmp_path, campaign=small_campaign(replicates=1))
+    forget_copies(tmp_path)
+    path = tmp_path / "campaign.yaml"
+    path.write_text(path.read_text().replace("replicates: 1", "replicates: 2"))
+    assert ["differs from the one in manifest.json" in fault for fault in refusal(tmp_path)] == [True]
 
 
 @pytest.mark.parametrize("name", [".manifest.json.part", ".report.html.part", "simspecs/.p001.json.part"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from ..storage._folder import CampaignFolder
 from ..storage._inputs import write_input
 from ..storage._journal import Journal, PlannedRealization
 from ..storage._results import write_result
-from ._realizations import realizations
+from ._realizations import intents_of, realizations
 
 CheckTakeoff = Callable[[Iterable[SimSpec]], list[Fault]]
 """Finds what is known to be wrong with sessions of these SimSpecs before any of them flies."""
@@ -39,7 +38,7 @@ def plan_campaign(
     be scored), and with all that `check_takeoff` finds about the realizations that have no result yet.
     """
     plans = realizations(campaign)
-    intents = {plan.id: _sha256(dump_json(plan.simspec)) for plan in plans}
+    intents = intents_of(plans)
     _check_same(folder, journal, intents, decomposition.digest)
     known = {entry.id: entry for entry in journal.entries()}
     _check_rated((plan for plan in plans if plan.id not in known), decomposition)
@@ -148,10 +147,6 @@ def _check_rated(plans: Iterable[RealizationPlan], decomposition: Decomposition)
         if situation not in rated:
             rated.add(situation)
             difficulty_of_values(decomposition, values)
-
-
-def _sha256(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 class _Placer:

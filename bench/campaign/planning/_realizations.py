@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import zlib
 from collections.abc import Iterable
 
 import numpy as np
 
+from bench.documents import dump_json
 from bench.realization import DesignQuality, Rating, RealizationPlan, realize
 
 from .._document import Campaign, FloorPlan
@@ -27,6 +29,11 @@ def realizations(campaign: Campaign) -> list[RealizationPlan]:
     # The same scenes for other agents: the design is drawn from the same seeds.
     null = realize(campaign.bases, campaign.design, floor.specs, _rating(campaign))
     return [*tested, *(plan for plan in null if (plan.design_point, plan.replicate) in scenes)]
+
+
+def intents_of(plans: Iterable[RealizationPlan]) -> dict[str, str]:
+    """SHA-256 of each SimSpec before placement, by realization: what the journal notes to know its campaign by."""
+    return {plan.id: hashlib.sha256(dump_json(plan.simspec).encode()).hexdigest() for plan in plans}
 
 
 def floor_scenes(scenes: Iterable[Scene], seed: int, floor: FloorPlan) -> set[Scene]:

@@ -11,8 +11,11 @@ from collections.abc import Iterator
 from difflib import SequenceMatcher
 from pathlib import Path
 
-from bench.errors import Fault
+from bench.documents import load_document
+from bench.errors import Fault, SetupError
 
+from .._document import Campaign
+from ..planning._realizations import intents_of, realizations
 from ._files import digest_of, write_whole
 from ._folder import CampaignFolder
 from ._journal import Journal
@@ -53,7 +56,7 @@ def input_faults(folder: CampaignFolder, journal: Journal, manifest: Manifest | 
             listed = manifest.files.get(path.name) if manifest else None
             edit = (
                 f"differs from the one in {folder.manifest.name}"
-                if listed not in (None, digest_of(path))
+                if listed not in (None, digest_of(path)) and not _has_grown(folder, journal, manifest, path)
                 else None
             )
         if edit is not None:
@@ -63,6 +66,34 @@ def input_faults(folder: CampaignFolder, journal: Journal, manifest: Manifest | 
                 "restore it from a copy, or delete it and run your own campaign file again with "
                 f"--out {folder.path}; to change the campaign, edit that file, not the copy in the folder",
             )
+
+
+def _has_grown(folder: CampaignFolder, journal: Journal, manifest: Manifest | None, path: Path) -> bool:
+    """Whether `path` is the campaign to which the folder grew after its manifest was written, in a run that was
+    interrupted before the next manifest.
+
+    The journal is the evidence: it has realizations that the manifest does not list, and the file plans those of the
+    journal, no more and no other.
+    """
+    entries = journal.entries()
+    listed = manifest.files.keys() if manifest else frozenset()
+    if (
+        manifest is None
+        or path != folder.campaign
+        # A run that was killed before it planned left no evidence; nor does an edit that asks for more runs.
+        or all(f"{folder.simspec(entry.id).relative_to(folder.path)}" in listed for entry in entries)
+    ):
+        return False
+    try:
+        campaign = load_document(path, Campaign)
+        if folder.decomposition.is_file():
+            # The folder's copy names its decomposition without the folder.
+            campaign = campaign.model_copy(update={"decomposition": str(folder.decomposition)})
+        intents = intents_of(realizations(campaign))
+    except SetupError:
+        return False
+    same_question = (campaign.name, campaign.pace) == (manifest.campaign, manifest.pace)
+    return same_question and intents == {entry.id: entry.intent_sha256 for entry in entries}
 
 
 def _noted(journal: Journal, path: Path) -> list[str]:
