@@ -56,6 +56,7 @@
     theme();
   });
   prefersDark.addEventListener("change", theme);
+  const maps = [...document.querySelectorAll(".mapbox")];
   const print = (on) => {
     printing = on;
     // On paper nothing can be opened, so everything is open there, and closed again afterwards.
@@ -63,16 +64,18 @@
       if (on && !box.open) { box.open = true; box.dataset.opened = "yes"; }
       if (!on && box.dataset.opened) { box.open = false; delete box.dataset.opened; }
     });
+    // Nor can another map be chosen. Those that no screen has shown are drawn for the paper.
+    if (on) maps.filter((map) => map.hidden).forEach((map) => { map.hidden = false; map.dataset.shown = "yes"; });
     theme();
     if (on) boxes.filter((box) => visible(box) && !box.dataset.drawn).forEach(draw);
+    if (!on) maps.filter((map) => map.dataset.shown).forEach((map) => { map.hidden = true; delete map.dataset.shown; });
   };
   window.addEventListener("beforeprint", () => print(true));
   window.addEventListener("afterprint", () => print(false));
 
-  // Maps: one at a time.
+  // Maps: one at a time on a screen, all of them on paper.
   const picker = document.getElementById("map-picker");
   if (picker) {
-    const maps = [...document.querySelectorAll(".mapbox")];
     const show = () => {
       maps.forEach((map) => { map.hidden = map.id !== picker.value; });
       boxes.filter((box) => visible(box) && !box.dataset.drawn && box.closest(".mapbox")).forEach((box) => watcher.observe(box));
