@@ -67,6 +67,7 @@ from .storage._results import write_result as write_result
 
 if TYPE_CHECKING:
     from .execution._flight import fly_realization as fly_realization
+    from .execution._single_flight import fly_in_worker as fly_in_worker
     from .next_campaign._proposal import CampaignProposal as CampaignProposal
     from .next_campaign._proposal import propose_next as propose_next
     from .planning._before_takeoff import takeoff_faults as takeoff_faults
@@ -94,6 +95,7 @@ _HEAVY = {
     "estimate_campaign": "planning._estimate",
     "campaign_completeness": "results._finish",
     "finish_campaign": "results._finish",
+    "fly_in_worker": "execution._single_flight",
     "fly_realization": "execution._flight",
     "is_campaign": "results._finish",
     "check_options": "results._measures",

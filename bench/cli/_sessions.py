@@ -36,7 +36,7 @@ def simulate(
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json")] = False,
 ) -> None:
     """Fly one session. Example: rebar simulate examples/search.yaml --out out/first"""
-    from bench.campaign import fly_realization, load_measurable_decomposition, write_result
+    from bench.campaign import fly_in_worker, load_measurable_decomposition, write_result
     from bench.contracts import Outcome
     from bench.documents import dump_json
     from bench.simspec import load_simspec
@@ -45,7 +45,7 @@ def simulate(
     if pace is not None:
         situation = situation.model_copy(update={"pace": situation.pace.model_copy(update={"mode": pace})})
     nodes = load_measurable_decomposition(decomposition)
-    result = fly_realization(situation, nodes, out, out.name)
+    result = fly_in_worker(situation, nodes, out, out.name)
     # The flight does not write its result: in a campaign the runner does.
     write_result(out, result)
     if as_json:

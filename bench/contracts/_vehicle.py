@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -45,6 +46,15 @@ class VehicleCondition:
     failures: tuple[str, ...] = ()  # what is broken just now
 
 
+OpenSocket = Callable[[socket.SocketKind], socket.socket]
+"""Makes an unbound IPv4 socket."""
+
+
+def socket_here(kind: socket.SocketKind) -> socket.socket:
+    """A socket on the network that this process is in."""
+    return socket.socket(socket.AF_INET, kind)
+
+
 @dataclass(frozen=True, slots=True)
 class LinkSpec:
     """One MAVLink link that the flight controller opens, on loopback unless `host` says otherwise.
@@ -54,7 +64,9 @@ class LinkSpec:
     for the listening kinds. `serial` is a pseudo terminal, and `path` the name that its other end gets
     (`auto`: the system's), or a serial device that exists. `streams` names the autopilot's default stream set
     of the link (`onboard`, `gcs`, `none`). With a `signing_key` (64 hexadecimal digits, the same on all of a
-    vehicle's links) messages are signed, and unsigned ones are not heard where `signing` is `require`.
+    vehicle's links) messages are signed, and unsigned ones are not heard where `signing` is `require`. What comes
+    over a link that is not `heard` is discarded. `open_socket` makes the unbound IPv4 sockets of the link: those of
+    a link that leads out of the session come from another network than the process is in.
     """
 
     name: str
@@ -65,6 +77,8 @@ class LinkSpec:
     path: str = "auto"
     signing_key: str = ""
     signing: Literal["accept", "require"] = "require"
+    heard: bool = True
+    open_socket: OpenSocket = socket_here
 
 
 @dataclass(frozen=True, slots=True)

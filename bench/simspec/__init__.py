@@ -76,6 +76,7 @@ from ._vehicle import Battery as Battery
 from ._vehicle import Camera as Camera
 from ._vehicle import Failure as Failure
 from ._vehicle import Gps as Gps
+from ._vehicle import OutsideLink as OutsideLink
 from ._vehicle import VehicleSpec as VehicleSpec
 from ._weather import Environment as Environment
 from ._weather import Wind as Wind

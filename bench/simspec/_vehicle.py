@@ -122,6 +122,28 @@ class Failure(Document):
         return self
 
 
+class OutsideLink(Document):
+    """A MAVLink link that leads out of the session, to the network of the host: for a ground station that looks on.
+
+    `udp_out` sends to `host`:`port`; `udp_in` and `tcp_in` listen there. The agent cannot reach it. What comes over
+    it is discarded, and what goes over it is not recorded, unless `heard`.
+    """
+
+    name: Annotated[Identifier, Field(description="Another name than the agent's links have.")]
+    kind: Literal["udp_out", "udp_in", "tcp_in"] = "udp_out"
+    host: str = "127.0.0.1"
+    port: Annotated[int, Field(ge=1, le=65535)] = 14550
+    streams: Annotated[
+        Literal["onboard", "gcs", "none"], Field(description="Default stream set of the link.")
+    ] = "gcs"
+    heard: Annotated[
+        bool,
+        Field(
+            description="Whether the vehicle obeys what comes over the link. Such a session cannot be repeated bit for bit."
+        ),
+    ] = False
+
+
 class VehicleSpec(Document):
     """The aircraft, the autopilot it carries, and its sensors."""
 
@@ -160,3 +182,19 @@ class VehicleSpec(Document):
     failures: Annotated[
         tuple[Failure, ...], Field(max_length=100, description="Failures of the vehicle.")
     ] = ()
+    outside_links: Annotated[
+        tuple[OutsideLink, ...],
+        Field(
+            max_length=8,
+            description="MAVLink links to the host's network, such as for a ground station.",
+            # As above: digests of situations without such a link stay as they were published.
+            exclude_if=lambda links: not links,
+        ),
+    ] = ()
+
+    @model_validator(mode="after")
+    def _outside_links_have_names(self) -> Self:
+        names = [link.name for link in self.outside_links]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(f"outside_links: the name {twice[0]!r} stands twice; give each link its own")
+        return self

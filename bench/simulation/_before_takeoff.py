@@ -25,7 +25,7 @@ def session_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
 
     Opens the vehicle for a moment, because only it knows its parameters, failures and step.
     """
-    faults = [*link_faults(manifest), *pace_faults(spec, manifest)]
+    faults = [*link_faults(spec, manifest), *pace_faults(spec, manifest)]
     try:
         load_plugin("rebar.scenes", spec.world.scene)
     except SetupError as error:
@@ -47,12 +47,21 @@ def session_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
     return faults
 
 
-def link_faults(manifest: AgentManifest) -> list[Fault]:
-    """A fault if the agent asks for the operator's link as its own."""
-    if all(need.name != OPERATOR_LINK for need in manifest.mavlink):
-        return []
-    remedy = "give the link in the manifest another name"
-    return [Fault("mavlink", f"{OPERATOR_LINK!r} is the operator's link", remedy)]
+def link_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
+    """Faults where two of the vehicle's links would have one name: the agent's, the operator's, those to outside."""
+    own = {need.name for need in manifest.mavlink}
+    faults = []
+    if OPERATOR_LINK in own:
+        remedy = "give the link in the manifest another name"
+        faults.append(Fault("mavlink", f"{OPERATOR_LINK!r} is the operator's link", remedy))
+    for link in spec.vehicle.outside_links:
+        if link.name in own | {OPERATOR_LINK}:
+            owner = "the operator" if link.name == OPERATOR_LINK else "the agent"
+            where = f"vehicle.outside_links[{link.name}]"
+            faults.append(
+                Fault(where, f"{owner} has a link of this name", "give the link to outside another")
+            )
+    return faults
 
 
 def pace_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:

@@ -54,6 +54,7 @@ from ._host_clock import HOST_CLOCK, HostClock
 from ._host_memory import count_memory_kills
 from ._mission_information import MissionInformation
 from ._operator_pilot import OperatorPilot, open_operator_pilot, operator_links
+from ._outside_links import outside_links, recorded_links
 from ._ports import reserved_udp_port
 from ._stop_session import StopSession
 from ._tick_server import TickServer, open_tick_server
@@ -155,6 +156,7 @@ class Session:
     ) -> None:
         self._spec = plan.simspec
         self._plan = plan
+        self._agent_links = {need.name for need in plan.manifest.mavlink}
         self._vehicle = vehicle
         self._scene = scene
         self._detector = detector
@@ -248,7 +250,7 @@ class Session:
                 self._truth.write_event(now, action.name, action.text)
 
     def _sent_to_agent(self) -> dict[str, int]:
-        return {link: count for link, count in self._vehicle.sent().items() if link != OPERATOR_LINK}
+        return {link: count for link, count in self._vehicle.sent().items() if link in self._agent_links}
 
     def _receive_from_operator(self) -> None:
         """Wait for what the operator has sent, so that the step which takes it does not depend on the host."""
@@ -380,16 +382,20 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
     spec, manifest = plan.simspec, plan.manifest
     progress = progress or SessionProgress()
     realized_of(spec)  # before anything is opened: a session without places has nothing to fly over
-    if faults := [*link_faults(manifest), *pace_faults(spec, manifest)]:
+    if faults := [*link_faults(spec, manifest), *pace_faults(spec, manifest)]:
         raise SetupError(faults)
     open_vehicle: OpenVehicle = load_plugin("rebar.vehicles", spec.vehicle.model)
     open_scene: OpenScene = load_plugin("rebar.scenes", spec.world.scene)
     truth = TruthRecorder(spec.vehicle.name, plan.tap)
     with ExitStack() as stack:
-        links = (*(_link(need, stack) for need in manifest.mavlink), *operator_links(spec))
+        links = (
+            *(_link(need, stack) for need in manifest.mavlink),
+            *operator_links(spec),
+            *outside_links(spec),
+        )
         scene = open_scene(spec)
         detector = open_detector(spec, scene.cast)
-        vehicle = stack.enter_context(open_vehicle(VehiclePlan(spec, links), truth.keep_mavlink))
+        vehicle = stack.enter_context(open_vehicle(VehiclePlan(spec, links), recorded_links(spec, truth)))
         if faults := tick_faults(spec, vehicle):
             raise SetupError(faults)
         air = stack.enter_context(open_air_network(spec, plan.tap, zenoh=manifest.zenoh, clock=plan.clock))

@@ -15,6 +15,7 @@ from ._flight_state import Airframe, Behaviour, FlightState, FlightTarget
 from ._liftoff import LiftoffAndLanding
 from ._service import (
     AnswersRequests,
+    ChannelStream,
     HandlesCommands,
     HandlesMessages,
     MessageAnswer,
@@ -329,7 +330,7 @@ class Controller:
             self._modes.on_change.append(self._streams.send_heartbeat)
 
     def _collect_streams(self, services: Sequence[object]) -> Streams:
-        streams: dict[str, Stream] = {}
+        streams: dict[str, Stream | ChannelStream] = {}
         answers: dict[str, MessageAnswer] = {}
         for service in services:
             if isinstance(service, StreamsMessages):

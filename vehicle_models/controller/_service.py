@@ -77,6 +77,15 @@ CommandHandler = Callable[[Command], "CommandResult | None"]
 """Carries a command out and returns the result to acknowledge; None answers nothing."""
 Stream = Callable[[], "Values | None"]
 """Gives the values of a message at the present moment; None sends nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelStream:
+    """A stream whose values are those of one channel, so that no link shows how busy another is."""
+
+    values: Callable[[Channel], Values | None]
+
+
 MessageAnswer = Callable[[Command], "Fields | list[Fields] | None"]
 """Gives the message that a REQUEST_MESSAGE asks for, or several of them; None refuses the request."""
 
@@ -95,7 +104,7 @@ class HandlesCommands(Protocol):
 
 @runtime_checkable
 class StreamsMessages(Protocol):
-    def streams(self) -> Mapping[str, Stream]:
+    def streams(self) -> Mapping[str, Stream | ChannelStream]:
         """Messages that may be streamed, by name."""
 
 

@@ -46,7 +46,16 @@ FOLDER_VARIABLE = "REBAR_CAMPAIGN_FOLDER"
 
 # `sys.path` travels along: the job may be in a module that only the runner's own path finds, as those of
 # tests are.
-_BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from bench.campaign.execution._worker import main; main({}, {}, {!r})"
+_BOOT = """
+import json, sys
+sys.path[:] = json.loads(sys.argv[1])
+if {own_network}:
+    # Before any import that starts a thread; the session says what it means that there is none.
+    from bench.network_namespace import enter_network_namespace
+    enter_network_namespace()
+from bench.campaign.execution._worker import main
+main({link}, {lifeline}, {name!r})
+"""
 
 
 class Executor(Protocol):
@@ -208,7 +217,12 @@ class LocalPool:
                     sys.executable,
                     "-P",
                     "-c",
-                    _BOOT.format(worker_link.fileno(), worker_lifeline_fd, name),
+                    _BOOT.format(
+                        own_network=self._plan.own_network,
+                        link=worker_link.fileno(),
+                        lifeline=worker_lifeline_fd,
+                        name=name,
+                    ),
                     json.dumps(sys.path),
                 ],
                 pass_fds=(worker_link.fileno(), worker_lifeline_fd),

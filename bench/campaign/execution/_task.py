@@ -39,10 +39,14 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class WorkerPlan:
-    """What every worker gets at its start: its job, as `module:function`, and what all tasks share."""
+    """What every worker gets at its start: its job, as `module:function`, and what all tasks share.
+
+    With `own_network` a worker and its sessions live in a network namespace of their own, where the host gives one.
+    """
 
     job: str
     decomposition: Any
+    own_network: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -178,7 +178,8 @@ class _LinkCounters:
         frames = reader.feed(data, most is not None, _GARBAGE_BYTES_PER_POLL, most)
         self.received += len(frames)
         for frame in frames:
-            if not self.inbox.put(source, frame):
+            # Read all the same: a peer is known, and a stream goes on, only by what it sends.
+            if not self.spec.heard or not self.inbox.put(source, frame):
                 self._dropped += 1
         self._dropped += reader.unread_bytes > unread
         garbage = reader.garbage_bytes - garbage
@@ -301,7 +302,7 @@ class UdpLink(_LinkCounters):
         if self._peers.get(peer, self._socket) is not None:
             # The peer was dropped meanwhile, or has a socket already.
             return
-        peer_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        peer_socket = self.spec.open_socket(socket.SOCK_DGRAM)
         try:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             peer_socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -538,7 +539,7 @@ _LINK_CLASSES: Mapping[str, Callable[[LinkSpec], Link]] = {
 
 def _open_socket(spec: LinkSpec, kind: socket.SocketKind, port: int) -> socket.socket:
     with contextlib.ExitStack() as stack:
-        opened = stack.enter_context(socket.socket(socket.AF_INET, kind))
+        opened = stack.enter_context(spec.open_socket(kind))
         if kind is socket.SOCK_STREAM:
             # A server that restarts must not wait for the old connections of its port to time out.
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

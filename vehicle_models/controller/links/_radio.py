@@ -26,7 +26,9 @@ class Channel:
         self._uses_v1 = False
         self._known_systems: set[int] = set()  # systems that have sent something here
         self.name = link.spec.name
-        self.has_client = False  # whether a client has sent something here
+        # Whether a client has sent something here. Nobody can on a link that is not heard, and whoever looks on there
+        # is to see something.
+        self.has_client = not link.spec.heard
         self._packer = packer
         self._sequence = 0
         self._queue: list[bytes] = []

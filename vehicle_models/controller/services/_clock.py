@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from .._service import MessageHandler, MessageSender, Stream, Values
+from .._service import ChannelStream, MessageHandler, MessageSender, Stream, Values
 from .._service_context import ServiceContext
+from ..links._radio import Channel
 
 
 class ClockService:
@@ -15,18 +17,19 @@ class ClockService:
     def __init__(self, context: ServiceContext, answers_ping: bool) -> None:
         self._flight = context.flight
         self._answers_ping = answers_ping
-        self._ping_number = 0
+        # By channel, as the autopilot has one sender of pings for each.
+        self._ping_numbers: Counter[str] = Counter()
 
     def handlers(self) -> Mapping[str, MessageHandler]:
         pings: dict[str, MessageHandler] = {"PING": self._answer_ping} if self._answers_ping else {}
         return {"TIMESYNC": self._answer_timesync, **pings}
 
-    def streams(self) -> Mapping[str, Stream]:
-        return {"TIMESYNC": lambda: (0, self._flight.time_ns, 0, 0), "PING": self._ping}
+    def streams(self) -> Mapping[str, Stream | ChannelStream]:
+        return {"TIMESYNC": lambda: (0, self._flight.time_ns, 0, 0), "PING": ChannelStream(self._ping)}
 
-    def _ping(self) -> Values:
-        self._ping_number = (self._ping_number + 1) & 0xFFFFFFFF
-        return (self._flight.time_us, self._ping_number, 0, 0)
+    def _ping(self, channel: Channel) -> Values:
+        self._ping_numbers[channel.name] += 1
+        return (self._flight.time_us, self._ping_numbers[channel.name] & 0xFFFFFFFF, 0, 0)
 
     def _answer_timesync(self, message: Any, sender: MessageSender) -> None:
         # Any other is an answer, and answering answers would never end.

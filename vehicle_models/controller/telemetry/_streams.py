@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 from bench.errors import Fault, SetupError
 
 from .._service import (
+    ChannelStream,
     Command,
     CommandHandler,
     CommandResult,
@@ -114,7 +116,7 @@ class Streams:
         self,
         context: ServiceContext,
         policy: TelemetryPolicy,
-        streams: Mapping[str, Stream],
+        streams: Mapping[str, Stream | ChannelStream],
         answers: Mapping[str, MessageAnswer],
     ) -> None:
         self._context = context
@@ -163,7 +165,7 @@ class Streams:
                     if values is not None:
                         channel.send(stream.number, values)
         for channel, number in self._requested:
-            values = self._values[number]()
+            values = self._values_of(channel, number)()
             if values is not None:
                 channel.send(number, values)
         self._requested.clear()
@@ -229,9 +231,13 @@ class Streams:
             max_hz = self._policy.max_rates_hz.get(_NAMES[number])
             interval_ns = max(interval_ns, round(1e9 / max_hz)) if max_hz else interval_ns
             due_ns = self._context.flight.time_ns + min(interval_ns, _SECOND_NS)
-            streams.append(_MessageStream(number, self._values[number], interval_ns, due_ns))
+            streams.append(_MessageStream(number, self._values_of(channel, number), interval_ns, due_ns))
         streams.sort(key=lambda stream: _ORDER[stream.number])
         self._schedules[channel.name] = streams
+
+    def _values_of(self, channel: Channel, number: int) -> Stream:
+        values = self._values[number]
+        return functools.partial(values.values, channel) if isinstance(values, ChannelStream) else values
 
     def _set_interval(self, command: Command) -> CommandResult | None:
         number, interval_us = _message_id(command.params[0]), command.params[1]

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
-from .._service import Stream, Values
+from .._service import ChannelStream, Stream, Values
 from .._service_context import ServiceContext
+from ..links._radio import Channel
 from ..policies._identity import IdentityPolicy
 from ..policies._modes import ModePolicy
 from ..policies._telemetry import TelemetryPolicy
@@ -36,14 +37,13 @@ class SystemTelemetry:
         has_setpoints: Callable[[], bool],
     ) -> None:
         self._flight = context.flight
-        self._channels = context.radio.channels
         self._policy = policy
         self._identity = identity
         self._modes = modes
         self._battery = battery
         self._has_setpoints = has_setpoints
 
-    def streams(self) -> Mapping[str, Stream]:
+    def streams(self) -> Mapping[str, Stream | ChannelStream]:
         f, policy = self._flight, self._policy
         return {
             "HEARTBEAT": self._heartbeat,
@@ -55,7 +55,7 @@ class SystemTelemetry:
             "EKF_STATUS_REPORT": lambda: (0.0, 0.0, 0.0, 0.0, 0.0, policy.estimator_flags(f), 0.0),
             "VIBRATION": lambda: (f.time_us, 0.0, 0.0, 0.0, 0, 0, 0),
             "MEMINFO": lambda: (0, 65535, 131072),
-            "LINK_NODE_STATUS": self._links,
+            "LINK_NODE_STATUS": ChannelStream(self._link),
         }
 
     def _heartbeat(self) -> Values:
@@ -81,8 +81,7 @@ class SystemTelemetry:
         flags = (_ESTIMATOR_OK if f.position_ok else _ESTIMATOR_OK & ~_ESTIMATOR_BY_GPS) if f.home else 0
         return (f.time_us, 0.01, 0.02, 0.02, _NAN, 0.0, _NAN, 0.3, 0.3, flags)
 
-    def _links(self) -> Values:
-        """Counts of all links together; rates and buffers are not measured."""
-        links = [channel.link for channel in self._channels]
-        sent, received = sum(link.sent for link in links), sum(link.received for link in links)
-        return (self._flight.time_ms, 0, 0, sent, received, 0, 0, 0, 0, 0, 0)
+    def _link(self, channel: Channel) -> Values:
+        """Counts of the link that the message goes over; rates and buffers are not measured."""
+        link = channel.link
+        return (self._flight.time_ms, 0, 0, link.sent, link.received, 0, 0, 0, 0, 0, 0)

@@ -1,0 +1,131 @@
+"""The network of a worker: its own loopback, from which nothing of the host can be reached."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+
+from bench.campaign import Task, TaskEnded, WorkerPlan, open_local_pool
+from bench.contracts import Outcome, SessionResult
+from bench.documents import dump_json
+from bench.network_namespace import namespace_fault
+from bench.simspec import SimSpec, load_simspec
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
+
+PROBE = """
+import json, socket, sys
+from bench.network_namespace import enter_network_namespace, namespace_fault, outside_socket
+fault = enter_network_namespace()
+assert namespace_fault() == fault
+ports = json.loads(sys.argv[1])
+def reached(make):
+    found = []
+    for port in ports:
+        with make(socket.SOCK_STREAM) as client:
+            try:
+                client.connect(("127.0.0.1", port))
+                found.append(port)
+            except OSError:
+                pass
+    return found
+own = [socket.create_server(("127.0.0.1", 0)) for _ in range(2)]
+here = [socket.create_connection(server.getsockname()).getpeername()[1] for server in own]
+print(json.dumps({
+    "fault": fault,
+    "own": here == [server.getsockname()[1] for server in own],
+    "host": reached(lambda kind: socket.socket(socket.AF_INET, kind)),
+    "outside": reached(outside_socket),
+}))
+"""
+
+
+@contextmanager
+def host_servers(number: int) -> Iterator[list[int]]:
+    """TCP servers of the host, which take every connection; their ports."""
+    servers = [socket.create_server(("127.0.0.1", 0)) for _ in range(number)]
+
+    def serve(server: socket.socket) -> None:
+        with suppress(OSError):
+            while True:
+                server.accept()[0].close()
+
+    for server in servers:
+        threading.Thread(target=serve, args=(server,), daemon=True).start()
+    try:
+        yield [server.getsockname()[1] for server in servers]
+    finally:
+        for server in servers:
+            server.close()
+
+
+@pytest.fixture(scope="module")
+def why_not() -> str | None:
+    """Why this host gives no network namespace; tried in a process of its own."""
+    code = (
+        "from bench.network_namespace import enter_network_namespace; print(enter_network_namespace() or '')"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return said.stdout.strip() or None
+
+
+def test_a_process_leaves_the_network_of_the_host(why_not: str | None) -> None:
+    """Two servers of its own are reached, two of the host are not, and sockets from outside reach both of those.
+
+    Where the host gives no namespace, the process is told why and shares the host's network.
+    """
+    with host_servers(2) as ports:
+        said = subprocess.run(
+            [sys.executable, "-c", PROBE, json.dumps(ports)], capture_output=True, text=True, check=True
+        )
+    found = json.loads(said.stdout)
+    assert found["own"]
+    assert found["outside"] == ports
+    assert found["fault"] == why_not
+    assert found["host"] == ([] if why_not is None else ports)
+
+
+def test_a_process_that_never_asked_is_on_the_network_of_the_host() -> None:
+    """It says so, for the record of what confined an agent."""
+    assert namespace_fault() is not None
+
+
+def knock(simspec: SimSpec, decomposition: list[int], folder: Path, realization: str) -> SessionResult:
+    """A job: tries the ports that stand in place of a decomposition."""
+    found = []
+    for port in decomposition:
+        with suppress(OSError), socket.create_connection(("127.0.0.1", port)):
+            found.append(port)
+    return SessionResult(realization=realization, outcome=Outcome.COMPLETED, details={"reached": found})
+
+
+@pytest.mark.parametrize("own_network", [True, False])
+def test_workers_have_networks_of_their_own_if_asked(
+    tmp_path: Path, own_network: bool, why_not: str | None
+) -> None:
+    """Both of two workers."""
+    document = tmp_path / "simspec.json"
+    document.write_text(dump_json(load_simspec(EXAMPLE)))
+    wake_fd, other_fd = os.pipe()
+    with host_servers(2) as ports:
+        plan = WorkerPlan(f"{__name__}:knock", ports, own_network)
+        ended: list[TaskEnded] = []
+        with open_local_pool(plan, 2, tmp_path) as pool:
+            for name in ("first", "second"):
+                pool.submit(Task(name, document, tmp_path, 3600.0))
+            while len(ended) < 2:
+                ended += pool.wait(None, wake_fd)
+    os.close(wake_fd)
+    os.close(other_fd)
+    assert len({task.worker for task in ended}) == 2
+    expected = [] if own_network and why_not is None else ports
+    assert [task.result.details["reached"] for task in ended] == [expected, expected]
