@@ -53,6 +53,7 @@ from ._measure import Measure as Measure
 from ._measure import Option as Option
 from ._measure import Tape as Tape
 from ._measure import Timed as Timed
+from ._outcome import Blame as Blame
 from ._outcome import Evidence as Evidence
 from ._outcome import Observation as Observation
 from ._outcome import Outcome as Outcome

@@ -13,6 +13,16 @@ from bench.documents import Document
 from bench.errors import PlacementInfeasible, SetupError, VehicleFault
 
 
+class Blame(StrEnum):
+    """Whose doing the end of a session is."""
+
+    AGENT = "agent"
+    HOST = "host"  # the computer: too slow, out of memory, a process that was killed
+    BENCH = "bench"
+    SITUATION = "situation"  # the SimSpec or the campaign
+    NOBODY = "nobody"
+
+
 class Outcome(StrEnum):
     """Every way in which a session can end. None of them is an exception, and each is a row in the report."""
 
@@ -23,6 +33,7 @@ class Outcome(StrEnum):
     AGENT_TIMEOUT = "agent_timeout"  # the agent took more of its own time to answer than its budget allows
     AGENT_NEVER_CONNECTED = "agent_never_connected"  # no hello within the budget
     AGENT_PROTOCOL = "agent_protocol"  # the agent broke the tick protocol
+    AGENT_FLOODED = "agent_flooded"  # the agent sent far more than is recorded of it
     PLACEMENT_INFEASIBLE = "placement_infeasible"  # the constraints leave some actor no place
     SETUP_INVALID = "setup_invalid"  # the SimSpec names something that does not exist here
     WALL_BUDGET = "wall_budget"  # the session as a whole took longer than allowed by the host's clock
@@ -37,6 +48,11 @@ class Outcome(StrEnum):
         """
         return self in _SCORED_OUTCOMES
 
+    @property
+    def blame(self) -> Blame:
+        """Whose doing such an end is."""
+        return _BLAME[self]
+
 
 # Listed and not derived: whether a run counts decides over every number, so a new outcome must be put here on
 # purpose.
@@ -49,8 +65,26 @@ _SCORED_OUTCOMES = frozenset(
         Outcome.AGENT_TIMEOUT,
         Outcome.AGENT_NEVER_CONNECTED,
         Outcome.AGENT_PROTOCOL,
+        Outcome.AGENT_FLOODED,
     }
 )
+
+_BLAME = {
+    Outcome.COMPLETED: Blame.NOBODY,
+    Outcome.TIME_LIMIT: Blame.AGENT,
+    Outcome.VEHICLE_CRASHED: Blame.AGENT,
+    Outcome.AGENT_CRASHED: Blame.AGENT,
+    Outcome.AGENT_TIMEOUT: Blame.AGENT,
+    Outcome.AGENT_NEVER_CONNECTED: Blame.AGENT,
+    Outcome.AGENT_PROTOCOL: Blame.AGENT,
+    Outcome.AGENT_FLOODED: Blame.AGENT,
+    Outcome.PLACEMENT_INFEASIBLE: Blame.SITUATION,
+    Outcome.SETUP_INVALID: Blame.SITUATION,
+    Outcome.WALL_BUDGET: Blame.HOST,
+    Outcome.WORKER_LOST: Blame.HOST,
+    Outcome.BENCH_ERROR: Blame.BENCH,
+    Outcome.SETTLED: Blame.NOBODY,
+}
 
 
 class Evidence(Document):

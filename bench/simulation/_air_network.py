@@ -4,7 +4,8 @@ sends.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Mapping
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
@@ -25,12 +26,15 @@ from bench.streams import (
     QoS,
     RosMessage,
     Router,
+    Sample,
     String,
+    Subscription,
     TFMessage,
     encode,
     open_router,
 )
 
+from ._allowance import MAX_DROPPED_BYTES, MAX_DROPPED_SAMPLES, TopicAllowance
 from ._host_clock import HOST_CLOCK, HostClock
 from ._stop_session import StopSession
 
@@ -39,11 +43,6 @@ DOMAIN = 1
 # Host time until a subscription that the agent declared is matched. Chosen, not measured.
 MATCH_BUDGET_S = 5.0
 MATCH_POLL_S = 0.001
-# What the agent may send on all topics together: at once, and more for each simulated second. An agent that
-# floods would
-# fill the disk, and the time that its measures take.
-ALLOWED_SAMPLES = (1000, 100.0)
-ALLOWED_BYTES = (32 * 1024 * 1024, 1024.0 * 1024)
 # The longest valid document is AgentTracks with a thousand tracks; this leaves room above it.
 MAX_DOCUMENT_BYTES = 256 * 1024
 
@@ -82,14 +81,21 @@ class RecordedPublisher:
 class AirNetwork:
     """Publishers and subscriptions of one session.
 
-    Without a router (the agent wants none) publishers only record.
+    Without a router (the agent wants none) publishers only record. `on_drop` is called with the topic when the first
+    of its samples is dropped.
     """
 
-    def __init__(self, simspec: SimSpec, router: Router | None, tap: Tap, clock: HostClock) -> None:
+    def __init__(
+        self,
+        simspec: SimSpec,
+        router: Router | None,
+        tap: Tap,
+        clock: HostClock,
+        on_drop: Callable[[SimTime, str], None],
+    ) -> None:
         self._tap = tap
         self._clock = clock
-        self._received_samples = 0
-        self._received_bytes = 0
+        self._on_drop = on_drop
         self.access: AirAccess | None = router.access if router else None
         topics = VehicleTopics(simspec.vehicle.name)
         node = router.node("session", f"/{simspec.vehicle.name}") if router else None
@@ -129,6 +135,9 @@ class AirNetwork:
         # Sorted, because the order in which topics are read is the order of their records within a moment.
         names = sorted(topics.from_agent) if node else ()
         self._subscriptions = tuple(node.subscribe(topic, String) for topic in names) if node else ()
+        self._allowances = {topic: TopicAllowance() for topic in names}
+        # In lockstep: samples that have come and that no ack has stated yet.
+        self._unstated: dict[str, deque[Sample]] = {topic: deque() for topic in names}
 
     def open_for(self, subscribes: Iterable[str]) -> None:
         """Publish from now on to the topics that the agent declares, once the network knows of each of its
@@ -164,54 +173,100 @@ class AirNetwork:
         """Record what the agent has sent and return its documents by topic.
 
         With `stated` (lockstep) exactly as many samples as the agent says that it has sent; otherwise what
-        has arrived. Raises StopSession for an agent that states samples that do not come, or that floods.
+        has arrived. What is beyond the limits of its topic is dropped: neither recorded nor returned. Raises
+        StopSession for an agent that states samples that do not come, or that floods.
         """
         documents: dict[str, list[str | bytes]] = {}
         for subscription in self._subscriptions:
             topic = subscription.topic
-            if stated is not None and not subscription.wait(stated.get(topic, 0), budget_s):
-                raise StopSession(
-                    Outcome.AGENT_PROTOCOL,
-                    f"the agent says it sent {stated[topic]} samples on {topic}; {subscription.highest} came",
-                )
-            if stated is not None and (subscription.lost or subscription.overflowed):
-                raise StopSession(
-                    Outcome.AGENT_PROTOCOL,
-                    f"samples on {topic} were lost: more came at once than can be held",
-                )
-            for sample in subscription.take():
-                self._check_allowance(time, len(sample.data))
+            if stated is not None:
+                self._await_stated(subscription, stated.get(topic, 0), budget_s)
+            for sample in self._due(subscription, stated):
+                if not self._admits(time, topic, len(sample.data)):
+                    continue
                 self._tap(Record(time, topic, String.TYPE, sample.data))
                 message = sample.message()
                 if message is not None:
                     documents.setdefault(topic, []).append(message.data)
+        self._check_flood()
         return documents
 
-    def _check_allowance(self, time: SimTime, size: int) -> None:
-        """Count one sample of the agent against what it may send by this moment."""
-        self._received_samples += 1
-        self._received_bytes += size
-        for received, (initial, each_s), unit in (
-            (self._received_samples, ALLOWED_SAMPLES, "samples"),
-            (self._received_bytes, ALLOWED_BYTES, "bytes"),
-        ):
-            if received > initial + each_s * time.s:
-                raise StopSession(
-                    Outcome.AGENT_PROTOCOL,
-                    f"the agent floods its topics: more than {initial:,} {unit} and {each_s:,.0f} for each simulated second",
-                )
+    def _await_stated(self, subscription: Subscription, count: int, budget_s: float) -> None:
+        topic = subscription.topic
+        if not subscription.wait(count, budget_s):
+            raise StopSession(
+                Outcome.AGENT_PROTOCOL,
+                f"the agent says it sent {count} samples on {topic}; {subscription.highest} came",
+            )
+        if subscription.overflowed:
+            raise StopSession(
+                Outcome.AGENT_FLOODED, f"samples on {topic} were lost: more came at once than can be held"
+            )
+        if subscription.lost:
+            raise StopSession(
+                Outcome.AGENT_PROTOCOL, f"samples on {topic} were lost: its sequence numbers have gaps"
+            )
+
+    def _due(self, subscription: Subscription, stated: Mapping[str, int] | None) -> Iterable[Sample]:
+        """What the session takes in now: with `stated`, nothing that the agent does not count as sent.
+
+        A sample beyond that may have come or not, by the host's speed; it is taken in once an ack states it.
+        """
+        if stated is None:
+            return subscription.take()
+        waiting = self._unstated[subscription.topic]
+        waiting.extend(subscription.take())
+        count = stated.get(subscription.topic, 0)
+        due = []
+        while waiting and waiting[0].sequence <= count:
+            due.append(waiting.popleft())
+        return due
+
+    def _admits(self, time: SimTime, topic: str, size: int) -> bool:
+        allowance = self._allowances[topic]
+        admitted = allowance.admits(time, size)
+        if allowance.dropped == 1 and not admitted:
+            self._on_drop(time, topic)
+        return admitted
+
+    def _check_flood(self) -> None:
+        samples, size = self.dropped
+        if samples > MAX_DROPPED_SAMPLES or size > MAX_DROPPED_BYTES:
+            raise StopSession(
+                Outcome.AGENT_FLOODED,
+                f"the agent floods its topics: {samples:,} samples with {size:,} bytes were dropped beyond what is recorded "
+                "of each topic (docs/streams.md)",
+            )
+
+    @property
+    def dropped(self) -> tuple[int, int]:
+        """Samples of the agent beyond the limits of their topics so far, and their bytes."""
+        allowances = self._allowances.values()
+        return sum(topic.dropped for topic in allowances), sum(topic.dropped_bytes for topic in allowances)
 
     def counters(self) -> dict[str, int]:
-        """Samples of the agent that were dropped or malformed."""
+        """Samples of the agent that were dropped, malformed or never stated."""
         overflowed = sum(subscription.overflowed for subscription in self._subscriptions)
         malformed = sum(subscription.malformed for subscription in self._subscriptions)
         lost = sum(subscription.lost for subscription in self._subscriptions)
-        return {"air_overflowed": overflowed, "air_malformed": malformed, "air_lost": lost}
+        unstated = sum(len(waiting) for waiting in self._unstated.values())
+        return {
+            "air_overflowed": overflowed,
+            "air_malformed": malformed,
+            "air_lost": lost,
+            "air_dropped": self.dropped[0],
+            "air_unstated": unstated,
+        }
 
 
 @contextmanager
 def open_air_network(
-    simspec: SimSpec, tap: Tap, *, zenoh: bool, clock: HostClock = HOST_CLOCK
+    simspec: SimSpec,
+    tap: Tap,
+    *,
+    zenoh: bool,
+    clock: HostClock = HOST_CLOCK,
+    on_drop: Callable[[SimTime, str], None] = lambda time, topic: None,
 ) -> Generator[AirNetwork]:
     """The air network of one session: an embedded router with one credential, on which truth never is."""
     topics = VehicleTopics(simspec.vehicle.name)
@@ -235,4 +290,4 @@ def open_air_network(
     )
     with ExitStack() as stack:
         router = stack.enter_context(open_router(plan)) if zenoh else None
-        yield AirNetwork(simspec, router, tap, clock)
+        yield AirNetwork(simspec, router, tap, clock, on_drop)

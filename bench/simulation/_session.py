@@ -202,7 +202,9 @@ class Session:
             raise
         finally:
             strangers = {"tick_strangers": self._ticks.strangers} if self._ticks is not None else {}
-            self._progress.counters = {**self._vehicle.counters(), **self._air.counters(), **strangers}
+            unrecorded = {"mavlink_unrecorded_bytes": self._truth.unrecorded_bytes}
+            counters = (self._vehicle.counters(), self._air.counters(), unrecorded, strangers)
+            self._progress.counters = {name: count for part in counters for name, count in part.items()}
 
     def _run_lockstep(self, ticks: TickServer) -> None:
         budgets = self._spec.budgets
@@ -270,6 +272,11 @@ class Session:
             self._vehicle.step()
             self._progress.now = now = self._vehicle.time
             self._truth.write_mavlink(previous, now)
+            if (link := self._truth.flooded_link(now)) is not None:
+                raise StopSession(
+                    Outcome.AGENT_FLOODED,
+                    f"the agent floods link {link!r}: more than is recorded of a link (docs/streams.md)",
+                )
             if now.ns >= self._next_frame_ns:
                 self._capture_frame(now)
             self._truth.write_due(now, self._vehicle, self._scene)
@@ -398,7 +405,15 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
         vehicle = stack.enter_context(open_vehicle(VehiclePlan(spec, links), recorded_links(spec, truth)))
         if faults := tick_faults(spec, vehicle):
             raise SetupError(faults)
-        air = stack.enter_context(open_air_network(spec, plan.tap, zenoh=manifest.zenoh, clock=plan.clock))
+        air = stack.enter_context(
+            open_air_network(
+                spec,
+                plan.tap,
+                zenoh=manifest.zenoh,
+                clock=plan.clock,
+                on_drop=lambda time, topic: truth.write_event(time, "dropping", topic),
+            )
+        )
         ticks = stack.enter_context(open_tick_server(plan.clock)) if spec.pace.mode == "lockstep" else None
         operator = stack.enter_context(open_operator_pilot(spec, vehicle))
         session = Session(plan, vehicle, scene, detector, air, truth, progress, operator)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 
 import numpy as np
 
@@ -49,6 +50,7 @@ from bench.streams import (
     encode_pose_array,
 )
 
+from ._allowance import MAVLINK_FROM_AGENT_BYTES, MAVLINK_TO_AGENT_BYTES
 from ._frames import body_in_map, velocity_in_body
 
 # Rates of the truth, in whole simulated hertz. Chosen, not measured.
@@ -81,6 +83,9 @@ class TruthRecorder:
         self._condition: VehicleCondition | None = None
         self._failures: tuple[str, ...] = ()
         self._wire: dict[tuple[str, str], bytearray] = {}
+        self._wire_bytes: Counter[tuple[str, str]] = Counter()
+        self.unrecorded_bytes = 0
+        """MAVLink to the agent that was sent and not recorded."""
 
     def write_event(self, time: SimTime, name: str, text: str = "") -> None:
         """Write one line of the session's log."""
@@ -128,12 +133,39 @@ class TruthRecorder:
             return
         for direction, time in (("from_agent", began), ("to_agent", ended)):
             for link, link_direction in sorted(self._wire):
-                if link_direction == direction:
+                if link_direction == direction and self._admits(time, link, direction):
                     data = encode(
                         UInt8MultiArray(layout=_PLAIN_LAYOUT, data=bytes(self._wire[link, link_direction]))
                     )
                     self._tap(Record(time, mavlink_topic(link, link_direction), UInt8MultiArray.TYPE, data))
         self._wire.clear()
+
+    def _admits(self, time: SimTime, link: str, direction: str) -> bool:
+        """Count what one link carried in one step. False: it is not recorded.
+
+        What comes from the agent always is: it flies the vehicle, and measures read it. `flooded_link` bounds it.
+        """
+        size = len(self._wire[link, direction])
+        if direction == "to_agent" and MAVLINK_TO_AGENT_BYTES.reached(
+            self._wire_bytes[link, direction] + size, time
+        ):
+            if not self.unrecorded_bytes:
+                self.write_event(time, "dropping", mavlink_topic(link, direction))
+            self.unrecorded_bytes += size
+            return False
+        self._wire_bytes[link, direction] += size
+        return True
+
+    def flooded_link(self, time: SimTime) -> str | None:
+        """A link on which the agent has sent more than is recorded of one."""
+        return next(
+            (
+                link
+                for (link, direction), size in sorted(self._wire_bytes.items())
+                if direction == "from_agent" and MAVLINK_FROM_AGENT_BYTES.reached(size, time)
+            ),
+            None,
+        )
 
     def write_due(self, time: SimTime, vehicle: Vehicle, scene: Scene) -> None:
         """Write whatever is due at `time`; the vehicle's condition also whenever it has changed."""

@@ -82,6 +82,7 @@ def outcome_by_agent_fault(tape: Tape) -> str | None:
         Outcome.AGENT_TIMEOUT,
         Outcome.AGENT_NEVER_CONNECTED,
         Outcome.AGENT_PROTOCOL,
+        Outcome.AGENT_FLOODED,
     }
     ends = (event.value.text for event in tape.events if event.value.name == "ended")
     return next((outcome for outcome in ends if outcome in agent_faults), None)

@@ -42,7 +42,7 @@ def no_crash(
 
 @measure
 def agent_lived(tape: Tape, simspec: SimSpec) -> Finding:
-    """1 unless the session ended as agent_crashed, agent_timeout, agent_never_connected or agent_protocol."""
+    """1 unless the session ended as agent_crashed, agent_timeout, agent_never_connected, agent_protocol or agent_flooded."""
     outcome = outcome_by_agent_fault(tape)
     if outcome is not None:
         return nothing_shown(tape.end_s, f"the session ended: {outcome}")

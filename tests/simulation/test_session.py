@@ -101,7 +101,7 @@ def patient_clock() -> HostClock:
         ("finish", Outcome.COMPLETED, "declared its mission over"),
         ("crash", Outcome.AGENT_CRASHED, "this agent gives up"),
         ("babble", Outcome.AGENT_PROTOCOL, "expected the ack of tick 10"),
-        ("spam", Outcome.AGENT_PROTOCOL, "the agent floods its topics: more than 1,000 samples"),
+        ("spam", Outcome.TIME_LIMIT, "time limit of 3 s"),
     ],
 )
 def test_each_agent_behaviour_gives_its_outcome(

@@ -32,7 +32,7 @@ def test_a_fault_after_a_completed_mission_is_left_out() -> None:
     """A mission completed before the fault is not considered; a run that the agent ended before it fails."""
     late = scene(vehicle={"failures": [{"kind": "gps_off", "at_s": 250.0}]})
     assert x_of(fault_survived, went(late, *OVER_BOTH, events=ended("completed"))) is None
-    for outcome in ("agent_crashed", "agent_timeout", "agent_protocol"):
+    for outcome in ("agent_crashed", "agent_timeout", "agent_protocol", "agent_flooded"):
         run = went(late, *OVER_BOTH, events=ended(outcome))
         assert x_of(fault_survived, run) == 0.0
         assert x_of(agent_lived, run) == 0.0
