@@ -28,13 +28,5 @@ class SilentLog(Log):
     def now_s(self) -> float:  # type: ignore[override]
         return self._log.now_s
 
-    def decide(
-        self,
-        action: str,
-        subject: str,
-        reason: str,
-        *,
-        evidence: tuple[float, ...] = (),
-        confidence: float | None = None,
-    ) -> None:
-        """Say nothing."""
+    def decide(self, *decision: object, **details: object) -> None:
+        """Say nothing, whatever was decided."""
