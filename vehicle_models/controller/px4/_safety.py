@@ -21,7 +21,7 @@ from ..policies._safety import (
     SafetyPolicy,
     SimulatedDischarge,
 )
-from ..telemetry._texts import CRITICAL, EMERGENCY, ERROR, WARNING, StatusText
+from ..telemetry._texts import CRITICAL, EMERGENCY, WARNING, StatusText
 
 _ACTIONS: dict[int, Behaviour] = {
     1: Behaviour.HOLD,
@@ -44,7 +44,8 @@ _SETPOINT_ACTIONS: dict[int, Behaviour | None] = {
     6: Behaviour.TERMINATE,
     7: Behaviour.TERMINATE,
 }
-_ACTIVATED = ((ERROR, "Failsafe activated"),)
+# By PX4's source, like the text of the Hold; the observations have the words alone.
+_ACTIVATED = ((CRITICAL, "Failsafe activated"),)
 # Until a silent link is noticed: with COM_DL_LOSS_T at 10, the SITL acted after 11.9 s.
 _SILENCE_S = 1.9
 # Defaults of SIM_BAT_DRAIN and SIM_BAT_MIN_PCT.
@@ -60,7 +61,7 @@ def _failsafes(p: ParameterStore) -> FailsafeSettings:
     hold_s = _hold_s(p)
     setpoint_action = _SETPOINT_ACTIONS.get(int(p["COM_OBL_RC_ACT"]), Behaviour.RETURN)
     return FailsafeSettings(
-        hold_texts=((ERROR, f"Failsafe activated: entering Hold for {hold_s:.0f} seconds"),),
+        hold_texts=((CRITICAL, f"Failsafe activated: entering Hold for {hold_s:.0f} seconds"),),
         disarms_on_ground=False,
         disarm_suffix="",
         strongest=True,
