@@ -1,3 +1,4 @@
 from __future__ import annotations
 
+from log_client import two_links as two_links
 from vehicle_client import make as make
