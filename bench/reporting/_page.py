@@ -57,6 +57,13 @@ MANIFEST_ROWS = 5000
 PLOTLY = "plotly-cartesian.min.js"
 
 
+def _is_shown(name: str) -> bool:
+    """Whether the page shows an entry of the manifest."""
+    # The page cannot contain its own digest, nor that of the manifest which lists it; and digests of logs and journal
+    # would make the pages of two equal campaigns differ.
+    return "report.html" not in name and not name.startswith(("self_sha256", "host_files"))
+
+
 def write_report(folder: Path, *, runs_on_map: int = 6) -> Path:
     """Write `report.html` into a campaign's folder and return its path; the same folder gives the same bytes.
 
@@ -115,8 +122,7 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
         "factors_id": figures.add("factors-1", factor_effects_figure(matter)) if matter.tables else "",
         "failures": [run for run in data.runs if run.outcome is not Outcome.COMPLETED],
         "provenance": provenance_of(data),
-        # The page cannot contain its own digest.
-        "manifest": [row for row in flattened(data.manifest) if "report.html" not in row[0]][:MANIFEST_ROWS],
+        "manifest": [row for row in flattened(data.manifest) if _is_shown(row[0])][:MANIFEST_ROWS],
         "labels": {configuration.key: configuration.label for configuration in data.configurations},
         "glossary": GLOSSARY,
         "violin_from": MIN_VIOLIN_SCORES,

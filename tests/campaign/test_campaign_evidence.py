@@ -41,6 +41,14 @@ def refusal(folder: Path) -> list[str]:
     return [str(fault) for fault in refused.value.faults]
 
 
+def edit_journal(folder: Path, *statements: tuple[str, tuple[str, ...]]) -> None:
+    """Edit the journal as somebody who knows it would, who also takes its digest of itself away."""
+    with closing(sqlite3.connect(folder / "journal.sqlite", isolation_level=None)) as journal:
+        for statement, values in statements:
+            journal.execute(statement, values)
+        journal.execute("DELETE FROM facts WHERE name = 'content_sha256'")
+
+
 def edit_together(folder: Path, realization: str) -> None:
     """Recording, result and both tables of the journal, all in agreement with each other."""
     run = CampaignFolder(folder).run(realization)
@@ -48,14 +56,14 @@ def edit_together(folder: Path, realization: str) -> None:
     result = json.loads((run / "result.json").read_text())
     result["recording_sha256"] = digest_of(run / "recording.mcap")
     (run / "result.json").write_text(json.dumps(result))
-    with closing(sqlite3.connect(folder / "journal.sqlite", isolation_level=None)) as journal:
-        journal.execute(
+    edit_journal(
+        folder,
+        (
             "UPDATE realizations SET result_sha256 = ? WHERE id = ?",
             (digest_of(run / "result.json"), realization),
-        )
-        journal.execute(
-            "INSERT OR REPLACE INTO recordings VALUES (?, ?)", (realization, result["recording_sha256"])
-        )
+        ),
+        ("INSERT OR REPLACE INTO recordings VALUES (?, ?)", (realization, result["recording_sha256"])),
+    )
 
 
 def forge_chain(folder: Path, realization: str) -> None:
@@ -90,14 +98,16 @@ def test_recording_result_and_journal_edited_together_do_not_pass(tmp_path: Path
 
 
 def test_a_campaign_that_is_not_complete_is_checked_too(tmp_path: Path) -> None:
-    """Without a manifest the chain alone notices it."""
+    """Without a manifest the chain alone notices it. A manifest that is gone is noticed, too."""
     flown(tmp_path, campaign=small_campaign(total_wall_s=1e-9))
     assert not (tmp_path / "manifest.json").exists()
     flown(tmp_path)
     (tmp_path / "manifest.json").unlink()
-    assert verify_folder(tmp_path) == []
+    (gone,) = map(str, verify_folder(tmp_path))
+    assert gone.startswith("manifest.json: is missing, though every realization has a result")
     edit_together(tmp_path, FIRST)
-    assert len(refusal(tmp_path)) == len(verify_folder(tmp_path)) == 3
+    assert len(refusal(tmp_path)) == 3
+    assert len(verify_folder(tmp_path)) == 4
 
 
 def test_a_forged_chain_disagrees_with_the_manifest_and_a_forged_manifest_with_its_digest(
@@ -109,7 +119,7 @@ def test_a_forged_chain_disagrees_with_the_manifest_and_a_forged_manifest_with_i
     edit_together(tmp_path, SECOND)
     forge_chain(tmp_path, SECOND)
     (fault,) = refusal(tmp_path)
-    assert "manifest.json: and evidence.jsonl disagree" in fault
+    assert "evidence.jsonl: is not the chain of the manifest" in fault
 
     (tmp_path / "manifest.json").unlink()
     flown(tmp_path)  # writes a manifest of what is there
@@ -134,7 +144,7 @@ def test_a_manifest_that_disagrees_is_refused_and_not_replaced(tmp_path: Path) -
 
     log.write_text("all went well")
     (tmp_path / "manifest.json").write_bytes(manifest[:100])
-    assert ["manifest.json: is damaged" in fault for fault in refusal(tmp_path)] == [True]
+    assert ["manifest.json: was edited or is damaged" in fault for fault in refusal(tmp_path)] == [True]
 
 
 def with_decomposition_file(folder: Path) -> Campaign:
@@ -179,7 +189,9 @@ def test_campaign_and_decomposition_edited_in_the_folder_are_refused_with_what_d
     assert "line 1 has '# reviewed' in place of nothing" in by_run[1]
     assert all("run your own campaign file again" in fault for fault in by_run)
     assert {name: (folder / name).read_text() for name in written} == edited
-    assert {Path(fault.where).name for fault in verify_folder(folder)} == set(edited)
+    named = {Path(fault.where).name for fault in verify_folder(folder)}
+    assert named - {"manifest.json"} == set(edited)
+    assert ("manifest.json" in named) is not manifest
 
     # The remedies: one from a copy, and one deleted.
     (folder / "campaign.yaml").write_text(written["campaign.yaml"])
@@ -219,8 +231,8 @@ def test_the_manifest_of_an_older_folder_tells_an_edit_of_its_campaign(tmp_path:
 
 def forget_copies(folder: Path) -> None:
     """Leave the journal as in folders from before it had copies of campaign and decomposition."""
-    with closing(sqlite3.connect(folder / "journal.sqlite", isolation_level=None)) as journal:
-        journal.execute("DELETE FROM facts WHERE name IN ('campaign.yaml', 'decomposition.yaml')")
+    names = ("campaign.yaml", "decomposition.yaml")
+    edit_journal(folder, *(("DELETE FROM facts WHERE name = ?", (name,)) for name in names))
 
 
 def grown_and_interrupted(folder: Path) -> str:
@@ -351,8 +363,7 @@ def test_results_of_a_folder_without_a_chain_are_adopted(tmp_path: Path) -> None
     flown(tmp_path)
     (tmp_path / "evidence.jsonl").unlink()
     (tmp_path / "manifest.json").unlink()
-    with closing(sqlite3.connect(tmp_path / "journal.sqlite", isolation_level=None)) as journal:
-        journal.execute("DELETE FROM facts WHERE name = 'evidence'")
+    edit_journal(tmp_path, ("DELETE FROM facts WHERE name = ?", ("evidence",)))
     assert flown(tmp_path).flown == 0
     assert {line.kind for line in EvidenceLog(tmp_path / "evidence.jsonl").entries} == {"adopted"}
     assert verify_folder(tmp_path) == []

@@ -11,8 +11,8 @@ from bench.errors import Fault, SetupError
 from ._files import digest_of
 from ._folder import RECORDING, RESULT, CampaignFolder
 from ._inputs import adopt_inputs, input_faults
-from ._journal import Journal, JournalEntry, RealizationState, open_journal
-from ._manifest import Manifest, manifest_differences, read_manifest
+from ._journal import Journal, JournalEntry, RealizationState, open_journal_to_read
+from ._manifest import Manifest, chain_fault, manifest_differences, read_manifest
 from ._recovery import is_unnoted
 from ._results import read_result
 
@@ -38,6 +38,12 @@ def evidence_faults(folder: CampaignFolder, journal: Journal) -> list[Fault]:
     )
     if expected and not log.path.is_file() and _has_results(journal):
         return [Fault(str(log.path), "is gone, so no result can be checked", "restore it from a copy")]
+    if not journal.intact:
+        remedy = (
+            f"restore it from a copy, or move {folder.journal.name}* away and run again: it is made anew, with the "
+            f"results in runs/ that {log.path.name} knows"
+        )
+        faults.append(Fault(str(folder.journal), "was edited after the bench wrote it", remedy))
     faults += input_faults(folder, journal, manifest)
     recordings = journal.recordings()
     for entry in journal.entries():
@@ -72,11 +78,20 @@ def verify_folder(path: Path, digest: str | None = None) -> list[Fault]:
         faults = [Fault(folder.manifest.name, f"has the digest {actual}, not the one given")]
     if folder.manifest.is_file() or not folder.journal.is_file():
         faults += manifest_differences(path)
-    listed = {str(path / fault.where) for fault in faults}
+    # Of the journal the manifest tells that it has changed, and only the journal itself what in it.
+    listed = {str(path / fault.where) for fault in faults} - {str(folder.journal)}
     if folder.journal.is_file():
         try:
-            with open_journal(folder.journal) as journal:
+            with open_journal_to_read(folder.journal) as journal:
                 faults += [fault for fault in evidence_faults(folder, journal) if fault.where not in listed]
+                if not folder.manifest.is_file() and _is_finished(journal):
+                    faults.append(
+                        Fault(
+                            folder.manifest.name,
+                            "is missing, though every realization has a result",
+                            "restore it from a copy, or run the campaign again if it was killed before it wrote one",
+                        )
+                    )
         except SetupError as error:
             faults += error.faults
     return faults
@@ -113,6 +128,11 @@ def _noted_result(folder: CampaignFolder, entry: JournalEntry) -> SessionResult 
     return result if result and digest_of(folder.run(entry.id) / RESULT) == entry.result_sha256 else None
 
 
+def _is_finished(journal: Journal) -> bool:
+    entries = journal.entries()
+    return bool(entries) and all(entry.state is RealizationState.DONE for entry in entries)
+
+
 def _has_results(journal: Journal) -> bool:
     return any(entry.state is RealizationState.DONE for entry in journal.entries())
 
@@ -122,7 +142,7 @@ def _manifest(folder: CampaignFolder) -> tuple[Manifest | None, list[Fault]]:
         return None, []
     manifest = read_manifest(folder.manifest)
     if manifest is None:
-        return None, [Fault(str(folder.manifest), "is damaged", _REMEDY)]
+        return None, [Fault(str(folder.manifest), "was edited or is damaged", _REMEDY)]
     return manifest, []
 
 
@@ -165,9 +185,8 @@ def _faults_of(
 
 def _manifest_faults(folder: CampaignFolder, journal: Journal, manifest: Manifest) -> Iterator[Fault]:
     log, stated = journal.evidence, manifest.evidence
-    if stated is not None and log.digest_at(stated.lines) != stated.head:
-        what = f"and {log.path.name} disagree: the first {stated.lines} lines of the chain are not those of the manifest"
-        yield Fault(str(folder.manifest), what, _REMEDY)
+    if (fault := chain_fault(log, manifest)) is not None:
+        yield fault
         return
     since = {line.realization for line in log.entries[stated.lines if stated else 0 :]}
     for name, sha256 in manifest.files.items():

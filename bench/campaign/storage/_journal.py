@@ -15,20 +15,23 @@ A realization is planned, running or done.
 from __future__ import annotations
 
 import datetime as dt
+import hashlib
 import json
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
+from urllib.parse import quote
 
 from bench.contracts import Outcome, SessionResult
 from bench.errors import Fault, SetupError
 from bench.realization import RealizationPlan
 
 from ._evidence import EvidenceLog
+from ._files import digest_of
 from ._folder import EVIDENCE
 
 _TABLES = """
@@ -49,6 +52,17 @@ CREATE TABLE IF NOT EXISTS stops (
     design_point TEXT NOT NULL, agent TEXT NOT NULL, replicate INTEGER NOT NULL,
     PRIMARY KEY (design_point, agent)) WITHOUT ROWID;
 """
+
+# Each table in an order that does not depend on where SQLite put its rows. Without the digest's own fact.
+_CONTENT = (
+    "SELECT name, sql FROM sqlite_master WHERE sql IS NOT NULL ORDER BY name",
+    "SELECT * FROM facts WHERE name != 'content_sha256' ORDER BY name",
+    "SELECT * FROM realizations ORDER BY number",
+    "SELECT * FROM attempts ORDER BY realization, number",
+    "SELECT * FROM recordings ORDER BY realization",
+    "SELECT * FROM stops ORDER BY design_point, agent",
+)
+_CONTENT_SHA256 = "content_sha256"
 
 INTERRUPTED = "interrupted"
 """What the journal notes as the outcome of an attempt whose runner ended first. No session ends with it."""
@@ -96,6 +110,7 @@ class Journal:
     def __init__(self, database: sqlite3.Connection, path: Path) -> None:
         self._database = database
         self._path = path
+        self._changed = False
 
     @cached_property
     def evidence(self) -> EvidenceLog:
@@ -127,6 +142,9 @@ class Journal:
 
     def note(self, name: str, value: str) -> None:
         """Note a fact about the folder, in place of an earlier value."""
+        # Without a change the bytes stay those of the manifest.
+        if self.fact(name) == value:
+            return
         with self._change():
             self._database.execute("INSERT OR REPLACE INTO facts VALUES (?, ?)", (name, value))
 
@@ -239,6 +257,48 @@ class Journal:
             self.retry(realization, INTERRUPTED, "the runner ended before the session did")
         return running
 
+    def seal(self) -> None:
+        """Note the digest of everything that the journal holds; the next change removes it. Done whenever a journal
+        that was changed is closed, so only a process that was killed leaves a journal without.
+        """
+        if self.fact(_CONTENT_SHA256) is None:
+            self._database.execute("BEGIN IMMEDIATE")
+            self._database.execute(
+                "INSERT OR REPLACE INTO facts VALUES (?, ?)", (_CONTENT_SHA256, self._content_sha256())
+            )
+            self._database.execute("COMMIT")
+
+    def seal_if_changed(self) -> None:
+        """`seal`, if this object changed anything: a journal that was only read stays as it is."""
+        if self._changed:
+            self.seal()
+
+    def settle(self) -> bool:
+        """Move all changes into the journal's own file. False if a reader in another process prevents it."""
+        (busy, _, _) = self._database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+        return not busy
+
+    @property
+    def intact(self) -> bool:
+        """Whether the journal holds what was sealed; True also if it was not sealed.
+
+        Raises SetupError if the file is damaged.
+        """
+        try:
+            sealed = self.fact(_CONTENT_SHA256)
+            return sealed is None or sealed == self._content_sha256()
+        # A damaged name of a column is no UTF-8.
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
+            raise _damaged(self._path, str(error)) from error
+
+    def _content_sha256(self) -> str:
+        digest = hashlib.sha256()
+        for query in _CONTENT:
+            for row in self._database.execute(query):
+                # `repr` tells 1, 1.0, '1' and NULL apart, and writes every text in one way.
+                digest.update(repr(row).encode() + b"\n")
+        return digest.hexdigest()
+
     def _end_attempt(self, realization: str, outcome: str, reason: str) -> None:
         self._database.execute(
             "UPDATE attempts SET ended_utc = ?, outcome = ?, reason = ? WHERE realization = ? AND ended_utc IS NULL",
@@ -251,11 +311,13 @@ class Journal:
         # change.
         self._database.execute("BEGIN IMMEDIATE")
         try:
+            self._database.execute("DELETE FROM facts WHERE name = ?", (_CONTENT_SHA256,))
             yield
         except BaseException:
             self._database.execute("ROLLBACK")
             raise
         self._database.execute("COMMIT")
+        self._changed = True
 
 
 @contextmanager
@@ -266,6 +328,7 @@ def open_journal(path: Path) -> Iterator[Journal]:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with closing(sqlite3.connect(path, isolation_level=None, timeout=30.0)) as database:
+        database.text_factory = _text
         try:
             database.execute("PRAGMA journal_mode = WAL")
             # A power cut may lose the last transactions but never damages the file; `result.json` brings them
@@ -282,7 +345,51 @@ def open_journal(path: Path) -> Iterator[Journal]:
             raise _damaged(path, str(error)) from error
         if found != ["ok"]:
             raise _damaged(path, "; ".join(found))
-        yield Journal(database, path)
+        journal = Journal(database, path)
+        try:
+            yield journal
+        finally:
+            # After an error of the disk there is nothing to seal, and the error is what the caller must see.
+            with suppress(sqlite3.DatabaseError):
+                journal.seal_if_changed()
+
+
+@contextmanager
+def open_journal_to_read(path: Path) -> Iterator[Journal]:
+    """Yield the journal of a folder that is not to be changed by a byte, also on a disk that is read-only.
+
+    Raises SetupError if the file is not a campaign journal, or is damaged.
+    """
+    changes = path.with_name(f"{path.name}-wal")
+    # `immutable` alone opens a journal without writing an index of its changes beside it; with changes, or beside a
+    # runner, SQLite needs that index.
+    mode = "mode=ro" if changes.is_file() and changes.stat().st_size else "mode=ro&immutable=1"
+    try:
+        uri = f"file:{quote(str(path.resolve()))}?{mode}"
+        with closing(sqlite3.connect(uri, uri=True, isolation_level=None, timeout=30.0)) as database:
+            database.text_factory = _text
+            found = [str(row[0]) for row in database.execute("PRAGMA integrity_check(3)")]
+            if found != ["ok"]:
+                raise _damaged(path, "; ".join(found))
+            yield Journal(database, path)
+    # The last two: a damaged name of a column, and a damaged fact, whatever the caller asked for.
+    except (sqlite3.DatabaseError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise _damaged(path, str(error)) from error
+
+
+def settled_journal_sha256(path: Path) -> str | None:
+    """Seal the journal, move all its changes into its own file, and return the SHA-256 of that file.
+
+    None if another process reads the journal and so keeps changes beside it.
+    """
+    with open_journal(path) as journal:
+        journal.seal()
+        return digest_of(path) if journal.settle() else None
+
+
+def _text(data: bytes) -> str:
+    # A damaged text is found by its digest, not by an exception in the middle of a query.
+    return data.decode(errors="surrogateescape")
 
 
 def _damaged(path: Path, what: str) -> SetupError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,15 +16,18 @@ from bench.errors import Fault, SetupError
 from ._completeness import Completeness
 from ._evidence import EvidenceLog
 from ._files import digest_of, is_half_written, write_whole
-from ._folder import EVIDENCE, CampaignFolder
+from ._folder import EVIDENCE, LOCK, CampaignFolder
+from ._journal import settled_journal_sha256
 
-# The journal and the lock change while nothing of the results does, the chain of evidence has its own entry, and a
-# manifest cannot hold its own digest.
-_UNLISTED_FILES = frozenset(
-    {"journal.sqlite", "journal.sqlite-wal", "journal.sqlite-shm", ".lock", "manifest.json", EVIDENCE}
-)
-# Logs hold process ids and times, so they differ between two runs with the same results.
-_UNLISTED_FOLDER = "logs"
+JOURNAL = "journal.sqlite"
+# SQLite's file of changes that are not in the journal's own file yet.
+JOURNAL_CHANGES = f"{JOURNAL}-wal"
+_LOGS = "logs"
+# The chain of evidence has its own entry, since it goes on after the manifest; a manifest cannot hold its own digest;
+# the others are gone when no process is at work.
+_UNLISTED_FILES = frozenset({EVIDENCE, "manifest.json", LOCK, JOURNAL_CHANGES, f"{JOURNAL}-shm"})
+_UNLISTED_FOLDER = ".scratch"
+_NO_SHA256 = b"0" * 64
 
 
 class EvidenceHead(Document):
@@ -56,7 +60,24 @@ class Manifest(Document):
         EvidenceHead | None, Field(description="The chain in evidence.jsonl when this was written.")
     ] = None
     versions: dict[str, str]
-    files: Annotated[dict[str, str], Field(description="SHA-256 of every file, by its path in the folder.")]
+    files: Annotated[
+        dict[str, str],
+        Field(description="SHA-256 of every file but those of `host_files`, by its path in the folder."),
+    ]
+    host_files: Annotated[
+        dict[str, str],
+        Field(
+            description="SHA-256 of journal and logs, which hold times and process ids: they differ between two "
+            "folders with the same results."
+        ),
+    ] = {}
+    self_sha256: Annotated[
+        str | None,
+        Field(
+            pattern="^[0-9a-f]{64}$",
+            description="SHA-256 of this file with 64 zeros in the place of this digest.",
+        ),
+    ] = None
 
 
 def write_manifest(
@@ -68,7 +89,13 @@ def write_manifest(
     completeness: Completeness,
     pace: str | None,
 ) -> None:
-    """Write `manifest.json` over everything that is in the folder now."""
+    """Write `manifest.json` over everything that is in the folder now.
+
+    Write nothing else afterwards, and nothing to the journal.
+    """
+    journal_sha256 = settled_journal_sha256(folder.journal)
+    names = [name for name in _listed_files(folder.path) if name != JOURNAL]
+    digests = {name: digest_of(folder.path / name) for name in names}
     evidence = EvidenceLog(folder.evidence)
     manifest = Manifest(
         campaign=campaign,
@@ -79,44 +106,105 @@ def write_manifest(
         pace=pace,
         evidence=EvidenceHead(lines=len(evidence.entries), head=evidence.head),
         versions=dict(versions),
-        files={name: digest_of(folder.path / name) for name in _listed_files(folder.path)},
+        files={name: digest for name, digest in digests.items() if not _is_of_host(name)},
+        host_files={name: digest for name, digest in digests.items() if _is_of_host(name)}
+        | ({JOURNAL: journal_sha256} if journal_sha256 else {}),
+        self_sha256=_NO_SHA256.decode(),
     )
-    write_whole(folder.manifest, dump_json(manifest))
+    content = dump_json(manifest).encode()
+    digest = hashlib.sha256(content).hexdigest().encode()
+    # The last field, so the last place: a chain without lines has 64 zeros as its head.
+    before, _, after = content.rpartition(_NO_SHA256)
+    write_whole(folder.manifest, before + digest + after)
 
 
 def read_manifest(path: Path) -> Manifest | None:
-    """The manifest in a file; None if the file is missing or holds none."""
+    """The manifest in a file; None if the file is missing, holds none, or was changed since it was written."""
     try:
-        return Manifest.model_validate(json.loads(path.read_text()))
+        content = path.read_bytes()
+        manifest = Manifest.model_validate(json.loads(content))
     except (FileNotFoundError, ValueError):
         return None
+    # A manifest from before it had a digest of its own says nothing about its own bytes.
+    if manifest.self_sha256 is None:
+        return manifest
+    before, digest, after = content.rpartition(manifest.self_sha256.encode())
+    unsigned = hashlib.sha256(before + _NO_SHA256 + after).hexdigest()
+    return manifest if digest and unsigned == manifest.self_sha256 else None
 
 
 def manifest_differences(path: Path) -> list[Fault]:
-    """Every file of a campaign folder that differs from its manifest.
+    """Every file of a campaign folder that differs from its manifest. A manifest that was itself changed is the
+    only difference.
 
-    Raises SetupError without a readable manifest.
+    Raises SetupError without a manifest.
     """
-    manifest = read_manifest(path / "manifest.json")
+    file = path / "manifest.json"
+    manifest = read_manifest(file)
+    if manifest is None and file.is_file():
+        return [
+            Fault(
+                file.name,
+                "was edited or damaged after it was written, so it vouches for nothing",
+                "restore it from a copy; `rebar report` writes another one, with another digest",
+            )
+        ]
     if manifest is None:
         raise SetupError(
             Fault(
-                str(path / "manifest.json"),
+                str(file),
                 "cannot be read: it is missing or holds no manifest",
                 "only a complete campaign has a manifest: run the campaign to its end",
             )
         )
+    listed = manifest.files | manifest.host_files
     present = set(_listed_files(path))
     changed = [
+        name for name, digest in listed.items() if name in present and digest_of(path / name) != digest
+    ]
+    # Manifests from before `host_files` list no logs, and none lists a journal that another process held open.
+    unlisted = {
         name
-        for name, digest in manifest.files.items()
-        if name in present and digest_of(path / name) != digest
-    ]
+        for name in present - listed.keys()
+        if not (name == JOURNAL or (manifest.self_sha256 is None and _is_of_host(name)))
+    }
     return [
-        *(Fault(name, "is missing") for name in sorted(manifest.files.keys() - present)),
+        *(Fault(name, "is missing") for name in sorted(listed.keys() - present)),
         *(Fault(name, "has changed since the manifest was written") for name in changed),
-        *(Fault(name, "is not in the manifest") for name in sorted(present - manifest.files.keys())),
+        *(Fault(name, "is not in the manifest") for name in sorted(unlisted)),
+        *_changes_of_journal(path, manifest),
+        *_chain_differences(path, manifest),
     ]
+
+
+def chain_fault(log: EvidenceLog, manifest: Manifest) -> Fault | None:
+    """A fault if the chain of evidence does not begin with the lines that the manifest stands for."""
+    stated = manifest.evidence
+    if stated is None or log.digest_at(stated.lines) == stated.head:
+        return None
+    return Fault(
+        str(log.path),
+        f"is not the chain of the manifest: its first {stated.lines} lines are missing or others",
+        "restore it from a copy; `rebar verify` lists everything that disagrees",
+    )
+
+
+def _chain_differences(path: Path, manifest: Manifest) -> list[Fault]:
+    # By its name alone, as every file of the folder.
+    fault = chain_fault(EvidenceLog(path / EVIDENCE), manifest)
+    return [] if fault is None else [Fault(EVIDENCE, fault.what, fault.remedy)]
+
+
+def _changes_of_journal(path: Path, manifest: Manifest) -> list[Fault]:
+    """A fault for changes beside the journal's file, which the next process would put into it."""
+    changes = path / JOURNAL_CHANGES
+    if JOURNAL in manifest.host_files and changes.is_file() and changes.stat().st_size:
+        return [Fault(changes.name, "holds changes of the journal since the manifest was written")]
+    return []
+
+
+def _is_of_host(name: str) -> bool:
+    return name == JOURNAL or Path(name).parts[0] == _LOGS
 
 
 def _listed_files(path: Path) -> list[str]:
@@ -126,5 +214,5 @@ def _listed_files(path: Path) -> list[str]:
         file.relative_to(path) for file in path.rglob("*") if file.is_file() and not is_half_written(file)
     )
     return sorted(
-        str(file) for file in files if file.parts[0] != _UNLISTED_FOLDER and file.name not in _UNLISTED_FILES
+        str(file) for file in files if file.parts[0] != _UNLISTED_FOLDER and str(file) not in _UNLISTED_FILES
     )
