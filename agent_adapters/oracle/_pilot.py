@@ -72,6 +72,7 @@ class OraclePlanner(Planner):
     """Knows how fast it comes down."""
 
     descent_mps, landing_s = SINK_MPS, 14.0
+    acceleration_mps2 = math.inf  # what turning costs is part of its reserve
 
     def home_s(self, place: Place) -> float:
         """It comes down only over home: nobody is to be under it while it is low."""

@@ -125,7 +125,7 @@ def test_a_task_that_does_not_fit_is_skipped() -> None:
     """
     mission = world(RADAR, TRUCK)
     assert mission.mission is not None
-    mission.mission = mission.mission.model_copy(update={"time_limit_s": 130.0})
+    mission.mission = mission.mission.model_copy(update={"time_limit_s": 122.0})
     mission.fly("naive")
     assert [decision.subject for decision in mission.decisions_to("skip")] == ["bravo"]
     assert mission.phase == "complete"

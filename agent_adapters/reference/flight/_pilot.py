@@ -90,7 +90,13 @@ class Pilot:
         self.height_m, self.speed_mps = limits.height_m, limits.speed_mps
         safe_m = min(settings.safe_height_m, self.height_m)
         self.planner = self.planner_type(
-            order, limits.pace_mps, self.height_m, safe_m, settings.reserve_s, self.way_m
+            order,
+            limits.pace_mps,
+            self.height_m,
+            safe_m,
+            settings.reserve_s,
+            self.way_m,
+            self._sinks_on_the_way_from,
         )
         self.landing = False
         self._control = Control(vehicle, log, orders, settings, self.height_m)
@@ -351,6 +357,16 @@ class Pilot:
 
     # Down.
 
+    def _sinks_on_the_way_from(self, place: Place) -> bool:
+        return self._sinks_on_the_way(place, self.home if self._order.return_home else place)
+
+    def _sinks_on_the_way(self, place: Place, goal: Place) -> bool:
+        """Whether it may come down while it flies from a place to the one where it lands: no rule keeps it high,
+        and nothing closed lies between.
+        """
+        ruled = self._order.min_altitude_m is not None or self._caution.watches
+        return not ruled and self.airspace.clear(place, goal)
+
     def come_down(self, reason: str) -> Steps[str]:
         """End early, by the means that are left: `complete` when the mission was flown as far as time
         allowed. Raises Ordered.
@@ -382,11 +398,7 @@ class Pilot:
         self._log.enter("returning", reason)
         safe_m = min(self._settings.safe_height_m, self.height_m)
         goal = self.home if self._order.return_home else self.place
-        if (
-            self._order.min_altitude_m is not None
-            or self._caution.watches
-            or not self.airspace.clear(self.place, goal)
-        ):
+        if not self._sinks_on_the_way(self.place, goal):
             over_home = lambda: math.dist(self.place, goal) < OVER_HOME_M  # noqa: E731
             if not (
                 yield from self.follow(

@@ -72,6 +72,6 @@ class Reserve:
             return (
                 f"the battery is down to {charge:.0%}, {needed:.0%} are needed to come home with the reserve"
             )
-        if self._planner.must_turn_back(place, self._vehicle.now_s):
+        if self._planner.must_turn_back(place, self._vehicle.now_s, self._vehicle.poses.velocity_en_mps):
             return "the time left is needed for the way home"
         return ""

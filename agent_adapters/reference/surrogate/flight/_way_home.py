@@ -9,8 +9,9 @@ import numpy as np
 from bench.arrays import Bools, Counts, Floats
 
 from ..._settings import DEFAULTS
+from ...flight._descent import DESCENT_MPS, landing_s
 from ...flight._reserve import BATTERY_MARGIN
-from ...mission._planner import DESCENT_MPS, LANDING_S, TURN_S
+from ...mission._planner import TURN_S
 from ..batch._airspace import SurrogateAirspace
 from ..batch._batch import Batch
 from ._views import Stretch
@@ -120,9 +121,8 @@ class WayHome:
         batch = self._batch
         back_s = (away_m / batch.pace_mps[rows] + TURN_S) * batch.returns[rows]
         down_s = np.maximum(batch.height_m[rows] - DEFAULTS.safe_height_m, 0.0) / DESCENT_MPS
-        spent_s: Floats = (
-            np.where(batch.floor_m[rows] > 0.0, back_s + down_s, np.maximum(back_s, down_s)) + LANDING_S
-        )
+        to_safe_s = np.where(batch.keeps_up[rows], back_s + down_s, np.maximum(back_s, down_s))
+        spent_s: Floats = to_safe_s + landing_s(DEFAULTS.safe_height_m)
         return spent_s
 
     def _spaces(self, rows: Counts, now_s: Floats) -> list[tuple[Counts, SurrogateAirspace]]:
