@@ -84,6 +84,7 @@ class OracleReserve(Reserve):
     """Knows what it uses: a whole percent for what the autopilot rounds."""
 
     battery_margin = 0.015
+    charge_spare_s = 0.0
 
 
 class OraclePilot(Pilot):

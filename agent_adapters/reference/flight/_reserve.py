@@ -20,6 +20,10 @@ ROUTE_AGE_S = 1.0
 # Of the charge, on top of the reserve that the rules ask for: PX4 states whole percent. Chosen, not measured.
 BATTERY_MARGIN = 0.03
 
+# Of flight that the charge has to bear on top of the way home: what the way may take longer than planned. Chosen, not
+# measured.
+CHARGE_SPARE_S = 15.0
+
 # Of flight before the use of charge is worked out from it: whole percent say little before. Chosen, not
 # measured.
 LEAST_FLOWN_S = 20.0
@@ -29,6 +33,7 @@ class Reserve:
     """What one flight has used so far, and what the way home needs."""
 
     battery_margin = BATTERY_MARGIN
+    charge_spare_s = CHARGE_SPARE_S
 
     def __init__(
         self, order: MissionOrder, vehicle: PilotedVehicle, watch: Watch, settings: Settings, planner: Planner
@@ -65,9 +70,8 @@ class Reserve:
             took_off_s, full = self._takeoff
             used, flown_s = full - charge - self._watch.charge_lost, self._vehicle.now_s - took_off_s
             use_per_s = used / flown_s if flown_s > LEAST_FLOWN_S else 0.0
-            needed = max(
-                needed, self._reserve_fraction + use_per_s * self._planner.home_s(place) + self.battery_margin
-            )
+            home_s = self._planner.home_s(place) + self.charge_spare_s
+            needed = max(needed, self._reserve_fraction + use_per_s * home_s + self.battery_margin)
         if charge <= needed:
             return (
                 f"the battery is down to {charge:.0%}, {needed:.0%} are needed to come home with the reserve"

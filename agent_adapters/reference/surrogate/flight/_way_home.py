@@ -10,7 +10,7 @@ from bench.arrays import Bools, Counts, Floats
 
 from ..._settings import DEFAULTS
 from ...flight._descent import DESCENT_MPS, landing_s
-from ...flight._reserve import BATTERY_MARGIN
+from ...flight._reserve import BATTERY_MARGIN, CHARGE_SPARE_S
 from ...mission._planner import TURN_S
 from ..batch._airspace import SurrogateAirspace
 from ..batch._batch import Batch
@@ -106,7 +106,8 @@ class WayHome:
         charge = self.charge_at(
             rows, np.where(np.isfinite(time_s), time_s, batch.limit_s[rows][:, None]), away_s
         )
-        needed = batch.reserve[rows][:, None] + batch.use_per_s[rows][:, None] * home_s + BATTERY_MARGIN
+        use_per_s = batch.use_per_s[rows][:, None]
+        needed = batch.reserve[rows][:, None] + use_per_s * (home_s + CHARGE_SPARE_S) + BATTERY_MARGIN
         fell_s = batch.charge_s[rows][:, None]
         when_s = np.where(
             (before_s < fell_s) & (fell_s <= time_s), fell_s, np.where(np.isfinite(time_s), time_s, before_s)
