@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -21,9 +22,10 @@ WIDE_MARGIN_M = 2.0
 CLIMB_S = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 8.0])
 CLIMB_UP_M = np.array([0.0, 0.3, 1.4, 3.2, 5.8, 8.6, 11.5, 17.4, 29.3, 41.0])
 CLIMB_AWAY_M = np.array([0.0, 0.3, 1.4, 3.3, 5.8, 8.1, 9.9, 12.5, 14.5, 15.0])
-# Seconds before the touchdown, and metres up: the speeds of a landing that the pilot sets, with the stop before it.
-DESCENT_S = np.array([0.0, 1.0, 1.9, 2.9, 5.9, 6.9, 15.3])
-DESCENT_UP_M = np.array([0.0, 0.7, 2.1, 4.2, 13.0, 15.7, 41.0])
+# Seconds before the autopilot says that it has landed, some 0.9 s after the touch, and metres up: the speeds of a landing
+# that the pilot sets, with the stop before it.
+DESCENT_S = np.array([0.0, 0.9, 1.9, 2.8, 3.8, 6.8, 7.8, 16.2])
+DESCENT_UP_M = np.array([0.0, 0.0, 0.7, 2.1, 4.2, 13.0, 15.7, 41.0])
 # Over home before that, at any height: a stay near somebody there is a stay over them.
 OVER_HOME_S, STAY_M, LONGEST_STAY_S = 24.0, 16.0, 12.0
 # How far from home it climbs away, and how far it touches down at most: the measures allow 3 m.
@@ -47,7 +49,7 @@ class Passage:
     """For how long somebody is nearer than the stand-off with a wide margin."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Clearance:
     """Home, the rule about distance from people, and where these people will be."""
 
@@ -62,7 +64,7 @@ class Clearance:
         away_m, up_m = np.interp(spans_s, CLIMB_S, CLIMB_AWAY_M), np.interp(spans_s, CLIMB_S, CLIMB_UP_M)
         goals = self._round((START_AWAY_M,))
         paths = [_towards(self.home, goal, away_m / START_AWAY_M) for goal in goals]
-        return self._clearest(goals, paths, spans_s, up_m, (from_s, until_s))
+        return self._clearest(goals, paths, spans_s, up_m, (from_s, until_s), self.standoff_m)
 
     def landing(self, from_s: float, until_s: float) -> Passage:
         """The clearest landing whose touchdown lies in a span, and of equally clear ones the first."""
@@ -70,7 +72,20 @@ class Clearance:
         up_m = np.where(-spans_s > DESCENT_S[-1], np.inf, np.interp(-spans_s, DESCENT_S, DESCENT_UP_M))
         goals = [self.home, *self._round(BESIDE_M)]
         paths = [np.repeat([goal], len(spans_s), axis=0) for goal in goals]
-        return self._clearest(goals, paths, spans_s, up_m, (from_s, until_s))
+        standoff_m = 0.0 if self._is_never_clear else self.standoff_m
+        return self._clearest(goals, paths, spans_s, up_m, (from_s, until_s), standoff_m)
+
+    @cached_property
+    def _is_never_clear(self) -> bool:
+        """Whether somebody is always nearer to home than the stand-off: no landing there is better than another."""
+        moments_s = np.arange(0.0, self.truth.simspec.mission.time_limit_s, STEP_S).tolist()
+        return all(
+            np.linalg.norm(self.truth.places_m(at_s)[self.people] - np.array(self.home), axis=1).min(
+                initial=np.inf
+            )
+            < self.standoff_m
+            for at_s in moments_s
+        )
 
     def _round(self, radii_m: tuple[float, ...]) -> list[Place]:
         turns_rad = [2.0 * math.pi * k / DIRECTIONS for k in range(DIRECTIONS)]
@@ -91,13 +106,14 @@ class Clearance:
         spans_s: Floats,
         up_m: Floats,
         window_s: tuple[float, float],
+        standoff_m: float,
     ) -> Passage:
         """The best of all goals and moments; `paths` hold a place for each of `spans_s` from the moment."""
         from_s, until_s = window_s
         passages = [
             passage
             for at_s in np.arange(from_s, max(until_s, from_s) + STEP_S / 2, STEP_S).tolist()
-            for passage in self._passages(at_s, goals, np.array(paths), spans_s, up_m)
+            for passage in self._passages(at_s, goals, np.array(paths), spans_s, up_m, standoff_m)
         ]
         return min(
             passages,
@@ -110,7 +126,13 @@ class Clearance:
         )
 
     def _passages(
-        self, at_s: float, goals: list[Place], paths: Floats, spans_s: Floats, up_m: Floats
+        self,
+        at_s: float,
+        goals: list[Place],
+        paths: Floats,
+        spans_s: Floats,
+        up_m: Floats,
+        standoff_m: float,
     ) -> list[Passage]:
         people = np.array([self.truth.places_m(at_s + span_s)[self.people] for span_s in spans_s.tolist()])
         each_m = np.linalg.norm(people[None] - paths[:, :, None], axis=3)
@@ -118,7 +140,7 @@ class Clearance:
         over_s = np.maximum(stay_s - LONGEST_STAY_S, 0.0)
         apart_m = each_m.min(axis=2, initial=np.inf)
         near_s = STEP_S * ((apart_m < NEAR_M + MARGIN_M) & (up_m < LOW_M)).sum(axis=1)
-        space_m = np.hypot(apart_m, up_m) - self.standoff_m
+        space_m = np.hypot(apart_m, up_m) - standoff_m
         breach_s, close_s = (
             STEP_S * (space_m < margin_m).sum(axis=1) for margin_m in (MARGIN_M, WIDE_MARGIN_M)
         )

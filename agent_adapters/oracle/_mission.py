@@ -55,6 +55,8 @@ LEAST_HEIGHT_M, HIGHER_M = 50.0, 4.0
 # somebody who is so far away is ahead of it, until it is so near. Chosen by the angle of the camera, 38 degrees below
 # the horizon at the upper edge.
 FAR_BELOW_M, FAR_CLIMB_M, FAR_FROM_M, FAR_TO_M = 48.0, 11.0, 66.0, 57.0
+# Of the time in which the convoy drives: `convoy_accompanied` asks for 40 % with it. Chosen with room for the way.
+SEARCH_SHARE = 0.45
 # A person in view so lately is still in the published picture, which keeps people for 60 s.
 PUBLISHED_S = 55.0
 # Inside the edge of a reported circle by this much, for the agent's own error of place. Chosen, not measured.
@@ -74,7 +76,7 @@ class OracleMission(SearchMission):
         truth: Truth,
     ) -> None:
         super().__init__(vehicle, eyes, log, watch, "bystander_aware", settings)
-        self._truth, self._truth_tracks = truth, eyes.truth_tracks
+        self._truth, self._truth_tracks, self._own_error = truth, eyes.truth_tracks, eyes.own_error
         self._people = [index for index, member in enumerate(truth.cast) if member.role is Role.BYSTANDER]
         self._take_off_s: float | None = None
         self._visited: set[str] = set()  # tasks whose reported circle it has flown over
@@ -118,7 +120,9 @@ class OracleMission(SearchMission):
                 path = self._search_path(task)
                 self._log.decide("search", task.id, f"who else is there: lawnmower, {length_m(path):.0f} m")
                 self._log.enter("searching", task.id)
-                done = lambda task=task: bool(self._waiting() or not self._unseen(task))  # noqa: E731
+                done = lambda task=task: bool(  # noqa: E731
+                    self._waiting() or self._must_join() or not self._unseen(task)
+                )
                 yield from self._follow([self._place, *path], task, self._pilot.speed_mps, until=done)
             # Kinds are few and stand still; people come near a target again and again.
             elif (track := self._unseen_kind(passed)) is not None:
@@ -156,7 +160,7 @@ class OracleMission(SearchMission):
         return None if self._oracle_pilot.must_leave() else super()._choose_withheld()
 
     def _unsearched(self, searched: set[str]) -> SearchTask | None:
-        if self._oracle_pilot.must_leave():
+        if self._oracle_pilot.must_leave() or self._must_join():
             return None
         tasks = (
             task for task in self._planner.tasks.values() if task.id not in searched and self._unseen(task)
@@ -166,6 +170,11 @@ class OracleMission(SearchMission):
             if self._planner.fits(self._place, self._vehicle.now_s, task, work_s):
                 return task
         return None
+
+    def _must_join(self) -> bool:
+        """Whether the convoy has driven for so long that the search for who else is there has to wait."""
+        convoy, now_s = self._planner.convoy, self._vehicle.now_s
+        return convoy is not None and convoy.moves_until(now_s) and convoy.share_driven(now_s) > SEARCH_SHARE
 
     def _unseen_kind(self, passed: set[str]) -> Track | None:
         """The nearest actor that is no target, and of a kind of which none has been in view."""
@@ -428,7 +437,7 @@ class OracleMission(SearchMission):
             self._orders,
             self._settings,
             careful=True,
-        ).knowing(self._truth, self._people)
+        ).knowing(self._truth, self._people, self._own_error)
         return self._oracle_pilot
 
     def _new_findings(self, order: MissionOrder) -> Findings:

@@ -16,9 +16,12 @@ from bench.streams import Detection2DArray
 
 from ..reference.perception._perception import USEFUL_M, ObjectPerception
 from ..reference.perception._pose import PoseHistory
-from ..reference.perception._tracks import TENTATIVE_FRAMES, Track, Tracks
+from ..reference.perception._tracks import PEOPLE, TENTATIVE_FRAMES, Track, Tracks
+from ._own_error import OwnError
 from ._truth import Truth
 
+# The middle of a person is so high above the ground.
+_MIDDLE_M = 0.9
 # Nearer to the image's edge an object may be cut off: the agent's own pose is not exact.
 _EDGE = 0.06
 
@@ -94,6 +97,8 @@ class TruthPerception(ObjectPerception):
     def __init__(self, poses: PoseHistory, mount: str, truth: Truth) -> None:
         super().__init__(poses, mount)
         self.truth_tracks = self.tracks = TruthTracks(truth)
+        self.own_error = OwnError()
+        self._people = [index for index, member in enumerate(truth.cast) if member.class_label in PEOPLE]
         self._truth = truth
 
     def see(self, frame: Detection2DArray, doubt_m: float = 0.0) -> bool:
@@ -105,6 +110,15 @@ class TruthPerception(ObjectPerception):
         self.frames += 1
         self._views.append((time_s, pose.east_m, pose.north_m, pose.height_m, pose.yaw_rad))
         places = self._truth.places_m(time_s)
+        # People alone: the middle of a tree or a house is higher, which would look like an error of metres.
+        middles = [
+            detection.bbox.center.position
+            for detection in frame.detections
+            if detection.results and detection.results[0].hypothesis.class_id in PEOPLE
+        ]
+        points = [camera.ground_point(middle.x, middle.y, pose, _MIDDLE_M) for middle in middles]
+        seen = np.array([point for point in points if point is not None], dtype=np.float64).reshape(-1, 2)
+        self.own_error.take(time_s, seen, places[self._people])
         # A margin, by asking of places a little farther from and a little nearer to the axis of the camera.
         row = np.array([self._views[-1][1:]])
         shown = camera.in_view(places, row)[0]

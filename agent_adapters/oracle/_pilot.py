@@ -20,7 +20,8 @@ from ..reference.flight._vehicle import PositionSetpoint
 from ..reference.mission._planner import Planner
 from ..reference.perception._tracks import Track
 from ._caution import OracleCaution
-from ._clearance import DESCENT_S, DESCENT_UP_M, Clearance
+from ._clearance import DESCENT_S, DESCENT_UP_M, LOW_M, MARGIN_M, NEAR_M, Clearance
+from ._own_error import OwnError
 from ._truth import Truth
 
 # Only on the way home: a failsafe that lands would otherwise sink as fast while it waits for GPS.
@@ -40,6 +41,14 @@ HOLD_COAST_S = 3.0
 # Nearer than this to home it waits for the way down to be clear; coming down from there takes so long before the last
 # `DESCENT_S` of it, on top of the height that is left. Flights of campaign full.
 HOME_APPROACH_M, APPROACH_S, SINK_MPS = 45.0, 9.0, 3.0
+# How fast it slows down over home when its place is commanded: from 10 m/s it takes 16 m. Flights of campaign standard.
+BRAKING_MPS2 = 3.0
+# What the camera shows of the ground, with a margin: from and to so many heights away, and so far to each side. By its
+# angles, 38 to 81 degrees below the horizon and 35 degrees to a side.
+PICTURE_HEIGHTS, PICTURE_RAD = (0.25, 1.1), math.radians(28.0)
+# So far beside home it sinks to this height where somebody is under it over home: 5 s above the height from which it
+# has to be over home. Less than `OVER_HOME_M`, so that it is not flown back at full height. Chosen, not measured.
+ASIDE_M, ASIDE_TO_M = 7.0, 31.0
 # From the order to sink to sinking so fast. Flights of campaign standard.
 SINK_LAG_S = 1.0
 # So late it starts where nobody expects it earlier and people are at home before. Chosen, not measured.
@@ -64,6 +73,9 @@ EARLIEST_SHARE = 0.6
 LOOK_AGAIN_S = 10.0
 # For turning, and for gusts against it. Chosen, not measured.
 LEAVE_MARGIN_S = 5.0
+# So long before an order to go to another place it flies so slowly: at full speed it would still be carried over the
+# place that it comes from. Chosen, not measured.
+RETASK_AHEAD_S, RETASK_MPS = 6.0, 4.0
 # From asking for control on the ground to leaving it, by flights of campaign full.
 LIFT_OFF_S = 1.0
 
@@ -94,11 +106,13 @@ class OraclePilot(Pilot):
     interrupted = False  # something else has flown it, or held it, since this was last set back
     _touchdown: Place | None = None
     _touchdown_s = 0.0  # when it means to touch down
+    _off_m: Place = (0.0, 0.0)  # how far its own position is off, east and north, as it comes down
+    _has_people_below = False  # whether somebody will be under it on its way down
     _leave = (-math.inf, False)  # when it was last worked out, and what came of it
 
-    def knowing(self, truth: Truth, people: list[int]) -> OraclePilot:
+    def knowing(self, truth: Truth, people: list[int], own_error: OwnError) -> OraclePilot:
         """With the truth about where people will be; `people` are their rows in the cast."""
-        self._truth, self._people_rows = truth, people
+        self._truth, self._people_rows, self._own_error = truth, people, own_error
         rules = Caution.of(self._order)
         self._caution = OracleCaution(**{field.name: getattr(rules, field.name) for field in fields(rules)})
         self._control.step_aside = self._step_aside
@@ -107,8 +121,10 @@ class OraclePilot(Pilot):
 
     @property
     def home(self) -> Place:
-        """Where it means to touch down: home, or some steps beside it."""
-        return self._touchdown or super().home
+        """Where it means to touch down: home, or some steps beside it, by its own erring position."""
+        if self._touchdown is None:
+            return super().home
+        return self._touchdown[0] + self._off_m[0], self._touchdown[1] + self._off_m[1]
 
     def keep_control(self, *, looking: bool = False, home_bound: bool = False) -> Steps[None]:
         begun_s = self._vehicle.now_s
@@ -150,6 +166,11 @@ class OraclePilot(Pilot):
 
     def _aim_along(self, walk: Walk, speed_mps: float, facing: Track | None) -> None:
         """Away from what is closed where its own momentum would carry it there."""
+        if any(
+            order.kind == "retask" and 0.0 <= order.at_s - self._vehicle.now_s < RETASK_AHEAD_S
+            for order in self._truth.simspec.orders
+        ):
+            speed_mps = min(speed_mps, RETASK_MPS)
         super()._aim_along(walk, speed_mps, facing)
         velocity, aim, space = self._vehicle.poses.velocity_en_mps, self._vehicle.setpoint, self.airspace
         coast = self.place[0] + COAST_S * velocity[0], self.place[1] + COAST_S * velocity[1]
@@ -213,28 +234,74 @@ class OraclePilot(Pilot):
         now_s, down_s = self._vehicle.now_s, self._down_s()
         landing = self._clearance.landing(now_s + BRAKE_S + down_s, LATEST_SHARE * self._order.time_limit_s)
         self._touchdown, self._touchdown_s = landing.place, landing.at_s
-        leave_s, yaw_rad, looked_s = landing.at_s - down_s, self.pose.yaw_rad, now_s
+        self._has_people_below = landing.near_s > 0.0
+        leave_s, looked_s = landing.at_s - down_s, now_s
         place = self._stand_place() or self.place
         while self._vehicle.now_s < leave_s and not unless() and not self.homeward():
             if self._vehicle.now_s - looked_s > LOOK_AGAIN_S:
                 looked_s, place = self._vehicle.now_s, self._stand_place() or place
-            self._vehicle.setpoint = PositionSetpoint(*place, self.height_m, yaw_rad)
-            yield from self.keep_control(home_bound=True)
-            yield
+            yield from self._hover(place)
 
     def _wait_over_home(self, unless: Callable[[], bool]) -> Steps[bool]:
         """Over home before its time it waits up there: the sooner touchdown may be the one with people near."""
-        over_home = lambda: math.dist(self.place, self.home) < OVER_HOME_M  # noqa: E731
+        # Position control from here on, which brakes in time: `follow` would be carried past home.
+        arriving = lambda: math.dist(self.place, self.home) < OVER_HOME_M + self._braking_m()  # noqa: E731
         way = [self.place, self.home]
-        if not (yield from self.follow(way, self.speed_mps, until=over_home, leave=unless, home_bound=True)):
+        if not (yield from self.follow(way, self.speed_mps, until=arriving, leave=unless, home_bound=True)):
             return False
         sink_s = self._touchdown_s - self._down_s() + APPROACH_S - SINK_LAG_S
-        yaw_rad = self.pose.yaw_rad
-        while self._vehicle.now_s < sink_s and not unless() and not self.homeward():
-            self._vehicle.setpoint = PositionSetpoint(*self.home, self.height_m, yaw_rad)
+        begun_s = self._vehicle.now_s
+        while not unless() and not self.homeward():
+            is_near = math.dist(self.place, self.home) < OVER_HOME_M
+            is_late = self._vehicle.now_s - begun_s > BRAKE_S
+            if self._vehicle.now_s >= sink_s and (is_near or is_late):
+                break
+            yield from self._hover(self.home)
+        if self._has_people_below:
+            yield from self._sink_aside(unless)
+        return not unless()
+
+    def _sink_aside(self, unless: Callable[[], bool]) -> Steps[None]:
+        """The first part of the way down beside home, where somebody would be under it over home."""
+        high_m, now_s = self.pose.height_m, self._vehicle.now_s
+        spans_s = np.arange(0.0, max(high_m - ASIDE_TO_M, 0.0) / SINK_MPS, 0.5)
+        places = [self.home, *ring(self.home, ASIDE_M, 0.0, corners=12)[:-1]]
+        people = np.array(
+            [self._truth.places_m(now_s + at_s)[self._people_rows] for at_s in spans_s.tolist()]
+        )
+        apart_m = np.linalg.norm(people[None] - np.array(places)[:, None, None], axis=3).min(axis=2)
+        is_near = (apart_m < NEAR_M + MARGIN_M) & (high_m - SINK_MPS * spans_s < LOW_M)
+        place = places[int(is_near.sum(axis=1).argmin())]
+        while self.pose.height_m > ASIDE_TO_M and not unless():
+            self._vehicle.setpoint = PositionSetpoint(*place, self._settings.safe_height_m, self.pose.yaw_rad)
             yield from self.keep_control(home_bound=True)
             yield
-        return not unless()
+
+    def _braking_m(self) -> float:
+        return float(math.hypot(*self._vehicle.poses.velocity_en_mps) ** 2 / (2.0 * BRAKING_MPS2))
+
+    def _hover(self, place: Place) -> Steps[None]:
+        """For a moment, looking at those whose places tell how far its own position is off."""
+        self._off_m = self._own_error.estimate_m(self._vehicle.now_s) or self._off_m
+        self._vehicle.setpoint = PositionSetpoint(*place, self.height_m, self._yaw_to_most())
+        yield from self.keep_control(home_bound=True)
+        yield
+
+    def _yaw_to_most(self) -> float:
+        """The direction in which most people are in the picture; the present one among equals."""
+        pose = self.pose
+        people = self._truth.places_m(self._vehicle.now_s)[self._people_rows]
+        offset = people - np.array(self.place)
+        apart_m = np.hypot(offset[:, 0], offset[:, 1])
+        bearings_rad = np.arctan2(offset[:, 0], offset[:, 1])
+        nearest_m, farthest_m = (heights * pose.height_m for heights in PICTURE_HEIGHTS)
+        shown = bearings_rad[(apart_m > nearest_m) & (apart_m < farthest_m)]
+
+        def count(yaw_rad: float) -> int:
+            return int((np.cos(shown - yaw_rad) > math.cos(PICTURE_RAD)).sum())
+
+        turns_rad = [pose.yaw_rad, *(pose.yaw_rad + 2.0 * math.pi * k / 12 for k in range(1, 12))]
+        return max(turns_rad, key=count)
 
     def _stand(self, cause: str, why: str, *, looking: bool, home_bound: bool) -> Steps[None]:
         """Beside people rather than over them: it knows who comes by while it stands."""

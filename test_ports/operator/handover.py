@@ -19,11 +19,15 @@ from bench.simspec import SimSpec
 from .._declaration import Finding, Positive, measure, not_considered
 from ..ground_truth import FlownTrack, GroundTruth
 from ..mission.search import first_reached_s
+from ..perception.clear_views import ViewCriteria, clear_views
 from ..reliability.faults import down_at_home, mission_steps
 from .order_outcomes import MOTION_ORDERS, CountedOrder, OrderOutcomes
 
 APPROACH_M = 50.0
 """Nearer by this to a sub-area, a vehicle is on its way there: more than the operator moves it. Chosen."""
+
+MOVED_M = 20.0
+"""Farther than this from where the operator left it, a vehicle flies on: more than it drifts in Hold. Chosen."""
 
 
 @measure
@@ -67,7 +71,9 @@ def mission_resumed(tape: Tape, simspec: SimSpec, *, within_s: Positive = 90.0) 
 
     The mission goes on as in `fault_recovered`: a sub-area is reached or an adversary reported for the first
     time, or the vehicle is down at home. So it does when the vehicle comes 50 m nearer to a sub-area that it had
-    not reached. 0 for a vehicle that was not handed over and taken back as ordered.
+    not reached. So it does when the search of a sub-area goes on: the camera has an actor in clear view there for
+    the first time while the vehicle is out, and 20 m or more from where it was taken back. 0 for a vehicle that was
+    not handed over and taken back as ordered.
     Orders to take back less than `within_s` before the time limit are left out, and so are those that another
     order about where to go cut short.
     """
@@ -99,6 +105,8 @@ def _resumed(
         return True, step
     if (name := _approached(tape, simspec, since_s, until_s)) is not None:
         return True, Evidence(time_s=since_s, text=f"{APPROACH_M:g} m nearer to {name} afterwards")
+    if (view := _first_viewed(tape, simspec, since_s, until_s)) is not None:
+        return True, view
     if outcomes.next_delivery_s(counted, *MOTION_ORDERS) < until_s:
         return None
     if down_at_home(tape, simspec, until_s):
@@ -118,3 +126,29 @@ def _approached(tape: Tape, simspec: SimSpec, since_s: float, until_s: float) ->
         if distance_m[0] - distance_m.min() >= APPROACH_M:
             return area.id
     return None
+
+
+def _first_viewed(tape: Tape, simspec: SimSpec, since_s: float, until_s: float) -> Evidence | None:
+    """The first clear view, in a span, of an actor in a sub-area that was in none before; None without one."""
+    track, truth = FlownTrack.of(tape, simspec), GroundTruth.of(tape, simspec)
+    areas = truth.sub_areas()
+    viewed: set[int] = set()
+    # Clutter too: whoever searches does not know beforehand that it is nothing else.
+    for view in clear_views(tape, simspec, range(len(truth.cast)), ViewCriteria()):
+        if view.actor in viewed or view.time_s > until_s:
+            continue
+        viewed.add(view.actor)
+        if view.time_s < since_s or not _has_flown_on(track, since_s, view.time_s):
+            continue
+        place = truth.at(view.time_s)[view.actor]
+        for area in areas:
+            if np.hypot(*(place - area.place)) <= area.radius_m:
+                text = f"{truth.cast[view.actor].id} in clear view for the first time, in {area.id}"
+                return Evidence(time_s=view.time_s, text=text)
+    return None
+
+
+def _has_flown_on(track: FlownTrack, since_s: float, at_s: float) -> bool:
+    """Whether it is out, and away from where it was at the earlier moment."""
+    begin, now = np.searchsorted(track.time_s, (since_s, at_s)).clip(max=len(track.time_s) - 1)
+    return bool(track.out()[now] and np.hypot(*(track.place_m[now] - track.place_m[begin])) >= MOVED_M)

@@ -37,8 +37,18 @@ READY_S = 5.0
 AWAY_S = 12.0
 """From leaving the ground to being out and 40 m up: an x500 that climbs 6 m/s needs 8 s for the height alone. Chosen."""
 
-CLIMB_S = 5.0
-"""In it a multicopter that climbs fast, and away from people, is beyond a stand-off of 20 m. Chosen, not measured."""
+CLIMB_S, CLIMB_MPS = 5.0, 6.0
+"""In so long a multicopter that climbs fast, and away from people, is beyond a stand-off of 20 m; beyond 30 m it needs
+a second for every 6 m. In flights of campaign standard: 8 s for 50 m.
+"""
+
+DESCENT_MPS, TOUCHDOWN_S = 3.0, 3.0
+"""A multicopter sinks so fast without falling into its own wake, and takes so much longer for the last metres. Flights
+of campaign standard: 12.6 to 15.0 s from 38 m, 14.9 to 19.2 s from 50 m.
+"""
+
+LANDED_WITHIN_M = 10.0
+"""As near to home as `mission_flown` asks for."""
 
 ROOM_STEP_S = 0.5
 """People are recorded twice a second."""
@@ -53,11 +63,15 @@ def standoff_kept(
 ) -> Finding:
     """Share of the time in the air with every bystander at least `rules.bystander_standoff_m` away.
 
-    The distance is three-dimensional. The first 5 s of the first climb are left out where nobody could have started
-    better: where somebody was nearer than that to home at every moment at which the vehicle could have left it, from
-    5 s after the start to 12 s before the first order about where to go, by which it has to be out. Without such orders
-    it could have waited to the time limit. A vehicle that starts later is not excused, nor is one that was not among
-    people.
+    The distance is three-dimensional. What nobody could have flown better at home is left out, within 40 m of home, for
+    a vehicle that was among people:
+
+    - the first 5 s of the first climb (a second for every 6 m of the stand-off, if that is longer), where somebody was
+      nearer than the stand-off to home at every moment at which the vehicle could have left it: from 5 s after the start
+      to 12 s before the first order about where to go, by which it has to be out. Without such orders it could have
+      waited to the time limit. A vehicle that starts later is not excused;
+    - the last 3 s of the flight, and a second for every 3 m of the stand-off, where it ends on the ground within 10 m of
+      home, and somebody was nearer than the stand-off to home at every moment of the run from 5 s on.
     """
     people, limit_m = GroundTruth.of(tape, simspec).of_role("bystander"), simspec.rules.bystander_standoff_m
     if not limit_m or not people:
@@ -66,28 +80,53 @@ def standoff_kept(
     # In space: an aircraft high above a crowd keeps its stand-off.
     distance_m = np.hypot(track.distance_m(people), track.above_m(people)).min(axis=1)
     exposure = _among_people(track, people, among_m, min_out_s)
-    chosen = track.free & ~_forced_start(tape, simspec, limit_m, exposure)
+    forced = _forced_start(tape, simspec, limit_m) | _forced_landing(tape, simspec, limit_m)
+    if track.seconds(exposure.samples) < exposure.min_s:
+        forced = track.between(0.0, 0.0)
+    chosen = track.free & ~(forced & ~track.out())
     finding = share_kept(track, distance_m >= limit_m, chosen, distance_m, "m from a bystander", exposure)
     return _with_knowledge(finding, tape, simspec, among_m)
 
 
-def _forced_start(tape: Tape, simspec: SimSpec, limit_m: float, exposure: Exposure) -> Bools:
-    """(n,) the first `CLIMB_S` after the first lift-off, where no moment to start at kept the stand-off."""
-    track, truth = FlownTrack.of(tape, simspec), GroundTruth.of(tape, simspec)
+def _forced_start(tape: Tape, simspec: SimSpec, limit_m: float) -> Bools:
+    """(n,) the beginning of the first climb, where no moment to start at kept the stand-off."""
+    track = FlownTrack.of(tape, simspec)
     none = track.between(0.0, 0.0)
     ordered_s = [order.at_s for order in simspec.orders if order.kind in MOTION_ORDERS]
     latest_s = min(ordered_s, default=simspec.mission.time_limit_s + AWAY_S) - AWAY_S
-    if not track.airborne.any() or track.seconds(exposure.samples) < exposure.min_s:
+    if not track.airborne.any():
         return none
     lift_off_s = float(track.time_s[track.airborne.argmax()])
-    people, home = truth.of_role("bystander"), simspec.vehicle.home
-    room_m = [
-        float(np.hypot(*(truth.at(at_s)[people] - (home.east_m, home.north_m)).T).min())
-        for at_s in np.arange(READY_S, latest_s + EXACT_S, ROOM_STEP_S).tolist()
-    ]
-    if lift_off_s > latest_s or max(room_m, default=limit_m) >= limit_m:
+    if lift_off_s > latest_s or not _is_home_always_near(tape, simspec, limit_m, latest_s):
         return none
-    return track.between(lift_off_s, lift_off_s + CLIMB_S)
+    return track.between(lift_off_s, lift_off_s + max(CLIMB_S, limit_m / CLIMB_MPS))
+
+
+def _forced_landing(tape: Tape, simspec: SimSpec, limit_m: float) -> Bools:
+    """(n,) the end of the flight, where no moment of the run to land at kept the stand-off."""
+    track = FlownTrack.of(tape, simspec)
+    none = track.between(0.0, 0.0)
+    rows = np.flatnonzero(track.airborne)
+    is_down = bool(tape.condition) and tape.condition[-1].value.landed
+    if not len(rows) or not is_down or any(state.value.crashed for state in tape.condition):
+        return none
+    if track.from_home_m[rows[-1]] > LANDED_WITHIN_M:
+        return none
+    if not _is_home_always_near(tape, simspec, limit_m, tape.end_s):
+        return none
+    down_s = float(track.time_s[rows[-1]] + track.span_s[rows[-1]])
+    return track.between(down_s - TOUCHDOWN_S - limit_m / DESCENT_MPS, down_s)
+
+
+def _is_home_always_near(tape: Tape, simspec: SimSpec, limit_m: float, until_s: float) -> bool:
+    """Whether somebody was nearer than `limit_m` to home at every moment from `READY_S` to `until_s`."""
+    truth, home = GroundTruth.of(tape, simspec), simspec.vehicle.home
+    people = truth.of_role("bystander")
+    moments_s = np.arange(READY_S, until_s + EXACT_S, ROOM_STEP_S).tolist()
+    room_m = [
+        float(np.hypot(*(truth.at(at_s)[people] - (home.east_m, home.north_m)).T).min()) for at_s in moments_s
+    ]
+    return max(room_m, default=limit_m) < limit_m
 
 
 @measure

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from test_null_agents import fly, simspec
 
 from agent_adapters.oracle._clearance import Clearance
 from agent_adapters.oracle._findings import unseen_neighbours
+from agent_adapters.oracle._own_error import OwnError
 from agent_adapters.oracle._perception import TruthTracks
 from agent_adapters.oracle._pilot import OraclePlanner
 from agent_adapters.oracle._policy import OraclePolicy
@@ -142,3 +144,35 @@ def test_only_a_manifest_that_asks_is_given_it(tmp_path: Path) -> None:
     (tmp_path / "empty.json").write_text("{}")
     with pytest.raises(SetupError, match="REBAR_TRUTH"):
         load_truth(str(tmp_path / "empty.json"))
+
+
+def test_no_landing_is_better_where_somebody_is_always_too_near() -> None:
+    """Somebody 12 m from home all the time: the moment does not matter for a stand-off of 15 m, and for one of 10 m it is
+    kept.
+    """
+    spec = simspec("oracle", 60.0)
+    document = truth_of(spec, open_plain_scene(spec))
+    person = document.cast[1].model_copy(update={"role": Role.BYSTANDER})
+    rows = tuple(((30.0, 20.0), (12.0, 0.0)) for _ in range(121))
+    changed = {"cast": (document.cast[0], person), "places_m": rows}
+    truth = Truth(document.model_copy(update=changed))
+    for standoff_m in (15.0, 10.0):
+        home = Clearance(truth, [1], (0.0, 0.0), standoff_m)
+        assert home.landing(30.0, 50.0).breach_s == 0.0
+    assert Clearance(truth, [1], (0.0, 0.0), 15.0).start(6.0, 21.0).breach_s > 0.0
+
+
+@pytest.mark.parametrize(("east_m", "north_m"), [(0.0, 0.0), (3.4, -1.2), (-2.6, 4.1)])
+def test_it_reads_its_own_error_off_people_whose_places_it_knows(east_m: float, north_m: float) -> None:
+    """Six people who walk about, some missed, places that scatter by 0.3 m, and something that is not there."""
+    random = np.random.default_rng(5)
+    error, people = OwnError(), random.uniform(-30.0, 30.0, (6, 2))
+    for frame in range(50):
+        people = people + random.normal(0.0, 0.2, people.shape)
+        seen = people[random.random(6) < 0.7] + (east_m, north_m)
+        seen = np.vstack([seen + random.normal(0.0, 0.3, seen.shape), random.uniform(-30.0, 30.0, (1, 2))])
+        error.take(0.2 * frame, seen, people)
+    assert error.estimate_m(10.0) == pytest.approx((east_m, north_m), abs=0.3)
+    # Looks of long ago say nothing about now, and neither do few.
+    assert error.estimate_m(60.0) is None
+    assert OwnError().estimate_m(0.0) is None

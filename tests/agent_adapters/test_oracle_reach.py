@@ -8,23 +8,21 @@ from flown_scenes import DECOMPOSITION, fly, scene, scenes
 from bench.contracts import Outcome
 from decompositions import load_decomposition
 
-# One goes with every run, the others with `make slow`.
-QUICK = "p5062"
-# Of the standard some in which it fails nothing (docs/measures.md).
-STANDARD = (("p001", 1), ("p002", 3), ("p008", 1))
-SLOW = [
-    *(("full", point, 1) for point in scenes("full") if point != QUICK),
-    *(("standard", *item) for item in STANDARD),
+# One of each goes with every run, the others with `make slow`. In p012 an order sends it elsewhere at full speed.
+QUICK = {"full": "p5062", "standard": "p012"}
+EVERY = [(campaign, point) for campaign in QUICK for point in scenes(campaign)]
+SCENES = [
+    pytest.param(campaign, point, marks=[] if QUICK[campaign] == point else pytest.mark.slow)
+    for campaign, point in EVERY
 ]
-SCENES = (("full", QUICK, 1), *(pytest.param(*item, marks=pytest.mark.slow) for item in SLOW))
 
 
 @pytest.mark.flight
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize(("campaign", "point", "replicate"), SCENES)
-def test_it_fails_nothing_that_an_agent_can_influence(campaign: str, point: str, replicate: int) -> None:
+@pytest.mark.parametrize(("campaign", "point"), SCENES)
+def test_it_fails_nothing_that_an_agent_can_influence(campaign: str, point: str) -> None:
     """Every considered observable whose subject is the agent reaches its threshold."""
-    _, end, observations = fly(scene(campaign, point, replicate), "oracle")
+    _, end, observations = fly(scene(campaign, point), "oracle")
     assert end.outcome is Outcome.COMPLETED, end.reason
 
     observables = load_decomposition(DECOMPOSITION).observables
@@ -34,5 +32,6 @@ def test_it_fails_nothing_that_an_agent_can_influence(campaign: str, point: str,
         for observation in observations
         if observation.x is not None and observation.observable in of_agent
     }
-    assert len(x_of) >= 80
+    # The easiest situations of the standard consider the fewest.
+    assert len(x_of) >= 70
     assert {name: x for name, x in x_of.items() if x < of_agent[name].threshold} == {}

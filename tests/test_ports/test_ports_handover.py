@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -25,14 +26,25 @@ from cases.orders import (
     ordered,
     state,
 )
-from made_run import answer, at_s, report, tracks
+from made_run import answer, at_s, frame, report, tracks
 
 from bench.campaign import measure_all
 from bench.contracts import OPERATOR_GIVES_BACK, OPERATOR_TAKES, EventDocument, Option, Timed
+from bench.simspec import SimSpec
 
 GROUND = ((0.0, 0.0, 0.0, 0.0), (200.0, 0.0, 0.0, 0.0))
 ON_GROUND: dict[str, Any] = {"condition": (state(0.0, landed=True),)}
 HOVERS = ((5.0, 10.0, 0.0, 60.0), (200.0, 10.0, 0.0, 60.0))
+
+
+def nearest_row(spec: SimSpec, east_m: float, north_m: float) -> int:
+    """The index into the cast of whoever is nearest to a place."""
+    assert spec.realized is not None
+    actors = spec.realized.actors
+    return min(
+        range(len(actors)),
+        key=lambda row: math.dist((actors[row].east_m, actors[row].north_m), (east_m, north_m)),
+    )
 
 
 def x_of(measure: str, run: Run, options: Mapping[str, Option] | None = None) -> float | None:
@@ -133,6 +145,31 @@ def test_a_mission_that_stands_still_is_not_resumed_and_one_near_its_end_need_no
     on_the_way = (*NOWHERE[:4], (140.0, -45.0, 0.0, 60.0), (180.0, -45.0, 0.0, 60.0))
     assert x_of("mission_resumed", flew(spec, *on_the_way, **streams)) == 1.0
     assert x_of("mission_resumed", flew(spec, *NOWHERE, **streams), {"within_s": 250.0}) is None
+
+
+@pytest.mark.parametrize(
+    ("looks", "x"),
+    [
+        # The radar vehicle at 80 s, in view for the first time; it was before; it is too late; it is in no sub-area.
+        (((80.0, "radar"),), 1.0),
+        (((30.0, "radar"), (80.0, "radar")), 0.0),
+        (((130.0, "radar"),), 0.0),
+        (((80.0, "bystander"),), 0.0),
+        # Right after it was given back the vehicle is still where the operator left it.
+        (((61.0, "radar"),), 0.0),
+    ],
+)
+def test_a_search_that_shows_somebody_new_in_a_sub_area_is_a_step(
+    looks: tuple[tuple[float, str], ...], x: float
+) -> None:
+    """Taken back at 60 s, the vehicle flies away from all places, and its camera still looks into one."""
+    spec, delivered = ordered("take_back")
+    places = {"radar": (105.0, 95.0), "bystander": (0.0, -150.0)}
+    frames = tuple(
+        frame(number, at, nearest_row(spec, *places[name])) for number, (at, name) in enumerate(looks)
+    )
+    run = flew(spec, *NOWHERE, **delivered, **OBEYED["take_back"][1], frames=frames)
+    assert x_of("mission_resumed", run, {"within_s": 60.0}) == x
 
 
 @pytest.mark.parametrize("kind", ["detections", "detections_degraded"])

@@ -133,7 +133,11 @@ def standoff_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> flo
             all(math.dist(sample.place, sample.actors[person]) >= limit_m for person in people),
         )
         for sample in free(tape, samples)
-        if not forced_start(spec, tape, samples, sample.time_s)
+        if math.dist(sample.place[:2], (spec.vehicle.home.east_m, spec.vehicle.home.north_m)) > 40.0
+        or not (
+            forced_start(spec, tape, samples, sample.time_s)
+            or forced_landing(spec, tape, samples, sample.time_s)
+        )
     ]
     return exposed_share(kept, out_s(spec, tape, samples, 50.0))
 
@@ -145,16 +149,35 @@ def forced_start(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...], time_s:
     latest_s = min(ordered_s) - 12.0 if ordered_s else spec.mission.time_limit_s
     if out_s(spec, tape, samples, 50.0) < 10.0 or not samples or samples[0].time_s > latest_s:
         return False
+    length_s = max(5.0, (spec.rules.bystander_standoff_m or 0.0) / 6.0)
+    return time_s < samples[0].time_s + length_s and always_near_home(spec, tape, latest_s)
+
+
+def forced_landing(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...], time_s: float) -> bool:
+    """Whether it comes down at home then for good, and no moment of the run was a better one to do so."""
+    home = (spec.vehicle.home.east_m, spec.vehicle.home.north_m)
+    states = [state.value for state in tape.condition]
+    if out_s(spec, tape, samples, 50.0) < 10.0 or not samples or any(state.crashed for state in states):
+        return False
+    if not states[-1].landed or math.dist(samples[-1].place[:2], home) > 10.0:
+        return False
+    down_s = samples[-1].time_s + samples[-1].span_s
+    length_s = 3.0 + (spec.rules.bystander_standoff_m or 0.0) / 3.0
+    return time_s >= down_s - length_s and always_near_home(spec, tape, tape.end_s)
+
+
+def always_near_home(spec: SimSpec, tape: Tape, until_s: float) -> bool:
+    """Whether at each half second from 5 s on somebody is nearer to home than the stand-off."""
     home, at_s = (spec.vehicle.home.east_m, spec.vehicle.home.north_m), 5.0
-    while at_s <= latest_s:
+    while at_s <= until_s:
         places = actors_at(tape, at_s)
         if all(
-            math.dist(places[person], home) >= spec.rules.bystander_standoff_m
+            math.dist(places[person], home) >= (spec.rules.bystander_standoff_m or 0.0)
             for person in role_of(tape, "bystander")
         ):
             return False
         at_s += 0.5
-    return latest_s >= 5.0 and time_s < samples[0].time_s + 5.0
+    return until_s >= 5.0
 
 
 def slow_near_bystanders(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:

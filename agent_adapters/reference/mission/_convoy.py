@@ -46,6 +46,11 @@ class Convoy:
         """Whether the vehicle is to be with it now, or soon."""
         return self._escort.depart_s - READY_S <= now_s < self._halt_s
 
+    def share_driven(self, now_s: float) -> float:
+        """How much of the time in which it drives is over; less than 0 before it sets off."""
+        depart_s = self._escort.depart_s
+        return (now_s - depart_s) / max(self._halt_s - depart_s, STEP_S)
+
     def near_s(self, place: Place, now_s: float) -> float:
         """When a member comes within `warn_before_m` of a place for the first time; infinity when none will any
         more.
