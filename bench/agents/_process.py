@@ -1,37 +1,28 @@
-"""An agent as a local process: clean environment, bounded output, and an end that includes every process it
-started.
-"""
+"""An agent as a process of this host: what it is given, what is kept of its output, and how it is ended."""
 
 from __future__ import annotations
 
 import json
 import os
 import selectors
-import signal
-import subprocess
-import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import replace
+from contextlib import contextmanager
 from pathlib import Path
 
 from bench.contracts import AgentPlan, AgentUsage
 from bench.errors import Fault, SetupError
 from bench.simspec import seed_of
 
-from . import _launch
-from ._process_usage import ProcessTreeUsage
 from ._program import expand_command, expand_placeholders
+from .confinement import Box, ConfinedProcess, choose_rung, find_program, program_paths, without_sessions
 
 # Host times, chosen: for an agent to exit by itself after the tick socket's end, and between SIGTERM and
 # SIGKILL.
 LEAVE_S = 0.25
 GRACE_S = 2.0
-# The largest file that an agent may write: a run-away log must not fill the disk.
-FILE_BYTES = 256 * 1024 * 1024
 # Kept of the beginning and of the end of its output: the start shows the set-up, the end shows why it
 # stopped.
 HEAD_BYTES = 256 * 1024
@@ -46,55 +37,76 @@ TRUTH_FILE = "truth.json"
 
 @contextmanager
 def open_agent(plan: AgentPlan) -> Iterator[LocalProcess]:
-    """Start the agent in its scratch folder; leaving the block ends it and whatever it started, by force if
-    need be.
+    """Start the agent on the rung that its manifest asks for; leaving the block ends it and whatever it
+    started, by force if need be.
 
     The thread that enters must outlive the agent: the kernel ends the agent when that thread ends, so an
-    agent never survives its session. What the agent wrote is in `agent.log` of the scratch folder afterwards,
+    agent never survives its session. What the agent wrote is in `agent.log` of `plan.scratch` afterwards,
     shortened in the middle when it was much. Raises SetupError when the command or the environment names an
-    option that the SimSpec does not have.
+    option that the SimSpec does not have, or the rung cannot start here.
     """
-    options = plan.simspec.agent.options
-    command = expand_command(plan.manifest, plan.folder, options)
-    environment = environment_of(plan)
+    rung = choose_rung(plan.manifest.isolation, f"{plan.manifest.name}: isolation")
     plan.scratch.mkdir(parents=True, exist_ok=True)
     if plan.truth is not None:
         (plan.scratch / TRUTH_FILE).write_text(plan.truth.model_dump_json())
+    box = box_of(plan, rung.home(plan.scratch))
     with _open_output(plan.scratch / OUTPUT_FILE) as output:
-        failure_end, launcher_end = os.pipe()
-        try:
-            # Through a launcher and not a preexec_fn, because this process has threads; see _launch.
-            launch = [_launch.__file__, str(os.getpid()), str(FILE_BYTES), str(launcher_end)]
-            started = subprocess.Popen(
-                [sys.executable, "-I", "-S", *launch, *command],
-                cwd=plan.scratch,
-                env=environment,
-                stdin=subprocess.DEVNULL,
-                stdout=output.write_end,
-                stderr=output.write_end,
-                pass_fds=(launcher_end,),
-                start_new_session=True,
-            )
-        except BaseException:
-            os.close(failure_end)
-            raise
-        finally:
-            os.close(launcher_end)
+        process = rung.start(box, output.write_end)
         output.begin()
-        agent = LocalProcess(started, output, home=str(plan.scratch), failure_end=failure_end)
+        agent = LocalProcess(process, output, program=box.command[0], isolation=rung.name)
         try:
             yield agent
         finally:
-            agent.end(home=str(plan.scratch))
+            agent.end()
 
 
-def environment_of(plan: AgentPlan) -> dict[str, str]:
+def box_of(plan: AgentPlan, home: str) -> Box:
+    """What the agent may see and use, with `home` as its HOME."""
+    manifest, options = plan.manifest, plan.simspec.agent.options
+    environment = environment_of(plan, home)
+    command = expand_command(manifest, plan.folder, options)
+    read = expand_placeholders(
+        manifest, plan.folder, options, {f"read[{index}]": path for index, path in enumerate(manifest.read)}
+    )
+    paths = [Path(path) for path in read.values()]
+    # The manifest's folder is for agents whose manifest names it: others share that folder with much else.
+    if any("{folder}" in text for text in (*manifest.command, *manifest.environment.values())):
+        paths.append(plan.folder)
+    # A file that the command names is part of the agent: its script, its model. Folders are for `read`.
+    paths += [Path(word) for word in command if word.startswith("/") and Path(word).is_file()]
+    paths = [kept for path in paths for kept in without_sessions(path, plan.hidden)]
+    program = find_program(command[0], environment, plan.scratch)
+    if program is not None:
+        command = (str(program), *command[1:])
+        paths += program_paths(program, environment)
+    return Box(
+        command=command,
+        environment=environment,
+        scratch=plan.scratch,
+        read=tuple(paths),
+        files=(plan.scratch / TRUTH_FILE,) if plan.truth is not None else (),
+        tcp_ports=_tcp_ports(plan) | set(manifest.tcp_ports),
+        limits=manifest.limits,
+        gpu=manifest.gpu,
+        image=manifest.image,
+    )
+
+
+def _tcp_ports(plan: AgentPlan) -> frozenset[int]:
+    """The ports of the agent's endpoints that are reached over TCP."""
+    ends = plan.endpoints
+    addresses = [address for address in (ends.zenoh_locator, ends.tick) if address]
+    addresses += [address for address in ends.mavlink.values() if address.startswith("tcp:")]
+    return frozenset(int(address.rpartition(":")[2]) for address in addresses)
+
+
+def environment_of(plan: AgentPlan, home: str) -> dict[str, str]:
     """The agent's whole environment. Nothing of the bench's environment leaks into it."""
     ends = plan.endpoints
     spec = plan.simspec
     environment = {
         "PATH": os.environ.get("PATH", os.defpath),
-        "HOME": str(plan.scratch),
+        "HOME": home,
         "LANG": "C.UTF-8",
         "PYTHONHASHSEED": "0",
         "PYTHONUNBUFFERED": "1",
@@ -112,7 +124,7 @@ def environment_of(plan: AgentPlan) -> dict[str, str]:
     if ends.tick is not None:
         environment |= {"REBAR_TICK": ends.tick, "REBAR_TICK_SECRET": ends.tick_secret}
     if plan.truth is not None:
-        environment["REBAR_TRUTH"] = str(plan.scratch / TRUTH_FILE)
+        environment["REBAR_TRUTH"] = f"{home}/{TRUTH_FILE}"
     stated = expand_placeholders(plan.manifest, plan.folder, spec.agent.options, plan.manifest.environment)
     return environment | dict(ends.mavlink) | stated
 
@@ -207,95 +219,53 @@ def _open_output(path: Path) -> Iterator[_Output]:
 
 
 class LocalProcess:
-    """The `AgentProcess` contract over one local process and its group."""
+    """The `AgentProcess` contract over one process on one rung."""
 
-    def __init__(
-        self, started: subprocess.Popen[bytes], output: _Output, home: str, failure_end: int
-    ) -> None:
-        self._started = started
-        self._failure_end: int | None = failure_end
+    def __init__(self, process: ConfinedProcess, output: _Output, program: str, isolation: str) -> None:
+        self.isolation = isolation
+        self._process = process
         self._output = output
-        self._tree = ProcessTreeUsage(started.pid, home)
-        self._usage = AgentUsage()
-        # Set once the process has ended.
-        self._reaped_cpu_s = 0.0
+        self._program = program
+        self._ended = False
 
     @property
     def pid(self) -> int:
-        return self._started.pid
+        return self._process.pid
 
     def exit_code(self) -> int | None:
-        code = self._poll()
-        if code == _launch.NOT_FOUND and (failure := self._launch_failure()):
+        code = self._process.poll()
+        if code is not None and not self._ended and (failure := self._process.start_failure()):
             remedy = "restore the program, or correct the command in the manifest"
-            raise SetupError(Fault("agent.manifest", failure.decode(errors="replace"), remedy))
+            raise SetupError(Fault("agent.manifest", f"{self._program} {failure}{self._last_line()}", remedy))
         return code
 
-    def _launch_failure(self) -> bytes:
-        """What the launcher said before it gave up; empty once the agent has been ended."""
-        return b"" if self._failure_end is None else os.read(self._failure_end, READ_BYTES)
-
-    def _poll(self) -> int | None:
-        if self._started.returncode is None:
-            self._reap(os.WNOHANG)
-        return self._started.returncode
-
     def usage(self) -> AgentUsage:
-        # Not after the end: the kernel may give the id to a stranger.
-        if self._poll() is None:
-            self._usage = self._tree.read()
-        return replace(self._usage, cpu_s=max(self._usage.cpu_s, self._reaped_cpu_s))
+        return self._process.usage()
+
+    def exceeded_limit(self) -> str:
+        return self._process.exceeded_limit()
 
     def output_tail(self) -> str:
         return self._output.text()[-LAST_WORDS_BYTES:].decode(errors="replace")
 
-    def end(self, home: str) -> None:
-        """Wait for the agent, ask its process group to end, kill it; then kill what left the group but has
-        the agent's HOME.
-        """
+    def end(self) -> None:
+        """Wait for the agent, ask it to end, kill it and everything that it started."""
         self._wait(LEAVE_S)
-        self._signal(signal.SIGTERM)
+        self._process.ask_to_end()
         self._wait(GRACE_S)
-        self._signal(signal.SIGKILL)
-        for pid in _processes_with_home(home):
-            with suppress(OSError):
-                os.kill(pid, signal.SIGKILL)
-        if self._poll() is None:
-            self._reap(0)
-        # Forgotten with the close: the number may soon be that of another file of this process.
-        if self._failure_end is not None:
-            os.close(self._failure_end)
-            self._failure_end = None
+        self._ended = True
+        self._process.end()
+
+    def _last_line(self) -> str:
+        """What the rung wrote when it could not start the program: the last line of the output."""
+        # The pump has it in a moment: the process that wrote it has ended.
+        deadline = time.monotonic() + LEAVE_S
+        while not self.output_tail() and time.monotonic() < deadline:
+            time.sleep(0.005)
+        lines = self.output_tail().strip().splitlines()
+        return f": {lines[-1].rpartition(': ')[2]}" if lines else ""
 
     def _wait(self, span_s: float) -> None:
         deadline = time.monotonic() + span_s
-        while self._poll() is None and time.monotonic() < deadline:
+        while self._process.poll() is None and time.monotonic() < deadline:
             time.sleep(0.005)
-
-    def _signal(self, number: signal.Signals) -> None:
-        with suppress(ProcessLookupError, PermissionError):
-            os.killpg(self.pid, number)
-
-    def _reap(self, options: int) -> None:
-        """As Popen.poll, but keeps the CPU time that the kernel tells only once."""
-        try:
-            pid, status, usage = os.wait4(self.pid, options)
-        except ChildProcessError:
-            # Another thread reaped the process, so its exit code is lost.
-            self._started.returncode = -signal.SIGKILL
-            return
-        if pid:
-            self._reaped_cpu_s = usage.ru_utime + usage.ru_stime
-            self._started.returncode = os.waitstatus_to_exitcode(status)
-
-
-def _processes_with_home(home: str) -> Iterator[int]:
-    """Processes, other than this one, that were started with this HOME: the agent's own, wherever they
-    moved.
-    """
-    wanted = f"HOME={home}".encode()
-    for entry in os.scandir("/proc"):
-        if entry.name.isdigit() and int(entry.name) != os.getpid():
-            with suppress(OSError):
-                if wanted in Path(entry.path, "environ").read_bytes().split(b"\0"):
-                    yield int(entry.name)

@@ -35,12 +35,12 @@ class ProcessTreeUsage:
     """Adds up the host time of the session that `root` leads and of all its descendants, at each `read`.
 
     `home` recognises processes that left the session and lost their parents between two readings: they still
-    have the agent's HOME. What ended between two readings is counted in the CPU time of whoever waited for
+    have the agent's HOME. It is None where everything that `root` starts stays below it. What ended between two readings is counted in the CPU time of whoever waited for
     it; its run delay since the last reading is lost, so that short-lived children never excuse an agent.
     """
 
     root: int
-    home: str
+    home: str | None
     proc: Path = Path("/proc")
     nice: int = field(default_factory=lambda: os.getpriority(os.PRIO_PROCESS, 0))
     _processes: dict[tuple[int, str], _Process] = field(default_factory=dict)
@@ -93,7 +93,7 @@ class ProcessTreeUsage:
 
     def _has_home(self, key: tuple[int, str]) -> bool:
         # The environment of a process is read once; a session lasts longer than most processes of a host.
-        if key in self._strangers:
+        if self.home is None or key in self._strangers:
             return False
         with suppress(OSError):
             wanted = f"HOME={self.home}".encode()

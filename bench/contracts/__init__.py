@@ -11,10 +11,12 @@ from bench.clock import START as START
 from bench.clock import SimTime as SimTime
 
 from ._agent import AgentEndpoints as AgentEndpoints
+from ._agent import AgentLimits as AgentLimits
 from ._agent import AgentManifest as AgentManifest
 from ._agent import AgentPlan as AgentPlan
 from ._agent import AgentProcess as AgentProcess
 from ._agent import AgentUsage as AgentUsage
+from ._agent import Isolation as Isolation
 from ._agent import MavlinkNeed as MavlinkNeed
 from ._agent import OpenAgent as OpenAgent
 from ._cast import cast_of as cast_of

@@ -30,11 +30,33 @@ class MavlinkNeed(Document):
     variable: str = "REBAR_MAVLINK"
 
 
+Isolation = Literal["auto", "bwrap", "landlock", "container", "none"]
+
+
+class AgentLimits(Document):
+    """What one agent may use of the host, with everything that it starts.
+
+    The defaults let the shipped agents, MAVSDK with its server, Node and Zenoh clients run with room to spare;
+    docs/agents.md has what each of these was measured to use. Which limits hold depends on the rung.
+    """
+
+    memory_mb: Annotated[int, Field(ge=64, description="Memory of all processes together.")] = 2048
+    processes: Annotated[
+        int, Field(ge=8, description="Processes and threads together: libraries start one per processor.")
+    ] = 512
+    cpus: Annotated[float, Field(gt=0, description="Processors' worth of CPU time.")] = 4.0
+    open_files: Annotated[int, Field(ge=64, description="Open files of one process.")] = 1024
+    file_mb: Annotated[int, Field(ge=1, description="The largest file that it may write.")] = 256
+    scratch_mb: Annotated[int, Field(ge=1, description="Each of the scratch folder, /tmp and /dev/shm.")] = (
+        256
+    )
+
+
 class AgentManifest(Document):
     """How an agent is started, connected, paced and reset. A YAML file, or an entry point of group
     `rebar.agents`.
 
-    In `command` and `environment`, `{python}` stands for the bench's interpreter, `{folder}` for the
+    In `command`, `environment` and `read`, `{python}` stands for the bench's interpreter, `{folder}` for the
     manifest's folder, and `{option:NAME}` for an option of SimSpec.agent. What is handed over in the
     environment is listed in docs/agents.md.
     """
@@ -61,6 +83,21 @@ class AgentManifest(Document):
             description="The agent is given the truth: an oracle, which shows what can be reached, and never a result."
         ),
     ] = False
+    isolation: Annotated[
+        Isolation,
+        Field(description="How the agent is confined; auto is the strongest that works without an image."),
+    ] = "auto"
+    limits: AgentLimits = AgentLimits()
+    read: Annotated[
+        tuple[str, ...],
+        Field(description="Absolute paths that the agent may read besides its program and the system's."),
+    ] = ()
+    tcp_ports: Annotated[
+        tuple[Annotated[int, Field(ge=1, le=65535)], ...],
+        Field(description="TCP ports on which the agent's own processes reach each other."),
+    ] = ()
+    gpu: Annotated[bool, Field(description="The agent is given the host's GPU devices.")] = False
+    image: Annotated[str, Field(description="The image of the container rung.")] = ""
     reset: Annotated[
         Literal["process"], Field(description="How a fresh agent is had for the next session: a new process.")
     ] = "process"
@@ -95,6 +132,8 @@ class AgentPlan:
     scratch: Path
     truth: TruthDocument | None = None
     """For an agent whose manifest asks for the truth, and for no other."""
+    hidden: tuple[Path, ...] = ()
+    """Folders that the agent must not read though they may lie in one that it may: the campaign's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +162,9 @@ class AgentProcess(Protocol):
 
     def usage(self) -> AgentUsage:
         """What the agent has used of the host so far. It never shrinks, and can be asked after the end too."""
+
+    def exceeded_limit(self) -> str:
+        """The limit of its manifest for which the kernel killed it, in words; empty if there is none."""
 
     def output_tail(self) -> str:
         """The end of what it wrote to stdout and stderr, for the report."""

@@ -73,7 +73,8 @@ class SessionPlan:
     """All that one session needs.
 
     `scratch` is an empty folder for the agent, `tap` receives every record, and budgets are measured by
-    `clock`. `memory_kills` counts the processes that the kernel killed for want of memory.
+    `clock`. `memory_kills` counts the processes that the kernel killed for want of memory. The agent reads
+    no file in `hidden`.
     """
 
     simspec: SimSpec
@@ -84,6 +85,7 @@ class SessionPlan:
     tap: Tap
     clock: HostClock = HOST_CLOCK
     memory_kills: Callable[[], int] = count_memory_kills
+    hidden: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -371,6 +373,10 @@ class Session:
         condition = self._vehicle.condition()
         if code == 0 and condition.landed and not condition.armed and self._progress.now > START:
             raise StopSession(Outcome.COMPLETED, "the agent ended by itself and the vehicle is down")
+        if limit := self._agent.exceeded_limit():
+            raise StopSession(
+                Outcome.AGENT_CRASHED, f"the agent used more than its limit of {limit} and was killed for it"
+            )
         # Which process used up the memory is not known, so the agent is not blamed; the run is flown again.
         if code == -signal.SIGKILL and self._plan.memory_kills() > self._memory_kills:
             raise StopSession(
@@ -428,7 +434,9 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
         )
         # From a scene of its own: this one must not be advanced before the session.
         truth_document = truth_of(spec, open_scene(spec)) if manifest.truth else None
-        agent_plan = AgentPlan(manifest, plan.manifest_folder, spec, endpoints, plan.scratch, truth_document)
+        agent_plan = AgentPlan(
+            manifest, plan.manifest_folder, spec, endpoints, plan.scratch, truth_document, plan.hidden
+        )
         agent = stack.enter_context(plan.open_agent(agent_plan))
         # The agent's CPU time is read while its process can still be asked, however the session ends.
         stack.callback(lambda: setattr(progress, "agent_cpu_s", agent.usage().cpu_s))

@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
-from test_agent_process import python, wait_for_file
+from test_agent_process import PATIENCE_S, python
 
 from bench.agents import open_agent
 from bench.agents._process_usage import ProcessTreeUsage
@@ -142,6 +143,15 @@ open('ready', 'w').write('\\n')
 import signal
 signal.pause()
 """
+
+
+def wait_for_file(path: Path) -> str:
+    deadline = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline:
+        if path.exists() and path.read_text().endswith("\n"):
+            return path.read_text()
+        os.sched_yield()
+    raise AssertionError(f"{path.name} was not written")
 
 
 @pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="this kernel has no schedstat")

@@ -189,6 +189,9 @@ def test_the_wall_budget_is_blamed_on_the_agents_own_time(starved_share: float, 
         def usage(self) -> AgentUsage:
             return host.usage
 
+        def exceeded_limit(self) -> str:
+            return ""
+
         def output_tail(self) -> str:
             return ""
 

@@ -10,7 +10,7 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from bench.agents import load_manifest, open_agent, program_faults
+from bench.agents import choose_rung, load_manifest, open_agent, program_faults
 from bench.contracts import (
     AgentManifest,
     Observation,
@@ -50,6 +50,7 @@ def fly_realization(
     try:
         placed = place(simspec) if simspec.realized is None else _checked(simspec)
         manifest, manifest_folder = load_manifest(placed.agent.manifest)
+        metadata = _metadata(manifest)
     except (PlacementInfeasible, SetupError) as error:
         return SessionFailure.of(error).result(realization)
     (folder / SIMSPEC).write_text(dump_json(placed))
@@ -58,7 +59,7 @@ def fly_realization(
     with (
         tempfile.TemporaryDirectory(prefix="rebar-agent-") as scratch,
         open_recording(
-            folder / RECORDING, simspec=placed, versions=versions(), metadata=_metadata(manifest)
+            folder / RECORDING, simspec=placed, versions=versions(), metadata=metadata
         ) as recording,
     ):
 
@@ -66,14 +67,16 @@ def fly_realization(
             recording(record)
             tape(record)
 
-        plan = SessionPlan(placed, manifest, manifest_folder, open_agent, Path(scratch), tap)
+        plan = SessionPlan(
+            placed, manifest, manifest_folder, open_agent, Path(scratch), tap, hidden=(folder.resolve(),)
+        )
         end = _without_host_faults(run_session(plan), plan)
         log = Path(scratch, AGENT_LOG)
         if log.is_file():
             (folder / AGENT_LOG).write_bytes(log.read_bytes())
     observations = measure_all(measures_of(decomposition), tape.tape(), placed) if end.outcome.counts else ()
     result = result_of(realization, end, recording.sha256, observations)
-    return result.model_copy(update={"details": {**result.details, **_metadata(manifest)}})
+    return result.model_copy(update={"details": {**result.details, **metadata}})
 
 
 # Host files are looked at only for agents that ended so early, in simulated seconds: later an agent knows its
@@ -94,8 +97,12 @@ def _without_host_faults(end: SessionEnd, plan: SessionPlan) -> SessionEnd:
 
 
 def _metadata(manifest: AgentManifest) -> dict[str, str]:
-    """What sets this session apart, for the head of the recording and for the result."""
-    return {"truth": f"given to {manifest.name}"} if manifest.truth else {}
+    """What sets this session apart, for the head of the recording and for the result. Raises SetupError when
+    the agent cannot be confined as it asks.
+    """
+    rung = choose_rung(manifest.isolation, f"{manifest.name}: isolation")
+    truth = {"truth": f"given to {manifest.name}"} if manifest.truth else {}
+    return {"isolation": rung.name, **truth}
 
 
 def _checked(simspec: SimSpec) -> SimSpec:

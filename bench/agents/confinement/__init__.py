@@ -1,0 +1,12 @@
+"""How much of the host an agent can reach: a ladder of ways to confine it, behind one contract."""
+
+from __future__ import annotations
+
+from ._box import Box as Box
+from ._ladder import choose_rung as choose_rung
+from ._ladder import rungs as rungs
+from ._readable_paths import find_program as find_program
+from ._readable_paths import program_paths as program_paths
+from ._readable_paths import without_sessions as without_sessions
+from ._rung import ConfinedProcess as ConfinedProcess
+from ._rung import Rung as Rung

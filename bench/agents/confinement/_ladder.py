@@ -1,0 +1,37 @@
+"""Which rung an agent is started on."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from bench.contracts import Isolation
+from bench.errors import Fault, SetupError
+
+from ._bubblewrap import Bubblewrap
+from ._landlock import Landlock
+from ._rung import Rung
+from ._unconfined import Unconfined
+
+# From the strongest; `auto` takes the first of AUTOMATIC that a trial start shows to work.
+AUTOMATIC = ("bwrap", "landlock", "none")
+
+
+@cache
+def rungs() -> dict[str, Rung]:
+    """Every rung by name, from the strongest. One set a process, so that each trial start runs once."""
+    return {rung.name: rung for rung in (Bubblewrap(), Landlock(), Unconfined())}
+
+
+def choose_rung(isolation: Isolation, where: str = "isolation") -> Rung:
+    """The rung for what a manifest or a campaign asks. Raises SetupError, which names `where`, if it cannot
+    start here.
+    """
+    if isolation == "auto":
+        return next(rungs()[name] for name in AUTOMATIC if rungs()[name].trial() is None)
+    rung = rungs()[isolation]
+    if reason := rung.trial():
+        working = [name for name, other in rungs().items() if other.trial() is None]
+        raise SetupError(
+            Fault(where, f"{isolation} cannot start here: {reason}", f"here work: {', '.join(working)}")
+        )
+    return rung

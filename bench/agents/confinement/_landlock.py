@@ -1,0 +1,219 @@
+"""The rung for hosts without namespaces: rules on files, connections and signals, by Landlock."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from functools import cached_property
+from pathlib import Path
+
+from bench.contracts import AgentUsage
+
+from .._process_usage import ProcessTreeUsage
+from . import _landlock_launch
+from ._box import AGENT_UID, Box
+from ._cgroup import ControlGroup
+from ._limits import process_limits
+from ._readable_paths import SYSTEM_FILES, SYSTEM_FOLDERS, gpu_devices, open_to_others
+from ._system_calls import filter_program
+
+_TRIAL_BUDGET_S = 20.0
+# For the launcher to kill what the agent has left; chosen, not measured.
+_END_BUDGET_S = 5.0
+_NAME_FILES = tuple(Path("/etc", name) for name in ("passwd", "group", "hosts", "nsswitch.conf"))
+
+
+def landlock_version() -> int:
+    """The version of Landlock's interface that the kernel offers; 0 where there is none."""
+    number = _landlock_launch.LANDLOCK_CREATE_RULESET
+    return max(int(ctypes.CDLL(None).syscall(number, None, 0, 1)), 0) if sys.platform == "linux" else 0
+
+
+class Landlock:
+    """Rules on files, TCP connections, abstract sockets and signals, a system call filter and limits.
+
+    Needs no package and no right. Root becomes another user where that one can reach what the agent reads.
+    """
+
+    name = "landlock"
+
+    def trial(self) -> str | None:
+        return self._reason
+
+    def home(self, scratch: Path) -> str:
+        return str(scratch)
+
+    def start(self, box: Box, output: int) -> LandlockedProcess:
+        paths = [*box.read, *box.files, box.scratch.parent]
+        own_user = os.getuid() == 0 and all(map(open_to_others, paths))
+        return LandlockedProcess(box, output, user=AGENT_UID if own_user else None)
+
+    @cached_property
+    def _reason(self) -> str | None:
+        if sys.platform != "linux":
+            return "Landlock is for Linux; run the bench in a virtual machine or a container"
+        if not landlock_version():
+            return "this kernel has no Landlock (Linux 5.13 and later, with landlock in its lsm= list)"
+        true = shutil.which("true") or "/bin/true"
+        with tempfile.TemporaryDirectory() as scratch, tempfile.TemporaryFile() as output:
+            try:
+                box = Box((true,), {"HOME": scratch}, Path(scratch))
+                process = LandlockedProcess(box, output.fileno())
+                code = process.wait(_TRIAL_BUDGET_S)
+                process.end()
+            except (OSError, NotImplementedError) as error:
+                return str(error)
+            output.seek(0)
+            text = output.read().decode(errors="replace").strip()
+        return None if code == 0 else text or f"a trial start of {true} ended with {code}"
+
+
+class LandlockedProcess:
+    """An agent under its rules, and the launcher above it."""
+
+    def __init__(self, box: Box, output: int, *, user: int | None = None) -> None:
+        settings = _settings(box, user)
+        if user is not None:
+            os.chown(box.scratch, user, user)
+        self._limits = box.limits
+        self._usage = AgentUsage()
+        self._reaped_cpu_s = 0.0
+        self._text = ""
+        self._ended = False
+        self._group = ControlGroup(box.limits)
+        self._status, status_write = os.pipe()
+        os.set_blocking(self._status, False)
+        try:
+            with tempfile.TemporaryFile() as file:
+                file.write(settings)
+                file.seek(0)
+                launch = [_landlock_launch.__file__, str(file.fileno()), str(status_write), str(os.getpid())]
+                self._started = subprocess.Popen(
+                    [sys.executable, "-I", "-S", *launch],
+                    cwd="/",
+                    env={},
+                    stdin=subprocess.DEVNULL,
+                    stdout=output,
+                    stderr=output,
+                    pass_fds=(file.fileno(), status_write),
+                    start_new_session=True,
+                )
+        except BaseException:
+            os.close(self._status)
+            self._group.close()
+            raise
+        finally:
+            os.close(status_write)
+        # The launcher needs some 20 ms before it starts the agent.
+        self._group.add(self._started.pid)
+        self._tree = ProcessTreeUsage(self._started.pid, home=None)
+
+    @property
+    def pid(self) -> int:
+        return self._started.pid
+
+    def poll(self) -> int | None:
+        self._reap(os.WNOHANG)
+        status = self._stated("ended")
+        if status is not None:
+            return os.waitstatus_to_exitcode(int(status))
+        # A launcher that ends without a statement was killed, and the agent with it.
+        return None if self._started.returncode is None else -signal.SIGKILL
+
+    def wait(self, budget_s: float) -> int | None:
+        """Wait for the agent's end, at most so long."""
+        deadline = time.monotonic() + budget_s
+        while self.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.001)
+        return self.poll()
+
+    def start_failure(self) -> str:
+        return "" if self._stated("failed") is None else "cannot be started"
+
+    def usage(self) -> AgentUsage:
+        if self._started.returncode is None:
+            self._usage = self._tree.read()
+            self._reap(os.WNOHANG)
+        return AgentUsage(max(self._usage.cpu_s, self._reaped_cpu_s), self._usage.starved_s)
+
+    def exceeded_limit(self) -> str:
+        return f"{self._limits.memory_mb} MB of memory" if self._group.memory_kills() else ""
+
+    def ask_to_end(self) -> None:
+        agent = self._stated("pid")
+        # Only while the launcher holds its number: nobody else reaps the agent.
+        if agent is not None and self.poll() is None:
+            with suppress(ProcessLookupError, PermissionError):
+                os.kill(int(agent), signal.SIGTERM)
+
+    def end(self) -> None:
+        if not self._ended:
+            self._ended = True
+            self._end_launcher()
+            self._read_status()
+            os.close(self._status)
+            self._group.close()
+
+    def _end_launcher(self) -> None:
+        if self._started.returncode is None:
+            # It kills everything below it, and ends.
+            self._started.terminate()
+            deadline = time.monotonic() + _END_BUDGET_S
+            while self._started.returncode is None and time.monotonic() < deadline:
+                self._reap(os.WNOHANG)
+                time.sleep(0.001)
+        if self._started.returncode is None:
+            self._started.kill()
+            self._reap(0)
+
+    def _stated(self, key: str) -> str | None:
+        """What the launcher stated under a key; None if it did not."""
+        self._read_status()
+        for line in self._text.splitlines():
+            word, _, value = line.partition(" ")
+            if word == key:
+                return value
+        return None
+
+    def _read_status(self) -> None:
+        with suppress(OSError):
+            self._text += os.read(self._status, 65536).decode(errors="replace")
+
+    def _reap(self, options: int) -> None:
+        if self._started.returncode is not None:
+            return
+        try:
+            pid, status, usage = os.wait4(self._started.pid, options)
+        except ChildProcessError:
+            self._started.returncode = -signal.SIGKILL
+            return
+        if pid:
+            self._reaped_cpu_s = usage.ru_utime + usage.ru_stime
+            self._started.returncode = os.waitstatus_to_exitcode(status)
+
+
+def _settings(box: Box, user: int | None) -> bytes:
+    read = [*SYSTEM_FOLDERS, *SYSTEM_FILES, *_NAME_FILES, *box.read]
+    scratch = str(box.scratch)
+    return json.dumps(
+        {
+            "command": box.command,
+            # The host's /tmp is not among what it may write.
+            "environment": {"TMPDIR": scratch, **box.environment},
+            "scratch": scratch,
+            "read": [str(path) for path in read],
+            "devices": [str(path) for path in gpu_devices()] if box.gpu else [],
+            "tcp_ports": sorted(box.tcp_ports),
+            "limits": list(process_limits(box.limits).items()),
+            "user": user,
+            "filter": filter_program(shares_ipc=True).hex(),
+        }
+    ).encode()

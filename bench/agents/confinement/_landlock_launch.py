@@ -1,0 +1,197 @@
+"""The process between the bench and a landlocked agent; a script of the standard library alone.
+
+Run as `python -I -S _landlock_launch.py SETTINGS_FD STATUS_FD PARENT`, with the JSON that `_landlock` writes in
+SETTINGS_FD. It stays outside the agent's Landlock domain as the parent of all that the agent starts, like
+process 1 of a namespace: orphans come to it, and at the end it kills until nothing is left. It writes lines
+to STATUS_FD: `pid N`, then `failed REASON` or nothing, then `ended STATUS` (a wait status).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import resource
+import signal
+import struct
+import sys
+import time
+from contextlib import suppress
+from types import FrameType
+from typing import Any
+
+# From <linux/prctl.h>, <linux/landlock.h> and <linux/capability.h>.
+PR_SET_PDEATHSIG, PR_SET_SECCOMP, PR_CAPBSET_DROP, PR_SET_CHILD_SUBREAPER, PR_SET_NO_NEW_PRIVS = (
+    1,
+    22,
+    24,
+    36,
+    38,
+)
+SECCOMP_MODE_FILTER = 2
+# The numbers are the same on all processors.
+LANDLOCK_CREATE_RULESET, LANDLOCK_ADD_RULE, LANDLOCK_RESTRICT_SELF = 444, 445, 446
+RULE_PATH_BENEATH, RULE_NET_PORT = 1, 2
+EXECUTE, WRITE_FILE, READ_FILE, READ_DIR = 1, 2, 4, 8
+TRUNCATE, IOCTL_DEVICE = 1 << 14, 1 << 15
+OF_FILES = EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE | IOCTL_DEVICE
+CONNECT_TCP = 2
+SCOPE_ABSTRACT_SOCKETS, SCOPE_SIGNALS = 1, 2
+# Rights to files that each version of Landlock knows, by count; later versions have the last.
+FILE_RIGHTS = {1: 13, 2: 14, 3: 15, 4: 15}
+LATEST_FILE_RIGHTS = 16
+TCP_FROM, SCOPES_FROM = 4, 6
+LAST_CAPABILITY = 63
+DEVICES = ("/dev/null", "/dev/zero", "/dev/full", "/dev/random", "/dev/urandom")
+
+libc = ctypes.CDLL(None, use_errno=True)
+
+
+class Filter(ctypes.Structure):
+    """struct sock_fprog."""
+
+    _fields_ = (("length", ctypes.c_ushort), ("program", ctypes.c_void_p))
+
+
+def main() -> None:
+    """Start the agent, report, and stay until everything of it has ended."""
+    settings_fd, status_fd, parent = map(int, sys.argv[1:4])
+    with open(settings_fd, "rb") as file:
+        settings = json.loads(file.read())
+    os.set_inheritable(status_fd, False)
+    libc.prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM), 0, 0, 0)
+    # A parent that died before the line above sends no signal any more.
+    if os.getppid() != parent:
+        sys.exit(1)
+    libc.prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+    agent = os.fork()
+    if agent == 0:
+        become_agent(settings, status_fd)
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        end_all(os.getpid())
+
+    signal.signal(signal.SIGTERM, stop)
+    # The output's end shows to the bench only when nobody holds it any more.
+    null = os.open(os.devnull, os.O_RDWR)
+    for descriptor in (1, 2):
+        os.dup2(null, descriptor)
+    os.write(status_fd, f"pid {agent}\n".encode())
+    while True:
+        try:
+            pid, status = os.wait()
+        except ChildProcessError:
+            return
+        if pid == agent:
+            os.write(status_fd, f"ended {status}\n".encode())
+            end_all(os.getpid())
+
+
+def become_agent(settings: dict[str, Any], status_fd: int) -> None:
+    """Give up rights, in the order in which each step still has those that it needs, and become the agent."""
+    try:
+        os.setsid()
+        libc.prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
+        ruleset = make_ruleset(settings)
+        for kind, value in settings["limits"]:
+            hard = resource.getrlimit(kind)[1]
+            value = value if hard == resource.RLIM_INFINITY else min(value, hard)
+            resource.setrlimit(kind, (value, value))
+        drop_rights(settings["user"])
+        check("landlock_restrict_self", libc.syscall(LANDLOCK_RESTRICT_SELF, ruleset, 0))
+        os.close(ruleset)
+        os.chdir(settings["scratch"])
+        program = bytes.fromhex(settings["filter"])
+        buffer = ctypes.create_string_buffer(program, len(program))
+        sock_filter = Filter(len(program) // 8, ctypes.addressof(buffer))
+        done = libc.prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, ctypes.byref(sock_filter), 0, 0)
+        check("seccomp", done)
+        os.execvpe(settings["command"][0], settings["command"], settings["environment"])
+    except OSError as error:
+        reason = f"{settings['command'][0]}: {error.strerror or error}"
+        os.write(2, f"{reason}\n".encode())
+        os.write(status_fd, f"failed {reason}\n".encode())
+    os._exit(127)
+
+
+def make_ruleset(settings: dict[str, Any]) -> int:
+    """A descriptor of the rules: reading, executing, writing by folder, and TCP connections by port."""
+    version = check("landlock", libc.syscall(LANDLOCK_CREATE_RULESET, None, 0, 1))
+    rights = (1 << FILE_RIGHTS.get(version, LATEST_FILE_RIGHTS)) - 1
+    attributes = struct.pack(
+        "=QQQ",
+        rights,
+        CONNECT_TCP if version >= TCP_FROM else 0,
+        SCOPE_ABSTRACT_SOCKETS | SCOPE_SIGNALS if version >= SCOPES_FROM else 0,
+    )
+    size = 8 if version < TCP_FROM else 16 if version < SCOPES_FROM else 24
+    ruleset = check("landlock", libc.syscall(LANDLOCK_CREATE_RULESET, attributes[:size], size, 0))
+    readable = EXECUTE | READ_FILE | READ_DIR
+    writable = [settings["scratch"], *DEVICES, *settings["devices"]]
+    for path, allowed in [(path, readable) for path in settings["read"]] + [
+        (path, rights) for path in writable
+    ]:
+        with suppress(FileNotFoundError):
+            descriptor = os.open(path, os.O_PATH)
+            allowed &= rights if os.path.isdir(path) else rights & OF_FILES
+            rule = struct.pack("=Qi", allowed, descriptor)
+            check("rule", libc.syscall(LANDLOCK_ADD_RULE, ruleset, RULE_PATH_BENEATH, rule, 0))
+            os.close(descriptor)
+    for port in settings["tcp_ports"] if version >= TCP_FROM else ():
+        rule = struct.pack("=QQ", CONNECT_TCP, port)
+        check("rule", libc.syscall(LANDLOCK_ADD_RULE, ruleset, RULE_NET_PORT, rule, 0))
+    return ruleset
+
+
+def drop_rights(user: int | None) -> None:
+    """No capability, none to be had from any program, and another user where one is given."""
+    for capability in range(LAST_CAPABILITY + 1):
+        # Fails for numbers that the kernel does not know, and without the right, where there is none to lose.
+        libc.prctl(PR_CAPBSET_DROP, capability, 0, 0, 0)
+    if user is not None:
+        os.setgroups([])
+        os.setresgid(user, user, user)
+        os.setresuid(user, user, user)
+    # struct __user_cap_header_struct of version 3, and two of __user_cap_data_struct: none.
+    header, none = struct.pack("=Ii", 0x20080522, 0), bytes(24)
+    check("capset", libc.capset(header, none))
+    check("no_new_privs", libc.prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0))
+
+
+def check(what: str, result: int) -> int:
+    """The result of a call of the C library; raises OSError if it failed."""
+    if result < 0:
+        number = ctypes.get_errno()
+        raise OSError(number, f"{what}: {os.strerror(number)}")
+    return result
+
+
+def end_all(root: int) -> None:
+    """Kill everything below `root`, again and again: what is killed last may have started more."""
+    while pids := descendants(root):
+        for pid in pids:
+            with suppress(OSError):
+                os.kill(pid, signal.SIGKILL)
+        time.sleep(0.001)
+
+
+def descendants(root: int) -> list[int]:
+    """Living processes below `root`."""
+    children: dict[int, list[int]] = {}
+    for entry in os.scandir("/proc"):
+        with suppress(OSError, ValueError):
+            pid = int(entry.name)
+            with open(f"/proc/{pid}/stat") as file:
+                fields = file.read().rpartition(")")[2].split()
+            if fields[0] not in "ZX":
+                children.setdefault(int(fields[1]), []).append(pid)
+    below, waiting = [], [root]
+    while waiting:
+        pids = children.get(waiting.pop(), [])
+        below += pids
+        waiting += pids
+    return below
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,56 @@
+"""The contract of a rung: one way to start an agent with less than the rights of the bench."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Protocol
+
+from bench.contracts import AgentUsage
+
+from ._box import Box
+
+
+class ConfinedProcess(Protocol):
+    """A started agent and the box around it."""
+
+    @property
+    def pid(self) -> int:
+        """The process that the host started: the box, or the agent where there is no box."""
+
+    def poll(self) -> int | None:
+        """The agent's exit code, None while it runs; negative for the signal that ended it."""
+
+    def start_failure(self) -> str:
+        """Why the agent's program could not be started; empty when it was, or is about to be."""
+
+    def usage(self) -> AgentUsage:
+        """Host time so far, of all that the agent started; never less than before."""
+
+    def exceeded_limit(self) -> str:
+        """The limit for which the kernel killed the agent, in words; empty if there is none."""
+
+    def ask_to_end(self) -> None:
+        """Send SIGTERM to the agent."""
+
+    def end(self) -> None:
+        """Kill what still runs and leave nothing behind: no process, shared memory, folder or cgroup."""
+
+
+class Rung(Protocol):
+    """One way to confine an agent. Stateless but for what its trial has shown."""
+
+    @property
+    def name(self) -> str:
+        """As in manifests and on the command line."""
+
+    def trial(self) -> str | None:
+        """Start a program in a box: None if that works here, else the reason and what to do about it."""
+
+    def home(self, scratch: Path) -> str:
+        """HOME and the working folder of an agent whose folder on the host is `scratch`."""
+
+    def start(self, box: Box, output: int) -> ConfinedProcess:
+        """Start the agent; stdout and stderr go to the descriptor `output`.
+
+        The calling thread must outlive the agent: the kernel ends the agent with it.
+        """

@@ -1,0 +1,133 @@
+"""The rung without walls: the agent has the rights of the bench."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from bench.contracts import AgentUsage
+
+from .._process_usage import ProcessTreeUsage
+from . import _launch
+from ._box import Box
+
+_READ_BYTES = 65536
+
+
+class Unconfined:
+    """No walls; a clean environment, bounded files, and an end that includes what the agent started."""
+
+    name = "none"
+
+    def trial(self) -> str | None:
+        return None
+
+    def home(self, scratch: Path) -> str:
+        return str(scratch)
+
+    def start(self, box: Box, output: int) -> UnconfinedProcess:
+        return UnconfinedProcess(box, output)
+
+
+class UnconfinedProcess:
+    """One local process and its group; what left the group is found by the agent's HOME."""
+
+    def __init__(self, box: Box, output: int) -> None:
+        self._failure, launcher_end = os.pipe()
+        self._failure_text = b""
+        file_bytes = box.limits.file_mb << 20
+        try:
+            # Through a launcher and not a preexec_fn, because this process has threads; see _launch.
+            launch = [_launch.__file__, str(os.getpid()), str(file_bytes), str(launcher_end)]
+            self._started = subprocess.Popen(
+                [sys.executable, "-I", "-S", *launch, *box.command],
+                cwd=box.scratch,
+                env=dict(box.environment),
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                pass_fds=(launcher_end,),
+                start_new_session=True,
+            )
+        except BaseException:
+            os.close(self._failure)
+            raise
+        finally:
+            os.close(launcher_end)
+        self._home = box.environment["HOME"]
+        self._tree = ProcessTreeUsage(self._started.pid, self._home)
+        self._usage = AgentUsage()
+        # Set once the process has ended.
+        self._reaped_cpu_s = 0.0
+
+    @property
+    def pid(self) -> int:
+        return self._started.pid
+
+    def poll(self) -> int | None:
+        if self._started.returncode is None:
+            self._reap(os.WNOHANG)
+        return self._started.returncode
+
+    def start_failure(self) -> str:
+        # An agent may end with this code too; the launcher states a failure besides.
+        if self.poll() == _launch.NOT_FOUND and not self._failure_text and self._failure >= 0:
+            self._failure_text = os.read(self._failure, _READ_BYTES)
+        return "cannot be started" if self._failure_text else ""
+
+    def usage(self) -> AgentUsage:
+        # Not after the end: the kernel may give the id to a stranger.
+        if self.poll() is None:
+            self._usage = self._tree.read()
+        return AgentUsage(max(self._usage.cpu_s, self._reaped_cpu_s), self._usage.starved_s)
+
+    def exceeded_limit(self) -> str:
+        return ""
+
+    def ask_to_end(self) -> None:
+        self._signal(signal.SIGTERM)
+
+    def end(self) -> None:
+        self._signal(signal.SIGKILL)
+        for pid in _processes_with_home(self._home):
+            with suppress(OSError):
+                os.kill(pid, signal.SIGKILL)
+        if self.poll() is None:
+            self._reap(0)
+        # Forgotten with the close: the number may soon be that of another file of this process.
+        if self._failure >= 0:
+            os.close(self._failure)
+            self._failure = -1
+
+    def _signal(self, number: signal.Signals) -> None:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.pid, number)
+
+    def _reap(self, options: int) -> None:
+        """As Popen.poll, but keeps the CPU time that the kernel tells only once."""
+        try:
+            pid, status, usage = os.wait4(self.pid, options)
+        except ChildProcessError:
+            # Another thread reaped the process, so its exit code is lost.
+            self._started.returncode = -signal.SIGKILL
+            return
+        if pid:
+            self._reaped_cpu_s = usage.ru_utime + usage.ru_stime
+            self._started.returncode = os.waitstatus_to_exitcode(status)
+
+
+def _processes_with_home(home: str) -> Iterator[int]:
+    """Processes, other than this one, that were started with this HOME: the agent's own, wherever they
+    moved.
+    """
+    wanted = f"HOME={home}".encode()
+    for entry in os.scandir("/proc"):
+        if entry.name.isdigit() and int(entry.name) != os.getpid():
+            with suppress(OSError):
+                if wanted in Path(entry.path, "environ").read_bytes().split(b"\0"):
+                    yield int(entry.name)
