@@ -84,6 +84,10 @@ if TYPE_CHECKING:
     from .results._measures import load_measurable_decomposition as load_measurable_decomposition
     from .results._measures import measure_all as measure_all
     from .results._measures import measures_of as measures_of
+    from .results._refly import ReflownRun as ReflownRun
+    from .results._refly import ReflownSample as ReflownSample
+    from .results._refly import ReflownStatus as ReflownStatus
+    from .results._refly import refly as refly
     from .results._rescore import rescore as rescore
 
 # Not imported above: workers and `rebar --help` would wait seconds for libraries that they do not use.
@@ -92,6 +96,9 @@ _HEAVY = {
     "CampaignRuns": "results._finish",
     "CampaignProposal": "next_campaign._proposal",
     "FinishedCampaign": "results._finish",
+    "ReflownRun": "results._refly",
+    "ReflownSample": "results._refly",
+    "ReflownStatus": "results._refly",
     "estimate_campaign": "planning._estimate",
     "campaign_completeness": "results._finish",
     "finish_campaign": "results._finish",
@@ -104,6 +111,7 @@ _HEAVY = {
     "measures_of": "results._measures",
     "propose_next": "next_campaign._proposal",
     "read_runs": "results._finish",
+    "refly": "results._refly",
     "rescore": "results._rescore",
     "rescore_campaign": "results._finish",
     "takeoff_faults": "planning._before_takeoff",

@@ -6,6 +6,8 @@ tape, simspec = read_tape("run/recording.mcap"), read_simspec("run/recording.mca
 
 from __future__ import annotations
 
+from ._difference import RecordingDifference as RecordingDifference
+from ._difference import recording_difference as recording_difference
 from ._reader import RecoveryResult as RecoveryResult
 from ._reader import read_metadata as read_metadata
 from ._reader import read_records as read_records

@@ -1,22 +1,40 @@
-"""One byte of a campaign folder is changed, or a file is deleted, added or exchanged: `verify_folder` names the
-file.
+"""`rebar verify`: one byte of a campaign folder is changed, or a file is deleted, added or exchanged, and the file is
+named; runs are flown again, and what differs is named.
 """
 
 from __future__ import annotations
 
+import json
 import random
 import shutil
 import sqlite3
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
+import typer
+from in_process_executor import open_in_process
 
-from bench.campaign import digest_of, finish_campaign, is_campaign, read_runs, verify_folder
+from bench.campaign import (
+    ReflownRun,
+    ReflownSample,
+    ReflownStatus,
+    digest_of,
+    finish_campaign,
+    is_campaign,
+    read_runs,
+    refly,
+    verify_folder,
+)
 from bench.cli._app import run
+from bench.cli._campaigns import _exit_for
+from bench.contracts import Record, SessionResult
 from bench.errors import SetupError
+from bench.recording import open_recording, read_metadata, read_records, read_simspec
 
 ROOT = Path(__file__).parents[2]
 CAMPAIGN = """
@@ -196,3 +214,134 @@ def test_an_edited_journal_is_refused_with_or_without_a_manifest(
             with pytest.raises(SetupError, match=r"journal\.sqlite: was edited after the bench wrote it"):
                 command(folder)
         (folder / "manifest.json").unlink(missing_ok=True)
+
+
+NAIVE, IDLE = "reference-naive", "null-idle"
+
+
+def test_a_drawn_sample_is_flown_again_and_identical(flown: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two of four runs, in a worker; the same seed draws the same two, and the folder stays as it is."""
+    before = contents(flown)
+    capsys.readouterr()
+    assert run(["verify", str(flown), "--refly", "2", "--seed", "5", "--workers", "1", "--json"]) == 0
+    sample = json.loads(capsys.readouterr().out)["refly"]
+    assert (sample["seed"], sample["comparable"], sample["not_comparable"]) == (5, 4, {})
+    assert [run["status"] for run in sample["runs"]] == ["identical"] * 2
+    assert drawn(flown, 2, 5) == [run["realization"] for run in sample["runs"]]
+    assert len({*drawn(flown, 1, 5), *drawn(flown, 1, 6), *drawn(flown, 1, 7)}) > 1
+    assert contents(flown) == before
+
+
+def drawn(folder: Path, count: int, seed: int) -> list[str]:
+    """The runs that a seed draws, without flying them."""
+    sample = refly(folder, count, seed, job=f"{__name__}:no_flight", open_executor=open_in_process())
+    assert {run.status for run in sample.runs} == {ReflownStatus.NOT_FLOWN}
+    return [run.realization for run in sample.runs]
+
+
+def no_flight(*of_job: object) -> SessionResult:
+    raise SetupError("nothing is flown")
+
+
+def edit_json(path: Path, edit: Callable[[Any], None]) -> None:
+    document = json.loads(path.read_text())
+    edit(document)
+    path.write_text(json.dumps(document))
+
+
+def edit_recording(
+    folder: Path, edit: Callable[[list[Record]], list[Record]], versions: Mapping[str, str]
+) -> None:
+    """A run's recording with other records or versions, and a result that is made from it."""
+    recording = folder / "recording.mcap"
+    records, simspec, head = list(read_records(recording)), read_simspec(recording), read_metadata(recording)
+    with open_recording(
+        recording, simspec=simspec, versions={**head["rebar.versions"], **versions}
+    ) as recorder:
+        for record in edit(records):
+            recorder(record)
+    edit_json(folder / "result.json", lambda result: result.update(recording_sha256=recorder.sha256))
+
+
+def test_what_differs_is_named_and_what_cannot_be_compared_is_no_forgery(flown: Path, tmp_path: Path) -> None:
+    """A record edited, a measured value edited, other versions, an agent that is not here; then another pace."""
+    folder = tmp_path / "out"
+    shutil.copytree(flown, folder)
+    place = 100
+    planted: list[Record] = []
+
+    def flip(records: list[Record]) -> list[Record]:
+        planted.append(records[place])
+        data = bytes([*records[place].data[:-1], records[place].data[-1] ^ 1])
+        return [*records[:place], replace(records[place], data=data), *records[place + 1 :]]
+
+    edit_recording(folder / "runs" / f"p001-r1-{NAIVE}", flip, {})
+    (observable,) = json.loads((folder / "runs" / f"p001-r1-{IDLE}" / "result.json").read_text())[
+        "observations"
+    ][:1]
+    edit_json(
+        folder / "runs" / f"p001-r1-{IDLE}" / "result.json",
+        lambda result: result["observations"][0].update(x=0.125, considered=True),
+    )
+    edit_recording(folder / "runs" / f"p002-r1-{NAIVE}", lambda records: records, {"numpy": "0.1"})
+    edit_json(
+        folder / "simspecs" / f"p002-r1-{IDLE}.json",
+        lambda simspec: simspec["agent"].update(manifest="gone.yaml"),
+    )
+
+    sample = refly(folder, 9, 1, workers=2, open_executor=open_in_process())
+    runs = {run.realization: run for run in sample.runs}
+    assert sample.comparable == len(runs) == 4
+    record, value, versions, gone = (
+        runs[f"{point}-r1-{agent}"] for point in ("p001", "p002") for agent in (NAIVE, IDLE)
+    )
+    assert record.status is ReflownStatus.DIFFERENT
+    assert record.explanation.startswith(
+        f"{planted[0].topic} at {planted[0].time.s:.3f} s: the messages differ"
+    )
+    assert (value.status, value.explanation) == (
+        ReflownStatus.DIFFERENT,
+        f"the recordings are equal, the results differ in {observable['observable']}",
+    )
+    assert versions.status is ReflownStatus.OTHER_VERSIONS
+    assert "cannot be compared bit for bit: it was flown with numpy 0.1 (here " in versions.explanation
+    assert versions.explanation.endswith("all records are equal")
+    assert gone.status is ReflownStatus.NOT_FLOWN
+    assert "setup_invalid" in gone.explanation
+    assert "gone.yaml" in gone.explanation
+
+    for realization in runs:
+        edit_json(
+            folder / "simspecs" / f"{realization}.json",
+            lambda simspec: simspec["pace"].update(mode="realtime"),
+        )
+    sample = refly(folder, 9, 1, open_executor=open_in_process())
+    assert (sample.runs, sample.comparable) == ((), 0)
+    assert {reason: sorted(names) for reason, names in sample.not_comparable.items()} == {
+        "flown in real time": sorted(runs)
+    }
+
+
+def test_the_exit_code_tells_a_difference_from_what_could_not_be_compared() -> None:
+    """0 where all runs are identical, 1 for a difference, 3 where something, or everything, was not compared."""
+
+    def code(*statuses: ReflownStatus) -> int:
+        runs = tuple(ReflownRun(str(number), status) for number, status in enumerate(statuses))
+        try:
+            _exit_for(ReflownSample(1, len(runs), runs, {}))
+        except typer.Exit as end:
+            return end.exit_code
+        return 0
+
+    identical, different = ReflownStatus.IDENTICAL, ReflownStatus.DIFFERENT
+    assert code(identical, identical) == 0
+    assert code(identical, different) == code(different, ReflownStatus.NOT_FLOWN) == 1
+    assert code(identical, ReflownStatus.OTHER_VERSIONS) == code(ReflownStatus.NOT_FLOWN, identical) == 3
+    assert code() == 3
+
+
+def test_options_of_refly_need_it(flown: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A seed or workers alone would be taken for a repetition that never took place."""
+    for option in ("--seed", "--workers"):
+        assert run(["verify", str(flown), option, "1"]) == 2
+        assert f"rebar: {option}: is for --refly alone (give --refly N too)" in capsys.readouterr().err

@@ -1,0 +1,198 @@
+"""Runs of a campaign flown again, and compared bit for bit with what its folder holds."""
+
+from __future__ import annotations
+
+import random
+import shutil
+import tempfile
+from collections import defaultdict, deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from bench.contracts import Outcome, SessionResult
+from bench.documents import load_json_document
+from bench.recording import read_metadata, recording_difference
+from bench.simspec import SimSpec
+from decompositions import Decomposition
+
+from .._versions import versions
+from ..early_stopping._decisions import is_after_stop
+from ..execution._pool import OpenExecutor, open_local_pool
+from ..execution._stop_request import open_stop_request
+from ..execution._task import FLIGHT_JOB, Task, WorkerPlan
+from ..storage._folder import RECORDING, CampaignFolder
+from ..storage._journal import open_journal_to_read
+from ..storage._results import read_result
+from ._finish import read_campaign_folder
+
+# They end a session by the host's clock, so a slower machine ends the same session otherwise.
+_TIMED_BY_HOST = frozenset({Outcome.AGENT_TIMEOUT, Outcome.AGENT_NEVER_CONNECTED})
+# What is no property of the session: seconds of the host, connections of strangers, paths in texts.
+_OF_HOST = {"wall_s", "cpu_s", "agent_cpu_s", "counters", "reason", "details"}
+
+
+class ReflownStatus(StrEnum):
+    IDENTICAL = "identical"  # recording and result are the same, bit for bit
+    DIFFERENT = "different"
+    OTHER_VERSIONS = "other versions"  # cannot be compared bit for bit: other software wrote the recording
+    NOT_FLOWN = "not flown"  # the host or the set-up here kept the session from flying to its end
+
+
+@dataclass(frozen=True, slots=True)
+class ReflownRun:
+    """A run that was flown again. `explanation` says where it differs, or why it could not be compared."""
+
+    realization: str
+    status: ReflownStatus
+    explanation: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ReflownSample:
+    """Runs drawn with `seed` from `comparable` ones. `not_comparable` are the other runs that count, by reason."""
+
+    seed: int
+    comparable: int
+    runs: tuple[ReflownRun, ...]
+    not_comparable: Mapping[str, tuple[str, ...]]
+
+
+def refly(
+    path: Path,
+    count: int,
+    seed: int,
+    workers: int = 1,
+    *,
+    job: str = FLIGHT_JOB,
+    open_executor: OpenExecutor = open_local_pool,
+) -> ReflownSample:
+    """Draw up to `count` counted lockstep runs of a campaign folder, fly each again in a temporary folder, and compare.
+
+    Writes nothing in the campaign folder. Check it with `verify_folder` first. The same seed draws the same
+    runs from the same folder. Raises SetupError if the folder is no campaign or something in it cannot be read,
+    KeyboardInterrupt on SIGINT or SIGTERM, WorkersUnusable if no worker process can be started.
+    """
+    folder, _, decomposition = read_campaign_folder(path)
+    results, not_comparable = _counted_runs(folder)
+    drawn = sorted(random.Random(seed).sample(sorted(results), min(count, len(results))))
+    runs: list[ReflownRun] = []
+    if drawn:
+        with tempfile.TemporaryDirectory(prefix="rebar-refly-") as home:
+            flight = _Reflight(folder, decomposition, Path(home), job, open_executor)
+            runs = flight.fly({name: results[name] for name in drawn}, min(workers, len(drawn)))
+    return ReflownSample(
+        seed, len(results), tuple(sorted(runs, key=lambda run: run.realization)), not_comparable
+    )
+
+
+def _counted_runs(folder: CampaignFolder) -> tuple[dict[str, SessionResult], dict[str, tuple[str, ...]]]:
+    """The results that can be compared, and the other runs that count, by the reason why they cannot."""
+    comparable: dict[str, SessionResult] = {}
+    others = defaultdict(list)
+    with open_journal_to_read(folder.journal) as journal:
+        stops = journal.stops()
+        for entry in journal.entries():
+            result = read_result(folder.run(entry.id), entry.id)
+            if result is None or not result.outcome.counts or is_after_stop(entry, stops):
+                continue
+            if result.recording_sha256 is None:
+                others["without a recording"].append(entry.id)
+            elif result.outcome in _TIMED_BY_HOST:
+                others["ended by the host's clock"].append(entry.id)
+            elif load_json_document(folder.simspec(entry.id), SimSpec).pace.mode != "lockstep":
+                others["flown in real time"].append(entry.id)
+            else:
+                comparable[entry.id] = result
+    return comparable, {reason: tuple(names) for reason, names in sorted(others.items())}
+
+
+class _Reflight:
+    """Flights of one campaign's runs in a folder of their own."""
+
+    def __init__(
+        self,
+        folder: CampaignFolder,
+        decomposition: Decomposition,
+        home: Path,
+        job: str,
+        open_executor: OpenExecutor,
+    ) -> None:
+        self._folder, self._home = folder, home
+        self._plan, self._open_executor = WorkerPlan(job, decomposition), open_executor
+
+    def fly(self, results: Mapping[str, SessionResult], workers: int) -> list[ReflownRun]:
+        """Fly these runs and compare each with its result."""
+        waiting, runs = deque(results), []
+        with (
+            open_stop_request() as stop,
+            self._open_executor(self._plan, workers, self._home) as executor,
+        ):
+            while waiting or executor.busy:
+                while executor.free and waiting:
+                    executor.submit(self._task(waiting.popleft()))
+                for ended in executor.wait(None, stop.wake_fd):
+                    runs.append(self._compare(results[ended.realization], ended.result))
+                    # Recordings of a large sample would fill a small temporary disk.
+                    shutil.rmtree(self._home / ended.realization)
+                if stop.reason is not None:
+                    raise KeyboardInterrupt
+        return runs
+
+    def _task(self, realization: str) -> Task:
+        simspec = self._folder.simspec(realization).resolve()
+        run = self._home / realization
+        run.mkdir()
+        return Task(realization, simspec, run, load_json_document(simspec, SimSpec).budgets.wall_s)
+
+    def _compare(self, result: SessionResult, reflown: SessionResult) -> ReflownRun:
+        name = result.realization
+        if not reflown.outcome.counts or reflown.outcome in _TIMED_BY_HOST:
+            return ReflownRun(name, ReflownStatus.NOT_FLOWN, f"{reflown.outcome}: {_brief(reflown.reason)}")
+        if result.recording_sha256 == reflown.recording_sha256:
+            fields = _different_fields(result, reflown)
+            if not fields:
+                return ReflownRun(name, ReflownStatus.IDENTICAL)
+            what = f"the recordings are equal, the results differ in {', '.join(fields)}"
+            return ReflownRun(name, ReflownStatus.DIFFERENT, what)
+        recordings = self._folder.run(name) / RECORDING, self._home / name / RECORDING
+        difference = recording_difference(*recordings)
+        where = (
+            "all records are equal" if difference is None or difference.time_s is None else str(difference)
+        )
+        software = _other_versions(recordings[0])
+        if software:
+            what = f"cannot be compared bit for bit: it was flown with {', '.join(software)}; {where}"
+            return ReflownRun(name, ReflownStatus.OTHER_VERSIONS, what)
+        return ReflownRun(
+            name,
+            ReflownStatus.DIFFERENT,
+            str(difference) if difference else "the same content is stored in other bytes",
+        )
+
+
+def _different_fields(result: SessionResult, reflown: SessionResult) -> list[str]:
+    """The fields in which two results of one session differ, observations by their ids."""
+    first, second = (run.model_dump(exclude=_OF_HOST | {"observations"}) for run in (result, reflown))
+    observations = [{seen.observable: seen for seen in run.observations} for run in (result, reflown)]
+    ids = sorted(observations[0].keys() | observations[1].keys())
+    return [
+        *(field for field in first if first[field] != second[field]),
+        *(name for name in ids if observations[0].get(name) != observations[1].get(name)),
+    ]
+
+
+def _other_versions(recording: Path) -> list[str]:
+    """Each package of which another version wrote the recording, with both versions."""
+    written, here = read_metadata(recording).get("rebar.versions", {}), versions()
+    return [
+        f"{name} {written.get(name, 'unknown')} (here {here.get(name, 'not installed')})"
+        for name in sorted(written.keys() | here.keys())
+        if written.get(name) != here.get(name)
+    ]
+
+
+def _brief(reason: str) -> str:
+    # The last line of a traceback says what went wrong.
+    return next(reversed(reason.strip().splitlines()), "")
