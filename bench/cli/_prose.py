@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -39,14 +40,20 @@ def prose(
     ] = False,
     accept: Annotated[
         list[int] | None,
-        typer.Option(help="Number of the reading that answers the next question, from 1. Repeatable"),
+        typer.Option(help="Number of the reading that answers the next choice, from 1. Repeatable"),
     ] = None,
     vocabulary: Annotated[
         Path | None, typer.Option(help="Vocabulary file of your own, which takes precedence")
     ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print JSON: SimSpec, ranges, receipts and questions")
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Exit with 1, and write nothing, unless all is certain")
     ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print JSON: SimSpec, ranges, receipts, clauses and choices")
+    ] = False,
+    html: Annotated[
+        Path | None, typer.Option(help="File to write the text, clause by clause, as a page")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="File to write the base SimSpec to")] = None,
     campaign: Annotated[
         Path | None, typer.Option(help="File to write a campaign to that varies the ranges")
@@ -69,15 +76,20 @@ def prose(
         ),
     ] = None,
 ) -> None:
-    """Turn a description into a base SimSpec with ranges, and a receipt for every field.
+    """Turn a description into a base SimSpec with ranges, and tell what became of every clause.
 
-    Example: rebar prose "A radar vehicle, between 5 and 10 civilians within 50 m of it, heavy rain, at 80 m"
+    A document is always written. What is uncertain is a choice, of which the first reading is taken; --accept
+    takes another one.
+
+    Example: rebar prose "A radar vehicle, between 5 and 10 civilians within 50 m of it, heavy rain, fly at 80 m"
     --explain
 
     Example: rebar prose -f scene.txt --out scene.yaml --campaign campaign.yaml
     """
     from bench.documents import dump_value
     from bench.instance_analysis import ModelEndpoint, annotated_yaml, load_vocabulary, propose, read_prose
+
+    from ._clause_view import clause_lines, clause_page
 
     description = _description(text, file)
     words = load_vocabulary(vocabulary)
@@ -93,12 +105,15 @@ def prose(
         print(json.dumps(shown.model_dump(mode="json"), indent=2))
     else:
         # On stderr: stdout belongs to the document, which may be piped into a file.
-        for line in _remarks(base_simspec, proposed):
+        width = shutil.get_terminal_size().columns
+        for line in (*clause_lines(base_simspec, width), *_proposed_lines(proposed)):
             print(line, file=sys.stderr)
-    if base_simspec.simspec is None:
+    if strict and not base_simspec.certain:
         raise typer.Exit(1)
     if explain and not as_json:
         print_lines(plain_console(), _explained(base_simspec))
+    if html is not None:
+        html.write_text(clause_page(base_simspec), encoding="utf-8")
     if out is not None:
         out.write_text(annotated_yaml(base_simspec), encoding="utf-8")
     if campaign is not None:
@@ -109,7 +124,8 @@ def prose(
             print(f"cannot be scored yet: {fault}", file=sys.stderr)
     if groups:
         print_lines(plain_console(), _grouped(base_simspec, base_simspec.simspec, decomposition))
-    if not (as_json or explain or groups or out or campaign):
+    # A terminal shows the clauses on one screen; the document itself would scroll them away.
+    if not (as_json or explain or groups or html or out or campaign or sys.stdout.isatty()):
         print(annotated_yaml(base_simspec), end="")
 
 
@@ -130,35 +146,13 @@ def _description(text: str | None, file: Path | None) -> str:
     return text if text is not None else read_text(file or Path(), max_bytes=4 * MAX_CHARACTERS)
 
 
-def _remarks(base_simspec: BaseSimSpec, proposed: ProposedResult | None) -> Iterator[str]:
-    for word, other in base_simspec.corrected.items():
-        yield f"{word!r} was read as {other!r}"
-    for remark in base_simspec.remarks:
-        yield f"{remark.quote!r}: {remark.why}"
-    for number, question in enumerate(base_simspec.questions, start=1):
-        yield f"question {number}: {question.quote!r}: {question.ask}"
-        yield from (f"  {index}. {choice}" for index, choice in enumerate(question.readings, start=1))
-    if base_simspec.questions:
-        yield "answer each question in this order with --accept NUMBER"
-    for varied in base_simspec.ranges:
-        yield f"varies: {_span(varied)}"
-    for remark in base_simspec.not_expressible:
-        yield f"not expressible: {remark.quote!r}: {remark.why}"
-    for remark in base_simspec.not_understood:
-        yield f"not understood: {remark.quote!r}: {remark.why}"
-    if proposed is not None:
-        yield f"{proposed.model} was queried {proposed.rounds} times and decided {', '.join(proposed.decided_by_model) or 'nothing'}"
-        yield from (
-            f"refused from {proposed.model}: {refusal.quote}: {refusal.why}" for refusal in proposed.refused
-        )
-
-
-def _span(varied: VariedField) -> str:
-    unit = f" {varied.unit}" if varied.unit else ""
-    if varied.choices:
-        return " or ".join(varied.choices)
-    values = " or ".join(map(str, varied.levels)) if varied.levels else f"{varied.low:g} to {varied.high:g}"
-    return f"{', '.join(varied.paths)}: {values}{unit}"
+def _proposed_lines(proposed: ProposedResult | None) -> Iterator[str]:
+    if proposed is None:
+        return
+    yield f"{proposed.model} was asked {proposed.rounds} times and decided {', '.join(proposed.decided_by_model) or 'nothing'}"
+    yield from (
+        f"refused from {proposed.model}: {refusal.quote}: {refusal.why}" for refusal in proposed.refused
+    )
 
 
 def _explained(base_simspec: BaseSimSpec) -> Iterator[str]:

@@ -9,7 +9,7 @@ from typing import Any
 from bench.documents import dump_value, parse_text
 from bench.simspec import SimSpec
 
-from ._draft import BaseSimSpec, Receipt
+from ._result import BaseSimSpec, Receipt
 
 LONGEST_QUOTE = 60
 _ALWAYS_WRITTEN = ("format", "name")
@@ -20,10 +20,8 @@ def stated_values(result: BaseSimSpec) -> dict[str, Any]:
     """Plain values of the SimSpec: the fields that the prose mentions and those that differ from the
     defaults.
 
-    Validating them gives the same SimSpec. Raises ValueError while questions are open.
+    Validating them gives the same SimSpec.
     """
-    if result.simspec is None:
-        raise ValueError("there is no SimSpec while questions are open")
     mentioned = {receipt.path for receipt in result.receipts if receipt.source != "default"}
     full, differing = (
         result.simspec.model_dump(mode="json"),
@@ -34,10 +32,10 @@ def stated_values(result: BaseSimSpec) -> dict[str, Any]:
 
 
 def annotated_yaml(result: BaseSimSpec) -> str:
-    """YAML of `stated_values`, with the receipts as comments. Raises as it does."""
+    """YAML of `stated_values`, with the receipts as comments, below a list of what is open or left out."""
     receipts = {receipt.path: receipt for receipt in result.receipts if receipt.path not in _UNCOMMENTED}
     values = stated_values(result)
-    text = dump_value(values)
+    text = "".join(f"{line}\n" for line in _header(result)) + dump_value(values)
     _, lines = parse_text(text)
     comments = {
         lines[at]: _comment(receipts[path]) for at, path in _leaves(values, (), "") if path in receipts
@@ -49,6 +47,18 @@ def annotated_yaml(result: BaseSimSpec) -> str:
     # The comments are inserted as text, so the file is read back to prove that none of them broke it.
     assert SimSpec.model_validate(parse_text(written)[0]) == result.simspec
     return written
+
+
+def _header(result: BaseSimSpec) -> Iterator[str]:
+    """Comment lines for what a reader of the file must decide or know."""
+    for choice in result.open_choices:
+        others = "; ".join(
+            reading for number, reading in enumerate(choice.readings, start=1) if number != choice.chosen
+        )
+        chosen = choice.readings[choice.chosen - 1]
+        yield f"# choice: {_quoted(choice.quote)} {choice.ask} -> {chosen} (or: {others})"
+    for passage in (*result.not_understood, *result.not_expressible):
+        yield f"# not read: {_quoted(passage.quote)}: {passage.why}"
 
 
 def _stated(value: Any, differing: Any, path: str, mentioned: set[str]) -> Any:
@@ -90,11 +100,13 @@ def _member(path: str, member: Any, index: int) -> str:
     return f"{path}[{member['id'] if isinstance(member, Mapping) and 'id' in member else index}]"
 
 
-def _comment(receipt: Receipt) -> str:
-    quote = re.sub(r"\s+", " ", receipt.quote)
+def _quoted(text: str) -> str:
+    quote = re.sub(r"\s+", " ", text)
     # A comment is one line; `rebar prose --json` has the whole quote.
-    if len(quote) > LONGEST_QUOTE:
-        quote = quote[: LONGEST_QUOTE - 3] + "..."
+    return repr(quote if len(quote) <= LONGEST_QUOTE else quote[: LONGEST_QUOTE - 3] + "...")
+
+
+def _comment(receipt: Receipt) -> str:
     word = "" if receipt.source == "prose" else f"{receipt.source} "
     note = f" ({receipt.note})" if receipt.note and receipt.source == "default" else ""
-    return f"# {word}{quote!r}{note}" if quote else f"# {receipt.source}{note}"
+    return f"# {word}{_quoted(receipt.quote)}{note}" if receipt.quote else f"# {receipt.source}{note}"

@@ -4,86 +4,18 @@ does not fit.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import Field
-
-from bench.documents import Document, validate_document
-from bench.errors import Fault, SetupError
+from bench.documents import validate_document
+from bench.errors import Fault
 from bench.simspec import SimSpec
 
+from ._result import Choice, Receipt, UnreadText, VariedField
 from .language._tokens import Span
 
 FieldPath = tuple[str | int, ...]
-
-
-class VariedField(Document):
-    """A field with a range (`low`, `high`) or several values (`levels`), or fields that change together
-    (`choices`).
-    """
-
-    name: str
-    paths: tuple[str, ...] = ()
-    low: float | None = None
-    high: float | None = None
-    integer: bool = False
-    levels: tuple[float | str, ...] = ()
-    choices: dict[str, dict[str, float]] = {}
-    unit: Annotated[str | None, Field(description="None where the field's name states none.")] = None
-
-
-class Receipt(Document):
-    """Where one field's value comes from: characters `start` to `end` of the prose, or a default."""
-
-    path: str
-    value: Any
-    source: Literal["prose", "default", "answer", "model"]
-    quote: str = ""
-    start: int | None = None
-    end: int | None = None
-    note: str = ""
-
-
-class Question(Document):
-    """A passage with several readings; `--accept K` takes the K-th reading, counted from 1."""
-
-    quote: str
-    start: int
-    end: int
-    ask: str
-    readings: tuple[str, ...]
-
-
-class UnreadText(Document):
-    """A passage of the prose that is not in the SimSpec, and the reason."""
-
-    quote: str
-    start: int
-    end: int
-    why: str
-
-
-class BaseSimSpec(Document):
-    """The result for a text: a base SimSpec, its ranges, the source of every field, and the passages that
-    were not used.
-    """
-
-    format: Literal["rebar.prose/1"] = "rebar.prose/1"
-    prose: str
-    simspec: Annotated[SimSpec | None, Field(description="None while questions are open.")] = None
-    ranges: tuple[VariedField, ...] = ()
-    receipts: tuple[Receipt, ...] = ()
-    questions: Annotated[tuple[Question, ...], Field(description="Open ones.")] = ()
-    not_expressible: tuple[UnreadText, ...] = ()
-    not_understood: tuple[UnreadText, ...] = ()
-    remarks: Annotated[
-        tuple[UnreadText, ...], Field(description="What is read otherwise than it is written, and why.")
-    ] = ()
-    corrected: Annotated[
-        dict[str, str], Field(description="Words taken for another that they are a letter or two off.")
-    ] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,73 +25,96 @@ class DraftField:
     value: Any
     span: Span | None
     note: str = ""
-    answered: bool = False
     model: bool = False
+    beside: Span | None = None
+    """The phrase whose reading used a default."""
+
+
+ChoiceKey = tuple[Span, str]
+"""Where a choice stands, and what it asks."""
 
 
 class Draft:
-    """Collects fields, ranges and questions.
+    """Collects fields, ranges, choices, and what the readers used of the text.
 
-    `answers` holds the readings chosen in advance, in order, counted from 1.
+    `answers` holds the readings that a person chose, as indices from 0.
     """
 
-    def __init__(self, text: str, answers: Sequence[int]) -> None:
+    def __init__(self, text: str, answers: Mapping[ChoiceKey, int] | None = None) -> None:
         self.text = text
-        self.answers = list(answers)
+        self.answers = dict(answers or {})
         self.entries: dict[FieldPath, DraftField] = {}
         self.ranges: list[VariedField] = []
-        self.questions: list[Question] = []
+        self._choices: dict[ChoiceKey, Choice] = {}
         self.not_expressible: list[UnreadText] = []
         self.not_understood: list[UnreadText] = []
-        self.remarks: list[UnreadText] = []
-        self.faults: list[Fault] = []
-        self._question_count = 0
+        self._remarks: dict[ChoiceKey, UnreadText] = {}
+        self.faults: list[tuple[Span, Fault]] = []
+        self.reading: Span | None = None
+        """The phrase that is being read."""
+        self.statements: list[tuple[FieldPath, Any, Span]] = []
+        """Every field that a passage has set, also where another passage has set it since."""
+        self.acknowledged: list[Span] = []
+        """Passages that are read and need no field."""
+        self.used_words: list[Span] = []
+        """Words outside of phrases that a reader has used."""
+        self.references: list[Span] = []
+        """Where the text mentions a group that it has named before."""
 
     def quote(self, span: Span) -> str:
         return self.text[span.start : span.end]
 
     def fault(self, span: Span, what: str, remedy: str) -> None:
-        self.faults.append(
-            Fault(f"characters {span.start} to {span.end}", f"{self.quote(span)[:80]!r}: {what}", remedy)
-        )
+        """Record what cannot hold; the clause is then left out."""
+        self.faults.append((span, Fault(f"{self.quote(span)[:80]!r}", what, remedy)))
 
     def unread(self, span: Span, why: str, *, expressible: bool = False) -> None:
-        (self.not_understood if expressible else self.not_expressible).append(
-            UnreadText(quote=self.quote(span), start=span.start, end=span.end, why=why)
-        )
+        (self.not_understood if expressible else self.not_expressible).append(self._passage(span, why))
 
     def remark(self, span: Span, why: str) -> None:
         """Record that a passage is read differently from how it is written."""
-        remark = UnreadText(quote=self.quote(span), start=span.start, end=span.end, why=why)
-        if remark not in self.remarks:
-            self.remarks.append(remark)
+        self._remarks[span, why] = self._passage(span, why)
+
+    @property
+    def remarks(self) -> list[UnreadText]:
+        """What is read differently from how it is written."""
+        return list(self._remarks.values())
+
+    def leave_out(self, span: Span, why: str) -> None:
+        """List a passage that sets no field."""
+        self.not_understood.append(self._passage(span, why))
+
+    def acknowledge(self, span: Span) -> None:
+        """Record that a passage is read, although it sets no field."""
+        self.acknowledged.append(span)
+
+    def _passage(self, span: Span, why: str) -> UnreadText:
+        return UnreadText(quote=self.quote(span), start=span.start, end=span.end, why=why)
 
     def ask(self, span: Span, question: str, readings: Sequence[str]) -> int:
-        """Index of the reading chosen in advance.
-
-        Without an answer the question stays open and the first reading is used.
-        """
-        self._question_count += 1
-        if self._question_count <= len(self.answers):
-            # Answers are matched by order, because the same text always asks the same questions in the same
-            # order.
-            chosen = self.answers[self._question_count - 1]
-            if 1 <= chosen <= len(readings):
-                return chosen - 1
-            self.fault(
-                span,
-                f"question {self._question_count} has {len(readings)} readings, and not a {chosen}.",
-                "accept one of them",
-            )
-        self.questions.append(
-            Question(
-                quote=self.quote(span), start=span.start, end=span.end, ask=question, readings=tuple(readings)
-            )
+        """Index of the reading that a person chose, or else 0: the first one. Either way it is shown."""
+        key = (span, question)
+        chosen = self.answers.get(key, 0)
+        self._choices[key] = Choice(
+            quote=self.quote(span),
+            start=span.start,
+            end=span.end,
+            ask=question,
+            readings=tuple(readings),
+            chosen=chosen + 1,
+            answered=key in self.answers,
         )
-        return 0
+        return chosen
+
+    @property
+    def choices(self) -> list[Choice]:
+        """The choices in the order in which they arose."""
+        return list(self._choices.values())
 
     def put(self, path: FieldPath, value: Any, span: Span | None, note: str = "") -> None:
-        """Set a field. Two different statements about one field become a question."""
+        """Set a field. Two different statements about one field become a choice."""
+        if span is not None:
+            self.statements.append((path, value, span))
         previous = self.entries.get(path)
         # Only two statements of the text can contradict each other: a default gives way without a question.
         if (
@@ -175,7 +130,7 @@ class Draft:
             # The range belonged to the reading that was not chosen.
             self.ranges = [varied for varied in self.ranges if dotted(path) not in varied.paths]
         if span is not None or previous is None:
-            self.entries[path] = DraftField(value, span, note)
+            self.entries[path] = DraftField(value, span, note, beside=self.reading)
 
     def vary(
         self,
@@ -231,25 +186,18 @@ class Draft:
         """The SimSpec, valid at both ends of every range. Raises SetupError with every fault."""
         paths = {dotted(path): path for path in self.entries}
         ends = {
-            paths[field_path]: varied.high
+            paths[where]: varied.high
             for varied in self.ranges
             if varied.high is not None
-            for field_path in varied.paths
-            if field_path in paths
-        }
-        whole = {
-            path: int(high) if isinstance(self.entries[path].value, int) else high
-            for path, high in ends.items()
-            if high
+            for where in varied.paths
+            if where in paths
         }
         # The document holds the lower ends. The upper ends are checked one at a time, so that a fault names
-        # its
-        # field.
-        simspec = validate_document(self.document(), SimSpec, source="prose")
-        for path, high in whole.items():
-            validate_document(
-                self.document({path: high}), SimSpec, source=f"prose, {dotted(path)} at {high:g}"
-            )
+        # its field.
+        simspec = validate_document(self.document(), SimSpec, source="")
+        for path, high in ends.items():
+            end = int(high) if isinstance(self.entries[path].value, int) else high
+            validate_document(self.document({path: end}), SimSpec, source=f"{dotted(path)} at {high:g}")
         return simspec
 
     def receipts(self, simspec: SimSpec) -> Iterator[Receipt]:
@@ -357,9 +305,3 @@ def _prefixes(where: str) -> Iterator[str]:
             return
         where = where[:cut]
         yield where
-
-
-def raise_faults(faults: Sequence[Fault]) -> None:
-    """Raise SetupError when there are faults."""
-    if faults:
-        raise SetupError(list(faults))

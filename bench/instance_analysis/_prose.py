@@ -1,86 +1,230 @@
-"""Prose to base SimSpec by grammar and vocabulary alone: the same text always gives the same document."""
+"""Prose to base SimSpec by grammar and vocabulary alone: the same text always gives the same document.
+
+A text is read as often as it takes until the ledger and the SimSpec's own checks find nothing more to leave
+out. So a fault in one clause costs that clause and what depends on it, and never the document.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from bench.errors import Fault, SetupError
-from bench.simspec import SimSpec
 
-from ._draft import BaseSimSpec, Draft, raise_faults
-from .language._phrases import phrases_of, with_quantities
-from .language._tokens import Span, Word, words_of
+from ._clause_readings import clause_readings
+from ._draft import ChoiceKey, Draft, dotted
+from ._result import BaseSimSpec, Choice
+from .language._phrases import Phrase, phrases_of, with_quantities
+from .language._tokens import Span, Word, headings_of, words_of
 from .language._vocabulary import Vocabulary
+from .ledger._clauses import Clause, clauses_of, is_stop
+from .ledger._ledger import Ledger, LedgerEntry, marked
+from .ledger._loaded_words import loaded_words
 from .readers._reader import TextReader
 
 MAX_CHARACTERS = 20_000
+MAX_SINGLE_CUTS = 40
+"""Clauses that are left out one by one for a fault of the SimSpec; after these, all that set anything. Chosen."""
 
 
 def read_prose(text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -> BaseSimSpec:
-    """Read a text into a base SimSpec with ranges and a receipt for every field.
+    """Read a text into a base SimSpec with ranges, choices, and a receipt for every field.
 
-    `answers` choose readings for the text's questions, in order, counted from 1. While a question is open the
-    result has no SimSpec. Raises SetupError with every fault: ranges that run downwards, units that do not
-    fit, a text in which nothing is a scenario, a text of more than 20,000 characters.
+    There is always a document: what is uncertain is a choice, what cannot hold is left out, and both are
+    listed. `answers` take readings of the choices, in their order, counted from 1. Raises SetupError for a
+    text without a word or of more than 20,000 characters, and for an answer that is no reading.
     """
-    draft, corrected = draft_of(text, vocabulary, answers)
-    return finished(draft, corrected)
+    return Reading(text, vocabulary, answers).result()
 
 
-def draft_of(text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -> tuple[Draft, dict[str, str]]:
-    """The draft of a text, and its corrected words.
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """A passage that sets no field, and why."""
 
-    Raises as `read_prose` does, except for an invalid SimSpec.
-    """
+    span: Span
+    why: str
+
+
+class Reading:
+    """A text as grammar and vocabulary read it, with what had to be left out."""
+
+    def __init__(self, text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -> None:
+        _check_length(text)
+        self.text, self.vocabulary = text, vocabulary
+        words = words_of(text, vocabulary)
+        self.unknown_units: list[tuple[Word, Word]] = []
+        self.words = with_quantities(words, self.unknown_units)
+        self.items: list[Phrase | Word] = list(phrases_of(self.words))
+        self.clauses: list[Clause] = clauses_of(text, self.items)
+        self._headings = headings_of(text)
+        self._ledger = Ledger(text, loaded_words(text), self.clauses)
+        self.cuts: list[Cut] = []
+        self._entries: list[LedgerEntry] = []
+        self.draft = self._answered(answers)
+
+    @property
+    def corrected(self) -> dict[str, str]:
+        """Misspelt words, and what each was read as."""
+        return {word.span_text(self.text): word.mended for word in self.words if word.mended}
+
+    def result(self) -> BaseSimSpec:
+        """The finished document."""
+        draft = self.draft
+        simspec = draft.checked()
+        return BaseSimSpec(
+            prose=self.text,
+            simspec=simspec,
+            ranges=tuple(draft.ranges),
+            receipts=tuple(draft.receipts(simspec)),
+            choices=tuple(draft.choices),
+            clauses=tuple(clause_readings(draft, self.clauses)),
+            not_expressible=tuple(draft.not_expressible),
+            not_understood=tuple(sorted(draft.not_understood, key=lambda item: item.start)),
+            remarks=tuple(draft.remarks),
+            corrected=self.corrected,
+        )
+
+    def _answered(self, answers: Sequence[int]) -> Draft:
+        """Read with the answers of a person. An answer may raise further choices, which the next one takes."""
+        taken: dict[ChoiceKey, int] = {}
+        draft = self._settled(taken)
+        for number, answer in enumerate(answers, start=1):
+            choice = next((choice for choice in draft.choices if not choice.answered), None)
+            if choice is None:
+                raise SetupError(Fault("--accept", f"there is no choice {number}", "leave it out"))
+            if not 1 <= answer <= len(choice.readings):
+                raise SetupError(
+                    Fault(
+                        "--accept",
+                        f"choice {number}, {choice.quote[:80]!r}, has {len(choice.readings)} readings, and no {answer}.",
+                        "take one of them",
+                    )
+                )
+            taken[_key(choice)] = answer - 1
+            draft = self._settled(taken)
+        return draft
+
+    def _settled(self, answers: Mapping[ChoiceKey, int]) -> Draft:
+        """The reading in which nothing has to be left out any more, with the choices of the ledger."""
+        self.cuts, self._entries = self._cuts_of_units(), []
+        while True:
+            draft = self._read(answers)
+            standing = self._ledger.audit(draft, [cut.span for cut in self.cuts])
+            # The readings are numbered: the one that holds without an answer is the first.
+            out = [
+                entry
+                for entry in standing
+                if entry.left_out == (answers.get((entry.span, entry.ask), 0) == 0)
+            ]
+            cuts = (
+                self._faults_of(draft)
+                or [Cut(entry.span, entry.ask) for entry in out]
+                or self._invalid(draft)
+            )
+            if not cuts:
+                break
+            self.cuts += cuts
+            self._entries += out if out and not draft.faults else []
+        for entry in sorted([*self._entries, *standing], key=lambda entry: entry.span.start):
+            draft.ask(entry.span, entry.ask, entry.readings)
+        return draft
+
+    def _cuts_of_units(self) -> list[Cut]:
+        return [
+            Cut(
+                self._grown(number.span.joined(word.span)),
+                f"there is no unit {word.text!r}: use m, km, ft, s, min, m/s, knots",
+            )
+            for number, word in self.unknown_units
+        ]
+
+    def _read(self, answers: Mapping[ChoiceKey, int]) -> Draft:
+        for item in self.items:
+            for part in item.leaves if isinstance(item, Phrase) else ():
+                part.disown()
+        draft = Draft(self.text, answers)
+        draft.used_words += self._headings
+        self._gone = marked(len(self.text), [cut.span for cut in self.cuts])
+        reader = TextReader(draft, self.vocabulary)
+        reader.read([item for item in self.items if is_stop(item) or not self._is_cut(item.span)])
+        draft.put(("name",), "prose", None)
+        draft.put(("description",), self.text.strip(), Span(0, len(self.text)))
+        for cut in self.cuts:
+            draft.leave_out(cut.span, cut.why)
+        return draft
+
+    def _is_cut(self, span: Span) -> bool:
+        return any(self._gone[span.start : span.end])
+
+    def _faults_of(self, draft: Draft) -> list[Cut]:
+        """The clauses of statements that cannot hold, as a range that runs downwards."""
+        return [Cut(self._grown(span), f"{fault.what} ({fault.remedy})") for span, fault in draft.faults]
+
+    def _grown(self, span: Span) -> Span:
+        """A span, and the clauses that it touches: what stands beside a fault has lost its subject."""
+        for clause in self.clauses:
+            if clause.span.start < span.end and span.start < clause.span.end:
+                span = span.joined(clause.span)
+        return span
+
+    def _invalid(self, draft: Draft) -> list[Cut]:
+        """The clause that makes the SimSpec invalid; nothing when it is valid."""
+        try:
+            draft.checked()
+        except SetupError as error:
+            fault = error.faults[0]
+            candidates = self._clauses_that_set(draft, fault.where)
+            if not candidates:
+                raise
+            if len(self.cuts) > MAX_SINGLE_CUTS:
+                return [Cut(clause.span, str(fault)) for clause in self._clauses_that_set(draft, "")]
+            return [Cut(candidates[0].span, "; ".join(map(str, error.faults)))]
+        return []
+
+    def _clauses_that_set(self, draft: Draft, where: str) -> list[Clause]:
+        """The clauses that set fields; first those of the field at fault, from the last to the first."""
+        blamed = [
+            entry.span or entry.beside
+            for path, entry in draft.entries.items()
+            if where and (dotted(path).startswith(where.split(" ")[0]) or where.startswith(dotted(path)))
+        ]
+        setting = [
+            clause
+            for clause in reversed(self.clauses)
+            if not self._is_cut(clause.span)
+            and any(
+                span.start < clause.span.end and clause.span.start < span.end
+                for path, _, span in draft.statements
+                if path != ("description",)
+            )
+        ]
+        return sorted(
+            setting,
+            key=lambda clause: (
+                not any(
+                    span is not None and span.start < clause.span.end and clause.span.start < span.end
+                    for span in blamed
+                )
+            ),
+        )
+
+
+def _key(choice: Choice) -> ChoiceKey:
+    return Span(choice.start, choice.end), choice.ask
+
+
+def _check_length(text: str) -> None:
     if len(text) > MAX_CHARACTERS:
         raise SetupError(
             Fault(
                 "prose", f"has {len(text)} characters, more than {MAX_CHARACTERS}", "describe one situation"
             )
         )
-    draft = Draft(text, answers)
-    words = words_of(text, vocabulary)
-    unknown: list[tuple[Word, Word]] = []
-    quantified = with_quantities(words, unknown)
-    for number, word in unknown:
-        span = Span(number.span.start, word.span.end)
-        draft.fault(
-            span,
-            f"there is no unit {word.text!r}",
-            "use metres, kilometres, feet, seconds, minutes, m/s, knots",
-        )
-    reader = TextReader(draft, vocabulary)
-    reader.read(list(phrases_of(quantified)))
-    if (
-        not draft.entries.keys() - {("world", "area", "corners")}
-        and not draft.faults
-        and not draft.not_expressible
-    ):
+    if not any(character.isalnum() for character in text):
         raise SetupError(
             Fault(
                 "prose",
-                "it describes no scenario",
+                "it is empty",
                 "write who is where: 'a radar vehicle, five civilians within 50 m of it'",
             )
         )
-    return draft, {word.span_text(text): word.mended for word in quantified if word.mended}
-
-
-def finished(draft: Draft, corrected: dict[str, str]) -> BaseSimSpec:
-    """The result of a draft."""
-    raise_faults(draft.faults)
-    name: tuple[str | int, ...] = ("name",)
-    draft.put(name, "prose", None)
-    draft.put(("description",), draft.text.strip(), Span(0, len(draft.text)))
-    simspec: SimSpec | None = None if draft.questions else draft.checked()
-    return BaseSimSpec(
-        prose=draft.text,
-        simspec=simspec,
-        ranges=tuple(draft.ranges),
-        receipts=tuple(draft.receipts(simspec)) if simspec else (),
-        questions=tuple(draft.questions),
-        not_expressible=tuple(draft.not_expressible),
-        not_understood=tuple(draft.not_understood),
-        remarks=tuple(draft.remarks),
-        corrected=corrected,
-    )

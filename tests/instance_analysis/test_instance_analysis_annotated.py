@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from bench.documents import read_document
-from bench.instance_analysis import annotated_yaml, load_vocabulary, read_prose, stated_values
+from bench.instance_analysis import annotated_yaml, load_vocabulary, read_prose
 from bench.simspec import SimSpec
 
 TEXTS = [
-    "A radar vehicle. [1,2] military trucks 20 to 40 m from it, between 5 and 10 civilians within 60 m of it, light rain, at 60 m.",
+    "A radar vehicle. [1,2] military trucks 20 to 40 m from it, between 5 and 10 civilians within 60 m of it, light rain, fly at 60 m.",
     "Two soldiers walking in the northern part; no-fly from nowhere. GPS jammed at 100 s for 20 s. Do not return home.",
     "Children: 4. A house. Three soldiers, half concealed. Intelligence on the soldiers, priority 2. Time limit 10 minutes, wind 5 m/s from the west.",
     "A truck # not a comment: 'quoted', at 14:30Z on 3 March 2026\nacross\ttwo lines, fog level 2-5",
@@ -20,7 +20,6 @@ TEXTS = [
 def test_the_file_is_the_same_simspec(text: str) -> None:
     """Whatever is left out of the file is a default, and comments change nothing."""
     result = read_prose(text, load_vocabulary())
-    assert result.simspec is not None
     assert read_document(annotated_yaml(result), SimSpec) == result.simspec
 
 
@@ -31,13 +30,19 @@ def test_every_line_that_was_said_quotes_it() -> None:
     result = read_prose(TEXTS[0], load_vocabulary())
     lines = [line.strip() for line in annotated_yaml(result).splitlines()]
 
-    assert "altitude_m: 60.0  # 'at 60 m'" in lines
+    assert "altitude_m: 60.0  # 'fly at 60 m'" in lines
     assert "count: 5  # 'between 5 and 10 civilians'" in lines
     assert "- east_m: -300.0  # default" in lines
     assert not [line for line in lines if line.startswith(("perception", "budgets", "seeds", "fog_level"))]
 
 
-def test_a_question_leaves_nothing_to_write() -> None:
-    """With a question open there is no SimSpec."""
-    with pytest.raises(ValueError, match="questions are open"):
-        stated_values(read_prose("Five vehicles at noon.", load_vocabulary()))
+def test_what_is_open_stands_above_the_document() -> None:
+    """A choice with its readings, and a passage that is left out, are comments at the top."""
+    result = read_prose("Five vehicles at noon.\nIf it rains, hold.", load_vocabulary())
+    choice, condition, passage, *_ = annotated_yaml(result).splitlines()
+    assert (
+        choice
+        == "# choice: 'vehicles' what is meant by 'vehicles'? -> civilian-car (clutter) (or: military-truck (adversary))"
+    )
+    assert condition.startswith("# choice: 'If it rains, hold'")
+    assert passage.startswith("# not read: 'If it rains, hold'")

@@ -10,14 +10,13 @@ import pytest
 import yaml
 from compared_fields import wrong_in
 
-from bench.errors import SetupError
 from bench.instance_analysis import BaseSimSpec, load_vocabulary, read_prose
 from bench.simspec import SimSpec
 
 CORPUS = Path(__file__).parent / "corpus"
 VOCABULARY = load_vocabulary()
 ENTRIES = [(f"{file.stem}-{number}", entry) for file in sorted(CORPUS.glob("*.yaml")) for number, entry in enumerate(yaml.safe_load(file.read_text()), start=1)]  # fmt: skip
-FLOORS = {"outside_a": 0.90, "outside_b": 0.83, "outside_c": 0.62}
+FLOORS = {"outside_a": 0.87, "outside_b": 0.82, "outside_c": 0.76}
 """The least share of fields exact for texts of outside authors; all other files together have 95 %."""
 
 
@@ -28,21 +27,18 @@ def test_the_corpus_is_large_enough() -> None:
 
 
 @pytest.fixture(scope="session")
-def readings() -> dict[str, BaseSimSpec | None]:
+def readings() -> dict[str, BaseSimSpec]:
     """The corpus as it is read, once for all tests; None for what is refused."""
     return {name: _read(entry) for name, entry in ENTRIES}
 
 
-def _read(entry: dict[str, Any]) -> BaseSimSpec | None:
-    try:
-        return read_prose(entry["say"], VOCABULARY, entry.get("accept", ()))
-    except SetupError:
-        return None
+def _read(entry: dict[str, Any]) -> BaseSimSpec:
+    return read_prose(entry["say"], VOCABULARY, entry.get("accept", ()))
 
 
 @pytest.mark.parametrize("file", [*FLOORS, "all others"])
 def test_fields_are_exact(
-    file: str, readings: dict[str, BaseSimSpec | None], capsys: pytest.CaptureFixture[str]
+    file: str, readings: dict[str, BaseSimSpec], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Every field that a person expects and every field that is there is compared; questions count as one
     each.
@@ -62,21 +58,26 @@ def test_fields_are_exact(
     assert share >= FLOORS.get(file, 0.95), "\n".join(missed)
 
 
-def test_what_is_read_wrong_is_seldom_silent(readings: dict[str, BaseSimSpec | None]) -> None:
-    """Where a field is not what a person expects, something is listed or asked; of all texts at most 2 % come
-    out wrong without a word.
+def test_what_is_read_wrong_is_hardly_ever_silent(readings: dict[str, BaseSimSpec]) -> None:
+    """Where a field is not what a person expects, something is listed or a choice: of all texts at most 1 %
+    come out wrong without a word.
     """
     silent = []
     for name, entry in ENTRIES:
-        result = readings[name]
-        if result is None or result.questions or result.not_understood or result.not_expressible:
-            continue
-        _, wrong = wrong_in(entry, result)
-        fields = [
-            receipt for receipt in wrong if not receipt.startswith(("asks", "unexpressed", "not understood"))
-        ]
-        silent += [f"{name}: {entry['say']!r}: {fields}"] if fields else []
-    assert len(silent) <= 0.02 * len(ENTRIES), "\n".join(silent)
+        if readings[name].certain:
+            _, wrong = wrong_in(entry, readings[name])
+            fields = [
+                difference
+                for difference in wrong
+                if not difference.startswith(("unexpressed", "not understood"))
+            ]
+            silent += [f"{name}: {entry['say']!r}: {fields}"] if fields else []
+    assert len(silent) <= 0.01 * len(ENTRIES), "\n".join(silent)
+
+
+def test_every_text_has_a_document(readings: dict[str, BaseSimSpec]) -> None:
+    """Whatever a text holds, there is a valid SimSpec, and every clause of it has a status."""
+    assert all(reading.clauses for reading in readings.values())
 
 
 def leaves(value: Any, where: str = "") -> Iterator[str]:
@@ -92,18 +93,12 @@ def leaves(value: Any, where: str = "") -> Iterator[str]:
 
 @pytest.mark.parametrize(("name", "entry"), ENTRIES, ids=[name for name, _ in ENTRIES])
 def test_every_field_has_a_receipt(
-    name: str, entry: dict[str, Any], readings: dict[str, BaseSimSpec | None]
+    name: str, entry: dict[str, Any], readings: dict[str, BaseSimSpec]
 ) -> None:
     """Valid by the schema; every field has a receipt, whose quote stands in the text; nothing is filled in
     silently.
     """
     result = readings[name]
-    if result is None:  # with a sentence each that says what to mend; texts of outside authors alone
-        assert name.startswith("outside_")
-        return
-    if result.simspec is None:
-        assert result.questions
-        return
     written = result.simspec.model_dump(mode="json")
     assert SimSpec.model_validate(written) == result.simspec
     assert [receipt.path for receipt in result.receipts] == list(leaves(written))

@@ -336,12 +336,13 @@ def test_prose_that_instructs_the_model_gains_nothing() -> None:
     assert result.result.simspec.seeds.root == 0
 
 
-def test_open_questions_are_not_the_models_to_answer() -> None:
-    """With a question open no model is asked."""
+def test_open_choices_keep_no_model_from_being_asked() -> None:
+    """A choice is a person's to take; the model is asked for the rest all the same."""
     with recorded(GOOD) as (url, requests):
-        result = ask_recorded("Two vehicles.", url)
-    assert requests == []
-    assert result.result.questions
+        result = ask_recorded(f"Two vehicles. {TEXT}", url)
+    assert len(requests) == 1
+    assert result.result.open_choices
+    assert result.decided_by_model == ("vehicle.camera.tilt_deg",)
 
 
 @pytest.mark.parametrize(
@@ -441,7 +442,7 @@ def test_the_command_says_who_decided(capsys: pytest.CaptureFixture[str]) -> Non
         assert run(["prose", TEXT, "--llm", "small", "--llm-url", url, "--explain"]) == 0
         shown = capsys.readouterr()
         assert run(["prose", TEXT, "--llm", "small", "--llm-url", url, "--json"]) == 0
-    assert "small was queried 1 times and decided vehicle.camera.tilt_deg" in shown.err
+    assert "small was asked 1 times and decided vehicle.camera.tilt_deg" in shown.err
     assert "vehicle.camera.tilt_deg = 45.0 <- model" in shown.out
     written = json.loads(capsys.readouterr().out)
     assert (written["model"], written["provider"], written["rounds"], written["refused"]) == (

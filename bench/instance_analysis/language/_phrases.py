@@ -147,13 +147,26 @@ class Quantity:
         return self.low == self.high
 
 
-@dataclass(frozen=True, slots=True)
 class Part:
-    """A word of a phrase, with the meaning that it has in the phrase."""
+    """A word of a phrase, with the meaning that it has in the phrase.
 
-    kind: str
-    value: object
-    span: Span
+    `used` says whether its reader has asked for the value, so that the ledger knows what nobody used.
+    """
+
+    __slots__ = ("_value", "kind", "span", "used")
+
+    def __init__(self, kind: str, value: object, span: Span) -> None:
+        self.kind, self.span, self.used = kind, span, False
+        self._value = value
+
+    @property
+    def value(self) -> object:
+        self.used = True
+        return self._value
+
+    def disown(self) -> None:
+        """Take back the use: the reader looked at the value and made nothing of it."""
+        self.used = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,11 +178,27 @@ class Phrase:
     span: Span
 
     def first(self, kind: str) -> Part | None:
-        """The first part of a kind, or None."""
-        return next((part for part in self.parts if isinstance(part, Part) and part.kind == kind), None)
+        """The first part of a kind, or None. It counts as used."""
+        part = next((part for part in self.parts if isinstance(part, Part) and part.kind == kind), None)
+        if part is not None:
+            part.used = True
+        return part
 
     def every(self, kind: str) -> list[Part]:
-        return [part for part in self.parts if isinstance(part, Part) and part.kind == kind]
+        """All parts of a kind. They count as used."""
+        parts = [part for part in self.parts if isinstance(part, Part) and part.kind == kind]
+        for part in parts:
+            part.used = True
+        return parts
+
+    def has(self, *kinds: str) -> bool:
+        """Whether a part of these kinds stands in the phrase; it does not count as used."""
+        return any(isinstance(part, Part) and part.kind in kinds for part in self.parts)
+
+    @property
+    def leaves(self) -> list[Part]:
+        """Every part, those of inner phrases included."""
+        return [leaf for part in self.parts for leaf in (part.leaves if isinstance(part, Phrase) else [part])]
 
     @property
     def refs(self) -> list[Phrase]:

@@ -14,6 +14,8 @@ from bench.documents import Document, load_document, read_document
 from bench.errors import Fault, SetupError
 from bench.simspec import Identifier, Role, asset_fault
 
+from ._spelling import MIN_CORRECTED_LETTERS, UNCORRECTABLE_KINDS
+
 Words = tuple[str, ...]
 Kind = Literal["NUMBER", "LENGTH", "TIME", "SPEED", "ANGLE", "PERCENT", "AREA"]
 
@@ -152,6 +154,16 @@ class Vocabulary:
         self.single = frozenset(word for phrase in self.meanings for word in phrase.split() if word.isalpha())
         others = [*self.fillers, *(word.lower() for source in documents for word in source.strangers)]
         self.plain = self.single | {word for phrase in others for word in phrase.split()}
+        changing = {
+            word
+            for phrase, meanings in self.meanings.items()
+            if any(meaning.kind in UNCORRECTABLE_KINDS for meaning in meanings)
+            for word in phrase.split()
+        }
+        self.correctable = tuple(
+            sorted(word for word in self.single - changing if len(word) >= MIN_CORRECTED_LETTERS)
+        )
+        """Words that a misspelt one may be taken for."""
 
     def role(self, group: str) -> Role:
         return self.assets[group].role

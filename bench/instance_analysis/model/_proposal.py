@@ -17,8 +17,9 @@ from pydantic import Field
 from bench.documents import Document
 from bench.errors import SetupError
 
-from .._draft import LISTS, BaseSimSpec, Draft, DraftField, FieldPath, UnreadText, dotted
-from .._prose import draft_of, finished
+from .._draft import LISTS, Draft, DraftField, FieldPath, dotted
+from .._prose import Reading
+from .._result import BaseSimSpec, UnreadText
 from ..language._phrases import Quantity, with_quantities
 from ..language._tokens import Span, words_of
 from ..language._vocabulary import Vocabulary
@@ -127,12 +128,8 @@ def propose(
     and as the endpoint's `ask`.
     """
     provider = endpoint.provider
-    draft, corrected = draft_of(text, vocabulary, answers)
-    # A question may change what has been read, and a model must not decide it.
-    if draft.questions or draft.faults:
-        return ProposedResult(
-            result=finished(draft, corrected), model=endpoint.model, provider=provider, rounds=0
-        )
+    reading = Reading(text, vocabulary, answers)
+    draft = reading.draft
     verifier = _Verifier(draft, vocabulary)
     read = "\n".join(f"{dotted(path)} = {entry.value}" for path, entry in draft.entries.items())
     conversation = endpoint.ask(
@@ -151,7 +148,7 @@ def propose(
         if not any(span.start <= unread.start and unread.end <= span.end for span in spans)
     ]
     return ProposedResult(
-        result=finished(draft, corrected),
+        result=reading.result(),
         model=endpoint.model,
         provider=provider,
         rounds=conversation.rounds,
@@ -305,7 +302,7 @@ def _wrong_number(name: str, value: float, quote: str, numbers: Sequence[_Stated
 
 def _invalid(draft: Draft, accepted: dict[FieldPath, DraftField]) -> str:
     """What is wrong with the SimSpec that has the proposed fields; empty when nothing is."""
-    tried = Draft(draft.text, ())
+    tried = Draft(draft.text)
     # The name is set only when the reading is finished, but a SimSpec without one is invalid.
     tried.entries = {("name",): DraftField("prose", None)} | draft.entries | accepted
     try:

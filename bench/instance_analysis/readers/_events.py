@@ -155,9 +155,14 @@ def _low(phrase: Phrase, kind: str) -> float | None:
     return part.value.low if part is not None and isinstance(part.value, Quantity) else None
 
 
+def _seconds(part: Part) -> float:
+    assert isinstance(part.value, Quantity)
+    return part.value.low
+
+
 def _timing_of(phrase: Phrase) -> EventTiming:
     times: dict[str, float] = {}
-    bare: list[float] = []
+    bare: list[Part] = []
     preceding = ""
     for part in phrase.parts:
         if isinstance(part, Part) and part.kind == "TIME" and isinstance(part.value, Quantity):
@@ -167,12 +172,14 @@ def _timing_of(phrase: Phrase) -> EventTiming:
             elif name := TIMES.get(preceding):
                 times[name] = time.low
             else:
-                bare.append(time.low)
+                bare.append(part)
         preceding = part.kind if isinstance(part, Part) else ""
     if bare and "at" not in times:
-        times["at"] = bare.pop(0)
-    if bare:
-        times.setdefault("lasting", bare[0])
+        times["at"] = _seconds(bare.pop(0))
+    if bare and "lasting" not in times:
+        times["lasting"] = _seconds(bare.pop(0))
+    for part in bare:
+        part.disown()
     if "until" in times:
         times.setdefault("at", 0.0)
         times["lasting"] = times["until"] - times["at"]

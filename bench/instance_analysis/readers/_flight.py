@@ -28,6 +28,7 @@ BOUNDS = {
     "mission.altitude_m": {"WITHIN": "max_altitude_m", "ATLEAST": "min_altitude_m"},
     "mission.speed_mps": {"WITHIN": "max_speed_mps"},
 }
+LIMITS = ("time_limit_s", "report_deadline_s", "max_altitude_m", "max_speed_mps")
 
 
 class FlightReader:
@@ -42,6 +43,8 @@ class FlightReader:
         self, draft: Draft, cast: GroupRegister, ground: GroundReader, reports: IntelligenceReader
     ) -> None:
         self._draft, self._groups, self._ground, self._intelligence = draft, cast, ground, reports
+        self.subject = ""
+        """What the sentence has spoken of last: the drone, a group, or nothing yet."""
         self.reporting = False
         """Whether the sentence is about reports."""
         self.of_ground = False
@@ -97,9 +100,13 @@ class FlightReader:
             for group in self._groups.subject:
                 put_speed(self._draft, group, quantity, phrase.span)
             return
-        self._groups.subject_is_mission = self._groups.subject_is_mission or field.path.startswith("mission.")
+        if field.path.startswith("mission."):
+            self._groups.subject_is_mission, self.subject = True, "drone"
         whole = field.path == "seeds.root"
         unit = UNIT_NAMES.get(field.kind)
+        if field.path.endswith(LIMITS):
+            # `time limit at most 5 min`: the field is a largest value itself.
+            phrase.every("WITHIN")
         self._draft.vary(
             tuple(field.path.split(".")), quantity.low, quantity.high, phrase.span, unit=unit, integer=whole
         )
@@ -137,6 +144,7 @@ class FlightReader:
         for part in phrase.parts:
             if isinstance(part, Part) and part.kind in ("WITHIN", "ATLEAST"):
                 bound = part.kind
+                part.used = bound in names
             elif isinstance(part, Part) and bound in names and isinstance(part.value, Quantity):
                 unit = UNIT_NAMES.get(field.kind)
                 self._draft.vary(
@@ -147,39 +155,59 @@ class FlightReader:
 
     def altitude(self, phrase: Phrase) -> None:
         length = length_of(self._draft, phrase)
+        if not self._of_the_drone(phrase, "the height of the mission"):
+            return
         self._groups.subject_is_mission = True
         self._draft.vary(("mission", "altitude_m"), length.low, length.high, phrase.span, unit="m")
+
+    def _of_the_drone(self, phrase: Phrase, meaning: str) -> bool:
+        """Whether a bare number is the drone's: its sentence has spoken of the flight last. Else it is left out.
+
+        A number that nobody claims is a choice, and never a height, a speed or a time limit by itself.
+        """
+        if phrase.has("FLY") or self.subject == "drone":
+            self.subject = "drone"
+            return True
+        if self._draft.ask(
+            phrase.span, "what is this number?", ["nothing that is known: leave it out", meaning]
+        ):
+            return True
+        for part in phrase.leaves:
+            part.disown()
+        self._draft.unread(phrase.span, "it is not said of what", expressible=True)
+        return False
 
     def speed(self, phrase: Phrase) -> None:
         part = phrase.first("SPEED")
         assert part is not None
         assert isinstance(part.value, Quantity)
         if (
-            self._groups.in_sentence
+            self.subject == "group"
+            and self._groups.in_sentence
             and self._groups.subject
-            and not self._groups.subject_is_mission
-            and not phrase.first("FLY")
+            and not phrase.has("FLY")
         ):
             for group in self._groups.subject:
                 if ("actors", group, "motion", "route") not in self._draft.entries:
                     self._draft.put(("actors", group, "motion", "kind"), "wander", phrase.span)
                 put_speed(self._draft, group, part.value, phrase.span)
-            return
-        self._draft.vary(("mission", "speed_mps"), part.value.low, part.value.high, phrase.span, unit="m/s")
+        elif self._of_the_drone(phrase, "the speed of the mission"):
+            self._draft.vary(
+                ("mission", "speed_mps"), part.value.low, part.value.high, phrase.span, unit="m/s"
+            )
 
     def limit(self, phrase: Phrase) -> None:
         part = phrase.first("TIME")
         assert part is not None
         assert isinstance(part.value, Quantity)
-        readings = ["the time limit of the mission", "the time from intelligence to the report on it"]
-        if phrase.first("DELIVERY") or (
-            self.reporting and self._draft.ask(phrase.span, "which time is this?", readings) == 1
+        low, high = part.value.low, part.value.high
+        readings = ["the time from intelligence to the report on it", "the time limit of the mission"]
+        if phrase.has("DELIVERY") or (
+            self.reporting and self._draft.ask(phrase.span, "which time is this?", readings) == 0
         ):
-            self._draft.vary(
-                ("rules", "report_deadline_s"), part.value.low, part.value.high, phrase.span, unit="s"
-            )
-            return
-        self._draft.vary(("mission", "time_limit_s"), part.value.low, part.value.high, phrase.span, unit="s")
+            self._draft.vary(("rules", "report_deadline_s"), low, high, phrase.span, unit="s")
+        elif self.reporting or self._of_the_drone(phrase, "the time limit of the mission"):
+            self._draft.vary(("mission", "time_limit_s"), low, high, phrase.span, unit="s")
 
     def set(self, phrase: Phrase) -> None:
         part = phrase.first("SET")

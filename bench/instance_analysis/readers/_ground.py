@@ -97,7 +97,7 @@ class GroundReader:
 
     def area(self, phrase: Phrase) -> None:
         """Read an area with its size."""
-        if any(phrase.every(kind) for kind in KINDS):
+        if phrase.has(*KINDS):
             self.mention(phrase)
         else:
             self.current = self.world
@@ -183,7 +183,7 @@ class GroundReader:
 
     def overfly(self, phrase: Phrase) -> None:
         """Read an area that must not be flown over."""
-        if any(phrase.every(kind) for kind in ("GROUND", "NAMED")):
+        if phrase.has("GROUND", "NAMED"):
             self._over.append((self.mention(phrase).id, phrase.span))
         else:
             self._draft.unread(

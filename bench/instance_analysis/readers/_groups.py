@@ -53,6 +53,8 @@ class GroupRegister:
         self.subject: list[str] = []
         self.in_sentence = False
         self.subject_is_mission = False
+        self.absent: dict[str, Span] = {}
+        """Assets of which the text says that there are none."""
         self._uncounted: set[str] = set()
         """Groups of which it is not said how many there are."""
         self._defined: set[str] = set()
@@ -116,6 +118,9 @@ class GroupRegister:
             self.subject_is_mission = True
             return []
         counts, none = phrase.every("COUNT"), phrase.first("NONE")
+        for part in counts[:-1]:
+            # Only the last number is used, and `two squads of nine` are not nine.
+            part.disown()
         # The last number counts: `a squad of nine`.
         count = counts[-1] if counts else None
         known = [group for group, asset in self.kinds.items() if asset == name]
@@ -128,13 +133,19 @@ class GroupRegister:
             if count is not None and len(known) == 1 and known[0] in self._uncounted:
                 # `aid workers ...; the 6 aid workers`.
                 self._recount(known[0], phrase, count, span)
-            return self.choose_one(known, span)
+            self.draft.references.append(phrase.span)
+            groups = self.choose_one(known, span)
+            if count is not None and not self._is_number_of(groups, count):
+                count.disown()
+            return groups
         if phrase.rule == "ref" and count and self.draft.quote(count.span).lower() in ("a", "an"):
             several = [group for group in known if group in self.plural]
             # `near a crate`, where the text has crates, means near some member of that group.
             if several:
+                self.draft.acknowledge(count.span)
                 return self.choose_one(several, span)
         if none or (count and isinstance(count.value, Quantity) and count.value.high == 0):
+            self._absent(phrase, name)
             return []
         if (
             phrase.rule == "group"
@@ -150,6 +161,37 @@ class GroupRegister:
                 self._recount(earlier, phrase, count, span)
                 return [earlier]
         return [self._new(phrase, name, span, count)]
+
+    def _is_number_of(self, groups: Sequence[str], count: Part) -> bool:
+        """Whether a number repeats how many members a group has: `the two trucks`, where there are two."""
+        counts = [self.draft.entries.get(("actors", group, "count")) for group in groups]
+        assert isinstance(count.value, Quantity)
+        if any(
+            count.span == span.span or (span.span is not None and count.span.joined(span.span) == span.span)
+            for span in counts
+            if span
+        ):
+            return True
+        ends = {
+            varied.high
+            for varied in self.draft.ranges
+            for group in groups
+            if f"actors[{group}].count" in varied.paths
+        }
+        same = [entry is not None and entry.value == count.value.low for entry in counts]
+        fits = bool(same) and all(same) and (not ends or count.value.high in ends)
+        if fits:
+            self.draft.acknowledge(count.span)
+        return fits
+
+    def _absent(self, phrase: Phrase, name: str) -> None:
+        """`no civilians`: read where the text has none, which needs no field; else it contradicts the text."""
+        if name not in self.kinds.values():
+            self.draft.acknowledge(phrase.span)
+            self.absent[name] = phrase.span
+            return
+        for part in phrase.leaves:
+            part.disown()
 
     def _there_are(self, span: Span) -> bool:
         """Whether the sentence only gives a number: `there are four houses and ten trees`."""
@@ -170,6 +212,8 @@ class GroupRegister:
 
     def _new(self, phrase: Phrase, name: str, span: Span, count: Part | None) -> str:
         words = self.vocabulary.assets[name]
+        if name in self.absent:
+            self.draft.remark(span, f"the text also says {self.draft.quote(self.absent[name])!r}")
         number = 1 + sum(1 for other in self.kinds.values() if other == name)
         # Ids are the words of the vocabulary, so that a reader recognizes the groups in the SimSpec.
         group = name if number == 1 else f"{name}-{number}"

@@ -98,9 +98,12 @@ class IntelligenceReader:
                 self._draft.unread(where, "the text mentions no intelligence report", expressible=True)
             return
         adversaries = [group for group in adversaries if group in self._candidate_groups] or adversaries
-        chosen = 0
-        if len(adversaries) > 1:
-            chosen = self._draft.ask(span, "about whom is this report?", adversaries)
+        readings = [f"a report on {adversary}" for adversary in adversaries]
+        chosen = self._draft.ask(span, "about whom is this report?", [*readings, "none: leave it out"])
+        if chosen == len(adversaries):
+            for _name, _, where in self._pending:
+                self._draft.unread(where, "it is said of no report", expressible=True)
+            return
         self._report = self.on(adversaries[chosen], span)
         for name, quantity, where in self._pending:
             self.field(name, quantity, where)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 
@@ -10,7 +9,7 @@ from bench.simspec import HOME, Origin
 
 from .._draft import Draft, FieldPath
 from ..language._coordinates import Coordinates, local_m
-from ..language._phrases import Part, Phrase, Quantity
+from ..language._phrases import Phrase, Quantity
 from ..language._tokens import Span
 from ..language._vocabulary import Defaults
 
@@ -68,8 +67,8 @@ class PlaceReader:
         if ("world", "origin", "latitude_deg") in self._draft.entries:
             return
         for phrase in phrases:
-            for part in _parts(phrase):
-                if isinstance(part.value, Coordinates) and part.value.degrees:
+            for part in phrase.leaves:
+                if part.kind == "POINT" and isinstance(part.value, Coordinates) and part.value.degrees:
                     if math.hypot(*local_m(part.value, Origin())) > FARTHEST_M:
                         note = "no origin is said: the first place in degrees"
                         self._draft.remark(part.span, f"{note} is the origin")
@@ -284,11 +283,12 @@ class PlaceReader:
         return any(path[: len(relation)] == relation for path in self._draft.entries)
 
 
-def _parts(phrase: Phrase) -> list[Part]:
-    inner = [_parts(part) if isinstance(part, Phrase) else [part] for part in phrase.parts]
-    return list(itertools.chain.from_iterable(inner))
-
-
 def places_in(phrase: Phrase) -> list[Coordinates]:
     """Every place that a phrase states, in order."""
-    return [part.value for part in _parts(phrase) if isinstance(part.value, Coordinates)]
+    points = [part for part in phrase.leaves if part.kind == "POINT"]
+    return [part.value for part in points if isinstance(part.value, Coordinates)]
+
+
+def count_places(phrase: Phrase) -> int:
+    """How many places a phrase states. They do not count as used."""
+    return sum(part.kind == "POINT" for part in phrase.leaves)

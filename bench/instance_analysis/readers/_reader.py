@@ -8,16 +8,16 @@ from bench.simspec import Role
 
 from .._draft import Draft
 from ..language._coordinates import Coordinates
-from ..language._phrases import DENIALS, Part, Phrase, Quantity
+from ..language._phrases import Part, Phrase, Quantity
 from ..language._sentences import sentences_of
-from ..language._tokens import Word
+from ..language._tokens import Span, Word
 from ..language._vocabulary import MotionWords, Vocabulary
 from ._events import EventReader
 from ._flight import FlightReader
 from ._ground import GroundReader
 from ._groups import GroupRegister
 from ._intelligence import IntelligenceReader
-from ._places import PlaceReader, places_in
+from ._places import PlaceReader, count_places, places_in
 from ._relations import RelationReader
 from ._roads import RoadReader
 from ._rules import RuleReader
@@ -98,7 +98,8 @@ class TextReader:
             [],
             "",
         )
-        self.flying = any(_flies(item) for item in sentence)
+        self.flight.subject = ""
+        self._rule_groups: set[Span] = set()
         self.flight.reporting = any(
             isinstance(item, Word) and item.text.lower().startswith("report") for item in sentence
         )
@@ -114,12 +115,7 @@ class TextReader:
                 if not late and not _of_a_rule(item, sentence[index + 1 :]):
                     self._word(item)
                 continue
-            if self._denied(sentence[:index]):
-                self.draft.unread(
-                    item.span,
-                    "a negation or a condition stands before it, so it is not read",
-                    expressible=True,
-                )
+            if self._of_a_rule_before(sentence[:index], item):
                 continue
             later = any(isinstance(p, Phrase) and p.rule == "group" for p in sentence[index + 1 :])
             if later and item.rule in GROUP_RULES and self._of_the_next(item, sentence[index + 1 :]):
@@ -151,9 +147,11 @@ class TextReader:
         )
 
     def _phrase(self, phrase: Phrase, *, joins: bool, later: bool) -> None:
+        self.draft.reading = phrase.span
         if phrase.rule == "group" and self._counts_again(phrase):
             return
         if phrase.rule == "group":
+            self.flight.subject = "group"
             previous = self.joined if joins else []
             self.groups.introduce(phrase)
             self.before, self.topic, self.last = self.last, "group", "group"
@@ -169,7 +167,7 @@ class TextReader:
                 self._of_group(group_phrase)
                 self.joined = []
             return
-        if phrase.rule in ("place", "stretch") or (phrase.rule == "between" and len(places_in(phrase)) == 2):
+        if phrase.rule in ("place", "stretch") or (phrase.rule == "between" and count_places(phrase) == 2):
             self._figures(phrase, later=later)
         elif phrase.rule not in GROUP_RULES:
             if phrase.rule in ("extent", "overfly", "stayin"):
@@ -224,10 +222,10 @@ class TextReader:
             return [Phrase("inside", (named,), phrase.span)] if named else [Phrase("spread", (), phrase.span)]
         if phrase.rule == "landgap":
             self.ground.mention(phrase).mentioned = True
-        if phrase.rule == "inside" and any(phrase.every(kind) for kind in ("NOFLY", "FENCE")):
+        if phrase.rule == "inside" and phrase.has("NOFLY", "FENCE"):
             self._ground(phrase)
             return []
-        if phrase.rule == "inside" and any(phrase.every(kind) for kind in ("GROUND", "NAMED")):
+        if phrase.rule == "inside" and phrase.has("GROUND", "NAMED"):
             self.ground.mention(phrase)
             self.topic = "group"
         if phrase.rule == "motion" and (
@@ -235,7 +233,7 @@ class TextReader:
             or (not self.groups.in_sentence and self.groups.subject_is_mission)
         ):
             return []
-        if phrase.rule not in GROUP_RULES or self._about_ground(phrase) or len(places_in(phrase)) > 1:
+        if phrase.rule not in GROUP_RULES or self._about_ground(phrase) or count_places(phrase) > 1:
             return []
         return [phrase]
 
@@ -281,7 +279,7 @@ class TextReader:
 
     def _figures(self, phrase: Phrase, *, later: bool) -> None:
         """Hand coordinates to the reader of the current subject."""
-        if any(phrase.first(kind) for kind in ("HOME", "LAUNCH", "ORIGIN")):
+        if phrase.has("HOME", "LAUNCH", "ORIGIN"):
             self.topic = "home"
             return
         patrols = any(
@@ -289,7 +287,7 @@ class TextReader:
             for group_id in self.groups.subject
             if self.groups.in_sentence
         )
-        several = len(places_in(phrase))
+        several = count_places(phrase)
         if self.topic == "road":
             self.roads.through(phrase)
         elif phrase.first("CORNERS") or self.topic == "ground":
@@ -313,7 +311,7 @@ class TextReader:
             for group in self.groups.subject
             if self.groups.in_sentence
         ]
-        return len(counts) == 1 and counts[0] is not None and counts[0].value == len(places_in(phrase))
+        return len(counts) == 1 and counts[0] is not None and counts[0].value == count_places(phrase)
 
     def _stand(self, phrase: Phrase) -> None:
         if not self.groups.in_sentence and self.topic != "group":
@@ -365,18 +363,25 @@ class TextReader:
         )
         return handler
 
-    def _denied(self, before: Sequence[Phrase | Word]) -> bool:
-        """Whether the words before a phrase deny it or make it conditional; reading it would then be
-        wrong.
-        """
-        for item in reversed(before):
-            if not isinstance(item, Word):
-                return False
-            if item.text.lower() in DENIALS or any(meaning.kind == "NONE" for meaning in item.meanings):
-                return True
-            if not item.filler and item.text not in ("a", "an", "it"):
-                return False
-        return False
+    def _of_a_rule_before(self, before: Sequence[Phrase | Word], item: Phrase) -> bool:
+        """Whether a group only goes on a rule (`of civilians or aid workers`), so that it is not placed."""
+        if item.rule != "group" or item.has("COUNT"):
+            return False
+        at = next((at for at in reversed(range(len(before))) if isinstance(before[at], Phrase)), None)
+        between = before[at + 1 :] if at is not None else ()
+        previous = before[at] if at is not None else None
+        if not isinstance(previous, Phrase) or not any(_joins(word) for word in between):
+            return False
+        of_rule = previous.rule in RuleReader.RULES or (
+            previous.rule == "standoff" and not self.groups.in_sentence
+        )
+        if not (of_rule or previous.span in self._rule_groups) or not self.groups.of_bystanders(item):
+            return False
+        self._rule_groups.add(item.span)
+        span = between[0].span.joined(item.span)
+        self.draft.used_words.append(span)
+        self.draft.acknowledge(span)
+        return True
 
     def _relative(self, word: Word, before: Sequence[Phrase | Word]) -> None:
         """After `near a truck that is camouflaged` or `of which there are two` the truck is the subject."""
@@ -409,10 +414,14 @@ class TextReader:
     def _late_count(self, word: Word, before: Phrase | Word | None) -> bool:
         """Use a number on its own as the number of the subject: `soldiers: 4`, `there are two`."""
         count = next((meaning.value for meaning in word.meanings if meaning.kind == "COUNT"), None)
-        if not isinstance(count, Quantity) or len(self.groups.subject) != 1 or self.topic in ("road", "home"):
+        spoken_of = self.groups.in_sentence and len(self.groups.subject) == 1
+        if not isinstance(count, Quantity) or not spoken_of or self.topic in ("road", "home"):
             return False
         start = before.span if isinstance(before, Phrase) and before.rule == "group" else word.span
-        return self.groups.count_later(self.groups.subject[0], count, start.joined(word.span))
+        if not self.groups.count_later(self.groups.subject[0], count, start.joined(word.span)):
+            return False
+        self.draft.used_words.append(word.span)
+        return True
 
     def _word(self, word: Word) -> None:
         kinds = {meaning.kind for meaning in word.meanings}
@@ -441,19 +450,20 @@ class TextReader:
                 self.topic = "group"
         if "FLY" in kinds:
             groups.subject_is_mission = True
+        if kinds & {"FLY", "HOME", "LIMIT"}:
+            self.flight.subject = "drone"
         length = next((meaning.value for meaning in word.meanings if meaning.kind == "LENGTH"), None)
         if (
             isinstance(length, Quantity)
             and not length.single
             and (self.waiting or (groups.in_sentence and not groups.subject_is_mission))
         ):
+            self.draft.used_words.append(word.span)
             self._phrase(
                 Phrase("radius", (Part("LENGTH", length, word.span),), word.span),
                 joins=False,
                 later=bool(self.waiting),
             )
-            return
-        if self.flying and not (groups.in_sentence and not groups.subject_is_mission) and self._bare(word):
             return
         if (
             word.filler
@@ -463,22 +473,10 @@ class TextReader:
             return
         self.draft.unread(word.span, "unknown word" if not kinds else "stands by itself", expressible=True)
 
-    def _bare(self, word: Word) -> bool:
-        """Read height and time of the mission from numbers alone: `we fly 90 m, four minutes`."""
-        fields = {"LENGTH": ("altitude_m", "m"), "TIME": ("time_limit_s", "s")}
-        for meaning in word.meanings:
-            if meaning.kind in fields and isinstance(meaning.value, Quantity):
-                name, unit = fields[meaning.kind]
-                self.draft.vary(
-                    ("mission", name), meaning.value.low, meaning.value.high, word.span, unit=unit
-                )
-                return True
-        return False
-
     # What is said of a group.
 
     def _of_group(self, phrase: Phrase) -> None:
-        if phrase.rule in ("place", "stretch") or len(places_in(phrase)) > 1:
+        if phrase.rule in ("place", "stretch") or count_places(phrase) > 1:
             self._figures(phrase, later=False)
             return
         subject = self.groups.subject
@@ -491,6 +489,8 @@ class TextReader:
             return
         if phrase.rule == "inside" and phrase.first("AREAWORD"):
             # The area of interest, where every group is.
+            return
+        if not self.groups.in_sentence and not self._still_about(subject, phrase):
             return
         joined = [item for item in self.joined if not (phrase.refs and item in self.groups.ref(phrase))]
         if len(joined) > 1 and phrase.rule not in RULES_FOR_ALL_GROUPS and joined[-1:] == subject[-1:]:
@@ -507,6 +507,14 @@ class TextReader:
             getattr(reader, phrase.rule)(group, phrase)
             if phrase.rule == "motion":
                 self._patrols(group, phrase)
+
+    def _still_about(self, subject: Sequence[str], phrase: Phrase) -> bool:
+        """Whether a sentence without a subject is about the groups of the sentence before it."""
+        readings = [", ".join(subject), "nobody: leave it out"]
+        if self.draft.ask(phrase.span, "of whom is this said?", readings) == 0:
+            return True
+        self.draft.unread(phrase.span, "it is not said of whom", expressible=True)
+        return False
 
     def _patrols(self, group: str, phrase: Phrase) -> None:
         motion = phrase.first("MOTION")
@@ -532,15 +540,6 @@ class TextReader:
         self.topic = self.last = self.before = "road"
 
     def _when(self, phrase: Phrase) -> None:
-        time = phrase.first("TIME")
-        of_ground = self.ground.current is not None and self.ground.current.kind == "NOFLY"
-        limited = ("mission", "time_limit_s") in self.draft.entries
-        alone = len(phrase.parts) == 1 and not limited
-        if self.flying and not of_ground and alone and time is not None and isinstance(time.value, Quantity):
-            self.draft.vary(
-                ("mission", "time_limit_s"), time.value.low, time.value.high, phrase.span, unit="s"
-            )
-            return
         self.ground.when(phrase)
 
     def _standoff(self, phrase: Phrase) -> None:
@@ -570,12 +569,9 @@ class TextReader:
         self.rules.finish()
 
 
-def _flies(item: Phrase | Word) -> bool:
-    """Whether an item shows that its sentence is about the flight."""
-    if isinstance(item, Word):
-        return any(meaning.kind in ("FLY", "HOME") for meaning in item.meanings)
-    return item.rule in ("altitude", "speed") or (
-        item.rule == "set" and any(p.kind == "SET" for p in item.parts if isinstance(p, Part))
+def _joins(item: Phrase | Word) -> bool:
+    return isinstance(item, Word) and (
+        item.comma or any(meaning.kind in ("AND", "OR") for meaning in item.meanings)
     )
 
 

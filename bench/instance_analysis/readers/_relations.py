@@ -178,14 +178,10 @@ class RelationReader:
     def _distance_origin(self, group: str, span: Span) -> str:
         """The origin of a distance without one: the only other group, or home; with several groups, ask."""
         others: list[str] = [other for other in self._groups.kinds if other != group]
-        mentioned = [other for other in others if other in self._groups.mentioned]
-        if len(others) > 1 and len(mentioned) != 1:
-            return [*others, HOME][self._draft.ask(span, "away from what?", [*others, "the vehicle's start"])]
-        origin = (mentioned if len(others) > 1 else others or [HOME])[0]
-        self._draft.remark(
-            span, f"the text does not say from what: read as from {'the start' if origin == HOME else origin}"
-        )
-        return origin
+        # A group of the same sentence is the likeliest, and the start the least likely one.
+        others.sort(key=lambda other: other not in self._groups.mentioned)
+        readings = [*others, "the vehicle's start"]
+        return [*others, HOME][self._draft.ask(span, "away from what?", readings)]
 
     def _band(self, length: Quantity) -> tuple[float, float, str]:
         if not length.single:

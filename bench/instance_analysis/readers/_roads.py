@@ -59,7 +59,7 @@ class RoadReader:
         self._roads_named(phrase)
 
     def _is_bare(self, phrase: Phrase) -> bool:
-        return not any(phrase.every(kind) for kind in ("COUNT", "DIR", "AXIS", "LENGTH"))
+        return not phrase.has("COUNT", "DIR", "AXIS", "LENGTH")
 
     def _definite(self, phrase: Phrase) -> bool:
         kinds = ("COUNT", "LENGTH", "DIR", "AXIS", "NTH", "ROAD", "THEM")

@@ -6,7 +6,8 @@ import datetime as dt
 
 from bench.simspec import Environment
 
-from .._draft import Draft, FieldPath, VariedField
+from .._draft import Draft, FieldPath
+from .._result import VariedField
 from ..language._phrases import Part, Phrase, Quantity
 from ..language._tokens import Span, TimeOfDay
 from ..language._vocabulary import WeatherWords

@@ -1,0 +1,118 @@
+"""A reading of prose, clause by clause: as lines for a terminal, and as one page of HTML."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bench.instance_analysis import BaseSimSpec, Choice, ClauseReading, VariedField
+
+STATUS_COLUMNS = 16
+MIN_COLUMNS = 60
+"""Narrower terminals wrap lines themselves."""
+SHOWN_FIELDS = 6
+_IDENTITY = (".id", ".asset", ".role")
+"""Fields of a group that its first word says; `count` stands for them in the view."""
+
+
+def clause_lines(result: BaseSimSpec, columns: int) -> Iterator[str]:
+    """The text clause by clause, then the choices with the readings that --accept takes."""
+    width = max(columns, MIN_COLUMNS)
+    values = {receipt.path: receipt.value for receipt in result.receipts}
+    shown_notes: set[str] = set()
+    for clause in result.clauses:
+        yield _shortened(f"{clause.status:{STATUS_COLUMNS}}{_one_line(clause.quote)}", width)
+        if summary := field_summary(clause, values):
+            yield from _wrapped(f"= {summary}", width)
+        for note in clause.notes:
+            # A passage that is left out may reach over several clauses; its reason is told once.
+            if note not in shown_notes and "Read as: " not in note:
+                shown_notes.add(note)
+                yield from _wrapped(f"! {note}", width)
+    for word, other in result.corrected.items():
+        yield f"{word!r} was read as {other!r}"
+    for number, choice in enumerate(result.choices, start=1):
+        yield from _wrapped_choice(number, choice, width)
+    if result.open_choices:
+        yield "take other readings with --accept NUMBER, once for each choice in this order"
+    for varied in result.ranges:
+        yield f"varies: {range_text(varied)}"
+    yield _total(result.clauses)
+
+
+def _total(clauses: Sequence[ClauseReading]) -> str:
+    counts: dict[str, int] = {}
+    for clause in clauses:
+        counts[clause.status] = counts.get(clause.status, 0) + 1
+    return f"{len(clauses)} clauses: " + ", ".join(f"{count} {status}" for status, count in counts.items())
+
+
+def field_summary(clause: ClauseReading, values: dict[str, Any]) -> str:
+    """The fields that a clause sets, without those that only name a group."""
+    told = [path for path in clause.fields if not path.endswith(_IDENTITY)]
+    parts = [f"{_short_path(path)} {_value(values, path)}" for path in told[:SHOWN_FIELDS]]
+    more = [f"and {len(told) - SHOWN_FIELDS} more"] if len(told) > SHOWN_FIELDS else []
+    return ", ".join([*parts, *more])
+
+
+def _short_path(path: str) -> str:
+    return path.removeprefix("actors").replace(".placement.", ".").replace(".motion.", ".")
+
+
+def _value(values: dict[str, Any], path: str) -> str:
+    if path in values:
+        value = values[path]
+        return f"{value:g}" if isinstance(value, float) else str(value)
+    # A list of corners or points has a receipt for each number.
+    points = sum(name.startswith(f"{path}[") and name.endswith(".east_m") for name in values)
+    return f"({points} points)" if points else ""
+
+
+def _wrapped_choice(number: int, choice: Choice, width: int) -> Iterator[str]:
+    quote = textwrap.shorten(_one_line(choice.quote), 60, placeholder="...")
+    yield from _wrapped(f"choice {number}: {quote!r} {choice.ask}", width, indent=0)
+    order = sorted(range(1, len(choice.readings) + 1), key=lambda reading: reading != choice.chosen)
+    for reading in order:
+        mark = "*" if reading == choice.chosen else " "
+        yield f"  {mark} {reading}. {choice.readings[reading - 1]}"
+
+
+def range_text(varied: VariedField) -> str:
+    """A range as `path: 2 to 5 m`."""
+    if varied.choices:
+        return " or ".join(varied.choices)
+    values = " or ".join(map(str, varied.levels)) if varied.levels else f"{varied.low:g} to {varied.high:g}"
+    return f"{', '.join(varied.paths)}: {values}{f' {varied.unit}' if varied.unit else ''}"
+
+
+def _wrapped(text: str, width: int, indent: int = STATUS_COLUMNS) -> list[str]:
+    spaces = " " * indent
+    return textwrap.wrap(text, width, initial_indent=spaces, subsequent_indent=f"{spaces}  ")
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _shortened(line: str, width: int) -> str:
+    return line if len(line) <= width else f"{line[: width - 3]}..."
+
+
+def clause_page(result: BaseSimSpec) -> str:
+    """The text with each clause marked, its fields and notes beside it, and the choices, as one page."""
+    from jinja2 import Environment, PackageLoader
+
+    environment = Environment(loader=PackageLoader("bench.cli", "templates"), autoescape=True)
+    values = {receipt.path: receipt.value for receipt in result.receipts}
+    pieces: list[tuple[str, str]] = []
+    end = 0
+    for clause in result.clauses:
+        pieces += [("", result.prose[end : clause.start]), (clause.status, clause.quote)]
+        end = clause.end
+    pieces.append(("", result.prose[end:]))
+    rows = [(clause, field_summary(clause, values)) for clause in result.clauses]
+    return environment.get_template("clauses.html").render(
+        result=result, pieces=pieces, rows=rows, ranges=[range_text(varied) for varied in result.ranges]
+    )

@@ -1,0 +1,89 @@
+"""What became of each clause of a text: its status, the fields that it sets, and what is not read in it."""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+from ._draft import Draft, dotted
+from ._result import Choice, ClauseReading, ClauseStatus, UnreadText
+from .language._phrases import Phrase
+from .language._tokens import Span
+from .ledger._clauses import Clause
+
+
+@dataclass(slots=True)
+class _Account:
+    """What the reading holds about one clause."""
+
+    fields: list[str] = field(default_factory=list)
+    defaults: list[str] = field(default_factory=list)
+    unread: list[UnreadText] = field(default_factory=list)
+    choices: list[Choice] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+    read: bool = False
+
+
+def clause_readings(draft: Draft, clauses: Sequence[Clause]) -> Iterator[ClauseReading]:
+    """The account of each clause, in the order of the text."""
+    for clause, account in zip(clauses, _accounts(draft, clauses), strict=True):
+        notes = [f"{_short(item.quote)!r}: {item.why}" for item in account.unread]
+        notes += [f"{choice.ask} Read as: {choice.readings[choice.chosen - 1]}" for choice in account.choices]
+        yield ClauseReading(
+            quote=draft.quote(clause.span),
+            start=clause.span.start,
+            end=clause.span.end,
+            status=_status(clause, account),
+            fields=tuple(account.fields),
+            notes=tuple(dict.fromkeys([*notes, *account.remarks, *account.defaults])),
+        )
+
+
+def _status(clause: Clause, account: _Account) -> ClauseStatus:
+    if account.unread:
+        return "in part" if account.fields else "not understood"
+    if any(not choice.answered for choice in account.choices):
+        return "choice"
+    if account.defaults or account.remarks:
+        return "default"
+    # Words that set nothing and are not listed describe nothing, as `good morning`; a phrase says something.
+    says_nothing = not any(isinstance(item, Phrase) for item in clause.items)
+    return "understood" if account.fields or account.read or says_nothing else "not understood"
+
+
+def _accounts(draft: Draft, clauses: Sequence[Clause]) -> list[_Account]:
+    """What the reading holds, divided among the clauses that it touches."""
+    accounts = [_Account() for _ in clauses]
+    ends = [clause.span.end for clause in clauses]
+    starts = [clause.span.start for clause in clauses]
+
+    def touched(start: int, end: int) -> Iterable[_Account]:
+        return accounts[bisect.bisect_right(ends, start) : bisect.bisect_left(starts, end)]
+
+    for path, entry in draft.entries.items():
+        if entry.span is not None and path != ("description",):
+            for account in touched(entry.span.start, entry.span.end):
+                account.fields.append(dotted(path))
+        elif entry.note and entry.beside is not None:
+            for account in touched(entry.beside.start, entry.beside.end):
+                account.defaults.append(f"{dotted(path)} = {entry.value}: {entry.note}")
+    for item in (*draft.not_understood, *draft.not_expressible):
+        for account in touched(item.start, item.end):
+            account.unread.append(item)
+    for choice in draft.choices:
+        for account in touched(choice.start, choice.end):
+            account.choices.append(choice)
+    for remark in draft.remarks:
+        for account in touched(remark.start, remark.end):
+            account.remarks.append(remark.why)
+    read: list[Span] = [*draft.acknowledged, *draft.references]
+    for span in read:
+        for account in touched(span.start, span.end):
+            account.read = True
+    return accounts
+
+
+def _short(quote: str) -> str:
+    quote = " ".join(quote.split())
+    return quote if len(quote) <= 60 else f"{quote[:57]}..."

@@ -1,0 +1,103 @@
+"""What a text becomes: a base SimSpec with ranges, receipts and choices, and the account of every clause."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from bench.documents import Document
+from bench.simspec import SimSpec
+
+ClauseStatus = Literal["understood", "in part", "default", "choice", "not understood"]
+
+
+class VariedField(Document):
+    """A field with a range (`low`, `high`) or several values (`levels`), or fields that change together
+    (`choices`).
+    """
+
+    name: str
+    paths: tuple[str, ...] = ()
+    low: float | None = None
+    high: float | None = None
+    integer: bool = False
+    levels: tuple[float | str, ...] = ()
+    choices: dict[str, dict[str, float]] = {}
+    unit: Annotated[str | None, Field(description="None where the field's name states none.")] = None
+
+
+class Receipt(Document):
+    """Where one field's value comes from: characters `start` to `end` of the prose, or a default."""
+
+    path: str
+    value: Any
+    source: Literal["prose", "default", "answer", "model"]
+    quote: str = ""
+    start: int | None = None
+    end: int | None = None
+    note: str = ""
+
+
+class Choice(Document):
+    """A passage with several readings. `--accept K` takes the K-th, counted from 1."""
+
+    quote: str
+    start: int
+    end: int
+    ask: str
+    readings: tuple[str, ...]
+    chosen: Annotated[int, Field(ge=1, description="Number of the reading that the document has.")] = 1
+    answered: Annotated[bool, Field(description="Whether a person chose it.")] = False
+
+
+class UnreadText(Document):
+    """A passage of the prose that is not in the SimSpec, and the reason."""
+
+    quote: str
+    start: int
+    end: int
+    why: str
+
+
+class ClauseReading(Document):
+    """What became of one clause of the text."""
+
+    quote: str
+    start: int
+    end: int
+    status: ClauseStatus
+    fields: Annotated[tuple[str, ...], Field(description="Paths of the fields that it sets.")] = ()
+    notes: Annotated[tuple[str, ...], Field(description="What is not read, and what is assumed.")] = ()
+
+
+class BaseSimSpec(Document):
+    """The result for a text: a base SimSpec, its ranges, the source of every field, and the passages that
+    were not used.
+    """
+
+    format: Literal["rebar.prose/2"] = "rebar.prose/2"
+    prose: str
+    simspec: SimSpec
+    ranges: tuple[VariedField, ...] = ()
+    receipts: tuple[Receipt, ...] = ()
+    choices: tuple[Choice, ...] = ()
+    clauses: tuple[ClauseReading, ...] = ()
+    not_expressible: tuple[UnreadText, ...] = ()
+    not_understood: tuple[UnreadText, ...] = ()
+    remarks: Annotated[
+        tuple[UnreadText, ...], Field(description="What is read otherwise than it is written, and why.")
+    ] = ()
+    corrected: Annotated[
+        dict[str, str], Field(description="Words taken for another that they are a letter or two off.")
+    ] = {}
+
+    @property
+    def open_choices(self) -> tuple[Choice, ...]:
+        """The choices that nobody has answered yet."""
+        return tuple(choice for choice in self.choices if not choice.answered)
+
+    @property
+    def certain(self) -> bool:
+        """Whether every clause is understood and every choice answered."""
+        return not (self.open_choices or self.not_understood or self.not_expressible)

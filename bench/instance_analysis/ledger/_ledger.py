@@ -1,0 +1,238 @@
+"""The account of a reading: which loaded words nobody read, and what has to be left out for them.
+
+This is the one place where nothing may be read in silence. Readers do not check each other: whatever they made
+of a clause, a number, negation, condition, share, alternative or bound in it that nobody has used makes the
+clause a visible choice, with its fields left out where the word may turn their meaning around.
+"""
+
+from __future__ import annotations
+
+import bisect
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from .._draft import Draft
+from ..language._phrases import Part, Phrase, Quantity
+from ..language._tokens import Span
+from ._clauses import Clause
+from ._loaded_words import LEFT_OUT, Load, LoadedWord
+
+VALUE_KINDS = frozenset(
+    ["COUNT", "LENGTH", "TIME", "SPEED", "ANGLE", "PERCENT", "AREA", "DIM", "POINT", "CLOCK", "DATE", "NONE", "NTH"]
+)  # fmt: skip
+"""Parts that count as read only where their reader asked for them; other words are read by the phrase they make."""
+LOOSE_BOUNDS = {"field": frozenset(["WITHIN", "ATLEAST"]), "wind": frozenset(["WITHIN"]), "gusts": frozenset(["WITHIN"])}  # fmt: skip
+"""Bounds that the grammar lets stand beside a number, and that the reader may leave aside."""
+CONDITIONAL_RULES = frozenset(["nomark", "noreport", "slow", "linklost", "standoff", "loiter", "window"])
+"""Phrases that are rules, so that a condition inside them is read."""
+TRACED_KINDS = frozenset(["COUNT", "SPEED", "PERCENT", "LENGTH"])
+UNTRACED_RULES = frozenset(["place", "stretch", "area", "extent", "loop", "between", "density", "group"])
+"""Rules whose numbers are combined to others: corners, routes, members of an area."""
+
+MAX_NAMED_WORDS = 6
+"""Words that a choice names at most, so that it stays one line. Chosen."""
+
+
+@dataclass(frozen=True, slots=True)
+class LedgerEntry:
+    """A passage with loaded words that nobody has read; `left_out` when it must not set any field."""
+
+    span: Span
+    words: tuple[LoadedWord, ...]
+    left_out: bool
+
+    @property
+    def ask(self) -> str:
+        reasons = dict.fromkeys((word.text.lower(), word.load.value) for word in self.words)
+        return "; ".join(f"{text!r}: {reason}" for text, reason in reasons)
+
+    @property
+    def readings(self) -> tuple[str, str]:
+        names = ", ".join(dict.fromkeys(repr(word.text) for word in self.words))
+        leave, keep = "leave it out", f"read it without {names}"
+        return (leave, keep) if self.left_out else (keep, leave)
+
+
+class Ledger:
+    """The loaded words and clauses of a text. `audit` compares them with a reading."""
+
+    def __init__(self, text: str, loaded: Sequence[LoadedWord], clauses: Sequence[Clause]) -> None:
+        self._text, self._clauses = text, clauses
+        self._phrases = [item for clause in clauses for item in clause.items if isinstance(item, Phrase)]
+        self._loaded: list[list[LoadedWord]] = [[] for _ in clauses]
+        starts = [clause.span.start for clause in clauses]
+        for word in loaded:
+            at = bisect.bisect_right(starts, word.span.start) - 1
+            if at >= 0 and word.span.start < clauses[at].span.end:
+                self._loaded[at].append(word)
+
+    def audit(self, draft: Draft, cuts: Sequence[Span]) -> list[LedgerEntry]:
+        """Every passage outside of `cuts` that has unread loaded words, in order."""
+        read = self._read(draft)
+        gone = marked(len(self._text), cuts)
+        entries: list[LedgerEntry] = []
+        for index in range(len(self._clauses)):
+            unread = [
+                word
+                for word in self._loaded[index]
+                if not all(read[word.span.start : word.span.end])
+                and not any(gone[word.span.start : word.span.end])
+                and not _is_harmless(word, draft)
+            ]
+            # `three` in `three of them` is part of the share.
+            longer = marked(len(self._text), [word.span for word in unread if " " in word.text])
+            single = [word for word in unread if " " in word.text or not longer[word.span.start]]
+            entries += self._entries(index, single)
+        return entries
+
+    def _read(self, draft: Draft) -> bytearray:
+        """For each character, whether it belongs to a word that somebody has read with effect."""
+        effects = [span for path, value, span in draft.statements if _stands(draft, path, value)]
+        listed = [Span(item.start, item.end) for item in (*draft.not_expressible, *draft.not_understood)]
+        effect = marked(len(self._text), [*effects, *draft.acknowledged])
+        read = marked(len(self._text), draft.used_words)
+        for phrase in self._phrases:
+            by_reader = [span for span in listed if span == phrase.span]
+            for part in phrase.leaves:
+                if by_reader or (
+                    _used(phrase, part)
+                    and any(effect[part.span.start : part.span.end])
+                    and _traced(phrase, part, draft)
+                ):
+                    read[part.span.start : part.span.end] = b"\1" * (part.span.end - part.span.start)
+            if phrase.rule in CONDITIONAL_RULES and any(effect[phrase.span.start : phrase.span.end]):
+                _mark_conditions(read, self._text, phrase)
+        return read
+
+    def _entries(self, index: int, unread: Sequence[LoadedWord]) -> list[LedgerEntry]:
+        """What the unread words of a clause do to it and to the clauses beside it."""
+        clause = self._clauses[index]
+        turning = [word for word in unread if word.load in LEFT_OUT]
+        entries: list[LedgerEntry] = []
+        for word in turning:
+            if not entries or not _within(word.span, entries[-1].span):
+                reached = self._scope(index, word).joined(word.span)
+                inside = tuple(other for other in turning if _within(other.span, reached))
+                entries.append(LedgerEntry(reached, inside[:MAX_NAMED_WORDS], left_out=True))
+        rest = tuple(word for word in unread if not any(_within(word.span, entry.span) for entry in entries))[
+            :MAX_NAMED_WORDS
+        ]
+        if rest:
+            entries.append(LedgerEntry(clause.span, rest, left_out=False))
+        return entries
+
+    def _scope(self, index: int, word: LoadedWord) -> Span:
+        """How far a word reaches that may turn the meaning of its clause around."""
+        clause = self._clauses[index]
+        if word.load is Load.NEGATION:
+            denied = [
+                item for item in clause.items if isinstance(item, Phrase) and item.span.start >= word.span.end
+            ]
+            # `80 m is not allowed` denies what stands before it.
+            return Span(word.span.start, clause.span.end) if denied else clause.span
+        sentence = [other for other in self._clauses if other.sentence == clause.sentence]
+        at = sentence.index(clause)
+        if word.load is Load.ALTERNATIVE:
+            begins = self._text[clause.span.start : word.span.start].strip() == ""
+            return sentence[at - 1].span.joined(clause.span) if begins and at else clause.span
+        if word.load is not Load.CONDITION:
+            return clause.span
+        before = self._text[clause.span.start : word.span.start].lower().split()
+        # `hold when it rains`: the clause itself. `when it rains, hold`: what follows too. `and when it rains, hold`:
+        # nothing before. `hold, when it rains`: what stands before it too.
+        if any(part not in ("and", "but", "then", "only", "so", "even", "except") for part in before):
+            return clause.span
+        start = sentence[0].span.start if at and not before else clause.span.start
+        return Span(start, sentence[-1].span.end)
+
+
+def marked(length: int, spans: Sequence[Span]) -> bytearray:
+    """For each character of a text, whether it lies in one of the spans."""
+    marks = bytearray(length)
+    for span in spans:
+        marks[span.start : span.end] = b"\1" * (span.end - span.start)
+    return marks
+
+
+def _stands(draft: Draft, path: tuple[str | int, ...], value: Any) -> bool:
+    """Whether what a passage stated is in the document still."""
+    entry = draft.entries.get(path)
+    return entry is not None and entry.value == value
+
+
+def _used(phrase: Phrase, part: Part) -> bool:
+    if part.kind in VALUE_KINDS or part.kind in LOOSE_BOUNDS.get(phrase.rule, ()):
+        return part.used
+    return True
+
+
+def _traced(phrase: Phrase, part: Part, draft: Draft) -> bool:
+    """Whether the number of a part is found again in a field that its passage has set."""
+    if part.kind not in TRACED_KINDS or phrase.rule in UNTRACED_RULES:
+        return True
+    quantity = part.value
+    if not isinstance(quantity, Quantity):
+        return True
+    values = [
+        number
+        for path, value, span in draft.statements
+        if _within(part.span, span)
+        for number in _numbers(value)
+    ]
+    # A distance without a range is a band around it, and an angle is taken within the circle.
+    close = [quantity.low, quantity.high, quantity.low % 360]
+    return not values or any(
+        abs(number - wanted) <= 0.11 * abs(wanted) + 1e-6 for number in values for wanted in close
+    )
+
+
+def _numbers(value: Any) -> list[float]:
+    if isinstance(value, bool):
+        return []
+    if isinstance(value, int | float):
+        return [float(value)]
+    if isinstance(value, list | dict):
+        members = value.values() if isinstance(value, dict) else value
+        return [number for member in members for number in _numbers(member)]
+    return []
+
+
+def _mark_conditions(read: bytearray, text: str, phrase: Phrase) -> None:
+    """A rule is read with the words that begin its condition, and with `any`, which stand between its parts."""
+    for match in _CONDITION_OF_A_RULE.finditer(text, phrase.span.start, phrase.span.end):
+        read[match.start() : match.end()] = b"\1" * (match.end() - match.start())
+
+
+_CONDITION_OF_A_RULE = re.compile(
+    r"(?<!\bof )(?<!\bwithin )(?<!\bm )\b(?:when|while|if|whenever|any|all)\b(?!\s+of\b)", re.IGNORECASE
+)
+BESIDE_ONE = re.compile(
+    r"\b(?:inside|in|near|beside|behind|around|of|from|to|by)\s+(?:only\s+)?$", re.IGNORECASE
+)
+"""What makes `one of them` any member of a group: a distance is to the nearest one."""
+_BEFORE_THE_GROUP = frozenset(["", "of", "the", "of the", "these", "those", "of these", "of those"])
+
+
+def _is_harmless(word: LoadedWord, draft: Draft) -> bool:
+    """Whether what a word says is true of the document as it is.
+
+    `all the civilians`, where the text has civilians: whoever is meant, it is the whole group. `near one of
+    the houses`: that is what a distance to a group means.
+    """
+    if word.load is Load.SHARE:
+        return word.text.lower().startswith("one of") and bool(
+            BESIDE_ONE.search(draft.text[: word.span.start])
+        )
+    if word.load is not Load.QUANTIFIER or word.text.lower() not in ("all", "both", "every", "any"):
+        return False
+    return any(
+        word.span.end <= span.start
+        and draft.text[word.span.end : span.start].strip().lower() in _BEFORE_THE_GROUP
+        for span in draft.references
+    )
+
+
+def _within(inner: Span, outer: Span) -> bool:
+    return outer.start <= inner.start and inner.end <= outer.end

@@ -1,0 +1,80 @@
+"""Finds the words that change what a sentence says: numbers, negations, conditions, shares, alternatives.
+
+It reads the text itself, not what the vocabulary made of it, so a word that a phrase has swallowed is found
+all the same.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+
+from ..language._tokens import Span
+
+
+class Load(StrEnum):
+    """What a word does to its clause. The value is the reason that is shown where nobody has read the word."""
+
+    NEGATION = "it denies or forbids something"
+    CONDITION = "it is a condition, and no rule of the SimSpec is read from it"
+    SHARE = "it speaks of some members of a group"
+    ALTERNATIVE = "it leaves open which of several things holds"
+    BOUND = "it is a bound, and only the number is read"
+    QUANTIFIER = "it says for how many something holds"
+    NUMBER = "the number belongs to nothing that is read here"
+
+
+LEFT_OUT = frozenset([Load.NEGATION, Load.CONDITION, Load.SHARE, Load.ALTERNATIVE])
+"""What would turn the meaning of the rest around: the clause is left out. With the others it is kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedWord:
+    """A word that somebody must read."""
+
+    load: Load
+    text: str
+    span: Span
+
+
+_ONES = "one|two|three|four|five|six|seven|eight|nine"
+_TEENS = "ten|eleven|twelve|thirteen|fourteen|fifteen|sixteen|seventeen|eighteen|nineteen"
+_TENS = "twenty|thirty|forty|fifty|sixty|seventy|eighty|ninety"
+_COUNT = rf"(?<![A-Za-z_])\d+(?:[.,:]\d+)*|\b(?:(?:{_TENS})(?:[-\s](?:{_ONES}))?|{_TEENS}|{_ONES})\b"
+_MEMBERS = r"(?:the|these|those|them|which|whom|us|its|their|our|his|her)\b"
+_WORDS: dict[Load, str] = {
+    Load.NEGATION: r"""no|not|nor|never|none|neither|without|nobody|nothing|nowhere|cannot|\w+n['’]t|no-one|nil
+        |lacks?|lacking|absent|free\s+of|devoid|minus|negative|false|wrong|denied|denies
+        |except|excluding|excludes?|instead|rather|other\s+than|apart\s+from|all\s+but
+        |forbid\w*|forbade|prohibit\w*|disallow\w*|ban|banned|avoid\w*|refrain\w*|withhold\w*|withheld|off-limits
+        |disregard\w*|ignor\w*|cancel\w*|correction|sorry|scratch\s+that|i\s+mean|hardly|barely|outside""",
+    Load.CONDITION: rf"""if|when|whenever|unless|until(?!\s+then)|till|once|provided|in\s+case|in\s+the\s+event|upon
+        |after|before|whil(?:e|st)(?!\s+(?:the\s+)?(?:{_COUNT}|an?\b|some|several))|as\s+soon\s+as|as\s+long\s+as
+        |(?<=,\s)otherwise|depending|assuming|whether|by\s+the\s+time
+        |should(?=\s+(?:the|an?|any|it|there|someone|somebody)\b)""",
+    Load.SHARE: rf"""(?:{_COUNT}|some|most|many|few|several|any|the\s+rest|majority|a\s+couple|a\s+few
+        |each|either|both)\s+(?:of|among)\s+{_MEMBERS}|(?:of|among)\s+(?:which|whom)
+        |(?:{_COUNT})(?=\s+(?:is|are|was|were|has|have)\b)
+        |half|halves|thirds?|quarters?|fifths?|tenths?|majority|most|respectively|twice|thrice|double|triple|as\s+(?:many|few)
+        |the\s+(?:others?|rest(?!:)|remaining|remainder|former|latter|last|first|second|fourth)|others|alternat\w+|includ\w+""",
+    Load.ALTERNATIVE: r"or|either|and/or|alternatively|versus|vs",
+    Load.BOUND: rf"""at\s+least|at\s+most|(?:more|less|fewer|lower|higher|closer|nearer|farther|further)\s+than|up\s+to
+        |(?:over|under|above|below|beyond|within)(?=\s+(?:{_COUNT}|an?\s+(?:hundred|dozen|minute|hour|kilomet)))
+        |exceed\w*|maximum|minimum|max|min(?=\.|imum)|at\s+the\s+most|or\s+(?:more|less|fewer)""",
+    Load.QUANTIFIER: r"each|every|all|both|any|apiece|per|altogether|in\s+total|in\s+all",
+}
+_PATTERNS = {
+    load: re.compile(rf"(?<!\w)(?:{words})(?!\w)", re.IGNORECASE | re.VERBOSE)
+    for load, words in _WORDS.items()
+} | {Load.NUMBER: re.compile(rf"{_COUNT}|\b(?:hundred|thousand|dozen|couple|pair|zero)\b", re.IGNORECASE)}
+
+
+def loaded_words(text: str) -> list[LoadedWord]:
+    """Every loaded word of a text, in order. One place may carry several loads."""
+    words = [
+        LoadedWord(load, match.group(), Span(*match.span()))
+        for load, pattern in _PATTERNS.items()
+        for match in pattern.finditer(text)
+    ]
+    return sorted(words, key=lambda word: word.span.start)
