@@ -22,6 +22,7 @@ from bench.contracts import (
 )
 from bench.documents import dump_json
 from bench.errors import PlacementInfeasible, SetupError
+from bench.network_namespace import namespace_fault
 from bench.realization import check_placement, place
 from bench.recording import TapeBuilder, open_recording
 from bench.simspec import SimSpec
@@ -50,7 +51,7 @@ def fly_realization(
     try:
         placed = place(simspec) if simspec.realized is None else _checked(simspec)
         manifest, manifest_folder = load_manifest(placed.agent.manifest)
-        metadata = _metadata(manifest)
+        host = _host(manifest)
     except (PlacementInfeasible, SetupError) as error:
         return SessionFailure.of(error).result(realization)
     (folder / SIMSPEC).write_text(dump_json(placed))
@@ -59,7 +60,7 @@ def fly_realization(
     with (
         tempfile.TemporaryDirectory(prefix="rebar-agent-") as scratch,
         open_recording(
-            folder / RECORDING, simspec=placed, versions=versions(), metadata=metadata
+            folder / RECORDING, simspec=placed, versions=versions(), metadata=_metadata(manifest)
         ) as recording,
     ):
 
@@ -76,7 +77,7 @@ def fly_realization(
             (folder / AGENT_LOG).write_bytes(log.read_bytes())
     observations = measure_all(measures_of(decomposition), tape.tape(), placed) if end.outcome.counts else ()
     result = result_of(realization, end, recording.sha256, observations)
-    return result.model_copy(update={"details": {**result.details, **metadata}})
+    return result.model_copy(update={"details": {**result.details, **_metadata(manifest), **host}})
 
 
 # Host files are looked at only for agents that ended so early, in simulated seconds: later an agent knows its
@@ -97,12 +98,20 @@ def _without_host_faults(end: SessionEnd, plan: SessionPlan) -> SessionEnd:
 
 
 def _metadata(manifest: AgentManifest) -> dict[str, str]:
-    """What sets this session apart, for the head of the recording and for the result. Raises SetupError when
-    the agent cannot be confined as it asks.
+    """What sets this session apart, for the head of the recording and for the result."""
+    return {"truth": f"given to {manifest.name}"} if manifest.truth else {}
+
+
+def _host(manifest: AgentManifest) -> dict[str, str]:
+    """How this host confines the agent, for the result alone: the recording is the same on every host. Raises
+    SetupError when the agent cannot be confined as it asks.
     """
-    rung = choose_rung(manifest.isolation, f"{manifest.name}: isolation")
-    truth = {"truth": f"given to {manifest.name}"} if manifest.truth else {}
-    return {"isolation": rung.name, **truth}
+    shared = namespace_fault()
+    network = "own" if shared is None else f"the host's: {shared}"
+    return {
+        "isolation": choose_rung(manifest.isolation, f"{manifest.name}: isolation").name,
+        "network": network,
+    }
 
 
 def _checked(simspec: SimSpec) -> SimSpec:
