@@ -222,7 +222,7 @@ class LocalProcess:
     """The `AgentProcess` contract over one process on one rung."""
 
     def __init__(self, process: ConfinedProcess, output: _Output, program: str, isolation: str) -> None:
-        self.isolation = isolation
+        self.isolation, self.own_user = isolation, process.own_user
         self._process = process
         self._output = output
         self._program = program

@@ -10,3 +10,9 @@ from ._readable_paths import program_paths as program_paths
 from ._readable_paths import without_sessions as without_sessions
 from ._rung import ConfinedProcess as ConfinedProcess
 from ._rung import Rung as Rung
+from ._walls import HOLDINGS as HOLDINGS
+from ._walls import Host as Host
+from ._walls import Wall as Wall
+from ._walls import leaves_open as leaves_open
+from ._walls import this_host as this_host
+from ._walls import walls_table as walls_table

@@ -23,7 +23,7 @@ from bench.contracts import AgentUsage
 from .._process_usage import ProcessTreeUsage
 from ._box import AGENT_UID, Box
 from ._cgroup import ControlGroup
-from ._limits import process_limits
+from ._limits import counts_by_namespace, process_limits, threads_of
 from ._readable_paths import SYSTEM_FILES, SYSTEM_FOLDERS, gpu_devices, open_to_others, with_targets
 from ._system_calls import filter_program
 
@@ -131,7 +131,10 @@ class BubblewrapProcess:
         # The inner bubblewrap becomes our child when the outer one ends, so that we can wait for it: when
         # it is gone, everything of the box is, and the kernel tells the CPU time of all of it.
         ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+        self.own_user = user is not None
         self._limits = box.limits
+        present = 0 if counts_by_namespace() else threads_of(os.getuid() if user is None else user)
+        self._process_limits = process_limits(box.limits, present)
         self._agent_pid: int | None = None
         self._code: int | None = None
         self._reaped_cpu_s = 0.0
@@ -243,7 +246,7 @@ class BubblewrapProcess:
 
     def _limit(self) -> bool:
         try:
-            for kind, value in process_limits(self._limits).items():
+            for kind, value in self._process_limits.items():
                 allowed = int(min(value, _hard_limit(kind)))
                 resource.prlimit(self._inner_pid, kind, (allowed, allowed))
         except PermissionError:
@@ -256,7 +259,7 @@ class BubblewrapProcess:
         """By a program of the agent's user: root may limit others only with a capability that containers do
         not have.
         """
-        limits = {kind: min(value, _hard_limit(kind)) for kind, value in process_limits(self._limits).items()}
+        limits = {kind: min(value, _hard_limit(kind)) for kind, value in self._process_limits.items()}
         options = [f"--{_PRLIMIT_NAMES[kind]}={value}:{value}" for kind, value in limits.items()]
         command = ["prlimit", "--pid", str(self._inner_pid), *options]
         # As the agent's user it must not find a prlimit that others have put into our PATH.
@@ -363,9 +366,9 @@ class _Options:
                 self._add("--symlink", folder.readlink(), folder)
             elif folder.is_dir():
                 self._add("--ro-bind", folder, folder)
-        self._add(
-            "--proc", "/proc", "--dev", "/dev", "--perms", "1777", "--size", size, "--tmpfs", "/dev/shm"
-        )
+        # Read-only: the kernel lets its root user write /proc/sys without any capability.
+        self._add("--proc", "/proc", "--remount-ro", "/proc")
+        self._add("--dev", "/dev", "--perms", "1777", "--size", size, "--tmpfs", "/dev/shm")
         for device in gpu_devices() if box.gpu else ():
             self._add("--dev-bind", device, device)
         # Without a size each of these could hold half of the host's memory.

@@ -38,12 +38,6 @@ class ControlGroup:
             if not unified and controller in parents:
                 self._make(parents[controller] / name, values)
 
-    @property
-    def limits_memory(self) -> bool:
-        """Whether the memory of the whole tree is limited."""
-        files = ("memory.max", "memory.limit_in_bytes")
-        return any((folder / file).exists() for folder in self._folders for file in files)
-
     def add(self, pid: int) -> None:
         """Put a process in, with what it will start."""
         for folder in self._folders:
@@ -81,6 +75,13 @@ class ControlGroup:
             # A controller may lack a file (swap accounting is often compiled out); the others still hold.
             with suppress(OSError):
                 (folder / file).write_text(str(value))
+
+
+def can_limit(controller: str, root: Path = Path("/sys/fs/cgroup")) -> bool:
+    """Whether this process may make groups with limits by a controller (`memory`, `pids`, `cpu`)."""
+    parents = _parents(root)
+    parent = parents.get("") if "" in parents else parents.get(controller)
+    return parent is not None and os.access(parent, os.W_OK)
 
 
 def _parents(root: Path) -> dict[str, Path]:

@@ -21,7 +21,7 @@ from .._process_usage import ProcessTreeUsage
 from . import _landlock_launch
 from ._box import AGENT_UID, Box
 from ._cgroup import ControlGroup
-from ._limits import process_limits
+from ._limits import process_limits, threads_of
 from ._readable_paths import SYSTEM_FILES, SYSTEM_FOLDERS, gpu_devices, open_to_others
 from ._system_calls import filter_program
 
@@ -83,6 +83,7 @@ class LandlockedProcess:
         settings = _settings(box, user)
         if user is not None:
             os.chown(box.scratch, user, user)
+        self.own_user = user is not None
         self._limits = box.limits
         self._usage = AgentUsage()
         self._reaped_cpu_s = 0.0
@@ -91,29 +92,31 @@ class LandlockedProcess:
         self._group = ControlGroup(box.limits)
         self._status, status_write = os.pipe()
         os.set_blocking(self._status, False)
+        settings_read, settings_write = os.pipe()
         try:
-            with tempfile.TemporaryFile() as file:
-                file.write(settings)
-                file.seek(0)
-                launch = [_landlock_launch.__file__, str(file.fileno()), str(status_write), str(os.getpid())]
-                self._started = subprocess.Popen(
-                    [sys.executable, "-I", "-S", *launch],
-                    cwd="/",
-                    env={},
-                    stdin=subprocess.DEVNULL,
-                    stdout=output,
-                    stderr=output,
-                    pass_fds=(file.fileno(), status_write),
-                    start_new_session=True,
-                )
+            launch = [_landlock_launch.__file__, str(settings_read), str(status_write), str(os.getpid())]
+            self._started = subprocess.Popen(
+                [sys.executable, "-I", "-S", *launch],
+                cwd="/",
+                env={},
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                pass_fds=(settings_read, status_write),
+                start_new_session=True,
+            )
         except BaseException:
+            os.close(settings_write)
             os.close(self._status)
             self._group.close()
             raise
         finally:
+            os.close(settings_read)
             os.close(status_write)
-        # The launcher needs some 20 ms before it starts the agent.
+        # Before it has its settings, and starts the agent by them.
         self._group.add(self._started.pid)
+        with suppress(BrokenPipeError), open(settings_write, "wb") as file:
+            file.write(settings)
         self._tree = ProcessTreeUsage(self._started.pid, home=None)
 
     @property
@@ -203,6 +206,7 @@ class LandlockedProcess:
 def _settings(box: Box, user: int | None) -> bytes:
     read = [*SYSTEM_FOLDERS, *SYSTEM_FILES, *_NAME_FILES, *box.read]
     scratch = str(box.scratch)
+    present = threads_of(os.getuid() if user is None else user)
     return json.dumps(
         {
             "command": box.command,
@@ -212,7 +216,7 @@ def _settings(box: Box, user: int | None) -> bytes:
             "read": [str(path) for path in read],
             "devices": [str(path) for path in gpu_devices()] if box.gpu else [],
             "tcp_ports": sorted(box.tcp_ports),
-            "limits": list(process_limits(box.limits).items()),
+            "limits": list(process_limits(box.limits, present).items()),
             "user": user,
             "filter": filter_program(shares_ipc=True).hex(),
         }

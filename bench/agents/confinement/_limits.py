@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import platform
 import resource
+from contextlib import suppress
+from pathlib import Path
 
 from bench.contracts import AgentLimits
 
 
-def process_limits(limits: AgentLimits) -> dict[int, int]:
-    """The limits of one process, by number of the resource.
+def process_limits(limits: AgentLimits, present: int = 0) -> dict[int, int]:
+    """The limits of one process, by number of the resource. `present` processes and threads count as others'.
 
     RLIMIT_DATA and not RLIMIT_AS: Node, Go and Java reserve much more address space than they use.
     """
@@ -16,9 +20,25 @@ def process_limits(limits: AgentLimits) -> dict[int, int]:
         resource.RLIMIT_CORE: 0,
         resource.RLIMIT_FSIZE: limits.file_mb << 20,
         resource.RLIMIT_NOFILE: limits.open_files,
-        resource.RLIMIT_NPROC: limits.processes,
+        resource.RLIMIT_NPROC: present + limits.processes,
         resource.RLIMIT_DATA: limits.memory_mb << 20,
         resource.RLIMIT_MSGQUEUE: 0,
         # io_uring is denied, and locked memory is not swapped: none of an agent's needs. Node asks for some.
         resource.RLIMIT_MEMLOCK: 1 << 20,
     }
+
+
+def threads_of(user: int) -> int:
+    """Processes and threads of a user on this host: the kernel counts all of them towards RLIMIT_NPROC."""
+    count = 0
+    for entry in os.scandir("/proc"):
+        with suppress(OSError):
+            if entry.name.isdigit() and entry.stat().st_uid == user:
+                count += len(os.listdir(Path(entry.path, "task")))
+    return count
+
+
+def counts_by_namespace() -> bool:
+    """Whether the kernel counts processes for each user namespace by itself: from Linux 5.14."""
+    major, minor = (int("".join(filter(str.isdigit, part))) for part in platform.release().split(".")[:2])
+    return (major, minor) >= (5, 14)

@@ -17,6 +17,10 @@ class ConfinedProcess(Protocol):
     def pid(self) -> int:
         """The process that the host started: the box, or the agent where there is no box."""
 
+    @property
+    def own_user(self) -> bool:
+        """Whether the kernel has the agent as another user than the bench."""
+
     def poll(self) -> int | None:
         """The agent's exit code, None while it runs; negative for the signal that ended it."""
 

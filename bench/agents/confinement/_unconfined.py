@@ -37,6 +37,8 @@ class Unconfined:
 class UnconfinedProcess:
     """One local process and its group; what left the group is found by the agent's HOME."""
 
+    own_user = False
+
     def __init__(self, box: Box, output: int) -> None:
         self._failure, launcher_end = os.pipe()
         self._failure_text = b""
