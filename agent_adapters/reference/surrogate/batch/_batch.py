@@ -12,11 +12,12 @@ import numpy as np
 from bench.arrays import Bools, Counts, Floats, Objects, Seeds
 from bench.contracts import light_of
 from bench.errors import Fault, SetupError
-from bench.simspec import ASSETS, Motion, Role, SimSpec, seed_of, sun_of
+from bench.simspec import ASSETS, Intelligence, Motion, Role, SimSpec, seed_of, sun_of
 
+from ...mission._planner import FRESH_S
 from ._airspace import SurrogateAirspaces
 from ._draws import uniform
-from ._interruptions import Interruptions, delivered_at, interruptions, link_down_spans, unsupported_failures
+from ._interruptions import Interruptions, Span, delivered_at, interruptions, link_down_spans, unsupported_failures
 from ._limits import limits
 
 BYSTANDER_AWARE = {"reference-naive": False, "reference-bystander-aware": True}
@@ -82,6 +83,7 @@ class Batch:
     task_radius_m: Floats  # (n, k), 0 where there is no task
     task_priority: Counts  # (n, k)
     task_delivered_s: Floats  # (n, k)
+    task_due_s: Floats  # (n, k) when its target should be known, as SearchTask.due_s_after says
     task_actor: Counts  # (n, k) the adversary that is meant, -1 for nobody
     role: Counts  # (n, a)
     start_m: Floats  # (n, a, 2)
@@ -107,6 +109,7 @@ class Batch:
     charge_left: Floats
     ends_s: Floats  # when it is ordered home
     landed_from_s: Floats  # and down where it is
+    ordered_down_s: Floats  # the same, by order alone
     stands_s: Floats  # (n, s, 2) and so on: spans of Interruptions, inf where there is none
     strays_s: Floats  # (n, s, 3)
     blind_s: Floats
@@ -184,6 +187,7 @@ _PADDED: dict[str, float | int | bool] = {
     "task_radius_m": 0.0,
     "task_priority": 0,
     "task_delivered_s": 0.0,
+    "task_due_s": np.inf,
     "task_actor": -1,
     "role": -1,
     "start_m": FAR_M,
@@ -298,6 +302,7 @@ def _row(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> dict[str, An
         "task_delivered_s": np.array(
             [delivered_at(task.delivered_s, link_down) for task in tasks], dtype=np.float64
         ),
+        "task_due_s": np.array([_due_s(simspec, task, link_down) for task in tasks], dtype=np.float64),
         "task_actor": np.array(
             [
                 first_member.get(task.about, -1) if enemy else -1
@@ -324,6 +329,13 @@ def _row(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> dict[str, An
         "scenes": simspec,
         **_interrupted(simspec, [task.id for task in tasks]),
     }
+
+
+def _due_s(simspec: SimSpec, task: Intelligence, link_down: Sequence[Span]) -> float:
+    observed_in_flight = task.delivered_s - task.latency_s > 0.0
+    deadline_s = simspec.rules.report_deadline_s
+    good_for_s = min(FRESH_S if observed_in_flight else math.inf, deadline_s or math.inf)
+    return delivered_at(task.delivered_s, link_down) + good_for_s
 
 
 def _consent_s(simspec: SimSpec, intelligence: str) -> float:
@@ -385,6 +397,7 @@ def _interrupted(simspec: SimSpec, tasks: Sequence[str]) -> dict[str, Any]:
         "charge_left": events.charge,
         "ends_s": events.ends_s,
         "landed_from_s": events.landed_from_s,
+        "ordered_down_s": events.ordered_down_s,
         "stands_s": np.array(events.stand_spans, dtype=np.float64).reshape(-1, 2),
         "strays_s": np.array(events.detour_spans, dtype=np.float64).reshape(-1, 3),
         "blind_s": np.array(events.blind_spans, dtype=np.float64).reshape(-1, 2),

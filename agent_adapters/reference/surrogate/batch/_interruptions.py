@@ -56,6 +56,11 @@ class Interruptions:
     ] = ()  # from, until, metres a second to the east and to the north
 
     @property
+    def ordered_down_s(self) -> float:
+        """When it is ordered to land where it is: from then on the measures of flight count nothing."""
+        return min((at_s for order, at_s in self.delivered if order.kind == "deactivate"), default=math.inf)
+
+    @property
     def any(self) -> bool:
         """Whether anything of this moves the vehicle or blinds it."""
         moments = (self.ends_s, self.landed_from_s, self.charge_s)

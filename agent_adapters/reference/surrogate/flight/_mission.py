@@ -494,6 +494,7 @@ class _Flight:
                     others[waiting],
                     found_s[waiting],
                     begin_s[waiting],
+                    self._passes[rows[waiting], task[waiting]] > 1,
                 ),
             )
         return leaves_s

@@ -26,11 +26,13 @@ def preempted_s(
     others: Bools,
     found_s: Floats,
     begin_s: Floats,
+    second_pass: Bools,
 ) -> Floats:
     """(r,) when one of the others that wait (r, k) is turned to, on a stretch that begins at `begin_s`; inf
     for never.
 
-    What is more urgent breaks off a search until the target is found, an order always.
+    What is more urgent breaks off a search until the target is found, an order always; a second pass gives way to
+    whatever has come since.
     """
     told_s, rank, first_s = batch.task_delivered_s[rows], batch.task_priority[rows], batch.first_s[rows]
     row = np.arange(len(rows))
@@ -40,6 +42,8 @@ def preempted_s(
     news_s = np.where(news_s < found_s, news_s, np.inf)
     ordered = others & (told_s <= first_s) & (first_s > begin_s[:, None])
     calls_s: Floats = np.minimum(news_s, np.where(ordered, first_s, np.inf).min(axis=1))
+    arrived_s = np.where(others & (told_s > begin_s[:, None]), told_s, np.inf).min(axis=1)
+    calls_s = np.where(second_pass & ~own_ordered, np.minimum(calls_s, arrived_s), calls_s)
     here_m = batch.task_m[rows, task]
     for other in range(others.shape[1]):
         waits = np.flatnonzero(others[:, other] & (told_s[:, other] <= found_s) & np.isfinite(found_s))
@@ -48,7 +52,7 @@ def preempted_s(
             way_m = homeward.way_m(waiting_rows, here_m[waits], goal_m, begin_s[waits])
             way_s = way_m / batch.pace_mps[waiting_rows] + TURN_S + SEARCH_S
             fits_s = homeward.latest_s(waiting_rows, goal_m, begin_s[waits]) - way_s
-            due_s = told_s[waits, other] + batch.deadline_s[waiting_rows] - way_s
+            due_s = batch.task_due_s[waiting_rows, other] - way_s
             hurry_s = np.maximum(np.minimum(fits_s, due_s) - HURRY_S, found_s[waits])
             calls_s[waits] = np.where(hurry_s < fits_s, np.minimum(calls_s[waits], hurry_s), calls_s[waits])
     return calls_s

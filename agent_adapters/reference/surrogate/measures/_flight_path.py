@@ -36,7 +36,8 @@ class _FlightPath:
             _column(flown.end_s - 3.0, flown.place_m, LANDING_COLUMN_M, -LANDING_COLUMN_S),
         ]
         joined = [np.concatenate(part) for part in zip(*parts, strict=True)]
-        moves = joined[3] > 0.0
+        # What it flies after an order to land where it is, it has not chosen (FlownTrack.free).
+        moves = (joined[3] > 0.0) & (joined[1] < batch.ordered_down_s[joined[0].astype(np.int64)])
         self.row: Counts = joined[0][moves].astype(np.int64)
         self.time_s, self.place_m, self.span_s, self.up_m, self.speed_mps = (
             part[moves] for part in joined[1:]

@@ -196,7 +196,8 @@ def _surroundings_seen(batch: Batch, flown: FlownMissions, looks: SharedSums, op
 
 
 def _mission_flown(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
-    at_home = (flown.end_s <= batch.limit_s) & (flown.away_m <= number(options, "home_m", 10.0))
+    at_home = (flown.away_m <= number(options, "home_m", 10.0)) | (flown.end_s >= batch.ordered_down_s)
+    at_home &= flown.end_s <= batch.limit_s
     return np.where(flown.reached, np.where(~batch.returns | at_home, 1.0, 0.5), 0.0), always(batch)
 
 
