@@ -111,7 +111,7 @@ class Batch:
     landed_from_s: Floats  # and down where it is
     ordered_down_s: Floats  # the same, by order alone
     stands_s: Floats  # (n, s, 2) and so on: spans of Interruptions, inf where there is none
-    strays_s: Floats  # (n, s, 3)
+    strays_s: Floats  # (n, s, 4): from, until, how long over home ends the mission, the greatest speed of the way
     blind_s: Floats
     closed_s: Floats
     drifts: Floats  # (n, d, 4)
@@ -399,7 +399,7 @@ def _interrupted(simspec: SimSpec, tasks: Sequence[str]) -> dict[str, Any]:
         "landed_from_s": events.landed_from_s,
         "ordered_down_s": events.ordered_down_s,
         "stands_s": np.array(events.stand_spans, dtype=np.float64).reshape(-1, 2),
-        "strays_s": np.array(events.detour_spans, dtype=np.float64).reshape(-1, 3),
+        "strays_s": np.array(events.detour_spans, dtype=np.float64).reshape(-1, 4),
         "blind_s": np.array(events.blind_spans, dtype=np.float64).reshape(-1, 2),
         "closed_s": np.array(events.closed_spans, dtype=np.float64).reshape(-1, 2),
         "drifts": np.array(events.drifts, dtype=np.float64).reshape(-1, 4),

@@ -13,6 +13,8 @@ from itertools import pairwise
 from bench.errors import Fault
 from bench.simspec import Failure, Order, Outage, SimSpec
 
+from ...flight._descent import DESCENT_MPS
+
 Span = tuple[float, float]
 
 ALWAYS: Span = (-math.inf, math.inf)
@@ -24,8 +26,11 @@ OFFBOARD_LOST_S = 1.0
 POSITION_LOST_S = 5.0
 """Without satellites for so long PX4 lands where it is."""
 
-# MPC_Z_VEL_MAX_DN of PX4; its slower end near the ground is left out.
-LANDING_MPS = 1.5
+# From satellites that are back to an aircraft that flies on, and climbs on the way. Two flights of campaign full.
+POSITION_BACK_S = 0.8
+
+# MPC_XY_CRUISE of PX4, by which it flies home; docs/vehicle.md.
+RETURN_MPS = 5.0
 
 # As Settings.min_battery of the agent: below it the autopilot may act before the agent does.
 LEAST_DROP = 0.25
@@ -42,8 +47,8 @@ class Interruptions:
         Span, ...
     ] = ()  # it stays where it is: ordered, the operator out of reach, no position
     detour_spans: tuple[
-        tuple[float, float, float], ...
-    ] = ()  # it flies home and comes back afterwards, unless it was there so long
+        tuple[float, float, float, float], ...
+    ] = ()  # from, until: it flies home so fast and comes back afterwards, unless it was there so long
     blind_spans: tuple[Span, ...] = ()  # nothing is detected
     closed_spans: tuple[Span, ...] = ()  # nothing may be reported
     delivered: tuple[tuple[Order, float], ...] = ()  # every order, with the moment of its delivery
@@ -92,7 +97,7 @@ def interruptions(simspec: SimSpec) -> Interruptions:
     fallen = [
         since_s + POSITION_LOST_S
         for since_s, until_s in lost
-        if until_s - since_s - POSITION_LOST_S > height_m / LANDING_MPS
+        if until_s - since_s - POSITION_LOST_S > height_m / DESCENT_MPS
     ]
     ended = [(order.kind, at_s) for order, at_s in orders if order.kind in _ENDS]
     mute_s = min((at_s for kind, at_s in ended if kind != "return"), default=math.inf)
@@ -105,8 +110,8 @@ def interruptions(simspec: SimSpec) -> Interruptions:
             ]
         ),
         detour_spans=(
-            *((*span, height_m / LANDING_MPS) for span in silent),
-            *((*span, 0.0) for span in _link_lost_spans("return", away, rules.link_lost)),
+            *((*span, height_m / DESCENT_MPS, _return_mps(simspec)) for span in silent),
+            *((*span, 0.0, math.inf) for span in _link_lost_spans("return", away, rules.link_lost)),
         ),
         blind_spans=merged(
             (outage.at_s, outage.until_s) for outage in simspec.outages if outage.kind == "detections"
@@ -215,9 +220,13 @@ def _closed_windows(simspec: SimSpec) -> list[Span]:
 
 
 def _standing_without_gps(lost: Span) -> Span:
-    """Without a position PX4 sinks after a while, and has to climb again."""
+    """Without a position PX4 sinks after a while; what it has sunk it climbs on its way."""
     since_s, until_s = lost
-    return since_s, until_s + max(0.0, until_s - since_s - POSITION_LOST_S) / 2.0
+    return since_s, until_s + POSITION_BACK_S
+
+
+def _return_mps(simspec: SimSpec) -> float:
+    return max(simspec.vehicle.parameters.get("MPC_XY_CRUISE", RETURN_MPS), 0.5)
 
 
 def _drift(failure: Failure) -> tuple[float, float, float, float]:

@@ -13,6 +13,7 @@ from bench.arrays import Bools, Floats
 from ..._watch import BLIND_S
 from ...flight._caution import BRAKING_MPS2, MARGIN_M
 from ...flight._pilot import BLIND_WAIT_S
+from ...mission._planner import ACCELERATION_MPS2, TURN_S
 from ..batch._batch import FAR_M, Batch
 from ._views import Stretch
 
@@ -52,15 +53,16 @@ def delayed(
         time_s, end_s = _shifted(time_s, end_s, np.maximum(since_s, began_s), until_s)
     if home_by_s is None:
         for span in range(batch.strays_s.shape[1]):
-            since_s, until_s, stays_s = batch.strays_s[rows, span].T
+            since_s, until_s, stays_s, return_mps = batch.strays_s[rows, span].T
+            home_mps = np.minimum(batch.pace_mps[rows], return_mps)
             since_s = np.maximum(since_s, began_s)
             span_s = until_s - np.where(np.isinf(since_s), 0.0, since_s)
-            home_s = _home_s(batch, stretch, time_s, since_s)
+            away_m = _away_m(batch, stretch, time_s, since_s)
+            home_s = away_m / home_mps + TURN_S + home_mps / (2.0 * ACCELERATION_MPS2)
             gone_for_good = (since_s < until_s) & (since_s < end_s) & (home_s + stays_s <= span_s)
             gone_s = np.where(gone_for_good, np.minimum(gone_s, since_s), gone_s)
-            back_s = np.where(
-                np.isinf(until_s), since_s, until_s + np.minimum(home_s, np.maximum(span_s, 0.0))
-            )
+            strayed_m = np.minimum(away_m, home_mps * np.maximum(np.where(np.isinf(span_s), 0.0, span_s), 0.0))
+            back_s = np.where(np.isinf(until_s), since_s, until_s + strayed_m / batch.pace_mps[rows])
             time_s, end_s = _shifted(time_s, end_s, np.where(since_s < until_s, since_s, np.inf), back_s)
         for since_s, until_s in _spans(batch.blind_s[rows]):
             since_s = np.maximum(since_s + BLIND_S, began_s)
@@ -97,9 +99,9 @@ def _shifted(time_s: Floats, end_s: Floats, since_s: Floats, until_s: Floats) ->
     return np.where(waits, time_s + wait_s[:, None], time_s), np.where(end_s > since_s, end_s + wait_s, end_s)
 
 
-def _home_s(batch: Batch, stretch: Stretch, time_s: Floats, since_s: Floats) -> Floats:
-    """(r,) time to fly home from where it is at a moment."""
+def _away_m(batch: Batch, stretch: Stretch, time_s: Floats, since_s: Floats) -> Floats:
+    """(r,) distance from home of where it is at a moment."""
     at = np.minimum((time_s < since_s[:, None]).sum(axis=1), time_s.shape[1] - 1)
     away_m = stretch.place_m[np.arange(len(at)), at] - batch.home_m[stretch.rows]
-    home_s: Floats = np.hypot(away_m[:, 0], away_m[:, 1]) / batch.pace_mps[stretch.rows]
-    return home_s
+    distance_m: Floats = np.hypot(away_m[:, 0], away_m[:, 1])
+    return distance_m

@@ -320,8 +320,25 @@ def _late_intelligence_served(
             report.delivered_s for report in scene.intelligence if report.id in delivered
         ]
     considered = (batch.task_radius_m > 0.0) & (due_s > 0.0) & (due_s <= batch.limit_s[:, None] - limit_s)
-    reached = reached_s(batch, flown, looks, batch.task_delivered_s) <= batch.task_delivered_s + limit_s
+    at_s = reached_s(batch, flown, looks, batch.task_delivered_s)
+    free_s = at_s - batch.task_delivered_s - _kept_s(batch, batch.task_delivered_s, at_s)
+    reached = free_s <= limit_s
+    # An adversary has to be reported too.
+    reached &= np.isfinite(flown.reported_s) | (batch.task_actor < 0)
     return (reached & considered).sum(axis=1) / np.maximum(considered.sum(axis=1), 1), any_of(considered)
+
+
+def _kept_s(batch: Batch, since_s: Floats, until_s: Floats) -> Floats:
+    """(n, k) seconds of spans in which it was not free to go where it wants: ordered, failing, out of reach."""
+    kept_s = np.zeros(since_s.shape)
+    for spans in (batch.stands_s, batch.strays_s[:, :, :2]):
+        for index in range(spans.shape[1]):
+            begin_s = np.maximum(since_s, spans[:, index, :1])
+            end_s = np.minimum(until_s, spans[:, index, 1:])
+            # Spans that fill up a row, and places never reached, are infinite on both sides.
+            with np.errstate(invalid="ignore"):
+                kept_s += np.nan_to_num(np.maximum(end_s - begin_s, 0.0), nan=0.0, posinf=0.0)
+    return kept_s
 
 
 def _priority_visited(batch: Batch, flown: FlownMissions, looks: SharedSums, options: Options) -> Column:
