@@ -71,12 +71,8 @@ class Identification:
         """(r,) when each of these targets is identified: before the stretch, during it, or never."""
         state = self._after(look, look.sighted)
         rows, task = look.rows, look.task
-        looks = np.clip(state.right_frames / FRAMES_A_LOOK, 1.0, MOST_LOOKS)
-        share = state.right_frames / np.maximum(state.seen_frames, 1e-9)
-        confident = (
-            share * (1.0 - (1.0 - MEAN_LABEL_SCORE) ** looks) >= self._batch.min_confidence[rows][:, None]
-        )
-        confident &= share > 0.5
+        least = self._batch.min_confidence[rows][:, None]
+        confident = _confident(state.right_frames, state.seen_frames, least)
         enough_angle = state.high - state.low >= MIN_VIEWPOINT_RAD
         identified = (
             look.sighted & look.right & confident & enough_angle & (state.seen_frames >= DEFAULTS.min_frames)
@@ -99,6 +95,13 @@ class Identification:
         self._low[rows, task], self._high[rows, task] = state.low[:, -1], state.high[:, -1]
         self._from[rows, task] = state.first_rad
         self._looks[rows, task] += np.uint64(1)
+
+    def good_enough(self, rows: Counts, task: Counts) -> Bools:
+        """(r,) whether what has been sighted so far is enough for a report that falls due."""
+        seen = self.frames[rows, task]
+        confident = _confident(self._right[rows, task], seen, self._batch.min_confidence[rows])
+        enough: Bools = confident & (seen >= DEADLINE_FRAMES)
+        return enough
 
     def _after(self, look: TargetLook, sighted: Bools) -> _SeenSoFar:
         """Moment by moment (r, j): how often, how rightly and from how wide an angle it has been sighted by
@@ -161,6 +164,13 @@ class _SeenSoFar:
             high,
             first_rad,
         )
+
+
+def _confident(right_frames: Floats, seen_frames: Floats, least: Floats) -> Bools:
+    looks = np.clip(right_frames / FRAMES_A_LOOK, 1.0, MOST_LOOKS)
+    share = right_frames / np.maximum(seen_frames, 1e-9)
+    confident: Bools = (share * (1.0 - (1.0 - MEAN_LABEL_SCORE) ** looks) >= least) & (share > 0.5)
+    return confident
 
 
 def _wrapped(angle_rad: Floats) -> Floats:

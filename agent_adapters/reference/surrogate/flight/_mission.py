@@ -17,6 +17,7 @@ from bench.arrays import Bools, Counts, Floats
 from ..._settings import DEFAULTS
 from ...flight._paths import BRAKING_MPS2, CORNER_MPS
 from ...flight._pilot import FIRST_HEIGHT_M
+from ...mission._findings import DEADLINE_S
 from ...mission._mission import LAST_WORD_S, SEARCH_S
 from ...mission._planner import TURN_S
 from ..batch._batch import STANDING_S, STANDING_SPANS, Batch
@@ -365,7 +366,9 @@ class _Flight:
         self._views.append(self._views_of(stretch, begin_s))
         self._course.append(stretch)
         self._place_m = place_m
+        self._notice_in_passing(stretch, self._views[-1], begin_s, end_s, None)
         self._now_s = end_s + DOWN_S
+        self._meet_deadlines(rows, begin_s)
 
     # Flying.
 
@@ -438,6 +441,7 @@ class _Flight:
             until_s = np.minimum(over_s, leaves_s)
             self._identification.commit(observed, found_s, until_s)
         left_s = np.minimum(over_s, leaves_s)
+        self._notice_in_passing(stretch, views, begin_s, np.minimum(left_s, end_s), task)
         cut_s = np.where(left_s < end_s, np.maximum(left_s, begin_s), np.inf)
         if np.isfinite(cut_s).any():
             limit_s = np.full(len(self._batch), np.inf)
@@ -448,6 +452,7 @@ class _Flight:
             stretch, place_m = cut_off(stretch, place_m, cut_s, self._place_m[rows])
         self._course.append(stretch)
         self._now_s[rows] = np.minimum(end_s, cut_s)
+        self._meet_deadlines(rows, begin_s)
         self._place_m[rows] = place_m
         self._ended[rows] |= over_s < np.minimum(end_s, np.maximum(leaves_s, begin_s))
         if task is None:
@@ -498,6 +503,59 @@ class _Flight:
                 ),
             )
         return leaves_s
+
+    def _notice_in_passing(
+        self, stretch: Stretch, views: Views, begin_s: Floats, until_s: Floats, task: Counts | None
+    ) -> None:
+        """What is seen of the targets of other tasks counts too; a target that a broken-off search has found is
+        reported by the careful one where it is not to be marked.
+        """
+        batch, rows = self._batch, stretch.rows
+        for other in range(batch.task_radius_m.shape[1]):
+            waits = self._task_is[rows, other] & ~self._settled[rows, other]
+            waits &= np.isfinite(batch.deadline_s[rows]) & (batch.task_delivered_s[rows, other] < until_s)
+            at = np.flatnonzero(waits if task is None else waits & (task != other))
+            if not len(at):
+                continue
+            members = rows[at], np.full(len(at), other)
+            places_m = self._everybody_at(rows[at], begin_s[at])
+            look = self._identification.observe(*members, stretch.select(at), views, places_m)
+            found_s = self._identification.identified_s(look)
+            self._identification.commit(look, self._identification.found_s[members], until_s[at])
+            broken_off = batch.bystander_aware[rows[at]] & (self._passes[members] > 0)
+            broken_off &= (found_s <= until_s[at]) & np.isinf(self._identification.found_s[members])
+            broken_off &= np.isinf(batch.first_s[members])
+            found = np.flatnonzero(broken_off)
+            rest = tuple(column[found] for column in members)
+            known = self._knows(*rest, found_s[found]) if len(found) else None
+            if known is not None:
+                near = known.within > 0
+                self._settle(rest[0][near], rest[1][near], found_s[found][near], marks=False)
+
+    def _meet_deadlines(self, rows: Counts, begin_s: Floats) -> None:
+        """Shortly before a report falls due what is known well enough is reported, looked round or not."""
+        batch = self._batch
+        due_s = batch.task_delivered_s[rows] + batch.deadline_s[rows][:, None]
+        due = self._task_is[rows] & ~self._settled[rows] & (due_s > begin_s[:, None])
+        due &= due_s - DEADLINE_S <= self._now_s[rows][:, None]
+        at, task = np.nonzero(due)
+        known = self._identification.good_enough(rows[at], task)
+        at, task = at[known], task[known]
+        if not len(at):
+            return
+        members, at_s = (rows[at], task), np.maximum(due_s[at, task] - DEADLINE_S, begin_s[at])
+        self._identification.found_s[members] = np.minimum(self._identification.found_s[members], at_s)
+        self._judge(*members, at_s)
+        undecided = ~self._settled[members]
+        self._settle(members[0][undecided], members[1][undecided], at_s[undecided], marks=False)
+        self._dealt_with[members] = True
+
+    def _settle(self, rows: Counts, task: Counts, at_s: Floats, *, marks: bool) -> None:
+        self._identification.found_s[rows, task] = np.minimum(
+            self._identification.found_s[rows, task], at_s
+        )
+        self._report(rows, task, at_s, marks=marks)
+        self._dealt_with[rows, task] = True
 
     def _slowed(self, stretch: Stretch, end_s: Floats) -> tuple[Stretch, Floats]:
         return slowed_near_people(
