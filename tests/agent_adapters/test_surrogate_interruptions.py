@@ -86,7 +86,62 @@ def test_an_order_to_end_is_the_end_and_only_return_lets_it_report_on(kind: str)
 
     assert observed.end_s[1] < observed.end_s[0]
     assert value(observed, "reported", 1) == (0.5 if kind == "return" else 0.0)
-    assert value(observed, "flown", 1) == (0.5 if kind == "deactivate" else 1.0)  # not at home
+    assert value(observed, "flown", 1) == 1.0  # landed where it was told to counts as home
+
+
+def late(latency_s: float) -> list[dict[str, Any]]:
+    truck = {"id": "truck-sighting", "about": "truck", "priority": 2, "uncertainty_m": 40.0}
+    radar = {"id": "radar-sighting", "about": "radar", "priority": 3, "uncertainty_m": 40.0}
+    return [truck, radar | {"delivered_s": 20.0, "latency_s": latency_s}]
+
+
+def test_what_was_seen_during_the_flight_is_due_while_it_is_fresh() -> None:
+    """Seen at 15 s or five seconds before the flight, told at 20 s; with and without a deadline for all reports."""
+    rules: list[dict[str, Any]] = [{}, {"report_deadline_s": 90.0}]
+    batch = pack(
+        [
+            scene(NAIVE, intelligence=late(latency_s), rules=rule)
+            for latency_s in (5.0, 25.0)
+            for rule in rules
+        ]
+    )
+    radar = batch.task_delivered_s[0] == 20.0
+    assert list(batch.task_due_s[:, radar].ravel()) == [140.0, 110.0, np.inf, 110.0]
+    assert list(batch.task_due_s[:, ~radar].ravel()) == [np.inf, 90.0, np.inf, 90.0]
+
+
+def test_a_return_by_the_autopilot_is_as_fast_as_its_cruise() -> None:
+    """The second of two losses of the link costs 7 s away from its way and the way back at 12 m/s, of what was flown at
+    PX4's 5 m/s, or at a cruise that the SimSpec sets.
+    """
+    losses = [{"at_s": at_s, "kind": "link_loss", "duration_s": 8.0} for at_s in (38.0, 60.0)]
+    vehicles: list[dict[str, Any]] = [
+        {"failures": failures, "parameters": {"MPC_XY_CRUISE": cruise_mps}}
+        for cruise_mps in (5.0, 8.0)
+        for failures in (losses[:1], losses)
+    ]
+    vehicles[0].pop("parameters")
+    one, two, one_faster, two_faster = simulated(
+        *(scene(NAIVE, vehicle=vehicle) for vehicle in vehicles)
+    ).end_s
+
+    assert two - one == pytest.approx(7.0 + 7.0 * 5.0 / 12.0)
+    assert two_faster - one_faster > two - one + 1.0
+
+
+def test_what_is_seen_in_passing_is_reported_when_its_report_falls_due() -> None:
+    """It holds within sight of both places from before it has searched the second; only a deadline makes it report."""
+    both = [
+        {"id": "radar-sighting", "about": "radar", "priority": 1, "uncertainty_m": 110.0},
+        {"id": "truck-sighting", "about": "truck", "priority": 2, "uncertainty_m": 110.0},
+    ]
+    waits = [ordered("hold", 60.0)]
+    rules: list[dict[str, Any]] = [{}, {"report_deadline_s": 120.0}]
+
+    observed = simulated(*(scene(NAIVE, intelligence=both, orders=waits, rules=rule) for rule in rules))
+
+    without, with_deadline = (value(observed, "reported", row) for row in (0, 1))
+    assert (without, with_deadline) == (0.5, 1.0)
 
 
 def test_a_retask_turns_to_its_sub_area_first_and_comes_back_to_the_other() -> None:

@@ -17,7 +17,14 @@ from bench.simspec import ASSETS, Intelligence, Motion, Role, SimSpec, seed_of, 
 from ...mission._planner import FRESH_S
 from ._airspace import SurrogateAirspaces
 from ._draws import uniform
-from ._interruptions import Interruptions, Span, delivered_at, interruptions, link_down_spans, unsupported_failures
+from ._interruptions import (
+    Interruptions,
+    Span,
+    delivered_at,
+    interruptions,
+    link_down_spans,
+    unsupported_failures,
+)
 from ._limits import limits
 
 BYSTANDER_AWARE = {"reference-naive": False, "reference-bystander-aware": True}
@@ -111,7 +118,9 @@ class Batch:
     landed_from_s: Floats  # and down where it is
     ordered_down_s: Floats  # the same, by order alone
     stands_s: Floats  # (n, s, 2) and so on: spans of Interruptions, inf where there is none
-    strays_s: Floats  # (n, s, 4): from, until, how long over home ends the mission, the greatest speed of the way
+    strays_s: (
+        Floats  # (n, s, 4): from, until, how long over home ends the mission, the greatest speed of the way
+    )
     blind_s: Floats
     closed_s: Floats
     drifts: Floats  # (n, d, 4)

@@ -61,7 +61,9 @@ def delayed(
             home_s = away_m / home_mps + TURN_S + home_mps / (2.0 * ACCELERATION_MPS2)
             gone_for_good = (since_s < until_s) & (since_s < end_s) & (home_s + stays_s <= span_s)
             gone_s = np.where(gone_for_good, np.minimum(gone_s, since_s), gone_s)
-            strayed_m = np.minimum(away_m, home_mps * np.maximum(np.where(np.isinf(span_s), 0.0, span_s), 0.0))
+            strayed_m = np.minimum(
+                away_m, home_mps * np.maximum(np.where(np.isinf(span_s), 0.0, span_s), 0.0)
+            )
             back_s = np.where(np.isinf(until_s), since_s, until_s + strayed_m / batch.pace_mps[rows])
             time_s, end_s = _shifted(time_s, end_s, np.where(since_s < until_s, since_s, np.inf), back_s)
         for since_s, until_s in _spans(batch.blind_s[rows]):

@@ -15,6 +15,7 @@ import numpy as np
 from bench.arrays import Bools, Counts, Floats
 
 from ..._settings import DEFAULTS
+from ...flight._descent import DESCENT_MPS, landing_s
 from ...flight._paths import BRAKING_MPS2, CORNER_MPS
 from ...flight._pilot import FIRST_HEIGHT_M
 from ...mission._findings import DEADLINE_S
@@ -39,12 +40,8 @@ CLIMB_S = 8.5
 
 # MPC_Z_VEL_MAX_UP of PX4.
 CLIMB_MPS = 3.0
-# Taken from the full flights of campaigns/demo.yaml (docs/fidelity.md), as CLIMB_S was.
-DOWN_S = 19.0
-"""From over home, low, to disarmed; the reference agent plans with LANDING_S."""
-
-# MPC_Z_VEL_MAX_DN of PX4. The agent plans with less, so the surrogate arrives as early as the flights do.
-DESCENT_MPS = 1.5
+DOWN_S = landing_s(DEFAULTS.safe_height_m)
+"""From over home, low, to disarmed."""
 
 # Enough that a moment is shorter than a leg; more cost time in proportion. Chosen, not measured.
 SEARCH_MOMENTS, RING_MOMENTS, HOME_MOMENTS = 32, 20, 12
@@ -525,12 +522,11 @@ class _Flight:
             broken_off = batch.bystander_aware[rows[at]] & (self._passes[members] > 0)
             broken_off &= (found_s <= until_s[at]) & np.isinf(self._identification.found_s[members])
             broken_off &= np.isinf(batch.first_s[members])
-            found = np.flatnonzero(broken_off)
-            rest = tuple(column[found] for column in members)
-            known = self._knows(*rest, found_s[found]) if len(found) else None
-            if known is not None:
-                near = known.within > 0
-                self._settle(rest[0][near], rest[1][near], found_s[found][near], marks=False)
+            found = at[broken_off]
+            if len(found):
+                found_rows, others, at_s = rows[found], np.full(len(found), other), found_s[broken_off]
+                near = self._knows(found_rows, others, at_s).within > 0
+                self._settle(found_rows[near], others[near], at_s[near], marks=False)
 
     def _meet_deadlines(self, rows: Counts, begin_s: Floats) -> None:
         """Shortly before a report falls due what is known well enough is reported, looked round or not."""
@@ -551,9 +547,7 @@ class _Flight:
         self._dealt_with[members] = True
 
     def _settle(self, rows: Counts, task: Counts, at_s: Floats, *, marks: bool) -> None:
-        self._identification.found_s[rows, task] = np.minimum(
-            self._identification.found_s[rows, task], at_s
-        )
+        self._identification.found_s[rows, task] = np.minimum(self._identification.found_s[rows, task], at_s)
         self._report(rows, task, at_s, marks=marks)
         self._dealt_with[rows, task] = True
 
