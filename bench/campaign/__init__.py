@@ -51,6 +51,7 @@ from .planning._realizations import situation_tensions as situation_tensions
 from .planning._scenes import write_scenes as write_scenes
 from .storage._completeness import Completeness as Completeness
 from .storage._completeness import parse_accepted_outcomes as parse_accepted_outcomes
+from .storage._evidence_check import check_run as check_run
 from .storage._evidence_check import verify_folder as verify_folder
 from .storage._files import digest_of as digest_of
 from .storage._files import write_whole as write_whole

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 import sqlite3
 from contextlib import closing
 from pathlib import Path
@@ -19,6 +20,7 @@ from bench.campaign import (
     CampaignFolder,
     CampaignSummary,
     ResultLost,
+    check_run,
     digest_of,
     finish_campaign,
     open_journal,
@@ -95,6 +97,28 @@ def test_recording_result_and_journal_edited_together_do_not_pass(tmp_path: Path
         assert any(f"journal.sqlite: has other digests for {realization}" in fault for fault in faults)
     assert len(verify_folder(tmp_path)) >= 6
     assert {path: digest_of(path) for path in before} == before
+
+
+def test_an_edited_recording_is_not_scored_by_deleting_its_result(tmp_path: Path) -> None:
+    """By itself or with its campaign; also after a runner noticed the loss, and was killed before it flew again."""
+    flown(tmp_path)
+    for realization in (FIRST, SECOND):
+        run = CampaignFolder(tmp_path).run(realization)
+        check_run(run)
+        (run / "result.json").unlink()
+        check_run(run)
+        (run / "recording.mcap").write_bytes(b"a better flight")
+    with open_journal(tmp_path / "journal.sqlite") as journal:
+        journal.forget(SECOND, "its result or its recording is gone")
+    for realization, source in ((FIRST, "evidence.jsonl:1"), (SECOND, "journal.sqlite")):
+        run = CampaignFolder(tmp_path).run(realization)
+        with pytest.raises(SetupError, match=rf"recording\.mcap: has changed since .* the one in {source}"):
+            check_run(run)
+        # Somewhere else it is anybody's recording.
+        elsewhere = tmp_path.parent / f"{tmp_path.name}-{realization}"
+        shutil.copytree(run, elsewhere)
+        check_run(elsewhere)
+    assert any("recording.mcap: has changed" in fault for fault in refusal(tmp_path))
 
 
 def test_a_campaign_that_is_not_complete_is_checked_too(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path, PurePosixPath
 from bench.contracts import SessionResult
 from bench.errors import Fault, SetupError
 
+from ._evidence import EvidenceEntry, EvidenceLog
 from ._files import digest_of
 from ._folder import RECORDING, RESULT, CampaignFolder
 from ._inputs import adopt_inputs, input_faults
@@ -59,6 +60,31 @@ def check_evidence(folder: CampaignFolder, journal: Journal) -> None:
         raise SetupError(faults)
     adopt_evidence(folder, journal)
     adopt_inputs(folder, journal)
+
+
+def check_run(run: Path) -> None:
+    """Raises SetupError if a run's folder lies in a campaign folder and does not hold what was flown there. A
+    recording whose result is gone is checked too. Any other folder passes.
+    """
+    run = run.resolve()
+    folder = CampaignFolder(run.parent.parent)
+    if run.parent.name != "runs" or not folder.evidence.is_file():
+        return
+    log = EvidenceLog(folder.evidence)
+    line = log.result_of(run.name)
+    faults = [
+        *log.faults,
+        *(_changed_files(run, line, f"{log.path.name}:{line.number}") if line is not None else ()),
+    ]
+    # The result was withdrawn because it is gone; the journal keeps the digest of the recording behind it.
+    if line is None and folder.journal.is_file() and (run / RECORDING).is_file():
+        with open_journal_to_read(folder.journal) as journal:
+            sha256 = journal.recordings().get(run.name)
+        if sha256 not in (None, digest_of(run / RECORDING)):
+            what = f"has changed since its session: its digest differs from the one in {folder.journal.name}"
+            faults.append(Fault(str(run / RECORDING), what, _REMEDY))
+    if faults:
+        raise SetupError(faults)
 
 
 def verify_folder(path: Path, digest: str | None = None) -> list[Fault]:
@@ -173,14 +199,15 @@ def _faults_of(
     where = f"{journal.evidence.path.name}:{line.number}"
     if done and (entry.result_sha256, recording_sha256) != (line.result_sha256, line.recording_sha256):
         yield Fault(str(folder.journal), f"has other digests for {entry.id} than {where}", _REMEDY)
+    yield from _changed_files(run, line, where)
+
+
+def _changed_files(run: Path, line: EvidenceEntry, where: str) -> Iterator[Fault]:
+    """A fault for each file of a run that is not the one in the chain."""
     for path, sha256 in ((run / RESULT, line.result_sha256), (run / RECORDING, line.recording_sha256)):
         if sha256 is not None and path.is_file() and digest_of(path) != sha256:
-            remedy = f"{_REMEDY}, or delete it to fly the session again"
-            yield Fault(
-                str(path),
-                f"has changed since its session: its digest differs from the one in {where}",
-                remedy,
-            )
+            what = f"has changed since its session: its digest differs from the one in {where}"
+            yield Fault(str(path), what, f"{_REMEDY}, or delete it to fly the session again")
 
 
 def _manifest_faults(folder: CampaignFolder, journal: Journal, manifest: Manifest) -> Iterator[Fault]:
