@@ -65,7 +65,7 @@ UNUSED := vtk quantized-mesh-tile shapely opencv-python matplotlib contourpy cyc
 # Needs uv; the lock files hold hashes and no addresses.
 lock:
 	uv pip compile pyproject.toml --group build --universal --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements.lock
-	uv pip compile pyproject.toml --group build --group dev --extra examples --extra llm --universal --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements-dev.lock
+	uv pip compile pyproject.toml --group build --group dev --extra examples --extra llm --extra sign --universal --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements-dev.lock
 	uv pip compile --group pyproject.toml:mutants --constraint requirements-dev.lock --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate --output-file requirements-mutants.lock
 	printf '%s\n' $(FOREIGN) | uv pip compile - --python-version 3.11 --universal --generate-hashes --no-emit-index-url --no-header --no-annotate $(UNUSED:%=--no-emit-package %) --output-file requirements-clients.lock
 

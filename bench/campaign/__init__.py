@@ -65,6 +65,10 @@ from .storage._manifest import write_manifest as write_manifest
 from .storage._recovery import parse_rerun_outcomes as parse_rerun_outcomes
 from .storage._results import read_result as read_result
 from .storage._results import write_result as write_result
+from .storage._signature import can_check_signatures as can_check_signatures
+from .storage._signature import fingerprint_of as fingerprint_of
+from .storage._signature import read_signature as read_signature
+from .storage._signature import sign_manifest as sign_manifest
 
 if TYPE_CHECKING:
     from .execution._flight import fly_realization as fly_realization

@@ -1,4 +1,4 @@
-"""Commands for campaigns and their folders: demo, run, realize, report, verify."""
+"""Commands for campaigns and their folders: demo, run, realize, report, verify, sign."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Pace = Literal["lockstep", "realtime"]
 # Commands import what they need themselves: otherwise `rebar --help` would wait for the simulator.
 def register(app: typer.Typer) -> None:
     """Add the commands."""
-    for command in (demo, run, realize, report, verify):
+    for command in (demo, run, realize, report, verify, sign):
         app.command()(command)
 
 
@@ -195,6 +195,14 @@ def verify(
         str | None,
         typer.Option(help="SHA-256 of the manifest as `rebar run` printed it and you published it"),
     ] = None,
+    signed_by: Annotated[
+        Path | None,
+        typer.Option(
+            "--signed-by",
+            metavar="KEY",
+            help="Public key (OpenSSH or PEM) that must have signed the manifest",
+        ),
+    ] = None,
     refly: Annotated[
         int | None,
         typer.Option(
@@ -221,7 +229,7 @@ def verify(
         raise SetupError(
             Fault("--seed" if seed is not None else "--workers", "is for --refly alone", "give --refly N too")
         )
-    faults = [str(fault) for fault in verify_folder(folder, digest)]
+    faults = [str(fault) for fault in verify_folder(folder, digest, signed_by)]
     manifest = CampaignFolder(folder).manifest
     actual = digest_of(manifest) if manifest.is_file() else None
     # Of a folder that was changed it would say nothing.
@@ -230,7 +238,7 @@ def verify(
         if faults:
             print("\n".join(faults))
         else:
-            _print_verified(folder, actual, str(question))
+            _print_verified(folder, actual, str(question), signed_by)
     # A repetition of what is not what was flown would prove nothing.
     sample = None if refly is None or faults else _reflown(folder, refly, seed, workers, as_json=as_json)
     if as_json:
@@ -246,8 +254,31 @@ def verify(
         _exit_for(sample)
 
 
-def _print_verified(folder: Path, manifest_sha256: str | None, question: str) -> None:
-    from bench.campaign import CampaignFolder
+def sign(
+    folder: Annotated[Path, typer.Argument(help="Folder of a complete campaign")],
+    key: Annotated[
+        Path,
+        typer.Option(metavar="KEY", help="Private Ed25519 key of ssh-keygen or openssl (OpenSSH or PEM)"),
+    ],
+) -> None:
+    """Check a campaign as `rebar verify` does, and sign its manifest, which stands for every file.
+
+    Example: rebar sign out/demo --key ~/.ssh/id_ed25519
+    """
+    from bench.campaign import CampaignFolder, digest_of, sign_manifest, verify_folder
+
+    paths = CampaignFolder(folder)
+    # An earlier signature is about to be replaced, so whether it fits is of no interest.
+    faults = [fault for fault in verify_folder(folder) if fault.where != paths.signature.name]
+    if faults:
+        raise SetupError(faults)
+    signer = sign_manifest(folder, key, lambda: str(typer.prompt("passphrase", hide_input=True, err=True)))
+    print(f"manifest SHA-256: {digest_of(paths.manifest)}")
+    print(f"signed with the key {signer}: {paths.signature}")
+
+
+def _print_verified(folder: Path, manifest_sha256: str | None, question: str, signed_by: Path | None) -> None:
+    from bench.campaign import CampaignFolder, can_check_signatures, fingerprint_of, read_signature
 
     has_chain = CampaignFolder(folder).evidence.is_file()
     chain = "the chain of evidence" if has_chain else "(there is no chain of evidence)"
@@ -256,6 +287,12 @@ def _print_verified(folder: Path, manifest_sha256: str | None, question: str) ->
     else:
         print(f"{folder}: all files match the manifest, {chain} and the journal")
         print(f"manifest SHA-256: {manifest_sha256}")
+    if (signature := read_signature(folder)) is not None:
+        signer = fingerprint_of(signature.public_key)
+        whose = f"that of {signed_by}" if signed_by else "--signed-by KEY checks whose it is"
+        if not can_check_signatures():
+            whose = "not checked: pip install 'rebar-bench[sign]'"
+        print(f"signed with the key {signer} ({whose})")
     print(f"situations and design: {question}")
 
 

@@ -16,6 +16,7 @@ from ._journal import Journal, JournalEntry, RealizationState, open_journal_to_r
 from ._manifest import Manifest, chain_fault, manifest_differences, read_manifest
 from ._recovery import is_unnoted
 from ._results import read_result
+from ._signature import signature_faults
 
 EVIDENCE_NOTED = "evidence"
 """The journal's fact that its folder has a chain of evidence: a chain that is gone is noticed."""
@@ -87,12 +88,12 @@ def check_run(run: Path) -> None:
         raise SetupError(faults)
 
 
-def verify_folder(path: Path, digest: str | None = None) -> list[Fault]:
+def verify_folder(path: Path, digest: str | None = None, signed_by: Path | None = None) -> list[Fault]:
     """Everything in which a campaign folder disagrees with its manifest, its chain of evidence and its journal.
 
-    `digest` is the SHA-256 of the manifest that was published. A campaign that is not complete has no
+    `digest` is the SHA-256 of the manifest that was published, `signed_by` the public key that must have signed it. A campaign that is not complete has no
     manifest; its results are checked against chain and journal. Raises SetupError for any other folder
-    without one.
+    without one, and for a `signed_by` that is no public key.
     """
     folder = CampaignFolder(path)
     faults = []
@@ -104,6 +105,7 @@ def verify_folder(path: Path, digest: str | None = None) -> list[Fault]:
         faults = [Fault(folder.manifest.name, f"has the digest {actual}, not the one given")]
     if folder.manifest.is_file() or not folder.journal.is_file():
         faults += manifest_differences(path)
+    faults += signature_faults(path, signed_by)
     # Of the journal the manifest tells that it has changed, and only the journal itself what in it.
     listed = {str(path / fault.where) for fault in faults} - {str(folder.journal)}
     if folder.journal.is_file():

@@ -9,6 +9,7 @@
     runs/<realization>/         recording.mcap, and result.json once the session is over
     logs/                       stdout and stderr of the workers
     scores.parquet, report.html, manifest.json
+    manifest.json.sig           a signature of the manifest, if somebody signed it
     floor.parquet               scores of the null agents and the oracle, if they flew
 
 Every file here is written whole or not at all.
@@ -31,6 +32,7 @@ from bench.errors import Fault, SetupError
 RECORDING = "recording.mcap"
 RESULT = "result.json"
 EVIDENCE = "evidence.jsonl"
+SIGNATURE = "manifest.json.sig"
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +72,10 @@ class CampaignFolder:
     @property
     def manifest(self) -> Path:
         return self.path / "manifest.json"
+
+    @property
+    def signature(self) -> Path:
+        return self.path / SIGNATURE
 
     def simspec(self, realization: str) -> Path:
         return self.path / "simspecs" / f"{realization}.json"

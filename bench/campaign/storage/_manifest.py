@@ -16,7 +16,7 @@ from bench.errors import Fault, SetupError
 from ._completeness import Completeness
 from ._evidence import EvidenceLog
 from ._files import digest_of, is_half_written, write_whole
-from ._folder import EVIDENCE, LOCK, CampaignFolder
+from ._folder import EVIDENCE, LOCK, SIGNATURE, CampaignFolder
 from ._journal import settled_journal_sha256
 
 JOURNAL = "journal.sqlite"
@@ -24,8 +24,8 @@ JOURNAL = "journal.sqlite"
 JOURNAL_CHANGES = f"{JOURNAL}-wal"
 _LOGS = "logs"
 # The chain of evidence has its own entry, since it goes on after the manifest; a manifest cannot hold its own digest;
-# the others are gone when no process is at work.
-_UNLISTED_FILES = frozenset({EVIDENCE, "manifest.json", LOCK, JOURNAL_CHANGES, f"{JOURNAL}-shm"})
+# the signature follows it; the others are gone when no process is at work.
+_UNLISTED_FILES = frozenset({EVIDENCE, "manifest.json", SIGNATURE, LOCK, JOURNAL_CHANGES, f"{JOURNAL}-shm"})
 _UNLISTED_FOLDER = ".scratch"
 _NO_SHA256 = b"0" * 64
 
