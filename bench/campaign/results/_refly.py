@@ -175,7 +175,9 @@ class _Reflight:
 def _different_fields(result: SessionResult, reflown: SessionResult) -> list[str]:
     """The fields in which two results of one session differ, observations by their ids."""
     first, second = (run.model_dump(exclude=_OF_HOST | {"observations"}) for run in (result, reflown))
-    observations = [{seen.observable: seen for seen in run.observations} for run in (result, reflown)]
+    observations = [
+        {observation.observable: observation for observation in run.observations} for run in (result, reflown)
+    ]
     ids = sorted(observations[0].keys() | observations[1].keys())
     return [
         *(field for field in first if first[field] != second[field]),

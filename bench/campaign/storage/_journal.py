@@ -368,9 +368,9 @@ def open_journal_to_read(path: Path) -> Iterator[Journal]:
         uri = f"file:{quote(str(path.resolve()))}?{mode}"
         with closing(sqlite3.connect(uri, uri=True, isolation_level=None, timeout=30.0)) as database:
             database.text_factory = _text
-            found = [str(row[0]) for row in database.execute("PRAGMA integrity_check(3)")]
-            if found != ["ok"]:
-                raise _damaged(path, "; ".join(found))
+            findings = [str(row[0]) for row in database.execute("PRAGMA integrity_check(3)")]
+            if findings != ["ok"]:
+                raise _damaged(path, "; ".join(findings))
             yield Journal(database, path)
     # The last two: a damaged name of a column, and a damaged fact, whatever the caller asked for.
     except (sqlite3.DatabaseError, UnicodeDecodeError, json.JSONDecodeError) as error:
