@@ -7,13 +7,15 @@ from __future__ import annotations
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.contracts import Outcome
 from bench.documents import load_document
+from bench.errors import SetupError
+from bench.realization import RealizationPlan
 
 from ._document import Campaign
 from ._events import CampaignPlanned, Observer, Observers, ResultLost
@@ -25,7 +27,8 @@ from .execution._dispatcher import Deadline, Dispatcher
 from .execution._pool import OpenExecutor, open_local_pool
 from .execution._retries import Retries
 from .execution._stop_request import open_stop_request
-from .execution._task import FLIGHT_JOB, WorkerPlan
+from .execution._suspects import UNCONFINED, SuspectWatch
+from .execution._task import FLIGHT_JOB, FORFEIT_JOB, WorkerPlan
 from .planning._plan import CheckTakeoff, finish_infeasible, plan_campaign
 from .storage._completeness import (
     Completeness,
@@ -86,6 +89,8 @@ def run_campaign(
     rerun: Collection[Outcome] = (),
     accept: Collection[Outcome] = (),
     job: str = FLIGHT_JOB,
+    forfeit_job: str | None = None,
+    memory_kills: Callable[[], int] | None = None,
     open_executor: OpenExecutor = open_local_pool,
     clock: Callable[[], float] = time.monotonic,
 ) -> CampaignSummary:
@@ -95,7 +100,8 @@ def run_campaign(
     Call it again on the same folder to resume. `workers` overrides the campaign's budget, which overrides the
     number of cores. Realizations that may have failed because of the host are flown again, with at least two
     attempts in every run; their earlier results are kept in aside/. `accept` leaves those that have one of its
-    outcomes now as they are, for good; `rerun` takes that back. `clock` gives the host seconds by which the
+    outcomes now as they are, for good; `rerun` takes that back. `forfeit_job` takes the place of `job` for a realization
+    whose agent broke the bench, and `memory_kills` counts the processes that the kernel killed for want of memory. `clock` gives the host seconds by which the
     campaign's total budget and the pauses before retries are judged.
 
     Raises SetupError for a campaign that cannot be realized and for a folder that is in use, belongs to
@@ -126,7 +132,23 @@ def run_campaign(
             campaign.stopping, decomposition, paths, journal, campaign.floor_labels
         )
         retries = Retries(campaign.budgets.retry_s)
-        dispatcher = Dispatcher(paths, journal, observers, early_stopping, plans, retries, clock)
+        # Other jobs than the bench's own start no agent that could break it, unless they say so.
+        starts_agents = job_at(campaign.fidelity, job) == FLIGHT_JOB
+        forfeit_job = forfeit_job or (FORFEIT_JOB if starts_agents else None)
+        dispatcher = Dispatcher(
+            paths,
+            journal,
+            observers,
+            early_stopping,
+            plans,
+            retries,
+            clock,
+            SuspectWatch(
+                memory_kills or _memory_kills(starts_agents),
+                _isolation_of(plans) if starts_agents else lambda realization: UNCONFINED,
+            ),
+            forfeit_job,
+        )
         observers.notify(CampaignPlanned(dispatcher.total, dispatcher.done))
         for result in finish_infeasible(plans, paths, journal):
             dispatcher.finish(result)
@@ -212,3 +234,30 @@ def _outcome_counts(journal: Journal) -> dict[str, int]:
     stops = journal.stops()
     ended = [(entry, entry.outcome) for entry in journal.entries() if entry.outcome is not None]
     return dict(Counter(outcome_name(entry, outcome, stops) for entry, outcome in ended))
+
+
+def _memory_kills(starts_agents: bool) -> Callable[[], int]:
+    """The kernel's count of processes that it killed for want of memory."""
+    if not starts_agents:
+        return lambda: 0
+    # Here, because importing the simulation takes half a second.
+    from bench.simulation import count_memory_kills
+
+    return count_memory_kills
+
+
+def _isolation_of(plans: Iterable[RealizationPlan]) -> Callable[[str], str]:
+    """The rung that confines the agent of a realization here; empty where none can be told."""
+    manifests = {plan.id: plan.simspec.agent.manifest for plan in plans}
+
+    def isolation(realization: str) -> str:
+        from bench.agents import choose_rung, load_manifest
+
+        try:
+            manifest, _ = load_manifest(manifests[realization])
+            return choose_rung(manifest.isolation, manifest.name).name
+        # Without its manifest nothing is known of the agent, so nothing is laid on it.
+        except SetupError:
+            return ""
+
+    return isolation

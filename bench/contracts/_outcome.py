@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import traceback
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated, Any, Self
@@ -34,6 +35,7 @@ class Outcome(StrEnum):
     AGENT_NEVER_CONNECTED = "agent_never_connected"  # no hello within the budget
     AGENT_PROTOCOL = "agent_protocol"  # the agent broke the tick protocol
     AGENT_FLOODED = "agent_flooded"  # the agent sent far more than is recorded of it
+    AGENT_BROKE_BENCH = "agent_broke_bench"  # the bench was lost under the agent, again and again
     PLACEMENT_INFEASIBLE = "placement_infeasible"  # the constraints leave some actor no place
     SETUP_INVALID = "setup_invalid"  # the SimSpec names something that does not exist here
     WALL_BUDGET = "wall_budget"  # the session as a whole took longer than allowed by the host's clock
@@ -66,6 +68,7 @@ _SCORED_OUTCOMES = frozenset(
         Outcome.AGENT_NEVER_CONNECTED,
         Outcome.AGENT_PROTOCOL,
         Outcome.AGENT_FLOODED,
+        Outcome.AGENT_BROKE_BENCH,
     }
 )
 
@@ -78,6 +81,7 @@ _BLAME = {
     Outcome.AGENT_NEVER_CONNECTED: Blame.AGENT,
     Outcome.AGENT_PROTOCOL: Blame.AGENT,
     Outcome.AGENT_FLOODED: Blame.AGENT,
+    Outcome.AGENT_BROKE_BENCH: Blame.AGENT,
     Outcome.PLACEMENT_INFEASIBLE: Blame.SITUATION,
     Outcome.SETUP_INVALID: Blame.SITUATION,
     Outcome.WALL_BUDGET: Blame.HOST,
@@ -105,6 +109,35 @@ class Observation(Document):
     considered: bool
     x: Annotated[float | None, Field(ge=0.0, le=1.0)] = None
     evidence: tuple[Evidence, ...] = ()
+
+
+PROBES = {
+    "tick_strangers": "strangers on the tick socket",
+    "simulation_refused": "attempts to change the simulation",
+    "air_malformed": "malformed samples",
+    "air_dropped": "samples beyond the limits",
+    "mavlink_garbage_bytes": "bytes that are no MAVLink",
+    "mavlink_malformed": "malformed MAVLink messages",
+    "mavlink_unheard": "MAVLink messages that nothing takes",
+}
+"""Counters of what was refused or ignored and gained nothing, with the words of the report. A careless agent has some
+too.
+"""
+
+
+def probes_of(counters: Mapping[str, int]) -> dict[str, int]:
+    """Those counters of a session that are not zero, by the words of the report."""
+    return {text: counters[name] for name, text in PROBES.items() if counters.get(name, 0) > 0}
+
+
+SUSPECT = "suspect"
+"""In `SessionResult.details`: how the attempts ended that an unconfined agent may have caused, one text each."""
+
+
+def suspicions_of(details: Mapping[str, object]) -> tuple[str, ...]:
+    """The suspect ends in the details of a result, which may have been edited."""
+    ends = details.get(SUSPECT)
+    return tuple(str(end) for end in ends) if isinstance(ends, list) else ()
 
 
 class SessionResult(Document):

@@ -29,7 +29,8 @@ class Run:
     """One realization: what it was, how it ended, and where its recording is (None when there is none).
 
     `after_stop` says that it was flown although earlier replicates had decided the question: it counts in no
-    number. `truth_given` says that the bench gave its agent the truth.
+    number. `truth_given` says that the bench gave its agent the truth. `suspect` are attempts that ended as an agent
+    could make them end by breaking the bench. `probes` counts what was refused, by kind.
     """
 
     realization: str
@@ -45,6 +46,8 @@ class Run:
     recording_sha256: str | None = None
     after_stop: bool = False
     truth_given: bool = False
+    suspect: tuple[str, ...] = ()
+    probes: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def scene(self) -> tuple[str, int]:

@@ -14,7 +14,7 @@ from typing import Any
 
 import polars as pl
 
-from bench.contracts import SessionResult, parse_document
+from bench.contracts import SessionResult, parse_document, probes_of, suspicions_of
 from bench.documents import parse_text, read_text
 from bench.errors import Fault, SetupError
 from bench.scoring import EXCLUDED_OUTCOMES, SCORE_COLUMNS, NodeFloor, node_floors, summary_frame
@@ -193,6 +193,14 @@ def _runs(
             f"Programs other than the agent connected to a session's clock {sum(strangers.values())} times and were "
             f"refused, in {', '.join(strangers)}."
         )
+    suspects = [
+        name for name, result in results.items() if result is not None and suspicions_of(result.details)
+    ]
+    if suspects:
+        notes.append(
+            "The bench was lost while an unconfined agent flew, which the host or the agent may have caused, in "
+            f"{', '.join(suspects)}. The tables of runs list these first."
+        )
     early_stopping = stopped_early(scores)
     return tuple(
         _run(
@@ -244,6 +252,8 @@ def _run(
         recording_sha256=result.recording_sha256 if result else None,
         # It flew and counts, yet scoring left it out: that happens only to replicates after the stop.
         truth_given=result is not None and "truth" in result.details,
+        suspect=suspicions_of(result.details) if result else (),
+        probes=probes_of(result.counters) if result else {},
         after_stop=early_stopping and not row and result is not None and result.outcome.counts,
     )
 

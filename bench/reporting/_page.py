@@ -93,6 +93,8 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
     shown = agent_styles(data.agents)
     trials = trials_of(data.scores)
     names, counts = outcome_counts(data, shown)
+    # Suspects first: whoever reads the list is to see them before anything else.
+    runs = sorted(data.runs, key=lambda run: not run.suspect)
     context: dict[str, Any] = {
         "data": data,
         "fidelity": fidelity_note(data.campaign),
@@ -120,7 +122,9 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
         "comparisons": comparisons,
         "matter": matter,
         "factors_id": figures.add("factors-1", factor_effects_figure(matter)) if matter.tables else "",
-        "failures": [run for run in data.runs if run.outcome is not Outcome.COMPLETED],
+        "listed_runs": runs,
+        "probed": any(run.probes for run in runs),
+        "failures": [run for run in runs if run.outcome is not Outcome.COMPLETED],
         "provenance": provenance_of(data),
         "manifest": [row for row in flattened(data.manifest) if _is_shown(row[0])][:MANIFEST_ROWS],
         "labels": {configuration.key: configuration.label for configuration in data.configurations},

@@ -8,7 +8,9 @@ from ._camera import PinholeCamera as PinholeCamera
 from ._detector import Clarity as Clarity
 from ._detector import DetectionOdds as DetectionOdds
 from ._detector import open_detector as open_detector
+from ._forfeit import open_forfeit as open_forfeit
 from ._host_clock import HostClock as HostClock
+from ._host_memory import count_memory_kills as count_memory_kills
 from ._scene import open_plain_scene as open_plain_scene
 from ._session import Session as Session
 from ._session import SessionEnd as SessionEnd

@@ -83,6 +83,7 @@ def outcome_by_agent_fault(tape: Tape) -> str | None:
         Outcome.AGENT_NEVER_CONNECTED,
         Outcome.AGENT_PROTOCOL,
         Outcome.AGENT_FLOODED,
+        Outcome.AGENT_BROKE_BENCH,
     }
     ends = (event.value.text for event in tape.events if event.value.name == "ended")
     return next((outcome for outcome in ends if outcome in agent_faults), None)

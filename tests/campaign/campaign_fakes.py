@@ -59,6 +59,10 @@ def fake_flight(simspec: SimSpec, decomposition: Script, folder: Path, realizati
     match act:
         case "raise":
             raise ValueError("a made-up bench error")
+        case "rob":
+            raise FileNotFoundError("somebody removed the recording")
+        case "kill":
+            os.kill(os.getpid(), signal.SIGKILL)
         case "vanish":
             raise SetupError(Fault("agent.manifest", "there is no such file", "restore it"))
         case "crash":
@@ -79,6 +83,15 @@ def fake_flight(simspec: SimSpec, decomposition: Script, folder: Path, realizati
     time.sleep(decomposition.span_s)
     (folder / "recording.mcap").write_bytes(f"all of {realization}, seed {simspec.seeds.root}".encode())
     return SessionResult(realization=realization, outcome=Outcome.COMPLETED, simulated_s=1.0)
+
+
+FORFEIT = "campaign_fakes:fake_forfeit"
+
+
+def fake_forfeit(simspec: SimSpec, decomposition: Script, folder: Path, realization: str) -> SessionResult:
+    """The session of an agent that broke the bench, with a recording in which nothing flew."""
+    (folder / "recording.mcap").write_bytes(f"none of {realization}".encode())
+    return SessionResult(realization=realization, outcome=Outcome.AGENT_BROKE_BENCH)
 
 
 def small_campaign(points: int = 3, replicates: int = 2, **budgets: Any) -> Campaign:

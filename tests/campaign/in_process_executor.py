@@ -72,8 +72,9 @@ class InProcessExecutor:
 
     def _fly(self, task: Task) -> list[TaskEnded]:
         simspec = load_document(task.simspec, SimSpec)
+        job = load_job(task.job) if task.job else self._job
         try:
-            result = self._job(simspec, self._decomposition, task.folder, task.realization)
+            result = job(simspec, self._decomposition, task.folder, task.realization)
         except Exception as error:  # as a worker does
             result = SessionFailure.of(error).result(task.realization, 0.0)
         recording = task.folder / "recording.mcap"

@@ -33,6 +33,11 @@ class BenchFaultWatch:
         # None once a session succeeded: faults after that are results of their own.
         self._faulty: set[str] | None = set()
 
+    @property
+    def succeeded(self) -> bool:
+        """Whether any session ended otherwise than by a fault of the bench or the host."""
+        return self._faulty is None
+
     def record(self, result: SessionResult) -> None:
         """Take up a result.
 

@@ -23,6 +23,7 @@ from ._bench_faults import BenchFaultWatch
 from ._pool import Executor
 from ._retries import Retries
 from ._stop_request import StopRequest
+from ._suspects import SuspectWatch
 from ._task import Task, TaskEnded
 
 MIN_FREE_BYTES = 1024 * 1024
@@ -62,6 +63,8 @@ class Dispatcher:
         plans: Sequence[RealizationPlan],
         retries: Retries,
         clock: Callable[[], float],
+        suspects: SuspectWatch,
+        forfeit_job: str | None,
     ) -> None:
         self._folder, self._journal, self._observers, self._early_stopping = (
             folder,
@@ -71,6 +74,7 @@ class Dispatcher:
         )
         self._bench_faults = BenchFaultWatch()
         self._retries, self._clock = retries, clock
+        self._suspects, self._forfeit_job = suspects, forfeit_job
         self._running: dict[str, PointKey | None] = {}
         self.total = len(plans)
         # Planning compared the files in simspecs/ with the journal's digests: none has to be read again for
@@ -156,9 +160,11 @@ class Dispatcher:
     def _start(self, executor: Executor, realization: str) -> None:
         self._running[realization] = self._early_stopping.key(realization)
         simspec = self._folder.simspec(realization)
+        job = self._forfeit_job if self._suspects.is_forfeited(realization) else None
         worker = executor.submit(
-            Task(realization, simspec, self._folder.fresh_run(realization), self._wall_s[realization])
+            Task(realization, simspec, self._folder.fresh_run(realization), self._wall_s[realization], job)
         )
+        self._suspects.start(realization)
         attempt = self._journal.start(realization, worker)
         self._observers.notify(RealizationStarted(realization, worker, attempt))
 
@@ -176,7 +182,14 @@ class Dispatcher:
                     "free some space and run again; no result is lost",
                 )
             )
+        self._suspects.record(result)
         pause_s = self._retries.pause_s(result, self._clock())
+        if (
+            pause_s is None
+            and self._forfeit_job
+            and self._suspects.forfeits(result, self._bench_faults.succeeded)
+        ):
+            pause_s = 0.0
         if pause_s is not None:
             self._journal.retry(result.realization, result.outcome, result.reason)
             self._waiting.append(result.realization)
@@ -184,6 +197,7 @@ class Dispatcher:
                 RealizationRetried(result.realization, result.outcome, result.reason, pause_s)
             )
         else:
+            result = self._suspects.marked(result)
             self._journal.finish(result, write_result(self._folder.run(result.realization), result))
             self.finish(result)
         if key is not None:

@@ -14,6 +14,7 @@ from bench.agents import choose_rung, load_manifest, open_agent, program_faults
 from bench.contracts import (
     AgentManifest,
     Observation,
+    OpenAgent,
     Outcome,
     Record,
     SessionFailure,
@@ -26,7 +27,7 @@ from bench.network_namespace import namespace_fault
 from bench.realization import check_placement, place
 from bench.recording import TapeBuilder, open_recording
 from bench.simspec import SimSpec
-from bench.simulation import SessionEnd, SessionPlan, run_session
+from bench.simulation import SessionEnd, SessionPlan, open_forfeit, run_session
 from decompositions import Decomposition
 
 from .._versions import versions
@@ -47,6 +48,23 @@ def fly_realization(
     a result, never an exception. Positions that come with the SimSpec are checked before the flight:
     SETUP_INVALID if they break what the SimSpec asks for.
     """
+    return _fly(simspec, decomposition, folder, realization, open_agent)
+
+
+def forfeit_realization(
+    simspec: SimSpec, decomposition: Decomposition, folder: Path, realization: str
+) -> SessionResult:
+    """Record and measure a realization whose agent broke the bench, without starting the agent again."""
+    return _fly(simspec, decomposition, folder, realization, open_forfeit)
+
+
+def _fly(
+    simspec: SimSpec,
+    decomposition: Decomposition,
+    folder: Path,
+    realization: str,
+    open_agent: OpenAgent,
+) -> SessionResult:
     folder.mkdir(parents=True, exist_ok=True)
     try:
         placed = place(simspec) if simspec.realized is None else _checked(simspec)

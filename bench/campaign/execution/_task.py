@@ -14,6 +14,9 @@ from bench.simspec import SimSpec
 FLIGHT_JOB = "bench.campaign.execution._flight:fly_realization"
 """The job of a campaign at full fidelity."""
 
+FORFEIT_JOB = "bench.campaign.execution._flight:forfeit_realization"
+"""In its place for a realization whose agent broke the bench."""
+
 
 class Job(Protocol):
     """What a worker does with a realization: fly it into `folder`, which exists and is empty, and return the
@@ -29,12 +32,16 @@ class Job(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One realization to fly. It ends after at most `wall_s` host seconds, by itself or killed."""
+    """One realization to fly. It ends after at most `wall_s` host seconds, by itself or killed.
+
+    `job` replaces the worker's own for this task, as `module:function`.
+    """
 
     realization: str
     simspec: Path
     folder: Path
     wall_s: float
+    job: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

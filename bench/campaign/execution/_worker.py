@@ -59,6 +59,7 @@ def _die_with_runner(lifeline_fd: int) -> None:
 def _result(job: Job, task: Task, decomposition: Any) -> SessionResult:
     began = time.monotonic()
     try:
+        job = load_job(task.job) if task.job else job
         result = job(
             simspec=load_json_document(task.simspec, SimSpec),
             decomposition=decomposition,

@@ -15,6 +15,7 @@ OUTCOME_MEANINGS = {
     Outcome.AGENT_NEVER_CONNECTED: "the agent never connected to the session",
     Outcome.AGENT_PROTOCOL: "the agent violated the tick protocol",
     Outcome.AGENT_FLOODED: "the agent sent far more than is recorded of it",
+    Outcome.AGENT_BROKE_BENCH: "the bench was lost under the unconfined agent, and again when the run was repeated",
     Outcome.PLACEMENT_INFEASIBLE: "no positions satisfy the constraints of the scene; nothing flew",
     Outcome.SETUP_INVALID: "the SimSpec names something that does not exist; nothing flew",
     Outcome.WALL_BUDGET: "the session exceeded its budget of host time",

@@ -1,0 +1,97 @@
+"""Sessions that ended as an unconfined agent could have made them end: marked, flown again, and charged to the agent when
+it happens again. docs/campaigns.md states the rule and what it cannot tell.
+"""
+
+from __future__ import annotations
+
+import builtins
+from collections.abc import Callable
+
+from bench.contracts import SUSPECT, Outcome, SessionResult
+
+UNCONFINED = "none"
+ISOLATION = "isolation"
+"""In `SessionResult.details`: the rung that confined the agent."""
+ATTEMPTS_TO_CHARGE = 2
+
+_REASON_CHARACTERS = 300
+
+
+class SuspectWatch:
+    """Follows the attempts at every realization in one run of a campaign.
+
+    `memory_kills` counts the processes that the kernel killed for want of memory: such an end is the host's.
+    `isolation` is the rung that confines the agent of a realization here: a worker that is gone cannot say it.
+    """
+
+    def __init__(
+        self,
+        memory_kills: Callable[[], int],
+        isolation: Callable[[str], str] = lambda realization: UNCONFINED,
+    ) -> None:
+        self._memory_kills = memory_kills
+        self._isolation = isolation
+        self._kills_at_start: dict[str, int] = {}
+        self._suspicions: dict[str, list[str]] = {}
+        self._chargeable: dict[str, int] = {}
+        self._forfeited: set[str] = set()
+
+    def start(self, realization: str) -> None:
+        """An attempt begins."""
+        self._kills_at_start[realization] = self._memory_kills()
+
+    def record(self, result: SessionResult) -> None:
+        """An attempt has ended."""
+        realization = result.realization
+        killed = self._memory_kills() > self._kills_at_start.get(realization, 0)
+        if killed or realization in self._forfeited or not is_suspect(result):
+            return
+        if ISOLATION not in result.details and self._isolation(realization) != UNCONFINED:
+            return
+        ends = self._suspicions.setdefault(realization, [])
+        ends.append(f"{result.outcome}: {result.reason}"[:_REASON_CHARACTERS])
+        self._chargeable[realization] = self._chargeable.get(realization, 0) + is_chargeable(result)
+
+    def forfeits(self, result: SessionResult, bench_works: bool) -> bool:
+        """Whether the agent is charged with an end that would be final: each time the bench was lost, while it flew
+        other sessions. From then on the realization is forfeited.
+        """
+        realization = result.realization
+        charged = (
+            bench_works
+            and realization not in self._forfeited
+            and is_chargeable(result)
+            and realization in self._suspicions
+            and self._chargeable.get(realization, 0) >= ATTEMPTS_TO_CHARGE
+            and self._chargeable[realization] == len(self._suspicions[realization])
+        )
+        if charged:
+            self._forfeited.add(realization)
+        return charged
+
+    def is_forfeited(self, realization: str) -> bool:
+        """Whether the next attempt is one without the agent."""
+        return realization in self._forfeited
+
+    def marked(self, result: SessionResult) -> SessionResult:
+        """The result with what its attempts are suspected of; also one that went well in the end."""
+        ends = self._suspicions.get(result.realization)
+        return result.model_copy(update={"details": {**result.details, SUSPECT: ends}}) if ends else result
+
+
+def is_suspect(result: SessionResult) -> bool:
+    """Whether the session ended as somebody who may kill or rob the bench's process can make it end."""
+    unconfined = result.details.get(ISOLATION, UNCONFINED) == UNCONFINED
+    return unconfined and result.outcome in (Outcome.WORKER_LOST, Outcome.BENCH_ERROR)
+
+
+def is_chargeable(result: SessionResult) -> bool:
+    """Whether such an end is evidence enough: a lost worker, or a fault of the operating system.
+
+    Any other exception is a fault in the bench's own code, which an agent cannot plant and a scene can meet each time.
+    """
+    if not is_suspect(result):
+        return False
+    kind = getattr(builtins, result.reason.partition(":")[0], None)
+    from_outside = isinstance(kind, type) and issubclass(kind, OSError)
+    return result.outcome is Outcome.WORKER_LOST or from_outside

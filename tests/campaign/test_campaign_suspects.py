@@ -1,0 +1,193 @@
+"""An agent cannot be rid of a session by breaking the bench, and no fault of the host is laid on it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from campaign_fakes import FORFEIT, Script, fly
+from in_process_executor import open_in_process
+
+from bench.campaign import CampaignFolder, CampaignSummary, open_journal, read_result, verify_folder
+from bench.campaign.execution._flight import forfeit_realization
+from bench.campaign.execution._suspects import SuspectWatch, is_chargeable, is_suspect
+from bench.contracts import SUSPECT, Outcome, SessionResult, suspicions_of
+from bench.reporting import load_report_data, render_report
+
+FIRST, SECOND, THIRD = "p001-r1-fake", "p002-r2-fake", "p003-r1-fake"
+
+
+def flown(
+    folder: Path, acts: dict[str, str], memory_kills: Callable[[], int] = lambda: 0
+) -> tuple[CampaignSummary, dict[str, SessionResult]]:
+    """A campaign of six fakes in this process; its results by realization."""
+    summary = fly(
+        folder,
+        script=Script(acts),
+        open_executor=open_in_process(),
+        forfeit_job=FORFEIT,
+        memory_kills=memory_kills,
+    )
+    results = {path.name: read_result(path, path.name) for path in (folder / "runs").iterdir()}
+    return summary, {name: result for name, result in results.items() if result is not None}
+
+
+def attempts(folder: Path) -> dict[str, int]:
+    with open_journal(folder / "journal.sqlite") as journal:
+        return {entry.id: entry.attempts for entry in journal.entries()}
+
+
+def test_two_agents_that_break_the_bench_again_are_charged(tmp_path: Path) -> None:
+    """Both runs count, with a recording of their own and both attempts in the details; the campaign is complete."""
+    summary, results = flown(tmp_path, {FIRST: "rob", SECOND: "rob"})
+    assert summary.complete
+    assert summary.outcomes == {Outcome.COMPLETED: 4, Outcome.AGENT_BROKE_BENCH: 2}
+    for name in (FIRST, SECOND):
+        ends = suspicions_of(results[name].details)
+        assert ends == ("bench_error: FileNotFoundError: somebody removed the recording",) * 2
+        assert (
+            CampaignFolder(tmp_path).run(name) / "recording.mcap"
+        ).read_bytes() == f"none of {name}".encode()
+        assert attempts(tmp_path)[name] == 3
+    assert SUSPECT not in results[THIRD].details
+    assert verify_folder(tmp_path) == []
+    assert flown(tmp_path, {})[0].flown == 0, "an agent's own end is not flown again"
+
+
+def test_once_is_marked_and_charged_to_nobody(tmp_path: Path) -> None:
+    """The second attempts go well: their outcomes are their own, and both stay visible."""
+    summary, results = flown(tmp_path, {FIRST: "rob-once", SECOND: "raise-once"})
+    assert summary.outcomes == {Outcome.COMPLETED: 6}
+    assert [len(suspicions_of(results[name].details)) for name in (FIRST, SECOND, THIRD)] == [1, 1, 0]
+
+
+def test_a_bug_of_the_bench_is_not_laid_on_the_agent(tmp_path: Path) -> None:
+    """A ValueError each time is ours, however often: missing, and suspect."""
+    summary, results = flown(tmp_path, {FIRST: "raise", SECOND: "rob"})
+    assert summary.completeness.missing == {Outcome.BENCH_ERROR: 1}
+    assert results[FIRST].outcome is Outcome.BENCH_ERROR
+    assert len(suspicions_of(results[FIRST].details)) == 2
+    assert results[SECOND].outcome is Outcome.AGENT_BROKE_BENCH
+
+
+def test_a_host_without_memory_is_not_laid_on_the_agent(tmp_path: Path) -> None:
+    """The kernel kills something during every attempt: nothing is suspect."""
+    kills = iter(range(1000))
+    summary, results = flown(tmp_path, {FIRST: "rob", SECOND: "rob"}, lambda: next(kills))
+    assert summary.completeness.missing == {Outcome.BENCH_ERROR: 2}
+    assert all(SUSPECT not in result.details for result in results.values())
+
+
+def test_a_worker_that_is_killed_each_time(tmp_path: Path) -> None:
+    """Real processes and SIGKILL: one realization each time, one once."""
+    summary = fly(
+        tmp_path, script=Script({FIRST: "kill", SECOND: "kill-once"}), workers=2, forfeit_job=FORFEIT
+    )
+    assert summary.outcomes == {Outcome.COMPLETED: 5, Outcome.AGENT_BROKE_BENCH: 1}
+    result = read_result(CampaignFolder(tmp_path).run(SECOND), SECOND)
+    assert result is not None
+    (end,) = suspicions_of(result.details)
+    assert end.startswith("worker_lost: the worker ")
+    assert "was killed by SIGKILL" in end
+
+
+def ended(realization: str, outcome: Outcome, reason: str = "", **details: str) -> SessionResult:
+    return SessionResult(realization=realization, outcome=outcome, reason=reason, details=details)
+
+
+LOST = ended("a", Outcome.WORKER_LOST, "the worker w1 was killed by SIGKILL")
+
+
+@pytest.mark.parametrize(
+    ("result", "suspect", "chargeable"),
+    [
+        (LOST, True, True),
+        (ended("a", Outcome.BENCH_ERROR, "ConnectionResetError: [Errno 104]"), True, True),
+        (ended("a", Outcome.BENCH_ERROR, "KeyError: 'x'"), True, False),
+        (ended("a", Outcome.BENCH_ERROR, "the vehicle model failed: no number"), True, False),
+        (ended("a", Outcome.BENCH_ERROR, "OSError: disk", isolation="bwrap"), False, False),
+        (ended("a", Outcome.BENCH_ERROR, "OSError: disk", isolation="none"), True, True),
+        (ended("a", Outcome.WALL_BUDGET, "killed"), False, False),
+        (ended("a", Outcome.AGENT_CRASHED, "OSError: of the agent"), False, False),
+    ],
+)
+def test_what_is_suspect_and_what_is_evidence(result: SessionResult, suspect: bool, chargeable: bool) -> None:
+    assert (is_suspect(result), is_chargeable(result)) == (suspect, chargeable)
+
+
+def test_every_attempt_must_be_evidence_and_something_must_work() -> None:
+    """Two realizations side by side: one lost twice, one lost once and once with an error of the bench's own."""
+    watch = SuspectWatch(lambda: 7)
+    other = LOST.model_copy(update={"realization": "b"})
+    own = ended("b", Outcome.BENCH_ERROR, "KeyError: 'x'")
+    for result in (LOST, other):
+        watch.start(result.realization)
+        watch.record(result)
+        assert not watch.forfeits(result, bench_works=True), "once is no evidence"
+    watch.record(LOST)
+    watch.record(own)
+    watch.record(other)
+    assert not watch.forfeits(LOST, bench_works=False)
+    assert not watch.forfeits(other, bench_works=True)
+    assert watch.forfeits(LOST, bench_works=True)
+    assert (watch.is_forfeited("a"), watch.is_forfeited("b")) == (True, False)
+    # The session without the agent is lost too: then it is the host, and there is no third time.
+    watch.record(LOST)
+    assert not watch.forfeits(LOST, bench_works=True)
+
+
+def test_a_confined_agent_is_not_suspected() -> None:
+    """Two workers are lost twice each; the rung of the first agent's host holds it."""
+    watch = SuspectWatch(lambda: 0, {"a": "bwrap", "b": "none"}.__getitem__)
+    for name in ("a", "b", "a", "b"):
+        watch.record(LOST.model_copy(update={"realization": name}))
+    ends = [LOST.model_copy(update={"realization": name}) for name in ("a", "b")]
+    assert [watch.forfeits(end, bench_works=True) for end in ends] == [False, True]
+    assert [SUSPECT in watch.marked(end).details for end in ends] == [False, True]
+
+
+def test_a_forfeited_realization_is_recorded_and_measured(tmp_path: Path) -> None:
+    """For real: both paces end before anything flies, with what the situation considers, and score again the same."""
+    from bench.campaign import load_measurable_decomposition, rescore
+    from bench.realization import place
+    from bench.simspec import AgentSpec, load_simspec
+
+    example = Path(__file__).parents[2] / "examples" / "search.yaml"
+    decomposition = load_measurable_decomposition("search-and-report")
+    spec = place(load_simspec(example)).model_copy(update={"agent": AgentSpec(manifest="reference-naive")})
+    result = forfeit_realization(spec, decomposition, tmp_path / "run", "run")
+    assert result.outcome is Outcome.AGENT_BROKE_BENCH, result.reason
+    assert result.outcome.counts
+    assert result.simulated_s == 0.0
+    values = {
+        observation.observable: observation.x for observation in result.observations if observation.considered
+    }
+    assert len(values) >= 3
+    assert sum(x or 0.0 for x in values.values()) <= 0.2 * len(values), values
+    (tmp_path / "run" / "result.json").write_text(result.model_dump_json())
+    again = rescore(tmp_path / "run", decomposition)
+    assert again.outcome is Outcome.AGENT_BROKE_BENCH
+    assert again.observations == result.observations
+
+
+def test_the_report_lists_suspects_first_and_shows_probes(tmp_path: Path) -> None:
+    """Of six runs the last two by name are suspect, and one of them probed; a run without probes has a dash."""
+    last, before = "p003-r2-fake", "p003-r1-fake"
+    flown(tmp_path, {last: "rob", before: "rob-once"})
+    path = CampaignFolder(tmp_path).run(before) / "result.json"
+    document = json.loads(path.read_text())
+    document["counters"] = {"tick_strangers": 2, "simulation_refused": 3, "air_lost": 9}
+    path.write_text(json.dumps(document))
+    page = render_report(load_report_data(tmp_path))
+    table = page[page.index('id="all-runs"') : page.index("Outcomes other than completed")]
+    rows = table.split("<tr>")[2:]
+    assert [("suspect</span>" in row) for row in rows] == [True, True, False, False, False, False]
+    assert before in rows[0]
+    assert "2 strangers on the tick socket, 3 attempts to change the simulation" in rows[0]
+    assert "air_lost" not in table
+    assert last in rows[1]
+    assert "agent broke bench" in rows[1]
+    assert "Probes</th>" in table
+    assert f"may have caused, in {before}, {last}." in page
