@@ -208,7 +208,7 @@ def test_scores_report_comparison_and_the_next_campaign(tmp_path: Path, capsys: 
     proposed = read_document(proposal.text, Campaign)
     assert proposed.situations == campaign.situations
     assert [factor.name for factor in proposed.design.factors] == ["situation"]
-    assert "for a person to decide" in proposal.text
+    assert "stays: which situations a campaign is about" in proposal.text
     capsys.readouterr()
 
 
