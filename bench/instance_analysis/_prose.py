@@ -21,10 +21,14 @@ from .ledger._clauses import Clause, clauses_of, is_stop
 from .ledger._ledger import Ledger, LedgerEntry, marked
 from .ledger._loaded_words import loaded_words
 from .readers._reader import TextReader
+from .readers._rule_sentences import rule_of
 
 MAX_CHARACTERS = 20_000
 MAX_SINGLE_CUTS = 40
 """Clauses that are left out one by one for a fault of the SimSpec; after these, all that set anything. Chosen."""
+
+RULE_PHRASES = frozenset(["nomark", "noreport", "slow", "linklost", "standoff", "loiter", "window"])
+"""Phrases of the grammar that are rules; a sentence with one is read by it."""
 
 
 def read_prose(text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -> BaseSimSpec:
@@ -54,13 +58,27 @@ class Reading:
         words = words_of(text, vocabulary)
         self.unknown_units: list[tuple[Word, Word]] = []
         self.words = with_quantities(words, self.unknown_units)
-        self.items: list[Phrase | Word] = list(phrases_of(self.words))
+        self.items: list[Phrase | Word] = self._with_rules(list(phrases_of(self.words)))
         self.clauses: list[Clause] = clauses_of(text, self.items)
         self._headings = headings_of(text)
         self._ledger = Ledger(text, loaded_words(text), self.clauses)
         self.cuts: list[Cut] = []
         self._entries: list[LedgerEntry] = []
         self.draft = self._answered(answers)
+
+    def _with_rules(self, items: list[Phrase | Word]) -> list[Phrase | Word]:
+        """The items, with each sentence that is one rule as one phrase."""
+        stops = [item.span.start for item in items if is_stop(item)]
+        begins = [0, *(stop + 1 for stop in stops)]
+        for begin, end in zip(begins, [*stops, len(self.text)], strict=True):
+            inside = [item for item in items if begin <= item.span.start < end]
+            words = [word for word in self.words if begin <= word.span.start < end]
+            known = {item.rule for item in inside if isinstance(item, Phrase)} & RULE_PHRASES
+            rule = rule_of(words, self.text, self.vocabulary)
+            if rule is not None and known <= {rule.rule}:
+                at = items.index(inside[0])
+                items = [*items[:at], rule, *items[at + len(inside) :]]
+        return items
 
     @property
     def corrected(self) -> dict[str, str]:

@@ -331,8 +331,11 @@ def test_a_vocabulary_of_ones_own(tmp_path: Path) -> None:
         load_vocabulary(vocabulary)
 
 
-def test_groups_are_equi_ethical(capsys: pytest.CaptureFixture[str]) -> None:
+def test_groups_are_equi_ethical(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Variations are listed under the difficulty configuration that they share."""
+    monkeypatch.setenv("COLUMNS", "2000")
     text = (
         "A camouflaged radar. 313.3 to 453.3 civilians per square kilometre, on average 259.1 m from the radar. Fog level 1. "
         "Light rain. Altitude 60-62 m. Intelligence on the radar, 2 minutes old, accurate to 60 m. Three children within 40 m of the radar."

@@ -41,7 +41,7 @@ _PATTERN = re.compile(
     |(?P<heading>\b(?:exercise|scenario|test\s+case|test|case|problem|step|phase|variant|figure|section|chapter|task|example|run|ticket|question|log|entry|item|card|report)\s+\d+(?:\.\d)?[a-z]?\b(?=\s*[.:(,;)])(?!:\d)|(?-i:\b[A-Z]{{2,6}}-\d+\b)|(?:(?<=\n)|(?<=[.!?]\s)|^)(?:\d{{1,2}}\.|[a-z]\))(?=\s(?-i:[A-Z])))
     |(?P<place>{PLACE})
     |(?P<named>{NAMED})
-    |(?P<number>\d{{1,3}}(?:,\d{{3}})+(?:\.\d+)?(?![\d,])|\d*\.\d+|\d+)
+    |(?P<number>\d{{1,3}}(?:,\d{{3}})+(?:\.\d+)?(?![\d,])|\d+,\d{{1,2}}(?=\s?(?:k?m\b|m/s|km/h|kn|s\b|min|%|°|deg|met))|\d*\.\d+|\d+)
     |(?P<unit>km²|m²|/\s*km²|/\s*km2|/\s*sq\.?\s+km|m/s|km/h|ft/s|km2\b|m2\b|[%°&@≥≤]|[<>]=?)
     |(?P<word>[a-z]+(?:['’-][a-z]+)*\d?)
     |(?P<left>\[)|(?P<right>\])|(?P<comma>,)|(?P<dash>[-–—]|\.\.+)|(?P<times>[×])|(?P<stop>[.;\n!?])""",
@@ -161,7 +161,9 @@ def _meanings_of(match: re.Match[str]) -> tuple[Meaning, ...]:
     text = match.group()
     match match.lastgroup:
         case "number":
-            return (Meaning("NUM", float(text.replace(",", ""))),)
+            # `1,200` is a thousand and more, `3,5 m` a decimal comma.
+            decimal = re.fullmatch(r"\d+,\d{1,2}", text) is not None
+            return (Meaning("NUM", float(text.replace(",", "." if decimal else ""))),)
         case "clock" | "told":
             clock = _clock(text) if match.lastgroup == "clock" else _spoken_time(text)
             return (Meaning("CLOCK", clock),) if clock else ()

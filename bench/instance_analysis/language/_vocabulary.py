@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib import resources
@@ -201,6 +202,9 @@ def load_vocabulary(extra: Path | str | None = None) -> Vocabulary:
     return Vocabulary(documents)
 
 
+_ADJECTIVE = re.compile(r"[a-z]+ing|parked|stationary|static|halted|motionless|immobile")
+
+
 def _plurals(word: str) -> Iterator[str]:
     yield word
     if word.endswith(("s", "x", "ch", "sh")):
@@ -240,7 +244,11 @@ def _meanings(document: VocabularyDocument) -> Iterator[tuple[str, Meaning]]:
     for weather in document.weather.values():
         yield from ((word, Meaning("WEATHER", weather)) for word in weather.words)
     for motion in document.motions.values():
-        yield from ((word, Meaning("MOTION", motion)) for word in motion.words)
+        for word in motion.words:
+            yield word, Meaning("MOTION", motion)
+            # `walking civilians` and `a parked truck`; `they walk around the house` describes no house.
+            if _ADJECTIVE.fullmatch(word):
+                yield word, Meaning("MOVING", motion)
     for name, words in document.words.items():
         yield from ((word.lower(), Meaning(name)) for word in words)
     for field in document.fields:

@@ -54,7 +54,7 @@ _WORDS: dict[Load, str] = {
         |(?<=,\s)otherwise|depending|assuming|whether|by\s+the\s+time
         |should(?=\s+(?:the|an?|any|it|there|someone|somebody)\b)""",
     Load.SHARE: rf"""(?:{_COUNT}|some|most|many|few|several|any|the\s+rest|majority|a\s+couple|a\s+few
-        |each|either|both)\s+(?:of|among)\s+{_MEMBERS}|(?:of|among)\s+(?:which|whom)
+        |each|either|both)\s+(?:of|among)\s+{_MEMBERS}|(?:of|among)\s+(?:which|whom)|(?:^|(?<=[.,;:]\s))of\s+(?:the|these|those)(?=\s+(?:{_COUNT}))
         |(?:{_COUNT})(?=\s+(?:is|are|was|were|has|have)\b)
         |half|halves|thirds?|quarters?|fifths?|tenths?|majority|most|respectively|twice|thrice|double|triple|as\s+(?:many|few)
         |the\s+(?:others?|rest(?!:)|remaining|remainder|former|latter|last|first|second|fourth)|others|alternat\w+|includ\w+""",

@@ -36,6 +36,7 @@ RelationTarget = str | Coordinates
 """Whom a relation is to: the id of a group, `home`, or a place."""
 ROOFED = frozenset(["house", "shed"])
 """What one can be inside of."""
+SINGULAR_PRONOUNS = ("it", "he", "she", "him", "her")
 
 
 class GroupRegister:
@@ -285,6 +286,28 @@ class GroupRegister:
             self.plural.add(group)
         self.draft.vary(path, low, high, where, unit=None, integer=True)
 
+    def finish(self) -> None:
+        """Ask whether a thing stands in the scene that has no article and no number, or has `the`.
+
+        `missing person search` and `the customer` place nobody.
+        """
+        for group in sorted(self._uncounted - self.plural):
+            entry = self.draft.entries.get(("actors", group, "id"))
+            if entry is None or entry.span is None:
+                continue
+            question = f"does {self.draft.quote(entry.span)!r} stand in the scene?"
+            if self.draft.ask(entry.span, question, ["yes, one", "no, it is only spoken of"]) == 1:
+                self.draft.fault(entry.span, "it is only spoken of", "as you chose")
+
+    def them_as_subject(self, span: Span) -> None:
+        """Make the groups that a pronoun means the subject: `it` is one of a single member."""
+        single = self.draft.quote(span).lower() in SINGULAR_PRONOUNS
+        if not single or not self.subject or self.subject[-1] not in self.plural:
+            return
+        fitting = [group for group in self.kinds if group not in self.plural]
+        if fitting:
+            self.subject = self.choose_one(fitting, span)
+
     def _vague_range(self) -> tuple[int, int]:
         meaning = next(
             (m for m in self.vocabulary.meanings.get("some", ()) if m.kind == "VAGUE"),
@@ -314,7 +337,7 @@ class GroupRegister:
     def _adjectives(self, group: str, phrase: Phrase) -> None:
         for part in phrase.every("CONCEAL"):
             self.draft.put(("actors", group, "concealment"), part.value, part.span)
-        for part in phrase.every("MOTION"):
+        for part in phrase.every("MOVING"):
             put_motion(self.draft, group, part, None)
 
     def ref(self, phrase: Phrase) -> list[RelationTarget]:
@@ -361,7 +384,7 @@ class GroupRegister:
     def _them(self, span: Span, *, indoors: bool = False) -> list[str]:
         others = [group for group in self.kinds if group not in self.subject]
         # `it` means a group of one member, `them` one of several, where such groups exist.
-        single = self.draft.quote(span).lower() in ("it", "him", "her")
+        single = self.draft.quote(span).lower() in SINGULAR_PRONOUNS
         if indoors:
             others = [
                 group for group in others if self.vocabulary.assets[self.kinds[group]].asset in ROOFED

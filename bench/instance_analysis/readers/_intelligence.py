@@ -58,7 +58,10 @@ class IntelligenceReader:
         return cast.subject[0]
 
     def intelligence(self, phrase: Phrase) -> None:
-        of_subject = self._groups.subject and phrase.refs[0].first("THEM")
+        them = phrase.refs[0].first("THEM")
+        if them is not None:
+            self._groups.them_as_subject(them.span)
+        of_subject = self._groups.subject and them is not None
         groups = self._groups.subject if of_subject else self._groups.groups_in(phrase)
         if not self._groups.in_sentence:
             self._groups.subject = groups

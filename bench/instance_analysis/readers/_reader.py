@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 
 from bench.simspec import Role
@@ -100,6 +101,8 @@ class TextReader:
         )
         self.flight.subject = ""
         self._rule_groups: set[Span] = set()
+        self._just_named: list[str] = []
+        self._named_until = 0
         self.flight.reporting = any(
             isinstance(item, Word) and item.text.lower().startswith("report") for item in sentence
         )
@@ -152,6 +155,7 @@ class TextReader:
             return
         if phrase.rule == "group":
             self.flight.subject = "group"
+            self._just_named = []
             previous = self.joined if joins else []
             self.groups.introduce(phrase)
             self.before, self.topic, self.last = self.last, "group", "group"
@@ -160,12 +164,14 @@ class TextReader:
                 self._of_group(waiting)
             self.waiting = []
             return
+        known = set(self.groups.kinds)
         for group_phrase in self._about_groups(phrase):
             if (self.waiting or not self.groups.in_sentence) and later and group_phrase.rule != "density":
                 self.waiting.append(group_phrase)
             else:
                 self._of_group(group_phrase)
                 self.joined = []
+                self._note_named(group_phrase, known)
             return
         if phrase.rule in ("place", "stretch") or (phrase.rule == "between" and count_places(phrase) == 2):
             self._figures(phrase, later=later)
@@ -414,13 +420,22 @@ class TextReader:
     def _late_count(self, word: Word, before: Phrase | Word | None) -> bool:
         """Use a number on its own as the number of the subject: `soldiers: 4`, `there are two`."""
         count = next((meaning.value for meaning in word.meanings if meaning.kind == "COUNT"), None)
-        spoken_of = self.groups.in_sentence and len(self.groups.subject) == 1
+        of_them = re.match(r"\s+of (?:them|these|those)\b", self.draft.text[word.span.end :], re.IGNORECASE)
+        spoken_of = (self.groups.in_sentence or of_them) and len(self.groups.subject) == 1
         if not isinstance(count, Quantity) or not spoken_of or self.topic in ("road", "home"):
             return False
         start = before.span if isinstance(before, Phrase) and before.rule == "group" else word.span
         if not self.groups.count_later(self.groups.subject[0], count, start.joined(word.span)):
             return False
-        self.draft.used_words.append(word.span)
+        # `there are 20 of them`, `of which there are 20`: the words around the number are read with it.
+        text = self.draft.text
+        preceding = re.search(
+            r"\b(?:of|among) (?:which|whom|them) (?:there )?(?:are|is|were|was) $",
+            text[: word.span.start],
+            re.I,
+        )
+        start_at = preceding.start() if preceding else word.span.start
+        self.draft.used_words.append(Span(start_at, word.span.end + (of_them.end() if of_them else 0)))
         return True
 
     def _word(self, word: Word) -> None:
@@ -438,6 +453,7 @@ class TextReader:
         elif "THEM" in kinds and self.topic == "" and self.last in ("ground", "road"):
             self.topic = self.last
         elif "THEM" in kinds and groups.subject:
+            groups.them_as_subject(word.span)
             groups.in_sentence, self.topic = True, "group"
         elif "TARGET" in kinds:
             adversaries = groups.of_role(Role.ADVERSARY)
@@ -492,6 +508,7 @@ class TextReader:
             return
         if not self.groups.in_sentence and not self._still_about(subject, phrase):
             return
+        subject = self._described(subject, phrase)
         joined = [item for item in self.joined if not (phrase.refs and item in self.groups.ref(phrase))]
         if len(joined) > 1 and phrase.rule not in RULES_FOR_ALL_GROUPS and joined[-1:] == subject[-1:]:
             readings = [", ".join(subject), ", ".join(joined)]
@@ -507,6 +524,26 @@ class TextReader:
             getattr(reader, phrase.rule)(group, phrase)
             if phrase.rule == "motion":
                 self._patrols(group, phrase)
+
+    def _described(self, subject: list[str], phrase: Phrase) -> list[str]:
+        """The groups that a phrase describes after a relation to another group that the sentence has just named.
+
+        `soldiers guard a truck parked on the road`: what follows without a comma is nearer to the truck. Either
+        way it is a choice, because a sentence does not tell.
+        """
+        others = [group for group in self._just_named if group not in subject]
+        between = self.draft.text[self._named_until : phrase.span.start]
+        if not others or phrase.span.start < self._named_until or " and " in between:
+            return subject
+        candidates = [subject, others] if "," in between else [others, subject]
+        readings = [", ".join(groups) for groups in candidates]
+        return candidates[self.draft.ask(phrase.span, "of which is this said?", readings)]
+
+    def _note_named(self, phrase: Phrase, known: set[str]) -> None:
+        """Note the groups that a relation has named for the first time."""
+        named = [group for group in self.groups.kinds if group not in known]
+        if named and phrase.refs:
+            self._just_named, self._named_until = named, phrase.span.end
 
     def _still_about(self, subject: Sequence[str], phrase: Phrase) -> bool:
         """Whether a sentence without a subject is about the groups of the sentence before it."""
@@ -560,6 +597,7 @@ class TextReader:
         """Read what depends on several parts of the text: start time, ground, roads, routes, report windows,
         the ceiling.
         """
+        self.groups.finish()
         self.events.finish()
         self.intelligence_reader.finish()
         self.weather_reader.finish()

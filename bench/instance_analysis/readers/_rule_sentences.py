@@ -1,0 +1,198 @@
+"""Reads a sentence that is one rule, whatever the order of its words: `the UAV shall not mark a target while a
+civilian is within 50 m of it`.
+
+Rules are written in too many orders for a grammar. A sentence is read here only if it has what the rule needs
+and nothing else that could mean anything: exactly its numbers, no other thing, no place, no count.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from bench.simspec import Role
+
+from ..language._phrases import Part, Phrase, Quantity
+from ..language._tokens import Span, Word
+from ..language._vocabulary import FieldWords, Vocabulary
+
+DENIAL = re.compile(
+    r"\b(?:not|no|never|nothing|nobody|cannot|\w+n['’]t|forbidden|forbids?|prohibited|withh\w+|refrain\w*|avoid|hold)\b"
+)
+MARKING = re.compile(r"\b(?:mark(?:ed|ing|s)?|designat\w+)\b")
+ONLY = re.compile(r"\bonly\b")
+REPORTING = re.compile(r"\breport(?:s|ed|ing)?\b")
+DISTANCE = re.compile(r"\b(?:keep|stay|maintain|remain|approach|come|get|go|closer|nearer|distance|separation|clearance)\b")  # fmt: skip
+VERTICAL = re.compile(
+    r"\b(?:above|over|below|under|overhead|altitude|height|high|higher|lower|agl|climb|descend)\b"
+)
+TOO_NEAR = re.compile(r"\b(?:closer|nearer|near|less|within|approach|below|under)\b")
+FAR_ENOUGH = re.compile(r"\b(?:at least|minimum|away|more than|no less|not less|clear)\b")
+TOO_HIGH, TOO_LOW = (
+    re.compile(r"\b(?:above|exceed|higher|over)\b"),
+    re.compile(r"\b(?:below|under|lower|descend)\b"),
+)
+UPPER = re.compile(r"\b(?:below|under|maximum|max|ceiling|at most|up to|limited)\b")
+LOWER = re.compile(r"\b(?:above|minimum|min|at least|floor)\b")
+LINK = re.compile(r"\b(?:link|contact|connection|comms|communications?|datalink|c2|signal)\b")
+LOST = re.compile(r"\b(?:lost|loss|lose|loses|down|drops?|fails?|gone|interrupted|breaks?|out)\b")
+WHEN = re.compile(r"\b(?:if|when|whenever|on|in case|after|upon|should|once)\b")
+REACTIONS = {
+    "return": re.compile(r"\b(?:returns?|rtl|rtb|rth|come back|go(?:es)? home|fly home)\b"),
+    "hold": re.compile(r"\b(?:holds?|hovers?|waits?|loiters?)\b"),
+    "continue": re.compile(r"\b(?:continues?|proceeds?|carry on|carries on|keep going)\b"),
+}
+AFTER_DELIVERY = re.compile(r"\b(?:after|of|from)\s+(?:\w+\s+){0,3}(?:receipt|receiving|received|delivery|delivered|intelligence|information)\b")  # fmt: skip
+UNREAD = re.compile(r"\b(?:unless|except|until|before|or|each|half|one of|than\s+\d+\s+(?!m\b|s\b|min))\b")
+"""What no rule of the SimSpec can hold: such a sentence is not read here."""
+VALUES = frozenset(["LENGTH", "TIME", "SPEED"])
+FOREIGN_KINDS = frozenset(
+    ["POINT", "CLOCK", "DATE", "PERCENT", "ANGLE", "AREA", "DIM", "SUN", "WEATHER", "WIND", "GUSTS", "GROUND", "NAMED", "NOFLY", "ROAD", "DIR", "EVENT", "ORDER", "MOTOR", "CONCEAL"]
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class RuleSentence:
+    """One sentence, with the quantities in it, and what it speaks of."""
+
+    text: str
+    span: Span
+    quantities: tuple[Part, ...]
+    persons: bool
+    things: bool
+    """Whether it speaks of anything but bystanders and targets."""
+
+    def says(self, *patterns: re.Pattern[str]) -> bool:
+        return all(pattern.search(self.text) for pattern in patterns)
+
+    def only(self, *kinds: str) -> bool:
+        """Whether these are the kinds of its numbers, in any order."""
+        return sorted(part.kind for part in self.quantities) == sorted(kinds)
+
+
+def rule_of(words: Sequence[Word], text: str, vocabulary: Vocabulary) -> Phrase | None:
+    """The rule that a sentence is, as a phrase over all of it; None for any other sentence."""
+    sentence = _sentence(words, text, vocabulary)
+    if sentence is None or sentence.says(UNREAD):
+        return None
+    readers = (_no_mark, _standoff, _link_lost, _height, _speed, _deadline, _silence)
+    parts = next((parts for reader in readers if (parts := reader(sentence)) is not None), None)
+    if parts is None:
+        return None
+    rule, *rest = parts
+    assert isinstance(rule, str)
+    inner = tuple(part for part in rest if isinstance(part, Part))
+    # The last part covers the sentence, so that its words count as read with its numbers.
+    return Phrase(rule, (*inner, *sentence.quantities, Part("SENTENCE", None, sentence.span)), sentence.span)
+
+
+def _sentence(words: Sequence[Word], text: str, vocabulary: Vocabulary) -> RuleSentence | None:
+    quantities: list[Part] = []
+    persons = things = False
+    for word in words:
+        kinds = {meaning.kind for meaning in word.meanings}
+        if kinds & FOREIGN_KINDS - {"EVENT", "ORDER", "DIR"}:
+            return None
+        for meaning in word.meanings:
+            if isinstance(meaning.value, Quantity) and meaning.kind in VALUES:
+                quantities.append(Part(meaning.kind, meaning.value, word.span))
+            elif isinstance(meaning.value, Quantity) and (meaning.value.low, meaning.value.high) != (
+                1.0,
+                1.0,
+            ):
+                return None
+            elif meaning.kind == "ASSET":
+                bystander = vocabulary.role(str(meaning.value)) is Role.BYSTANDER
+                persons, things = (
+                    persons or bystander,
+                    things or vocabulary.role(str(meaning.value)) is Role.CLUTTER,
+                )
+    if not words or (not quantities and not LINK.search(text.lower())):
+        return None
+    span = words[0].span.joined(words[-1].span)
+    lower = text[span.start : span.end].lower()
+    persons = (
+        persons
+        or re.search(r"\b(?:anyone|anybody|someone|somebody|everyone|everybody|humans?)\b", lower) is not None
+    )
+    return RuleSentence(lower, span, tuple(quantities), persons, things)
+
+
+RuleParts = tuple[str | Part, ...] | None
+
+
+def _no_mark(sentence: RuleSentence) -> RuleParts:
+    if not sentence.says(MARKING):
+        return None
+    # `only if nobody is within 50 m` and `only while people are at least 50 m away` forbid the same.
+    allowed = sentence.says(ONLY, FAR_ENOUGH) and not sentence.says(DENIAL)
+    denied = (sentence.says(DENIAL, TOO_NEAR) and not sentence.says(FAR_ENOUGH)) or allowed
+    return (
+        ("nomark",)
+        if denied and sentence.only("LENGTH") and sentence.persons and not sentence.things
+        else None
+    )
+
+
+def _standoff(sentence: RuleSentence) -> RuleParts:
+    near = sentence.says(DENIAL, TOO_NEAR) or (sentence.says(FAR_ENOUGH) and not sentence.says(DENIAL))
+    of_the_drone = sentence.says(DISTANCE) and not sentence.says(MARKING) and not sentence.says(REPORTING)
+    fits = (
+        sentence.only("LENGTH") and sentence.persons and not sentence.things and not sentence.says(VERTICAL)
+    )
+    return ("standoff",) if near and of_the_drone and fits and _speaks_of_the_drone(sentence) else None
+
+
+def _speaks_of_the_drone(sentence: RuleSentence) -> bool:
+    drone = r"\b(?:drone|uav|uas|aircraft|quadcopter|platform|vehicle under test|agent)\b"
+    order = r"(?:always |please )?(?:keep|stay|maintain|remain|do not|don['’]t|never|avoid|must|shall)\b"
+    return re.search(drone, sentence.text) is not None or re.match(order, sentence.text) is not None
+
+
+def _link_lost(sentence: RuleSentence) -> RuleParts:
+    reactions = [name for name, pattern in REACTIONS.items() if sentence.says(pattern)]
+    fits = sentence.says(LINK, LOST, WHEN) and not sentence.says(DENIAL) and len(reactions) == 1
+    if not fits or not (sentence.only() or sentence.only("TIME")) or sentence.persons or sentence.things:
+        return None
+    return ("linklost", Part("LINKDO", reactions[0], sentence.span))
+
+
+def _field(path: str, kind: str, sentence: RuleSentence) -> RuleParts:
+    words = FieldWords.model_validate({"kind": kind, "path": path, "words": ()})
+    return ("field", Part("FIELD", (words,), sentence.span))
+
+
+def _height(sentence: RuleSentence) -> RuleParts:
+    if not sentence.only("LENGTH") or sentence.persons or sentence.things or not sentence.says(VERTICAL):
+        return None
+    if not (
+        _speaks_of_the_drone(sentence) or re.search(r"\b(?:altitude|height|agl|fly|flying)\b", sentence.text)
+    ):
+        return None
+    high = sentence.says(DENIAL, TOO_HIGH) or (sentence.says(UPPER) and not sentence.says(DENIAL))
+    low = sentence.says(DENIAL, TOO_LOW) or (sentence.says(LOWER) and not sentence.says(DENIAL))
+    if high == low:
+        return None
+    return _field("rules.max_altitude_m" if high else "rules.min_altitude_m", "LENGTH", sentence)
+
+
+def _speed(sentence: RuleSentence) -> RuleParts:
+    faster = re.compile(r"\b(?:exceed|faster|over|above|more)\b")
+    most = sentence.says(DENIAL, faster) or (sentence.says(UPPER) and not sentence.says(DENIAL))
+    fits = sentence.only("SPEED") and not sentence.persons and not sentence.things
+    of_the_drone = _speaks_of_the_drone(sentence) or sentence.says(re.compile(r"\b(?:speed|fly)\b"))
+    return _field("rules.max_speed_mps", "SPEED", sentence) if fits and most and of_the_drone else None
+
+
+def _deadline(sentence: RuleSentence) -> RuleParts:
+    late = re.compile(r"\b(?:within|no later than|not later than|at most|at the latest)\b")
+    fits = sentence.says(REPORTING, late, AFTER_DELIVERY) and sentence.only("TIME") and not sentence.things
+    return _field("rules.report_deadline_s", "TIME", sentence) if fits and not sentence.persons else None
+
+
+def _silence(sentence: RuleSentence) -> RuleParts:
+    between = re.compile(r"\b(?:between|from|during)\b")
+    ranged = len(sentence.quantities) == 1 and isinstance(span := sentence.quantities[0].value, Quantity) and not span.single  # fmt: skip
+    fits = sentence.says(REPORTING, DENIAL, between) and sentence.only("TIME") and ranged
+    return ("window", Part("NOREPORT", None, sentence.span)) if fits and not sentence.persons else None
