@@ -206,7 +206,7 @@ def test_accept_takes_another_reading_and_strict_wants_all_of_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The readings are numbered; --accept takes them in order; a reading that is not there is told."""
-    text = "[1,2] vehicles [20-40] meters away from the radar. Rain."
+    text = "[1,2] vehicles [20-40] meters away from a radar. Rain."
     out = tmp_path / "scene.yaml"
     assert run(["prose", text, "--strict", "--out", str(out)]) == 1
     assert not out.exists()
@@ -331,9 +331,7 @@ def test_a_vocabulary_of_ones_own(tmp_path: Path) -> None:
         load_vocabulary(vocabulary)
 
 
-def test_groups_are_equi_ethical(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_groups_are_equi_ethical(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Variations are listed under the difficulty configuration that they share."""
     monkeypatch.setenv("COLUMNS", "2000")
     text = (

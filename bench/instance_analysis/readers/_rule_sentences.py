@@ -8,6 +8,7 @@ and nothing else that could mean anything: exactly its numbers, no other thing, 
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ from bench.simspec import Role
 from ..language._phrases import Part, Phrase, Quantity
 from ..language._tokens import Span, Word
 from ..language._vocabulary import FieldWords, Vocabulary
+from ..ledger._loaded_words import Load, loaded_words
 
 DENIAL = re.compile(
     r"\b(?:not|no|never|nothing|nobody|cannot|\w+n['’]t|forbidden|forbids?|prohibited|withh\w+|refrain\w*|avoid|hold)\b"
@@ -44,7 +46,9 @@ REACTIONS = {
     "continue": re.compile(r"\b(?:continues?|proceeds?|carry on|carries on|keep going)\b"),
 }
 AFTER_DELIVERY = re.compile(r"\b(?:after|of|from)\s+(?:\w+\s+){0,3}(?:receipt|receiving|received|delivery|delivered|intelligence|information)\b")  # fmt: skip
-UNREAD = re.compile(r"\b(?:unless|except|until|before|or|each|half|one of|than\s+\d+\s+(?!m\b|s\b|min))\b")
+HAPPENS = re.compile(r"\b(?:is|are|be|has|have|been|comes?|gets?|lost|loss|drops?|fails?|down|gone|receiv\w+|receipt|delivery|information|intelligence)\b")  # fmt: skip
+_VERB_DENIED = re.compile(r"\bnot\b|n['’]t\b|\bnever\b")
+UNREAD = re.compile(r"\b(?:unless|except|until|before|instead|without|than\s+\d+\s+(?!m\b|s\b|min))\b")
 """What no rule of the SimSpec can hold: such a sentence is not read here."""
 VALUES = frozenset(["LENGTH", "TIME", "SPEED"])
 FOREIGN_KINDS = frozenset(
@@ -74,7 +78,7 @@ class RuleSentence:
 def rule_of(words: Sequence[Word], text: str, vocabulary: Vocabulary) -> Phrase | None:
     """The rule that a sentence is, as a phrase over all of it; None for any other sentence."""
     sentence = _sentence(words, text, vocabulary)
-    if sentence is None or sentence.says(UNREAD):
+    if sentence is None or not _is_accounted_for(sentence, text):
         return None
     readers = (_no_mark, _standoff, _link_lost, _height, _speed, _deadline, _silence)
     parts = next((parts for reader in readers if (parts := reader(sentence)) is not None), None)
@@ -85,6 +89,38 @@ def rule_of(words: Sequence[Word], text: str, vocabulary: Vocabulary) -> Phrase 
     inner = tuple(part for part in rest if isinstance(part, Part))
     # The last part covers the sentence, so that its words count as read with its numbers.
     return Phrase(rule, (*inner, *sentence.quantities, Part("SENTENCE", None, sentence.span)), sentence.span)
+
+
+def _is_accounted_for(sentence: RuleSentence, text: str) -> bool:
+    """Whether a rule can hold every loaded word: one denial, one condition, its numbers and their bounds."""
+    begin, end = sentence.span.start, sentence.span.end
+    words = loaded_words(text[begin:end])
+    loads = Counter(word.load for word in words)
+    if loads[Load.NEGATION] > 1 or loads[Load.CONDITION] > 1 or loads[Load.SHARE] or loads[Load.ALTERNATIVE]:
+        return False
+    if any(
+        word.load is Load.QUANTIFIER and word.text.lower() not in ("any", "all", "every") for word in words
+    ):
+        return False
+    if sentence.says(UNREAD):
+        return False
+    conditions = [word.span for word in words if word.load is Load.CONDITION]
+    return all(_is_a_situation(sentence.text[span.start :]) for span in conditions) and all(
+        any(
+            part.span.start <= word.span.start and word.span.end <= part.span.end
+            for part in sentence.quantities
+        )
+        for word in words
+        if word.load is Load.NUMBER
+    )
+
+
+def _is_a_situation(condition: str) -> bool:
+    """Whether a condition describes people, the link or a report, and not what is forbidden itself."""
+    clause = condition.split(",")[0]
+    return (
+        not MARKING.search(clause) and not _VERB_DENIED.search(clause) and HAPPENS.search(clause) is not None
+    )
 
 
 def _sentence(words: Sequence[Word], text: str, vocabulary: Vocabulary) -> RuleSentence | None:
