@@ -46,6 +46,7 @@ from .parameters._store import ParameterStore
 from .payload._camera import CameraComponent
 from .payload._equipment import Equipment
 from .payload._gimbal import Gimbal
+from .policies._identity import CalibrationProtocol
 from .safety._battery_monitor import BatteryMonitor
 from .safety._failsafe import Failsafe
 from .safety._failure_injection import FailureInjection
@@ -53,10 +54,12 @@ from .safety._fence import Fence
 from .safety._fence_boundary import FenceBoundary
 from .safety._health import Health
 from .safety._rally import Rally
+from .services._accelerometer_calibration import AccelerometerCalibration
 from .services._arming import Arming
 from .services._calibration import Calibration
 from .services._clock import ClockService
 from .services._commands import Commands
+from .services._compass_calibration import CompassCalibration
 from .services._follow_target import FollowTargetService
 from .services._home import HomeKeeper
 from .services._identity import Identity
@@ -210,8 +213,7 @@ class Controller:
             self._battery,
             self._failsafe,
         ]
-        if autopilot.identity.calibrates:
-            services.append(Calibration(context))
+        services += self._build_calibration()
         if gimbal:
             services.append(gimbal)
         # The truth is streamed only where the bench allows it: agents must not learn it otherwise.
@@ -261,6 +263,12 @@ class Controller:
             LogTransfer(context, policy, recorder, storage),
             LogStreaming(context, policy, recorder),
         ]
+
+    def _build_calibration(self) -> list[object]:
+        context = self._context
+        if self._autopilot.identity.calibration is CalibrationProtocol.TEXTS:
+            return [Calibration(context)]
+        return [AccelerometerCalibration(context, self._commands), CompassCalibration(context)]
 
     def _build_navigator(self) -> Navigator:
         autopilot = self._autopilot

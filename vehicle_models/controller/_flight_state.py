@@ -211,6 +211,7 @@ class FlightState:
     mission_ready: bool = False  # there is a mission, and it can be flown
     landed: LandedState = LandedState.ON_GROUND
     crashed: bool = False
+    calibration_failures: tuple[str, ...] = ()  # why calibrations keep the vehicle from being armed
     failsafe: Cause | None = None  # the failsafe that acts, for the latest of its causes
     target: FlightTarget = field(default_factory=FlightTarget)
     charge_fraction: float = 1.0  # of the battery that the vehicle has

@@ -9,7 +9,7 @@ from .._service import Command, CommandResult, Refusal
 from ..guidance._limits import FlightLimits
 from ..links._enums import MAV_CMD, MAV_FRAME
 from ..policies._commands import CommandAnswer, CommandPolicy, roi_by_coordinates
-from ..telemetry._texts import CRITICAL, INFO, NOTICE, WARNING
+from ..telemetry._texts import INFO, NOTICE, WARNING
 from ._modes import knows_position
 
 # Accepted in any state, and without effect here.
@@ -63,8 +63,6 @@ def _answer(flight: FlightState, command: Command) -> CommandAnswer | None:
         case MAV_CMD.SET_EKF_SOURCE_SET:
             # Sets 1 to 3 exist (source); they change nothing, since there is one source of position here.
             return accepted if first in (1.0, 2.0, 3.0) else CommandAnswer((CommandResult.DENIED,))
-        case MAV_CMD.PREFLIGHT_CALIBRATION:
-            return _answer_calibration(flight, command)
         case MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN:
             if flight.armed or flight.tests_motors:
                 return failed
@@ -76,20 +74,6 @@ def _answer(flight: FlightState, command: Command) -> CommandAnswer | None:
         case MAV_CMD.DO_SEND_BANNER:
             return CommandAnswer((CommandResult.ACCEPTED,), tuple((INFO, text) for text in BANNER))
     return None
-
-
-def _answer_calibration(flight: FlightState, command: Command) -> CommandAnswer:
-    barometer, accelerometer = command.params[2], command.params[4]
-    if flight.armed:
-        return CommandAnswer((CommandResult.FAILED,), ((CRITICAL, "Disarm to allow calibration"),))
-    if barometer == 1.0:
-        texts = ((INFO, "Calibrating barometer"), (INFO, "Barometer 1 calibration complete"))
-        return CommandAnswer((CommandResult.IN_PROGRESS, CommandResult.ACCEPTED), texts)
-    if accelerometer == 2.0:
-        return CommandAnswer((CommandResult.ACCEPTED,), ((INFO, "Trim OK: roll=0.00 pitch=0.00 yaw=0.00"),))
-    return CommandAnswer(
-        (CommandResult.TEMPORARILY_REJECTED if accelerometer == 4.0 else CommandResult.ACCEPTED,)
-    )
 
 
 def _refuse_takeoff(flight: FlightState, command: Command) -> Refusal | None:

@@ -9,7 +9,7 @@ from ..files._packed_parameters import packed_parameters
 from ..files._served_files import FileContent
 from ..links._enums import MAV_AUTOPILOT
 from ..parameters._store import ParameterStore
-from ..policies._identity import BootText, IdentityPolicy
+from ..policies._identity import BootText, CalibrationProtocol, IdentityPolicy
 from ..telemetry._texts import CRITICAL, INFO, FlightEvent
 from ._modes import ALIGNED_S, ESTIMATOR_S, POSITION_S, RECEIVER_S, USES_GPS_S
 
@@ -64,6 +64,7 @@ IDENTITY = IdentityPolicy(
         (INFO, f"EKF3 IMU{unit} MAG0 in-flight yaw alignment complete") for unit in (0, 1)
     ),
     ground_contact_text=(INFO, "SIM Hit ground at {:f} m/s"),
+    calibration=CalibrationProtocol.MESSAGES,
     files=_files,
     file_sessions=5,
 )

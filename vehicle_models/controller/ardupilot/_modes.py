@@ -84,6 +84,11 @@ def ready(flight: FlightState) -> bool:
 
     The real one works this out once a second, so it shows it up to a second later than it arms.
     """
+    return _stands_ready(flight) and not flight.calibration_failures
+
+
+def _stands_ready(flight: FlightState) -> bool:
+    """Whether nothing but a calibration keeps the vehicle from being armed."""
     placed = flight.time_s >= GUIDED_READY_S and flight.position_ok
     return (placed if steers_position(flight) else flight.time_s >= STABILIZE_READY_S) and not flight.crashed
 
@@ -105,7 +110,8 @@ def _prearm_failures(flight: FlightState, p: ParameterStore) -> tuple[str, ...]:
         )
         return ("Accels inconsistent", "EKF attitude is bad", ahrs)
     low = battery_volts(flight, p) < p["BATT_LOW_VOLT"]
-    failures = ["Battery 1 low voltage failsafe", "Battery failsafe"] if low else []
+    failures = [*flight.calibration_failures]
+    failures += ["Battery 1 low voltage failsafe", "Battery failsafe"] if low else []
     if now_s < RECEIVER_S:
         return (*failures, "AHRS: EK3 sources require GPS")
     if steers_position(flight) and (now_s < USES_GPS_S or not flight.position_ok):
@@ -140,7 +146,7 @@ def _refuse_arming(
     if not flight.mode.armable:
         return Refusal(CommandResult.FAILED, ((CRITICAL, f"Arm: {flight.mode.name} mode not armable"),))
     failures = _prearm_failures(flight, parameters)
-    if not flight.crashed and (not failures or (forced and ready(flight))):
+    if not flight.crashed and (not failures or (forced and _stands_ready(flight))):
         return None
     return Refusal(CommandResult.FAILED, tuple((CRITICAL, f"Arm: {text}") for text in failures))
 

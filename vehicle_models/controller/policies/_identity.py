@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum, auto
 
 from .._flight_state import FlightState
 from ..files._metadata import Metadata
@@ -31,6 +32,15 @@ def no_boot_texts(flight: FlightState) -> Sequence[BootText]:
 
 def no_files(parameters: ParameterStore) -> Mapping[str, FileContent]:
     return {}
+
+
+class CalibrationProtocol(Enum):
+    """How a client follows a calibration of sensors."""
+
+    TEXTS = auto()
+    """PX4: texts that begin with [cal]."""
+    MESSAGES = auto()
+    """ArduPilot: MAG_CAL_PROGRESS, ACCELCAL_VEHICLE_POS and acknowledgements."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,8 +82,7 @@ class IdentityPolicy:
     """Whether SERIAL_CONTROL reaches a shell."""
     reports_flight: bool = False
     """Whether FLIGHT_INFORMATION comes on request."""
-    calibrates: bool = False
-    """Whether a calibration of sensors is told by texts that begin with [cal]."""
+    calibration: CalibrationProtocol = CalibrationProtocol.TEXTS
     file_sessions: int = 1
     files_writable: bool = False
     """Whether clients may store files, which last as long as the process."""

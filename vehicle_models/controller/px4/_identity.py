@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..files._metadata import Metadata
 from ..links._enums import MAV_AUTOPILOT
-from ..policies._identity import IdentityPolicy
+from ..policies._identity import CalibrationProtocol, IdentityPolicy
 from ..telemetry._event_names import EventName
 from ..telemetry._texts import CRITICAL, INFO, FlightEvent
 from ._parameters import PARAMETERS
@@ -82,6 +82,6 @@ IDENTITY = IdentityPolicy(
     memory_card="fs/microsd",
     has_shell=True,
     reports_flight=True,
-    calibrates=True,
+    calibration=CalibrationProtocol.TEXTS,
     files_writable=True,
 )

@@ -73,7 +73,7 @@ class Commands:
         handler = self._table.get(command.number)
         answer = None if handler else policy.answer(self._context.flight, command)
         if answer:
-            self._answer(command, answer)
+            self.answer(command, answer)
             return
         result = (
             handler(command)
@@ -83,7 +83,8 @@ class Commands:
         if result is not None:
             self._acknowledge(command, result)
 
-    def _answer(self, command: Command, answer: CommandAnswer) -> None:
+    def answer(self, command: Command, answer: CommandAnswer) -> None:
+        """Send the texts and the first acknowledgement of `answer` now, and the others a second apart."""
         for text in answer.texts:
             self._context.texts.send(*text)
         now_ns = self._context.flight.time_ns
