@@ -34,6 +34,7 @@ from .links._frames import KINDS, Decoder, Packer, message_id, sender
 from .links._links import Link
 from .links._radio import Channel, Radio
 from .links._signing import open_signing
+from .logs._blocks import LogBlocks
 from .logs._recorder import FlightRecorder
 from .logs._storage import FlightLog, LogStorage
 from .logs._streaming import LogStreaming
@@ -262,6 +263,7 @@ class Controller:
             recorder,
             LogTransfer(context, policy, recorder, storage),
             LogStreaming(context, policy, recorder),
+            *([LogBlocks(context, policy, policy.blocks, recorder)] if policy.blocks else []),
         ]
 
     def _build_calibration(self) -> list[object]:

@@ -8,12 +8,12 @@ from .._flight_state import FlightState
 from ..logs._dataflash import DataflashEncoder
 from ..logs._records import LogOpening
 from ..parameters._store import ParameterStore
-from ..policies._logs import LogPolicy
+from ..policies._logs import BlockLogPolicy, LogPolicy
 from ..telemetry._texts import ERROR, INFO
 from ._commands import BANNER
 
 # LOG_BACKEND_TYPE
-_FILE = 1
+_FILE, _MAVLINK = 1, 2
 
 
 def _path(number: int, opening: LogOpening, namesakes: int) -> str:
@@ -21,9 +21,15 @@ def _path(number: int, opening: LogOpening, namesakes: int) -> str:
 
 
 def _records(flight: FlightState, parameters: ParameterStore, flown: bool) -> bool:
-    if not int(parameters["LOG_BACKEND_TYPE"]) & _FILE:
-        return False
+    return bool(int(parameters["LOG_BACKEND_TYPE"]) & _FILE) and _logs_now(flight, parameters)
+
+
+def _logs_now(flight: FlightState, parameters: ParameterStore) -> bool:
     return flight.armed or parameters["LOG_DISARMED"] == 1
+
+
+def _sends_blocks(parameters: ParameterStore) -> bool:
+    return bool(int(parameters["LOG_BACKEND_TYPE"]) & _MAVLINK)
 
 
 # By ArduPilot's source, where nothing was observed.
@@ -37,4 +43,9 @@ LOGS = LogPolicy(
     armed_text=(ERROR, "Disarm for log download"),
     busy_text=(INFO, "Log download in progress"),
     needs_list=False,
+    blocks=BlockLogPolicy(
+        enabled=_sends_blocks,
+        records=_logs_now,
+        buffer_kib=lambda parameters: int(parameters["LOG_MAV_BUFSIZE"]),
+    ),
 )

@@ -12,6 +12,18 @@ from ..telemetry._texts import StatusText
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class BlockLogPolicy:
+    """Logs that a client receives in REMOTE_LOG_DATA_BLOCK while they are recorded."""
+
+    enabled: Callable[[ParameterStore], bool]
+    """Whether a client may have one."""
+    records: Callable[[FlightState, ParameterStore], bool]
+    """Whether what happens at present is part of it."""
+    buffer_kib: Callable[[ParameterStore], int]
+    """Memory for blocks that wait for acknowledgements."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LogPolicy:
     """Flight logs of an autopilot."""
 
@@ -38,5 +50,6 @@ class LogPolicy:
     """
     needs_list: bool
     """Whether data are sent only after a list."""
+    blocks: BlockLogPolicy | None = None
     streams: Callable[[ParameterStore], bool] | None = None
     """Whether a log can be streamed at present; None for an autopilot without LOGGING_START."""
