@@ -9,4 +9,4 @@ from ._manifest import load_manifest as load_manifest
 from ._process import LocalProcess as LocalProcess
 from ._process import open_agent as open_agent
 from ._program import program_faults as program_faults
-from .confinement import choose_rung as choose_rung
+from .confinement import rung_of as rung_of

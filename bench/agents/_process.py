@@ -17,7 +17,7 @@ from bench.errors import Fault, SetupError
 from bench.simspec import seed_of
 
 from ._program import expand_command, expand_placeholders
-from .confinement import Box, ConfinedProcess, choose_rung, find_program, program_paths, without_sessions
+from .confinement import Box, ConfinedProcess, find_program, program_paths, rung_of, without_sessions
 
 # Host times, chosen: for an agent to exit by itself after the tick socket's end, and between SIGTERM and
 # SIGKILL.
@@ -45,7 +45,7 @@ def open_agent(plan: AgentPlan) -> Iterator[LocalProcess]:
     shortened in the middle when it was much. Raises SetupError when the command or the environment names an
     option that the SimSpec does not have, or the rung cannot start here.
     """
-    rung = choose_rung(plan.manifest.isolation, f"{plan.manifest.name}: isolation")
+    rung = rung_of(plan.manifest, plan.simspec.agent)
     plan.scratch.mkdir(parents=True, exist_ok=True)
     if plan.truth is not None:
         (plan.scratch / TRUTH_FILE).write_text(plan.truth.model_dump_json())
@@ -88,7 +88,6 @@ def box_of(plan: AgentPlan, home: str) -> Box:
         tcp_ports=_tcp_ports(plan) | set(manifest.tcp_ports),
         limits=manifest.limits,
         gpu=manifest.gpu,
-        image=manifest.image,
     )
 
 

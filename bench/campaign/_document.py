@@ -11,7 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from bench.documents import Document, load_document, validate_document
 from bench.errors import Fault, SetupError
 from bench.realization import BASE, Bases, Design, DesignFactor
-from bench.simspec import AgentSpec, Identifier, SimSpec
+from bench.simspec import AgentSpec, Identifier, Isolation, SimSpec
 
 
 class CampaignBudgets(Document):
@@ -185,6 +185,10 @@ class Campaign(Document):
     pace: Annotated[
         Literal["lockstep", "realtime"] | None,
         Field(description="Pace of all runs, in place of the base SimSpec's; every agent must follow it."),
+    ] = None
+    isolation: Annotated[
+        Isolation | None,
+        Field(description="How every agent must be confined, in place of what its manifest says."),
     ] = None
     budgets: CampaignBudgets = CampaignBudgets()
 

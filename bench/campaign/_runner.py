@@ -191,14 +191,15 @@ def run_campaign(
 
 
 def _with_options_of_folder(campaign: Campaign, folder: CampaignFolder) -> Campaign:
-    """The campaign with the floor and the pace that its folder was flown with: resuming without --floor or
-    --pace changes nothing.
+    """The campaign with the floor, the pace and the isolation that its folder was flown with: resuming without
+    --floor, --pace or --isolation changes nothing.
     """
-    if not folder.campaign.is_file() or (campaign.floor is not None and campaign.pace is not None):
+    if not folder.campaign.is_file():
         return campaign
     flown = load_document(folder.campaign, Campaign)
+    kept = ("floor", "pace", "isolation")
     return campaign.model_copy(
-        update={"floor": campaign.floor or flown.floor, "pace": campaign.pace or flown.pace}
+        update={name: getattr(flown, name) for name in kept if getattr(campaign, name) is None}
     )
 
 
@@ -248,14 +249,14 @@ def _memory_kills(starts_agents: bool) -> Callable[[], int]:
 
 def _isolation_of(plans: Iterable[RealizationPlan]) -> Callable[[str], str]:
     """The rung that confines the agent of a realization here; empty where none can be told."""
-    manifests = {plan.id: plan.simspec.agent.manifest for plan in plans}
+    agents = {plan.id: plan.simspec.agent for plan in plans}
 
     def isolation(realization: str) -> str:
-        from bench.agents import choose_rung, load_manifest
+        from bench.agents import load_manifest, rung_of
 
         try:
-            manifest, _ = load_manifest(manifests[realization])
-            return choose_rung(manifest.isolation, manifest.name).name
+            manifest, _ = load_manifest(agents[realization].manifest)
+            return rung_of(manifest, agents[realization]).name
         # Without its manifest nothing is known of the agent, so nothing is laid on it.
         except SetupError:
             return ""

@@ -28,9 +28,14 @@ if TYPE_CHECKING:
         FinishedCampaign,
         ReflownSample,
     )
+    from bench.simspec import Isolation
 
 
 Pace = Literal["lockstep", "realtime"]
+IsolationOption = Annotated[
+    Literal["auto", "bwrap", "landlock", "none"] | None,
+    typer.Option(help="How every agent must be confined, in place of what its manifest says (rebar doctor)"),
+]
 
 
 # Commands import what they need themselves: otherwise `rebar --help` would wait for the simulator.
@@ -45,6 +50,7 @@ def demo(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Sessions at once. Default: the number of cores")
     ] = None,
+    isolation: IsolationOption = None,
 ) -> None:
     """Run the demo campaign: twelve scenes, each flown by both reference agents, and a report.
 
@@ -52,7 +58,7 @@ def demo(
 
     Example: rebar demo
     """
-    _run(shipped("campaigns/demo.yaml"), out, workers, as_json=False)
+    _run(shipped("campaigns/demo.yaml"), out, workers, as_json=False, isolation=isolation)
 
 
 def run(
@@ -95,6 +101,7 @@ def run(
             help="Pace of all runs, in place of the situation's. A folder keeps the pace it was flown at"
         ),
     ] = None,
+    isolation: IsolationOption = None,
     session_s: Annotated[
         float | None,
         typer.Option(
@@ -121,7 +128,9 @@ def run(
         )
     if dry_run:
         with file_in_faults(campaign):
-            _print_plan(campaign, workers, session_s, as_json=as_json, floor=floor, pace=pace)
+            _print_plan(
+                campaign, workers, session_s, as_json=as_json, floor=floor, pace=pace, isolation=isolation
+            )
         return
     with file_in_faults(campaign):
         _run(
@@ -133,6 +142,7 @@ def run(
             accept=tuple(accept or ()),
             floor=floor,
             pace=pace,
+            isolation=isolation,
         )
 
 
@@ -339,6 +349,7 @@ def _run(
     accept: tuple[str, ...] = (),
     floor: bool = False,
     pace: Pace | None = None,
+    isolation: Isolation | None = None,
 ) -> None:
     from bench.campaign import (
         finish_campaign,
@@ -353,7 +364,7 @@ def _run(
     from ._progress import open_progress
     from ._scores import campaign_report
 
-    campaign = _with_pace(load_campaign(path), pace)
+    campaign = _adjusted(load_campaign(path), pace, isolation)
     if floor:
         campaign = with_floor(campaign)
     try:
@@ -428,8 +439,9 @@ def _show_scores(
     print("publish it, and check it with: rebar verify --digest")
 
 
-def _with_pace(campaign: Campaign, pace: Pace | None) -> Campaign:
-    return campaign if pace is None else campaign.model_copy(update={"pace": pace})
+def _adjusted(campaign: Campaign, pace: Pace | None, isolation: Isolation | None) -> Campaign:
+    options = {"pace": pace, "isolation": isolation}
+    return campaign.model_copy(update={name: value for name, value in options.items() if value is not None})
 
 
 def _takeoff_faults(campaign: Campaign) -> list[Fault]:
@@ -468,6 +480,7 @@ def _print_plan(
     as_json: bool,
     floor: bool,
     pace: Pace | None,
+    isolation: Isolation | None,
 ) -> None:
     from bench.campaign import (
         campaign_quality,
@@ -478,7 +491,7 @@ def _print_plan(
         with_floor,
     )
 
-    campaign = _with_pace(load_campaign(path), pace)
+    campaign = _adjusted(load_campaign(path), pace, isolation)
     if floor:
         campaign = with_floor(campaign)
     # Only for its faults: they come before anything is printed.

@@ -7,9 +7,12 @@ import os
 import platform
 import shutil
 import socket
+import subprocess
+import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated
@@ -49,7 +52,7 @@ def register(app: typer.Typer) -> None:
 
 
 def doctor(as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False) -> None:
-    """Check this machine: Python, packages, plug-ins, JSBSim, Zenoh, loopback, free space. Example: rebar
+    """Check this machine: Python, packages, plug-ins, JSBSim, Zenoh, loopback, free space, confinement of agents. Example: rebar
     doctor
     """
     checks = [_try(name, check) for name, check in CHECKS.items()]
@@ -148,6 +151,35 @@ def _space() -> str:
     return f"{free_gb:.0f} GB free for scratch"
 
 
+@cache
+def _own_network_fault() -> str | None:
+    """Why sessions share the host's network; tried in a child, because this process has threads."""
+    code = (
+        "from bench.network_namespace import enter_network_namespace as enter; raise SystemExit(enter() or 0)"
+    )
+    tried = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    return tried.stderr.strip() if tried.returncode else None
+
+
+def _network() -> str:
+    fault = _own_network_fault()
+    return f"sessions share the host's network: {fault}" if fault else "sessions have networks of their own"
+
+
+def _rung(name: str) -> str:
+    # A rung that cannot start is no fault of this machine: `auto` takes another.
+    from bench.agents.confinement import Wall, leaves_open, rungs, this_host
+
+    if reason := rungs()[name].trial():
+        return f"cannot start: {reason}"
+    host = this_host(own_network=_own_network_fault() is None, own_user=os.getuid() == 0)
+    gaps = leaves_open(name, host)
+    if len(gaps) > len(Wall) // 2:
+        holding = ", ".join(wall for wall in Wall if wall not in gaps)
+        return f"works; holds nothing but: {holding}"
+    return f"works; leaves open: {', '.join(gaps) or 'nothing of the table in docs/agents.md'}"
+
+
 CHECKS: dict[str, Callable[[], str]] = {
     "python": _python,
     "packages": _packages,
@@ -156,4 +188,8 @@ CHECKS: dict[str, Callable[[], str]] = {
     "streams": _streams,
     "loopback": _loopback,
     "space": _space,
+    "network": _network,
+    "bwrap": partial(_rung, "bwrap"),
+    "landlock": partial(_rung, "landlock"),
+    "isolation none": partial(_rung, "none"),
 }

@@ -11,6 +11,8 @@ from rich.console import Console
 from rich.padding import Padding
 from rich.text import Text
 
+from ._campaigns import IsolationOption
+
 if TYPE_CHECKING:
     from bench.contracts import Observation
     from decompositions import Decomposition
@@ -33,6 +35,7 @@ def simulate(
     pace: Annotated[
         Literal["lockstep", "realtime"] | None, typer.Option(help="Pace, in place of the SimSpec's")
     ] = None,
+    isolation: IsolationOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json")] = False,
 ) -> None:
     """Fly one session. Example: rebar simulate examples/search.yaml --out out/first"""
@@ -44,6 +47,9 @@ def simulate(
     situation = load_simspec(simspec)
     if pace is not None:
         situation = situation.model_copy(update={"pace": situation.pace.model_copy(update={"mode": pace})})
+    if isolation is not None:
+        agent = situation.agent.model_copy(update={"isolation": isolation})
+        situation = situation.model_copy(update={"agent": agent})
     nodes = load_measurable_decomposition(decomposition)
     result = fly_in_worker(situation, nodes, out, out.name)
     # The flight does not write its result: in a campaign the runner does.
@@ -58,6 +64,8 @@ def simulate(
                 markup=False,
                 highlight=False,
             )
+        if "isolation" in result.details:
+            console.print(f"isolation: {result.details['isolation']}", markup=False, highlight=False)
         ended = f"{result.outcome} after {result.simulated_s:.1f} simulated s ({result.wall_s:.1f} s): {result.reason}"
         if strangers := result.counters.get("tick_strangers", 0):
             console.print(

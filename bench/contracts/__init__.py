@@ -16,7 +16,6 @@ from ._agent import AgentManifest as AgentManifest
 from ._agent import AgentPlan as AgentPlan
 from ._agent import AgentProcess as AgentProcess
 from ._agent import AgentUsage as AgentUsage
-from ._agent import Isolation as Isolation
 from ._agent import MavlinkNeed as MavlinkNeed
 from ._agent import OpenAgent as OpenAgent
 from ._cast import cast_of as cast_of

@@ -11,7 +11,7 @@ from typing import Annotated, Literal, Protocol
 from pydantic import Field
 
 from bench.documents import Document
-from bench.simspec import Identifier, SimSpec
+from bench.simspec import Identifier, Isolation, SimSpec
 
 from ._documents import TruthDocument
 
@@ -28,9 +28,6 @@ class MavlinkNeed(Document):
         "onboard"
     )
     variable: str = "REBAR_MAVLINK"
-
-
-Isolation = Literal["auto", "bwrap", "landlock", "container", "none"]
 
 
 class AgentLimits(Document):
@@ -85,7 +82,7 @@ class AgentManifest(Document):
     ] = False
     isolation: Annotated[
         Isolation,
-        Field(description="How the agent is confined; auto is the strongest that works without an image."),
+        Field(description="How the agent is confined; auto is the strongest that works here."),
     ] = "auto"
     limits: AgentLimits = AgentLimits()
     read: Annotated[
@@ -97,7 +94,6 @@ class AgentManifest(Document):
         Field(description="TCP ports on which the agent's own processes reach each other."),
     ] = ()
     gpu: Annotated[bool, Field(description="The agent is given the host's GPU devices.")] = False
-    image: Annotated[str, Field(description="The image of the container rung.")] = ""
     reset: Annotated[
         Literal["process"], Field(description="How a fresh agent is had for the next session: a new process.")
     ] = "process"

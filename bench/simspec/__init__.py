@@ -26,6 +26,7 @@ from ._document import Consent as Consent
 from ._document import DetectionModel as DetectionModel
 from ._document import Escort as Escort
 from ._document import Intelligence as Intelligence
+from ._document import Isolation as Isolation
 from ._document import Mission as Mission
 from ._document import Order as Order
 from ._document import OrderKind as OrderKind

@@ -251,6 +251,9 @@ def agent_name(manifest: str) -> str:
     return name.removesuffix(suffix)
 
 
+Isolation = Literal["auto", "bwrap", "landlock", "none"]
+
+
 class AgentSpec(Document):
     """The agent under test: its manifest, by name (entry-point group rebar.agents) or by file, and its
     options.
@@ -258,6 +261,14 @@ class AgentSpec(Document):
 
     manifest: str = "reference-naive"
     options: dict[str, str | float | int | bool] = {}
+    isolation: Annotated[
+        Isolation | None,
+        Field(
+            description="How the agent must be confined, in place of what its manifest says.",
+            # Digests of situations that demand nothing stay as they were published.
+            exclude_if=lambda isolation: isolation is None,
+        ),
+    ] = None
 
     @property
     def label(self) -> str:

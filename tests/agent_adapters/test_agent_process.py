@@ -13,9 +13,9 @@ import pytest
 
 from bench.agents import LocalProcess, load_manifest, open_agent, program_faults
 from bench.agents.confinement import rungs
-from bench.contracts import AgentEndpoints, AgentManifest, AgentPlan, Isolation
+from bench.contracts import AgentEndpoints, AgentManifest, AgentPlan
 from bench.errors import SetupError
-from bench.simspec import AgentSpec, Point, Polygon, SimSpec, World
+from bench.simspec import AgentSpec, Isolation, Point, Polygon, SimSpec, World
 
 PATIENCE_S = 20.0
 

@@ -25,9 +25,9 @@ from typing import Any
 
 from bench.agents import open_agent
 from bench.agents.confinement import this_host
-from bench.contracts import AgentEndpoints, AgentLimits, AgentManifest, AgentPlan, Isolation
+from bench.contracts import AgentEndpoints, AgentLimits, AgentManifest, AgentPlan
 from bench.network_namespace import enter_network_namespace
-from bench.simspec import Point, Polygon, SimSpec, World
+from bench.simspec import Isolation, Point, Polygon, SimSpec, World
 
 LIMITS = AgentLimits(memory_mb=192, processes=48, scratch_mb=4, file_mb=2)
 PATIENCE_S = 90.0

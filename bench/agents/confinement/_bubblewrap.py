@@ -86,7 +86,7 @@ class Bubblewrap:
     def _reason(self) -> str | None:
         if sys.platform != "linux":
             return "bubblewrap is for Linux; run the bench in a virtual machine or a container"
-        if self._program is None:
+        if not self._program:
             return "there is no program bwrap; install the package bubblewrap"
         return self._failure_as(None)
 
@@ -101,8 +101,8 @@ class Bubblewrap:
     def _failure_as(self, user: int | None) -> str | None:
         assert self._program is not None
         true = shutil.which("true") or "/bin/true"
-        try:
-            with tempfile.TemporaryFile() as output:
+        with tempfile.TemporaryFile() as output:
+            try:
                 process = BubblewrapProcess(
                     self._program, Box((true,), {}, Path("/")), output.fileno(), user=user
                 )
@@ -110,11 +110,12 @@ class Bubblewrap:
                     code = process.wait(_TRIAL_BUDGET_S)
                 finally:
                     process.end()
-                output.seek(0)
-                text = output.read().decode(errors="replace").strip()
-        except (OSError, NotImplementedError, _StartError) as error:
-            return _with_remedy(str(error))
-        return None if code == 0 else _with_remedy(text or f"a trial start of {true} ended with {code}")
+                failure = "" if code == 0 else f"a trial start of {true} ended with {code}"
+            except (OSError, NotImplementedError, _StartError) as error:
+                failure = str(error)
+            output.seek(0)
+            text = output.read().decode(errors="replace").strip()
+        return _with_remedy(text or failure) if failure else None
 
 
 class _StartError(Exception):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from functools import cache
 
-from bench.contracts import Isolation
+from bench.contracts import AgentManifest
 from bench.errors import Fault, SetupError
+from bench.simspec import AgentSpec, Isolation
 
 from ._bubblewrap import Bubblewrap
 from ._landlock import Landlock
@@ -22,10 +23,17 @@ def rungs() -> dict[str, Rung]:
     return {rung.name: rung for rung in (Bubblewrap(), Landlock(), Unconfined())}
 
 
-def choose_rung(isolation: Isolation, where: str = "isolation") -> Rung:
-    """The rung for what a manifest or a campaign asks. Raises SetupError, which names `where`, if it cannot
-    start here.
+def rung_of(manifest: AgentManifest, agent: AgentSpec) -> Rung:
+    """The rung for an agent: what the SimSpec or campaign demands, else what its manifest asks for.
+
+    Raises SetupError if that cannot start here.
     """
+    if agent.isolation is not None:
+        return _rung(agent.isolation, "agent.isolation")
+    return _rung(manifest.isolation, f"{manifest.name}: isolation")
+
+
+def _rung(isolation: Isolation, where: str) -> Rung:
     if isolation == "auto":
         return next(rungs()[name] for name in AUTOMATIC if rungs()[name].trial() is None)
     rung = rungs()[isolation]

@@ -10,7 +10,7 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from bench.agents import choose_rung, load_manifest, open_agent, program_faults
+from bench.agents import load_manifest, open_agent, program_faults, rung_of
 from bench.contracts import (
     AgentManifest,
     Observation,
@@ -26,7 +26,7 @@ from bench.errors import PlacementInfeasible, SetupError
 from bench.network_namespace import namespace_fault
 from bench.realization import check_placement, place
 from bench.recording import TapeBuilder, open_recording
-from bench.simspec import SimSpec
+from bench.simspec import AgentSpec, SimSpec
 from bench.simulation import SessionEnd, SessionPlan, open_forfeit, run_session
 from decompositions import Decomposition
 
@@ -69,7 +69,7 @@ def _fly(
     try:
         placed = place(simspec) if simspec.realized is None else _checked(simspec)
         manifest, manifest_folder = load_manifest(placed.agent.manifest)
-        host = _host(manifest)
+        host = _host(manifest, placed.agent)
     except (PlacementInfeasible, SetupError) as error:
         return SessionFailure.of(error).result(realization)
     (folder / SIMSPEC).write_text(dump_json(placed))
@@ -120,14 +120,14 @@ def _metadata(manifest: AgentManifest) -> dict[str, str]:
     return {"truth": f"given to {manifest.name}"} if manifest.truth else {}
 
 
-def _host(manifest: AgentManifest) -> dict[str, str]:
+def _host(manifest: AgentManifest, agent: AgentSpec) -> dict[str, str]:
     """How this host confines the agent, for the result alone: the recording is the same on every host. Raises
     SetupError when the agent cannot be confined as it asks.
     """
     shared = namespace_fault()
     network = "own" if shared is None else f"the host's: {shared}"
     return {
-        "isolation": choose_rung(manifest.isolation, f"{manifest.name}: isolation").name,
+        "isolation": rung_of(manifest, agent).name,
         "network": network,
     }
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from bench.agents import load_manifest, program_faults
+from bench.agents import load_manifest, program_faults, rung_of
+from bench.contracts import AgentManifest
 from bench.documents import dump_json
 from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
@@ -38,6 +39,15 @@ def _faults(simspec: SimSpec) -> list[Fault]:
     except SetupError as error:
         return [Fault(f"agents: {fault.where}", fault.what, fault.remedy) for fault in error.faults]
     return [
+        *_rung_faults(manifest, simspec),
         *program_faults(manifest, folder, simspec.agent.options),
         *session_faults(simspec, manifest),
     ]
+
+
+def _rung_faults(manifest: AgentManifest, simspec: SimSpec) -> list[Fault]:
+    try:
+        rung_of(manifest, simspec.agent)
+    except SetupError as error:
+        return list(error.faults)
+    return []

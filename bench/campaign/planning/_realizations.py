@@ -11,6 +11,7 @@ import numpy as np
 
 from bench.documents import dump_json
 from bench.realization import DesignQuality, Rating, RealizationPlan, realize
+from bench.simspec import AgentSpec
 
 from .._document import Campaign, FloorPlan
 
@@ -20,15 +21,26 @@ Scene = tuple[str, int]
 def realizations(campaign: Campaign) -> list[RealizationPlan]:
     """Every realization of a campaign, those of its floor last. Raises SetupError as `realize` does."""
     floor = campaign.floor
-    tested = realize(campaign.bases, campaign.design, campaign.agents, _rating(campaign))
+    tested = realize(campaign.bases, campaign.design, _confined(campaign.agents, campaign), _rating(campaign))
     if floor is None:
         return tested
     scenes = floor_scenes(
         [(plan.design_point, plan.replicate) for plan in tested], campaign.design.seed, floor
     )
     # The same scenes for other agents: the design is drawn from the same seeds.
-    null = realize(campaign.bases, campaign.design, floor.specs, _rating(campaign))
+    null = realize(campaign.bases, campaign.design, _confined(floor.specs, campaign), _rating(campaign))
     return [*tested, *(plan for plan in null if (plan.design_point, plan.replicate) in scenes)]
+
+
+def _confined(agents: Iterable[AgentSpec], campaign: Campaign) -> tuple[AgentSpec, ...]:
+    """The agents, with what the campaign demands of their confinement; one that has a demand of its own keeps it."""
+    demand = campaign.isolation
+    return tuple(
+        agent
+        if demand is None or agent.isolation is not None
+        else agent.model_copy(update={"isolation": demand})
+        for agent in agents
+    )
 
 
 def intents_of(plans: Iterable[RealizationPlan]) -> dict[str, str]:
