@@ -23,6 +23,7 @@ from . import (
     _graph,
     _look,
     _machine,
+    _new,
     _next,
     _prose,
     _scores,
@@ -71,7 +72,7 @@ def options(
 
 for commands in (
     *(_campaigns, _sessions, _scores, _compare, _calibrate, _decomposition),
-    *(_graph, _look, _prose, _fly, _next, _examples, _machine),
+    *(_graph, _look, _prose, _new, _fly, _next, _examples, _machine),
 ):
     commands.register(app)
 
