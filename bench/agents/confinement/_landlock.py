@@ -214,6 +214,9 @@ def _settings(box: Box, user: int | None) -> bytes:
             "environment": {"TMPDIR": scratch, **box.environment},
             "scratch": scratch,
             "read": [str(path) for path in read],
+            # Python lists a folder before it imports a package from it. A rule goes for all below, so names of
+            # files there show, and nothing of what is in them.
+            "listed": sorted({str(path.parent) for path in box.read if (path / "__init__.py").is_file()}),
             "devices": [str(path) for path in gpu_devices()] if box.gpu else [],
             "tcp_ports": sorted(box.tcp_ports),
             "limits": list(process_limits(box.limits, present).items()),

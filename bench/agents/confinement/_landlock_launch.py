@@ -128,9 +128,10 @@ def make_ruleset(settings: dict[str, Any]) -> int:
     ruleset = check("landlock", libc.syscall(LANDLOCK_CREATE_RULESET, attributes[:size], size, 0))
     readable = EXECUTE | READ_FILE | READ_DIR
     writable = [settings["scratch"], *DEVICES, *settings["devices"]]
-    for path, allowed in [(path, readable) for path in settings["read"]] + [
-        (path, rights) for path in writable
-    ]:
+    rules = [(path, readable) for path in settings["read"]]
+    rules += [(path, READ_DIR) for path in settings["listed"]]
+    rules += [(path, rights) for path in writable]
+    for path, allowed in rules:
         with suppress(FileNotFoundError):
             descriptor = os.open(path, os.O_PATH)
             allowed &= rights if os.path.isdir(path) else rights & OF_FILES

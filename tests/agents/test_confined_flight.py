@@ -1,0 +1,42 @@
+"""A session with a confined agent is the session: the same records, whichever rung it is on."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from bench.agents import load_manifest, open_agent
+from bench.agents.confinement import rungs
+from bench.contracts import Outcome, Record
+from bench.realization import place
+from bench.simspec import Isolation, load_simspec
+from bench.simulation import SessionPlan, run_session
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
+
+
+@cache
+def flown(isolation: Isolation, folder: Path) -> list[Record]:
+    """The records of 15 simulated seconds with the reference agent."""
+    spec = load_simspec(EXAMPLE)
+    spec = place(spec.model_copy(update={"mission": spec.mission.model_copy(update={"time_limit_s": 15.0})}))
+    manifest, manifest_folder = load_manifest(spec.agent.manifest)
+    records: list[Record] = []
+    confined = manifest.model_copy(update={"isolation": isolation})
+    end = run_session(SessionPlan(spec, confined, manifest_folder, open_agent, folder, records.append))
+    assert end.outcome in (Outcome.COMPLETED, Outcome.TIME_LIMIT), end.reason
+    return records
+
+
+@pytest.mark.parametrize("isolation", ["landlock", "bwrap"])
+def test_confinement_changes_no_record(
+    isolation: Isolation, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Each rung against none, record by record; imports of an editable installation work in each."""
+    if reason := rungs()[isolation].trial():
+        pytest.skip(f"{isolation} cannot start here: {reason}")
+    free = flown("none", tmp_path_factory.getbasetemp() / "free")
+    assert len(free) > 100
+    assert flown(isolation, tmp_path_factory.mktemp(isolation)) == free
