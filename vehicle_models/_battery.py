@@ -59,6 +59,6 @@ class BatteryModel:
 
     def terminals(self) -> tuple[float, float]:
         """Volts and amperes under the present load."""
-        rest_v = _CELLS * (_EMPTY_V + (_FULL_V - _EMPTY_V) * self.fraction)
+        rest_v = _CELLS * (_EMPTY_V + (_FULL_V - _EMPTY_V) * (self._remaining_j / self._capacity_j))
         volts = rest_v - _RESISTANCE_OHM * self.power_w / rest_v
         return volts, self.power_w / volts

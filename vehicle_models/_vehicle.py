@@ -54,6 +54,8 @@ _CRASH_MPS = 3.0
 _CRASH_TILT_RAD = math.radians(70.0)
 _NEAR_GROUND_M = 0.5
 _TOUCH_M = 0.02
+# Far more than anything falls in a step of 40 ms.
+_SPEED_MATTERS_BELOW_M = 50.0
 
 
 @contextmanager
@@ -203,6 +205,11 @@ class X500Airframe:
             self._plant.write("target-yawrate-radps", 0.0)
             return
         rate = target.yawrate_radps
+        if target.yaw_rad == self._yaw_rad and -math.pi <= self._yaw_rad <= math.pi:
+            # Most of a flight keeps its heading: the same numbers, without two remainders.
+            self._plant.write("target-yaw-rad", self._yaw_rad)
+            self._plant.write("target-yawrate-radps", 0.0)
+            return
         if target.yaw_rad is not None:
             error_rad = math.remainder(target.yaw_rad - self._yaw_rad, 2.0 * math.pi)
             max_turn = min(target.turn_max_radps, _YAW_MAX_RADPS) * self._step_s
@@ -291,7 +298,9 @@ class Aircraft(ABC):
         self._failures.apply(self.time.ns)
         self._controller.control()
         self._apply_gusts()
-        falling_mps = self._speed_mps()
+        # What hits the ground within this step is near it now.
+        near_ground = self._plant.motion.up_m < _SPEED_MATTERS_BELOW_M
+        falling_mps = self._speed_mps() if near_ground else 0.0
         self._plant.advance()
         self.time = SimTime(self.time.ns + self._step_ns)
         self._update_battery()

@@ -6,11 +6,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from random import Random
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from vehicle_client import NAN, Client, simspec
+
+from vehicle_models.controller.services._setpoints import _NAN3 as MASKED
+from vehicle_models.controller.services._setpoints import _Setpoint
 
 Make = Callable[..., Client]
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
@@ -322,3 +326,25 @@ def test_copter_echoes_targets_in_guided_alone(copter: Client) -> None:
     assert not [message for message in copter.fly(1.0) if message.get_type() == "POSITION_TARGET_GLOBAL_INT"]
     assert copter.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 17) == [ACCEPTED]
     assert not [message for message in copter.fly(1.0) if message.get_type() == "POSITION_TARGET_GLOBAL_INT"]
+
+
+def test_a_setpoint_is_empty_or_too_large_as_its_numbers_say() -> None:
+    """Against the plain definitions, with whole vectors left out and single axes; one bad axis of eleven is found."""
+    random = Random(7)
+    values = (0.0, -3.5, 999_999.0, 1e6, -1e6, math.inf, -math.inf, math.nan)
+    outcomes = set()
+    for _ in range(3000):
+        common = random.choice((values[:3], values, (math.nan,), (0.0, math.nan)))
+        vectors = [
+            MASKED
+            if random.random() < 0.4
+            else (random.choice(common), random.choice(common), random.choice(common))
+            for _ in range(3)
+        ]
+        yaw, yawrate = random.choice((values, values[:2])), math.nan
+        setpoint = _Setpoint(vectors[0], vectors[1], vectors[2], random.choice(yaw), yawrate)
+        axes = [value for vector in vectors for value in vector]
+        assert setpoint.empty == all(math.isnan(value) for value in axes)
+        assert setpoint.sane == (not any(abs(value) >= 1e6 for value in (*axes, setpoint.yaw_rad)))
+        outcomes.add((setpoint.empty, setpoint.sane))
+    assert len(outcomes) == 4

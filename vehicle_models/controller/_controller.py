@@ -88,6 +88,8 @@ from .telemetry._truth import TruthStream
 
 # MAV_COMP_ID_AUTOPILOT1
 COMPONENT = 1
+# Looked up once, because every step compares with it.
+_TERMINATE = Behaviour.TERMINATE
 
 
 class Controller:
@@ -475,7 +477,7 @@ class Controller:
         if not flight.armed:
             self._liftoff.rest_disarmed()
             return None
-        if flight.mode.behaviour is Behaviour.TERMINATE:
+        if flight.mode.behaviour is _TERMINATE:
             airframe.disarm()
             return None
         target = self._fence.constrained(flight, self._guidance.target(flight))

@@ -11,6 +11,8 @@ from .policies._modes import ModePolicy
 from .services._arming import Arming
 from .telemetry._texts import FlightEvent
 
+# Looked up once, because every step compares with them.
+_TAKING_OFF, _LANDING = LandedState.TAKING_OFF, LandedState.LANDING
 # Above home; where no takeoff is flown, the vehicle is in the air from here on.
 _IN_AIR_M = 0.5
 
@@ -57,7 +59,7 @@ class LiftoffAndLanding:
             self._arming.record_landing()
         elif guidance.landing:
             flight.landed = LandedState.LANDING
-        elif flight.landed is LandedState.TAKING_OFF:
+        elif flight.landed is _TAKING_OFF:
             takeoff = guidance.manoeuvre
             reached = takeoff.done(flight) if isinstance(takeoff, Takeoff) else flight.height_m > _IN_AIR_M
             if reached:
@@ -70,5 +72,5 @@ class LiftoffAndLanding:
                 ):
                     guidance.begin(Behaviour.OFFBOARD, flight)
                     guidance.manoeuvre = guidance.manoeuvres.follow(flight, takeoff.hold(flight))
-        elif flight.landed is LandedState.LANDING:
+        elif flight.landed is _LANDING:
             flight.landed = LandedState.IN_AIR

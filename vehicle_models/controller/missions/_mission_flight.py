@@ -47,6 +47,8 @@ _NO_LIFTOFF = (*_TAKEOFFS, *_LANDINGS, MAV_CMD.NAV_RETURN_TO_LAUNCH, MAV_CMD.NAV
 _ROI = (MAV_CMD.NAV_ROI, MAV_CMD.DO_SET_ROI_LOCATION, MAV_CMD.DO_SET_ROI)
 # In a row: a ring of jumps without anything to fly ends the mission.
 _MAX_JUMPS = 100
+# Looked up once, because every step compares with it.
+_MISSION = Behaviour.MISSION
 # DO and CONDITION items between two items to fly.
 _MAX_ACTIONS = 1000
 _ACTIONS_PER_STEP = 20
@@ -143,7 +145,7 @@ class MissionFlight:
             self._ended = not flight.armed
             if not flight.armed:
                 self._disarmed()
-        if flight.mode.behaviour is not Behaviour.MISSION:
+        if flight.mode.behaviour is not _MISSION:
             self._leg, self._announced, self._ended = None, -1, False
         elif self._leg is None:
             if flight.armed or (self._policy.waits_for_start and not self._ended):

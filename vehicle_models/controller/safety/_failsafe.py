@@ -20,6 +20,8 @@ from ..telemetry._texts import StatusText
 from ._battery_monitor import BatteryMonitor
 
 _STRENGTH = {Behaviour.HOLD: 1, Behaviour.RETURN: 2, Behaviour.LAND: 3, Behaviour.TERMINATE: 4}
+# Looked up once, because every step compares with them.
+_OFFBOARD, _PILOT = Behaviour.OFFBOARD, Behaviour.PILOT
 _NEEDS_POSITION = (
     Behaviour.HOLD,
     Behaviour.TAKEOFF,
@@ -172,20 +174,20 @@ class Failsafe:
         reaction = self._settings.setpoints
         if reaction is None:
             return
-        if Cause.SETPOINTS in self._active:
+        if self._active and Cause.SETPOINTS in self._active:
             if flight.flying and self._setpoints.fresh():
                 self.clear(Cause.SETPOINTS)
-        elif flight.mode.behaviour is Behaviour.OFFBOARD and not self._setpoints.fresh():
+        elif flight.mode.behaviour is _OFFBOARD and not self._setpoints.fresh():
             self.trigger(Cause.SETPOINTS, reaction)
 
     def _watch_sticks(self, flight: FlightState) -> None:
         reaction = self._settings.sticks
         if reaction is None:
             return
-        if Cause.STICKS in self._active:
+        if self._active and Cause.STICKS in self._active:
             if flight.sticks is not None:
                 self.clear(Cause.STICKS)
-        elif flight.mode.behaviour is Behaviour.PILOT and flight.sticks is None and flight.flying:
+        elif flight.sticks is None and flight.mode.behaviour is _PILOT and flight.flying:
             self.trigger(Cause.STICKS, reaction)
 
     def _watch_station(self, flight: FlightState) -> None:
@@ -215,13 +217,17 @@ class Failsafe:
             self.trigger(Cause.BATTERY, step.reaction)
 
     def _is_low(self, flight: FlightState, step: BatteryStep) -> bool:
-        return flight.battery_fraction < step.fraction or self._battery.volts() < step.volts
+        # Most autopilots go by one of the two.
+        return flight.battery_fraction < step.fraction or (
+            step.volts > 0.0 and self._battery.volts() < step.volts
+        )
 
     def _watch_position(self, flight: FlightState) -> None:
         """End a mode that needs a position when the estimate of it has been given up."""
         reaction = self._settings.position
         if flight.position_ok:
-            self.clear(Cause.POSITION)
+            if self._active:
+                self.clear(Cause.POSITION)
         elif (
             reaction
             and Cause.POSITION not in self._active

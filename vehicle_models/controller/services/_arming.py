@@ -44,7 +44,7 @@ class Arming:
     def tick(self) -> None:
         """Disarm after a landing, and after idling on the ground."""
         flight, limits = self._context.flight, self._guidance.limits
-        if not flight.armed or flight.landed is not LandedState.ON_GROUND:
+        if not flight.armed or flight.flying:
             return
         # After a landing by sticks ArduPilot waits for the idle time, not for the short time after a landing.
         if flight.mode.behaviour is Behaviour.PILOT and not self._policy.manual_landing_disarms:

@@ -13,6 +13,8 @@ from ..guidance._guidance import Guidance
 from ..guidance._limits import FlightLimits, FollowTargetLimits
 from ..guidance._manoeuvres import beyond_dead_zone
 
+# Looked up once, because every step compares with it.
+_FOLLOW_TARGET = Behaviour.FOLLOW_TARGET
 # FOLLOW_TARGET.est_capabilities
 _HAS_POSITION, _HAS_VELOCITY = 1, 2
 _LOST_AFTER_NS = 3_000_000_000
@@ -119,7 +121,7 @@ class FollowTargetService:
 
     def tick(self) -> None:
         flight, guidance = self._context.flight, self._guidance
-        if flight.mode.behaviour is not Behaviour.FOLLOW_TARGET:
+        if flight.mode.behaviour is not _FOLLOW_TARGET:
             return
         follows, fresh = isinstance(guidance.manoeuvre, FollowTarget), self._leader.fresh(flight.time_ns)
         if fresh and not follows:

@@ -15,6 +15,8 @@ from ..links._enums import MAV_CMD
 from ..policies._modes import ModePolicy
 from ..telemetry._texts import FlightEvent
 
+# Looked up once, because every step compares with it.
+_TAKEOFF = Behaviour.TAKEOFF
 # Position of a switch in DO_AUX_FUNCTION.
 _SWITCH_HIGH = 2.0
 _EVENTS = {
@@ -58,11 +60,7 @@ class Modes:
     def tick(self) -> None:
         """Hold when a takeoff has reached its height, where taking off is a mode of its own."""
         flight = self._context.flight
-        if (
-            flight.mode.behaviour is Behaviour.TAKEOFF
-            and flight.armed
-            and self._guidance.manoeuvre.done(flight)
-        ):
+        if flight.mode.behaviour is _TAKEOFF and flight.armed and self._guidance.manoeuvre.done(flight):
             takeoff = self._guidance.manoeuvre
             self.switch(self._policy.hold)
             if isinstance(takeoff, Takeoff):

@@ -13,6 +13,7 @@ from .._flight_state import Behaviour, FlightState, FlightTarget, TargetAttitude
 from .._service import MessageHandler, MessageSender
 from .._service_context import ServiceContext
 from ..guidance._guidance import Guidance
+from ..guidance._limits import FlightLimits
 from ..guidance._manoeuvres import FollowSetpoints
 from ..policies._setpoints import SetpointPolicy
 from ..safety._fence_boundary import FenceBoundary
@@ -25,6 +26,7 @@ _SET_POSITION_TARGET_LOCAL_NED, _SET_POSITION_TARGET_GLOBAL_INT = 84, 86
 # Metres or anything else: a larger number is a client's error.
 _MAX_SETPOINT = 1e6
 _NAN3 = (math.nan,) * 3
+_ZERO3 = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,12 +41,22 @@ class _Setpoint:
 
     @property
     def empty(self) -> bool:
-        return all(math.isnan(value) for value in (*self.position, *self.velocity, *self.acceleration))
+        for vector in (self.position, self.velocity, self.acceleration):
+            # What a mask leaves out is this very vector, so most need no look at their numbers.
+            if vector is not _NAN3 and not all(map(math.isnan, vector)):
+                return False
+        return True
 
     @property
     def sane(self) -> bool:
-        values = (*self.position, *self.velocity, *self.acceleration, self.yaw_rad, self.yawrate_radps)
-        return not any([abs(value) >= _MAX_SETPOINT for value in values])  # noqa: C419 (a generator takes twice as long)
+        if abs(self.yaw_rad) >= _MAX_SETPOINT or abs(self.yawrate_radps) >= _MAX_SETPOINT:
+            return False
+        for vector in (self.position, self.velocity, self.acceleration):
+            if vector is not _NAN3:
+                x, y, z = vector
+                if abs(x) >= _MAX_SETPOINT or abs(y) >= _MAX_SETPOINT or abs(z) >= _MAX_SETPOINT:
+                    return False
+        return True
 
 
 class Setpoints:
@@ -61,6 +73,8 @@ class Setpoints:
         self._guidance = guidance
         self._fence = fence
         self._last_ns: int | None = None
+        self._timeout_of: FlightLimits | None = None  # the limits that `_timeout_ns` was taken from
+        self._timeout_ns = 0
         self._lapses = False
         self._last: tuple[FlightTarget, tuple[bool, bool]] | None = None
         self.ignored = 0
@@ -85,9 +99,12 @@ class Setpoints:
 
     def fresh(self) -> bool:
         """Whether setpoints have come within the timeout."""
-        return self._last_ns is not None and self._context.flight.time_ns - self._last_ns < round(
-            self._guidance.limits.setpoint_timeout_s * 1e9
-        )
+        if self._last_ns is None:
+            return False
+        limits = self._guidance.limits
+        if limits is not self._timeout_of:
+            self._timeout_of, self._timeout_ns = limits, round(limits.setpoint_timeout_s * 1e9)
+        return self._context.flight.time_ns - self._last_ns < self._timeout_ns
 
     def resume(self) -> None:
         """Fly the last setpoint again, after the mode was entered again."""
@@ -208,9 +225,8 @@ class Setpoints:
         x, y, z = setpoint.position
         v, a = _without_nan(setpoint.velocity), _without_nan(setpoint.acceleration)
         has_xy = not math.isnan(x + y)
-        has_vxy, has_axy = (
-            not math.isnan(vector[0] + vector[1]) for vector in (setpoint.velocity, setpoint.acceleration)
-        )
+        has_vxy = not math.isnan(setpoint.velocity[0] + setpoint.velocity[1])
+        has_axy = not math.isnan(setpoint.acceleration[0] + setpoint.acceleration[1])
         has_z = not math.isnan(z)
         has_vz, has_az = not math.isnan(setpoint.velocity[2]), not math.isnan(setpoint.acceleration[2])
         limits, policy = self._guidance.limits, self._policy
@@ -342,6 +358,8 @@ def _masked(vector: Vector, mask: int, grouped: bool) -> Vector:
 
 
 def _without_nan(vector: Vector) -> Vector:
+    if vector is _NAN3:
+        return _ZERO3
     north, east, down = vector
     return (
         0.0 if math.isnan(north) else north,

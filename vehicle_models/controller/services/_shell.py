@@ -45,6 +45,8 @@ class Shell:
         return {"SERIAL_CONTROL": self._take_input} if self._policy.has_shell else {}
 
     def tick(self) -> None:
+        if not self._output:
+            return
         for _ in range(min(_CHUNKS_PER_STEP, len(self._output))):
             chunk = self._output.popleft()
             assert self._channel
