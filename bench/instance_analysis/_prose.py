@@ -102,6 +102,10 @@ class Reading:
             corrected=self.corrected,
         )
 
+    def read_characters(self) -> bytearray:
+        """For each character of the text, whether a reader has used it for a field of the document."""
+        return self._ledger.read_characters(self.draft)
+
     def _answered(self, answers: Sequence[int]) -> Draft:
         """Read with the answers of a person. An answer may raise further choices, which the next one takes."""
         taken: dict[ChoiceKey, int] = {}

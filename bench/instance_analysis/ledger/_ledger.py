@@ -70,7 +70,7 @@ class Ledger:
 
     def audit(self, draft: Draft, cuts: Sequence[Span]) -> list[LedgerEntry]:
         """Every passage outside of `cuts` that has unread loaded words, in order."""
-        read = self._read(draft)
+        read = self.read_characters(draft)
         gone = marked(len(self._text), cuts)
         entries: list[LedgerEntry] = []
         for index in range(len(self._clauses)):
@@ -87,7 +87,7 @@ class Ledger:
             entries += self._entries(index, single)
         return entries
 
-    def _read(self, draft: Draft) -> bytearray:
+    def read_characters(self, draft: Draft) -> bytearray:
         """For each character, whether it belongs to a word that somebody has read with effect."""
         effects = [span for path, value, span in draft.statements if _stands(draft, path, value)]
         listed = [Span(item.start, item.end) for item in (*draft.not_expressible, *draft.not_understood)]

@@ -52,6 +52,8 @@ _NEEDED_HEADERS = {
     "content-type",
     "user-agent",
 }
+# What pydantic-ai 2.68 raises for a completion whose `choices` are empty or no list: it indexes before it checks.
+_MALFORMED = (LookupError, AttributeError, TypeError, ValueError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,13 +142,15 @@ async def _run(
             temperature=0.0, timeout=door.timeout_s, request_timeout=door.timeout_s, max_retries=0
         ),
     )
-    judged = 0
+    judged, judging = 0, False
 
     @agent.output_validator
     def judged_by(proposal: Proposal) -> Proposal:
-        nonlocal judged
-        judged = len(_answers(messages))
-        if faults := judge(proposal):
+        nonlocal judged, judging
+        judged, judging = len(_answers(messages)), True
+        faults = judge(proposal)
+        judging = False
+        if faults:
             raise ModelRetry(faults)
         return proposal
 
@@ -160,6 +164,12 @@ async def _run(
         exhausted = type(error) is UnexpectedModelBehavior and len(_answers(messages)) == MAX_ROUNDS
         if not exhausted:
             raise _failure(error, door, gate) from error
+    except _MALFORMED as error:
+        if judging:
+            raise
+        raise LinkLost(
+            f"{door.description} answers in another form than it should: {_first_line(error)}"
+        ) from error
     rounds = len(_answers(messages))
     if judged == rounds:
         return Conversation(rounds)
