@@ -1,0 +1,365 @@
+"""Each cheat that ships with the package, in a session: it gains nothing, harms nobody, leaves nothing, has its outcome."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+import pytest
+import yaml
+
+from agent_adapters.cheats import _resources
+from agent_adapters.cheats._catalogue import CHEATS
+from agent_adapters.cheats.manifests import FOLDER
+from bench.agents import load_manifest
+from bench.agents.confinement import rungs
+from bench.campaign import Task, WorkerPlan, load_measurable_decomposition, open_local_pool
+from bench.campaign.execution._task import FLIGHT_JOB
+from bench.contracts import Observation, Outcome, SessionResult
+from bench.documents import dump_json
+from bench.simspec import (
+    ActorGroup,
+    AgentSpec,
+    Budgets,
+    Home,
+    Mission,
+    Placement,
+    Point,
+    Polygon,
+    Role,
+    SimSpec,
+    VehicleSpec,
+    World,
+)
+
+ROOT = Path(__file__).parents[2]
+DECOMPOSITION = "search-and-report-full"
+LIMIT_S = 4.0
+LONG_S = {"flood-decisions": 8.0, "flood-link": 30.0}
+QUICK = (
+    "read-files",
+    "write-campaigns",
+    "kill-bench",
+    "leave-daemon",
+    "subscribe-truth",
+    "set-simulation",
+    "flood-reports",
+    "acknowledge-ahead",
+)
+"""Flown by `make test`: one of each kind, and those that got something before there were walls."""
+
+OPEN_UNDER_LANDLOCK = {"fill-disk"}
+"""Landlock has no walls there; docs/agents.md says so."""
+MERIT = {"OBS-362"}
+"""What is said can be read: whoever says anything has that, and an idle agent has not."""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """The result of one session, what the agent printed of its gains, and what was found on the host afterwards."""
+
+    result: SessionResult
+    attempts: int
+    gains: dict[str, object]
+    remains: list[str]
+    neighbour_intact: bool
+    log_bytes: int
+
+    @property
+    def isolation(self) -> str:
+        return str(self.result.details["isolation"])
+
+    @property
+    def has_own_network(self) -> bool:
+        return str(self.result.details["network"]) == "own"
+
+
+def simspec(agent: str, limit_s: float, **options: str | int) -> SimSpec:
+    """Two targets and a bystander in the open, and an agent with hints that a cheat would have to guess."""
+    corners = ((-60, -60), (60, -60), (60, 60), (-60, 60))
+    targets = ((30.0, 30.0), (-40.0, 10.0))
+    groups = [
+        ActorGroup(
+            id=f"group-{number}",
+            asset="soldier" if number < 2 else "civilian",
+            role=Role.ADVERSARY if number < 2 else Role.BYSTANDER,
+            count=1,
+            placement=Placement(at=Home(east_m=east_m, north_m=north_m)),
+        )
+        for number, (east_m, north_m) in enumerate((*targets, (10.0, -40.0)))
+    ]
+    return SimSpec(
+        name="cheats",
+        world=World(area=Polygon(corners=tuple(Point(east_m=e, north_m=n) for e, n in corners))),
+        vehicle=VehicleSpec(home=Home(east_m=0.0, north_m=0.0)),
+        mission=Mission(altitude_m=25.0, time_limit_s=limit_s),
+        actors=tuple(groups),
+        agent=AgentSpec(manifest=agent, options=dict(options)),
+        # Host time of the agent's own: `dawdle` waits for it, and nobody else comes near.
+        budgets=Budgets(reply_s=8.0),
+    )
+
+
+@contextmanager
+def host_server() -> Iterator[int]:
+    """A server of the host that takes every connection; its port."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            with suppress(OSError):
+                while True:
+                    server.accept()[0].close()
+
+        threading.Thread(target=serve, daemon=True).start()
+        yield server.getsockname()[1]
+        server.shutdown(socket.SHUT_RDWR)
+
+
+def digest(folder: Path) -> dict[str, str]:
+    """Every file below a folder with a digest of its content."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {str(path): sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+def traces(marker: str) -> list[str]:
+    """Processes of the host that carry the marker, and files with it where programs may write."""
+    matches = [
+        str(path)
+        for folder in ("/tmp", "/var/tmp", "/dev/shm", "/run", "/etc", "/usr/local", "/")
+        for path in Path(folder).glob(f"*{marker}*")
+        if path.is_file()
+    ]
+    for entry in os.scandir("/proc"):
+        if entry.name.isdigit() and int(entry.name) != os.getpid():
+            for name in ("cmdline", "environ"):
+                with suppress(OSError):
+                    if marker.encode() in Path(entry.path, name).read_bytes():
+                        matches.append(f"{entry.path}/{name}")
+    with suppress(OSError):
+        segments = Path("/proc/sysvipc/shm").read_text().splitlines()[1:]
+        matches += [f"shared memory {row}" for row in segments if int(row.split()[0]) == 0x5EBAC]
+    return matches
+
+
+class Range:
+    """A worker in a network of its own that flies cheats beside the folder of a neighbouring campaign."""
+
+    def __init__(self, folder: Path, port: int) -> None:
+        self._folder = folder
+        self._port = port
+        self._results: dict[tuple[str, str], Flight] = {}
+        self._neighbour = folder / "neighbour"
+        self._neighbour.mkdir()
+        for name in ("journal.sqlite", "scores.json", "manifest.json", "simspec.json"):
+            (self._neighbour / name).write_text('{"realized": {"actors": [{"east_m": 1.0, "north_m": 2.0}]}}')
+        # Under Landlock the folder of an editable checkout cannot be listed, so Python finds no package in it.
+        self._site = folder / "site-packages"
+        self._site.mkdir()
+        for package in ("agent_adapters", "bench"):
+            (self._site / package).symlink_to(ROOT / package)
+        plan = WorkerPlan(FLIGHT_JOB, load_measurable_decomposition(DECOMPOSITION))
+        self._pool_context = open_local_pool(plan, 1, folder)
+
+    def __enter__(self) -> Range:
+        self._pool = self._pool_context.__enter__()
+        self._wake, self._waker = os.pipe()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool_context.__exit__(None, None, None)
+        os.close(self._wake)
+        os.close(self._waker)
+
+    def fly(self, agent: str, isolation: str = "auto") -> Flight:
+        """Fly an agent once on a rung; the second time it is the same flight."""
+        key = (agent, isolation)
+        if key not in self._results:
+            self._results[key] = self._fly(agent, isolation)
+        return self._results[key]
+
+    def _fly(self, agent: str, isolation: str) -> Flight:
+        name = f"{agent}-{isolation}"
+        folder = self._folder / "runs" / name
+        folder.mkdir(parents=True)
+        manifest = agent
+        if isolation != "auto":
+            # The file keeps its name, by which results name the agent.
+            environment = {"PYTHONPATH": str(self._site)} if isolation == "landlock" else {}
+            changes = {"isolation": isolation, "environment": environment}
+            document = load_manifest(agent)[0].model_copy(update=changes)
+            copy = self._folder / "manifests" / isolation / f"{agent}.yaml"
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.write_text(yaml.safe_dump(json.loads(document.model_dump_json())))
+            manifest = str(copy)
+        marker = f"rebar-cheat-{os.getpid()}-{name}"
+        trick = agent.removeprefix("cheat-")
+        spec = simspec(
+            manifest,
+            LONG_S.get(trick, LIMIT_S),
+            marker=marker,
+            session=str(folder),
+            neighbour=str(self._neighbour),
+            host_port=self._port,
+        )
+        document_path = self._folder / f"{name}.json"
+        document_path.write_text(dump_json(spec))
+        before = digest(self._neighbour)
+        self._pool.submit(Task(name, document_path, folder, 600.0))
+        # Empty where a worker has only said that it is ready.
+        while not (ended := self._pool.wait(None, self._wake)):
+            pass
+        result = ended[0].result
+        log = folder / "agent.log"
+        lines = log.read_text(errors="replace").splitlines() if log.is_file() else []
+        gains = [json.loads(line) for line in lines if line.startswith('{"cheat"')]
+        return Flight(
+            result=result,
+            attempts=gains[-1]["attempts"] if gains else 0,
+            gains=gains[-1]["gains"] if gains else {},
+            remains=traces(marker),
+            neighbour_intact=digest(self._neighbour) == before,
+            log_bytes=log.stat().st_size if log.is_file() else 0,
+        )
+
+
+@pytest.fixture(scope="module")
+def flights(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Range]:
+    with host_server() as port, Range(tmp_path_factory.mktemp("cheats"), port) as opened:
+        yield opened
+
+
+def achieved(observations: tuple[Observation, ...]) -> set[str]:
+    """Observables whose measured value reaches their threshold."""
+    observables = load_measurable_decomposition(DECOMPOSITION).observables
+    return {
+        observation.observable
+        for observation in observations
+        if observation.x is not None and observation.x >= observables[observation.observable].threshold
+    }
+
+
+def walls_hold(trick: str, flight: Flight) -> bool:
+    """Whether the rung and the network of this flight are to hold the trick."""
+    match CHEATS[trick].held_by:
+        case "rung":
+            landlock = flight.isolation == "landlock" and trick not in OPEN_UNDER_LANDLOCK
+            return flight.isolation == "bwrap" or landlock
+        case "network":
+            return flight.has_own_network
+        case "bench":
+            return True
+
+
+def check(trick: str, flights: Range, isolation: str = "auto") -> None:
+    flight = flights.fly(f"cheat-{trick}", isolation)
+    result = flight.result
+    assert result.outcome is Outcome(CHEATS[trick].outcome), result.reason
+    # Its end counts against it: no trick makes a session disappear.
+    assert result.outcome.counts
+    assert flight.attempts > 0
+    assert flight.log_bytes < 400_000
+    if not walls_hold(trick, flight):
+        pytest.skip(
+            f"{trick} needs a wall that {flight.isolation} with network {result.details['network']} has not"
+        )
+    assert not any(flight.gains.values()), flight.gains
+    assert flight.remains == []
+    assert flight.neighbour_intact
+    idle = flights.fly("null-idle").result
+    assert idle.outcome is Outcome.TIME_LIMIT
+    assert achieved(result.observations) - MERIT <= achieved(idle.observations)
+
+
+@pytest.mark.flight
+@pytest.mark.process
+@pytest.mark.parametrize("trick", QUICK)
+def test_a_cheat_gains_nothing(trick: str, flights: Range) -> None:
+    """One of each kind, on the rung that this host gives."""
+    check(trick, flights)
+
+
+WORKING_RUNGS = [name for name in ("bwrap", "landlock") if rungs()[name].trial() is None]
+
+
+@pytest.mark.slow
+@pytest.mark.flight
+@pytest.mark.process
+@pytest.mark.parametrize("isolation", WORKING_RUNGS)
+@pytest.mark.parametrize("trick", CHEATS)
+def test_every_cheat_gains_nothing_on_every_rung(trick: str, isolation: str, flights: Range) -> None:
+    """All of them, on each rung that works here."""
+    check(trick, flights, isolation)
+
+
+@pytest.mark.slow
+@pytest.mark.flight
+@pytest.mark.process
+@pytest.mark.parametrize(
+    "trick",
+    ["read-files", "read-environment", "write-campaigns", "kill-bench", "leave-daemon", "leave-files"],
+)
+def test_without_walls_a_cheat_gets_something(trick: str, flights: Range) -> None:
+    """So the tests above can fail. The trick itself does no harm: what it leaves, this test removes."""
+    flight = flights.fly(f"cheat-{trick}", "none")
+    assert flight.result.outcome is Outcome.TIME_LIMIT, flight.result.reason
+    for trace in flight.remains:
+        if trace.startswith("/proc/"):
+            with suppress(ProcessLookupError):
+                os.kill(int(trace.split("/")[2]), signal.SIGKILL)
+        elif trace.startswith("/"):
+            Path(trace).unlink(missing_ok=True)
+    assert any(flight.gains.values()) or flight.remains
+
+
+def test_there_are_enough_of_them_and_each_says_what_it_is() -> None:
+    """Every cheat has a manifest of the same name, which states its description and the limits that it tries."""
+    assert len(CHEATS) >= 20
+    assert {path.stem for path in FOLDER.glob("*.yaml")} == {f"cheat-{name}" for name in CHEATS}
+    for name, entry in CHEATS.items():
+        manifest, folder = load_manifest(f"cheat-{name}")
+        assert folder == FOLDER
+        assert manifest.name == f"cheat-{name}"
+        assert manifest.command[1:] == ("-m", "agent_adapters.cheats", name)
+        assert manifest.description == entry.paragraphs[0]
+        limits = manifest.limits
+        assert limits.memory_mb == _resources.MEMORY_MB
+        assert limits.processes == _resources.PROCESSES
+        assert limits.scratch_mb == _resources.SCRATCH_MB
+
+
+def test_the_table_of_cheats_is_up_to_date() -> None:
+    """docs/agents.md lists each with what it tries, how its session ends, and what holds it."""
+    rows = [
+        f"| `cheat-{name}` | {entry.paragraphs[0].rstrip('.')} | `{entry.outcome}` | {entry.held_by} |"
+        for name, entry in CHEATS.items()
+    ]
+    text = (ROOT / "docs" / "agents.md").read_text()
+    table = text.partition("<!-- cheats -->")[2].partition("<!-- end -->")[0]
+    assert table.strip().splitlines()[2:] == rows
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("given", [{}, {"REBAR_VEHICLE": "vehicle_1", "REBAR_MAVLINK": "udpin:127.0.0.1:1"}])
+def test_a_cheat_refuses_to_run_outside_a_session(given: dict[str, str]) -> None:
+    """Also with a part of what a session gives. It says why, and tries nothing."""
+    done = subprocess.run(
+        [sys.executable, "-m", "agent_adapters.cheats", "kill-everything"],
+        env=given,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert "this is no session" in done.stderr
+    assert "REBAR_TICK" in done.stderr
