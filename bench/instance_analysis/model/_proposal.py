@@ -263,9 +263,9 @@ class _Verifier:
         numeric = isinstance(field.value, int | float) and not isinstance(field.value, bool)
         if numeric:
             return self._used_number(path, float(field.value), span)
-        if path[-1] not in ("id", "asset", "role", "about", "of", "kind") and all(
-            self._read[span.start : span.end]
-        ):
+        letters = [at for at in range(span.start, span.end) if self._draft.text[at].isalnum()]
+        structural = path[-1] in ("id", "asset", "role", "about", "of", "kind")
+        if not structural and all(self._read[at] for at in letters):
             return "all words of the quote are read already, for other fields"
         return ""
 
