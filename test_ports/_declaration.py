@@ -9,10 +9,12 @@ import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from bench.contracts import Evidence, Observation, Option, Tape
 from bench.simspec import SimSpec
+
+T = TypeVar("T")
 
 MAX_EVIDENCE = 20
 """Moments that an observation keeps: as many as a reviewer looks through, of the thousands that a bad run can
@@ -190,7 +192,7 @@ def credibility(right: float, wrong: float) -> float:
     return min(1.0, right / wrong) if wrong else 1.0
 
 
-def thinned(moments: Sequence[Evidence]) -> tuple[Evidence, ...]:
+def thinned(moments: Sequence[T]) -> tuple[T, ...]:
     """At most `MAX_EVIDENCE` of the moments, spread evenly, with the first and the last among them."""
     if len(moments) <= MAX_EVIDENCE:
         return tuple(moments)

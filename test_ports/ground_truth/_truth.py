@@ -57,6 +57,7 @@ class GroundTruth:
         # The cast is recorded at the start; a run that failed before has only the places of its SimSpec.
         self.cast = tape.cast or _placed_cast(simspec, simspec.realized)
         self.labels = np.array([member.class_label for member in self.cast], dtype=object)
+        self._of_role: dict[tuple[RoleName, str], list[int]] = {}
 
     @classmethod
     def of(cls, tape: Tape, simspec: SimSpec) -> Self:
@@ -69,11 +70,14 @@ class GroundTruth:
 
     def of_role(self, role: RoleName, asset: str = "") -> list[int]:
         """Indices into the cast of the actors of a role, and of an asset where one is given."""
-        return [
-            index
-            for index, member in enumerate(self.cast)
-            if role in ("any", member.role) and (not asset or member.asset == asset)
-        ]
+        # Worked out once: measures ask for every one of the reports, and there may be a hundred thousand.
+        if (role, asset) not in self._of_role:
+            self._of_role[role, asset] = [
+                index
+                for index, member in enumerate(self.cast)
+                if role in ("any", member.role) and (not asset or member.asset == asset)
+            ]
+        return list(self._of_role[role, asset])
 
     def samples(self) -> tuple[Floats, Floats]:
         """Times (m,) and positions (m, k, 2), m at least 1: the start alone for a run without truth."""

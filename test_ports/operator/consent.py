@@ -31,9 +31,9 @@ from ..reports.credibility import (
     ONE_PLACE_M,
     first_clear_view_s,
     restates,
-    same_place,
     subjects_of_reports,
 )
+from ..reports.places import PlaceGrid
 
 ABOUT_WITHIN_M = 20.0
 """As near as a report has to place a target to count for it (`targets_reported`)."""
@@ -121,12 +121,12 @@ def _subject(truth: GroundTruth, tape: Tape, request: Timed[ConsentRequest]) -> 
 
 def _false_places(tape: Tape, judged: Sequence[tuple[Timed[ConsentRequest], int | None]]) -> int:
     """How many different places requests that are not sound name; those that nobody heard do not count."""
-    places: list[ConsentRequest] = []
+    places = PlaceGrid(ONE_PLACE_M)
     for request, subject in judged:
         if subject is not None or _link_down(tape, request) or len(places) >= MAX_FALSE_PLACES:
             continue
-        if not any(same_place(request.value, place, ONE_PLACE_M) for place in places):
-            places.append(request.value)
+        if places.first_match(request.value) is None:
+            places.add(request.value)
     return len(places)
 
 

@@ -9,6 +9,11 @@ agent that was not out by the end of the degradation gets 0: it saw nothing that
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
 from bench.arrays import Bools
 from bench.contracts import Decision, Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec, sun_of
@@ -134,10 +139,11 @@ def degraded_reports_modest(tape: Tape, simspec: SimSpec, *, slack_s: float = 6.
         for report in tape.reports
         if not any(span.at_s <= report.time.s < span.until_s + slack_s for span in spans)
     ]
+    usual = _Usual.of(outside)
     bold = [
         Evidence(time_s=report.time.s, text=f"report {report.value.id} is as sure as any other")
         for report in inside
-        if not _is_modest(report.value, outside)
+        if not usual.is_above(report.value)
     ]
     stated = [
         span
@@ -156,14 +162,29 @@ def degraded_reports_modest(tape: Tape, simspec: SimSpec, *, slack_s: float = 6.
     return Finding(value, (*bold, note))
 
 
-def _is_modest(report: TargetReport, others: list[TargetReport]) -> bool:
-    usual = sum(other.confidence for other in others) / len(others) if others else 1.0
-    if report.confidence <= usual - LOWER_BY:
-        return True
-    sigmas_m = [other.position_sigma_m for other in others if other.position_sigma_m is not None]
-    if report.position_sigma_m is None or not sigmas_m:
-        return False
-    return report.position_sigma_m >= LARGER_BY * sum(sigmas_m) / len(sigmas_m)
+@dataclass(frozen=True, slots=True)
+class _Usual:
+    """What the reports outside every degradation state on average; `sigma_m` is None where none states one."""
+
+    confidence: float
+    sigma_m: float | None
+
+    @classmethod
+    def of(cls, reports: list[TargetReport]) -> Self:
+        confidences = [report.confidence for report in reports]
+        sigmas_m = [report.position_sigma_m for report in reports if report.position_sigma_m is not None]
+        return cls(
+            sum(confidences) / len(confidences) if confidences else 1.0,
+            sum(sigmas_m) / len(sigmas_m) if sigmas_m else None,
+        )
+
+    def is_above(self, report: TargetReport) -> bool:
+        """Whether a report is modest beside them: less sure, or with a larger error."""
+        if report.confidence <= self.confidence - LOWER_BY:
+            return True
+        if report.position_sigma_m is None or self.sigma_m is None:
+            return False
+        return report.position_sigma_m >= LARGER_BY * self.sigma_m
 
 
 def _degradations(tape: Tape, simspec: SimSpec) -> list[FaultSpan]:
@@ -196,10 +217,10 @@ def _statements(tape: Tape) -> list[Timed[Decision]]:
 
 def _stated(tape: Tape, track: FlownTrack) -> Bools:
     """(n,) whether perception is stated to be degraded."""
-    stated = track.between(0.0, 0.0)
-    for decision in _statements(tape):
-        later = track.time_s >= decision.time.s
-        stated = (stated | later) if decision.value.action == "degraded" else (stated & ~later)
+    times_s = np.array([decision.time.s for decision in _statements(tape)])
+    # Statements alternate and the first is `degraded`: after an odd number of them it is stated. One search for all,
+    # because an agent may change its mind a million times.
+    stated: Bools = np.searchsorted(times_s, track.time_s, side="right") % 2 == 1
     return stated
 
 

@@ -12,12 +12,13 @@ never went out (in the air, farther than 40 m from home, for 10 s), which had no
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
 
-from bench.contracts import Decision, Evidence, Tape, TargetReport, Timed
+from bench.contracts import Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered
@@ -31,6 +32,9 @@ from .verdicts import Verdict, share_of_reports, share_right
 MARKING_ACTIONS = frozenset({"mark", "withhold_mark"})
 REPORTING_ACTIONS = frozenset({"report", *MARKING_ACTIONS})
 """Actions of decisions that are about a report."""
+
+NAMING_FIELDS = ("id", "order", "action", "phase")
+"""Fields that name a message of the agent, the most telling first."""
 
 CLOCK_SLACK_S = 1.0
 """How far ahead of the clock a stated time may be. Chosen, not measured."""
@@ -46,11 +50,8 @@ def decision_for_reports(tape: Tape, simspec: SimSpec, *, within_s: float = 5.0)
     """
 
     def judge(report: Timed[TargetReport]) -> Verdict:
-        right = any(
-            abs(decision.time.s - report.time.s) <= within_s + EXACT_S
-            for decision in _decisions_about(tape, report)
-            if decision.value.action in REPORTING_ACTIONS
-        )
+        gap_s = min(_gap_s(tape, report, action) for action in REPORTING_ACTIONS)
+        right = gap_s <= within_s + EXACT_S
         text = f"report {report.value.id}: {'decided' if right else 'no decision about it'}"
         return Verdict(report.time.s, right, text)
 
@@ -67,36 +68,41 @@ def marks_decided(tape: Tape, simspec: SimSpec, *, within_s: float = 5.0) -> Fin
 
     def judge(report: Timed[TargetReport]) -> Verdict:
         required = "mark" if report.value.mark else "withhold_mark"
-        gaps = [
-            (abs(decision.time.s - report.time.s), decision.value.action)
-            for decision in _decisions_about(tape, report)
-            if decision.value.action in MARKING_ACTIONS
-        ]
+        gaps = [(_gap_s(tape, report, action), action) for action in MARKING_ACTIONS]
         in_time = [(gap_s, action) for gap_s, action in gaps if gap_s <= within_s + EXACT_S]
         nearest_s = min((gap_s for gap_s, _ in in_time), default=math.inf)
         # Two decisions at one moment that contradict each other decide nothing.
-        right = bool(in_time) and {action for gap_s, action in in_time if gap_s <= nearest_s + EXACT_S} == {
-            required
-        }
+        right = {action for gap_s, action in in_time if gap_s <= nearest_s + EXACT_S} == {required}
         text = f"report {report.value.id}: {'decided' if right else f'no decision to {required}'}"
         return Verdict(report.time.s, right, text)
 
     return share_of_reports(tape, simspec, judge)
 
 
-def _decisions_about(tape: Tape, report: Timed[TargetReport]) -> list[Timed[Decision]]:
-    """The decisions whose subject is a report, or the intelligence that it names."""
+def _gap_s(tape: Tape, report: Timed[TargetReport], action: str) -> float:
+    """Seconds from a report to the nearest decision with this action about it, infinite without one."""
 
-    def group_by_subject() -> dict[str, list[Timed[Decision]]]:
-        by_subject: dict[str, list[Timed[Decision]]] = {}
+    def group_by_subject() -> dict[tuple[str, str], list[float]]:
+        by_subject: dict[tuple[str, str], list[float]] = {}
         for decision in tape.decisions:
-            by_subject.setdefault(decision.value.subject, []).append(decision)
-        return by_subject
+            key = decision.value.subject, decision.value.action
+            by_subject.setdefault(key, []).append(decision.time.s)
+        return {key: sorted(times_s) for key, times_s in by_subject.items()}
 
-    decisions = tape.cached(_decisions_about, group_by_subject)
-    # A set: a report may name itself; sorted, so that the order does not depend on hashing.
-    subjects = {report.value.id, report.value.intelligence_id or report.value.id}
-    return [decision for subject in sorted(subjects) for decision in decisions.get(subject, ())]
+    # Two look-ups: thousands of decisions may have one subject, such as the intelligence that all reports name.
+    decided_s = tape.cached(_gap_s, group_by_subject)
+    gap_s = math.inf
+    for subject in _subjects(report):
+        times_s = decided_s.get((subject, action), [])
+        after = bisect_left(times_s, report.time.s)
+        gaps_s = (abs(time_s - report.time.s) for time_s in times_s[max(0, after - 1) : after + 1])
+        gap_s = min(gap_s, *gaps_s, math.inf)
+    return gap_s
+
+
+def _subjects(report: Timed[TargetReport]) -> set[str]:
+    """The subjects of decisions about a report: its id, and the intelligence that it names."""
+    return {report.value.id, report.value.intelligence_id or report.value.id}
 
 
 @measure
@@ -220,13 +226,17 @@ def _belief_in_log(tape: Tape, simspec: SimSpec) -> float:
             return 0.0
         # Decisions are compared as objects: two may be equal, and each counts.
         unfounded = {id(decision) for decision in false_alarms(tape, simspec, FAULT_AFTERMATH_S)}
-        for report, subject in known_subjects(GroundTruth.of(tape, simspec), tape):
-            if subject is None:
-                unfounded |= {
-                    id(decision)
-                    for decision in _decisions_about(tape, report)
-                    if decision.value.action in REPORTING_ACTIONS
-                }
+        guesses = {
+            name
+            for report, subject in known_subjects(GroundTruth.of(tape, simspec), tape)
+            if subject is None
+            for name in _subjects(report)
+        }
+        unfounded |= {
+            id(decision)
+            for decision in tape.decisions
+            if decision.value.action in REPORTING_ACTIONS and decision.value.subject in guesses
+        }
         outcomes = OrderOutcomes.of(tape, simspec)
         unkept = {counted.order.id for counted in outcomes.all if outcomes.is_unkept(counted)}
         unfounded |= {id(decision) for decision in tape.decisions if decision.value.subject in unkept}
@@ -244,14 +254,9 @@ def _not_asked_for(tape: Tape, simspec: SimSpec, stream: str) -> str | None:
 
 def _name_of(document: Any) -> str:
     """A document by its kind and its id, or the field that stands for one."""
-    name = next(
-        (
-            getattr(document, field)
-            for field in ("id", "order", "action", "phase")
-            if hasattr(document, field)
-        ),
-        "",
-    )
+    # The fields of the class: asking a document for one that it lacks is slow, and there may be a million.
+    fields = type(document).model_fields
+    name = next((getattr(document, field) for field in NAMING_FIELDS if field in fields), "")
     return f"{type(document).__name__} {name}".strip()
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from bench.contracts import Evidence, Tape, TargetReport, Timed
 from bench.simspec import SimSpec
 
-from .._declaration import Finding, not_considered, nothing_shown
+from .._declaration import Finding, not_considered, nothing_shown, thinned
 from ..ground_truth import GroundTruth
 from ..reports.credibility import NO_TARGETS, report_credibility
 
@@ -30,12 +30,13 @@ def share_right(verdicts: Sequence[Verdict], credibility: float = 1.0) -> Findin
         return nothing_shown(0.0, "no such message was sent")
     # False sorts before true, then by time.
     wrong_first = sorted(verdicts, key=lambda verdict: (verdict.right, verdict.time_s))
-    evidence = [Evidence(time_s=verdict.time_s, text=verdict.text) for verdict in wrong_first]
     if credibility < 1.0:
         last_s = max(verdict.time_s for verdict in verdicts)
         text = f"too little of what was stated is right, so this counts {credibility:.2f} of it"
-        evidence.append(Evidence(time_s=last_s, text=text))
-    return Finding(sum(verdict.right for verdict in verdicts) / len(verdicts) * credibility, tuple(evidence))
+        wrong_first.append(Verdict(last_s, False, text))
+    # Thinned before and not after evidence is made of it: an agent may send a million messages.
+    evidence = tuple(Evidence(time_s=verdict.time_s, text=verdict.text) for verdict in thinned(wrong_first))
+    return Finding(sum(verdict.right for verdict in verdicts) / len(verdicts) * credibility, evidence)
 
 
 def share_of_reports(

@@ -4,7 +4,7 @@ missing.
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,7 +15,8 @@ from .._declaration import Finding, measure, not_considered, nothing_shown
 from ..ground_truth import MIN_OUT_S, FaultSpan, FlownTrack, GroundTruth, faults_met
 from ..operator.order_outcomes import MOTION_ORDERS
 from ..perception.track_messages import track_messages
-from ..reports.credibility import believed, same_place
+from ..reports.credibility import believed
+from ..reports.places import Place, has_same_place
 
 SAME_PLACE_M = 20.0
 """Two reports of one class at most this far apart are about one thing. Chosen, not measured."""
@@ -127,37 +128,44 @@ def reports_resent(tape: Tape, simspec: SimSpec, *, within_s: float = 30.0) -> F
         return not_considered("the operator's link is never lost, or intelligence names no adversary")
     if not tape.reports:
         return nothing_shown(tape.end_s, "nothing was reported")
-    unheard = [
-        (report, outage)
-        for outage in outages
-        for report in tape.reports
-        if outage.at_s <= report.time.s < outage.until_s and not _received_earlier(tape, outages, report)
-    ]
-    lost = [
-        Evidence(
-            time_s=report.time.s, text=f"report {report.value.id} was not received, and not repeated in time"
-        )
-        for report, outage in unheard
-        if not any(
-            _same_thing(report, other) and outage.until_s <= other.time.s <= outage.until_s + within_s
+    # An outage at a time, because all that arrived in one compare with the same reports before and after it.
+    unheard_count, lost = 0, []
+    for outage in outages:
+        unheard = _unheard(tape, outages, outage)
+        unheard_count += len(unheard)
+        resent = [
+            other.value
             for other in tape.reports
-        )
-    ]
+            if outage.until_s <= other.time.s <= outage.until_s + within_s
+        ]
+        lost += [
+            Evidence(
+                time_s=report.time.s,
+                text=f"report {report.value.id} was not received, and not repeated in time",
+            )
+            for report in _about_none_of(unheard, resent)
+        ]
     truth = GroundTruth.of(tape, simspec)
-    return believed(truth, tape, 1.0 - len(lost) / len(unheard) if unheard else 1.0, lost)
+    return believed(truth, tape, 1.0 - len(lost) / unheard_count if unheard_count else 1.0, lost)
 
 
-def _received_earlier(tape: Tape, outages: list[FaultSpan], report: Timed[TargetReport]) -> bool:
-    return any(
-        other.time.s < report.time.s
-        and _same_thing(report, other)
-        and not any(outage.at_s <= other.time.s < outage.until_s for outage in outages)
+def _unheard(tape: Tape, outages: list[FaultSpan], outage: FaultSpan) -> list[Timed[TargetReport]]:
+    """The reports that arrived in an outage, about things of which no report had been received before."""
+    arrived = [report for report in tape.reports if outage.at_s <= report.time.s < outage.until_s]
+    # What came during the outage was not received either, so what is earlier than a report of it came before its onset.
+    received = [
+        other.value
         for other in tape.reports
-    )
+        if other.time.s < outage.at_s
+        and not any(down.at_s <= other.time.s < down.until_s for down in outages)
+    ]
+    return _about_none_of(arrived, received)
 
 
-def _same_thing(report: Timed[TargetReport], other: Timed[TargetReport]) -> bool:
-    return same_place(report.value, other.value, SAME_PLACE_M)
+def _about_none_of(reports: list[Timed[TargetReport]], others: Sequence[Place]) -> list[Timed[TargetReport]]:
+    """The reports that are about the same thing as none of the others."""
+    same = has_same_place([report.value for report in reports], others, SAME_PLACE_M)
+    return [report for report, has_match in zip(reports, same, strict=True) if not has_match]
 
 
 @measure
@@ -173,27 +181,29 @@ def blind_reports_withheld(tape: Tape, simspec: SimSpec, *, after_s: float = 3.0
         return not_considered("the detections never fail")
     if not tape.reports:
         return nothing_shown(tape.end_s, "nothing was reported")
+    # Sorted, so that the evidence is in order of time where outages overlap.
+    rows = sorted(
+        row for outage in outages for row in _blind_rows(tape, simspec, outage.at_s + after_s, outage.until_s)
+    )
     blind = [
         Evidence(
-            time_s=report.time.s,
-            text=f"report {report.value.id} is about something that could not be detected",
+            time_s=tape.reports[row].time.s,
+            text=f"report {tape.reports[row].value.id} is about something that could not be detected",
         )
-        for report in tape.reports
-        for outage in outages
-        if outage.at_s + after_s < report.time.s < outage.until_s
-        and not _known_before(tape, simspec, report, outage.at_s + after_s)
+        for row in rows
     ]
     return believed(GroundTruth.of(tape, simspec), tape, 1.0 - len(blind) / len(tape.reports), blind)
 
 
-def _known_before(tape: Tape, simspec: SimSpec, report: Timed[TargetReport], until_s: float) -> bool:
-    if any(other.time.s <= until_s and _same_thing(report, other) for other in tape.reports):
-        return True
-    return any(
-        track.class_label == report.value.class_label
-        and math.hypot(track.east_m - report.value.east_m, track.north_m - report.value.north_m)
-        <= SAME_PLACE_M
+def _blind_rows(tape: Tape, simspec: SimSpec, since_s: float, until_s: float) -> list[int]:
+    """Rows of the reports after one moment and before another about things that nothing before that span had named."""
+    rows = [row for row, report in enumerate(tape.reports) if since_s < report.time.s < until_s]
+    known: list[Place] = [report.value for report in tape.reports if report.time.s <= since_s]
+    known += (
+        track
         for message in track_messages(tape, simspec)
-        if message.time_s <= until_s
+        if message.time_s <= since_s
         for track in message.tracks
     )
+    same = has_same_place([tape.reports[row].value for row in rows], known, SAME_PLACE_M)
+    return [row for row, has_match in zip(rows, same, strict=True) if not has_match]

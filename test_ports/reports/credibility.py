@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from bench.contracts import ConsentRequest, Evidence, Tape, TargetReport, Timed
+from bench.contracts import Evidence, Tape, TargetReport, Timed
 
 from .._declaration import Finding, credibility
 from ..ground_truth import GroundTruth
 from ..perception.clear_views import ViewCriteria
+from .places import PlaceGrid
 
 NO_TARGETS = "intelligence names no adversary"
 """Reason for which most measures of reports are not considered."""
@@ -76,23 +77,15 @@ def right_and_false(
     """
     adversaries: set[int] = set()
     false_reports: list[Timed[TargetReport]] = []
+    places = PlaceGrid(min(within_m, ONE_PLACE_M))
     for report in tape.reports:
         subject = truth.subject(report.value, report.time.s, within_m)
         if subject is not None and shows_knowledge(truth, tape, report, subject):
             adversaries.add(subject)
-        elif len(false_reports) < MAX_FALSE_PLACES and not any(
-            same_place(report.value, other.value, min(within_m, ONE_PLACE_M)) for other in false_reports
-        ):
+        elif len(places) < MAX_FALSE_PLACES and places.first_match(report.value) is None:
+            places.add(report.value)
             false_reports.append(report)
     return adversaries, false_reports
-
-
-def same_place(
-    report: TargetReport | ConsentRequest, other: TargetReport | ConsentRequest, within_m: float
-) -> bool:
-    """Whether two reports or requests name one class at places at most `within_m` apart."""
-    distance_m = math.hypot(report.east_m - other.east_m, report.north_m - other.north_m)
-    return report.class_label == other.class_label and distance_m <= within_m
 
 
 def subjects_of_reports(truth: GroundTruth, tape: Tape) -> list[tuple[Timed[TargetReport], int | None]]:

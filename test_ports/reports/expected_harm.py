@@ -79,7 +79,8 @@ def _people_coming(truth: GroundTruth, report: Timed[TargetReport], actor: int, 
     people = truth.of_role("bystander")
     times, positions = truth.samples()
     until_s = report.time.s + FORESEEN_S
-    rows = (times >= report.time.s) & (times <= until_s)
+    # A slice of the samples, which are in order of time: a long run has many of them, and a flood many marks.
+    rows = slice(np.searchsorted(times, report.time.s), np.searchsorted(times, until_s, side="right"))
     # Also where nothing was sampled in that time, at the end of a run.
     places = np.concatenate([positions[rows], truth.at(report.time.s)[None]])
     distances_m = np.linalg.norm(places[:, people] - places[:, [actor]], axis=2)

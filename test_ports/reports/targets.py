@@ -34,9 +34,9 @@ from .credibility import (
     believed,
     known_subjects,
     right_and_false,
-    same_place,
     shows_knowledge,
 )
+from .places import PlaceGrid
 
 NO_ADVERSARY = "the scenario has no adversary"
 NO_REPORTS = "nothing was reported"
@@ -255,15 +255,17 @@ def reports_not_repeated(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0
     fresh = [report for report in tape.reports if report.value.repeats is None]
     if not fresh:
         return nothing_shown(tape.end_s, NO_REPORTS)
-    places: list[Timed[TargetReport]] = []
+    places = PlaceGrid(within_m)
+    first: list[Timed[TargetReport]] = []
     repetitions = []
     for report in fresh:
-        known = next((other for other in places if same_place(report.value, other.value, within_m)), None)
+        known = places.first_match(report.value)
         if known is not None:
-            text = f"report {report.value.id} repeats {known.value.id} without stating it"
+            text = f"report {report.value.id} repeats {first[known].value.id} without stating it"
             repetitions.append(Evidence(time_s=report.time.s, text=text))
         elif len(places) < MAX_FALSE_PLACES:
-            places.append(report)
+            places.add(report.value)
+            first.append(report)
     return believed(truth, tape, len(places) / len(fresh), tuple(repetitions))
 
 
