@@ -80,6 +80,10 @@ class Draft:
         """What is read differently from how it is written."""
         return list(self._remarks.values())
 
+    def describe(self) -> None:
+        """Set the description: the whole text, which is no statement about any field."""
+        self.entries["description",] = DraftField(self.text.strip(), Span(0, len(self.text)))
+
     def leave_out(self, span: Span, why: str) -> None:
         """List a passage that sets no field."""
         self.not_understood.append(self._passage(span, why))
@@ -124,6 +128,8 @@ class Draft:
             and previous.value != value
         ):
             readings = [f"{dotted(path)} = {varied}" for varied in (previous.value, value)]
+            # Both are read: the choice shows them.
+            self.acknowledged += [previous.span, span]
             conflict = f"{self.quote(previous.span)!r} and {self.quote(span)!r} say two things"
             if self.ask(previous.span.joined(span), f"{conflict}; which holds?", readings) == 0:
                 return

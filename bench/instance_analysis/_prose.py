@@ -170,7 +170,7 @@ class Reading:
         reader = TextReader(draft, self.vocabulary)
         reader.read([item for item in self.items if is_stop(item) or not self._is_cut(item.span)])
         draft.put(("name",), "prose", None)
-        draft.put(("description",), self.text.strip(), Span(0, len(self.text)))
+        draft.describe()
         for cut in self.cuts:
             draft.leave_out(cut.span, cut.why)
         return draft

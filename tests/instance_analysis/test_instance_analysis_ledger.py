@@ -175,3 +175,46 @@ def test_no_english_word_is_mended(word: str) -> None:
 def test_no_word_of_weather_light_or_motion_is_mended(word: str) -> None:
     """Such a correction would change the scene, and hardly be seen."""
     assert not read_prose(f"A radar, {word}.", VOCABULARY).corrected
+
+
+@pytest.mark.parametrize(
+    ("text", "path", "value"),
+    [
+        ("The system under test finds one radar vehicle.", "actors[radar].count", 1),
+        ("A man left the house. He walks.", "actors[civilian].motion.kind", "wander"),
+        ("Six men stand near a house. They walk around the house.", "actors[house].motion.kind", "still"),
+        ("Three soldiers guard a truck parked on the road.", "actors[truck].placement.along.where", "on"),
+        ("Children; there are 20 of them.", "actors[child].count", 20),
+        ("The area is 0,5 km by 0,3 km.", "world.area.corners[2].east_m", 250.0),
+        ("A truck two nautical miles from a house.", "actors[truck].placement.near.max_m", 2 * 1852 * 1.1),
+        (
+            "The UAV shall not mark a target while civilians are within 45 m of it.",
+            "rules.no_mark_within_m",
+            45.0,
+        ),
+        ("If the C2 link is lost for more than 7 s, the UAV shall return.", "rules.link_lost_after_s", 7.0),
+        ("Marking is only allowed when no civilian is within 35 m.", "rules.no_mark_within_m", 35.0),
+    ],
+)
+def test_what_was_read_wrong_without_a_word_is_read(text: str, path: str, value: Any) -> None:
+    """Numbers beside a far bound, pronouns, verbs before a thing, attachments, rules in other orders."""
+    assert values(read_prose(text, VOCABULARY))[path] == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    ("text", "quote"),
+    [
+        ("Missing person search. A radar.", "person"),
+        (
+            "A truck. Its position is 4 minutes old; a second report, priority 2, is about soldiers.",
+            "a second report",
+        ),
+        ("Of the 12 civilians, 4 are children.", "Of the 12 civilians"),
+        ("Two radars, one of which is camouflaged.", "one of which"),
+        ("Two soldiers near a truck, camouflaged.", "camouflaged"),
+        ("A radar. 25 m away, a shed.", "25 m away"),
+    ],
+)
+def test_what_a_sentence_does_not_tell_is_a_choice(text: str, quote: str) -> None:
+    """Whom a word means, whether a thing is there, and what a share leaves."""
+    assert any(quote in choice.quote for choice in read_prose(text, VOCABULARY).choices)

@@ -240,8 +240,16 @@ def longest_match(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[To
         if word.filler:
             if word.text.lower() in CLAUSES and index > begin and rule not in CONDITIONAL_RULES:
                 break
-            if rule == "quantity" and index > begin and word.text.lower() not in QUANTITY_FILLERS:
-                # In `six, by our count - 25 m away` nothing is 6 to 25.
+            after_bound = rule == "group" and any(
+                tokens and tokens[-1].type in ("WITHIN", "ATLEAST") for _, tokens in states
+            )
+            if (
+                (rule == "quantity" or after_bound)
+                and index > begin
+                and word.text.lower() not in QUANTITY_FILLERS
+            ):
+                # In `six, by our count - 25 m away` nothing is 6 to 25, nor is anything up to one in `the system
+                # under test has one radar`.
                 break
             continue
         if not word.meanings and rule in TOLERANT_RULES and unknown < MAX_UNKNOWN_WORDS and _skipped(word):

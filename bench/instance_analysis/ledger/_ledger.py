@@ -71,6 +71,7 @@ class Ledger:
     def audit(self, draft: Draft, cuts: Sequence[Span]) -> list[LedgerEntry]:
         """Every passage outside of `cuts` that has unread loaded words, in order."""
         read = self.read_characters(draft)
+        listed = self._listed_characters(draft)
         gone = marked(len(self._text), cuts)
         entries: list[LedgerEntry] = []
         for index in range(len(self._clauses)):
@@ -78,6 +79,7 @@ class Ledger:
                 word
                 for word in self._loaded[index]
                 if not all(read[word.span.start : word.span.end])
+                and not (word.load not in LEFT_OUT and all(listed[word.span.start : word.span.end]))
                 and not any(gone[word.span.start : word.span.end])
                 and not _is_harmless(word, draft)
             ]
@@ -90,13 +92,11 @@ class Ledger:
     def read_characters(self, draft: Draft) -> bytearray:
         """For each character, whether it belongs to a word that somebody has read with effect."""
         effects = [span for path, value, span in draft.statements if _stands(draft, path, value)]
-        listed = [Span(item.start, item.end) for item in (*draft.not_expressible, *draft.not_understood)]
         effect = marked(len(self._text), [*effects, *draft.acknowledged])
         read = marked(len(self._text), draft.used_words)
         for phrase in self._phrases:
-            by_reader = [span for span in listed if span == phrase.span]
             for part in phrase.leaves:
-                if by_reader or (
+                if (
                     _used(phrase, part)
                     and any(effect[part.span.start : part.span.end])
                     and _traced(phrase, part, draft)
@@ -105,6 +105,12 @@ class Ledger:
             if phrase.rule in CONDITIONAL_RULES and any(effect[phrase.span.start : phrase.span.end]):
                 _mark_conditions(read, self._text, phrase)
         return read
+
+    def _listed_characters(self, draft: Draft) -> bytearray:
+        """For each character, whether it belongs to a phrase that its reader has listed as a whole."""
+        listed = {(item.start, item.end) for item in (*draft.not_expressible, *draft.not_understood)}
+        spans = [phrase.span for phrase in self._phrases if (phrase.span.start, phrase.span.end) in listed]
+        return marked(len(self._text), spans)
 
     def _entries(self, index: int, unread: Sequence[LoadedWord]) -> list[LedgerEntry]:
         """What the unread words of a clause do to it and to the clauses beside it."""
@@ -138,7 +144,10 @@ class Ledger:
             begins = self._text[clause.span.start : word.span.start].strip() == ""
             return sentence[at - 1].span.joined(clause.span) if begins and at else clause.span
         if word.load is not Load.CONDITION:
-            return clause.span
+            # `a second report, priority 2`: what follows a subject that is not read is said of it.
+            ordinal = word.text.lower().startswith(("a ", "the "))
+            subject_alone = ordinal and not any(isinstance(item, Phrase) for item in clause.items)
+            return clause.span.joined(sentence[-1].span) if subject_alone else clause.span
         before = self._text[clause.span.start : word.span.start].lower().split()
         # `hold when it rains`: the clause itself. `when it rains, hold`: what follows too. `and when it rains, hold`:
         # nothing before. `hold, when it rains`: what stands before it too.

@@ -57,7 +57,7 @@ _WORDS: dict[Load, str] = {
         |each|either|both)\s+(?:of|among)\s+{_MEMBERS}|(?:of|among)\s+(?:which|whom)|(?:^|(?<=[.,;:]\s))of\s+(?:the|these|those)(?=\s+(?:{_COUNT}))
         |(?:{_COUNT})(?=\s+(?:is|are|was|were|has|have)\b)
         |half|halves|thirds?|quarters?|fifths?|tenths?|majority|most|respectively|twice|thrice|double|triple|as\s+(?:many|few)
-        |the\s+(?:others?|rest(?!:)|remaining|remainder|former|latter|last|first|second|fourth)|others|alternat\w+|includ\w+""",
+        |a\s+(?:second|third)(?=\s+[a-z])|the\s+(?:others?|rest(?!:)|remaining|remainder|former|latter|last|first|second|fourth)|others|alternat\w+|includ\w+""",
     Load.ALTERNATIVE: r"or|either|and/or|alternatively|versus|vs",
     Load.BOUND: rf"""at\s+least|at\s+most|(?:more|less|fewer|lower|higher|closer|nearer|farther|further)\s+than|up\s+to
         |(?:over|under|above|below|beyond|within)(?=\s+(?:{_COUNT}|an?\s+(?:hundred|dozen|minute|hour|kilomet)))

@@ -36,6 +36,8 @@ RelationTarget = str | Coordinates
 """Whom a relation is to: the id of a group, `home`, or a place."""
 ROOFED = frozenset(["house", "shed"])
 """What one can be inside of."""
+PERSONS = frozenset(["civilian", "child", "aid-worker", "soldier"])
+IMMOVABLE = frozenset(["house", "shed", "tree", "crate"])
 SINGULAR_PRONOUNS = ("it", "he", "she", "him", "her")
 
 
@@ -301,11 +303,15 @@ class GroupRegister:
 
     def them_as_subject(self, span: Span) -> None:
         """Make the groups that a pronoun means the subject: `it` is one of a single member."""
-        single = self.draft.quote(span).lower() in SINGULAR_PRONOUNS
-        if not single or not self.subject or self.subject[-1] not in self.plural:
+        pronoun = self.draft.quote(span).lower()
+        if pronoun not in SINGULAR_PRONOUNS or not self.subject:
             return
-        fitting = [group for group in self.kinds if group not in self.plural]
-        if fitting:
+        fitting = [
+            group
+            for group, name in self.kinds.items()
+            if group not in self.plural and (pronoun == "it" or self.vocabulary.assets[name].asset in PERSONS)
+        ]
+        if fitting and self.subject[-1] not in fitting:
             self.subject = self.choose_one(fitting, span)
 
     def _vague_range(self) -> tuple[int, int]:

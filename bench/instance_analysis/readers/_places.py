@@ -124,6 +124,8 @@ class PlaceReader:
         if group in self._fixed and self._fixed[group][0] != place:
             earlier, where = self._fixed[group]
             readings = [self._draft.quote(where), self._draft.quote(span)]
+            self._draft.acknowledge(where)
+            self._draft.acknowledge(span)
             place = (earlier, place)[
                 self._draft.ask(where.joined(span), "two places are given; which holds?", readings)
             ]

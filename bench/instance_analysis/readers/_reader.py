@@ -16,7 +16,7 @@ from ..language._vocabulary import MotionWords, Vocabulary
 from ._events import EventReader
 from ._flight import FlightReader
 from ._ground import GroundReader
-from ._groups import GroupRegister
+from ._groups import IMMOVABLE, PERSONS, GroupRegister
 from ._intelligence import IntelligenceReader
 from ._places import PlaceReader, count_places, places_in
 from ._relations import RelationReader
@@ -36,7 +36,6 @@ INSIGNIFICANT_KINDS = frozenset(
 )
 
 
-PERSONS = frozenset(["civilian", "child", "aid-worker", "soldier"])
 RELATIONS_TO_IT = frozenset(["near", "exact", "within", "atleast", "bearing"])
 """Relations to what `it` is, which may be a road."""
 GROUP_RULES = RelationReader.RULES | TraitReader.RULES | RoadReader.RULES | {"loop"}
@@ -518,12 +517,22 @@ class TextReader:
             if phrase.rule == "loop":
                 self._loop(group, phrase)
                 continue
+            if phrase.rule == "motion" and self._cannot_move(group, phrase):
+                self.draft.unread(
+                    phrase.span, f"a {self.groups.kinds[group]} does not move", expressible=True
+                )
+                continue
             reader = next(
                 item for item in (self.relations, self.traits, self.roads) if phrase.rule in item.RULES
             )
             getattr(reader, phrase.rule)(group, phrase)
             if phrase.rule == "motion":
                 self._patrols(group, phrase)
+
+    def _cannot_move(self, group: str, phrase: Phrase) -> bool:
+        motion = phrase.first("MOTION")
+        moves = motion is not None and isinstance(motion.value, MotionWords) and motion.value.kind != "still"
+        return moves and self.vocabulary.assets[self.groups.kinds[group]].asset in IMMOVABLE
 
     def _described(self, subject: list[str], phrase: Phrase) -> list[str]:
         """The groups that a phrase describes after a relation to another group that the sentence has just named.

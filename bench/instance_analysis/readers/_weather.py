@@ -224,6 +224,8 @@ class WeatherReader:
         ]
         if not spans:
             return
+        for item in spans:
+            self._draft.acknowledge(item)
         span = spans[-1]
         if self._stated_sun and self._stated_time:
             readings = [self._draft.quote(self._stated_time[1]), self._draft.quote(self._stated_sun[3])]
