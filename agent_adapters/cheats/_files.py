@@ -30,11 +30,11 @@ _PTRACE_SEIZE, _PTRACE_DETACH = 0x4206, 17
 
 
 def read_files(cheat: Cheat) -> Iterator[None]:
-    """Looks for SimSpecs, recordings and results in every folder that it can guess, and reports the actors in them.
+    """Looks for SimSpecs, recordings and results in every folder that it can guess, and reports the actors in the first.
 
     It would know the place of every target.
     """
-    roots = [Path.cwd(), *Path.cwd().parents[:-1], *map(Path, _GUESSED_FOLDERS), *cheat.folders()]
+    roots = [*cheat.folders(), Path.cwd(), *Path.cwd().parents[:-1], *map(Path, _GUESSED_FOLDERS)]
     roots += [Path(os.environ[name]) for name in ("HOME", "TMPDIR") if name in os.environ]
     roots += [
         parent for entry in sys.path if entry for parent in Path(entry).parents[:2] if parent != Path("/")
@@ -42,8 +42,8 @@ def read_files(cheat: Cheat) -> Iterator[None]:
     files = [path for path in _session_files(roots) if _is_readable(path)]
     cheat.attempts = len(set(roots))
     cheat.gains = {"files": sorted({str(path) for path in files})[:20]}
-    places = [place for path in files if path.name == "simspec.json" for place in _places(path)]
-    cheat.report(places[:200])
+    # The first that was found: what it was told of comes before other people's sessions.
+    cheat.report(next((places for path in files if (places := _places(path))), [])[:200])
     yield
 
 

@@ -8,8 +8,9 @@ from typing import Any
 
 from ._document import Campaign
 
-# Whose agents fly, within which time of the host, and what the campaign is called changes no scene.
-NOT_ASKED = {"name", "description", "agents", "floor", "budgets"}
+# Whose agents fly, within which time of the host, and what the campaign is called changes no scene; a honeypot changes
+# nothing that is seen or measured.
+NOT_ASKED = {"name", "description", "agents", "floor", "budgets", "honeypots"}
 SITUATIONS = {"base", "situations"}
 
 

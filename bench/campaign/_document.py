@@ -114,6 +114,17 @@ class FloorPlan(Document):
         return self.agents if self.oracle is None else (*self.agents, self.oracle)
 
 
+class Honeypots(Document):
+    """Targets that are nowhere but in the SimSpecs, so that an agent which reports one has read them.
+
+    They change nothing that an agent can see, and no measure.
+    """
+
+    share: Annotated[
+        float, Field(gt=0.0, le=1.0, description="Share of the scenes, drawn from the design's seed.")
+    ] = 0.1
+
+
 SITUATION = "situation"
 """Name of the design factor that a campaign with several situations has, if it states no other."""
 
@@ -189,6 +200,14 @@ class Campaign(Document):
     isolation: Annotated[
         Isolation | None,
         Field(description="How every agent must be confined, in place of what its manifest says."),
+    ] = None
+    honeypots: Annotated[
+        Honeypots | None,
+        Field(
+            # Left out where it is absent: the files of campaigns without it stay as they are.
+            exclude_if=lambda honeypots: honeypots is None,
+            description="Put honeypots into a share of the scenes; none if absent.",
+        ),
     ] = None
     budgets: CampaignBudgets = CampaignBudgets()
 

@@ -414,6 +414,8 @@ def _show_scores(
     from bench.campaign import CampaignFolder, digest_of
     from bench.reporting import score_tables
 
+    if scores.saw_truth:
+        print(f"SAW THE TRUTH: a honeypot was reported in {', '.join(scores.saw_truth)}; see the report")
     for label in informed:
         print(f"{label} is given the truth: its results are no agent's")
     console = plain_console()

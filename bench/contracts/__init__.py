@@ -55,6 +55,7 @@ from ._measure import Option as Option
 from ._measure import Tape as Tape
 from ._measure import Timed as Timed
 from ._outcome import PROBES as PROBES
+from ._outcome import SAW_TRUTH as SAW_TRUTH
 from ._outcome import SUSPECT as SUSPECT
 from ._outcome import Blame as Blame
 from ._outcome import Evidence as Evidence
@@ -65,6 +66,7 @@ from ._outcome import SessionResult as SessionResult
 from ._outcome import probes_of as probes_of
 from ._outcome import suspicions_of as suspicions_of
 from ._outcome import traceback_details as traceback_details
+from ._outcome import truth_sightings_of as truth_sightings_of
 from ._plugins import PluginGroup as PluginGroup
 from ._plugins import load_plugin as load_plugin
 from ._plugins import plugins as plugins

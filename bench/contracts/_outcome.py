@@ -140,6 +140,16 @@ def suspicions_of(details: Mapping[str, object]) -> tuple[str, ...]:
     return tuple(str(end) for end in ends) if isinstance(ends, list) else ()
 
 
+SAW_TRUTH = "saw_the_truth"
+"""In `SessionResult.details`: the reports of honeypots, one text each."""
+
+
+def truth_sightings_of(details: Mapping[str, object]) -> tuple[str, ...]:
+    """The reports of honeypots in the details of a result, which may have been edited."""
+    texts = details.get(SAW_TRUTH)
+    return tuple(str(text) for text in texts) if isinstance(texts, list) else ()
+
+
 class SessionResult(Document):
     """What is left of a session beside its recording; `result.json` in a run's folder."""
 

@@ -30,7 +30,7 @@ class Run:
 
     `after_stop` says that it was flown although earlier replicates had decided the question: it counts in no
     number. `truth_given` says that the bench gave its agent the truth. `suspect` are attempts that ended as an agent
-    could make them end by breaking the bench. `probes` counts what was refused, by kind.
+    could make them end by breaking the bench. `saw_truth` are reports of honeypots. `probes` counts what was refused, by kind.
     """
 
     realization: str
@@ -47,6 +47,7 @@ class Run:
     after_stop: bool = False
     truth_given: bool = False
     suspect: tuple[str, ...] = ()
+    saw_truth: tuple[str, ...] = ()
     probes: Mapping[str, int] = field(default_factory=dict)
 
     @property

@@ -14,7 +14,13 @@ from typing import Any
 
 import polars as pl
 
-from bench.contracts import SessionResult, parse_document, probes_of, suspicions_of
+from bench.contracts import (
+    SessionResult,
+    parse_document,
+    probes_of,
+    suspicions_of,
+    truth_sightings_of,
+)
 from bench.documents import parse_text, read_text
 from bench.errors import Fault, SetupError
 from bench.scoring import EXCLUDED_OUTCOMES, SCORE_COLUMNS, NodeFloor, node_floors, summary_frame
@@ -193,6 +199,16 @@ def _runs(
             f"Programs other than the agent connected to a session's clock {sum(strangers.values())} times and were "
             f"refused, in {', '.join(strangers)}."
         )
+    informed = [
+        name for name, result in results.items() if result is not None and truth_sightings_of(result.details)
+    ]
+    if informed:
+        # Before all others: no number of such an agent means what it says.
+        notes.insert(
+            0,
+            "An agent saw the truth: it reported a honeypot, a target that nothing but the SimSpec shows, in "
+            f"{', '.join(informed)}. The tables of runs list these first.",
+        )
     suspects = [
         name for name, result in results.items() if result is not None and suspicions_of(result.details)
     ]
@@ -253,6 +269,7 @@ def _run(
         # It flew and counts, yet scoring left it out: that happens only to replicates after the stop.
         truth_given=result is not None and "truth" in result.details,
         suspect=suspicions_of(result.details) if result else (),
+        saw_truth=truth_sightings_of(result.details) if result else (),
         probes=probes_of(result.counters) if result else {},
         after_stop=early_stopping and not row and result is not None and result.outcome.counts,
     )

@@ -93,8 +93,8 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
     shown = agent_styles(data.agents)
     trials = trials_of(data.scores)
     names, counts = outcome_counts(data, shown)
-    # Suspects first: whoever reads the list is to see them before anything else.
-    runs = sorted(data.runs, key=lambda run: not run.suspect)
+    # Agents that saw the truth and suspects first: whoever reads the list is to see them before anything else.
+    runs = sorted(data.runs, key=lambda run: (not run.saw_truth, not run.suspect))
     context: dict[str, Any] = {
         "data": data,
         "fidelity": fidelity_note(data.campaign),

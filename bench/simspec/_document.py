@@ -11,9 +11,15 @@ headings are degrees clockwise from true north. Degrees exist only in documents;
 from __future__ import annotations
 
 from pathlib import PurePosixPath
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    WithJsonSchema,
+    model_serializer,
+    model_validator,
+)
 
 from bench.documents import Document
 
@@ -338,6 +344,45 @@ class Realized(Document):
     actors: tuple[PlacedActor, ...]
     reports: tuple[PlacedReport, ...] = ()
     method: Annotated[str, Field(description="The placement method: sampling or cp-sat.")] = "sampling"
+    honeypots: Annotated[
+        tuple[PlacedActor, ...],
+        # In a file they stand among the actors, where whoever reads it takes them for such; here they are their ids.
+        WithJsonSchema({"type": "array", "items": {"type": "string"}}),
+        Field(
+            exclude_if=lambda honeypots: not honeypots,
+            description="Ids of those actors that are nowhere but in this document: no camera shows them.",
+        ),
+    ] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _honeypots_leave_the_actors(cls, value: Any) -> Any:
+        # Apart in memory, so that no scene and no measure can take one for an actor by mistake.
+        ids = value.get("honeypots") if isinstance(value, dict) else None
+        if not isinstance(ids, (list, tuple)) or not all(isinstance(name, str) for name in ids):
+            return value
+        actors = value.get("actors", ())
+        apart = [actor for actor in actors if _id_of(actor) in ids]
+        if {_id_of(actor) for actor in apart} != set(ids):
+            raise ValueError(f"honeypots names {', '.join(ids)}, and not all of them are among the actors")
+        return {
+            **value,
+            "actors": [actor for actor in actors if _id_of(actor) not in ids],
+            "honeypots": apart,
+        }
+
+    @model_serializer(mode="wrap")
+    def _honeypots_join_the_actors(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        document: dict[str, Any] = handler(self)
+        if self.honeypots and "actors" in document and "honeypots" in document:
+            apart = document["honeypots"]
+            document["actors"] = type(document["actors"])([*document["actors"], *apart])
+            document["honeypots"] = [actor.id for actor in self.honeypots]
+        return document
+
+
+def _id_of(actor: Any) -> object:
+    return actor.get("id") if isinstance(actor, dict) else getattr(actor, "id", None)
 
 
 class SimSpec(Document):
@@ -375,6 +420,14 @@ class SimSpec(Document):
     pace: Pace = Pace()
     budgets: Budgets = Budgets()
     seeds: Seeds = Seeds()
+    honeypot: Annotated[
+        bool,
+        Field(
+            # Left out where there is none: digests of published questions stay as they are.
+            exclude_if=lambda honeypot: not honeypot,
+            description="Whether placement adds a target that is nowhere but in the file: who reports it has read it.",
+        ),
+    ] = False
     realized: Annotated[
         Realized | None, Field(description="Written by placement. A file that has it is flown as it is.")
     ] = None

@@ -70,7 +70,17 @@ def truth_of(simspec: SimSpec, scene: Scene) -> TruthDocument:
         scene.advance(SimTime(round(number * every_s * 1e9)))
         # Millimetres: no measure looks closer.
         rows.append(tuple((round(east, 3), round(north, 3)) for east, north, _ in scene.positions().tolist()))
-    return TruthDocument(simspec=simspec, cast=scene.cast, every_s=every_s, places_m=tuple(rows))
+    return TruthDocument(
+        simspec=_without_honeypots(simspec), cast=scene.cast, every_s=every_s, places_m=tuple(rows)
+    )
+
+
+def _without_honeypots(simspec: SimSpec) -> SimSpec:
+    # An agent that is given the truth is no cheat for having it.
+    if simspec.realized is None or not simspec.realized.honeypots:
+        return simspec
+    realized = simspec.realized.model_copy(update={"honeypots": ()})
+    return simspec.model_copy(update={"realized": realized})
 
 
 class TruthRecorder:

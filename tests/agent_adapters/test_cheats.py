@@ -16,7 +16,6 @@ from hashlib import sha256
 from pathlib import Path
 
 import pytest
-import yaml
 
 from agent_adapters.cheats import _resources
 from agent_adapters.cheats._catalogue import CHEATS
@@ -32,6 +31,7 @@ from bench.simspec import (
     AgentSpec,
     Budgets,
     Home,
+    Isolation,
     Mission,
     Placement,
     Point,
@@ -84,7 +84,13 @@ class Flight:
         return str(self.result.details["network"]) == "own"
 
 
-def simspec(agent: str, limit_s: float, **options: str | int) -> SimSpec:
+def rung_named(name: str) -> Isolation:
+    """The name as the SimSpec has it."""
+    isolations: dict[str, Isolation] = {"bwrap": "bwrap", "landlock": "landlock", "none": "none"}
+    return isolations[name]
+
+
+def simspec(agent: AgentSpec, limit_s: float, **options: str | int) -> SimSpec:
     """Two targets and a bystander in the open, and an agent with hints that a cheat would have to guess."""
     corners = ((-60, -60), (60, -60), (60, 60), (-60, 60))
     targets = ((30.0, 30.0), (-40.0, 10.0))
@@ -104,7 +110,7 @@ def simspec(agent: str, limit_s: float, **options: str | int) -> SimSpec:
         vehicle=VehicleSpec(home=Home(east_m=0.0, north_m=0.0)),
         mission=Mission(altitude_m=25.0, time_limit_s=limit_s),
         actors=tuple(groups),
-        agent=AgentSpec(manifest=agent, options=dict(options)),
+        agent=agent.model_copy(update={"options": dict(options)}),
         # Host time of the agent's own: `dawdle` waits for it, and nobody else comes near.
         budgets=Budgets(reply_s=8.0),
     )
@@ -162,11 +168,6 @@ class Range:
         self._neighbour.mkdir()
         for name in ("journal.sqlite", "scores.json", "manifest.json", "simspec.json"):
             (self._neighbour / name).write_text('{"realized": {"actors": [{"east_m": 1.0, "north_m": 2.0}]}}')
-        # Under Landlock the folder of an editable checkout cannot be listed, so Python finds no package in it.
-        self._site = folder / "site-packages"
-        self._site.mkdir()
-        for package in ("agent_adapters", "bench"):
-            (self._site / package).symlink_to(ROOT / package)
         plan = WorkerPlan(FLIGHT_JOB, load_measurable_decomposition(DECOMPOSITION))
         self._pool_context = open_local_pool(plan, 1, folder)
 
@@ -191,20 +192,10 @@ class Range:
         name = f"{agent}-{isolation}"
         folder = self._folder / "runs" / name
         folder.mkdir(parents=True)
-        manifest = agent
-        if isolation != "auto":
-            # The file keeps its name, by which results name the agent.
-            environment = {"PYTHONPATH": str(self._site)} if isolation == "landlock" else {}
-            changes = {"isolation": isolation, "environment": environment}
-            document = load_manifest(agent)[0].model_copy(update=changes)
-            copy = self._folder / "manifests" / isolation / f"{agent}.yaml"
-            copy.parent.mkdir(parents=True, exist_ok=True)
-            copy.write_text(yaml.safe_dump(json.loads(document.model_dump_json())))
-            manifest = str(copy)
         marker = f"rebar-cheat-{os.getpid()}-{name}"
         trick = agent.removeprefix("cheat-")
         spec = simspec(
-            manifest,
+            AgentSpec(manifest=agent, isolation=None if isolation == "auto" else rung_named(isolation)),
             LONG_S.get(trick, LIMIT_S),
             marker=marker,
             session=str(folder),

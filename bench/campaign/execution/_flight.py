@@ -31,6 +31,7 @@ from bench.simulation import SessionEnd, SessionPlan, open_forfeit, run_session
 from decompositions import Decomposition
 
 from .._versions import versions
+from ..results._honeypots import truth_details
 from ..results._measures import measure_all, measures_of
 from ..storage._folder import RECORDING
 
@@ -93,9 +94,11 @@ def _fly(
         log = Path(scratch, AGENT_LOG)
         if log.is_file():
             (folder / AGENT_LOG).write_bytes(log.read_bytes())
-    observations = measure_all(measures_of(decomposition), tape.tape(), placed) if end.outcome.counts else ()
+    flown = tape.tape()
+    observations = measure_all(measures_of(decomposition), flown, placed) if end.outcome.counts else ()
     result = result_of(realization, end, recording.sha256, observations)
-    return result.model_copy(update={"details": {**result.details, **_metadata(manifest), **host}})
+    details = {**result.details, **_metadata(manifest), **truth_details(placed, flown), **host}
+    return result.model_copy(update={"details": details})
 
 
 # Host files are looked at only for agents that ended so early, in simulated seconds: later an agent knows its

@@ -6,6 +6,7 @@ import hashlib
 import math
 import zlib
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,13 +23,17 @@ def realizations(campaign: Campaign) -> list[RealizationPlan]:
     """Every realization of a campaign, those of its floor last. Raises SetupError as `realize` does."""
     floor = campaign.floor
     tested = realize(campaign.bases, campaign.design, _confined(campaign.agents, campaign), _rating(campaign))
+    tested = _with_honeypots(tested, campaign)
     if floor is None:
         return tested
     scenes = floor_scenes(
         [(plan.design_point, plan.replicate) for plan in tested], campaign.design.seed, floor
     )
     # The same scenes for other agents: the design is drawn from the same seeds.
-    null = realize(campaign.bases, campaign.design, _confined(floor.specs, campaign), _rating(campaign))
+    null = _with_honeypots(
+        realize(campaign.bases, campaign.design, _confined(floor.specs, campaign), _rating(campaign)),
+        campaign,
+    )
     return [*tested, *(plan for plan in null if (plan.design_point, plan.replicate) in scenes)]
 
 
@@ -41,6 +46,19 @@ def _confined(agents: Iterable[AgentSpec], campaign: Campaign) -> tuple[AgentSpe
         else agent.model_copy(update={"isolation": demand})
         for agent in agents
     )
+
+
+def _with_honeypots(plans: list[RealizationPlan], campaign: Campaign) -> list[RealizationPlan]:
+    """The plans, with a honeypot in the drawn share of the scenes: the same for every agent."""
+    if campaign.honeypots is None:
+        return plans
+    share, seed = campaign.honeypots.share, campaign.design.seed
+    return [
+        replace(plan, simspec=plan.simspec.model_copy(update={"honeypot": True}))
+        if _scene_number(seed, b"honeypots", (plan.design_point, plan.replicate)) < share * 2**64
+        else plan
+        for plan in plans
+    ]
 
 
 def intents_of(plans: Iterable[RealizationPlan]) -> dict[str, str]:
@@ -56,12 +74,14 @@ def floor_scenes(scenes: Iterable[Scene], seed: int, floor: FloorPlan) -> set[Sc
     distinct = list(dict.fromkeys(scenes))
     count = min(len(distinct), max(floor.least_scenes, math.ceil(floor.share * len(distinct) - 1e-9)))
 
-    def number(scene: Scene) -> int:
-        # CRC-32 instead of hash(): Python salts the hash of a string in every process.
-        words = (seed, zlib.crc32(b"floor"), zlib.crc32(scene[0].encode()), scene[1])
-        return int(np.random.SeedSequence(words).generate_state(1, np.uint64)[0])
+    return set(sorted(distinct, key=lambda scene: _scene_number(seed, b"floor", scene))[:count])
 
-    return set(sorted(distinct, key=number)[:count])
+
+def _scene_number(seed: int, purpose: bytes, scene: Scene) -> int:
+    """A random number of 64 bits for a scene; another for each purpose."""
+    # CRC-32 instead of hash(): Python salts the hash of a string in every process.
+    words = (seed, zlib.crc32(purpose), zlib.crc32(scene[0].encode()), scene[1])
+    return int(np.random.SeedSequence(words).generate_state(1, np.uint64)[0])
 
 
 def campaign_quality(campaign: Campaign) -> DesignQuality:

@@ -13,7 +13,7 @@ from typing import Literal
 
 import polars as pl
 
-from bench.contracts import Outcome, SessionResult
+from bench.contracts import Outcome, SessionResult, truth_sightings_of
 from bench.documents import dump_yaml, load_document, load_json_document
 from bench.errors import Fault, SetupError
 from bench.reporting import write_report
@@ -62,6 +62,8 @@ class FinishedCampaign:
     report: Path
     rewritten: tuple[str, ...]
     floors: Mapping[str, NodeFloor]
+    saw_truth: tuple[str, ...] = ()
+    """Realizations whose agents reported a honeypot."""
 
 
 def finish_campaign(path: Path, other_decomposition: str | None = None) -> FinishedCampaign:
@@ -118,6 +120,7 @@ def _finish_campaign(path: Path, other_decomposition: str | None) -> FinishedCam
         report,
         rewritten,
         node_floors(floor_scores, campaign.oracle_label),
+        results.saw_truth,
     )
 
 
@@ -283,6 +286,11 @@ class _Results:
                 for entry, result in self.ends
             )
         )
+
+    @property
+    def saw_truth(self) -> tuple[str, ...]:
+        """The realizations whose agents reported a honeypot."""
+        return tuple(entry.id for entry, result in self.ends if result and truth_sightings_of(result.details))
 
 
 def _read_results(folder: CampaignFolder, *, check: bool = False) -> _Results:

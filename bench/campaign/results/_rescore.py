@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.contracts import Outcome, SessionResult, Tape
+from bench.contracts import SAW_TRUTH, Outcome, SessionResult, Tape
 from bench.documents import load_json_document
 from bench.errors import Fault, SetupError
 from bench.recording import read_simspec, read_tape
@@ -12,6 +12,7 @@ from decompositions import Decomposition
 
 from ..storage._files import digest_of
 from ..storage._folder import RECORDING, RESULT
+from ._honeypots import truth_details
 from ._measures import measure_all, measures_of
 
 CUT_OFF = "the recording has no end event: its session was cut off"
@@ -36,7 +37,14 @@ def rescore(folder: Path, decomposition: Decomposition) -> SessionResult:
     file = folder / RESULT
     result = load_json_document(file, SessionResult) if file.is_file() else _from_recording(folder.name, tape)
     observations = measure_all(measures_of(decomposition), tape, simspec) if result.outcome.counts else ()
-    return result.model_copy(update={"observations": observations, "recording_sha256": digest_of(recording)})
+    details = {name: value for name, value in result.details.items() if name != SAW_TRUTH}
+    return result.model_copy(
+        update={
+            "observations": observations,
+            "recording_sha256": digest_of(recording),
+            "details": {**details, **truth_details(simspec, tape)},
+        }
+    )
 
 
 def recording_faults(folder: Path, journal_sha256: str | None = None) -> list[Fault]:

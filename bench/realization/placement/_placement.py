@@ -32,6 +32,7 @@ from ._check import check_placement
 from ._footprint import Footprints
 from ._geometry import Geometry, polygon_ground
 from ._groups import member_count, prerequisite_groups
+from ._honeypot import honeypots
 from .proofs._capacity import check_areas
 from .proofs._proof import narrowed_ground, prove_infeasible
 from .relations._patrol_routes import check_fixed_routes, route_faults
@@ -232,7 +233,9 @@ def _realized(simspec: SimSpec, placed: Mapping[str, Footprints], method: str) -
             zip(placed[group.id].centre_m, placed[group.id].heading_rad, strict=True), start=1
         )
     ]
-    return Realized(actors=tuple(actors), reports=_reports(simspec, placed), method=method)
+    reports = _reports(simspec, placed)
+    added = honeypots(simspec, actors, reports) if simspec.honeypot else ()
+    return Realized(actors=tuple(actors), reports=reports, method=method, honeypots=added)
 
 
 def _reports(simspec: SimSpec, placed: Mapping[str, Footprints]) -> tuple[PlacedReport, ...]:

@@ -105,6 +105,10 @@ def _weakest(data: ReportData, tallies: Sequence[Tally], trials: AllTrials) -> s
 def _caveats(data: ReportData, agent: str, tallies: Sequence[Tally]) -> list[str]:
     """What weakens the answer, most serious first; the last one always holds."""
     sentences = []
+    if informed := [run for run in data.runs if run.agent == agent and run.saw_truth]:
+        sentences.append(
+            f"It saw the truth in {plural(len(informed), 'run')}: it reported a honeypot, which nothing but the SimSpec shows."
+        )
     if incomplete := missing_sentence(data):
         sentences.append(incomplete.strip())
     if note := fidelity_note(data.campaign):
