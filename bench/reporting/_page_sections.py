@@ -19,7 +19,7 @@ from .figures._map import MAX_RINGED_REPORTS, map_figure
 from .figures._pairings import pairings_figure
 from .figures._pass_rates import curve_figure
 from .figures._style import AgentStyle, agent_styles
-from .map._run_map import RunMap
+from .map._run_map import MESSAGE_ROWS, RunMap
 from .statistics._agent_comparison import Comparison, compare_agents
 from .statistics._pairings import Pairing, pair_agents
 from .statistics._trials import AllTrials, NodeTrials
@@ -29,9 +29,6 @@ from .text._glossary import METHODS, NO_INTERVAL
 from .text._node_sentences import curve_remark, node_sentences
 from .text._outcomes import AFTER_STOP, outcome_name
 from .text._sensor import only_about_sensor
-
-# Chosen, not measured: agents decide, report and ask as often as they like, and a page holds several runs.
-MESSAGE_ROWS = 200
 
 
 class PageFigures:
@@ -240,39 +237,67 @@ def _panel_label(name: str, tallies: Iterable[Tally]) -> str:
 
 def map_section(chart: RunMap, place: int, figures: PageFigures) -> dict[str, Any]:
     run: Run = chart.run
-    marked = sum(report.mark for report in chart.reports)
-    forbidden = sum(report.forbidden for report in chart.reports)
+    reports, consents = chart.reports, chart.consents
     title = f"{run.agent} · {run.design_point}, replicate {run.replicate} · {outcome_name(run)}"
     label = (
-        f"Map of {run.realization}: {plural(len(chart.reports), 'report')}, {marked} marked, "
-        f"{forbidden} of them with a bystander within {chart.no_mark_within_m:g} m; {len(chart.actors)} actors"
+        f"Map of {run.realization}: {plural(reports.count, 'report')}, {reports.marked} marked, "
+        f"{reports.forbidden} of them with a bystander within {chart.no_mark_within_m:g} m; {len(chart.actors)} actors"
     )
-    if chart.consents:
-        granted = sum(consent.state == "granted" for consent in chart.consents)
-        label += f"; {plural(len(chart.consents), 'request')} for consent, {granted} granted"
+    if consents.count:
+        label += f"; {plural(consents.count, 'request')} for consent, {consents.granted} granted"
     return {
         "box": f"map-{place}-box",
         "id": figures.add(f"map-{place}", map_figure(chart)),
         "chart": chart,
         "title": title,
         "label": label,
-        "reports": chart.reports[:MESSAGE_ROWS],
-        "reports_text": _all_or_first(chart.reports, "report")
-        + (f"; {forbidden} marked against the rule" if forbidden else ""),
-        "ringed_text": f"Rings and labels are drawn for {MAX_RINGED_REPORTS} of the {len(chart.reports)} reports, marks "
-        "against the rule first; every report has its cross."
-        if len(chart.reports) > MAX_RINGED_REPORTS
-        else "",
-        "consents": chart.consents[:MESSAGE_ROWS],
-        "consents_text": _all_or_first(chart.consents, "request"),
-        "decisions": chart.decisions[:MESSAGE_ROWS],
-        "decisions_text": _all_or_first(chart.decisions, "line"),
+        "reports": reports.drawn[:MESSAGE_ROWS],
+        "reports_text": _all_or_first(reports.count, len(reports.drawn), "report")
+        + (f"; {reports.forbidden} marked against the rule" if reports.forbidden else ""),
+        "ringed_text": _drawn_text(chart),
+        "consents": consents.drawn[:MESSAGE_ROWS],
+        "consents_text": _all_or_first(consents.count, len(consents.drawn), "request"),
+        "decisions": chart.decisions,
+        "decisions_text": _all_or_first(chart.decision_count, chart.decision_count, "line")
+        + _actions_text(chart),
     }
 
 
-def _all_or_first(messages: Sequence[object], noun: str) -> str:
-    first = f", the first {MESSAGE_ROWS} shown" if len(messages) > MESSAGE_ROWS else ""
-    return plural(len(messages), noun) + first
+def _drawn_text(chart: RunMap) -> str:
+    """What of the messages of a run the map does not show; empty where it shows all."""
+    reports, consents, sentences = chart.reports, chart.consents, []
+    if reports.count > len(reports.drawn):
+        sentences.append(
+            f"{reports.count - len(reports.drawn)} of the {reports.count} reports are not drawn. Drawn are the first and "
+            "last about each adversary, marks against the rule, the first and last at each place, and others evenly "
+            "over the run."
+        )
+    if consents.count > len(consents.drawn):
+        sentences.append(
+            f"{consents.count - len(consents.drawn)} of the {consents.count} requests for consent are not drawn."
+        )
+    if len(reports.drawn) > MAX_RINGED_REPORTS:
+        sentences.append(
+            f"Rings and labels are drawn for {MAX_RINGED_REPORTS} of the {len(reports.drawn)} reports, marks "
+            "against the rule first; every report has its cross."
+            if reports.count == len(reports.drawn)
+            else f"Rings and labels are drawn for {MAX_RINGED_REPORTS}, marks against the rule first."
+        )
+    return " ".join(sentences)
+
+
+def _all_or_first(count: int, drawn: int, noun: str) -> str:
+    """How many messages there are, and which of them a table shows."""
+    if count > drawn:
+        return f"{plural(count, noun)}, {drawn} of them drawn, the first {MESSAGE_ROWS} of these shown"
+    return plural(count, noun) + (f", the first {MESSAGE_ROWS} shown" if count > MESSAGE_ROWS else "")
+
+
+def _actions_text(chart: RunMap) -> str:
+    """The most frequent actions of a log that is longer than its table; empty for any other."""
+    if chart.decision_count <= len(chart.decisions):
+        return ""
+    return f"; most often {listed([f'{action} ({count})' for action, count in chart.frequent_actions])}"
 
 
 def flattened(value: object, name: str = "") -> Iterator[tuple[str, str]]:

@@ -209,7 +209,8 @@ def _failsafe_spans(tape: Tape) -> Iterator[tuple[Timed[VehicleDocument], float,
     """The vehicle's states under a failsafe: each, how long it lasted, and whether the failsafe's mode was
     kept.
     """
-    ends_s = [state.time.s for state in tape.condition[1:]] + [tape.end_s]
+    # A recording that is cut off, or of another bench, may hold no state at all.
+    ends_s = [state.time.s for state in tape.condition[1:]] + [tape.end_s] * bool(tape.condition)
     cause, failsafe_mode = "", ""
     previous_failsafe, previous_mode = "", ""
     for state, end_s in zip(tape.condition, ends_s, strict=True):

@@ -10,7 +10,7 @@ from test_reporting_page import Page
 
 from bench.contracts import ConsentAnswer, ConsentRequest, SimTime, Tape, Timed
 from bench.reporting import ReportData, build_run_map, load_report_data, map_figure, render_report
-from bench.reporting.map._consents import map_consents
+from bench.reporting.map._consents import all_consents
 from bench.simspec import SimSpec
 
 
@@ -73,11 +73,11 @@ def simspec() -> SimSpec:
 def test_each_request_has_the_answer_that_reached_the_agent(simspec: SimSpec) -> None:
     """An answer belongs to the last request with its id; one that came late enough belongs to the second."""
     tape = asked(made_tape(simspec))
-    states = [(consent.state, consent.answered_s) for consent in map_consents(tape)]
+    states = [(consent.state, consent.answered_s) for consent in all_consents(tape)]
     nothing = ("never answered", None)
     assert states == [("granted", 22.0), ("refused", 33.5), ("granted", 34.0), nothing, nothing]
     later = replace(tape, consents=(answer(60.0, "c1", granted=False),))
-    assert [consent.state for consent in map_consents(later)] == ["never answered"] * 4 + ["refused"]
+    assert [consent.state for consent in all_consents(later)] == ["never answered"] * 4 + ["refused"]
 
 
 def test_map_draws_requests_by_answer_with_a_legend(data: ReportData, simspec: SimSpec) -> None:

@@ -163,7 +163,7 @@ def test_map_distinguishes_forbidden_marks_from_withheld_ones(data: ReportData) 
         )
         for run in _scene(data, "p000")
     ]
-    first = [chart.reports[0] for chart in charts]
+    first = [chart.reports.drawn[0] for chart in charts]
     assert [report.mark for report in first] == [True, False]
     assert [report.forbidden for report in first] == [True, False]
     assert first[0].bystanders_enu_m == first[1].bystanders_enu_m
@@ -178,7 +178,7 @@ def test_map_shows_the_bystanders_near_a_target_at_the_time_of_the_report(data: 
     run = _scene(data, "p001")[0]
     simspec = data.simspecs[run.realization]
     tape = made_campaign.made_tape(simspec)
-    report = build_run_map(run, simspec, tape).reports[0]
+    report = build_run_map(run, simspec, tape).reports.drawn[0]
     radar = next(i for i, member in enumerate(tape.cast) if member.id == "radar-0")
     there = tape.actors_at(60.0)[:, :2]
     bystander = np.array([member.role.value == "bystander" for member in tape.cast])
@@ -218,7 +218,7 @@ def test_run_without_samples_can_be_drawn(data: ReportData) -> None:
         actor_position_enu_m=np.zeros((0, 0, 3)), reports=(), decisions=(),
     )  # fmt: skip
     chart = build_run_map(run, simspec, nothing)
-    assert (chart.flight, chart.actors, chart.reports) == ((), (), ())
+    assert (chart.flight, chart.actors, chart.reports.drawn) == ((), (), ())
     assert map_figure(chart).to_plotly_json()["data"]
 
 
@@ -291,7 +291,7 @@ def test_reports_without_truth_keep_their_reported_place(data: ReportData) -> No
     blind = replace(tape, actor_time_s=np.zeros(0), actor_position_enu_m=np.zeros((0, len(tape.cast), 3)))
     report = build_run_map(
         run, simspec, replace(blind, reports=(replace(tape.reports[0], value=there),))
-    ).reports[0]
+    ).reports.drawn[0]
     assert (report.target, report.forbidden, report.nearest_bystander_m) == (None, False, None)
 
 

@@ -12,8 +12,11 @@ from test_reporting_page import Page
 from bench.contracts import ConsentAnswer, ConsentRequest, Decision, SimTime, Tape, TargetReport, Timed
 from bench.reporting import ReportData, build_run_map, load_report_data, map_figure, render_report
 from bench.reporting.figures._map import MAX_RINGED_REPORTS, ringed_reports
-from bench.reporting.map._consents import map_consents
+from bench.reporting.map._consents import all_consents
+from bench.reporting.map._reports import map_reports
 from bench.reporting.map._run_map import RunMap
+from bench.reporting.map._sample import MAX_DRAWN
+from bench.simspec import SimSpec
 
 MESSAGES = 900
 
@@ -83,13 +86,13 @@ def test_traces_do_not_grow_with_the_number_of_reports(data: ReportData) -> None
     assert len(figure.layout.annotations) == MAX_RINGED_REPORTS
     crosses = [trace for trace in figure.data if trace.name and trace.name.startswith("report, ")]
     drawn = sorted((east, north) for trace in crosses for east, north in zip(trace.x, trace.y, strict=True))
-    assert drawn == sorted((report.east_m, report.north_m) for report in chart.reports)
+    assert drawn == sorted((report.east_m, report.north_m) for report in chart.reports.drawn)
     assert len({trace.name for trace in crosses}) == len(crosses) == 3
 
 
 def test_rings_go_to_marks_against_the_rule_first(data: ReportData) -> None:
     """Nobody should have to look for the marks that matter most; each kind is in time order."""
-    reports = chart_of(data, MESSAGES).reports
+    reports = chart_of(data, MESSAGES).reports.drawn
     forbidden = [report for report in reports if report.forbidden]
     assert 0 < len(forbidden) < len(reports)
     ringed = ringed_reports(reports)
@@ -109,7 +112,7 @@ def test_tables_show_the_first_messages_and_count_all(data: ReportData) -> None:
         for width in (4, 7, 8)
     }
     assert {width: len(rows) for width, rows in by_columns.items()} == {4: 200, 7: 200, 8: 200}
-    against = sum(report.forbidden for report in chart.reports)
+    against = sum(report.forbidden for report in chart.reports.drawn)
     assert f"900 reports, the first 200 shown; {against} marked against the rule" in page.text
     assert "900 requests, the first 200 shown" in page.text
     assert "900 lines, the first 200 shown" in page.text
@@ -131,7 +134,7 @@ def test_answers_match_a_search_through_all_of_them(seed: int) -> None:
         for number, time_s in enumerate(np.sort(random.integers(0, 14, 15)))
     )
     tape = replace(made_tape(made_simspec(0, AGENTS[0])), consent_requests=requests, consents=answers)
-    states_here = [consent.state for consent in map_consents(tape)]
+    states_here = [consent.state for consent in all_consents(tape)]
     wanted = []
     for request in requests:
         same = [other.time.ns for other in requests if other.value.id == request.value.id]
@@ -144,3 +147,58 @@ def test_answers_match_a_search_through_all_of_them(seed: int) -> None:
         wanted.append((states or ["never answered"])[0])
     assert states_here == wanted
     assert len(set(wanted)) > 1
+
+
+def test_a_big_session_is_drawn_by_a_sample(data: ReportData) -> None:
+    """Three times as many messages as are drawn: figure, tables and page stay as they are, and the counts are of all."""
+    charts = [chart_of(data, count) for count in (MAX_DRAWN, 3 * MAX_DRAWN)]
+    few, many = charts
+    assert len(few.reports.drawn) == few.reports.count == MAX_DRAWN
+    assert len(many.reports.drawn) == len(many.consents.drawn) == MAX_DRAWN
+    assert len(many.decisions) == len(few.decisions)
+    assert many.reports.count == many.consents.count == many.decision_count == 3 * MAX_DRAWN
+    texts = [render_report(data, [chart]) for chart in charts]
+    assert len(texts[1]) < 1.05 * len(texts[0])
+    page = Page(texts[1])
+    assert "2000 of the 3000 reports are not drawn" in page.text
+    assert "2000 of the 3000 requests for consent are not drawn" in page.text
+    assert "3000 reports, 1000 of them drawn, the first 200 of these shown" in page.text
+    assert f"{many.reports.forbidden} marked against the rule" in page.text
+    assert "3000 lines, the first 200 shown; most often report (3000)" in page.text
+
+    simspec = made_simspec(0, AGENTS[0])
+    tape = many_of(simspec)
+    parts = [map_reports(replace(tape, reports=tape.reports[start::2]), 30.0) for start in range(2)]
+    assert sum(part.forbidden for part in parts) == map_reports(tape, 30.0).forbidden > 0
+    assert sum(part.marked for part in parts) == map_reports(tape, 30.0).marked
+
+
+def many_of(simspec: SimSpec) -> Tape:
+    return many(made_tape(simspec), 3 * MAX_DRAWN)
+
+
+def test_reports_that_matter_are_drawn_however_many_there_are(data: ReportData) -> None:
+    """The first and last about each adversary and at each place, hidden among thousands at one place."""
+    simspec = made_simspec(0, AGENTS[0])
+    tape = many_of(simspec)
+    crowd = [
+        replace(
+            report, value=report.value.model_copy(update={"east_m": 280.0, "north_m": 5.0, "mark": False})
+        )
+        for report in tape.reports
+    ]
+    radar = tape.cast[0]
+    assert radar.class_label == "mobile_radar"
+    for row, east_m, mark in ((1400, 1.0, True), (1800, 2.0, False), (700, 0.5, True), (2500, 0.25, False)):
+        place = tape.actors_at(crowd[row].time.s)[0]
+        update = {"east_m": float(place[0]) + east_m, "north_m": float(place[1]), "mark": mark}
+        crowd[row] = replace(crowd[row], value=crowd[row].value.model_copy(update=update))
+    lone = crowd[1600].value.model_copy(update={"east_m": -280.0, "north_m": -100.0})
+    crowd[1600] = replace(crowd[1600], value=lone)
+    drawn = map_reports(replace(tape, reports=tuple(crowd)), 30.0).drawn
+    times = [report.time_s for report in drawn]
+    assert len(drawn) == MAX_DRAWN
+    assert times == sorted(times)
+    # Four about the radar, of each kind the first and last; the ends of the crowd; the one that stands alone.
+    assert {round(crowd[row].time.s, 2) for row in (0, 700, 1400, 1600, 1800, 2500, 2999)} <= set(times)
+    assert sum(report.target == radar.id for report in drawn) == 4

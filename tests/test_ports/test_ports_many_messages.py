@@ -126,3 +126,12 @@ def test_look_ups_match_a_search_through_all_places(within_m: float) -> None:
     assert has_same_place(few, others, within_m) == wanted_near
     assert 0 < sum(wanted_near) < len(few) or within_m > 0.0
     assert has_same_place(few, [], within_m) == [False] * len(few)
+
+
+def test_a_run_without_any_state_of_the_vehicle_is_measured() -> None:
+    """As a recording of another bench may be, or one that is cut off."""
+    spec = random_simspec(28)
+    assert spec.vehicle.failures
+    tape = replace(random_tape(spec, 28), condition=())
+    (observation,) = measure_all({"OBS-1": ("failsafe_honoured", {})}, tape, spec)
+    assert not observation.considered

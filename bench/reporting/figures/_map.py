@@ -12,7 +12,8 @@ import plotly.graph_objects as go
 from bench.simspec import Role
 
 from ..map._consents import ConsentState, MapConsent
-from ..map._run_map import MapActor, MapReport, RunMap, Track
+from ..map._reports import MapReport, Track
+from ..map._run_map import MapActor, RunMap
 from ._style import empty_figure
 
 # Visible on white and on black: the scale does not change with the theme.
@@ -89,7 +90,7 @@ def map_figure(chart: RunMap) -> go.Figure:
         _draw_actors(figure, role, [actor for actor in chart.actors if actor.role is role])
     _draw_flight(figure, chart)
     _draw_reports(figure, chart)
-    _draw_consents(figure, chart.consents)
+    _draw_consents(figure, chart.consents.drawn)
     # Last, so that a target is not hidden by the report on it.
     _draw_actors(figure, Role.ADVERSARY, [actor for actor in chart.actors if actor.role is Role.ADVERSARY])
     figure.add_scatter(
@@ -202,16 +203,16 @@ def ringed_reports(reports: Sequence[MapReport]) -> list[MapReport]:
 
 
 def _draw_reports(figure: go.Figure, chart: RunMap) -> None:
-    """Every report as a cross; rings, ringed bystanders and labels for `ringed_reports`.
+    """Every drawn report as a cross; rings, ringed bystanders and labels for `ringed_reports`.
 
     One trace for each kind and not for each report: Plotly's work grows with the square of the number of traces and
     annotations that are added one by one, and an agent may report a thousand times.
     """
-    ringed = ringed_reports(chart.reports)
+    ringed = ringed_reports(chart.reports.drawn)
     for kind in REPORT_KINDS:
         _draw_rings(figure, chart, kind, [report for report in ringed if _kind(report) is kind])
     for kind in REPORT_KINDS:
-        reports = [report for report in chart.reports if _kind(report) is kind]
+        reports = [report for report in chart.reports.drawn if _kind(report) is kind]
         if not reports:
             continue
         figure.add_scatter(

@@ -8,6 +8,8 @@ from typing import Literal
 
 from bench.contracts import ConsentAnswer, ConsentRequest, SimTime, Tape, Timed
 
+from ._sample import chosen_rows, row_ends
+
 ConsentState = Literal["granted", "refused", "never answered"]
 
 
@@ -29,7 +31,29 @@ class MapConsent:
     answered_s: float | None
 
 
-def map_consents(tape: Tape) -> tuple[MapConsent, ...]:
+@dataclass(frozen=True, slots=True)
+class MapConsents:
+    """The requests that are drawn, in the order of the recording, and how many there are and were granted in all."""
+
+    drawn: tuple[MapConsent, ...] = ()
+    count: int = 0
+    granted: int = 0
+
+
+def map_consents(tape: Tape) -> MapConsents:
+    """The requests of a run. At most MAX_DRAWN are drawn: the first and last of each state about each intelligence
+    report, then the others evenly over the run.
+    """
+    requests = all_consents(tape)
+    rows = chosen_rows(len(requests), [row_ends((request.about, request.state) for request in requests)])
+    return MapConsents(
+        drawn=tuple(requests[row] for row in rows),
+        count=len(requests),
+        granted=sum(request.state == "granted" for request in requests),
+    )
+
+
+def all_consents(tape: Tape) -> tuple[MapConsent, ...]:
     """Every request of a run with its answer, in the order of the recording."""
     # By id and by time, because an agent may ask thousands of times, and each request would look through all answers.
     moments: dict[str, list[int]] = {}

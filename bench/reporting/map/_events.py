@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from bench.contracts import Tape
 from bench.simspec import Failure, Order, SimSpec
 
+# An agent may answer one order as often as it likes, and the first answer is the one that counts.
+ANSWERS_SHOWN = 3
+
 OUTAGE_TEXTS = {
     "operator_link": "the operator’s link is down",
     "detections": "the detector is silent",
@@ -59,8 +62,10 @@ def _order_response(order: Order, tape: Tape) -> str:
     responses = [
         f"{'accepted' if answer.value.accepted else 'refused'} at {answer.time.s:.1f} s"
         + (f": {answer.value.reason}" if answer.value.reason else "")
-        for answer in answers
+        for answer in answers[:ANSWERS_SHOWN]
     ]
+    if len(answers) > ANSWERS_SHOWN:
+        responses.append(f"{len(answers) - ANSWERS_SHOWN} more answers")
     return f"delivered at {delivered.time.s:.1f} s; {'; '.join(responses) or 'not answered'}"
 
 

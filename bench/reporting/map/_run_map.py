@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.contracts import Decision, Tape, TargetReport, Timed
+from bench.contracts import Decision, Tape, Timed
 from bench.simspec import Polygon, Role, SimSpec
 
 from .._campaign_data import Run
-from ._consents import MapConsent, map_consents
+from ._consents import MapConsents, map_consents
 from ._events import RunEvent, run_events
-
-# East and north in metres.
-Track = tuple[tuple[float, float], ...]
+from ._reports import MapReports, Track, map_reports, rounded_track
 
 # A dot every 6 m at the default speed of a mission, 12 m/s.
 TRAJECTORY_HZ = 2.0
@@ -28,10 +26,11 @@ PATH_TOLERANCE_M = 0.5
 # The entry of Tape.malformed for a recording that is cut off; all other entries are topics.
 CUT_RECORDING = "recording"
 
-# A report farther than this from every adversary of its class stays at its reported position. The measures
-# use the same
-# distance (SUBJECT_WITHIN_M of test_ports), which the core cannot import.
-MATCH_RADIUS_M = 40.0
+# Chosen, not measured: agents decide, report and ask as often as they like, and a page holds several runs.
+MESSAGE_ROWS = 200
+
+# Actions that stand for a long decision log beside its first lines. Agents choose their names, so there may be many.
+FREQUENT_ACTIONS = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,28 +41,6 @@ class MapActor:
     role: Role
     class_label: str
     path_enu_m: Track
-
-
-@dataclass(frozen=True, slots=True)
-class MapReport:
-    """One report of the agent, with the ground truth at that moment.
-
-    `target_enu_m` is the nearest adversary of that class within 40 m, else the reported place.
-    """
-
-    time_s: float
-    class_label: str
-    east_m: float
-    north_m: float
-    mark: bool
-    confidence: float
-    bystanders_seen: int | None
-    reason: str
-    target: str | None
-    target_enu_m: tuple[float, float]
-    bystanders_enu_m: Track
-    nearest_bystander_m: float | None
-    forbidden: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,8 +74,12 @@ class RunMap:
     circles: tuple[tuple[str, float, float, float, int], ...]  # id, east_m, north_m, radius_m, priority
     actors: tuple[MapActor, ...]
     flight: tuple[tuple[float, float, float, float], ...]  # time_s, east_m, north_m, height_m
-    reports: tuple[MapReport, ...]
-    decisions: tuple[tuple[float, str, str, str], ...]  # time_s, action, subject, reason
+    reports: MapReports
+    decisions: tuple[
+        tuple[float, str, str, str], ...
+    ]  # time_s, action, subject, reason of the first MESSAGE_ROWS
+    decision_count: int
+    frequent_actions: tuple[tuple[str, int], ...]  # the most frequent actions of decisions, and how often
     malformed: tuple[tuple[str, int], ...] = ()  # topic and number of messages that could not be understood
     cut: bool = False  # the recording ends before its session did
     geofence_enu_m: Track = ()
@@ -106,7 +87,7 @@ class RunMap:
     roads: tuple[tuple[str, Track, float], ...] = ()  # id, middle, width_m
     areas: tuple[tuple[str, Track], ...] = ()
     events: tuple[RunEvent, ...] = ()
-    consents: tuple[MapConsent, ...] = ()
+    consents: MapConsents = field(default_factory=MapConsents)
     mark_consent: bool = False  # the rules ask for the operator's consent before a mark
 
 
@@ -126,8 +107,12 @@ def build_run_map(run: Run, simspec: SimSpec, tape: Tape) -> RunMap:
         ),
         actors=_actors(tape),
         flight=_flight(tape),
-        reports=tuple(_report(report, tape, simspec.rules.no_mark_within_m) for report in tape.reports),
-        decisions=tuple(_decision(decision) for decision in tape.decisions),
+        reports=map_reports(tape, simspec.rules.no_mark_within_m),
+        decisions=tuple(_decision(decision) for decision in tape.decisions[:MESSAGE_ROWS]),
+        decision_count=len(tape.decisions),
+        frequent_actions=tuple(
+            Counter(decision.value.action for decision in tape.decisions).most_common(FREQUENT_ACTIONS)
+        ),
         malformed=tuple(
             (topic, count) for topic, count in sorted(tape.malformed.items()) if topic != CUT_RECORDING
         ),
@@ -178,7 +163,7 @@ def _actors(tape: Tape) -> tuple[MapActor, ...]:
     )
     paths = tape.actor_position_enu_m[::step, :, :2]
     return tuple(
-        MapActor(member.id, member.role, member.class_label, _rounded(_simplified(paths[:, index])))
+        MapActor(member.id, member.role, member.class_label, rounded_track(_simplified(paths[:, index])))
         for index, member in enumerate(tape.cast)
     )
 
@@ -207,51 +192,6 @@ def _simplified(path: NDArray[np.float64]) -> NDArray[np.float64]:
         elif length >= PATH_TOLERANCE_M:
             keep |= {first, last}
     return path[sorted(keep)]
-
-
-def _rounded(path: NDArray[np.float64]) -> Track:
-    return tuple((round(float(east), 1), round(float(north), 1)) for east, north in path)
-
-
-def _report(timed_report: Timed[TargetReport], tape: Tape, no_mark_within_m: float) -> MapReport:
-    report = timed_report.value
-    positions = tape.actors_at(timed_report.time.s)[:, :2]
-    # Without recorded positions `actors_at` is all zeros, and every actor would be at the origin.
-    cast = tape.cast if len(tape.actor_time_s) else ()
-    reported_position = np.array([report.east_m, report.north_m])
-    adversaries = [
-        i
-        for i, member in enumerate(cast)
-        if (member.role, member.class_label) == (Role.ADVERSARY, report.class_label)
-    ]
-    match = _nearest(positions, adversaries, reported_position)
-    target = match[0] if match and match[1] <= MATCH_RADIUS_M else None
-    centre = positions[target] if target is not None else reported_position
-    bystanders = [i for i, member in enumerate(cast) if member.role is Role.BYSTANDER]
-    nearest = _nearest(positions, bystanders, centre)
-    close_bystanders = [i for i in bystanders if math.hypot(*(positions[i] - centre)) < no_mark_within_m]
-    return MapReport(
-        time_s=round(timed_report.time.s, 2),
-        class_label=report.class_label,
-        east_m=round(report.east_m, 1),
-        north_m=round(report.north_m, 1),
-        mark=report.mark,
-        confidence=report.confidence,
-        bystanders_seen=report.bystanders_seen,
-        reason=report.reason,
-        target=cast[target].id if target is not None else None,
-        target_enu_m=(round(float(centre[0]), 1), round(float(centre[1]), 1)),
-        bystanders_enu_m=_rounded(positions[close_bystanders]),
-        nearest_bystander_m=round(nearest[1], 1) if nearest else None,
-        forbidden=bool(report.mark and close_bystanders),
-    )
-
-
-def _nearest(
-    positions: NDArray[np.float64], among: Sequence[int], place: NDArray[np.float64]
-) -> tuple[int, float] | None:
-    distances = [(math.hypot(*(positions[i] - place)), i) for i in among]
-    return (min(distances)[1], min(distances)[0]) if distances else None
 
 
 def _decision(timed_decision: Timed[Decision]) -> tuple[float, str, str, str]:
