@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
+from campaign_fakes import Script, fly
+from in_process_executor import open_in_process
 
-from bench.campaign import load_campaign, question_sha256
+from bench.campaign import CampaignFolder, load_campaign, question_sha256
 from bench.campaign._document import Campaign, Honeypots
 from bench.campaign.planning._realizations import realizations
+from bench.contracts import SAW_TRUTH
+from bench.reporting import load_report_data, render_report
 from bench.simspec import AgentSpec
 
 STANDARD = Path(__file__).parents[2] / "campaigns" / "standard.yaml"
@@ -48,3 +53,21 @@ def test_the_question_stays_the_same() -> None:
     """A published digest is that of the campaign with and without honeypots."""
     assert question_sha256(campaign(0.5)) == question_sha256(campaign(None))
     assert "honeypots" not in campaign(None).model_dump_json()
+
+
+def test_the_report_names_who_saw_the_truth_first(tmp_path: Path) -> None:
+    """Two of six runs reported a honeypot: the first note and the first rows; the reports stand beside them."""
+    fly(tmp_path, script=Script({}), open_executor=open_in_process())
+    caught = ("p003-r1-fake", "p003-r2-fake")
+    for name in caught:
+        path = CampaignFolder(tmp_path).run(name) / "result.json"
+        document = json.loads(path.read_text())
+        document["details"] = {SAW_TRUTH: [f"report of {name}"]}
+        path.write_text(json.dumps(document))
+    data = load_report_data(tmp_path)
+    assert data.notes[0].startswith("An agent saw the truth")
+    assert ", ".join(caught) in data.notes[0]
+    page = render_report(data)
+    rows = page[page.index('id="all-runs"') :].split("<tr>")[2:8]
+    assert [("saw the truth</span>" in row) for row in rows] == [True, True, False, False, False, False]
+    assert all(f"Saw the truth: report of {name}." in row for name, row in zip(caught, rows, strict=False))
