@@ -15,6 +15,7 @@ from typing import Any
 import polars as pl
 
 from bench.contracts import (
+    Outcome,
     SessionResult,
     parse_document,
     probes_of,
@@ -271,8 +272,22 @@ def _run(
         suspect=suspicions_of(result.details) if result else (),
         saw_truth=truth_sightings_of(result.details) if result else (),
         probes=probes_of(result.counters) if result else {},
+        isolation=_isolation(result),
+        network=_detail(result, "network"),
         after_stop=early_stopping and not row and result is not None and result.outcome.counts,
     )
+
+
+def _isolation(result: SessionResult | None) -> str | None:
+    # Charged to unconfined agents alone; the session that stands in for the lost ones has no agent.
+    if result is not None and result.outcome is Outcome.AGENT_BROKE_BENCH:
+        return "none"
+    return _detail(result, "isolation")
+
+
+def _detail(result: SessionResult | None, name: str) -> str | None:
+    value = result.details.get(name) if result is not None else None
+    return value if isinstance(value, str) else None
 
 
 def _agents(campaign: Mapping[str, Any], runs: Iterable[Run]) -> tuple[str, ...]:

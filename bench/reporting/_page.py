@@ -47,6 +47,7 @@ from .text._comparison import comparison_cells
 from .text._fidelity import fidelity_note, with_table_notes
 from .text._format import interval, number, p_value, percent, score, span
 from .text._glossary import GLOSSARY
+from .text._isolation import UNCONFINED, confinement_notes, isolation_cell
 from .text._outcomes import outcome_name, outcome_text
 from .text._sensor import detector_sentences, sensor_observables
 
@@ -123,6 +124,8 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
         "matter": matter,
         "factors_id": figures.add("factors-1", factor_effects_figure(matter)) if matter.tables else "",
         "listed_runs": runs,
+        "confinement": confinement_notes(data),
+        "unconfined": UNCONFINED,
         "probed": any(run.probes for run in runs),
         "failures": [run for run in runs if run.outcome is not Outcome.COMPLETED],
         "provenance": provenance_of(data),
@@ -173,6 +176,7 @@ def _environment() -> jinja2.Environment:
         comparison_cells=comparison_cells,
         outcome_name=outcome_name,
         outcome_text=outcome_text,
+        isolation_cell=isolation_cell,
         confidence_extremes=confidence_extremes,
     )
     return templates

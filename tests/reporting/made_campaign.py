@@ -78,6 +78,7 @@ class Made:
     never_scored: str | None = None
     description: str = "A made-up campaign for the report's tests."
     scored: bool = True
+    details: Mapping[str, dict[str, str]] = field(default_factory=dict)  # of results, by realization
     about_sensor: tuple[str, ...] = ()  # observables whose subject is the perception
 
 
@@ -103,6 +104,7 @@ def make_campaign(folder: Path, made: Made = Made()) -> Path:
                 simulated_s=END_S,
                 cpu_s=3.0,
                 recording_sha256=digest,
+                details=made.details.get(name, {}),
             )
             (run / "result.json").write_text(result.model_dump_json())
             difficulty = difficulty_of(document, made_simspec(scene, agent))

@@ -117,7 +117,7 @@ def test_every_run_is_listed_with_outcome_and_reason(data: ReportData, page: Pag
     rows = {row[0]: row for row in page.tables["all-runs"][1:]}
     assert list(rows) == [run.realization for run in data.runs]
     assert len(rows) == 24
-    assert rows[CRASHED][3:5] + rows[CRASHED][6:] == ["agent crashed", "yes", "exit <1>"]
-    assert rows[LOST][3:5] + rows[LOST][6:] == ["worker lost", "no", "killed"]
+    assert rows[CRASHED][3:5] + rows[CRASHED][7:] == ["agent crashed", "yes", "exit <1>"]
+    assert rows[LOST][3:5] + rows[LOST][7:] == ["worker lost", "no", "killed"]
     completed = rows["p000-r0-reference-naive"]
-    assert (completed[1], completed[3], completed[4], completed[6]) == (NAIVE, "completed", "yes", "–")
+    assert (completed[1], completed[3], completed[4], completed[7]) == (NAIVE, "completed", "yes", "–")

@@ -12,6 +12,7 @@ from ..statistics._trials import AllTrials, NodeTrials
 from ._campaign_sentences import missing_sentence
 from ._fidelity import fidelity_note
 from ._format import listed, number, percent, plural, span
+from ._isolation import confinement_note
 
 RATE_WORDS = {"90": "nine in ten", "50": "half"}
 
@@ -117,6 +118,8 @@ def _caveats(data: ReportData, agent: str, tallies: Sequence[Tally]) -> list[str
         sentences.append(
             "It was given the truth, so this shows what can be reached, and is no agent’s result."
         )
+    if (confinement := confinement_note(data, agent)) is not None:
+        sentences.append(confinement.text)
     if unseen := [tally.node for tally in tallies if not tally.considered]:
         sentences.append(
             f"Nothing is known about {listed(unseen)}: no run considered {'it' if len(unseen) == 1 else 'them'}."

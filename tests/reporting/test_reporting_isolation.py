@@ -1,0 +1,90 @@
+"""The report says how each agent was confined, and what an unconfined one could have done."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from made_campaign import AGENTS, Made, make_campaign
+from test_reporting_page import Page, page_of
+
+from bench.agents.confinement import HOLDINGS, Wall
+from bench.contracts import Outcome
+from bench.reporting import load_report_data
+from bench.reporting.statistics._trials import trials_of
+from bench.reporting.text._answer import answer_paragraph
+from bench.reporting.text._isolation import confinement_note
+
+NAIVE, AWARE = AGENTS
+BOXED = {"isolation": "bwrap", "network": "own"}
+SHARED = {"isolation": "bwrap", "network": "the host's: no permission"}
+FREE = {"isolation": "none", "network": "own"}
+
+
+def ids(agent: str) -> list[str]:
+    return [f"p{scene:03d}-r0-{agent}" for scene in range(3)]
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first agent: once in a network of its own, twice on the host's. The second: once free, once boxed, once
+    unknown.
+    """
+    details = dict(zip(ids(NAIVE) + ids(AWARE), (BOXED, SHARED, SHARED, FREE, BOXED, {}), strict=True))
+    return make_campaign(tmp_path_factory.mktemp("isolation") / "c", Made(scenes=3, details=details))
+
+
+@pytest.fixture(scope="module")
+def page(mixed: Path) -> tuple[Page, str]:
+    return page_of(mixed)
+
+
+def test_the_head_names_rung_network_and_what_is_open(mixed: Path, page: tuple[Page, str]) -> None:
+    """In red for the agent that once flew free, with every wall that `none` does not hold."""
+    head = page[1][page[1].index('id="confinement"') :].split("</ul>")[0].split("</li>")
+    boxed, free = head[0], head[1]
+    assert NAIVE in boxed
+    assert 'class="bad"' not in boxed
+    assert "confined by bwrap in 1 run, with a network of its own." in boxed
+    assert "confined by bwrap in 2 runs, on the host’s network, which leaves open: " in boxed
+    assert Wall.UDP in boxed
+    assert Wall.FILES not in boxed
+    assert AWARE in free
+    assert 'class="bad">It was confined by bwrap in 1 run' in free
+    assert "NOT CONFINED in 1 run (isolation none)" in free
+    assert f"is not recorded for {1} run." in free
+    for wall, holding in HOLDINGS["none"].items():
+        assert (wall in free) == (holding.text != "yes"), wall
+
+
+def test_the_paragraph_to_quote_says_it(mixed: Path) -> None:
+    data = load_report_data(mixed)
+    for agent, words in ((NAIVE, "confined by bwrap in 2 runs"), (AWARE, "NOT CONFINED in 1 run")):
+        assert words in answer_paragraph(data, agent, trials_of(data.scores)).replace("\u00a0", " ")
+
+
+def test_the_list_of_runs_says_it_for_each(page: tuple[Page, str]) -> None:
+    head, *rows = page[0].tables["all-runs"]
+    place = head.index("Confined by")
+    cells = {row[0]: row[place] for row in rows}
+    assert [cells[name] for name in ids(NAIVE)] == ["bwrap", "bwrap, host’s network", "bwrap, host’s network"]
+    assert [cells[name] for name in ids(AWARE)] == ["none", "bwrap", "not recorded"]
+    assert page[1].count('<td><span class="bad">none</span></td>') == 1
+
+
+def test_older_campaigns_and_single_ways(tmp_path: Path) -> None:
+    """Nothing recorded; all runs alike; an agent that broke the bench was free by definition; a lost run is silent."""
+    details = {ids(AWARE)[0]: {"isolation": "landlock", "network": "own"}}
+    endings = {
+        ids(AWARE)[1]: (Outcome.AGENT_BROKE_BENCH, "twice"),
+        ids(AWARE)[2]: (Outcome.WORKER_LOST, "killed"),
+    }
+    data = load_report_data(make_campaign(tmp_path / "c", Made(scenes=3, details=details, endings=endings)))
+    naive, aware = (confinement_note(data, agent) for agent in (NAIVE, AWARE))
+    assert naive is not None
+    assert (naive.text, naive.unconfined) == ("How it was confined is not recorded.", False)
+    assert aware is not None
+    assert aware.unconfined
+    assert "NOT CONFINED in 1 run" in aware.text
+    assert "confined by landlock in 1 run, with a network of its own." in aware.text
+    assert "not recorded" not in aware.text
