@@ -74,7 +74,10 @@ def box_of(plan: AgentPlan, home: str) -> Box:
         paths.append(plan.folder)
     # A file that the command names is part of the agent: its script, its model. Folders are for `read`.
     paths += [Path(word) for word in command if word.startswith("/") and Path(word).is_file()]
+    # A program that a wrapper starts needs what it would need as the command: a Python its libraries.
+    others = [path for path in paths if path.is_file() and os.access(path, os.X_OK)]
     paths = [kept for path in paths for kept in without_sessions(path, plan.hidden)]
+    paths += [needed for path in others for needed in program_paths(path, environment)]
     program = find_program(command[0], environment, plan.scratch)
     if program is not None:
         command = (str(program), *command[1:])

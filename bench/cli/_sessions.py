@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -65,7 +65,7 @@ def simulate(
                 highlight=False,
             )
         if "isolation" in result.details:
-            console.print(f"isolation: {result.details['isolation']}", markup=False, highlight=False)
+            console.print(_confinement_line(result.details), markup=False, highlight=False, soft_wrap=True)
         ended = f"{result.outcome} after {result.simulated_s:.1f} simulated s ({result.wall_s:.1f} s): {result.reason}"
         if strangers := result.counters.get("tick_strangers", 0):
             console.print(
@@ -90,6 +90,15 @@ def simulate(
     if not result.outcome.counts:
         # A SimSpec that cannot be flown is a wrong input, as any other fault in a file.
         raise typer.Exit(2 if result.outcome is Outcome.SETUP_INVALID else 1)
+
+
+def _confinement_line(details: Mapping[str, object]) -> str:
+    """How the agent was confined, in one line."""
+    network = str(details.get("network", "own"))
+    shared = "a network of its own" if network == "own" else f"the network is {network}"
+    if details["isolation"] == "none":
+        return "isolation: none. The agent was NOT CONFINED: it had the rights of the bench (docs/agents.md)"
+    return f"isolation: {details['isolation']}, {shared}"
 
 
 def _show_observations(

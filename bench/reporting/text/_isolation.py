@@ -38,13 +38,19 @@ def confinement_note(data: ReportData, agent: str) -> ConfinementNote | None:
         return None
     ways = Counter((run.isolation, run.network) for run in runs)
     sentences = []
-    for (isolation, network), count in sorted(ways.items(), key=lambda way: (way[0][0] or "~", -way[1])):
+    for (isolation, network), count in sorted(ways.items(), key=lambda way: _seriousness(way[0][0], way[1])):
         where = "" if len(ways) == 1 else f" in {plural(count, 'run')}"
         sentences.append(_sentence(isolation, network, where))
     unconfined = any(isolation == UNCONFINED for isolation, _ in ways)
     return ConfinementNote(
         agent, " ".join(sentences), unconfined, _open(UNCONFINED, "") if unconfined else ()
     )
+
+
+def _seriousness(isolation: str | None, count: int) -> tuple[int, str, int]:
+    """Order of the sentences: unconfined runs first, unknown ones last."""
+    place = 0 if isolation == UNCONFINED else 2 if isolation is None else 1
+    return place, isolation or "", -count
 
 
 def _sentence(isolation: str | None, network: str | None, where: str) -> str:
