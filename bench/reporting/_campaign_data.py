@@ -30,8 +30,9 @@ class Run:
 
     `after_stop` says that it was flown although earlier replicates had decided the question: it counts in no
     number. `truth_given` says that the bench gave its agent the truth. `suspect` are attempts that ended as an agent
-    could make them end by breaking the bench. `saw_truth` are reports of honeypots. `probes` counts what was refused, by kind. `isolation` is
-    the rung that confined the agent and `network` whose network it had ("own", or why the host's); None where nothing is recorded.
+    could make them end by breaking the bench. `saw_truth` are reports of honeypots. `probes` counts what was
+    refused, by kind. `isolation` is the rung that confined the agent and `network` whose network it had ("own", or
+    why the host's); None where nothing is recorded.
     """
 
     realization: str
