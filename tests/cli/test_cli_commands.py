@@ -85,7 +85,7 @@ def test_every_command_has_help_with_an_example(line: list[str], capsys: pytest.
         (["fly", "--autopilot", "inav"], "px4 or ardupilot"),
         (["fly", "--home", "here"], "LAT,LON,ALT,HDG"),
         (["fly", "--mavlink", "smoke"], "is not a link"),
-        (["prose", "a drone"], ""),
+        (["prose", "..."], ""),
         (["no-such-command"], ""),
     ],
 )
