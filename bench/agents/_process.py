@@ -17,7 +17,15 @@ from bench.errors import Fault, SetupError
 from bench.simspec import seed_of
 
 from ._program import expand_command, expand_placeholders
-from .confinement import Box, ConfinedProcess, find_program, program_paths, rung_of, without_sessions
+from .confinement import (
+    CONTAINER,
+    Box,
+    ConfinedProcess,
+    find_program,
+    program_paths,
+    rung_of,
+    without_sessions,
+)
 
 # Host times, chosen: for an agent to exit by itself after the tick socket's end, and between SIGTERM and
 # SIGKILL.
@@ -49,7 +57,7 @@ def open_agent(plan: AgentPlan) -> Iterator[LocalProcess]:
     plan.scratch.mkdir(parents=True, exist_ok=True)
     if plan.truth is not None:
         (plan.scratch / TRUTH_FILE).write_text(plan.truth.model_dump_json())
-    box = box_of(plan, rung.home(plan.scratch))
+    box = box_of(plan, rung.home(plan.scratch), in_image=rung.name == CONTAINER)
     with _open_output(plan.scratch / OUTPUT_FILE) as output:
         process = rung.start(box, output.write_end)
         output.begin()
@@ -60,10 +68,13 @@ def open_agent(plan: AgentPlan) -> Iterator[LocalProcess]:
             agent.end()
 
 
-def box_of(plan: AgentPlan, home: str) -> Box:
-    """What the agent may see and use, with `home` as its HOME."""
+def box_of(plan: AgentPlan, home: str, *, in_image: bool = False) -> Box:
+    """What the agent may see and use, with `home` as its HOME; `in_image`: its program is in the manifest's image."""
     manifest, options = plan.manifest, plan.simspec.agent.options
     environment = environment_of(plan, home)
+    # The host's search path means nothing in the image, which brings its own.
+    if in_image and "PATH" not in manifest.environment:
+        del environment["PATH"]
     command = expand_command(manifest, plan.folder, options)
     read = expand_placeholders(
         manifest, plan.folder, options, {f"read[{index}]": path for index, path in enumerate(manifest.read)}
@@ -77,8 +88,9 @@ def box_of(plan: AgentPlan, home: str) -> Box:
     # A program that a wrapper starts needs what it would need as the command: a Python its libraries.
     others = [path for path in paths if path.is_file() and os.access(path, os.X_OK)]
     paths = [kept for path in paths for kept in without_sessions(path, plan.hidden)]
-    paths += [needed for path in others for needed in program_paths(path, environment)]
-    program = find_program(command[0], environment, plan.scratch)
+    if not in_image:
+        paths += [needed for path in others for needed in program_paths(path, environment)]
+    program = None if in_image else find_program(command[0], environment, plan.scratch)
     if program is not None:
         command = (str(program), *command[1:])
         paths += program_paths(program, environment)
@@ -91,6 +103,7 @@ def box_of(plan: AgentPlan, home: str) -> Box:
         tcp_ports=_tcp_ports(plan) | set(manifest.tcp_ports),
         limits=manifest.limits,
         gpu=manifest.gpu,
+        image=manifest.image,
     )
 
 

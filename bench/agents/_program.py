@@ -60,6 +60,8 @@ def expand_command(manifest: AgentManifest, folder: Path, options: Options) -> t
 def program_faults(manifest: AgentManifest, folder: Path, options: Options) -> list[Fault]:
     """Why the agent's command cannot be started here; empty if nothing is known against it.
 
+    The program of a manifest with an image is in the image, so nothing is known of it.
+
     Looks for the program, and for the script or module that the bench's Python is to run. Nothing is run or
     imported, so a program can still fail at its start.
     """
@@ -68,6 +70,8 @@ def program_faults(manifest: AgentManifest, folder: Path, options: Options) -> l
         expand_placeholders(manifest, folder, options, manifest.environment)
     except SetupError as error:
         return list(error.faults)
+    if manifest.image:
+        return []
     where, program = f"{manifest.name}: command", command[0]
     if shutil.which(program, path=os.environ.get("PATH", os.defpath)) is None:
         remedy = "install it, or correct the command in the manifest"

@@ -191,5 +191,6 @@ CHECKS: dict[str, Callable[[], str]] = {
     "network": _network,
     "bwrap": partial(_rung, "bwrap"),
     "landlock": partial(_rung, "landlock"),
+    "container": partial(_rung, "container"),
     "isolation none": partial(_rung, "none"),
 }

@@ -33,8 +33,8 @@ class MavlinkNeed(Document):
 class AgentLimits(Document):
     """What one agent may use of the host, with everything that it starts.
 
-    The defaults let the shipped agents, MAVSDK with its server, Node and Zenoh clients run with room to spare;
-    docs/agents.md has what each of these was measured to use. Which limits hold depends on the rung.
+    The defaults leave the shipped agents, MAVSDK and Node much room; docs/agents.md has what each of these was measured
+    to use. Which limits hold depends on the rung.
     """
 
     memory_mb: Annotated[int, Field(ge=64, description="Memory of all processes together.")] = 2048
@@ -84,6 +84,9 @@ class AgentManifest(Document):
         Isolation,
         Field(description="How the agent is confined; auto is the strongest that works here."),
     ] = "auto"
+    image: Annotated[
+        str, Field(description="The image for isolation container, in which `command` is looked up.")
+    ] = ""
     limits: AgentLimits = AgentLimits()
     read: Annotated[
         tuple[str, ...],

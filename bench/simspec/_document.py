@@ -257,7 +257,7 @@ def agent_name(manifest: str) -> str:
     return name.removesuffix(suffix)
 
 
-Isolation = Literal["auto", "bwrap", "landlock", "none"]
+Isolation = Literal["auto", "bwrap", "landlock", "container", "none"]
 
 
 class AgentSpec(Document):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ._box import Box as Box
+from ._ladder import CONTAINER as CONTAINER
 from ._ladder import rung_of as rung_of
 from ._ladder import rungs as rungs
 from ._readable_paths import find_program as find_program

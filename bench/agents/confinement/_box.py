@@ -29,3 +29,4 @@ class Box:
     tcp_ports: frozenset[int] = frozenset()
     limits: AgentLimits = field(default_factory=AgentLimits)
     gpu: bool = False
+    image: str = ""

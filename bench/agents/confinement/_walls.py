@@ -109,6 +109,16 @@ HOLDINGS: Mapping[str, Mapping[Wall, Holding]] = {
         Wall.PROCESS_COUNT: _PROCESS_COUNT,
         Wall.MEMORY_OF_ALL: _MEMORY_OF_ALL,
     },
+    "container": {
+        **dict.fromkeys(Wall, _YES),
+        Wall.TCP: _NETWORK,
+        Wall.UDP: _NETWORK,
+        Wall.ABSTRACT_SOCKETS: _NETWORK,
+        Wall.KERNEL: _ENGINE,
+        Wall.PROCESS_COUNT: _ENGINE,
+        Wall.MEMORY_OF_ALL: _ENGINE,
+        Wall.MEMORY: _ENGINE,
+    },
     "none": {
         **dict.fromkeys(Wall, _NO),
         Wall.DESCRIPTORS: _YES,

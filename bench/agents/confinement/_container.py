@@ -1,0 +1,222 @@
+"""The rung with an image of its own: a container by podman or docker."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import time
+from contextlib import suppress
+from functools import cached_property
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from bench.contracts import AgentUsage
+from bench.network_namespace import namespace_fault
+
+from .._process_usage import ProcessTreeUsage
+from ._box import AGENT_UID, Box
+from ._readable_paths import gpu_devices, with_targets
+
+# In this order: podman's containers can share the network namespace of the bench, docker's daemon has its own.
+ENGINES = ("podman", "docker")
+HOME = "/scratch"
+# The codes by which both engines say that the command did not start; an agent may end with the last two as well.
+_ENGINE_FAILED, _NOT_EXECUTABLE, _NOT_FOUND = 125, 126, 127
+# For a command of the engine other than the run itself; chosen, not measured.
+_COMMAND_BUDGET_S = 30.0
+_PREFIX = "rebar-agent-"
+_numbers = count()
+
+
+class Container:
+    """One container a session, from the image of the manifest: read-only, without capabilities or new rights."""
+
+    name = "container"
+
+    def __init__(self, program: str | None = None) -> None:
+        found = (shutil.which(engine) for engine in ENGINES)
+        self._program = program if program is not None else next(filter(None, found), None)
+
+    def trial(self) -> str | None:
+        return self._reason
+
+    def home(self, scratch: Path) -> str:
+        return HOME
+
+    def start(self, box: Box, output: int) -> ContainerProcess:
+        assert self._program is not None, "the trial was not asked"
+        return ContainerProcess(self._program, box, output)
+
+    @cached_property
+    def _reason(self) -> str | None:
+        if not self._program:
+            return "no engine: there is neither podman nor docker; install podman"
+        if Path(self._program).name == "docker" and namespace_fault() is None:
+            return (
+                "docker starts containers on the host's network, and sessions have a network of their own here; "
+                "install podman"
+            )
+        try:
+            done = _run(self._program, "version")
+        except (OSError, subprocess.TimeoutExpired) as error:
+            return f"{self._program} version: {error}"
+        if done.returncode:
+            said = done.stderr.strip().splitlines() or [f"it ended with {done.returncode}"]
+            return f"{self._program} version: {said[-1]}; start its service, or let this user use it"
+        return None
+
+
+class ContainerProcess:
+    """A container, and the engine's client that started it and passes its output on."""
+
+    own_user = True
+
+    def __init__(self, program: str, box: Box, output: int) -> None:
+        self._program = program
+        self._limits = box.limits
+        self._name = f"{_PREFIX}{os.getpid()}-{next(_numbers)}"
+        self._usage = AgentUsage()
+        self._tree: ProcessTreeUsage | None = None
+        self._final: dict[str, Any] | None = None
+        self._ended = False
+        _remove_stale(program)
+        client, options = _environment_options(box)
+        self._client = subprocess.Popen(
+            [program, "run", "--name", self._name, *_options(box), *options, box.image, *box.command],
+            env=client,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+            start_new_session=True,
+        )
+
+    @property
+    def pid(self) -> int:
+        return self._client.pid
+
+    def poll(self) -> int | None:
+        return self._client.poll()
+
+    def start_failure(self) -> str:
+        code = self.poll()
+        if code == _ENGINE_FAILED:
+            return "cannot be started by the container engine"
+        # Only a container whose program never ran has an error in its state.
+        never_ran = code in (_NOT_EXECUTABLE, _NOT_FOUND) and self._state().get("Error")
+        return "cannot be started in the image" if never_ran else ""
+
+    def usage(self) -> AgentUsage:
+        if self.poll() is None:
+            if self._tree is None and (pid := int(self._inspect().get("Pid") or 0)):
+                self._tree = ProcessTreeUsage(pid, home=None)
+            if self._tree is not None:
+                self._usage = self._tree.read()
+        return self._usage
+
+    def exceeded_limit(self) -> str:
+        killed = self.poll() is not None and self._state().get("OOMKilled")
+        return f"{self._limits.memory_mb} MB of memory" if killed else ""
+
+    def ask_to_end(self) -> None:
+        if self.poll() is None:
+            self._command("kill", "--signal", "TERM", self._name)
+
+    def end(self) -> None:
+        if self._ended:
+            return
+        self._state()
+        self._ended = True
+        # By name: the engine owns the processes, and ending its client would leave them.
+        self._command("rm", "--force", "--volumes", self._name)
+        deadline = time.monotonic() + _COMMAND_BUDGET_S
+        while self._client.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.002)
+        if self._client.poll() is None:
+            self._client.kill()
+            self._client.wait()
+
+    def _state(self) -> dict[str, Any]:
+        """The state of a container that has ended, asked once; empty while it runs."""
+        if self._final is None and not self._ended and self._client.poll() is not None:
+            self._final = self._inspect()
+        return self._final or {}
+
+    def _inspect(self) -> dict[str, Any]:
+        done = self._command("inspect", "--format", "{{json .State}}", self._name)
+        with suppress(ValueError):
+            state = json.loads(done.stdout) if done is not None and done.returncode == 0 else {}
+            return state if isinstance(state, dict) else {}
+        return {}
+
+    def _command(self, *words: str) -> subprocess.CompletedProcess[str] | None:
+        with suppress(OSError, subprocess.TimeoutExpired):
+            return _run(self._program, *words)
+        return None
+
+
+def _options(box: Box) -> list[str]:
+    limits = box.limits
+    size = f"{limits.scratch_mb}m"
+    memory = f"{limits.memory_mb}m"
+    options = [
+        # The session's endpoints are on the loopback of the bench's network; podman starts containers in that.
+        *("--network", "host", "--hostname", "agent", "--ipc", "private"),
+        # A flight must not wait for a download, nor fly another version than the last one.
+        *("--pull", "never", "--entrypoint", ""),
+        *("--read-only", "--cap-drop", "ALL", "--security-opt", "no-new-privileges"),
+        *("--user", f"{AGENT_UID}:{AGENT_UID}"),
+        *("--pids-limit", str(limits.processes), "--cpus", f"{limits.cpus:g}"),
+        # Swap included: as much again would be allowed otherwise.
+        *("--memory", memory, "--memory-swap", memory, "--shm-size", size),
+        *("--ulimit", f"nofile={limits.open_files}:{limits.open_files}"),
+        *("--ulimit", f"fsize={limits.file_mb << 20}:{limits.file_mb << 20}", "--ulimit", "core=0:0"),
+        *("--tmpfs", f"/tmp:rw,mode=1777,size={size}", "--tmpfs", f"{HOME}:rw,exec,mode=1777,size={size}"),
+        *("--workdir", HOME, "--log-driver", "none"),
+    ]
+    for path in with_targets(box.read):
+        options += ["--volume", f"{path}:{path}:ro"]
+    for path in box.files:
+        options += ["--volume", f"{path}:{HOME}/{path.name}:ro"]
+    for device in gpu_devices() if box.gpu else ():
+        options += ["--device", str(device)]
+    return options
+
+
+def _environment_options(box: Box) -> tuple[dict[str, str], list[str]]:
+    """The environment of the engine's client, and options that hand the agent's over.
+
+    By name where the client's own environment leaves room: command lines are read by every user of the host.
+    """
+    client = dict(os.environ)
+    options = []
+    for variable, value in box.environment.items():
+        if variable in os.environ:
+            options += ["--env", f"{variable}={value}"]
+        else:
+            client[variable] = value
+            options += ["--env", variable]
+    return client, options
+
+
+def _run(program: str, *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [program, *words],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=_COMMAND_BUDGET_S,
+    )
+
+
+def _remove_stale(program: str) -> None:
+    """Remove containers whose bench was killed before it could: their names have its process id."""
+    with suppress(OSError, subprocess.TimeoutExpired):
+        listed = _run(program, "ps", "--all", "--filter", f"name={_PREFIX}", "--format", "{{.Names}}")
+        for name in listed.stdout.split():
+            maker = name.removeprefix(_PREFIX).partition("-")[0]
+            if maker.isdigit() and not Path("/proc", maker).exists():
+                _run(program, "rm", "--force", "--volumes", name)

@@ -1,0 +1,143 @@
+"""The rung `container`, with a stand-in for the engine: no engine is needed, and none has been tried."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from bench.agents import open_agent, program_faults
+from bench.agents.confinement import _container as container_module
+from bench.agents.confinement import _ladder, rung_of, rungs
+from bench.agents.confinement._container import Container
+from bench.contracts import AgentEndpoints, AgentManifest, AgentPlan
+from bench.errors import SetupError
+from bench.simspec import AgentSpec, load_simspec
+
+HERE = Path(__file__).parent
+EXAMPLE = HERE.parents[1] / "examples" / "search.yaml"
+PATIENCE_S = 60.0
+
+
+@pytest.fixture
+def engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The stand-in as `podman`, and the rung that uses it."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    shutil.copy(HERE / "engine.py", folder / "engine.py")
+    program = folder / "podman"
+    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -I -S "{folder}/engine.py" "$@"\n')
+    program.chmod(0o755)
+    chosen = dict(rungs()) | {"container": Container(str(program))}
+    monkeypatch.setattr(_ladder, "rungs", lambda: chosen)
+    return folder / "engine-state"
+
+
+def plan(scratch: Path, *command: str, image: str = "agents/one:1", **environment: str) -> AgentPlan:
+    endpoints = AgentEndpoints({"REBAR_MAVLINK": "udpin:127.0.0.1:14540"}, None, "", "", 1, None)
+    manifest = AgentManifest(
+        name="boxed",
+        command=command,
+        environment=environment,
+        isolation="container",
+        image=image,
+        zenoh=False,
+    )
+    return AgentPlan(manifest, HERE, load_simspec(EXAMPLE), endpoints, scratch)
+
+
+def until(holds: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_two_agents_in_two_images(engine: Path, tmp_path: Path) -> None:
+    """Exit codes and output are their own; the environment holds nothing of the bench's; nothing stays."""
+    for number, image in enumerate(("agents/one:1", "agents/two:2"), start=3):
+        scratch = tmp_path / f"agent{number}"
+        show = f"echo $REBAR_MAVLINK $HOME $MODE; test -z $PYTEST_CURRENT_TEST; exit {number}"
+        with open_agent(plan(scratch, "sh", "-c", show, image=image, MODE="fast")) as agent:
+            until(lambda agent=agent: agent.exit_code() is not None)  # type: ignore[misc]
+            assert agent.exit_code() == number
+            assert agent.exceeded_limit() == ""
+        assert (scratch / "agent.log").read_text() == "udpin:127.0.0.1:14540 /scratch fast\n"
+    assert list(engine.glob("*.json")) == []
+
+
+def test_what_cannot_start_says_why(engine: Path, tmp_path: Path) -> None:
+    """An image that is not here, and a program that is not in the image; an agent may end with the same code."""
+    for part, command, image, words in (
+        ("a", ("sh",), "agents/none:9", "image not known"),
+        ("b", ("/nowhere/agent",), "agents/one:1", "No such file"),
+    ):
+        with (
+            open_agent(plan(tmp_path / part, *command, image=image)) as agent,
+            pytest.raises(SetupError, match=words),
+        ):
+            until(lambda agent=agent: agent.exit_code() is not None)  # type: ignore[misc]
+    with open_agent(plan(tmp_path / "c", "sh", "-c", "exit 127")) as agent:
+        until(lambda: agent.exit_code() is not None)
+        assert agent.exit_code() == 127
+
+
+def test_the_engine_ends_what_still_runs(engine: Path, tmp_path: Path) -> None:
+    """Asked first, and then removed by name; its usage is counted meanwhile. A container of a dead bench goes too."""
+    gone = subprocess.Popen(["true"])
+    gone.wait()
+    engine.mkdir()
+    (engine / f"rebar-agent-{gone.pid}-0.json").write_text('{"Pid": 0}')
+    (engine / f"rebar-agent-{os.getpid()}-999999.json").write_text('{"Pid": 0}')
+    with open_agent(
+        plan(tmp_path / "a", "sh", "-c", "trap 'echo asked; exit 0' TERM; while :; do :; done")
+    ) as agent:
+        until(lambda: agent.usage().cpu_s > 0.02)
+        assert [path.stem for path in engine.glob("*-999999.json")]
+        assert not (engine / f"rebar-agent-{gone.pid}-0.json").exists()
+    assert (tmp_path / "a" / "agent.log").read_text() == "asked\n"
+    assert len(list(engine.glob("*.json"))) == 1
+
+
+def test_memory_is_named(engine: Path, tmp_path: Path) -> None:
+    """What the engine states of two that were killed: one for its memory, one for another reason."""
+    named = {}
+    for part, environment in (("a", {"OOM": "1"}), ("b", {})):
+        with open_agent(plan(tmp_path / part, "sh", "-c", "kill -9 $$", **environment)) as agent:
+            until(lambda agent=agent: agent.exit_code() is not None)  # type: ignore[misc]
+            named[part] = agent.exceeded_limit()
+    assert named == {"a": "2048 MB of memory", "b": ""}
+
+
+def test_a_manifest_without_an_image_is_refused(engine: Path) -> None:
+    """Asked for by the manifest, and demanded by the campaign."""
+    manifest = AgentManifest(name="bare", command=("true",), isolation="container")
+    with pytest.raises(SetupError, match=r"bare: isolation: the manifest of bare names no image.*add image"):
+        rung_of(manifest, AgentSpec())
+    with pytest.raises(SetupError, match=r"agent\.isolation: the manifest"):
+        rung_of(manifest.model_copy(update={"isolation": "auto"}), AgentSpec(isolation="container"))
+    assert rung_of(manifest.model_copy(update={"image": "agents/one:1"}), AgentSpec()).name == "container"
+
+
+def test_programs_of_an_image_are_not_looked_for_on_the_host(tmp_path: Path) -> None:
+    """With and without an image."""
+    manifest = AgentManifest(name="far", command=("/in/the/image/agent",), image="agents/one:1")
+    assert program_faults(manifest, tmp_path, {}) == []
+    assert len(program_faults(manifest.model_copy(update={"image": ""}), tmp_path, {})) == 1
+
+
+def test_a_host_that_cannot_says_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No engine, one that does not answer, and docker beside a network of the session's own."""
+    assert "no engine" in (Container("").trial() or "")
+    program = tmp_path / "docker"
+    program.write_text("#!/bin/sh\necho 'Cannot connect to the Docker daemon' >&2\nexit 1\n")
+    program.chmod(0o755)
+    assert "Cannot connect" in (Container(str(program)).trial() or "")
+    monkeypatch.setattr(container_module, "namespace_fault", lambda: None)
+    assert "network of their own" in (Container(str(program)).trial() or "")
