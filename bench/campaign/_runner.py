@@ -28,7 +28,7 @@ from .execution._pool import OpenExecutor, open_local_pool
 from .execution._retries import Retries
 from .execution._stop_request import open_stop_request
 from .execution._suspects import UNCONFINED, SuspectWatch
-from .execution._task import FLIGHT_JOB, FORFEIT_JOB, WorkerPlan
+from .execution._task import CONFINED_JOB, FLIGHT_JOB, FORFEIT_JOB, WorkerPlan
 from .planning._plan import CheckTakeoff, finish_infeasible, plan_campaign
 from .storage._completeness import (
     Completeness,
@@ -90,6 +90,7 @@ def run_campaign(
     accept: Collection[Outcome] = (),
     job: str = FLIGHT_JOB,
     forfeit_job: str | None = None,
+    confined_job: str | None = None,
     memory_kills: Callable[[], int] | None = None,
     open_executor: OpenExecutor = open_local_pool,
     clock: Callable[[], float] = time.monotonic,
@@ -101,7 +102,7 @@ def run_campaign(
     number of cores. Realizations that may have failed because of the host are flown again, with at least two
     attempts in every run; their earlier results are kept in aside/. `accept` leaves those that have one of its
     outcomes now as they are, for good; `rerun` takes that back. `forfeit_job` takes the place of `job` for a realization
-    whose agent broke the bench, and `memory_kills` counts the processes that the kernel killed for want of memory. `clock` gives the host seconds by which the
+    whose agent broke the bench, `confined_job` after an attempt that an unconfined agent may have broken, and `memory_kills` counts the processes that the kernel killed for want of memory. `clock` gives the host seconds by which the
     campaign's total budget and the pauses before retries are judged.
 
     Raises SetupError for a campaign that cannot be realized and for a folder that is in use, belongs to
@@ -146,6 +147,7 @@ def run_campaign(
             SuspectWatch(
                 memory_kills or _memory_kills(starts_agents),
                 _isolation_of(plans) if starts_agents else lambda realization: UNCONFINED,
+                _confined_job if starts_agents else lambda: confined_job,
             ),
             forfeit_job,
         )
@@ -245,6 +247,14 @@ def _memory_kills(starts_agents: bool) -> Callable[[], int]:
     from bench.simulation import count_memory_kills
 
     return count_memory_kills
+
+
+def _confined_job() -> str | None:
+    """The job that confines an agent that asks for no rung; None where no rung starts."""
+    from bench.agents.confinement import rungs
+
+    names = ("bwrap", "landlock")
+    return CONFINED_JOB if any(rungs()[name].trial() is None for name in names) else None
 
 
 def _isolation_of(plans: Iterable[RealizationPlan]) -> Callable[[str], str]:

@@ -94,6 +94,17 @@ def fake_forfeit(simspec: SimSpec, decomposition: Script, folder: Path, realizat
     return SessionResult(realization=realization, outcome=Outcome.AGENT_BROKE_BENCH)
 
 
+CONFINED = "campaign_fakes:fake_confined"
+
+
+def fake_confined(simspec: SimSpec, decomposition: Script, folder: Path, realization: str) -> SessionResult:
+    """A session whose agent cannot reach the bench any more."""
+    (folder / "recording.mcap").write_bytes(f"confined {realization}".encode())
+    return SessionResult(
+        realization=realization, outcome=Outcome.COMPLETED, details={"isolation": "bwrap", "network": "own"}
+    )
+
+
 def small_campaign(points: int = 3, replicates: int = 2, **budgets: Any) -> Campaign:
     """A campaign of points x replicates realizations over a yard with a few people in it."""
     yard = Polygon(corners=tuple(Point(east_m=e, north_m=n) for e, n in ((0, 0), (50, 0), (50, 50), (0, 50))))

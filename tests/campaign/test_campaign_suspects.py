@@ -7,14 +7,25 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from campaign_fakes import FORFEIT, Script, fly
+from campaign_fakes import CONFINED, FORFEIT, Script, fly
 from in_process_executor import open_in_process
 
-from bench.campaign import CampaignFolder, CampaignSummary, open_journal, read_result, verify_folder
-from bench.campaign.execution._flight import forfeit_realization
+from bench.agents.confinement import rungs
+from bench.campaign import (
+    CampaignFolder,
+    CampaignSummary,
+    load_measurable_decomposition,
+    open_journal,
+    read_result,
+    rescore,
+    verify_folder,
+)
+from bench.campaign.execution._flight import fly_confined, fly_realization, forfeit_realization
 from bench.campaign.execution._suspects import SuspectWatch, is_chargeable, is_suspect
 from bench.contracts import SUSPECT, Outcome, SessionResult, suspicions_of
+from bench.realization import place
 from bench.reporting import load_report_data, render_report
+from bench.simspec import AgentSpec, load_simspec
 
 FIRST, SECOND, THIRD = "p001-r1-fake", "p002-r2-fake", "p003-r1-fake"
 
@@ -54,6 +65,54 @@ def test_two_agents_that_break_the_bench_again_are_charged(tmp_path: Path) -> No
     assert SUSPECT not in results[THIRD].details
     assert verify_folder(tmp_path) == []
     assert flown(tmp_path, {})[0].flown == 0, "an agent's own end is not flown again"
+
+
+def test_the_rerun_of_a_suspect_is_confined_where_the_host_can(tmp_path: Path) -> None:
+    """Two that would break the bench each time end by themselves once confined, are marked, and are charged nothing."""
+    summary = fly(
+        tmp_path,
+        script=Script({FIRST: "rob", SECOND: "rob"}),
+        open_executor=open_in_process(),
+        forfeit_job=FORFEIT,
+        confined_job=CONFINED,
+    )
+    assert summary.outcomes == {Outcome.COMPLETED: 6}
+    for name, suspect in ((FIRST, True), (SECOND, True), (THIRD, False)):
+        result = read_result(CampaignFolder(tmp_path).run(name), name)
+        assert result is not None
+        assert (len(suspicions_of(result.details)) == 1) == suspect
+        assert result.details.get("isolation") == ("bwrap" if suspect else None)
+
+
+def test_a_confined_rerun_that_is_lost_is_not_the_agent_s() -> None:
+    """Two are lost twice; the host confines the second attempts, and a worker that is gone cannot say so."""
+    watch = SuspectWatch(lambda: 0, confined_job=lambda: CONFINED)
+    for name in ("a", "b", "a", "b"):
+        assert watch.confined_job(name) == (
+            CONFINED if watch.marked(LOST.model_copy(update={"realization": name})).details else None
+        )
+        watch.record(LOST.model_copy(update={"realization": name}))
+    for name in ("a", "b"):
+        end = LOST.model_copy(update={"realization": name})
+        assert not watch.forfeits(end, bench_works=True)
+        assert len(suspicions_of(watch.marked(end).details)) == 1
+
+
+def test_a_confined_rerun_is_the_session_of_the_campaign(tmp_path: Path) -> None:
+    """For real: the agent asks for no rung and gets one; SimSpec and recording are those of the unconfined session."""
+    if all(rungs()[name].trial() is not None for name in ("bwrap", "landlock")):
+        pytest.skip("no rung starts here")
+    spec = load_simspec(Path(__file__).parents[2] / "examples" / "search.yaml")
+    mission = spec.mission.model_copy(update={"time_limit_s": 5.0})
+    agent = spec.agent.model_copy(update={"isolation": "none"})
+    spec = place(spec.model_copy(update={"mission": mission, "agent": agent}))
+    nodes = load_measurable_decomposition("search-and-report")
+    free = fly_realization(spec, nodes, tmp_path / "free", "run")
+    confined = fly_confined(spec, nodes, tmp_path / "confined", "run")
+    assert free.details["isolation"] == "none"
+    assert confined.details["isolation"] in ("bwrap", "landlock")
+    assert confined.recording_sha256 == free.recording_sha256
+    assert confined.outcome is free.outcome
 
 
 def test_once_is_marked_and_charged_to_nobody(tmp_path: Path) -> None:
@@ -150,10 +209,6 @@ def test_a_confined_agent_is_not_suspected() -> None:
 
 def test_a_forfeited_realization_is_recorded_and_measured(tmp_path: Path) -> None:
     """For real: both paces end before anything flies, with what the situation considers, and score again the same."""
-    from bench.campaign import load_measurable_decomposition, rescore
-    from bench.realization import place
-    from bench.simspec import AgentSpec, load_simspec
-
     example = Path(__file__).parents[2] / "examples" / "search.yaml"
     decomposition = load_measurable_decomposition("search-and-report")
     spec = place(load_simspec(example)).model_copy(update={"agent": AgentSpec(manifest="reference-naive")})

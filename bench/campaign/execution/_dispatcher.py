@@ -160,7 +160,8 @@ class Dispatcher:
     def _start(self, executor: Executor, realization: str) -> None:
         self._running[realization] = self._early_stopping.key(realization)
         simspec = self._folder.simspec(realization)
-        job = self._forfeit_job if self._suspects.is_forfeited(realization) else None
+        forfeited = self._suspects.is_forfeited(realization)
+        job = self._forfeit_job if forfeited else self._suspects.confined_job(realization)
         worker = executor.submit(
             Task(realization, simspec, self._folder.fresh_run(realization), self._wall_s[realization], job)
         )

@@ -7,12 +7,15 @@ scoring the recording again gives the same observations.
 from __future__ import annotations
 
 import tempfile
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 
 from bench.agents import load_manifest, open_agent, program_faults, rung_of
 from bench.contracts import (
     AgentManifest,
+    AgentPlan,
+    AgentProcess,
     Observation,
     OpenAgent,
     Outcome,
@@ -26,7 +29,7 @@ from bench.errors import PlacementInfeasible, SetupError
 from bench.network_namespace import namespace_fault
 from bench.realization import check_placement, place
 from bench.recording import TapeBuilder, open_recording
-from bench.simspec import AgentSpec, SimSpec
+from bench.simspec import AgentSpec, Isolation, SimSpec
 from bench.simulation import SessionEnd, SessionPlan, open_forfeit, run_session
 from decompositions import Decomposition
 
@@ -52,6 +55,21 @@ def fly_realization(
     return _fly(simspec, decomposition, folder, realization, open_agent)
 
 
+def fly_confined(
+    simspec: SimSpec, decomposition: Decomposition, folder: Path, realization: str
+) -> SessionResult:
+    """As `fly_realization`, with the agent on the strongest rung that starts here, whatever its manifest asks for.
+
+    SimSpec and recording stay those of the campaign; the rung stands in the details of the result.
+    """
+    return _fly(simspec, decomposition, folder, realization, _open_confined, isolation="auto")
+
+
+def _open_confined(plan: AgentPlan) -> AbstractContextManager[AgentProcess]:
+    agent = plan.simspec.agent.model_copy(update={"isolation": "auto"})
+    return open_agent(replace(plan, simspec=plan.simspec.model_copy(update={"agent": agent})))
+
+
 def forfeit_realization(
     simspec: SimSpec, decomposition: Decomposition, folder: Path, realization: str
 ) -> SessionResult:
@@ -65,12 +83,15 @@ def _fly(
     folder: Path,
     realization: str,
     open_agent: OpenAgent,
+    *,
+    isolation: Isolation | None = None,
 ) -> SessionResult:
     folder.mkdir(parents=True, exist_ok=True)
     try:
         placed = place(simspec) if simspec.realized is None else _checked(simspec)
         manifest, manifest_folder = load_manifest(placed.agent.manifest)
-        host = _host(manifest, placed.agent)
+        demanded = {} if isolation is None else {"isolation": isolation}
+        host = _host(manifest, placed.agent.model_copy(update=demanded))
     except (PlacementInfeasible, SetupError) as error:
         return SessionFailure.of(error).result(realization)
     (folder / SIMSPEC).write_text(dump_json(placed))

@@ -22,15 +22,19 @@ class SuspectWatch:
 
     `memory_kills` counts the processes that the kernel killed for want of memory: such an end is the host's.
     `isolation` is the rung that confines the agent of a realization here: a worker that is gone cannot say it.
+    `confined_job` is the job that flies an agent confined although it asks for no rung; None where the host cannot.
     """
 
     def __init__(
         self,
         memory_kills: Callable[[], int],
         isolation: Callable[[str], str] = lambda realization: UNCONFINED,
+        confined_job: Callable[[], str | None] = lambda: None,
     ) -> None:
         self._memory_kills = memory_kills
         self._isolation = isolation
+        self._confined_job = confined_job
+        self._confined: set[str] = set()
         self._kills_at_start: dict[str, int] = {}
         self._suspicions: dict[str, list[str]] = {}
         self._chargeable: dict[str, int] = {}
@@ -47,6 +51,9 @@ class SuspectWatch:
         if killed or realization in self._forfeited or not is_suspect(result):
             return
         if ISOLATION not in result.details and self._isolation(realization) != UNCONFINED:
+            return
+        # The agent of that attempt was confined, so it was not the agent.
+        if realization in self._confined:
             return
         ends = self._suspicions.setdefault(realization, [])
         ends.append(f"{result.outcome}: {result.reason}"[:_REASON_CHARACTERS])
@@ -68,6 +75,13 @@ class SuspectWatch:
         if charged:
             self._forfeited.add(realization)
         return charged
+
+    def confined_job(self, realization: str) -> str | None:
+        """The job of the next attempt where the agent is to be confined: after a suspect one, if this host can."""
+        if realization not in self._suspicions or (job := self._confined_job()) is None:
+            return None
+        self._confined.add(realization)
+        return job
 
     def is_forfeited(self, realization: str) -> bool:
         """Whether the next attempt is one without the agent."""

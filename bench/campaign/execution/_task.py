@@ -18,6 +18,10 @@ FORFEIT_JOB = "bench.campaign.execution._flight:forfeit_realization"
 """In its place for a realization whose agent broke the bench."""
 
 
+CONFINED_JOB = "bench.campaign.execution._flight:fly_confined"
+"""In its place after an attempt that an unconfined agent may have broken."""
+
+
 class Job(Protocol):
     """What a worker does with a realization: fly it into `folder`, which exists and is empty, and return the
     result.
