@@ -41,6 +41,7 @@ _PATTERN = re.compile(
     |(?P<heading>\b(?:exercise|scenario|test\s+case|test|case|problem|step|phase|variant|figure|section|chapter|task|example|run|ticket|question|log|entry|item|card|report)\s+\d+(?:\.\d)?[a-z]?\b(?=\s*[.:(,;)])(?!:\d)|(?-i:\b[A-Z]{{2,6}}-\d+\b)|(?:(?<=\n)|(?<=[.!?]\s)|^)(?:\d{{1,2}}\.|[a-z]\))(?=\s(?-i:[A-Z])))
     |(?P<place>{PLACE})
     |(?P<named>{NAMED})
+    |(?P<ordinal>\d+(?:st|nd|rd|th)\b)
     |(?P<number>\d{{1,3}}(?:,\d{{3}})+(?:\.\d+)?(?![\d,])|\d+,\d{{1,2}}(?=\s?(?:k?m\b|m/s|km/h|kn|s\b|min|%|°|deg|met))|\d*\.\d+|\d+)
     |(?P<unit>km²|m²|/\s*km²|/\s*km2|/\s*sq\.?\s+km|m/s|km/h|ft/s|km2\b|m2\b|[%°&@≥≤]|[<>]=?)
     |(?P<word>[a-z]+(?:['’-][a-z]+)*\d?)
@@ -250,11 +251,20 @@ def _phrase(
         span = Span(run[0].start(), run[length - 1].end())
         given = " ".join(match.group().rstrip(".").lower().replace("’", "'") for match in run[:length])
         correction = "" if given == phrase else phrase
+        if length > 1 and texts[0] in ("enemy", "hostile") and _longer_noun(texts, length, vocabulary):
+            # `enemy radar vehicle` is an enemy `radar vehicle`, and no `enemy radar` with a vehicle.
+            return Word(texts[0], Span(run[0].start(), run[0].end()), (), filler=True), 1
         if phrase in vocabulary.meanings:
             return Word(phrase, span, vocabulary.meanings[phrase], mended=correction), length
         if phrase in vocabulary.fillers:
             return Word(phrase, span, (), filler=True, mended=correction), length
     return Word(run[0].group(), Span(run[0].start(), run[0].end()), ()), 1
+
+
+def _longer_noun(texts: list[str], length: int, vocabulary: Vocabulary) -> bool:
+    """Whether a thing that begins at the second word goes on past the phrase that begins at the first."""
+    ends = (" ".join(texts[1:end]) for end in range(length + 1, len(texts) + 1))
+    return any(meaning.kind == "ASSET" for phrase in ends for meaning in vocabulary.meanings.get(phrase, ()))
 
 
 MAX_WORDS_TO_NOUN = 8

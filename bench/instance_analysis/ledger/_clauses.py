@@ -39,7 +39,9 @@ def clauses_of(text: str, items: Sequence[Phrase | Word]) -> list[Clause]:
 
     def close() -> None:
         if run:
-            clauses.append(Clause(Span(run[0].span.start, run[-1].span.end), sentence, tuple(run)))
+            # A phrase goes on past words that it does not know, which come after it in the run.
+            ends = max(item.span.end for item in run)
+            clauses.append(Clause(Span(run[0].span.start, ends), sentence, tuple(run)))
             run.clear()
 
     for item in items:

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import bisect
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from .._draft import Draft
+from .._draft import Draft, dotted
 from ..language._phrases import Part, Phrase, Quantity
 from ..language._tokens import Span
 from ._clauses import Clause
@@ -31,6 +31,19 @@ TRACED_KINDS = frozenset(["COUNT", "SPEED", "PERCENT", "LENGTH"])
 UNTRACED_RULES = frozenset(["place", "stretch", "area", "extent", "loop", "between", "density", "group"])
 """Rules whose numbers are combined to others: corners, routes, members of an area."""
 
+UNKNOWN_WORD = "unknown word"
+BARE_VALUES = frozenset(["altitude", "speed", "limit", "radius", "field"])
+"""Phrases whose value goes to what was spoken of before, or to a word that names many things (`before`, `radius`)."""
+_OF_THE_FLIGHT = re.compile(
+    r"(?:mission|intelligence|seeds|rules\.report_deadline_s)\b|actors\[.*\]\.motion\.radius_m"
+)
+_CLAIM = re.compile(
+    r"""\b(?:drone|uav|uas|rpas|aircraft|quad\w*|copter|mission|flight|fl(?:y|ies|ying|ew|own)|search\w*|cruis\w+|altitude|height
+    |speed|limit|battery|charge|reserve|camera|gps|gnss|ceiling|floor|report\w*|intel\w*|sighting|tip|information|deliver\w*
+    |confidence|seen|spotted|uncertain\w*|accura\w+|error|latency|agl|deadline|duration)\b""",
+    re.IGNORECASE | re.VERBOSE,
+)
+"""Words that say whose a value is."""
 MAX_NAMED_WORDS = 6
 """Words that a choice names at most, so that it stays one line. Chosen."""
 
@@ -87,7 +100,31 @@ class Ledger:
             longer = marked(len(self._text), [word.span for word in unread if " " in word.text])
             single = [word for word in unread if " " in word.text or not longer[word.span.start]]
             entries += self._entries(index, single)
-        return entries
+        return [*entries, *self._unclaimed(draft, gone)]
+
+    def _unclaimed(self, draft: Draft, gone: bytearray) -> Iterator[LedgerEntry]:
+        """Bare values in clauses with unread words: whose they are is in those words, so they set nothing."""
+        strange = {(item.start, item.end) for item in draft.not_understood if item.why == UNKNOWN_WORD}
+        for clause in self._clauses:
+            unread = [item for item in clause.items if (item.span.start, item.span.end) in strange]
+            quote = self._text[clause.span.start : clause.span.end]
+            if not unread or _CLAIM.search(quote):
+                continue
+            for item in clause.items:
+                bare = (
+                    isinstance(item, Phrase) and item.rule in BARE_VALUES and not item.has("FLY", "DELIVERY")
+                )
+                paths = [dotted(path) for path, _, span in draft.statements if _within(span, item.span)]
+                counted = isinstance(item, Phrase) and item.has("COUNT")
+                sets = any(
+                    _OF_THE_FLIGHT.match(path) or (counted and path.startswith("rules.")) for path in paths
+                )
+                if bare and sets and not any(gone[item.span.start : item.span.end]):
+                    words = tuple(
+                        LoadedWord(Load.STRANGER, self._text[word.span.start : word.span.end], word.span)
+                        for word in unread[:MAX_NAMED_WORDS]
+                    )
+                    yield LedgerEntry(item.span, words, left_out=True)
 
     def read_characters(self, draft: Draft) -> bytearray:
         """For each character, whether it belongs to a word that somebody has read with effect."""
@@ -143,6 +180,8 @@ class Ledger:
         if word.load is Load.ALTERNATIVE:
             begins = self._text[clause.span.start : word.span.start].strip() == ""
             return sentence[at - 1].span.joined(clause.span) if begins and at else clause.span
+        if word.load in (Load.SUBORDINATE, Load.ASIDE):
+            return clause.span
         if word.load is not Load.CONDITION:
             # `a second report, priority 2`: what follows a subject that is not read is said of it.
             ordinal = word.text.lower().startswith(("a ", "the "))

@@ -19,13 +19,18 @@ class Load(StrEnum):
     NEGATION = "it denies or forbids something"
     CONDITION = "it is a condition, and no rule of the SimSpec is read from it"
     SHARE = "it speaks of some members of a group"
+    ASIDE = "it speaks of another occasion, or to somebody"
+    SUBORDINATE = "it tells something more of what is known, and no statement is read from it"
     ALTERNATIVE = "it leaves open which of several things holds"
     BOUND = "it is a bound, and only the number is read"
     QUANTIFIER = "it says for how many something holds"
+    STRANGER = "it is not known, and may say whose the value is"
     NUMBER = "the number belongs to nothing that is read here"
 
 
-LEFT_OUT = frozenset([Load.NEGATION, Load.CONDITION, Load.SHARE, Load.ALTERNATIVE])
+LEFT_OUT = frozenset(
+    [Load.NEGATION, Load.CONDITION, Load.SHARE, Load.ALTERNATIVE, Load.ASIDE, Load.SUBORDINATE]
+)
 """What would turn the meaning of the rest around: the clause is left out. With the others it is kept."""
 
 
@@ -57,7 +62,11 @@ _WORDS: dict[Load, str] = {
         |each|either|both)\s+(?:of|among)\s+{_MEMBERS}|(?:of|among)\s+(?:which|whom)|(?:^|(?<=[.,;:]\s))of\s+(?:the|these|those)(?=\s+(?:{_COUNT}))
         |(?:{_COUNT})(?=\s+(?:is|are|was|were|has|have)\b)
         |half|halves|thirds?|quarters?|fifths?|tenths?|majority|most|respectively|twice|thrice|double|triple|as\s+(?:many|few)
-        |a\s+(?:second|third)(?=\s+[a-z])|the\s+(?:others?|rest(?!:)|remaining|remainder|former|latter|last|first|second|fourth)|others|alternat\w+|includ\w+""",
+        |a\s+(?:second|third)(?=\s+[a-z])|the\s+(?:others?(?!\s+side\b)|rest(?!:)|remaining|remainder|former|latter|last|first|second|fourth)|others|alternat\w+|includ\w+""",
+    Load.ASIDE: r"""(?:last|next|another|previous|earlier)\s+(?:time|year|month|week|night|run|flight|sortie|mission|exercise)
+        |the\s+(?:day|week|year)\s+before|yesterday|previously|formerly|back\s+then|in\s+the\s+past|used\s+to
+        |(?:say\s+)?(?:hello|hi)\s+to|greet\w*\s+(?:the|to|from)|regards\s+to|give\s+my|love\s+to|thank\w*\s+to""",
+    Load.SUBORDINATE: r"(?<!\bfrom\s)where(?=\s+(?:the|these|those|they)\b(?!\s+\w+\s+(?:was|were|is|are|been)\s+(?:last\s+)?(?:seen|spotted|sighted)))",
     Load.ALTERNATIVE: r"or|either|and/or|alternatively|versus|vs",
     Load.BOUND: rf"""at\s+least|at\s+most|(?:more|less|fewer|lower|higher|closer|nearer|farther|further)\s+than|up\s+to
         |(?:over|under|above|below|beyond|within)(?=\s+(?:{_COUNT}|an?\s+(?:hundred|dozen|minute|hour|kilomet)))
@@ -70,11 +79,23 @@ _PATTERNS = {
 } | {Load.NUMBER: re.compile(rf"{_COUNT}|\b(?:hundred|thousand|dozen|couple|pair|zero)\b", re.IGNORECASE)}
 
 
+_WHILE_OF_A_RULE = re.compile(
+    rf"\b(?:not|never|no|cannot|\w+n['’]t|forbidden|prohibited|only)\b[^.;!?\n]*?\b(while|whilst)\b"
+    rf"(?=\s+(?:the\s+)?(?:{_COUNT}|an?\b|some|several))",
+    re.IGNORECASE,
+)
+"""`while a person is near` after something forbidden is a condition, and places nobody."""
+
+
 def loaded_words(text: str) -> list[LoadedWord]:
     """Every loaded word of a text, in order. One place may carry several loads."""
     words = [
         LoadedWord(load, match.group(), Span(*match.span()))
         for load, pattern in _PATTERNS.items()
         for match in pattern.finditer(text)
+    ]
+    words += [
+        LoadedWord(Load.CONDITION, match.group(1), Span(*match.span(1)))
+        for match in _WHILE_OF_A_RULE.finditer(text)
     ]
     return sorted(words, key=lambda word: word.span.start)

@@ -36,6 +36,17 @@ INSIGNIFICANT_KINDS = frozenset(
 )
 
 
+_AGE = re.compile(r"[\s-]*(?:years?|yrs?|months?|y/?o|already|o['’]clock)\b", re.IGNORECASE)
+"""What makes the number before it an age or an hour."""
+_NUMBER_ALONE = re.compile(r"\s*(?:$|[.,;:)\n]|x\b|in number\b|in all\b)", re.IGNORECASE)
+_PAUSE = re.compile(r"[,:(]\s*(?:about |only |just |say |let us say )?$", re.IGNORECASE)
+"""What stands between a noun and its number where the number is added to what is said of them."""
+_SAYS_HOW_MANY = re.compile(
+    r"\b(?:there (?:are|were|is|was|will be)|(?:are|were) there|of (?:which|whom|them)(?: there)? (?:are|is|were|was)"
+    r"|number(?:ing| of)|totall?ing|count(?:s|ed|ing)?|how many|in number)[\s:=]*(?:about |only |just |exactly )*$",
+    re.IGNORECASE,
+)
+"""What makes the number after it a number of members."""
 RELATIONS_TO_IT = frozenset(["near", "exact", "within", "atleast", "bearing"])
 """Relations to what `it` is, which may be a road."""
 GROUP_RULES = RelationReader.RULES | TraitReader.RULES | RoadReader.RULES | {"loop"}
@@ -423,6 +434,8 @@ class TextReader:
         spoken_of = (self.groups.in_sentence or of_them) and len(self.groups.subject) == 1
         if not isinstance(count, Quantity) or not spoken_of or self.topic in ("road", "home"):
             return False
+        if not of_them and not self._counts_the_subject(word.span):
+            return False
         start = before.span if isinstance(before, Phrase) and before.rule == "group" else word.span
         if not self.groups.count_later(self.groups.subject[0], count, start.joined(word.span)):
             return False
@@ -436,6 +449,31 @@ class TextReader:
         start_at = preceding.start() if preceding else word.span.start
         self.draft.used_words.append(Span(start_at, word.span.end + (of_them.end() if of_them else 0)))
         return True
+
+    def _counts_the_subject(self, number: Span) -> bool:
+        """Whether a number after a noun says how many there are: `soldiers: 4`, `there are two`, `trucks, 2 of them`.
+
+        `House number 12`, `the girl is six`, `she has 9 years` name, age and measure: only a plural is counted,
+        and nothing but a stop mark may stand between it and its number, or the words that say that it counts.
+        """
+        group = self.groups.subject[0]
+        text = self.draft.text
+        if _AGE.match(text, number.end):
+            return False
+        if _SAYS_HOW_MANY.search(text[: number.start]):
+            return True
+        entry = self.draft.entries.get(("actors", group, "id"))
+        if entry is None or entry.span is None:
+            return False
+        between = text[entry.span.end : number.start]
+        if group not in self.groups.plural:
+            # `truck: 2`, and `radar 1`, which is no name of it.
+            return between.strip(" :=x") == "" and (":" in between or text[number.start : number.end] == "1")
+        alone = _NUMBER_ALONE.match(text, number.end) is not None
+        which_are = self.groups.kinds[group] not in PERSONS and re.search(r"\bwhich are $", between)
+        return between.strip(" ,:(=x-\t\n") == "" or (
+            alone and (_PAUSE.search(between) or which_are) is not None
+        )
 
     def _word(self, word: Word) -> None:
         kinds = {meaning.kind for meaning in word.meanings}

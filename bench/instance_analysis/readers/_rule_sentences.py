@@ -36,7 +36,9 @@ TOO_HIGH, TOO_LOW = (
     re.compile(r"\b(?:below|under|lower|descend)\b"),
 )
 UPPER = re.compile(r"\b(?:below|under|maximum|max|ceiling|at most|up to|limited)\b")
-LOWER = re.compile(r"\b(?:above|minimum|min|at least|floor)\b")
+LOWER = re.compile(
+    r"\b(?:above(?!\s+(?:the\s+)?(?:home|launch|ground|start|take-?off|sea|mean|point|its))|minimum|min|at least|floor)\b"
+)
 LINK = re.compile(r"\b(?:link|contact|connection|comms|communications?|datalink|c2|signal)\b")
 LOST = re.compile(r"\b(?:lost|loss|lose|loses|down|drops?|fails?|gone|interrupted|breaks?|out)\b")
 WHEN = re.compile(r"\b(?:if|when|whenever|on|in case|after|upon|should|once)\b")

@@ -1,0 +1,165 @@
+"""Whose a number is: no number, clause or word of a text becomes a field that its own clause does not state."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import pytest
+
+from bench.instance_analysis import BaseSimSpec, load_vocabulary, read_prose
+
+VOCABULARY = load_vocabulary()
+
+
+def values(result: BaseSimSpec) -> dict[str, Any]:
+    return {receipt.path: receipt.value for receipt in result.receipts}
+
+
+def listed(result: BaseSimSpec) -> str:
+    """What is listed or left open, as one text."""
+    unread = [passage.quote for passage in (*result.not_understood, *result.not_expressible)]
+    return " | ".join([*unread, *(choice.quote for choice in result.choices)])
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [
+        ("A shed. Meet us at house number 14.", "14"),
+        ("A radar. Turn left at house no. 31.", "31"),
+        ("The boy who ran away is nine. A truck.", "nine"),
+        ("A truck. The missing child, who wears red, was eight.", "eight"),
+        ("One girl is missing, she has 7 years. A truck.", "7"),
+        ("A truck. A boy is missing; he has 11 years.", "11"),
+        ("A truck and two kids. Is not Jim already 13 now.", "13"),
+        ("A radar. Our neighbour is 2nd Company.", "2nd"),
+        ("A radar. The driver belongs to 14th Brigade.", "14th"),
+    ],
+)
+def test_a_name_an_age_and_an_ordinal_count_nobody(text: str, number: str) -> None:
+    """Such a number is the count of no group, and is listed."""
+    result = read_prose(text, VOCABULARY)
+    worded = {"seven": 7, "eight": 8, "nine": 9}
+    figure = worded.get(number) or int(re.sub(r"\D", "", number))
+    counts = [value for path, value in values(result).items() if path.endswith(".count")]
+    assert figure not in counts
+    assert number in listed(result)
+
+
+@pytest.mark.parametrize(
+    ("text", "path", "count"),
+    [
+        ("A radar. Soldiers: 4.", "actors[soldier].count", 4),
+        ("Trucks, 3, on the road.", "actors[truck].count", 3),
+        ("Near a shed stand civilians, nine in number.", "actors[civilian].count", 9),
+        ("There are houses here, of which there are 6.", "actors[house].count", 6),
+    ],
+)
+def test_a_number_that_says_how_many_is_a_count(text: str, path: str, count: int) -> None:
+    """After a plural and a stop mark, or after words that count."""
+    assert values(read_prose(text, VOCABULARY))[path] == count
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Last time we flew at 90 m.",
+        "On the previous flight it flew at 45 m.",
+        "Yesterday the drone searched at 75 m and 7 m/s.",
+        "Spend no more than 15 seconds at a stretch over any person.",
+        "To linger is wrong: at most 20 s, Peter said, over a pedestrian.",
+        "The gardening seed shall be 43.",
+        "Zebra crossing, at 6 m/s.",
+    ],
+)
+def test_a_value_without_a_subject_is_left_out(text: str) -> None:
+    """A value of another occasion, of persons' time, or among unknown words sets no field, and is visible."""
+    before, result = (
+        read_prose("A drone. A truck.", VOCABULARY),
+        read_prose(f"A drone. A truck. {text}", VOCABULARY),
+    )
+    different = {path for path, value in values(result).items() if values(before).get(path) != value}
+    assert {path for path in different if path.startswith(("mission", "seeds", "intelligence"))} == set()
+    assert not result.certain
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "The vehicle shall not mark a target while a bystander is within 90 m of it.",
+        "No flight goes over the yard while a pedestrian is within 40 m.",
+        "It must not shine its lamp while some civilians are near the truck.",
+    ],
+)
+def test_a_condition_of_a_rule_places_nobody(text: str) -> None:
+    """What is said of the time in which something is forbidden is no group."""
+    result = read_prose(f"A truck. {text}", VOCABULARY)
+    assert {actor.role for actor in result.simspec.actors} == {"adversary"}
+    assert not result.certain or result.simspec.rules.no_mark_within_m is not None
+
+
+@pytest.mark.parametrize("clause", ["where the cars drive", "where these cars walk about"])
+def test_where_somebody_drives_sets_no_motion(clause: str) -> None:
+    """A clause that tells which place is meant is no statement about its subject."""
+    result = read_prose(f"Three cars. A soldier beside the road {clause}.", VOCABULARY)
+    assert values(result).get("actors[car].motion.kind", "still") == "still"
+    assert clause in listed(result)
+
+
+@pytest.mark.parametrize(
+    "text", ["Say hello to the kids.", "Kind regards to the soldiers.", "Greetings to the children."]
+)
+def test_who_is_greeted_is_not_in_the_scene(text: str) -> None:
+    """A greeting places nobody."""
+    assert [actor.asset for actor in read_prose(f"A tree. {text}", VOCABULARY).simspec.actors] == ["tree"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "A radar. Quick chat before our lunch at 12, with error bars of 4 m.",
+        "Slow wandering error has a standard deviation of 4 m. The GPS zigzags, error of my 3 m.",
+    ],
+)
+def test_every_number_lies_in_a_clause_that_is_shown(text: str) -> None:
+    """No clause ends before the last word that belongs to it."""
+    result = read_prose(text, VOCABULARY)
+    for number in re.finditer(r"\d+", text):
+        assert any(clause.start <= number.start() < clause.end for clause in result.clauses), number.group()
+
+
+@pytest.mark.parametrize(
+    ("text", "kinds"),
+    [
+        ("One enemy radar vehicle.", {"radar": 1}),
+        ("A hostile radar vehicle and a shed.", {"radar": 1, "shed": 1}),
+        ("One enemy mobile radar.", {"radar": 1}),
+        ("A truck of the other side.", {"truck": 1}),
+    ],
+)
+def test_an_adjective_leaves_a_name_of_two_words_whole(text: str, kinds: dict[str, int]) -> None:
+    """`enemy` before a thing of two words is no thing of its own."""
+    result = read_prose(text, VOCABULARY)
+    assert {actor.id: actor.count for actor in result.simspec.actors} == kinds
+    assert result.certain
+
+
+@pytest.mark.parametrize(
+    ("text", "height_m"),
+    [("Fly at 80 m above home.", 80.0), ("The mission height shall be 75 m above the start.", 75.0)],
+)
+def test_a_height_above_home_is_the_height_of_the_mission(text: str, height_m: float) -> None:
+    """It is no lowest height."""
+    result = read_prose(text, VOCABULARY)
+    assert result.simspec.mission.altitude_m == height_m
+    assert result.simspec.rules.min_altitude_m is None or result.simspec.rules.min_altitude_m == 0.0
+
+
+@pytest.mark.parametrize(
+    "text", ["A street 7 m wide. Five houses line it.", "A road. Five sheds line the road."]
+)
+def test_what_lines_a_road_stands_beside_it(text: str) -> None:
+    """The verb is read, and no house stands on the road."""
+    [actor] = read_prose(text, VOCABULARY).simspec.actors
+    assert actor.placement.along is not None
+    assert actor.placement.along.where == "beside"
