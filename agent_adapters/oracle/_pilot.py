@@ -174,7 +174,8 @@ class OraclePilot(Pilot):
         super()._aim_along(walk, speed_mps, facing)
         velocity, aim, space = self._vehicle.poses.velocity_en_mps, self._vehicle.setpoint, self.airspace
         coast = self.place[0] + COAST_S * velocity[0], self.place[1] + COAST_S * velocity[1]
-        if aim is None or space.allows(coast):
+        # In a closed area, where a failsafe may have flown it, the way out is the path's: a push could hold it there.
+        if aim is None or space.allows(coast) or not space.allows(self.place):
             return
         allowed = space.nearest(coast)
         self._vehicle.setpoint = replace(
