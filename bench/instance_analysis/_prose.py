@@ -21,7 +21,7 @@ from .ledger._clauses import Clause, clauses_of, is_stop
 from .ledger._ledger import Ledger, LedgerEntry, marked
 from .ledger._loaded_words import loaded_words
 from .readers._reader import TextReader
-from .readers._rule_sentences import rule_of
+from .readers._rule_sentences import parts_of_a_rule, rule_of, without_exceptions
 
 MAX_CHARACTERS = 20_000
 MAX_SINGLE_CUTS = 40
@@ -68,17 +68,31 @@ class Reading:
 
     def _with_rules(self, items: list[Phrase | Word]) -> list[Phrase | Word]:
         """The items, with each sentence that is one rule as one phrase."""
+        text = without_exceptions(self.text)
         stops = [item.span.start for item in items if is_stop(item)]
         begins = [0, *(stop + 1 for stop in stops)]
         for begin, end in zip(begins, [*stops, len(self.text)], strict=True):
-            inside = [item for item in items if begin <= item.span.start < end]
-            words = [word for word in self.words if begin <= word.span.start < end]
-            known = {item.rule for item in inside if isinstance(item, Phrase)} & RULE_PHRASES
-            rule = rule_of(words, self.text, self.vocabulary)
-            if rule is not None and known <= {rule.rule}:
-                at = items.index(inside[0])
-                items = [*items[:at], rule, *items[at + len(inside) :]]
+            stretches = [(begin, end)]
+            rules = self._rules_in(items, stretches, text, text[begin:end])
+            # `never above 80 m, and not below 30 m` is two rules.
+            rules = rules or self._rules_in(items, parts_of_a_rule(text, begin, end), text, text[begin:end])
+            items = _replaced(items, rules)
         return items
+
+    def _rules_in(
+        self, items: Sequence[Phrase | Word], stretches: Sequence[tuple[int, int]], text: str, context: str
+    ) -> list[Phrase]:
+        """The rules that stretches of a sentence are."""
+        rules: list[Phrase] = []
+        for begin, end in stretches:
+            words = [word for word in self.words if begin <= word.span.start < end]
+            inside = [item for item in items if item.span.start < end and begin < item.span.end]
+            known = {item.rule for item in inside if isinstance(item, Phrase)} & RULE_PHRASES
+            rule = rule_of(words, text, self.vocabulary, context)
+            plain = text[begin:end] == self.text[begin:end]
+            if rule is not None and known <= {rule.rule} and (plain or rule.rule == "field"):
+                rules.append(rule)
+        return rules
 
     @property
     def corrected(self) -> dict[str, str]:
@@ -200,8 +214,20 @@ class Reading:
                 raise
             if len(self.cuts) > MAX_SINGLE_CUTS:
                 return [Cut(clause.span, str(fault)) for clause in self._clauses_that_set(draft, "")]
-            return [Cut(candidates[0].span, "; ".join(map(str, error.faults)))]
+            why = "; ".join(map(str, error.faults))
+            return [Cut(clause.span, why) for clause in [candidates[0], *self._twins(candidates[0])]]
         return []
+
+    def _twins(self, clause: Clause) -> list[Clause]:
+        """The other clauses with the same words: what is wrong in one is wrong in all."""
+        words = self.text[clause.span.start : clause.span.end]
+        return [
+            other
+            for other in self.clauses
+            if other is not clause
+            and self.text[other.span.start : other.span.end] == words
+            and not self._is_cut(other.span)
+        ]
 
     def _clauses_that_set(self, draft: Draft, where: str) -> list[Clause]:
         """The clauses that set fields; first those of the field at fault, from the last to the first."""
@@ -229,6 +255,27 @@ class Reading:
                 )
             ),
         )
+
+
+def _replaced(items: list[Phrase | Word], rules: Sequence[Phrase]) -> list[Phrase | Word]:
+    """The items with rules in the place of what they are made of; as they were where a rule would divide a phrase."""
+    if not rules:
+        return items
+    covered = [
+        item
+        for item in items
+        if any(rule.span.start < item.span.end and item.span.start < rule.span.end for rule in rules)
+    ]
+    within = [
+        any(rule.span.start <= at < rule.span.end for rule in rules)
+        for item in covered
+        for at in (item.span.start, item.span.end - 1)
+    ]
+    if not all(within):
+        return items
+    gone = {id(item) for item in covered}
+    kept = [item for item in items if id(item) not in gone]
+    return sorted([*kept, *rules], key=lambda item: item.span.start)
 
 
 def _key(choice: Choice) -> ChoiceKey:

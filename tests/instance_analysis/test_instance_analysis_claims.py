@@ -163,3 +163,64 @@ def test_what_lines_a_road_stands_beside_it(text: str) -> None:
     [actor] = read_prose(text, VOCABULARY).simspec.actors
     assert actor.placement.along is not None
     assert actor.placement.along.where == "beside"
+
+
+@pytest.mark.parametrize(
+    ("text", "rules"),
+    [
+        (
+            "The drone may not fly above 85 m, and it must not be under 20 m either, apart from take-off and landing.",
+            (85.0, 20.0),
+        ),
+        ("It shall never fly higher than 95 m nor lower than 35 m above home.", (95.0, 35.0)),
+        ("Never fly below 45 m except start and landing, never above 100 m.", (100.0, 45.0)),
+    ],
+)
+def test_rules_that_go_on_are_read_one_by_one(text: str, rules: tuple[float, float]) -> None:
+    """After `and`, `nor` and a comma, and with the exception that every lowest height has."""
+    result = read_prose(f"A radar. {text}", VOCABULARY)
+    assert (result.simspec.rules.max_altitude_m, result.simspec.rules.min_altitude_m) == rules
+    assert result.certain
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "The vehicle shall not mark a target while a bystander is within 65 m of it.",
+        "The UAV must not mark a truck if a person is closer than 65 m.",
+    ],
+)
+def test_a_rule_is_read_wherever_it_stands(text: str) -> None:
+    """Also behind other sentences, which give `it` something to mean."""
+    for before in ("", "A radar. ", "A house and a truck. Light rain. "):
+        assert read_prose(before + text, VOCABULARY).simspec.rules.no_mark_within_m == 65.0
+
+
+@pytest.mark.parametrize(
+    ("text", "path", "value"),
+    [
+        ("The operator link shall be down from 110 s to 150 s.", "outages[0].duration_s", 40.0),
+        ("At 70 s the radio to the operator is out for 20 s.", "outages[0].at_s", 70.0),
+        (
+            "A truck. A report on the truck reaches the UAV at t=95 s.",
+            "intelligence[truck-sighting].delivered_s",
+            95.0,
+        ),
+        (
+            "A truck. The report on it is good to a radius of 130 m.",
+            "intelligence[truck-sighting].uncertainty_m",
+            130.0,
+        ),
+        ("Mission ends t=410 s.", "mission.time_limit_s", 410.0),
+        ("GPS jammed after 90 s for 20 s.", "vehicle.failures[0].at_s", 90.0),
+    ],
+)
+def test_a_time_of_the_mission_is_no_condition(text: str, path: str, value: float) -> None:
+    """`after 90 s` tells when, and events have plain words."""
+    assert values(read_prose(text, VOCABULARY))[path] == value
+
+
+def test_one_fault_in_many_clauses_is_left_out_at_once() -> None:
+    """The readings of a text do not grow with the number of times that it says the same impossible thing."""
+    result = read_prose("Fog level 12. " * 300, VOCABULARY)
+    assert len(result.not_understood) == 300

@@ -47,6 +47,8 @@ _ONES = "one|two|three|four|five|six|seven|eight|nine"
 _TEENS = "ten|eleven|twelve|thirteen|fourteen|fifteen|sixteen|seventeen|eighteen|nineteen"
 _TENS = "twenty|thirty|forty|fifty|sixty|seventy|eighty|ninety"
 _COUNT = rf"(?<![A-Za-z_])\d+(?:[.,:]\d+)*|\b(?:(?:{_TENS})(?:[-\s](?:{_ONES}))?|{_TEENS}|{_ONES})\b"
+_MOMENT = rf"\s+(?:(?:t\s*[=+]\s*)?(?:{_COUNT})\s*-?(?:s|sec|secs|seconds?|min|minutes?)\b|(?:minute|second)\s+(?:{_COUNT})|t\s*=|(?:the\s+)?(?:start|launch|take-?off)\b(?!\s+of))"
+"""A time of the mission, which is no condition."""
 _MEMBERS = r"(?:the|these|those|them|which|whom|us|its|their|our|his|her)\b"
 _WORDS: dict[Load, str] = {
     Load.NEGATION: r"""no|not|nor|never|none|neither|without|nobody|nothing|nowhere|cannot|\w+n['’]t|no-one|nil
@@ -54,14 +56,14 @@ _WORDS: dict[Load, str] = {
         |except|excluding|excludes?|instead|rather|other\s+than|apart\s+from|all\s+but
         |forbid\w*|forbade|prohibit\w*|disallow\w*|ban|banned|avoid\w*|refrain\w*|withhold\w*|withheld|off-limits
         |disregard\w*|ignor\w*|cancel\w*|correction|sorry|scratch\s+that|i\s+mean|hardly|barely|outside""",
-    Load.CONDITION: rf"""if|when|whenever|unless|until(?!\s+then)|till|once|provided|in\s+case|in\s+the\s+event|upon
-        |after|before|whil(?:e|st)(?!\s+(?:the\s+)?(?:{_COUNT}|an?\b|some|several))|as\s+soon\s+as|as\s+long\s+as
+    Load.CONDITION: rf"""if|when|whenever|unless|until(?!\s+then|{_MOMENT})|till(?!{_MOMENT})|once|provided|in\s+case|in\s+the\s+event|upon
+        |after(?!{_MOMENT})|before(?!{_MOMENT})|whil(?:e|st)(?!\s+(?:the\s+)?(?:{_COUNT}|an?\b|some|several))|as\s+soon\s+as|as\s+long\s+as
         |(?<=,\s)otherwise|depending|assuming|whether|by\s+the\s+time
         |should(?=\s+(?:the|an?|any|it|there|someone|somebody)\b)""",
     Load.SHARE: rf"""(?:{_COUNT}|some|most|many|few|several|any|the\s+rest|majority|a\s+couple|a\s+few
         |each|either|both)\s+(?:of|among)\s+{_MEMBERS}|(?:of|among)\s+(?:which|whom)|(?:^|(?<=[.,;:]\s))of\s+(?:the|these|those)(?=\s+(?:{_COUNT}))
         |(?:{_COUNT})(?=\s+(?:is|are|was|were|has|have)\b)
-        |half|halves|thirds?|quarters?|fifths?|tenths?|majority|most|respectively|twice|thrice|double|triple|as\s+(?:many|few)
+        |half|halves|thirds?|quarters?|fifths?|tenths?|majority|(?<!at\s)(?<!\sthe\s)most|respectively|twice|thrice|double|triple|as\s+(?:many|few)
         |a\s+(?:second|third)(?=\s+[a-z])|the\s+(?:others?(?!\s+side\b)|rest(?!:)|remaining|remainder|former|latter|last|first|second|fourth)|others|alternat\w+|includ\w+""",
     Load.ASIDE: r"""(?:last|next|another|previous|earlier)\s+(?:time|year|month|week|night|run|flight|sortie|mission|exercise)
         |the\s+(?:day|week|year)\s+before|yesterday|previously|formerly|back\s+then|in\s+the\s+past|used\s+to

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bench.simspec import Role
 
@@ -20,7 +20,7 @@ from ..language._vocabulary import FieldWords, Vocabulary
 from ..ledger._loaded_words import Load, loaded_words
 
 DENIAL = re.compile(
-    r"\b(?:not|no|never|nothing|nobody|cannot|\w+n['’]t|forbidden|forbids?|prohibited|withh\w+|refrain\w*|avoid|hold)\b"
+    r"\b(?:not|no|nor|never|nothing|nobody|cannot|\w+n['’]t|forbidden|forbids?|prohibited|withh\w+|refrain\w*|avoid|hold)\b"
 )
 MARKING = re.compile(r"\b(?:mark(?:ed|ing|s)?|designat\w+)\b")
 ONLY = re.compile(r"\bonly\b")
@@ -68,6 +68,8 @@ class RuleSentence:
     persons: bool
     things: bool
     """Whether it speaks of anything but bystanders and targets."""
+    context: str
+    """The whole sentence, which may name the drone before its second rule."""
 
     def says(self, *patterns: re.Pattern[str]) -> bool:
         return all(pattern.search(self.text) for pattern in patterns)
@@ -77,9 +79,35 @@ class RuleSentence:
         return sorted(part.kind for part in self.quantities) == sorted(kinds)
 
 
-def rule_of(words: Sequence[Word], text: str, vocabulary: Vocabulary) -> Phrase | None:
-    """The rule that a sentence is, as a phrase over all of it; None for any other sentence."""
-    sentence = _sentence(words, text, vocabulary)
+_EXCEPTION = re.compile(
+    r"(?:,?\s*(?:except|apart\s+from|excluding|other\s+than)[^,.;:!?]{0,20}\b(?:take-?off|start)\s+(?:and|or)\s+(?:the\s+)?landing)"
+    r"|\s+either(?=\s*(?:$|[,.;]))",
+    re.IGNORECASE,
+)
+"""What a lowest height always excepts, and a word that repeats a denial."""
+_JOINT = re.compile(r"[,;]\s*(?:(?:and|but)\s+)?|\s+(?:and|but)\s+|\s+(?=nor\s)", re.IGNORECASE)
+
+
+def without_exceptions(text: str) -> str:
+    """A text of the same length in which no take-off and landing are excepted."""
+    return _EXCEPTION.sub(lambda match: " " * len(match.group()), text)
+
+
+def parts_of_a_rule(text: str, begin: int, end: int) -> list[tuple[int, int]]:
+    """The stretches of a sentence between its joints; none where a condition may reach over several of them."""
+    joints = list(_JOINT.finditer(text, begin, end))
+    if not joints or any(word.load is Load.CONDITION for word in loaded_words(text[begin:end])):
+        return []
+    starts = [begin, *(joint.end() for joint in joints)]
+    return list(zip(starts, [*(joint.start() for joint in joints), end], strict=True))
+
+
+def rule_of(words: Sequence[Word], text: str, vocabulary: Vocabulary, context: str = "") -> Phrase | None:
+    """The rule that a sentence is, as a phrase over all of it; None for any other sentence.
+
+    `context` is the whole sentence where the words are a part of it.
+    """
+    sentence = _sentence(words, text, vocabulary, context)
     if sentence is None or not _is_accounted_for(sentence, text):
         return None
     readers = (_no_mark, _standoff, _link_lost, _height, _speed, _deadline, _silence)
@@ -109,7 +137,7 @@ def _is_accounted_for(sentence: RuleSentence, text: str) -> bool:
     conditions = [word.span for word in words if word.load is Load.CONDITION]
     return all(_is_a_situation(sentence.text[span.start :]) for span in conditions) and all(
         any(
-            part.span.start <= word.span.start and word.span.end <= part.span.end
+            part.span.start <= begin + word.span.start and begin + word.span.end <= part.span.end
             for part in sentence.quantities
         )
         for word in words
@@ -125,7 +153,7 @@ def _is_a_situation(condition: str) -> bool:
     )
 
 
-def _sentence(words: Sequence[Word], text: str, vocabulary: Vocabulary) -> RuleSentence | None:
+def _sentence(words: Sequence[Word], text: str, vocabulary: Vocabulary, context: str) -> RuleSentence | None:
     quantities: list[Part] = []
     persons = things = False
     for word in words:
@@ -154,7 +182,7 @@ def _sentence(words: Sequence[Word], text: str, vocabulary: Vocabulary) -> RuleS
         persons
         or re.search(r"\b(?:anyone|anybody|someone|somebody|everyone|everybody|humans?)\b", lower) is not None
     )
-    return RuleSentence(lower, span, tuple(quantities), persons, things)
+    return RuleSentence(lower, span, tuple(quantities), persons, things, context.lower() or lower)
 
 
 RuleParts = tuple[str | Part, ...] | None
@@ -201,11 +229,19 @@ def _field(path: str, kind: str, sentence: RuleSentence) -> RuleParts:
     return ("field", Part("FIELD", (words,), sentence.span))
 
 
+_ABOVE_HOME = re.compile(
+    r"\babove\s+(?:the\s+)?(?:home|launch|ground|start|take-?off|sea|mean|point)\b(?:\s+(?:point|level|sea\s+level))?"
+)
+"""What a height is measured from."""
+
+
 def _height(sentence: RuleSentence) -> RuleParts:
+    sentence = replace(sentence, text=_ABOVE_HOME.sub(" ", sentence.text))
     if not sentence.only("LENGTH") or sentence.persons or sentence.things or not sentence.says(VERTICAL):
         return None
     if not (
-        _speaks_of_the_drone(sentence) or re.search(r"\b(?:altitude|height|agl|fly|flying)\b", sentence.text)
+        _speaks_of_the_drone(sentence)
+        or re.search(r"\b(?:altitude|height|agl|fly|flying)\b", sentence.context)
     ):
         return None
     high = sentence.says(DENIAL, TOO_HIGH) or (sentence.says(UPPER) and not sentence.says(DENIAL))
