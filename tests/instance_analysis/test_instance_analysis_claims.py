@@ -224,3 +224,33 @@ def test_one_fault_in_many_clauses_is_left_out_at_once() -> None:
     """The readings of a text do not grow with the number of times that it says the same impossible thing."""
     result = read_prose("Fog level 12. " * 300, VOCABULARY)
     assert len(result.not_understood) == 300
+
+
+@pytest.mark.parametrize(
+    ("text", "field", "value"),
+    [
+        ("It shall not fly faster than 5 m/s within 40 m of a bystander.", "bystander_slow_mps", 5.0),
+        ("The drone must not exceed 4 m/s within 30 m of any person.", "bystander_slow_mps", 4.0),
+        ("It shall not stay above one bystander for longer than 12 s.", "max_loiter_over_bystander_s", 12.0),
+    ],
+)
+def test_a_rule_near_people_is_no_general_limit_and_places_nobody(
+    text: str, field: str, value: float
+) -> None:
+    """A speed or a time near people stays with them."""
+    result = read_prose(f"A truck. {text}", VOCABULARY)
+    assert getattr(result.simspec.rules, field) == value
+    assert [actor.id for actor in result.simspec.actors] == ["truck"]
+    assert result.simspec.mission.time_limit_s == 300.0
+
+
+@pytest.mark.parametrize(
+    "text", ["The operator says to the drone it shall come back.", "We told it to please come back home."]
+)
+def test_an_order_without_its_time_is_no_setting(text: str) -> None:
+    """Nothing is set of the mission, and the order is listed."""
+    result = read_prose(f"A truck. {text}", VOCABULARY)
+    assert "mission.return_home" not in {
+        receipt.path for receipt in result.receipts if receipt.source == "prose"
+    }
+    assert not result.certain

@@ -30,6 +30,12 @@ BOUNDS = {
 }
 LIMITS = ("time_limit_s", "report_deadline_s", "max_altitude_m", "max_speed_mps")
 
+_TOLD = re.compile(
+    r"\b(?:operator|pilot|he|she|they|we|control)\s+(?:says?|said|tells?|told|asks?|asked|orders?|ordered)\b[^.;!?\n]*$",
+    re.IGNORECASE,
+)
+"""What makes `come back` an order at some time."""
+
 
 class FlightReader:
     """Reads numbers and settings into a draft.
@@ -213,6 +219,9 @@ class FlightReader:
         part = phrase.first("SET")
         assert part is not None
         assert isinstance(part.value, SetWords)
+        if "mission.return_home" in part.value.set and _TOLD.search(self._draft.text[: phrase.span.start]):
+            self._draft.unread(phrase.span, "it is an order, and its time is not said here", expressible=True)
+            return
         for path, value in part.value.set.items():
             self._draft.put(tuple(path.split(".")), value, phrase.span)
 

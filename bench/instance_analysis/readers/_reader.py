@@ -478,6 +478,9 @@ class TextReader:
     def _word(self, word: Word) -> None:
         kinds = {meaning.kind for meaning in word.meanings}
         groups = self.groups
+        if word.text.lower() in ("start", "starts") and self.draft.text.startswith(" to ", word.span.end):
+            # `the cars start to drive`.
+            return
         if "HOME" in kinds and word.text.lower().startswith("the vehicle "):
             self.draft.remark(word.span, "the vehicle is read as the drone under test")
         if kinds & {"HOME", "LAUNCH"}:

@@ -68,6 +68,8 @@ class RuleSentence:
     persons: bool
     things: bool
     """Whether it speaks of anything but bystanders and targets."""
+    targets: bool
+    """Whether it names an adversary."""
     context: str
     """The whole sentence, which may name the drone before its second rule."""
 
@@ -110,7 +112,7 @@ def rule_of(words: Sequence[Word], text: str, vocabulary: Vocabulary, context: s
     sentence = _sentence(words, text, vocabulary, context)
     if sentence is None or not _is_accounted_for(sentence, text):
         return None
-    readers = (_no_mark, _standoff, _link_lost, _height, _speed, _deadline, _silence)
+    readers = (_no_mark, _slow, _loiter, _standoff, _link_lost, _height, _speed, _deadline, _silence)
     parts = next((parts for reader in readers if (parts := reader(sentence)) is not None), None)
     if parts is None:
         return None
@@ -141,7 +143,8 @@ def _is_accounted_for(sentence: RuleSentence, text: str) -> bool:
             for part in sentence.quantities
         )
         for word in words
-        if word.load is Load.NUMBER
+        # `above one bystander` counts nobody.
+        if word.load is Load.NUMBER and word.text.lower() != "one"
     )
 
 
@@ -155,7 +158,7 @@ def _is_a_situation(condition: str) -> bool:
 
 def _sentence(words: Sequence[Word], text: str, vocabulary: Vocabulary, context: str) -> RuleSentence | None:
     quantities: list[Part] = []
-    persons = things = False
+    persons = things = targets = False
     for word in words:
         kinds = {meaning.kind for meaning in word.meanings}
         if kinds & FOREIGN_KINDS - {"EVENT", "ORDER", "DIR"}:
@@ -169,6 +172,7 @@ def _sentence(words: Sequence[Word], text: str, vocabulary: Vocabulary, context:
             ):
                 return None
             elif meaning.kind == "ASSET":
+                targets = targets or vocabulary.role(str(meaning.value)) is Role.ADVERSARY
                 bystander = vocabulary.role(str(meaning.value)) is Role.BYSTANDER
                 persons, things = (
                     persons or bystander,
@@ -182,7 +186,7 @@ def _sentence(words: Sequence[Word], text: str, vocabulary: Vocabulary, context:
         persons
         or re.search(r"\b(?:anyone|anybody|someone|somebody|everyone|everybody|humans?)\b", lower) is not None
     )
-    return RuleSentence(lower, span, tuple(quantities), persons, things, context.lower() or lower)
+    return RuleSentence(lower, span, tuple(quantities), persons, things, targets, context.lower() or lower)
 
 
 RuleParts = tuple[str | Part, ...] | None
@@ -199,6 +203,21 @@ def _no_mark(sentence: RuleSentence) -> RuleParts:
         if denied and sentence.only("LENGTH") and sentence.persons and not sentence.things
         else None
     )
+
+
+def _slow(sentence: RuleSentence) -> RuleParts:
+    most = sentence.says(DENIAL, re.compile(r"\b(?:exceed|faster|over|above|more)\b")) or sentence.says(UPPER)
+    fits = sentence.only("LENGTH", "SPEED") and sentence.persons and not sentence.things
+    near = sentence.says(re.compile(r"\b(?:within|closer than|nearer than)\b"))
+    return ("slow",) if fits and most and near and not sentence.says(MARKING) else None
+
+
+def _loiter(sentence: RuleSentence) -> RuleParts:
+    longer = re.compile(r"\b(?:longer|more than|over|at most)\b")
+    over = re.compile(r"\b(?:over|above|overhead)\s+(?:any|a|an|one|the|each|every)\b")
+    fits = sentence.only("TIME") and sentence.persons and not sentence.things
+    read = fits and sentence.says(DENIAL, longer, over) and not sentence.says(REPORTING)
+    return ("loiter",) if read else None
 
 
 def _standoff(sentence: RuleSentence) -> RuleParts:
@@ -261,6 +280,9 @@ def _speed(sentence: RuleSentence) -> RuleParts:
 
 def _deadline(sentence: RuleSentence) -> RuleParts:
     late = re.compile(r"\b(?:within|no later than|not later than|at most|at the latest)\b")
+    if sentence.targets:
+        # `shall report a radar within 90 s of the delivery` also says that there is a radar.
+        return None
     fits = sentence.says(REPORTING, late, AFTER_DELIVERY) and sentence.only("TIME") and not sentence.things
     return _field("rules.report_deadline_s", "TIME", sentence) if fits and not sentence.persons else None
 
