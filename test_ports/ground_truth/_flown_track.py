@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import Self
 
@@ -31,6 +32,11 @@ RECOVERY_S = 10.0
 """How long an agent has to leave the place and height to which such a failsafe has flown. Chosen, not measured."""
 
 _EXACT_S = 1e-6
+
+
+def ordered_silent_s(tape: Tape) -> float:
+    """When the operator ordered the agent to deactivate, which means to land and to send nothing more; infinite if never."""
+    return min((order.time.s for order in tape.orders if order.value.kind == "deactivate"), default=math.inf)
 
 
 class FlownTrack:
@@ -145,8 +151,7 @@ class FlownTrack:
     @cached_property
     def ordered_down(self) -> Bools:
         """(n,) whether the operator has ordered it to land where it is: from the delivery of that order on."""
-        ordered_s = [order.time.s for order in self._tape.orders if order.value.kind == "deactivate"]
-        return self.between(min(ordered_s, default=np.inf), np.inf)
+        return self.between(ordered_silent_s(self._tape), np.inf)
 
     @cached_property
     def free(self) -> Bools:

@@ -23,7 +23,7 @@ from bench.simspec import SimSpec
 
 from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
 from .._time_shares import fresh_share
-from ..ground_truth import FlownTrack, GroundTruth, RoleName
+from ..ground_truth import FlownTrack, GroundTruth, RoleName, ordered_silent_s
 from .clear_views import ViewCriteria, evenness
 from .detections import AssetName
 from .track_messages import RIGHT_WITHIN_M, TrackMessage, holding_credit, track_messages
@@ -280,7 +280,7 @@ def track_share(
     What `detection_share` asks of the detector, asked of the agent: a view is an actor in one camera frame, as
     the options say, and some message sent up to `within_s` after the frame must hold the actor. A view counts
     with the credibility of the most credible such message. `max_visible` and the ranges select views, for
-    example poor ones. 0 when no actor came into such a view.
+    example poor ones. 0 when no actor came into such a view. From an order to deactivate on, nothing counts.
     """
     truth = GroundTruth.of(tape, simspec)
     actors = truth.of_role(role, asset)
@@ -325,7 +325,8 @@ def steady_tracks(
 ) -> Finding:
     """`track_share` of the worse half of the views, divided by that of the better half.
 
-    The views are split in order of time, into halves of equal number. 0 with fewer than two views.
+    The views are split in order of time, into halves of equal number. 0 with fewer than two views. From an order to
+    deactivate on, nothing counts.
     """
     actors = GroundTruth.of(tape, simspec).of_role(role)
     if not actors:
@@ -352,7 +353,10 @@ def _held_views(
     min_frames: int,
     within_s: float,
 ) -> list[tuple[int, float, float]]:
-    """Actor, moment and credit of every view that meets the criteria, in order of time."""
+    """Actor, moment and credit of every view that meets the criteria, in order of time.
+
+    Up to an order to deactivate: from then on the agent sends nothing more.
+    """
     messages = track_messages(tape, simspec)
     sent_s = np.array([message.time_s for message in messages])
     held = [message.holding(actors, within_m, min_frames) for message in messages]
@@ -361,8 +365,11 @@ def _held_views(
         for message, held_by in zip(messages, held, strict=True)
     ]
     wanted = set(actors)
+    silent_s = ordered_silent_s(tape)
     views = []
     for frame in tape.frames:
+        if frame.exposed.s >= silent_s:
+            break
         # Messages that were sent after the frame and soon: a session that ends before has none.
         first, last = np.searchsorted(sent_s, [frame.exposed.s, frame.exposed.s + within_s])
         for sighting in frame.sightings:

@@ -10,14 +10,17 @@ import numpy as np
 import pytest
 from cases import Run, scene
 from cases.flown import CLOSED, CROWDED, flown, square
+from cases.perception import actors_of, looked_at
+from cases.tracks import held, pictured
 from hypothesis import given
 from hypothesis import strategies as st
 from made_run import at_s
 
 from bench.contracts import OrderDocument, Timed
 from bench.simspec import Point
-from test_ports.ground_truth import distance_beyond
+from test_ports.ground_truth import RoleName, distance_beyond
 from test_ports.mission.completion import landing_accuracy, mission_flown
+from test_ports.perception.tracks import steady_tracks, track_share
 from test_ports.safety.limits import (
     area_kept,
     ceiling_kept,
@@ -317,3 +320,28 @@ def test_distance_from_a_rectangle_agrees_with_the_closed_form(
     past = np.abs(local) - (10.0, 5.0)
     expected = float(np.hypot(*np.maximum(past, 0.0)) if (past > 0.0).any() else past.max())
     assert distance_beyond(np.array([place]), corners)[0] == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("role", ["bystander", "adversary"])
+def test_the_picture_counts_up_to_the_order_to_deactivate(role: RoleName) -> None:
+    """From then on the agent is to send nothing, so what its camera still sees asks no track of it."""
+    spec = scene()
+    actors = actors_of(spec, role)[:1]
+    views = looked_at(spec, actors, {}, {}).tape
+    told = pictured(spec, held(spec, actors)).tape
+    tape = replace(views, tracks=tuple(message for message in told.tracks if message.time.s < 100.0))
+    frame = tape.frames[0]
+    # Ten views while it speaks, ten after it has fallen silent.
+    moments_s = [*np.arange(50.0, 60.0), *np.arange(120.0, 130.0)]
+    frames = tuple(replace(frame, exposed=at_s(float(moment_s))) for moment_s in moments_s)
+    order = OrderDocument.model_validate(
+        {"id": "down", "issued_s": 110.0, "kind": "deactivate", "within_s": 10.0}
+    )
+    silent = replace(tape, frames=frames)
+    ordered = replace(silent, orders=(Timed(at_s(110.0), order),))
+    late = replace(silent, orders=(Timed(at_s(125.0), order),))
+    assert x_of(track_share, Run(spec, silent), role=role) == pytest.approx(0.5)
+    assert x_of(track_share, Run(spec, late), role=role) == pytest.approx(10.0 / 15.0)
+    assert x_of(track_share, Run(spec, ordered), role=role) == 1.0
+    assert x_of(steady_tracks, Run(spec, silent), role=role) == 0.0
+    assert x_of(steady_tracks, Run(spec, ordered), role=role) == 1.0
