@@ -59,7 +59,8 @@ def test_files_that_vanish_in_mid_campaign_leave_it_incomplete_until_they_are_ba
     """
     scene = EXAMPLE.read_text().replace("model: x500", "model: still")
     (tmp_path / "scene.yaml").write_text(scene)
-    (tmp_path / "agent.yaml").write_text(MANIFEST)
+    # Unconfined, for a confined agent cannot remove its own program.
+    (tmp_path / "agent.yaml").write_text(MANIFEST + "isolation: none\n")
     campaign, out = tmp_path / "small.yaml", tmp_path / "out"
     campaign.write_text(CAMPAIGN.replace("reference-naive", "agent.yaml") + "budgets: {retry_s: 0}\n")
     program = tmp_path / "agent.sh"

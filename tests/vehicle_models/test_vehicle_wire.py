@@ -47,6 +47,7 @@ def test_every_streamed_message_is_packed_as_pymavlink_packs_it(make: Make, auto
         streamed.add(message.get_type())
     silent_on_the_ground = {
         "FENCE_STATUS",
+        "MAG_CAL_PROGRESS",
         "ATTITUDE_TARGET",
         "POSITION_TARGET_LOCAL_NED",
         "POSITION_TARGET_GLOBAL_INT",

@@ -203,10 +203,11 @@ class GroundReader:
 
     @property
     def box(self) -> tuple[float, float, float, float]:
-        """West, south, east and north of the area of interest."""
+        """West, south, east and north of the area of interest, or of the usual one where none could be read."""
+        outline = self.outline or _corners(self._defaults.area_east_m, self._defaults.area_north_m)
         east, north = (
-            [corner["east_m"] for corner in self.outline],
-            [corner["north_m"] for corner in self.outline],
+            [corner["east_m"] for corner in outline],
+            [corner["north_m"] for corner in outline],
         )
         return min(east), min(north), max(east), max(north)
 
