@@ -7,15 +7,13 @@ from __future__ import annotations
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.contracts import Outcome
 from bench.documents import load_document
-from bench.errors import SetupError
-from bench.realization import RealizationPlan
 
 from ._document import Campaign
 from ._events import CampaignPlanned, Observer, Observers, ResultLost
@@ -27,8 +25,8 @@ from .execution._dispatcher import Deadline, Dispatcher
 from .execution._pool import OpenExecutor, open_local_pool
 from .execution._retries import Retries
 from .execution._stop_request import open_stop_request
-from .execution._suspects import UNCONFINED, SuspectWatch
-from .execution._task import CONFINED_JOB, FLIGHT_JOB, FORFEIT_JOB, WorkerPlan
+from .execution._suspects import SuspectWatch, no_memory_kills, watch_for_agents
+from .execution._task import FLIGHT_JOB, FORFEIT_JOB, WorkerPlan
 from .planning._plan import CheckTakeoff, finish_infeasible, plan_campaign
 from .storage._completeness import (
     Completeness,
@@ -102,12 +100,13 @@ def run_campaign(
     number of cores. Realizations that may have failed because of the host are flown again, with at least two
     attempts in every run; their earlier results are kept in aside/. `accept` leaves those that have one of its
     outcomes now as they are, for good; `rerun` takes that back. `forfeit_job` takes the place of `job` for a realization
-    whose agent broke the bench, `confined_job` after an attempt that an unconfined agent may have broken, and `memory_kills` counts the processes that the kernel killed for want of memory. `clock` gives the host seconds by which the
+    whose agent broke the bench, `confined_job` after an attempt that an unconfined agent may have broken. `memory_kills`
+    counts the processes that the kernel killed for want of memory. `clock` gives the host seconds by which the
     campaign's total budget and the pauses before retries are judged.
 
     Raises SetupError for a campaign that cannot be realized and for a folder that is in use, belongs to
-    another campaign or holds files that were changed since they were written, WorkersUnusable if no worker process can be started, BenchBroken if the first sessions
-    all end with bench errors. Sessions that fail are results, never exceptions.
+    another campaign or holds files that were changed since they were written, WorkersUnusable if no worker
+    process can be started, BenchBroken if the first sessions all end with bench errors. Sessions that fail are results, never exceptions.
     """
     paths = CampaignFolder(folder)
     started = clock()
@@ -144,11 +143,9 @@ def run_campaign(
             plans,
             retries,
             clock,
-            SuspectWatch(
-                memory_kills or _memory_kills(starts_agents),
-                _isolation_of(plans) if starts_agents else lambda realization: UNCONFINED,
-                _confined_job if starts_agents else lambda: confined_job,
-            ),
+            watch_for_agents(plans, memory_kills)
+            if starts_agents
+            else SuspectWatch(memory_kills or no_memory_kills, confined_job=lambda: confined_job),
             forfeit_job,
         )
         observers.notify(CampaignPlanned(dispatcher.total, dispatcher.done))
@@ -237,38 +234,3 @@ def _outcome_counts(journal: Journal) -> dict[str, int]:
     stops = journal.stops()
     ended = [(entry, entry.outcome) for entry in journal.entries() if entry.outcome is not None]
     return dict(Counter(outcome_name(entry, outcome, stops) for entry, outcome in ended))
-
-
-def _memory_kills(starts_agents: bool) -> Callable[[], int]:
-    """The kernel's count of processes that it killed for want of memory."""
-    if not starts_agents:
-        return lambda: 0
-    # Here, because importing the simulation takes half a second.
-    from bench.simulation import count_memory_kills
-
-    return count_memory_kills
-
-
-def _confined_job() -> str | None:
-    """The job that confines an agent that asks for no rung; None where no rung starts."""
-    from bench.agents.confinement import rungs
-
-    names = ("bwrap", "landlock")
-    return CONFINED_JOB if any(rungs()[name].trial() is None for name in names) else None
-
-
-def _isolation_of(plans: Iterable[RealizationPlan]) -> Callable[[str], str]:
-    """The rung that confines the agent of a realization here; empty where none can be told."""
-    agents = {plan.id: plan.simspec.agent for plan in plans}
-
-    def isolation(realization: str) -> str:
-        from bench.agents import load_manifest, rung_of
-
-        try:
-            manifest, _ = load_manifest(agents[realization].manifest)
-            return rung_of(manifest, agents[realization]).name
-        # Without its manifest nothing is known of the agent, so nothing is laid on it.
-        except SetupError:
-            return ""
-
-    return isolation

@@ -69,29 +69,29 @@ def host_servers(number: int) -> Iterator[list[int]]:
 
 
 @pytest.fixture(scope="module")
-def why_not() -> str | None:
+def namespace_refusal() -> str | None:
     """Why this host gives no network namespace; tried in a process of its own."""
     code = (
         "from bench.network_namespace import enter_network_namespace; print(enter_network_namespace() or '')"
     )
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    return said.stdout.strip() or None
+    probe = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return probe.stdout.strip() or None
 
 
-def test_a_process_leaves_the_network_of_the_host(why_not: str | None) -> None:
+def test_a_process_leaves_the_network_of_the_host(namespace_refusal: str | None) -> None:
     """Two servers of its own are reached, two of the host are not, and sockets from outside reach both of those.
 
     Where the host gives no namespace, the process is told why and shares the host's network.
     """
     with host_servers(2) as ports:
-        said = subprocess.run(
+        probe = subprocess.run(
             [sys.executable, "-c", PROBE, json.dumps(ports)], capture_output=True, text=True, check=True
         )
-    found = json.loads(said.stdout)
-    assert found["own"]
-    assert found["outside"] == ports
-    assert found["fault"] == why_not
-    assert found["host"] == ([] if why_not is None else ports)
+    report = json.loads(probe.stdout)
+    assert report["own"]
+    assert report["outside"] == ports
+    assert report["fault"] == namespace_refusal
+    assert report["host"] == ([] if namespace_refusal is None else ports)
 
 
 def test_a_process_that_never_asked_is_on_the_network_of_the_host() -> None:
@@ -101,16 +101,16 @@ def test_a_process_that_never_asked_is_on_the_network_of_the_host() -> None:
 
 def knock(simspec: SimSpec, decomposition: list[int], folder: Path, realization: str) -> SessionResult:
     """A job: tries the ports that stand in place of a decomposition."""
-    found = []
+    reached = []
     for port in decomposition:
         with suppress(OSError), socket.create_connection(("127.0.0.1", port)):
-            found.append(port)
-    return SessionResult(realization=realization, outcome=Outcome.COMPLETED, details={"reached": found})
+            reached.append(port)
+    return SessionResult(realization=realization, outcome=Outcome.COMPLETED, details={"reached": reached})
 
 
 @pytest.mark.parametrize("own_network", [True, False])
 def test_workers_have_networks_of_their_own_if_asked(
-    tmp_path: Path, own_network: bool, why_not: str | None
+    tmp_path: Path, own_network: bool, namespace_refusal: str | None
 ) -> None:
     """Both of two workers."""
     document = tmp_path / "simspec.json"
@@ -127,5 +127,5 @@ def test_workers_have_networks_of_their_own_if_asked(
     os.close(wake_fd)
     os.close(other_fd)
     assert len({task.worker for task in ended}) == 2
-    expected = [] if own_network and why_not is None else ports
+    expected = [] if own_network and namespace_refusal is None else ports
     assert [task.result.details["reached"] for task in ended] == [expected, expected]

@@ -5,9 +5,13 @@ it happens again. docs/campaigns.md states the rule and what it cannot tell.
 from __future__ import annotations
 
 import builtins
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from bench.contracts import SUSPECT, Outcome, SessionResult
+from bench.errors import SetupError
+from bench.realization import RealizationPlan
+
+from ._task import CONFINED_JOB
 
 UNCONFINED = "none"
 ISOLATION = "isolation"
@@ -109,3 +113,43 @@ def is_chargeable(result: SessionResult) -> bool:
     kind = getattr(builtins, result.reason.partition(":")[0], None)
     from_outside = isinstance(kind, type) and issubclass(kind, OSError)
     return result.outcome is Outcome.WORKER_LOST or from_outside
+
+
+def watch_for_agents(
+    plans: Iterable[RealizationPlan], memory_kills: Callable[[], int] | None = None
+) -> SuspectWatch:
+    """The watch of a campaign whose sessions start agents, with what this host knows of memory and confinement."""
+    # Here, because importing the simulation takes half a second.
+    from bench.simulation import count_memory_kills
+
+    return SuspectWatch(memory_kills or count_memory_kills, _isolation_of(plans), _confined_job)
+
+
+def no_memory_kills() -> int:
+    """For sessions that use no memory worth counting."""
+    return 0
+
+
+def _confined_job() -> str | None:
+    """The job that confines an agent that asks for no rung; None where no rung starts."""
+    from bench.agents.confinement import rungs
+
+    names = ("bwrap", "landlock")
+    return CONFINED_JOB if any(rungs()[name].trial() is None for name in names) else None
+
+
+def _isolation_of(plans: Iterable[RealizationPlan]) -> Callable[[str], str]:
+    """The rung that confines the agent of a realization here; empty where none can be told."""
+    agents = {plan.id: plan.simspec.agent for plan in plans}
+
+    def isolation(realization: str) -> str:
+        from bench.agents import load_manifest, rung_of
+
+        try:
+            manifest, _ = load_manifest(agents[realization].manifest)
+            return rung_of(manifest, agents[realization]).name
+        # Without its manifest nothing is known of the agent, so nothing is laid on it.
+        except SetupError:
+            return ""
+
+    return isolation

@@ -73,7 +73,8 @@ class RuleSentence:
     context: str
     """The whole sentence, which may name the drone before its second rule."""
 
-    def says(self, *patterns: re.Pattern[str]) -> bool:
+    def matches(self, *patterns: re.Pattern[str]) -> bool:
+        """Whether each of the patterns is found in its text."""
         return all(pattern.search(self.text) for pattern in patterns)
 
     def only(self, *kinds: str) -> bool:
@@ -134,7 +135,7 @@ def _is_accounted_for(sentence: RuleSentence, text: str) -> bool:
         word.load is Load.QUANTIFIER and word.text.lower() not in ("any", "all", "every") for word in words
     ):
         return False
-    if sentence.says(UNREAD):
+    if sentence.matches(UNREAD):
         return False
     conditions = [word.span for word in words if word.load is Load.CONDITION]
     return all(_is_a_situation(sentence.text[span.start :]) for span in conditions) and all(
@@ -193,11 +194,11 @@ RuleParts = tuple[str | Part, ...] | None
 
 
 def _no_mark(sentence: RuleSentence) -> RuleParts:
-    if not sentence.says(MARKING):
+    if not sentence.matches(MARKING):
         return None
     # `only if nobody is within 50 m` and `only while people are at least 50 m away` forbid the same.
-    allowed = sentence.says(ONLY, FAR_ENOUGH) and not sentence.says(DENIAL)
-    denied = (sentence.says(DENIAL, TOO_NEAR) and not sentence.says(FAR_ENOUGH)) or allowed
+    allowed = sentence.matches(ONLY, FAR_ENOUGH) and not sentence.matches(DENIAL)
+    denied = (sentence.matches(DENIAL, TOO_NEAR) and not sentence.matches(FAR_ENOUGH)) or allowed
     return (
         ("nomark",)
         if denied and sentence.only("LENGTH") and sentence.persons and not sentence.things
@@ -206,27 +207,38 @@ def _no_mark(sentence: RuleSentence) -> RuleParts:
 
 
 def _slow(sentence: RuleSentence) -> RuleParts:
-    most = sentence.says(DENIAL, re.compile(r"\b(?:exceed|faster|over|above|more)\b")) or sentence.says(UPPER)
+    most = sentence.matches(DENIAL, re.compile(r"\b(?:exceed|faster|over|above|more)\b")) or sentence.matches(
+        UPPER
+    )
     fits = sentence.only("LENGTH", "SPEED") and sentence.persons and not sentence.things
-    near = sentence.says(re.compile(r"\b(?:within|closer than|nearer than)\b"))
-    return ("slow",) if fits and most and near and not sentence.says(MARKING) else None
+    is_close = sentence.matches(re.compile(r"\b(?:within|closer than|nearer than)\b"))
+    return ("slow",) if fits and most and is_close and not sentence.matches(MARKING) else None
 
 
 def _loiter(sentence: RuleSentence) -> RuleParts:
     longer = re.compile(r"\b(?:longer|more than|over|at most)\b")
     over = re.compile(r"\b(?:over|above|overhead)\s+(?:any|a|an|one|the|each|every)\b")
     fits = sentence.only("TIME") and sentence.persons and not sentence.things
-    read = fits and sentence.says(DENIAL, longer, over) and not sentence.says(REPORTING)
+    read = fits and sentence.matches(DENIAL, longer, over) and not sentence.matches(REPORTING)
     return ("loiter",) if read else None
 
 
 def _standoff(sentence: RuleSentence) -> RuleParts:
-    near = sentence.says(DENIAL, TOO_NEAR) or (sentence.says(FAR_ENOUGH) and not sentence.says(DENIAL))
-    of_the_drone = sentence.says(DISTANCE) and not sentence.says(MARKING) and not sentence.says(REPORTING)
-    fits = (
-        sentence.only("LENGTH") and sentence.persons and not sentence.things and not sentence.says(VERTICAL)
+    has_distance = sentence.matches(DENIAL, TOO_NEAR) or (
+        sentence.matches(FAR_ENOUGH) and not sentence.matches(DENIAL)
     )
-    return ("standoff",) if near and of_the_drone and fits and _speaks_of_the_drone(sentence) else None
+    of_the_drone = (
+        sentence.matches(DISTANCE) and not sentence.matches(MARKING) and not sentence.matches(REPORTING)
+    )
+    fits = (
+        sentence.only("LENGTH")
+        and sentence.persons
+        and not sentence.things
+        and not sentence.matches(VERTICAL)
+    )
+    return (
+        ("standoff",) if has_distance and of_the_drone and fits and _speaks_of_the_drone(sentence) else None
+    )
 
 
 def _speaks_of_the_drone(sentence: RuleSentence) -> bool:
@@ -236,8 +248,8 @@ def _speaks_of_the_drone(sentence: RuleSentence) -> bool:
 
 
 def _link_lost(sentence: RuleSentence) -> RuleParts:
-    reactions = [name for name, pattern in REACTIONS.items() if sentence.says(pattern)]
-    fits = sentence.says(LINK, LOST, WHEN) and not sentence.says(DENIAL) and len(reactions) == 1
+    reactions = [name for name, pattern in REACTIONS.items() if sentence.matches(pattern)]
+    fits = sentence.matches(LINK, LOST, WHEN) and not sentence.matches(DENIAL) and len(reactions) == 1
     if not fits or not (sentence.only() or sentence.only("TIME")) or sentence.persons or sentence.things:
         return None
     return ("linklost", Part("LINKDO", reactions[0], sentence.span))
@@ -256,15 +268,15 @@ _ABOVE_HOME = re.compile(
 
 def _height(sentence: RuleSentence) -> RuleParts:
     sentence = replace(sentence, text=_ABOVE_HOME.sub(" ", sentence.text))
-    if not sentence.only("LENGTH") or sentence.persons or sentence.things or not sentence.says(VERTICAL):
+    if not sentence.only("LENGTH") or sentence.persons or sentence.things or not sentence.matches(VERTICAL):
         return None
     if not (
         _speaks_of_the_drone(sentence)
         or re.search(r"\b(?:altitude|height|agl|fly|flying)\b", sentence.context)
     ):
         return None
-    high = sentence.says(DENIAL, TOO_HIGH) or (sentence.says(UPPER) and not sentence.says(DENIAL))
-    low = sentence.says(DENIAL, TOO_LOW) or (sentence.says(LOWER) and not sentence.says(DENIAL))
+    high = sentence.matches(DENIAL, TOO_HIGH) or (sentence.matches(UPPER) and not sentence.matches(DENIAL))
+    low = sentence.matches(DENIAL, TOO_LOW) or (sentence.matches(LOWER) and not sentence.matches(DENIAL))
     if high == low:
         return None
     return _field("rules.max_altitude_m" if high else "rules.min_altitude_m", "LENGTH", sentence)
@@ -272,9 +284,9 @@ def _height(sentence: RuleSentence) -> RuleParts:
 
 def _speed(sentence: RuleSentence) -> RuleParts:
     faster = re.compile(r"\b(?:exceed|faster|over|above|more)\b")
-    most = sentence.says(DENIAL, faster) or (sentence.says(UPPER) and not sentence.says(DENIAL))
+    most = sentence.matches(DENIAL, faster) or (sentence.matches(UPPER) and not sentence.matches(DENIAL))
     fits = sentence.only("SPEED") and not sentence.persons and not sentence.things
-    of_the_drone = _speaks_of_the_drone(sentence) or sentence.says(re.compile(r"\b(?:speed|fly)\b"))
+    of_the_drone = _speaks_of_the_drone(sentence) or sentence.matches(re.compile(r"\b(?:speed|fly)\b"))
     return _field("rules.max_speed_mps", "SPEED", sentence) if fits and most and of_the_drone else None
 
 
@@ -283,12 +295,12 @@ def _deadline(sentence: RuleSentence) -> RuleParts:
     if sentence.targets:
         # `shall report a radar within 90 s of the delivery` also says that there is a radar.
         return None
-    fits = sentence.says(REPORTING, late, AFTER_DELIVERY) and sentence.only("TIME") and not sentence.things
+    fits = sentence.matches(REPORTING, late, AFTER_DELIVERY) and sentence.only("TIME") and not sentence.things
     return _field("rules.report_deadline_s", "TIME", sentence) if fits and not sentence.persons else None
 
 
 def _silence(sentence: RuleSentence) -> RuleParts:
     between = re.compile(r"\b(?:between|from|during)\b")
     ranged = len(sentence.quantities) == 1 and isinstance(span := sentence.quantities[0].value, Quantity) and not span.single  # fmt: skip
-    fits = sentence.says(REPORTING, DENIAL, between) and sentence.only("TIME") and ranged
+    fits = sentence.matches(REPORTING, DENIAL, between) and sentence.only("TIME") and ranged
     return ("window", Part("NOREPORT", None, sentence.span)) if fits and not sentence.persons else None
