@@ -6,6 +6,7 @@ Nothing here is a fake.
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -219,7 +220,13 @@ def test_a_recording_that_was_changed_is_not_scored_under_its_old_result(tmp_pat
     assert rescore(run, DECOMPOSITION).outcome is Outcome.AGENT_CRASHED
     recording = run / "recording.mcap"
     recording.write_bytes(recording.read_bytes()[:-100])
-    with pytest.raises(SetupError, match="has changed since its session"):
+    with pytest.raises(SetupError, match=r"or delete result\.json to score the recording as it is"):
         rescore(run, DECOMPOSITION)
+    in_campaign = tmp_path / "campaign" / "runs" / "run"
+    shutil.copytree(run, in_campaign)
+    (tmp_path / "campaign" / "journal.sqlite").touch()
+    # Where the digest of the recording stands elsewhere too, that would lead to the next refusal.
+    with pytest.raises(SetupError, match="copy, or delete it to fly the session again with `rebar run`"):
+        rescore(in_campaign, DECOMPOSITION)
     (run / "result.json").unlink()
     assert rescore(run, DECOMPOSITION).realization == "run"

@@ -11,11 +11,14 @@ from bench.recording import read_simspec, read_tape
 from decompositions import Decomposition
 
 from ..storage._files import digest_of
-from ..storage._folder import RECORDING, RESULT
+from ..storage._folder import RECORDING, RESULT, campaign_of
 from ._honeypots import truth_details
 from ._measures import measure_all, measures_of
 
 CUT_OFF = "the recording has no end event: its session was cut off"
+# A campaign knows its recordings by their digests, so there a result that is deleted lets no other one in.
+_REMEDY_IN_CAMPAIGN = "restore it from a copy, or delete it to fly the session again with `rebar run`"
+_REMEDY_ELSEWHERE = f"restore it from a copy, or delete {RESULT} to score the recording as it is"
 
 
 def rescore(folder: Path, decomposition: Decomposition) -> SessionResult:
@@ -53,28 +56,21 @@ def recording_faults(folder: Path, journal_sha256: str | None = None) -> list[Fa
     `journal_sha256` is its digest in the campaign's journal, which also works when `result.json` is gone or
     changed.
     """
-    file = folder / RESULT
     if journal_sha256 is not None and digest_of(folder / RECORDING) != journal_sha256:
-        remedy = "restore the recording, or rerun it with `rebar run`"
-        return [
-            Fault(
-                str(folder / RECORDING),
-                "has changed since its session: its digest differs from the one in the journal",
-                remedy,
-            )
-        ]
+        return [_changed_recording(folder, "the journal", _REMEDY_IN_CAMPAIGN)]
+    file = folder / RESULT
     if not file.is_file():
         return []
     result_sha256 = load_json_document(file, SessionResult).recording_sha256
     if result_sha256 is None or digest_of(folder / RECORDING) == result_sha256:
         return []
-    return [
-        Fault(
-            str(folder / RECORDING),
-            f"has changed since its session: its digest differs from the one in {RESULT}",
-            f"restore the recording, or delete {RESULT} to score the recording as it is",
-        )
-    ]
+    remedy = _REMEDY_ELSEWHERE if campaign_of(folder) is None else _REMEDY_IN_CAMPAIGN
+    return [_changed_recording(folder, RESULT, remedy)]
+
+
+def _changed_recording(folder: Path, witness: str, remedy: str) -> Fault:
+    what = f"has changed since its session: its digest differs from the one in {witness}"
+    return Fault(str(folder / RECORDING), what, remedy)
 
 
 def _from_recording(realization: str, tape: Tape) -> SessionResult:

@@ -10,7 +10,7 @@ from bench.errors import Fault, SetupError
 
 from ._evidence import EvidenceEntry, EvidenceLog
 from ._files import digest_of
-from ._folder import RECORDING, RESULT, CampaignFolder
+from ._folder import RECORDING, RESULT, CampaignFolder, campaign_of
 from ._inputs import adopt_inputs, input_faults
 from ._journal import Journal, JournalEntry, RealizationState, open_journal_to_read
 from ._manifest import Manifest, chain_fault, manifest_differences, read_manifest
@@ -68,8 +68,8 @@ def check_run(run: Path) -> None:
     recording whose result is gone is checked too. Any other folder passes.
     """
     run = run.resolve()
-    folder = CampaignFolder(run.parent.parent)
-    if run.parent.name != "runs" or not folder.evidence.is_file():
+    folder = campaign_of(run)
+    if folder is None or not folder.evidence.is_file():
         return
     log = EvidenceLog(folder.evidence)
     line = log.result_of(run.name)

@@ -98,6 +98,14 @@ class CampaignFolder:
         return run
 
 
+def campaign_of(run: Path) -> CampaignFolder | None:
+    """The campaign in whose folder a run lies; None for a run elsewhere."""
+    run = run.resolve()
+    folder = CampaignFolder(run.parent.parent)
+    in_campaign = run == folder.run(run.name) and (folder.journal.is_file() or folder.evidence.is_file())
+    return folder if in_campaign else None
+
+
 LOCK = ".lock"
 _LOCK_TRIES, _LOCK_PAUSE_S = 5, 0.05
 
