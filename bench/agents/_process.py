@@ -21,9 +21,12 @@ from .confinement import (
     CONTAINER,
     Box,
     ConfinedProcess,
+    Wall,
     find_program,
+    leaves_open,
     program_paths,
     rung_of,
+    this_host,
     without_sessions,
 )
 
@@ -238,6 +241,7 @@ class LocalProcess:
 
     def __init__(self, process: ConfinedProcess, output: _Output, program: str, isolation: str) -> None:
         self.isolation, self.own_user = isolation, process.own_user
+        self.open_walls: tuple[Wall, ...] = leaves_open(isolation, this_host(own_user=process.own_user))
         self._process = process
         self._output = output
         self._program = program

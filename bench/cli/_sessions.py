@@ -94,11 +94,15 @@ def simulate(
 
 def _confinement_line(details: Mapping[str, object]) -> str:
     """How the agent was confined, in one line."""
+    from bench.agents.confinement import wall_text
+    from bench.contracts import open_walls_of
+
     network = str(details.get("network", "own"))
     shared = "a network of its own" if network == "own" else f"the network is {network}"
     if details["isolation"] == "none":
         return "isolation: none. The agent was NOT CONFINED: it had the rights of the bench (docs/agents.md)"
-    return f"isolation: {details['isolation']}, {shared}"
+    gaps = [wall_text(name) for name in open_walls_of(details) or ()]
+    return f"isolation: {details['isolation']}, {shared}{'; leaves open: ' if gaps else ''}{'; '.join(gaps)}"
 
 
 def _show_observations(

@@ -54,6 +54,7 @@ from ._measure import Measure as Measure
 from ._measure import Option as Option
 from ._measure import Tape as Tape
 from ._measure import Timed as Timed
+from ._outcome import LEAVES_OPEN as LEAVES_OPEN
 from ._outcome import PROBES as PROBES
 from ._outcome import SAW_TRUTH as SAW_TRUTH
 from ._outcome import SUSPECT as SUSPECT
@@ -63,6 +64,7 @@ from ._outcome import Observation as Observation
 from ._outcome import Outcome as Outcome
 from ._outcome import SessionFailure as SessionFailure
 from ._outcome import SessionResult as SessionResult
+from ._outcome import open_walls_of as open_walls_of
 from ._outcome import probes_of as probes_of
 from ._outcome import suspicions_of as suspicions_of
 from ._outcome import traceback_details as traceback_details

@@ -150,6 +150,16 @@ def truth_sightings_of(details: Mapping[str, object]) -> tuple[str, ...]:
     return tuple(str(text) for text in texts) if isinstance(texts, list) else ()
 
 
+LEAVES_OPEN = "leaves_open"
+"""In `SessionResult.details`: names of walls that the agent's rung did not hold on the host of the session."""
+
+
+def open_walls_of(details: Mapping[str, object]) -> tuple[str, ...] | None:
+    """The open walls in the details of a result, which may have been edited; None where they are not recorded."""
+    names = details.get(LEAVES_OPEN)
+    return tuple(str(name) for name in names) if isinstance(names, list) else None
+
+
 class SessionResult(Document):
     """What is left of a session beside its recording; `result.json` in a run's folder."""
 

@@ -32,7 +32,8 @@ class Run:
     number. `truth_given` says that the bench gave its agent the truth. `suspect` are attempts that ended as an agent
     could make them end by breaking the bench. `saw_truth` are reports of honeypots. `probes` counts what was
     refused, by kind. `isolation` is the rung that confined the agent and `network` whose network it had ("own", or
-    why the host's); None where nothing is recorded.
+    why the host's); `open_walls` are the names of the walls that the rung did not hold there. None where nothing is
+    recorded.
     """
 
     realization: str
@@ -53,6 +54,7 @@ class Run:
     probes: Mapping[str, int] = field(default_factory=dict)
     isolation: str | None = None
     network: str | None = None
+    open_walls: tuple[str, ...] | None = None
 
     @property
     def scene(self) -> tuple[str, int]:

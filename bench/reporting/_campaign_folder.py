@@ -17,6 +17,7 @@ import polars as pl
 from bench.contracts import (
     Outcome,
     SessionResult,
+    open_walls_of,
     parse_document,
     probes_of,
     suspicions_of,
@@ -274,6 +275,7 @@ def _run(
         probes=probes_of(result.counters) if result else {},
         isolation=_isolation(result),
         network=_detail(result, "network"),
+        open_walls=open_walls_of(result.details) if result else None,
         after_stop=early_stopping and not row and result is not None and result.outcome.counts,
     )
 

@@ -22,7 +22,7 @@ from bench.campaign import (
 )
 from bench.campaign.execution._flight import fly_confined, fly_realization, forfeit_realization
 from bench.campaign.execution._suspects import SuspectWatch, is_chargeable, is_suspect
-from bench.contracts import SUSPECT, Outcome, SessionResult, suspicions_of
+from bench.contracts import SUSPECT, Outcome, SessionResult, open_walls_of, suspicions_of
 from bench.realization import place
 from bench.reporting import load_report_data, render_report
 from bench.simspec import AgentSpec, load_simspec
@@ -111,6 +111,12 @@ def test_a_confined_rerun_is_the_session_of_the_campaign(tmp_path: Path) -> None
     confined = fly_confined(spec, nodes, tmp_path / "confined", "run")
     assert free.details["isolation"] == "none"
     assert confined.details["isolation"] in ("bwrap", "landlock")
+    # What each leaves open differs, and stands in the result alone: the recording is the same on every host.
+    free_walls, confined_walls = (open_walls_of(result.details) for result in (free, confined))
+    assert free_walls is not None
+    assert confined_walls is not None
+    assert {"files", "tcp", "disk"} <= set(free_walls)
+    assert set(confined_walls) < set(free_walls) - {"files", "kernel"}
     assert confined.recording_sha256 == free.recording_sha256
     assert confined.outcome is free.outcome
 

@@ -78,7 +78,7 @@ class Made:
     never_scored: str | None = None
     description: str = "A made-up campaign for the report's tests."
     scored: bool = True
-    details: Mapping[str, dict[str, str]] = field(default_factory=dict)  # of results, by realization
+    details: Mapping[str, dict[str, Any]] = field(default_factory=dict)  # of results, by realization
     about_sensor: tuple[str, ...] = ()  # observables whose subject is the perception
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from made_campaign import AGENTS, Made, make_campaign
@@ -16,7 +17,7 @@ from bench.reporting.text._answer import answer_paragraph
 from bench.reporting.text._isolation import confinement_note
 
 NAIVE, AWARE = AGENTS
-BOXED = {"isolation": "bwrap", "network": "own"}
+BOXED: dict[str, Any] = {"isolation": "bwrap", "network": "own"}
 SHARED = {"isolation": "bwrap", "network": "the host's: no permission"}
 FREE = {"isolation": "none", "network": "own"}
 
@@ -70,6 +71,30 @@ def test_the_list_of_runs_says_it_for_each(page: tuple[Page, str]) -> None:
     assert [cells[name] for name in ids(NAIVE)] == ["bwrap", "bwrap, host’s network", "bwrap, host’s network"]
     assert [cells[name] for name in ids(AWARE)] == ["none", "bwrap", "not recorded"]
     assert page[1].count('<td><span class="bad">none</span></td>') == 1
+
+
+def test_open_walls_of_each_host_stand_beside_the_rung_the_worst_first(tmp_path: Path) -> None:
+    """Runs of one agent on three hosts, and of another on one that holds all; a name that a later table may know."""
+    walls = (["host_name"], ["tcp", "later_wall", "disk"], ["host_name"], [], [], [])
+    boxed = (BOXED | {"leaves_open": names} for names in walls)
+    details = dict(zip(ids(NAIVE) + ids(AWARE), boxed, strict=True))
+    folder = make_campaign(tmp_path / "c", Made(scenes=3, details=details))
+    data = load_report_data(folder)
+    naive, aware = (confinement_note(data, agent) for agent in (NAIVE, AWARE))
+    assert naive is not None
+    assert aware is not None
+    network = "with a network of its own, which leaves"
+    gaps = f"{Wall.TCP}; later_wall; {Wall.DISK}"
+    assert naive.text == (
+        f"It was confined by bwrap in 1 run, {network} open: {gaps}. "
+        f"It was confined by bwrap in 2 runs, {network} open: {Wall.HOST_NAME}."
+    )
+    assert aware.text == f"It was confined by bwrap, {network} nothing open."
+    page, text = page_of(folder)
+    assert naive.text in text
+    head, *rows = page.tables["all-runs"]
+    cells = [row[head.index("Confined by")] for row in rows]
+    assert sorted(cells) == ["bwrap"] * 3 + ["bwrap, 1 wall open"] * 2 + ["bwrap, 3 walls open"]
 
 
 def test_older_campaigns_and_single_ways(tmp_path: Path) -> None:

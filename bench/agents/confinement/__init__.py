@@ -16,4 +16,6 @@ from ._walls import Host as Host
 from ._walls import Wall as Wall
 from ._walls import leaves_open as leaves_open
 from ._walls import this_host as this_host
+from ._walls import wall_name as wall_name
+from ._walls import wall_text as wall_text
 from ._walls import walls_table as walls_table

@@ -132,6 +132,16 @@ def leaves_open(rung: str, host: Host) -> tuple[Wall, ...]:
     return tuple(wall for wall, holding in HOLDINGS[rung].items() if not holding.holds(host))
 
 
+def wall_name(wall: Wall) -> str:
+    """What a result calls a wall: it stays when the words of the table change."""
+    return wall.name.lower()
+
+
+def wall_text(name: str) -> str:
+    """The words of the table for a name in a result; the name itself where no such wall is known."""
+    return Wall.__members__.get(name.upper(), name)
+
+
 def walls_table() -> str:
     """The table of docs/agents.md."""
     rows = [["wall", *HOLDINGS], ["---"] * (1 + len(HOLDINGS))]

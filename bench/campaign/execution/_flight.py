@@ -7,12 +7,15 @@ scoring the recording again gives the same observations.
 from __future__ import annotations
 
 import tempfile
-from contextlib import AbstractContextManager
-from dataclasses import replace
+from collections.abc import Generator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from bench.agents import load_manifest, open_agent, program_faults, rung_of
+from bench.agents import LocalProcess, load_manifest, open_agent, program_faults, rung_of
+from bench.agents.confinement import wall_name
 from bench.contracts import (
+    LEAVES_OPEN,
     AgentManifest,
     AgentPlan,
     AgentProcess,
@@ -97,6 +100,7 @@ def _fly(
     (folder / SIMSPEC).write_text(dump_json(placed))
     # The tape is built from the records while they are written: measures need not read the file back.
     tape = TapeBuilder(placed)
+    starter = _AgentStarter(open_agent)
     with (
         tempfile.TemporaryDirectory(prefix="rebar-agent-") as scratch,
         open_recording(
@@ -109,7 +113,7 @@ def _fly(
             tape(record)
 
         plan = SessionPlan(
-            placed, manifest, manifest_folder, open_agent, Path(scratch), tap, hidden=(folder.resolve(),)
+            placed, manifest, manifest_folder, starter.open, Path(scratch), tap, hidden=(folder.resolve(),)
         )
         end = _without_host_faults(run_session(plan), plan)
         log = Path(scratch, AGENT_LOG)
@@ -118,8 +122,30 @@ def _fly(
     flown = tape.tape()
     observations = measure_all(measures_of(decomposition), flown, placed) if end.outcome.counts else ()
     result = result_of(realization, end, recording.sha256, observations)
-    details = {**result.details, **_metadata(manifest), **truth_details(placed, flown), **host}
+    details = {
+        **result.details,
+        **_metadata(manifest),
+        **truth_details(placed, flown),
+        **host,
+        **starter.details,
+    }
     return result.model_copy(update={"details": details})
+
+
+@dataclass(slots=True)
+class _AgentStarter:
+    """Starts the agent, and keeps which walls its box leaves open: known only once it has started."""
+
+    open_agent: OpenAgent
+    details: dict[str, list[str]] = field(default_factory=dict)
+
+    @contextmanager
+    def open(self, plan: AgentPlan) -> Generator[AgentProcess]:
+        """An `OpenAgent`."""
+        with self.open_agent(plan) as agent:
+            if isinstance(agent, LocalProcess):
+                self.details[LEAVES_OPEN] = [wall_name(wall) for wall in agent.open_walls]
+            yield agent
 
 
 # Host files are looked at only for agents that ended so early, in simulated seconds: later an agent knows its

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 
-from bench.agents.confinement import HOLDINGS, Host, leaves_open
+from bench.agents.confinement import HOLDINGS, Host, leaves_open, wall_text
 
 from .._campaign_data import ReportData, Run
 from ._fidelity import fidelity_note
-from ._format import listed, plural
+from ._format import plural
 
 NOT_RECORDED = "not recorded"
 UNCONFINED = "none"
@@ -36,43 +36,61 @@ def confinement_note(data: ReportData, agent: str) -> ConfinementNote | None:
     runs = [run for run in data.runs if run.agent == agent and run.outcome and run.outcome.counts]
     if not runs or fidelity_note(data.campaign):
         return None
-    ways = Counter((run.isolation, run.network) for run in runs)
+    ways = Counter(map(_way, runs))
     sentences = []
-    for (isolation, network), count in sorted(ways.items(), key=lambda way: _seriousness(way[0][0], way[1])):
+    for way, count in sorted(ways.items(), key=lambda item: (_rank(item[0]), -item[1])):
         where = "" if len(ways) == 1 else f" in {plural(count, 'run')}"
-        sentences.append(_sentence(isolation, network, where))
-    unconfined = any(isolation == UNCONFINED for isolation, _ in ways)
-    return ConfinementNote(
-        agent, " ".join(sentences), unconfined, _open(UNCONFINED, "") if unconfined else ()
-    )
+        sentences.append(_sentence(way, where))
+    free = [way.gaps for way in ways if way.isolation == UNCONFINED]
+    open_walls = dict.fromkeys(gap for gaps in free for gap in gaps)
+    return ConfinementNote(agent, " ".join(sentences), bool(free), tuple(open_walls))
 
 
-def _seriousness(isolation: str | None, count: int) -> tuple[int, str, int]:
-    """Order of the sentences: unconfined runs first, unknown ones last."""
-    place = 0 if isolation == UNCONFINED else 2 if isolation is None else 1
-    return place, isolation or "", -count
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """One way in which sessions were confined. `gaps` are the walls that it left open, in words."""
+
+    isolation: str | None
+    network: str | None
+    gaps: tuple[str, ...]
+    recorded: bool
+    """Whether the results name the gaps of their host; otherwise they are those on the best of hosts."""
 
 
-def _sentence(isolation: str | None, network: str | None, where: str) -> str:
+def _way(run: Run) -> _Way:
+    isolation, network = run.isolation, run.network
     if isolation is None:
+        return _Way(None, None, (), recorded=False)
+    if run.open_walls is not None:
+        return _Way(isolation, network, tuple(map(wall_text, run.open_walls)), recorded=True)
+    return _Way(isolation, network, _open(isolation, network), recorded=False)
+
+
+def _rank(way: _Way) -> tuple[int, int, str]:
+    """Order of the sentences: unconfined runs first, then by the number of open walls, unknown ones last."""
+    place = 0 if way.isolation == UNCONFINED else 2 if way.isolation is None else 1
+    return place, -len(way.gaps), way.isolation or ""
+
+
+def _sentence(way: _Way, where: str) -> str:
+    if way.isolation is None:
         return f"How it was confined is {NOT_RECORDED}{f' for {where[4:]}' if where else ''}."
-    if isolation == UNCONFINED:
+    if way.isolation == UNCONFINED:
         return (
             f"It was NOT CONFINED{where} (isolation none): it had the rights of the bench, so that its results "
             "hold only for an agent that is trusted."
         )
-    confined = f"It was confined by {isolation}{where}"
-    if network is None or network == OWN_NETWORK:
-        return f"{confined}{', with a network of its own' if network else ''}."
-    gaps = _open(isolation, network)
-    return (
-        f"{confined}, on the host’s network, which leaves open: {listed(gaps)}." if gaps else f"{confined}."
+    network = {None: "", OWN_NETWORK: ", with a network of its own"}.get(
+        way.network, ", on the host’s network"
     )
+    gaps = f", which leaves open: {'; '.join(way.gaps)}" if way.gaps else ""
+    nothing = ", which leaves nothing open" if way.recorded and not way.gaps else ""
+    return f"It was confined by {way.isolation}{where}{network}{gaps}{nothing}."
 
 
-def _open(isolation: str, network: str) -> tuple[str, ...]:
-    """What a rung leaves open on the best of hosts, but for the network."""
-    if isolation not in HOLDINGS:
+def _open(isolation: str, network: str | None) -> tuple[str, ...]:
+    """What a rung leaves open on the best of hosts, but for the network: for results that do not say it."""
+    if isolation not in HOLDINGS or (isolation != UNCONFINED and network in (None, OWN_NETWORK)):
         return ()
     best = Host(
         root=True,
@@ -89,5 +107,6 @@ def isolation_cell(run: Run) -> str:
     """The cell in the list of runs."""
     if run.isolation is None:
         return NOT_RECORDED
-    shared = run.network is not None and run.network != OWN_NETWORK
-    return f"{run.isolation}, host’s network" if shared else run.isolation
+    shared = ", host’s network" if run.network not in (None, OWN_NETWORK) else ""
+    gaps = f", {plural(len(run.open_walls), 'wall')} open" if run.open_walls else ""
+    return f"{run.isolation}{shared}{gaps}"
