@@ -94,7 +94,9 @@ class AgentManifest(Document):
     ] = ()
     tcp_ports: Annotated[
         tuple[Annotated[int, Field(ge=1, le=65535)], ...],
-        Field(description="TCP ports on which the agent's own processes reach each other."),
+        Field(
+            description="TCP ports on which the agent's own processes reach each other, where landlock has no network of its own."
+        ),
     ] = ()
     gpu: Annotated[bool, Field(description="The agent is given the host's GPU devices.")] = False
     reset: Annotated[

@@ -58,8 +58,8 @@ QUICK = (
 )
 """Flown by `make test`: one of each kind, and those that got something before there were walls."""
 
-OPEN_UNDER_LANDLOCK = {"fill-disk"}
-"""Landlock has no walls there; docs/agents.md says so."""
+ENDED_BY_LANDLOCK = {"fill-disk": "limit of 16 MB in its folder"}
+"""Landlock watches what other rungs wall off, and ends the agent; docs/agents.md says so."""
 MERIT = {"OBS-362"}
 """What is said can be read: whoever says anything has that, and an idle agent has not."""
 
@@ -243,8 +243,7 @@ def walls_hold(trick: str, flight: Flight) -> bool:
     """Whether the rung and the network of this flight are to hold the trick."""
     match CHEATS[trick].held_by:
         case "rung":
-            landlock = flight.isolation == "landlock" and trick not in OPEN_UNDER_LANDLOCK
-            return flight.isolation == "bwrap" or landlock
+            return flight.isolation in ("bwrap", "landlock")
         case "network":
             return flight.has_own_network
         case "bench":
@@ -254,10 +253,14 @@ def walls_hold(trick: str, flight: Flight) -> bool:
 def check(trick: str, flights: Range, isolation: str = "auto") -> None:
     flight = flights.fly(f"cheat-{trick}", isolation)
     result = flight.result
-    assert result.outcome is Outcome(CHEATS[trick].outcome), result.reason
     # Its end counts against it: no trick makes a session disappear.
     assert result.outcome.counts
-    assert flight.attempts > 0
+    if flight.isolation == "landlock" and trick in ENDED_BY_LANDLOCK:
+        assert result.outcome is Outcome.AGENT_CRASHED, result.reason
+        assert ENDED_BY_LANDLOCK[trick] in result.reason
+    else:
+        assert result.outcome is Outcome(CHEATS[trick].outcome), result.reason
+        assert flight.attempts > 0
     assert flight.log_bytes < 400_000
     if not walls_hold(trick, flight):
         pytest.skip(

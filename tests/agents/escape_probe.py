@@ -1,4 +1,4 @@
-"""An agent that looks for ways out of its box. Standard library alone; prints one JSON object.
+"""An agent that looks for ways out of its box. Standard library alone; prints two JSON objects, a line each.
 
 PROBE in its environment is JSON with what the tests planted outside. Each key of the answer is a wall of the
 table in docs/agents.md, each value lists the gaps found in it: an empty list is a wall that holds. It refuses
@@ -211,6 +211,8 @@ def disk() -> Iterator[str]:
             with open(names[-1], "wb") as file:
                 file.write(block)
             written = len(names) // 4
+        # Where a watch holds the quota, this is where it ends.
+        time.sleep(PLANTED["watch_s"])
         yield f"{written} MB, {quota_mb} allowed"
     except OSError:
         pass
@@ -314,7 +316,6 @@ PROBES: dict[str, Callable[[], Iterator[str]]] = {
     "RIGHTS": rights,
     "SETTINGS": settings,
     "HOST_NAME": host_name,
-    "DISK": disk,
     "PROCESS_COUNT": process_count,
     "MEMORY": memory,
     "MEMORY_OF_ALL": memory_of_all,
@@ -325,4 +326,6 @@ if __name__ == "__main__":
     gaps = {name: list(probe()) for name, probe in PROBES.items()}
     leave_daemon()
     print(json.dumps(gaps), flush=True)
+    # Last, and by itself: a quota may be held by ending whoever passes it.
+    print(json.dumps({"DISK": list(disk())}), flush=True)
     time.sleep(600)

@@ -31,6 +31,8 @@ from bench.simspec import Isolation, Point, Polygon, SimSpec, World
 
 LIMITS = AgentLimits(memory_mb=192, processes=48, scratch_mb=4, file_mb=2)
 PATIENCE_S = 90.0
+# A watch looks ten times a second: time enough on a busy host.
+WATCH_S = 3.0
 IPC_CREAT, IPC_RMID = 0o1000, 0
 
 
@@ -75,6 +77,7 @@ def planted() -> Iterator[dict[str, Any]]:
             "memory_mb": LIMITS.memory_mb,
             "processes": LIMITS.processes,
             "scratch_mb": LIMITS.scratch_mb,
+            "watch_s": WATCH_S,
         }
 
 
@@ -111,13 +114,17 @@ def main() -> None:
         plan = AgentPlan(manifest, Path(scratch), spec, AgentEndpoints({}, None, "", "", 0, None), home)
         with open_agent(plan) as agent:
             deadline = time.monotonic() + PATIENCE_S
-            while not agent.output_tail().endswith("}\n") and agent.exit_code() is None:
+            while agent.output_tail().count("}\n") < 2 and agent.exit_code() is None:
                 assert time.monotonic() < deadline, agent.output_tail()
                 time.sleep(0.01)
-            own_user = agent.own_user
+            own_user, limit = agent.own_user, agent.exceeded_limit()
         output = (home / "agent.log").read_text()
         assert output.startswith("{"), output
-        gaps = json.loads(output)
+        gaps: dict[str, list[str]] = {}
+        for line in output.splitlines():
+            gaps |= json.loads(line)
+        if limit == f"{LIMITS.scratch_mb} MB in its folder":
+            gaps["DISK"] = []
         gaps["USER"] = [] if own_user else ["the user of the bench"]
         gaps["DAEMONS"] = left_behind(canaries["word"][:15])
     host = this_host(own_network=own_network, own_user=own_user)

@@ -44,8 +44,18 @@ for number in range(500):
 """
 
 
+# Files of half the quota each: not their own limit is tried. It waits to be found.
+FILL_DISK = """
+import time
+for number in range(8):
+    with open(f"block-{number}", "wb") as file:
+        file.write(bytes(4 << 20))
+time.sleep(60)
+"""
+
+
 def flown(code: str, isolation: Isolation, folder: Path) -> SessionEnd:
-    """The end of a session whose agent is this Python code, with room for 96 MB and 24 processes."""
+    """The end of a session whose agent is this Python code, with room for 96 MB, 24 processes and 8 MB of files."""
     if reason := all_rungs()[isolation].trial():
         pytest.skip(f"{isolation} cannot start here: {reason}")
     spec = load_simspec(EXAMPLE)
@@ -55,7 +65,7 @@ def flown(code: str, isolation: Isolation, folder: Path) -> SessionEnd:
         command=("{python}", "-I", "-S", "-c", code),
         pace=("lockstep",),
         isolation=isolation,
-        limits=AgentLimits(memory_mb=96, processes=24),
+        limits=AgentLimits(memory_mb=96, processes=24, scratch_mb=8),
     )
     records: list[Record] = []
     placed = place(spec.model_copy(update={"pace": pace}))
@@ -96,5 +106,16 @@ def test_too_many_processes_and_threads(code: str, words: str, isolation: Isolat
             "the root user's processes are counted by control groups alone, which this process may not make"
         )
     end = flown(code, isolation, tmp_path)
+    assert end.outcome is Outcome.AGENT_CRASHED, end.reason
+    assert words in end.reason
+
+
+@pytest.mark.parametrize(
+    ("isolation", "words"),
+    [("bwrap", "No space left on device"), ("landlock", "used more than its limit of 8 MB in its folder")],
+)
+def test_a_full_folder(isolation: Isolation, words: str, tmp_path: Path) -> None:
+    """Refused by the file system, or killed by the watch: the outcome names it."""
+    end = flown(FILL_DISK, isolation, tmp_path)
     assert end.outcome is Outcome.AGENT_CRASHED, end.reason
     assert words in end.reason

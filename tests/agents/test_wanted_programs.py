@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
 import time
 import venv
 from pathlib import Path
@@ -14,12 +15,40 @@ import pytest
 
 from bench.agents import open_agent
 from bench.agents.confinement import rungs
+from bench.agents.confinement._landlock import landlock_version
+from bench.agents.confinement._landlock_launch import TCP_FROM
 from bench.contracts import AgentEndpoints, AgentManifest, AgentPlan
 from bench.simspec import Isolation, load_simspec
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
 PATIENCE_S = 60.0
 WORDS = "the box has it"
+# As MAVSDK 3 does with its gRPC server: a child takes any free port, and its parent connects to it.
+SERVER_AS_CHILD = f"""
+import socket, subprocess, sys
+child = '''
+import socket
+server = socket.create_server(("127.0.0.1", 0))
+print(server.getsockname()[1], flush=True)
+server.accept()[0].sendall(b"{WORDS}")
+'''
+with subprocess.Popen([sys.executable, "-I", "-S", "-c", child], stdout=subprocess.PIPE, text=True) as started:
+    try:
+        port = int(started.stdout.readline())
+        with socket.create_connection(("127.0.0.1", port), 10.0) as client:
+            print(client.recv(99).decode())
+    finally:
+        started.kill()
+"""
+IN_A_NETWORK_OF_ITS_OWN = """
+import sys
+from bench.network_namespace import enter_network_namespace
+if fault := enter_network_namespace():
+    sys.exit("no network: " + fault)
+from pathlib import Path
+from test_wanted_programs import SERVER_AS_CHILD, ended
+print(ended(Path(sys.argv[1]), sys.argv[2], "{python}", "-c", SERVER_AS_CHILD)[1])
+"""
 
 
 @pytest.fixture(params=["bwrap", "landlock"])
@@ -147,3 +176,15 @@ def test_python_starts_python(folder: Path, isolation: Isolation) -> None:
     """A child has the interpreter and the packages of its parent."""
     code = "import subprocess, sys; sys.exit(subprocess.call([sys.executable, '-c', 'import numpy; print(numpy.pi > 3)']))"
     assert ended(folder, isolation, "{python}", "-c", code) == (0, "True\n")
+
+
+def test_a_server_that_it_starts_on_any_port(folder: Path, isolation: Isolation) -> None:
+    """In the network of a session; on the host's, Landlock knows ports alone and refuses one that nobody named."""
+    command = [sys.executable, "-c", IN_A_NETWORK_OF_ITS_OWN, str(folder), isolation]
+    done = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+    if done.stderr.startswith("no network: "):
+        pytest.skip(done.stderr)
+    assert done.stdout == f"{WORDS}\n\n", done.stderr
+    code, text = ended(folder, isolation, "{python}", "-c", SERVER_AS_CHILD)
+    refused = isolation == "landlock" and landlock_version() >= TCP_FROM
+    assert ("Permission denied" in text, code) == (refused, int(refused)), text

@@ -75,7 +75,7 @@ def test_the_list_of_runs_says_it_for_each(page: tuple[Page, str]) -> None:
 
 def test_open_walls_of_each_host_stand_beside_the_rung_the_worst_first(tmp_path: Path) -> None:
     """Runs of one agent on three hosts, and of another on one that holds all; a name that a later table may know."""
-    walls = (["host_name"], ["tcp", "later_wall", "disk"], ["host_name"], [], [], [])
+    walls: tuple[list[str], ...] = (["host_name"], ["tcp", "later_wall", "disk"], ["host_name"], [], [], [])
     boxed = (BOXED | {"leaves_open": names} for names in walls)
     details = dict(zip(ids(NAIVE) + ids(AWARE), boxed, strict=True))
     folder = make_campaign(tmp_path / "c", Made(scenes=3, details=details))

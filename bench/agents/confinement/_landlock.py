@@ -16,6 +16,7 @@ from functools import cached_property
 from pathlib import Path
 
 from bench.contracts import AgentUsage
+from bench.network_namespace import namespace_fault
 
 from .._process_usage import ProcessTreeUsage
 from . import _landlock_launch
@@ -38,7 +39,8 @@ def landlock_version() -> int:
 
 
 class Landlock:
-    """Rules on files, TCP connections, abstract sockets and signals, a system call filter and limits.
+    """Rules on files, TCP connections, abstract sockets and signals, a system call filter, limits, and a watch on the
+    size of the agent's folder.
 
     Needs no package and no right. Root becomes another user where that one can reach what the agent reads.
     """
@@ -148,6 +150,8 @@ class LandlockedProcess:
         return AgentUsage(max(self._usage.cpu_s, self._reaped_cpu_s), self._usage.starved_s)
 
     def exceeded_limit(self) -> str:
+        if self._stated("exceeded") is not None:
+            return f"{self._limits.scratch_mb} MB in its folder"
         return f"{self._limits.memory_mb} MB of memory" if self._group.memory_kills() else ""
 
     def ask_to_end(self) -> None:
@@ -163,6 +167,8 @@ class LandlockedProcess:
             self._end_launcher()
             self._read_status()
             os.close(self._status)
+            # Forgotten with the close: the number may soon be that of another file of this process.
+            self._status = -1
             self._group.close()
 
     def _end_launcher(self) -> None:
@@ -218,7 +224,9 @@ def _settings(box: Box, user: int | None) -> bytes:
             # files there show, and nothing of what is in them.
             "listed": sorted({str(path.parent) for path in box.read if (path / "__init__.py").is_file()}),
             "devices": [str(path) for path in gpu_devices()] if box.gpu else [],
-            "tcp_ports": sorted(box.tcp_ports),
+            # A network of the session's own has nothing else to connect to, and agents may run servers in it.
+            "tcp_ports": None if namespace_fault() is None else sorted(box.tcp_ports),
+            "scratch_bytes": box.limits.scratch_mb << 20,
             "limits": list(process_limits(box.limits, present).items()),
             "user": user,
             "filter": filter_program(shares_ipc=True).hex(),

@@ -2,8 +2,9 @@
 
 Run as `python -I -S _landlock_launch.py SETTINGS_FD STATUS_FD PARENT`, with the JSON that `_landlock` writes in
 SETTINGS_FD. It stays outside the agent's Landlock domain as the parent of all that the agent starts, like
-process 1 of a namespace: orphans come to it, and at the end it kills until nothing is left. It writes lines
-to STATUS_FD: `pid N`, then `failed REASON` or nothing, then `ended STATUS` (a wait status).
+process 1 of a namespace: orphans come to it, and at the end it kills until nothing is left. It also watches
+the size of the agent's folder, and ends the agent past its quota. It writes lines to STATUS_FD: `pid N`, then
+`failed REASON`, `exceeded scratch` or nothing, then `ended STATUS` (a wait status).
 """
 
 from __future__ import annotations
@@ -13,9 +14,11 @@ import json
 import os
 import resource
 import signal
+import stat
 import struct
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import suppress
 from types import FrameType
 from typing import Any
@@ -43,6 +46,13 @@ LATEST_FILE_RIGHTS = 16
 TCP_FROM, SCOPES_FROM = 4, 6
 LAST_CAPABILITY = 63
 DEVICES = ("/dev/null", "/dev/zero", "/dev/full", "/dev/random", "/dev/urandom")
+
+# Between two looks at the agent's folder, which may take a tenth of a core; chosen.
+WATCH_S, WATCH_SHARE = 0.1, 0.1
+# What the smallest file takes: many empty ones fill a disk too.
+LEAST_FILE_BYTES = 4096
+# A folder that cannot be read now may be about to vanish; one that still cannot is hidden.
+UNREADABLE_LOOKS = 3
 
 libc = ctypes.CDLL(None, use_errno=True)
 
@@ -77,6 +87,7 @@ def main() -> None:
     for descriptor in (1, 2):
         os.dup2(null, descriptor)
     os.write(status_fd, f"pid {agent}\n".encode())
+    watch_folder(settings["scratch"], settings["scratch_bytes"], status_fd)
     while True:
         try:
             pid, status = os.wait()
@@ -121,7 +132,7 @@ def make_ruleset(settings: dict[str, Any]) -> int:
     attributes = struct.pack(
         "=QQQ",
         rights,
-        CONNECT_TCP if version >= TCP_FROM else 0,
+        CONNECT_TCP if version >= TCP_FROM and settings["tcp_ports"] is not None else 0,
         SCOPE_ABSTRACT_SOCKETS | SCOPE_SIGNALS if version >= SCOPES_FROM else 0,
     )
     size = 8 if version < TCP_FROM else 16 if version < SCOPES_FROM else 24
@@ -138,7 +149,7 @@ def make_ruleset(settings: dict[str, Any]) -> int:
             rule = struct.pack("=Qi", allowed, descriptor)
             check("rule", libc.syscall(LANDLOCK_ADD_RULE, ruleset, RULE_PATH_BENEATH, rule, 0))
             os.close(descriptor)
-    for port in settings["tcp_ports"] if version >= TCP_FROM else ():
+    for port in settings["tcp_ports"] or () if version >= TCP_FROM else ():
         rule = struct.pack("=QQ", CONNECT_TCP, port)
         check("rule", libc.syscall(LANDLOCK_ADD_RULE, ruleset, RULE_NET_PORT, rule, 0))
     return ruleset
@@ -165,6 +176,91 @@ def check(what: str, result: int) -> int:
         number = ctypes.get_errno()
         raise OSError(number, f"{what}: {os.strerror(number)}")
     return result
+
+
+def watch_folder(folder: str, quota_bytes: int, status_fd: int) -> None:
+    """Look at the agent's folder again and again, and end everything below this process once it is over its quota."""
+    unreadable = 0
+
+    def look(_number: int, _frame: FrameType | None) -> None:
+        nonlocal unreadable
+        began_s = time.monotonic()
+        try:
+            over = used_bytes(folder, os.getpid(), quota_bytes) > quota_bytes
+            unreadable = 0
+        except OSError:
+            unreadable += 1
+            over = unreadable >= UNREADABLE_LOOKS
+        if over:
+            os.write(status_fd, b"exceeded scratch\n")
+            end_all(os.getpid())
+            return
+        pause_s = max(WATCH_S, (time.monotonic() - began_s) / WATCH_SHARE)
+        signal.setitimer(signal.ITIMER_REAL, pause_s)
+
+    # A timer of this process: what the agent does cannot keep it from looking.
+    signal.signal(signal.SIGALRM, look)
+    signal.setitimer(signal.ITIMER_REAL, WATCH_S)
+
+
+def used_bytes(folder: str, root: int, enough: int) -> int:
+    """What a folder takes of its disk, with deleted files that processes below `root` hold open.
+
+    Stops counting past `enough`. Raises OSError for a folder in it that cannot be read.
+    """
+    seen: set[int] = set()
+    total, waiting = 0, [folder]
+    while waiting and total <= enough:
+        try:
+            entries = os.scandir(waiting.pop())
+        except (FileNotFoundError, NotADirectoryError):
+            continue
+        with entries:
+            for entry in entries:
+                with suppress(FileNotFoundError):
+                    status = entry.stat(follow_symlinks=False)
+                    if stat.S_ISDIR(status.st_mode):
+                        waiting.append(entry.path)
+                    total += file_bytes(status, seen)
+                if total > enough:
+                    return total
+    device = os.stat(folder).st_dev
+    for status in open_files(root):
+        if status.st_nlink == 0 and status.st_dev == device and stat.S_ISREG(status.st_mode):
+            total += file_bytes(status, seen)
+    return total
+
+
+def file_bytes(status: os.stat_result, seen: set[int]) -> int:
+    """What a file takes of its disk; nothing for one that was counted already under another name."""
+    if status.st_ino in seen:
+        return 0
+    seen.add(status.st_ino)
+    # POSIX leaves the unit of st_blocks open; on Linux it is 512 bytes.
+    return max(LEAST_FILE_BYTES, status.st_blocks * 512)
+
+
+def open_files(root: int) -> Iterator[os.stat_result]:
+    """Files that processes below `root` hold open, as far as they show."""
+    waiting = children_of(root)
+    while waiting:
+        pid = waiting.pop()
+        waiting += children_of(pid)
+        # Another process may end, or close the file, at any moment; a process may hide its files from its own user.
+        with suppress(OSError):
+            for name in os.listdir(f"/proc/{pid}/fd"):
+                with suppress(OSError):
+                    yield os.stat(f"/proc/{pid}/fd/{name}")
+
+
+def children_of(pid: int) -> list[int]:
+    """The children of a process, by the kernel's list for each thread: a tenth of the cost of a look through /proc."""
+    children: list[int] = []
+    with suppress(OSError):
+        for task in os.listdir(f"/proc/{pid}/task"):
+            with suppress(OSError), open(f"/proc/{pid}/task/{task}/children") as file:
+                children += map(int, file.read().split())
+    return children
 
 
 def end_all(root: int) -> None:

@@ -95,7 +95,7 @@ HOLDINGS: Mapping[str, Mapping[Wall, Holding]] = {
         **dict.fromkeys(Wall, _YES),
         Wall.SIGNALS: Holding("from Linux 6.12", lambda host: host.landlock >= 6),
         Wall.TCP: Holding(
-            "by port from Linux 6.7, or in a network of its own",
+            "in a network of its own, else by port from Linux 6.7",
             lambda host: host.landlock >= 4 or host.own_network,
         ),
         Wall.UDP: _NETWORK,
@@ -105,7 +105,7 @@ HOLDINGS: Mapping[str, Mapping[Wall, Holding]] = {
         ),
         Wall.HOST_NAME: _NO,
         Wall.USER: _OWN_USER,
-        Wall.DISK: Holding("no: each file alone is limited", lambda host: False),
+        Wall.DISK: Holding("by a watch that ends it", lambda host: True),
         Wall.PROCESS_COUNT: _PROCESS_COUNT,
         Wall.MEMORY_OF_ALL: _MEMORY_OF_ALL,
     },

@@ -1,0 +1,82 @@
+"""What a watch of the scratch folder counts: whatever takes room on the disk, once."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from bench.agents.confinement._landlock_launch import LEAST_FILE_BYTES, used_bytes
+
+MEBIBYTE = 1 << 20
+PLENTY = 1 << 40
+HOLD_DELETED = """
+import os, sys
+with open("held", "w+b") as file:
+    file.write(bytes(3 << 20))
+    file.flush()
+    os.unlink("held")
+    print("ready", flush=True)
+    sys.stdin.read()
+"""
+
+
+def used_here(folder: Path, enough: int = PLENTY) -> int:
+    return used_bytes(str(folder), os.getpid(), enough)
+
+
+def test_files_and_folders_of_any_depth_count_once(tmp_path: Path) -> None:
+    """With a second name, with links out of the folder, with a hole in it, and empty."""
+    deep = tmp_path / "a" / "b"
+    deep.mkdir(parents=True)
+    (tmp_path / "first").write_bytes(bytes(2 * MEBIBYTE))
+    (deep / "second").write_bytes(bytes(MEBIBYTE))
+    before = used_here(tmp_path)
+    assert 3 * MEBIBYTE <= before <= 3 * MEBIBYTE + 16 * LEAST_FILE_BYTES
+    (deep / "first").hardlink_to(tmp_path / "first")
+    assert used_here(tmp_path) == before
+    (deep / "out").symlink_to("/")
+    with (tmp_path / "hole").open("wb") as file:
+        file.truncate(PLENTY // 2)
+    for number in range(100):
+        (deep / f"empty-{number}").touch()
+    assert 102 * LEAST_FILE_BYTES <= used_here(tmp_path) - before <= 120 * LEAST_FILE_BYTES
+    assert used_here(tmp_path, enough=MEBIBYTE) < before, "it stops once it knows enough"
+
+
+@pytest.fixture
+def holder(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """A child that holds a deleted file of 3 MiB open."""
+    command = [sys.executable, "-I", "-S", "-c", HOLD_DELETED]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, cwd=tmp_path, stdin=pipe, stdout=pipe, text=True) as child:
+        assert child.stdout is not None
+        child.stdout.readline()
+        yield child
+
+
+def test_a_deleted_file_counts_while_a_child_holds_it(tmp_path: Path, holder: subprocess.Popen[str]) -> None:
+    """As long as it takes room; of another folder's disk nothing counts."""
+    assert list(tmp_path.iterdir()) == []
+    assert 3 * MEBIBYTE <= used_here(tmp_path) <= 3 * MEBIBYTE + 16 * LEAST_FILE_BYTES
+    assert used_bytes(str(tmp_path), holder.pid, PLENTY) == 0, "a process alone: it is not below itself"
+    holder.communicate("")
+    assert used_here(tmp_path) == 0
+
+
+def test_a_folder_that_cannot_be_read_is_told(tmp_path: Path) -> None:
+    """A path that is too long for the system hides a folder as well as a mode does, also from root."""
+    name = "d" * 255
+    held = os.open(tmp_path, os.O_RDONLY)
+    for _ in range(20):
+        os.mkdir(name, dir_fd=held)
+        deeper = os.open(name, os.O_RDONLY, dir_fd=held)
+        os.close(held)
+        held = deeper
+    os.close(held)
+    with pytest.raises(OSError, match="name too long"):
+        used_here(tmp_path)
