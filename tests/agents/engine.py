@@ -35,10 +35,11 @@ TAKES_VALUE = {
         "--tmpfs",
         "--workdir",
     ),
-    *("--log-driver", "--volume", "--device", "--env"),
+    *("--log-driver", "--volume", "--device", "--env", "--stop-timeout"),
 }
 REQUIRED = {
-    *("--read-only", "--cap-drop=ALL", "--security-opt=no-new-privileges", "--network=host", "--pull=never"),
+    *("--read-only", "--read-only-tmpfs=false", "--ulimit=core=0:0", "--ulimit=fsize=268435456:268435456"),
+    *("--cap-drop=ALL", "--security-opt=no-new-privileges", "--network=host", "--pull=never"),
     *(
         "--user=60001:60001",
         "--ipc=private",
@@ -69,7 +70,7 @@ def run(words: list[str]) -> None:
     options: list[tuple[str, str]] = []
     while words and words[0].startswith("--"):
         option = words.pop(0)
-        if option == "--read-only":
+        if option in ("--read-only", "--read-only-tmpfs=false"):
             options.append((option, ""))
         elif option in TAKES_VALUE:
             options.append((option, words.pop(0)))
@@ -78,6 +79,9 @@ def run(words: list[str]) -> None:
     stated = {option + (f"={value}" if value else "") for option, value in options}
     if missing := REQUIRED - stated:
         fail(125, f"not confined: {sorted(missing)}")
+    profiles = [value.removeprefix("seccomp=") for option, value in options if value.startswith("seccomp=")]
+    if len(profiles) != 1 or not json.loads(Path(profiles[0]).read_text())["syscalls"]:
+        fail(125, "no profile of system calls")
     image, *command = words
     if image not in IMAGES:
         fail(125, f"{image}: image not known")
@@ -94,14 +98,14 @@ def run(words: list[str]) -> None:
         try:
             agent = subprocess.Popen(command, cwd=scratch, env=environment, start_new_session=True)
         except OSError as error:
-            save(values["--name"], Pid=0, Error=f"{command[0]}: {error.strerror}")
+            save(values["--name"], Pid=0, Status="created")
             fail(127, f"{command[0]}: {error.strerror}")
-        save(values["--name"], Pid=agent.pid, Error="")
+        save(values["--name"], Pid=agent.pid, Status="running")
         code = agent.wait()
         # The limit on memory is the engine's; a command that ends by SIGKILL stands for one that it killed.
         killed = code == -signal.SIGKILL and "OOM" in environment
         if state_file(values["--name"]).exists():
-            save(values["--name"], Pid=0, Error="", OOMKilled=killed)
+            save(values["--name"], Pid=0, Status="exited", OOMKilled=killed)
         sys.exit(128 - code if code < 0 else code)
 
 

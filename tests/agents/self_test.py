@@ -1,6 +1,7 @@
 """Runs the escape probe on one rung, in a process of its own, with things planted outside for it to find.
 
-`python self_test.py RUNG OWN_NETWORK`, where OWN_NETWORK is 0 or 1; prints a JSON object: `gaps` by wall, and
+`python self_test.py RUNG OWN_NETWORK [IMAGE]`, where OWN_NETWORK is 0 or 1 and IMAGE is for the rung
+`container`; prints a JSON object: `gaps` by wall, and
 `host`, the facts of this host that decide which walls are to hold.
 """
 
@@ -22,6 +23,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+
+from host_image import PYTHON
 
 from bench.agents import open_agent
 from bench.agents.confinement import this_host
@@ -99,13 +102,15 @@ def main() -> None:
         own_network = sys.argv[2] == "1" and enter_network_namespace() is None
         probe = shutil.copy(Path(__file__).with_name("escape_probe.py"), scratch)
         home = Path(scratch, "home")
-        own_folders = ["/tmp", "/dev/shm"] if rung == "bwrap" else []
-        canaries["writable"] = [*own_folders, "/scratch" if rung == "bwrap" else str(home)]
+        own_root = rung in ("bwrap", "container")
+        canaries["writable"] = ["/tmp", "/dev/shm", "/scratch"] if own_root else [str(home)]
+        image = sys.argv[3] if rung == "container" else ""
         manifest = AgentManifest(
             name="probe",
-            command=("{python}", "-I", "-S", str(probe)),
+            command=(PYTHON if image else "{python}", "-I", "-S", str(probe)),
             environment={"PROBE": json.dumps(canaries)},
             isolation=rung,
+            image=image,
             limits=LIMITS,
             zenoh=False,
         )

@@ -6,7 +6,10 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+import zenoh
+from host_image import PYTHON, image_or_skip
 
+import bench
 from bench.agents import load_manifest, open_agent
 from bench.agents.confinement import rungs
 from bench.contracts import Outcome, Record
@@ -14,6 +17,7 @@ from bench.realization import place
 from bench.simspec import Isolation, load_simspec
 from bench.simulation import SessionPlan, run_session
 
+ROOMS = ("bench", "agent_adapters", "vehicle_models")
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
 
 
@@ -25,12 +29,24 @@ def flown(isolation: Isolation, folder: Path) -> list[Record]:
     manifest, manifest_folder = load_manifest(spec.agent.manifest)
     records: list[Record] = []
     confined = manifest.model_copy(update={"isolation": isolation})
+    if isolation == "container":
+        # The image has Python alone: packages come from this host, as a developer's image would not.
+        source = Path(bench.__file__).parents[1]
+        packages = Path(zenoh.__file__).parents[1]
+        confined = confined.model_copy(
+            update={
+                "image": image_or_skip(),
+                "command": (PYTHON, *manifest.command[1:]),
+                "environment": manifest.environment | {"PYTHONPATH": f"{source}:{packages}"},
+                "read": (*(str(source / room) for room in ROOMS), str(packages)),
+            }
+        )
     end = run_session(SessionPlan(spec, confined, manifest_folder, open_agent, folder, records.append))
     assert end.outcome in (Outcome.COMPLETED, Outcome.TIME_LIMIT), end.reason
     return records
 
 
-@pytest.mark.parametrize("isolation", ["landlock", "bwrap"])
+@pytest.mark.parametrize("isolation", ["landlock", "bwrap", "container"])
 def test_confinement_changes_no_record(
     isolation: Isolation, tmp_path_factory: pytest.TempPathFactory
 ) -> None:

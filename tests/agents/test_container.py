@@ -1,4 +1,4 @@
-"""The rung `container`, with a stand-in for the engine: no engine is needed, and none has been tried."""
+"""The rung `container`: with a stand-in for the engine, which is strict, and with the engine of the host if it has one."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from host_image import PYTHON, image_or_skip
 
 from bench.agents import open_agent, program_faults
 from bench.agents.confinement import _container as container_module
@@ -22,6 +23,16 @@ from bench.simspec import AgentSpec, load_simspec
 
 HERE = Path(__file__).parent
 EXAMPLE = HERE.parents[1] / "examples" / "search.yaml"
+# Each stays under the limit of one process, both together do not. Whichever the kernel kills, the code is the same.
+TWO_HOGS = """
+import os, time
+child = os.fork()
+held = bytearray(b"1") * (1500 << 20)
+if child:
+    os.wait()
+    os.kill(os.getpid(), 9)
+time.sleep(60)
+"""
 PATIENCE_S = 60.0
 
 
@@ -141,3 +152,31 @@ def test_a_host_that_cannot_says_what_is_missing(tmp_path: Path, monkeypatch: py
     assert "Cannot connect" in (Container(str(program)).trial() or "")
     monkeypatch.setattr(container_module, "namespace_fault", lambda: None)
     assert "network of their own" in (Container(str(program)).trial() or "")
+
+
+def test_the_engine_of_this_host(tmp_path: Path) -> None:
+    """Exit codes, both reasons not to start, all its memory, and what is left: nothing. The escape probe tries its walls."""
+    image = image_or_skip()
+    engine = shutil.which("podman") or "docker"
+
+    def ended(part: str, *command: str, image: str = image) -> tuple[int | None, str, str]:
+        with open_agent(plan(tmp_path / part, *command, image=image)) as agent:
+            until(lambda: agent.exit_code() is not None)
+            found = agent.exit_code(), agent.exceeded_limit()
+        return *found, (tmp_path / part / "agent.log").read_text()
+
+    assert ended("a", "/bin/sh", "-c", "echo $REBAR_MAVLINK $HOME; exit 3") == (
+        3,
+        "",
+        "udpin:127.0.0.1:14540 /scratch\n",
+    )
+    assert ended("b", "/bin/sh", "-c", "exit 127") == (127, "", "")
+    assert ended("c", PYTHON, "-I", "-S", "-c", TWO_HOGS)[:2] == (137, "2048 MB of memory")
+    with pytest.raises(SetupError, match=r"not known|[Nn]o such image"):
+        ended("d", "/bin/sh", image="localhost/rebar-tests/none:9")
+    with pytest.raises(SetupError, match="cannot be started in the image"):
+        ended("e", "/nowhere/agent")
+    listed = subprocess.run(
+        [engine, "ps", "--all", "--format", "{{.Names}}"], capture_output=True, text=True, check=True
+    )
+    assert f"rebar-agent-{os.getpid()}-" not in listed.stdout

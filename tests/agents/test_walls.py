@@ -9,12 +9,13 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from host_image import image_or_skip
 
 from bench.agents.confinement import HOLDINGS, Host, Wall, leaves_open, rungs, walls_table
 
 HERE = Path(__file__).parent
 DOCS = HERE.parents[1] / "docs"
-RUNGS = [("none", False), ("landlock", False), ("landlock", True), ("bwrap", False), ("bwrap", True)]
+RUNGS = [(rung, own_network) for rung in ("landlock", "bwrap", "container") for own_network in (False, True)]
 
 
 @cache
@@ -22,8 +23,9 @@ def self_test(rung: str, own_network: bool) -> tuple[dict[str, list[str]], Host]
     """The gaps that the probe found by wall, and the host that it ran on."""
     if reason := rungs()[rung].trial():
         pytest.skip(f"{rung} cannot start here: {reason}")
+    image = [image_or_skip()] if rung == "container" else []
     done = subprocess.run(
-        [sys.executable, str(HERE / "self_test.py"), rung, str(int(own_network))],
+        [sys.executable, str(HERE / "self_test.py"), rung, str(int(own_network)), *image],
         capture_output=True,
         text=True,
         check=False,
@@ -34,7 +36,7 @@ def self_test(rung: str, own_network: bool) -> tuple[dict[str, list[str]], Host]
     return found["gaps"], Host(**found["host"])
 
 
-@pytest.mark.parametrize(("rung", "own_network"), RUNGS)
+@pytest.mark.parametrize(("rung", "own_network"), [("none", False), *RUNGS])
 def test_a_rung_holds_what_the_table_says_and_no_less(rung: str, own_network: bool) -> None:
     """A wall that the table calls open is open here too: a table that is too modest hides a test that is blind."""
     gaps, host = self_test(rung, own_network)

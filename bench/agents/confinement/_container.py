@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import shutil
 import subprocess
+import tempfile
 import time
 from contextlib import suppress
 from functools import cached_property
@@ -13,12 +15,14 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from bench.contracts import AgentUsage
+from bench.contracts import AgentLimits, AgentUsage
 from bench.network_namespace import namespace_fault
 
 from .._process_usage import ProcessTreeUsage
 from ._box import AGENT_UID, Box
+from ._limits import process_limits
 from ._readable_paths import gpu_devices, with_targets
+from ._system_calls import engine_profile
 
 # In this order: podman's containers can share the network namespace of the bench, docker's daemon has its own.
 ENGINES = ("podman", "docker")
@@ -28,6 +32,16 @@ _ENGINE_FAILED, _NOT_EXECUTABLE, _NOT_FOUND = 125, 126, 127
 # For a command of the engine other than the run itself; chosen, not measured.
 _COMMAND_BUDGET_S = 30.0
 _PREFIX = "rebar-agent-"
+_LIMIT_NAMES = {
+    resource.RLIMIT_CORE: "core",
+    resource.RLIMIT_FSIZE: "fsize",
+    resource.RLIMIT_NOFILE: "nofile",
+    resource.RLIMIT_NPROC: "nproc",
+    resource.RLIMIT_DATA: "data",
+    resource.RLIMIT_MSGQUEUE: "msgqueue",
+    resource.RLIMIT_MEMLOCK: "memlock",
+}
+_PID_MAX = Path("/proc/sys/kernel/pid_max")
 _numbers = count()
 
 
@@ -78,15 +92,26 @@ class ContainerProcess:
         self._program = program
         self._limits = box.limits
         self._name = f"{_PREFIX}{os.getpid()}-{next(_numbers)}"
+        self._note = box.scratch / "oom"
         self._usage = AgentUsage()
         self._tree: ProcessTreeUsage | None = None
         self._final: dict[str, Any] | None = None
         self._ended = False
         _remove_stale(program)
         client, options = _environment_options(box)
+        if Path(program).name == "podman":
+            # Otherwise podman adds writable /run and /var/tmp, which have no quota.
+            options.append("--read-only-tmpfs=false")
+        # Read by the engine's client at the start; engines take no profile by a pipe. Removed by `end`.
+        self._profile = tempfile.NamedTemporaryFile("w", prefix=_PREFIX, suffix=".json")  # noqa: SIM115
+        json.dump(engine_profile(), self._profile)
+        self._profile.flush()
+        options += ["--security-opt", f"seccomp={self._profile.name}"]
         self._client = subprocess.Popen(
             [program, "run", "--name", self._name, *_options(box), *options, box.image, *box.command],
             env=client,
+            # Podman's monitor leaves its note on memory in its working folder, where `exceeded_limit` looks.
+            cwd=box.scratch,
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=output,
@@ -104,8 +129,8 @@ class ContainerProcess:
         code = self.poll()
         if code == _ENGINE_FAILED:
             return "cannot be started by the container engine"
-        # Only a container whose program never ran has an error in its state.
-        never_ran = code in (_NOT_EXECUTABLE, _NOT_FOUND) and self._state().get("Error")
+        # An agent may end with these codes too; a container whose program never ran is still "created".
+        never_ran = code in (_NOT_EXECUTABLE, _NOT_FOUND) and self._state().get("Status") == "created"
         return "cannot be started in the image" if never_ran else ""
 
     def usage(self) -> AgentUsage:
@@ -117,7 +142,11 @@ class ContainerProcess:
         return self._usage
 
     def exceeded_limit(self) -> str:
-        killed = self.poll() is not None and self._state().get("OOMKilled")
+        if self.poll() is None:
+            return ""
+        # Podman 4.3 states nothing with version 1 of control groups. The agent cannot write the note: it sees
+        # another scratch folder.
+        killed = self._state().get("OOMKilled") or self._note.exists()
         return f"{self._limits.memory_mb} MB of memory" if killed else ""
 
     def ask_to_end(self) -> None:
@@ -129,6 +158,7 @@ class ContainerProcess:
             return
         self._state()
         self._ended = True
+        self._profile.close()
         # By name: the engine owns the processes, and ending its client would leave them.
         self._command("rm", "--force", "--volumes", self._name)
         deadline = time.monotonic() + _COMMAND_BUDGET_S
@@ -171,10 +201,11 @@ def _options(box: Box) -> list[str]:
         *("--pids-limit", str(limits.processes), "--cpus", f"{limits.cpus:g}"),
         # Swap included: as much again would be allowed otherwise.
         *("--memory", memory, "--memory-swap", memory, "--shm-size", size),
-        *("--ulimit", f"nofile={limits.open_files}:{limits.open_files}"),
-        *("--ulimit", f"fsize={limits.file_mb << 20}:{limits.file_mb << 20}", "--ulimit", "core=0:0"),
+        *_ulimits(limits),
         *("--tmpfs", f"/tmp:rw,mode=1777,size={size}", "--tmpfs", f"{HOME}:rw,exec,mode=1777,size={size}"),
         *("--workdir", HOME, "--log-driver", "none"),
+        # The agent was asked to end before its container is removed: no second wait of ten seconds.
+        *("--stop-timeout", "0"),
     ]
     for path in with_targets(box.read):
         options += ["--volume", f"{path}:{path}:ro"]
@@ -182,6 +213,24 @@ def _options(box: Box) -> list[str]:
         options += ["--volume", f"{path}:{HOME}/{path.name}:ro"]
     for device in gpu_devices() if box.gpu else ():
         options += ["--device", str(device)]
+    return options
+
+
+def _ulimits(limits: AgentLimits) -> list[str]:
+    """The limits of one process, none above the bench's own hard limit.
+
+    Engines ask for 1,048,576 processes where nothing is stated, and a root user without CAP_SYS_RESOURCE (a build
+    machine, a container in a container) may not raise a limit: no container would start there.
+    """
+    wanted = process_limits(limits)
+    # Counted over all containers of a user, so this is no limit for one agent: `--pids-limit` is. The highest
+    # process id is what podman gives itself, and no host runs more processes than that.
+    wanted[resource.RLIMIT_NPROC] = int(_PID_MAX.read_text())
+    options = []
+    for number, value in wanted.items():
+        highest = resource.getrlimit(number)[1]
+        bound = value if highest == resource.RLIM_INFINITY else min(value, highest)
+        options += ["--ulimit", f"{_LIMIT_NAMES[number]}={bound}:{bound}"]
     return options
 
 

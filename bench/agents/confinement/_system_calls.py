@@ -10,6 +10,7 @@ from __future__ import annotations
 import errno
 import platform
 import struct
+from typing import Any
 
 # Numbers from asm/unistd_64.h and, for the others, asm-generic/unistd.h.
 _NUMBERS: dict[str, dict[str, int]] = {
@@ -46,6 +47,7 @@ _NUMBERS: dict[str, dict[str, int]] = {
 }  # fmt: skip
 # AUDIT_ARCH_* of linux/audit.h.
 _ARCHITECTURES = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
+_ENGINE_NAMES = {"x86_64": "SCMP_ARCH_X86_64", "aarch64": "SCMP_ARCH_AARCH64"}
 _NAMED_BELOW = frozenset(
     {"clone", "clone3", "socket", "socketpair", "ioctl", "shmget", "msgget", "semget", "mq_open"}
 )
@@ -109,6 +111,42 @@ def filter_program(*, shares_ipc: bool, machine: str = "") -> bytes:
     ]
     program.append((_RETURN, 0, 0, _ALLOW))
     return b"".join(struct.pack("=HBBI", *instruction) for instruction in program)
+
+
+def engine_profile(machine: str = "") -> dict[str, Any]:
+    """The same filter in the form that container engines take, with an IPC namespace of the container's own.
+
+    JSON as in the OCI runtime specification, `linux.seccomp`. A rule there compares an argument once, so what the
+    filter above allows by name is here refused by its complement. Raises as `filter_program` does.
+    """
+    machine = machine or platform.machine()
+    if machine not in _NUMBERS:
+        raise NotImplementedError(f"there is no system call filter for {machine} processors")
+    refused = [name for name in sorted(_NUMBERS[machine]) if name not in _NAMED_BELOW]
+    rules = [_rule(refused, errno.EPERM), _rule(["clone3"], errno.ENOSYS)]
+    bits = [1 << bit for bit in range(32) if _NEW_NAMESPACES >> bit & 1]
+    rules += [_rule(["clone"], errno.EPERM, 0, "SCMP_CMP_MASKED_EQ", bit, bit) for bit in bits]
+    sockets = ["socket", "socketpair"]
+    last = max(_SOCKET_FAMILIES)
+    others = [family for family in range(last) if family not in _SOCKET_FAMILIES]
+    rules += [_rule(sockets, errno.EAFNOSUPPORT, 0, "SCMP_CMP_EQ", family) for family in others]
+    rules.append(_rule(sockets, errno.EAFNOSUPPORT, 0, "SCMP_CMP_GT", last))
+    # The kernel looks at the lower half of this argument alone.
+    rules.append(_rule(["ioctl"], errno.EPERM, 1, "SCMP_CMP_MASKED_EQ", 0xFFFFFFFF, _TIOCSTI))
+    return {"defaultAction": "SCMP_ACT_ALLOW", "architectures": [_ENGINE_NAMES[machine]], "syscalls": rules}
+
+
+def _rule(
+    names: list[str], number: int, argument: int = 0, operator: str = "", value: int = 0, compared: int = 0
+) -> dict[str, Any]:
+    """A refusal with an error number; `compared` is what a masked argument is compared with."""
+    test = {"index": argument, "op": operator, "value": value, "valueTwo": compared}
+    return {
+        "names": names,
+        "action": "SCMP_ACT_ERRNO",
+        "errnoRet": number,
+        "args": [test] if operator else [],
+    }
 
 
 def _refuse(number: int) -> tuple[int, int, int, int]:
