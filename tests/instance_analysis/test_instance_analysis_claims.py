@@ -254,3 +254,72 @@ def test_an_order_without_its_time_is_no_setting(text: str) -> None:
         receipt.path for receipt in result.receipts if receipt.source == "prose"
     }
     assert not result.certain
+
+
+BOX_60_TO_120_W = [(-120, -80), (-60, -80), (-60, -20), (-120, -20)]
+SOLDIERS = "Two soldiers and a radar. "
+
+
+@pytest.mark.parametrize(
+    ("text", "fields"),
+    [
+        # A bound is turned around by the denial before it.
+        (SOLDIERS + "No soldier is nearer than 40 m to the radar.", {"placement.distances[0].min_m": 40}),
+        (
+            "A radar. Two soldiers, none of them within 60 m of the radar.",
+            {"placement.distances[0].min_m": 60},
+        ),
+        ("A radar. Two soldiers, none further than 60 m from the radar.", {"placement.near.max_m": 60}),
+        (
+            "A radar. Two soldiers at least 20 m and at most 70 m away from the radar.",
+            {"placement.near.min_m": 20, "placement.near.max_m": 70},
+        ),
+        ("Four soldiers, no two closer than 15 m to each other.", {"placement.spread_m": 15}),
+        ("Four soldiers keep minimum 12 m distance between each other.", {"placement.spread_m": 12}),
+        ("Not less than 5 and not more than 9 soldiers.", {"count": 5}),
+        # A distance with a direction leaves a narrow sector.
+        (
+            "A soldier 200 m south of home.",
+            {"placement.bearing.from_deg": 174.3, "placement.near.max_m": 220},
+        ),
+        # Steps from home are places: home is named once.
+        (
+            "Home is at (10, 0). A soldier patrols between a point 50 m east and a point 80 m north of home.",
+            {"motion.route[0].east_m": 60, "motion.route[0].north_m": 0, "motion.route[1].north_m": 80},
+        ),
+    ],
+)
+def test_where_soldiers_stand(text: str, fields: dict[str, float]) -> None:
+    """Each with the numbers of its own clause, and nothing is left open."""
+    result = read_prose(text, VOCABULARY)
+    read = values(result)
+    assert {name: read.get(f"actors[soldier].{name}") for name in fields} == fields
+    assert not result.not_understood
+
+
+@pytest.mark.parametrize(
+    ("text", "path", "corners"),
+    [
+        ("No flight over the school, 60 to 120 m west and 20 to 80 m south of home.", "rules.no_fly[school].area", BOX_60_TO_120_W),
+        ("No-fly zone: box 60 to 120 m west, 20 to 80 m south of home.", "rules.no_fly[no-fly].area", BOX_60_TO_120_W),
+        ("Two soldiers inside the village, an area from 60 to 120 m west and 20 to 80 m south of home.", "world.areas[village]", BOX_60_TO_120_W),
+        ("A search box 300 m on a side.", "world.area", [(-150, -150), (150, -150), (150, 150), (-150, 150)]),
+        ("Search area 500 x 300.", "world.area", [(-250, -150), (250, -150), (250, 150), (-250, 150)]),
+        ("Stay inside a square of 200 m, centred on home.", "rules.geofence", [(-100, -100), (100, -100), (100, 100), (-100, 100)]),
+    ],
+)  # fmt: skip
+def test_where_ground_lies(text: str, path: str, corners: list[tuple[float, float]]) -> None:
+    """A box by its ranges east and north, and a square by its side."""
+    read = values(read_prose(text, VOCABULARY))
+    points = [(read[f"{path}.corners[{index}].east_m"], read[f"{path}.corners[{index}].north_m"]) for index in range(4)]  # fmt: skip
+    assert points == corners
+
+
+def test_the_times_of_a_no_fly_zone_are_its_own() -> None:
+    """A time in a later sentence about something else is none of it, and it ends when it opens for flight."""
+    zone = "No-fly zone with corners (20,0), (50,0), (50,50)"
+    [read] = read_prose(f"{zone}, opens for flight after 90 s.", VOCABULARY).simspec.rules.no_fly
+    assert (read.from_s, read.until_s) == (0.0, 90.0)
+    result = read_prose(f"{zone}. A radar. The lamp is on after 20 s.", VOCABULARY)
+    assert (result.simspec.rules.no_fly[0].from_s, result.simspec.rules.no_fly[0].until_s) == (0.0, None)
+    assert "after 20 s" in listed(result)

@@ -38,13 +38,14 @@ _A, _E2 = 6378137.0, 6.69437999014e-3
 
 @dataclass(frozen=True, slots=True)
 class Coordinates:
-    """A place as stated: metres east and north, or degrees of latitude and longitude (WGS84) when `degrees`
-    is true.
+    """A place as stated: metres east and north of the origin, or of home when `from_home`; degrees of latitude
+    and longitude (WGS84) when `degrees` is true.
     """
 
     first: float
     second: float
     degrees: bool = False
+    from_home: bool = False
 
 
 def coordinates_of(text: str) -> Coordinates:

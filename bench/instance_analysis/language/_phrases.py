@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -17,78 +18,14 @@ from ._tokens import Span, Word
 from ._vocabulary import FieldWords, Meaning
 
 PHRASES = (
-    *(
-        "nomark",
-        "noreport",
-        "window",
-        "linklost",
-        "standoff",
-        "slow",
-        "loiter",
-        "event",
-        "intelligence",
-        "field",
-        "mean",
-    ),
-    *(
-        "bearing",
-        "within",
-        "atleast",
-        "exact",
-        "far",
-        "away",
-        "near",
-        "road",
-        "roadgap",
-        "roadside",
-        "crossroads",
-        "inside",
-        "behind",
-    ),
-    *(
-        "facing",
-        "hidden",
-        "visible",
-        "between",
-        "apart",
-        "spread",
-        "part",
-        "group",
-        "density",
-        "concealment",
-        "motion",
-        "loop",
-    ),
-    *(
-        "radius",
-        "place",
-        "stretch",
-        "area",
-        "extent",
-        "overfly",
-        "stayin",
-        "landgap",
-        "roads",
-        "axis",
-        "width",
-        "weather",
-    ),
-    *(
-        "clear",
-        "calm",
-        "wind",
-        "gusts",
-        "sun",
-        "clock",
-        "date",
-        "set",
-        "limit",
-        "altitude",
-        "speed",
-        "ground",
-        "when",
-    ),
-)
+    "nomark", "noreport", "window", "linklost", "standoff", "slow", "loiter", "event", "intelligence",
+    "field", "mean", "bearing", "within", "atleast", "exact", "far", "away", "near", "road", "roadgap",
+    "roadside", "crossroads", "inside", "behind", "facing", "hidden", "visible", "between", "apart",
+    "spread", "part", "group", "density", "concealment", "motion", "loop", "radius", "place", "stretch",
+    "area", "extent", "overfly", "stayin", "landgap", "roads", "axis", "width", "weather", "clear",
+    "calm", "wind", "gusts", "sun", "clock", "date", "set", "limit", "altitude", "speed", "ground",
+    "when",
+)  # fmt: skip
 """Rules that may stand by themselves; of two that are equally long the earlier one holds."""
 # Keeps the search linear in the length of the text. Chosen, not measured.
 MAX_PHRASE_WORDS = 24
@@ -109,21 +46,10 @@ TOLERANT_RULES = frozenset(["field", "event", "wind", "intelligence", "nomark", 
 MAX_UNKNOWN_WORDS = 2
 DENIALS = frozenset(
     [
-        "not",
-        "never",
-        "nor",
-        "neither",
-        "isn't",
-        "aren't",
-        "don't",
-        "doesn't",
-        "won't",
-        "cannot",
-        "can't",
-        "if",
-        "unless",
+        "not", "never", "nor", "neither", "isn't", "aren't", "don't", "doesn't", "won't", "cannot", "can't",
+        "if", "unless",
     ]
-)
+)  # fmt: skip
 _NOT_AFTER_COMMA = {
     "quantity": {"COUNT", "UNIT"},
     "group": {"COUNT", "ASSET", "AMBIGUOUS"},
@@ -376,7 +302,7 @@ def _no_unit(words: Sequence[Word], at: int) -> bool:
 def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
     numbers: list[float] = []
     units: list[tuple[str, float] | None] = []
-    by = False
+    by = until = False
     for token in tree.scan_values(lambda unit: isinstance(unit, Token)):
         value = _meaning(token, words).value
         if token.type == "VAGUE" and isinstance(value, tuple):
@@ -388,6 +314,8 @@ def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
             units[-1] = value
         elif token.type == "BY":
             by = True
+        elif token.type == "UNTIL":
+            until = True
         elif token.type in NUMBERED:
             return _moment(token, tree, words)
     last = units[-1]
@@ -399,7 +327,11 @@ def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
     # `3 ft` is 0.9144 m, and not 0.9144000000000001.
     values = [round(value, 9) for value in values]
     if by:
-        return Quantity("DIM", values[0], values[1]) if kinds == {"LENGTH"} else None
+        kind = {"LENGTH": "DIM", "COUNT": "PAIR"}.get(kinds.pop())
+        return Quantity(kind, values[0], values[1]) if kind else None
+    if until and kinds == {"TIME"}:
+        # `from 60 s until 80 s` is a beginning and an end.
+        return None
     return Quantity(kinds.pop(), values[0], values[-1])
 
 
@@ -502,6 +434,32 @@ def _far_off(field: Token, rest: Sequence[Token], words: Sequence[Word]) -> bool
     return not fits and (strange or fed or words[at].text.lower().endswith(" within"))
 
 
+def _has(tree: Tree[Token], kind: str) -> bool:
+    return any(token.type == kind for token in tree.scan_values(lambda token: isinstance(token, Token)))
+
+
+def _spot(phrase: Phrase, *, from_home: bool) -> Part:
+    """A place of a list, given by coordinates or by steps, as one part.
+
+    `from 200 m west to 200 m east of home`: home is named once for all places of the list.
+    """
+    point = phrase.first("POINT")
+    if point is not None:
+        return point
+    east = north = 0.0
+    for length, direction in zip(phrase.every("LENGTH"), phrase.every("DIR"), strict=True):
+        east, north = stepped(east, north, cast("Quantity", length.value), cast("float", direction.value))
+    return Part("POINT", Coordinates(east, north, from_home=from_home), phrase.span)
+
+
+def stepped(east_m: float, north_m: float, length: Quantity, direction: float) -> tuple[float, float]:
+    """Metres east and north after a step of the length's lower end in a direction in degrees."""
+    # Rounded, because the sine of 180 degrees is not exactly 0 in floating point.
+    east_m += length.low * round(math.sin(math.radians(direction)), 9)
+    north_m += length.low * round(math.cos(math.radians(direction)), 9)
+    return round(east_m, 6), round(north_m, 6)
+
+
 def _phrase(rule: str, tree: Tree[Token], words: Sequence[Word]) -> Phrase:
     parts: list[Part | Phrase] = []
     for child in tree.children:
@@ -512,6 +470,8 @@ def _phrase(rule: str, tree: Tree[Token], words: Sequence[Word]) -> Phrase:
             if child.type == "FIELD":
                 value = tuple(part.value for part in word.meanings if part.kind == "FIELD")
             parts.append(Part(child.type, value, word.span))
+        elif str(child.data) == "spot":
+            parts.append(_spot(_phrase("spot", child, words), from_home=_has(tree, "HOME")))
         elif str(child.data) in ("ref", "state", "more"):
             parts.append(_phrase(str(child.data), child, words))
         else:

@@ -105,6 +105,13 @@ class VocabularyDocument(Document):
     words: Annotated[
         dict[str, Words], Field(description="Words of the grammar, by the grammar's own names.")
     ] = {}
+    bounds: Annotated[
+        dict[Literal["WITHIN", "ATLEAST"], Words],
+        Field(description="Comparatives that bound from above or below."),
+    ] = {}
+    denials: Annotated[
+        Words, Field(description="Words that turn a comparative after them into its opposite.")
+    ] = ()
     fields: tuple[FieldWords, ...] = ()
     sets: tuple[SetWords, ...] = ()
     orders: Annotated[
@@ -251,6 +258,11 @@ def _meanings(document: VocabularyDocument) -> Iterator[tuple[str, Meaning]]:
                 yield word, Meaning("MOVING", motion)
     for name, words in document.words.items():
         yield from ((word.lower(), Meaning(name)) for word in words)
+    for bound, comparatives in document.bounds.items():
+        opposite = "ATLEAST" if bound == "WITHIN" else "WITHIN"
+        for word in comparatives:
+            yield word, Meaning(bound)
+            yield from ((f"{denial} {word}", Meaning(opposite)) for denial in document.denials)
     for field in document.fields:
         yield from ((word.lower(), Meaning("FIELD", field)) for word in field.words)
     for fixed in document.sets:

@@ -19,7 +19,14 @@ from ..language._tokens import Span
 from ..language._vocabulary import Defaults
 from ._places import PlaceReader, Point, places_in
 
-KINDS = ("AREAWORD", "GROUND", "NAMED", "NOFLY", "FENCE")
+KINDS = ("NOFLY", "FENCE", "AREAWORD", "GROUND", "NAMED")
+"""Kinds of words for ground; of `no-fly zone over the school` the first one holds."""
+_APPOSITION = re.compile(r"^[^.;\n]{0,12}(?:[,(]\s*(?:an|a|its)|:(?:\s*(?:an|a))?)$")
+"""What stands between an area and the word that says of which shape it is."""
+_STILL_OF_IT = re.compile(
+    r"(?:[^.;!?]|[.](?=\d))*(?:[.;]\s+(?:it|this|that|they)\b[^.;!?\n]*)?$", re.IGNORECASE
+)
+"""What may stand between an area and its times: its own sentence, or one about `it`."""
 CORNERS_OF_A_CIRCLE = 16
 MIDDLE_SHARE = 1 / 3
 
@@ -55,6 +62,8 @@ class GroundReader:
         self.world = GroundPiece("AREAWORD", "area", Span(0, 0))
         self.pieces: dict[str, GroundPiece] = {}
         self.current: GroundPiece | None = None
+        self._mentioned_until = 0
+        """Where the text has named the current area."""
         self._over: list[tuple[str, Span]] = []
         self._fence: tuple[GroundPiece, Span] | None = None
 
@@ -79,7 +88,7 @@ class GroundReader:
                     (name_part for name_part in reversed(self.pieces) if name_part.startswith(name)), name
                 )
             piece = self.pieces.setdefault(name, GroundPiece(part.kind, name, part.span))
-        self.current = piece
+        self.current, self._mentioned_until = piece, part.span.end
         return piece
 
     def _is_the_current(self, span: Span) -> bool:
@@ -88,6 +97,9 @@ class GroundReader:
         """
         assert self.current is not None
         before, word = self._draft.text[: span.start].lower().rstrip(), self._draft.quote(span).lower()
+        if self.current is not self.world and _APPOSITION.search(before, self._mentioned_until):
+            # `no-fly zone: box ...`, `the village, an area from ...`.
+            return True
         named = re.search(r"\bis (the|a|an)( named)?$", before) is not None and self.current is not self.world
         return named or (self.current.kind == "NOFLY" and word == "zone" and before.endswith("the"))
 
@@ -105,17 +117,19 @@ class GroundReader:
 
     def extent(self, phrase: Phrase) -> None:
         """Set the size of the current area."""
-        part = phrase.first("DIM") or phrase.first("AREA") or phrase.first("LENGTH")
+        part = next(filter(None, map(phrase.first, ("DIM", "AREA", "LENGTH", "PAIR"))), None)
         piece = self.current or self.world
         if phrase.every("AXIS"):
             part = _by_axes(phrase)
         assert part is not None
         assert isinstance(part.value, Quantity)
         quantity = part.value
-        if quantity.kind != "DIM" and not quantity.single:
+        if quantity.kind not in ("DIM", "PAIR") and not quantity.single:
             self._draft.fault(phrase.span, "the area is one, not a range", "give one size")
         east = north = quantity.low
-        if quantity.kind == "DIM":
+        if quantity.kind == "PAIR":
+            self._draft.remark(phrase.span, "no unit is given: read in metres")
+        if quantity.kind in ("DIM", "PAIR"):
             north = quantity.high
         elif quantity.kind == "AREA":
             east = north = round(quantity.low**0.5, 3)
@@ -134,7 +148,9 @@ class GroundReader:
     def corners(self, phrase: Phrase) -> None:
         """Set the corners of the current area, or its centre when only one place is given."""
         piece, places = self.current or self.world, places_in(phrase)
-        if len(places) == 1:
+        if box := self._places.box(phrase):
+            self._set_corners(piece, _between(*box), phrase.span)
+        elif len(places) == 1:
             self.middle(places[0], phrase.span)
         elif len(places) == 2:
             self._set_corners(piece, _between(*(self._places.point(place) for place in places)), phrase.span)
@@ -156,7 +172,7 @@ class GroundReader:
         if self.current is not None:
             self.current.part = direction
 
-    def when(self, phrase: Phrase) -> None:
+    def when(self, phrase: Phrase, *, of_ground: bool) -> None:
         """Set the times at which a no-fly area is active."""
         time = phrase.first("TIME")
         if (
@@ -164,6 +180,9 @@ class GroundReader:
             or self.current.kind != "NOFLY"
             or time is None
             or not isinstance(time.value, Quantity)
+            or not (
+                of_ground or _STILL_OF_IT.match(self._draft.text[self._mentioned_until : phrase.span.start])
+            )
         ):
             self._draft.unread(phrase.span, "stands by itself", expressible=True)
             return
@@ -191,7 +210,12 @@ class GroundReader:
             )
 
     def stayin(self, phrase: Phrase) -> None:
-        self._fence = (self.mention(phrase), phrase.span)
+        if phrase.has(*KINDS):
+            self._fence = (self.mention(phrase), phrase.span)
+        else:
+            self.current = self.pieces.setdefault("geofence", GroundPiece("FENCE", "geofence", phrase.span))
+        if phrase.has("DIM", "AREA", "LENGTH"):
+            self.extent(phrase)
 
     # At the end.
 

@@ -121,6 +121,8 @@ class GroupRegister:
             self.subject_is_mission = True
             return []
         counts, none = phrase.every("COUNT"), phrase.first("NONE")
+        if phrase.has("ATLEAST") and phrase.has("WITHIN"):
+            counts = [_range_of(phrase, counts)]
         for part in counts[:-1]:
             # Only the last number is used, and `two squads of nine` are not nine.
             part.disown()
@@ -273,7 +275,10 @@ class GroupRegister:
         quantity = count.value
         low, high = quantity.low, quantity.high
         where = count.span.joined(span)
-        if bound := phrase.first("ATLEAST"):
+        bound, upper = phrase.first("ATLEAST"), phrase.first("WITHIN")
+        if bound and upper:
+            where = bound.span.joined(where)
+        elif bound:
             readings = [f"{low:g}", f"{low:g} to {2 * low:g}"]
             high = (
                 low
@@ -281,7 +286,7 @@ class GroupRegister:
                 == 0
                 else 2 * low
             )
-        elif phrase.first("WITHIN") and quantity.single:
+        elif upper and quantity.single:
             # `up to 10`.
             low = 0.0
         if high > 1:
@@ -428,3 +433,11 @@ class GroupRegister:
                 self.vocabulary.role(self.kinds[group]) is Role.BYSTANDER for group in self.subject
             )
         return False
+
+
+def _range_of(phrase: Phrase, counts: Sequence[Part]) -> Part:
+    """The number of `not less than 5 and not more than 9 civilians`."""
+    least, most = (part.value for part in (counts[0], counts[-1]))
+    assert isinstance(least, Quantity)
+    assert isinstance(most, Quantity)
+    return Part("COUNT", Quantity("COUNT", least.low, most.high), counts[0].span.joined(counts[-1].span))

@@ -9,7 +9,7 @@ from bench.simspec import HOME, Origin
 
 from .._draft import Draft, FieldPath
 from ..language._coordinates import Coordinates, local_m
-from ..language._phrases import Phrase, Quantity
+from ..language._phrases import Part, Phrase, Quantity, stepped
 from ..language._tokens import Span
 from ..language._vocabulary import Defaults
 
@@ -49,7 +49,8 @@ class PlaceReader:
     def point(self, place: Coordinates) -> Point:
         """The place in metres east and north of the origin."""
         east, north = local_m(place, self.origin)
-        return {"east_m": east, "north_m": north}
+        home = self.home if place.from_home else {"east_m": 0.0, "north_m": 0.0}
+        return {"east_m": round(east + home["east_m"], 6), "north_m": round(north + home["north_m"], 6)}
 
     def set_origin(self, phrase: Phrase) -> None:
         part = phrase.first("POINT")
@@ -101,23 +102,37 @@ class PlaceReader:
             return part.value
         if phrase.refs and not (phrase.refs[0].first("HOME") or phrase.refs[0].first("ORIGIN")):
             return None
-        east, north = self.steps(phrase)
-        if not phrase.refs or phrase.refs[0].first("ORIGIN"):
-            return Coordinates(east, north)
-        return Coordinates(round(self.home["east_m"] + east, 6), round(self.home["north_m"] + north, 6))
+        at_home = bool(phrase.refs) and not phrase.refs[0].first("ORIGIN")
+        return Coordinates(*self.steps(phrase), from_home=at_home)
 
     def steps(self, phrase: Phrase) -> tuple[float, float]:
         """Metres east and north of `120 m east and 40 m south`."""
         east = north = 0.0
-        # Rounded, because the sine of 180 degrees is not exactly 0 in floating point.
         for length, direction in zip(phrase.every("LENGTH"), phrase.every("DIR"), strict=True):
             assert isinstance(length.value, Quantity)
             assert isinstance(direction.value, float | int)
             if not length.value.single:
                 self._draft.fault(phrase.span, "a place is one, not a range", "give one number of each")
-            east += length.value.low * round(math.sin(math.radians(direction.value)), 9)
-            north += length.value.low * round(math.cos(math.radians(direction.value)), 9)
-        return round(east, 6), round(north, 6)
+            east, north = stepped(east, north, length.value, float(direction.value))
+        return east, north
+
+    def box(self, phrase: Phrase) -> list[Point] | None:
+        """Two opposite corners of `60 to 120 m west and 20 to 80 m south of home`; None for any other phrase."""
+        lengths = [part for part in phrase.parts if isinstance(part, Part) and part.kind == "LENGTH"]
+        ranges = [length.value for length in lengths if isinstance(length.value, Quantity)]
+        of_home = all(ref.has("HOME", "ORIGIN") for ref in phrase.refs)
+        if len(ranges) != 2 or any(length.single for length in ranges) or not of_home:
+            return None
+        corners: list[Point] = []
+        for end in ("low", "high"):
+            east = north = 0.0
+            for length, direction in zip(ranges, phrase.every("DIR"), strict=True):
+                step = Quantity("LENGTH", getattr(length, end), getattr(length, end))
+                assert isinstance(direction.value, float | int)
+                east, north = stepped(east, north, step, float(direction.value))
+            from_home = bool(phrase.refs) and phrase.refs[0].first("HOME") is not None
+            corners.append(self.point(Coordinates(east, north, from_home=from_home)))
+        return corners
 
     def stand(self, group: str, place: Coordinates, span: Span) -> None:
         """Fix the place of a group with one member."""

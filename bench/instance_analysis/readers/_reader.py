@@ -306,7 +306,7 @@ class TextReader:
         several = count_places(phrase)
         if self.topic == "road":
             self.roads.through(phrase)
-        elif phrase.first("CORNERS") or self.topic == "ground":
+        elif phrase.first("CORNERS") or self.topic == "ground" or self.places.box(phrase):
             self.ground.corners(phrase)
         elif phrase.first("ROUTE") or (
             self.groups.in_sentence and several > 1 and (patrols or phrase.rule != "place")
@@ -627,7 +627,7 @@ class TextReader:
         self.topic = self.last = self.before = "road"
 
     def _when(self, phrase: Phrase) -> None:
-        self.ground.when(phrase)
+        self.ground.when(phrase, of_ground=self.topic == "ground")
 
     def _standoff(self, phrase: Phrase) -> None:
         if self.groups.in_sentence and self.groups.subject and not self.groups.subject_is_mission:

@@ -77,7 +77,7 @@ class RelationReader:
         every: bool = False,
         note: str = "",
     ) -> None:
-        for other in self._groups.ref(phrase):
+        for other in self._groups.ref(phrase.refs[-1]):
             self._keep(group, other, phrase.span, low, high, every=every, note=note)
 
     def _keep(
@@ -143,6 +143,15 @@ class RelationReader:
         if not phrase.refs:
             self._draft.unread(phrase.span, "the text does not say from what")
             return
+        if len(phrase.refs) > 1:
+            # `no civilian is within 50 m of the radar` names its own subject.
+            phrase.every("NONE")
+            asset = phrase.refs[0].first("ASSET")
+            subject = [known for known, kind in self._groups.kinds.items() if asset and kind == asset.value]
+            if len(subject) != 1:
+                self._draft.unread(phrase.span, "the text does not say for whom", expressible=True)
+                return
+            [group] = subject
         # A minimum holds for every member of the other group, a maximum for the nearest one.
         self._distance(group, phrase, length_of(self._draft, phrase).low, None, every=True)
 
@@ -183,6 +192,9 @@ class RelationReader:
         readings = [*others, "the vehicle's start"]
         return [*others, HOME][self._draft.ask(span, "away from what?", readings)]
 
+    def _lengths(self, phrase: Phrase) -> list[Quantity]:
+        return [part.value for part in phrase.every("LENGTH") if isinstance(part.value, Quantity)]
+
     def _band(self, length: Quantity) -> tuple[float, float, str]:
         if not length.single:
             return length.low, length.high, ""
@@ -190,7 +202,11 @@ class RelationReader:
         return length.low * (1 - share), length.high * (1 + share), f"{length.low:g} m within {share:.0%}"
 
     def exact(self, group: str, phrase: Phrase) -> None:
-        low, high, note = self._band(length_of(self._draft, phrase))
+        first, *rest = [length_of(self._draft, phrase), *self._lengths(phrase)[1:]]
+        if rest:
+            # `at least 20 m and at most 50 m from it`.
+            first = Quantity("LENGTH", first.low, rest[0].high)
+        low, high, note = self._band(first)
         self._distance(group, phrase, low, high, note=note)
         # `70 m from home, due east`.
         if due := phrase.first("DUE"):
@@ -222,34 +238,42 @@ class RelationReader:
         part = phrase.first("DIR")
         assert part is not None
         assert isinstance(part.value, float | int)
-        self.towards(group, self._groups.ref(phrase), float(part.value), phrase.span)
-        for other in self._groups.ref(phrase)[:1] if phrase.first("LENGTH") else []:
-            low, high, note = self._band(length_of(self._draft, phrase))
+        of, lengths = self._groups.ref(phrase), self._lengths(phrase)
+        if not lengths:
+            self.towards(group, of, float(part.value), phrase.span)
+            return
+        low, high, note = self._band(lengths[0])
+        self.towards(group, of, float(part.value), phrase.span, self._aside(lengths[0]))
+        for other in of[:1]:
             self._keep(group, other, phrase.span, low, high, every=False, note=note)
 
-    def towards(self, group: str, of: list[str | Coordinates], direction: float, span: Span) -> None:
+    def _aside(self, length: Quantity) -> float:
+        """Half of the sector in degrees that a distance leaves: one number is as exact across as along."""
+        share = self._defaults.exact_share if length.single else 0.4
+        return round(math.degrees(math.atan(share)), 1)
+
+    def towards(
+        self, group: str, of: list[str | Coordinates], direction: float, span: Span, half: float | None = None
+    ) -> None:
         """Stand in the sector around a direction: a quarter of the circle for the main ones, an eighth
-        between these.
+        between these, and less where a distance is given.
         """
         # `northeast` is more precise than `north`, so its sector is half as wide.
-        half = 45.0 if direction % 90 == 0 else 22.5
+        half = half or (45.0 if direction % 90 == 0 else 22.5)
         base: FieldPath = ("actors", group, "placement", "bearing")
         if of and of[0] == group:
             self._draft.unread(span, NO_OWN_DISTANCE)
         elif of:
             self._put_reference(base, of, span)
-            self._draft.put((*base, "from_deg"), (direction - half) % 360, span)
-            self._draft.put((*base, "to_deg"), (direction + half) % 360, span)
+            self._draft.put((*base, "from_deg"), round((direction - half) % 360, 3), span)
+            self._draft.put((*base, "to_deg"), round((direction + half) % 360, 3), span)
 
     def offset(self, group: str, east_m: float, north_m: float, of: str, span: Span) -> None:
         """Place a group at an offset from another group whose place is not known before placement."""
         direction = round(math.degrees(math.atan2(east_m, north_m)) % 360, 3)
         away_m = round(math.hypot(east_m, north_m), 3)
         low, high, note = self._band(Quantity("LENGTH", away_m, away_m))
-        base: FieldPath = ("actors", group, "placement", "bearing")
-        self._draft.put((*base, "of"), of, span)
-        self._draft.put((*base, "from_deg"), (direction - 22.5) % 360, span, f"around {direction:g} degrees")
-        self._draft.put((*base, "to_deg"), (direction + 22.5) % 360, span, f"around {direction:g} degrees")
+        self.towards(group, [of], direction, span, self._aside(Quantity("LENGTH", away_m, away_m)))
         self._keep(group, of, span, low, high, every=False, note=note)
 
     def _put_reference(self, base: FieldPath, of: list[str | Coordinates], span: Span) -> None:
