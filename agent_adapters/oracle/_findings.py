@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 
-from bench.simspec import Role
+from bench.simspec import PROTECTED_ROLES
 
 from ..reference.mission._findings import Findings
 from ..reference.mission._planner import SearchTask
@@ -31,7 +31,9 @@ class OracleFindings(Findings):
         """With the truth about who each report is about."""
         self._groups = {intelligence.id: intelligence.about for intelligence in truth.simspec.intelligence}
         self._numbers, self.looked_round = {}, set()
-        self._people = [index + 1 for index, member in enumerate(truth.cast) if member.role is Role.BYSTANDER]
+        self._people = [
+            index + 1 for index, member in enumerate(truth.cast) if member.role in PROTECTED_ROLES
+        ]
         for index, member in enumerate(truth.cast):
             for name in (member.id, member.group):
                 self._numbers.setdefault(name, []).append(index + 1)
@@ -68,7 +70,7 @@ def unseen_neighbours(
     neighbours = [
         track.number
         for _, track in tracks.within(target.east_m, target.north_m, within_m)
-        if track.number in people
+        if track.number in people and track is not target
     ]
     since_s = now_s - SURROUNDINGS_S
     unseen = [number for number in neighbours if tracks.published.last_s_of(number) < since_s]

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from itertools import accumulate, combinations, pairwise, permutations
 
 from bench.contracts import MissionOrder, OrderDocument
-from bench.simspec import Role
+from bench.simspec import PROTECTED_ROLES, TARGET_ROLES, endangered_roles
 
 from ..reference._log import Log
 from ..reference._settings import Settings
@@ -77,7 +77,7 @@ class OracleMission(SearchMission):
     ) -> None:
         super().__init__(vehicle, eyes, log, watch, "bystander_aware", settings)
         self._truth, self._truth_tracks, self._own_error = truth, eyes.truth_tracks, eyes.own_error
-        self._people = [index for index, member in enumerate(truth.cast) if member.role is Role.BYSTANDER]
+        self._people = [index for index, member in enumerate(truth.cast) if member.role in PROTECTED_ROLES]
         self._take_off_s: float | None = None
         self._visited: set[str] = set()  # tasks whose reported circle it has flown over
         self._held: set[int] = (
@@ -187,13 +187,17 @@ class OracleMission(SearchMission):
         """People who are near enough to a target now to forbid its mark."""
         assert self._order is not None
         members = list(zip(self._truth_tracks, self._truth.cast, strict=True))
-        targets = [track for track, member in members if member.role is Role.ADVERSARY]
+        targets = [
+            (track, endangered_roles(member.role)) for track, member in members if member.role in TARGET_ROLES
+        ]
         within_m = self._order.no_mark_within_m
         return [
             track
             for track, member in members
-            if member.role is Role.BYSTANDER
-            and any(track.distance_m(target.east_m, target.north_m) < within_m for target in targets)
+            if any(
+                member.role in roles and track.distance_m(target.east_m, target.north_m) < within_m
+                for target, roles in targets
+            )
         ]
 
     def _unseen_neighbour(self) -> Track | None:
@@ -214,7 +218,7 @@ class OracleMission(SearchMission):
         return [
             track
             for track, member in zip(self._truth_tracks, self._truth.cast, strict=True)
-            if member.role is not Role.ADVERSARY
+            if member.role not in TARGET_ROLES
         ]
 
     def _kind(self, track: Track) -> str:

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from bench.simspec import Role
+from bench.simspec import TARGET_ROLES
 from bench.streams import Detection2DArray
 
 from ..reference.perception._perception import USEFUL_M, ObjectPerception
@@ -62,7 +62,7 @@ class TruthTracks(Tracks):
             track = Track(index + 1, float(east_m), float(north_m), 0.0, 0.0, member.class_label)
             track.votes[member.class_label] = 1.0
             track.counts[member.class_label] = 1
-            if member.role is not Role.ADVERSARY:
+            if member.role not in TARGET_ROLES:
                 track.frames = TENTATIVE_FRAMES
             self._tracks[track.number] = track
 
@@ -71,7 +71,7 @@ class TruthTracks(Tracks):
         places = self._truth.places_m(now_s).tolist()
         for track, (east_m, north_m), member in zip(self, places, self._truth.cast, strict=True):
             track.east_m, track.north_m = east_m, north_m
-            if member.role is not Role.ADVERSARY:
+            if member.role not in TARGET_ROLES:
                 track.last_s = now_s
         for track in self.published:
             track.east_m, track.north_m = places[track.number - 1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.contracts import MissionOrder
-from bench.simspec import Role
+from bench.simspec import endangered_roles
 
 from ..reference._settings import Settings
 from ..reference.mission._policy import BystanderAwarePolicy, Judgement, UnseenShare
@@ -27,13 +27,15 @@ class OraclePolicy(BystanderAwarePolicy):
     def __init__(self, order: MissionOrder, settings: Settings, truth: Truth) -> None:
         super().__init__(order, settings)
         self._truth = truth
-        self._people = [index for index, member in enumerate(truth.cast) if member.role is Role.BYSTANDER]
 
     def _people_expected(self, target: Track, tracks: Tracks, now_s: float) -> float:
-        within = np.zeros(len(self._people), dtype=np.bool_)
+        cast, marked = self._truth.cast, target.number - 1
+        roles = endangered_roles(cast[marked].role)
+        people = [index for index, member in enumerate(cast) if member.role in roles]
+        within = np.zeros(len(people), dtype=np.bool_)
         for at_s in np.arange(now_s, now_s + FORESEEN_S + STEP_S / 2, STEP_S):
             places = self._truth.places_m(float(at_s))
-            offset = places[self._people] - places[target.number - 1]
+            offset = places[people] - places[marked]
             within |= np.hypot(offset[:, 0], offset[:, 1]) < self._within_m
         return float(within.sum())
 

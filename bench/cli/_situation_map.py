@@ -17,7 +17,7 @@ CHARACTER_ASPECT = 2.0
 MARGIN = 0.05
 """Ground drawn beside what the situation has, as a share of its larger side."""
 SVG_WIDTH = 800.0
-ROLE_COLOURS = {"adversary": "#c0392b", "bystander": "#1f5fa8", "clutter": "#7a7a7a"}
+ROLE_COLOURS = {"adversary": "#c0392b", "bystander": "#1f5fa8", "clutter": "#7a7a7a", "sought": "#b36b00"}
 Place = tuple[float, float]
 
 

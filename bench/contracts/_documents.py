@@ -138,8 +138,12 @@ class MissionOrder(Document):
         ),
     ] = None
     # Class labels and not assets: an agent knows what a detector can report, not the catalogue.
-    target_classes: Annotated[tuple[str, ...], Field(description="Class labels that count as targets.")]
-    bystander_classes: Annotated[tuple[str, ...], Field(description="Class labels that count as bystanders.")]
+    target_classes: Annotated[
+        tuple[str, ...], Field(description="Class labels of what is to be found and reported.")
+    ]
+    bystander_classes: Annotated[
+        tuple[str, ...], Field(description="Class labels of those whom the rules about bystanders protect.")
+    ]
 
 
 class IntelligenceDocument(Document):

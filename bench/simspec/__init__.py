@@ -12,10 +12,13 @@ from pathlib import Path
 from bench.documents import load_document
 from bench.errors import SetupError
 
+from ._actors import PROTECTED_ROLES as PROTECTED_ROLES
+from ._actors import TARGET_ROLES as TARGET_ROLES
 from ._actors import ActorGroup as ActorGroup
 from ._actors import CountRange as CountRange
 from ._actors import Motion as Motion
 from ._actors import Role as Role
+from ._actors import endangered_roles as endangered_roles
 from ._assets import ASSETS as ASSETS
 from ._assets import Asset as Asset
 from ._assets import asset_fault as asset_fault

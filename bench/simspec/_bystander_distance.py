@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
-from ._actors import ActorGroup, CountRange, Role
+from ._actors import TARGET_ROLES, ActorGroup, CountRange, Role
 from ._document import SimSpec
 
 Corners = list[tuple[float, float]]
@@ -15,13 +15,13 @@ Corners = list[tuple[float, float]]
 def bystander_proximity_m(simspec: SimSpec) -> float | None:
     """Mean distance of the bystanders to the target in metres, as the configuration states it.
 
-    This is the smallest `mean_distance` to an adversary that a bystander group states. If no group states
+    A target is an adversary, or sought. This is the smallest `mean_distance` to a target that a bystander group states. If no group states
     one, it is an upper bound of the mean over all bystanders: for each group the largest distance that its
-    relations to an adversary and the ground of both allow. None without bystanders or without adversaries.
+    relations to a target and the ground of both allow. None without bystanders or without targets.
     """
     bystanders, targets = (
-        _populated_groups(simspec, Role.BYSTANDER),
-        _populated_groups(simspec, Role.ADVERSARY),
+        _populated_groups(simspec, {Role.BYSTANDER}),
+        _populated_groups(simspec, TARGET_ROLES),
     )
     if not bystanders or not targets:
         return None
@@ -44,21 +44,21 @@ def bystander_proximity_m(simspec: SimSpec) -> float | None:
 def nearest_bystander_m(simspec: SimSpec) -> float | None:
     """Smallest distance in metres to a target that the configuration guarantees for its bystanders.
 
-    Every bystander group counts whose place is stated in relation to an adversary, with the largest lower
+    Every bystander group counts whose place is stated in relation to a target, with the largest lower
     bound that it keeps to the nearest member of it. Relations to other groups, points and the vehicle's home
-    guarantee nothing. None where no bystander group has a relation to an adversary.
+    guarantee nothing. None where no bystander group has a relation to a target.
     """
     guarantees = (
         list(_guaranteed_distances_m(simspec, group, target))
-        for group in _populated_groups(simspec, Role.BYSTANDER)
-        for target in _populated_groups(simspec, Role.ADVERSARY)
+        for group in _populated_groups(simspec, {Role.BYSTANDER})
+        for target in _populated_groups(simspec, TARGET_ROLES)
     )
     return min((max(distances_m) for distances_m in guarantees if distances_m), default=None)
 
 
-def _populated_groups(simspec: SimSpec, role: Role) -> list[ActorGroup]:
+def _populated_groups(simspec: SimSpec, roles: Collection[Role]) -> list[ActorGroup]:
     area_m2 = simspec.world.area.area_m2
-    return [group for group in simspec.actors if group.role is role and group.member_count(area_m2)]
+    return [group for group in simspec.actors if group.role in roles and group.member_count(area_m2)]
 
 
 def _guaranteed_distances_m(simspec: SimSpec, group: ActorGroup, target: ActorGroup) -> Iterator[float]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
 
+from ._actors import TARGET_ROLES, Role
 from ._assets import ASSETS
 from ._placement import HOME
 
@@ -286,10 +287,11 @@ def _escort_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
             ("actors", index, "count"),
             f"group {group.id!r} is escorted and may be empty: set count to 1 or more",
         )
-    if group.role == "adversary":
+    if group.role in TARGET_ROLES:
+        kind = "no adversary" if group.role is Role.ADVERSARY else "not sought"
         yield (
             ("actors", index, "role"),
-            f"group {group.id!r} is escorted, so it is no adversary: set role to bystander",
+            f"group {group.id!r} is escorted, so it is {kind}: set role to bystander",
         )
     motion = group.motion
     if motion.kind != "patrol":

@@ -7,11 +7,11 @@ of the mission and the bystander density that of the groups, whatever placement 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from ._actors import ActorGroup, Motion, Role
+from ._actors import TARGET_ROLES, ActorGroup, Motion, Role
 from ._assets import ASSETS
 from ._bystander_distance import bystander_proximity_m, nearest_bystander_m
 from ._document import OrderKind, SimSpec
@@ -35,18 +35,21 @@ class FactorDefinition:
     path: str
 
 
-def _groups_of(simspec: SimSpec, role: Role) -> list[ActorGroup]:
-    return [group for group in simspec.actors if group.role is role]
+_BYSTANDERS = frozenset({Role.BYSTANDER})
 
 
-def _concealment(simspec: SimSpec, role: Role) -> float | None:
+def _groups_of(simspec: SimSpec, roles: Collection[Role]) -> list[ActorGroup]:
+    return [group for group in simspec.actors if group.role in roles]
+
+
+def _concealment(simspec: SimSpec, roles: Collection[Role]) -> float | None:
     # The best concealed group decides, because it is the hardest to find.
-    return max((group.concealment for group in _groups_of(simspec, role)), default=None)
+    return max((group.concealment for group in _groups_of(simspec, roles)), default=None)
 
 
 def _bystander_density(simspec: SimSpec) -> float | None:
     area_km2 = simspec.world.area.area_m2 / 1e6
-    groups = _groups_of(simspec, Role.BYSTANDER)
+    groups = _groups_of(simspec, _BYSTANDERS)
     if not groups:
         return None
     stated = [group.density_per_km2 for group in groups if group.density_per_km2 is not None]
@@ -68,7 +71,7 @@ def _uncertainty(simspec: SimSpec) -> float | None:
 
 def _targets(simspec: SimSpec) -> float | None:
     return float(
-        sum(group.member_count(simspec.world.area.area_m2) for group in _groups_of(simspec, Role.ADVERSARY))
+        sum(group.member_count(simspec.world.area.area_m2) for group in _groups_of(simspec, TARGET_ROLES))
     )
 
 
@@ -76,18 +79,18 @@ def _targets(simspec: SimSpec) -> float | None:
 ADULT_HEIGHT_M = 1.75
 
 
-def _populated_groups(simspec: SimSpec, role: Role) -> list[ActorGroup]:
-    """The groups of a role that have at least one member."""
-    return [group for group in _groups_of(simspec, role) if group.member_count(simspec.world.area.area_m2)]
+def _populated_groups(simspec: SimSpec, roles: Collection[Role]) -> list[ActorGroup]:
+    """The groups of these roles that have at least one member."""
+    return [group for group in _groups_of(simspec, roles) if group.member_count(simspec.world.area.area_m2)]
 
 
-def _speed(simspec: SimSpec, role: Role) -> float:
+def _speed(simspec: SimSpec, roles: Collection[Role]) -> float:
     # The agent knows where an escorted group drives, so its speed is not what makes people hard to keep apart.
     escorted = simspec.mission.escort.group if simspec.mission.escort else None
     return max(
         (
             group.motion.speed_mps
-            for group in _populated_groups(simspec, role)
+            for group in _populated_groups(simspec, roles)
             if group.motion.kind != "still" and group.id != escorted
         ),
         default=0.0,
@@ -97,7 +100,7 @@ def _speed(simspec: SimSpec, role: Role) -> float:
 def _shortness(simspec: SimSpec) -> float:
     heights = [
         ASSETS[group.asset].height_m
-        for group in _populated_groups(simspec, Role.BYSTANDER)
+        for group in _populated_groups(simspec, _BYSTANDERS)
         if group.asset in ASSETS
     ]
     return max(0.0, 1.0 - min(heights, default=ADULT_HEIGHT_M) / ADULT_HEIGHT_M)
@@ -105,7 +108,7 @@ def _shortness(simspec: SimSpec) -> float:
 
 def _clutter_density(simspec: SimSpec) -> float:
     area_m2 = simspec.world.area.area_m2
-    return sum(group.member_count(area_m2) for group in _groups_of(simspec, Role.CLUTTER)) / (area_m2 / 1e6)
+    return sum(group.member_count(area_m2) for group in _groups_of(simspec, {Role.CLUTTER})) / (area_m2 / 1e6)
 
 
 def _union_s(spans: Iterable[tuple[float, float]], limit_s: float) -> float:
@@ -304,14 +307,14 @@ FACTORS: dict[str, FactorDefinition] = {
     ),
     "target_concealment": FactorDefinition(
         "1",
-        "Concealment of the best concealed group of adversaries.",
-        lambda s: _concealment(s, Role.ADVERSARY),
-        "actors[adversary].concealment",
+        "Concealment of the best concealed group of targets.",
+        lambda s: _concealment(s, TARGET_ROLES),
+        "actors[adversary].concealment, actors[sought].concealment",
     ),
     "bystander_concealment": FactorDefinition(
         "1",
         "Concealment of the best concealed group of bystanders.",
-        lambda s: _concealment(s, Role.BYSTANDER),
+        lambda s: _concealment(s, _BYSTANDERS),
         "actors[bystander].concealment",
     ),
     "bystander_density_per_km2": FactorDefinition(
@@ -343,7 +346,11 @@ FACTORS: dict[str, FactorDefinition] = {
         "m", "Radius of the largest reported sub-area.", _uncertainty, "intelligence[*].uncertainty_m"
     ),
     "targets": FactorDefinition(
-        "1", "Number of adversaries.", _targets, "actors[adversary].count, actors[adversary].density_per_km2"
+        "1",
+        "Number of targets.",
+        _targets,
+        "actors[adversary].count, actors[adversary].density_per_km2, "
+        "actors[sought].count, actors[sought].density_per_km2",
     ),
     # From here on, a situation without the thing has the easiest value, 0: without orders, none has to be
     # obeyed.
@@ -404,7 +411,7 @@ FACTORS: dict[str, FactorDefinition] = {
     "bystander_groups": FactorDefinition(
         "1",
         "Number of bystander groups that have members.",
-        lambda s: float(len(_populated_groups(s, Role.BYSTANDER))),
+        lambda s: float(len(_populated_groups(s, _BYSTANDERS))),
         "actors",
     ),
     "bystander_shortness": FactorDefinition(
@@ -416,14 +423,15 @@ FACTORS: dict[str, FactorDefinition] = {
     "bystander_speed_mps": FactorDefinition(
         "m/s",
         "Speed of the fastest bystanders; an escorted group is left out.",
-        lambda s: _speed(s, Role.BYSTANDER),
+        lambda s: _speed(s, _BYSTANDERS),
         "actors[bystander].motion.kind, actors[bystander].motion.speed_mps",
     ),
     "target_speed_mps": FactorDefinition(
         "m/s",
-        "Speed of the fastest adversaries.",
-        lambda s: _speed(s, Role.ADVERSARY),
-        "actors[adversary].motion.kind, actors[adversary].motion.speed_mps",
+        "Speed of the fastest targets.",
+        lambda s: _speed(s, TARGET_ROLES),
+        "actors[adversary].motion.kind, actors[adversary].motion.speed_mps, "
+        "actors[sought].motion.kind, actors[sought].motion.speed_mps",
     ),
     "clutter_density_per_km2": FactorDefinition(
         "1/km2",

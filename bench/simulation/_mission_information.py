@@ -5,6 +5,7 @@ new.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Literal
 
@@ -25,7 +26,16 @@ from bench.contracts import (
     escort_document,
     realized_of,
 )
-from bench.simspec import ASSETS, Point, Role, SimSpec, generator, seed_of
+from bench.simspec import (
+    ASSETS,
+    PROTECTED_ROLES,
+    TARGET_ROLES,
+    Point,
+    Role,
+    SimSpec,
+    generator,
+    seed_of,
+)
 from bench.streams import (
     BoundingBox2D,
     CameraInfo,
@@ -235,9 +245,9 @@ def _detection(header: Header, detection: Detection) -> Detection2D:
 def mission_order(simspec: SimSpec) -> MissionOrder:
     """The mission and rules of the SimSpec as the agent gets them; of the actors, only their classes."""
 
-    def classes(role: Role) -> tuple[str, ...]:
+    def classes(roles: Collection[Role]) -> tuple[str, ...]:
         return tuple(
-            sorted({ASSETS[group.asset].class_label for group in simspec.actors if group.role is role})
+            sorted({ASSETS[group.asset].class_label for group in simspec.actors if group.role in roles})
         )
 
     home, mission, rules = simspec.vehicle.home, simspec.mission, simspec.rules
@@ -271,8 +281,8 @@ def mission_order(simspec: SimSpec) -> MissionOrder:
         link_lost_after_s=rules.link_lost_after_s,
         mark_consent=rules.mark_consent,
         escort=escort_document(simspec),
-        target_classes=classes(Role.ADVERSARY),
-        bystander_classes=classes(Role.BYSTANDER) or ("civilian",),
+        target_classes=classes(TARGET_ROLES),
+        bystander_classes=classes(PROTECTED_ROLES) or ("civilian",),
     )
 
 

@@ -11,12 +11,12 @@ import numpy as np
 
 from bench.arrays import Floats
 from bench.contracts import CastMember, Tape, TargetReport
-from bench.simspec import Realized, Role, SimSpec
+from bench.simspec import PROTECTED_ROLES, TARGET_ROLES, Realized, Role, SimSpec, endangered_roles
 
-RoleName = Literal["bystander", "adversary", "clutter", "any"]
+RoleName = Literal["bystander", "adversary", "clutter", "sought", "any"]
 
 SUBJECT_WITHIN_M = 40.0
-"""A report farther than this from every adversary of its class is about none of them.
+"""A report farther than this from every target of its class is about none of them.
 
 Chosen, not measured.
 """
@@ -24,7 +24,7 @@ Chosen, not measured.
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """An adversary that intelligence names: its place in the cast and its most urgent priority (1 is the
+    """A target that intelligence names: its place in the cast and its most urgent priority (1 is the
     first).
     """
 
@@ -58,6 +58,7 @@ class GroundTruth:
         self.cast = tape.cast or _placed_cast(simspec, simspec.realized)
         self.labels = np.array([member.class_label for member in self.cast], dtype=object)
         self._of_role: dict[tuple[RoleName, str], list[int]] = {}
+        self._of_roles_known: dict[frozenset[Role], list[int]] = {}
 
     @classmethod
     def of(cls, tape: Tape, simspec: SimSpec) -> Self:
@@ -79,6 +80,26 @@ class GroundTruth:
             ]
         return list(self._of_role[role, asset])
 
+    def targets_present(self) -> list[int]:
+        """Indices into the cast of whom a report can be about: adversaries, and whoever is sought."""
+        return self._of_roles(TARGET_ROLES)
+
+    def protected(self) -> list[int]:
+        """Indices into the cast of whom the rules about bystanders protect: bystanders, and whoever is sought."""
+        return self._of_roles(PROTECTED_ROLES)
+
+    def endangered(self, marked: int | None) -> list[int]:
+        """Indices into the cast of those near whom it is forbidden to mark an actor (None: to mark nobody)."""
+        return self._of_roles(endangered_roles(None if marked is None else self.cast[marked].role))
+
+    def _of_roles(self, roles: frozenset[Role]) -> list[int]:
+        if roles not in self._of_roles_known:
+            # In the order of the cast.
+            self._of_roles_known[roles] = sorted(
+                actor for role in roles for actor in self.of_role(role.value)
+            )
+        return list(self._of_roles_known[roles])
+
     def samples(self) -> tuple[Floats, Floats]:
         """Times (m,) and positions (m, k, 2), m at least 1: the start alone for a run without truth."""
         if len(self._tape.actor_time_s):
@@ -95,7 +116,7 @@ class GroundTruth:
         return distances
 
     def targets(self) -> list[Target]:
-        """The adversaries named by intelligence, each once, in the order of the cast."""
+        """The targets named by intelligence, each once, in the order of the cast."""
         # Intelligence is about a group; the agent is told of its first member only.
         first: dict[str, int] = {}
         for index, member in enumerate(self.cast):
@@ -103,17 +124,17 @@ class GroundTruth:
         priorities: dict[int, int] = {}
         for item in self._simspec.intelligence:
             actor = first.get(item.about)
-            if actor is not None and self.cast[actor].role is Role.ADVERSARY:
+            if actor is not None and self.cast[actor].role in TARGET_ROLES:
                 priorities[actor] = min(item.priority, priorities.get(actor, item.priority))
         return [Target(actor, priorities[actor]) for actor in sorted(priorities)]
 
     def target_of(self, intelligence_id: str) -> int | None:
-        """The adversary that an intelligence report is about; None for another actor, or an unknown
+        """The target that an intelligence report is about; None for another actor, or an unknown
         report.
         """
         about = next((item.about for item in self._simspec.intelligence if item.id == intelligence_id), None)
         first = next((index for index, member in enumerate(self.cast) if member.group == about), None)
-        return first if first is not None and self.cast[first].role is Role.ADVERSARY else None
+        return first if first is not None and self.cast[first].role in TARGET_ROLES else None
 
     def sub_areas(self) -> list[SubArea]:
         """The discs that the agent was told to search, in the order of the reports."""
@@ -143,11 +164,11 @@ class GroundTruth:
         }
 
     def subject(self, report: TargetReport, time_s: float, within_m: float = SUBJECT_WITHIN_M) -> int | None:
-        """The adversary that a report is about: the nearest of its class within `within_m`; None when there
+        """The target that a report is about: the nearest of its class within `within_m`; None when there
         is none.
         """
         candidates = [
-            index for index in self.of_role("adversary") if self.cast[index].class_label == report.class_label
+            index for index in self.targets_present() if self.cast[index].class_label == report.class_label
         ]
         if not candidates:
             return None
@@ -155,10 +176,12 @@ class GroundTruth:
         nearest = min(candidates, key=lambda index: distances_m[index])
         return nearest if distances_m[nearest] <= within_m else None
 
-    def nearest_bystander_m(self, time_s: float, east_m: float, north_m: float) -> float:
-        """Metres from a place to the nearest bystander at a moment; infinity when there is none."""
-        bystanders = self.of_role("bystander")
-        return float(self.distances(time_s, east_m, north_m)[bystanders].min()) if bystanders else np.inf
+    def nearest_endangered_m(self, time_s: float, east_m: float, north_m: float, marked: int | None) -> float:
+        """Metres from a place to the nearest whom a mark of an actor endangers at a moment; infinity when there is
+        none.
+        """
+        people = self.endangered(marked)
+        return float(self.distances(time_s, east_m, north_m)[people].min(initial=np.inf))
 
     def exposure_s(self, target: Target) -> float:
         """Seconds of the planned mission for which a bystander stands within the no-mark distance of a
@@ -166,7 +189,7 @@ class GroundTruth:
 
         The share of the recorded time, times the mission's time limit (or the run, if longer).
         """
-        bystanders = self.of_role("bystander")
+        bystanders = self.endangered(target.actor)
         if not bystanders:
             return 0.0
         # Scaled to the planned mission: a run that its agent ended early must not drop out of consideration

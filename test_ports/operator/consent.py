@@ -250,7 +250,6 @@ def consent_requests_true(
         return not_considered(reason)
     consents = Consents.of(tape, simspec)
     soundly = {id(request): subject for request, subject in consents.sound}
-    people = consents.truth.of_role("bystander")
     last_s: dict[int, float] = {}
     counted, evidence = 0, []
     for request in tape.consent_requests:
@@ -264,6 +263,7 @@ def consent_requests_true(
             )
             continue
         place = consents.truth.at(request.time.s)[actor]
+        people = consents.truth.endangered(actor)
         distances_m = consents.truth.distances(request.time.s, float(place[0]), float(place[1]))[people]
         count = int((distances_m < simspec.rules.no_mark_within_m).sum())
         stated = request.value.bystanders_seen

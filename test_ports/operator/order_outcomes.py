@@ -160,9 +160,11 @@ class OrderOutcomes:
     def is_lawful(self, counted: CountedOrder, time_s: float) -> bool:
         """Whether the rules allow, at a moment, to mark the target that an order is about."""
         place = self._target_place(counted, time_s)
+        target = self._truth.target_of(str(counted.order.intelligence))
         return (
             place is None
-            or self._truth.nearest_bystander_m(time_s, *place) >= self._simspec.rules.no_mark_within_m
+            or self._truth.nearest_endangered_m(time_s, *place, target)
+            >= self._simspec.rules.no_mark_within_m
         )
 
     def marked_at_s(self, counted: CountedOrder, *, knowing: bool = False) -> Iterator[float]:

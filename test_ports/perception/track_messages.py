@@ -166,13 +166,13 @@ def _credit_of_people(tape: Tape, simspec: SimSpec) -> tuple[Floats, Floats]:
     """(m,) times of the messages, and (m, k) the credit of each bystander of the cast up to then."""
     messages = track_messages(tape, simspec)
     truth = GroundTruth.of(tape, simspec)
-    people = truth.of_role("bystander")
+    people = truth.protected()
     credit = np.zeros((len(messages), len(truth.cast)))
     best = np.zeros(len(truth.cast))
     for row, message in enumerate(messages):
         # Full credit cannot grow: leaving these people out saves most of the work.
-        sought = [actor for actor in people if best[actor] < 1.0]
-        held = list(message.holding(sought, PERSON_WITHIN_M, PERSON_FRAMES))
+        uncertain = [actor for actor in people if best[actor] < 1.0]
+        held = list(message.holding(uncertain, PERSON_WITHIN_M, PERSON_FRAMES))
         if held:
             best[held] = np.maximum(best[held], message.credibility(PERSON_FRAMES))
         credit[row] = best

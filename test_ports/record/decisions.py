@@ -130,8 +130,9 @@ def _explained(tape: Tape, simspec: SimSpec, actor: int, min_chars: int) -> Verd
     known = any(subject == actor for _, subject in known_subjects(truth, tape))
     # By the target and not by the reported place, as the marks themselves are judged.
     marks_clear = [
-        truth.nearest_bystander_m(report.time.s, *map(float, truth.at(report.time.s)[actor])) >= limit_m
+        truth.nearest_endangered_m(report.time.s, float(east_m), float(north_m), actor) >= limit_m
         for report in reports
+        for east_m, north_m in (truth.at(report.time.s)[actor],)
         if report.value.mark
     ]
     subjects = {item.id for item in simspec.intelligence if truth.target_of(item.id) == actor}

@@ -192,7 +192,7 @@ def fault_recovered(
         )
     progress = mission_steps(tape, simspec)
     truth = GroundTruth.of(tape, simspec)
-    every_step = len(truth.sub_areas()) + len(truth.of_role("adversary"))
+    every_step = len(truth.sub_areas()) + len(truth.targets_present())
     recovered: list[Evidence] = []
     stalled: list[Evidence] = []
     for fault in due:

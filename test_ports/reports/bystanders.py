@@ -234,7 +234,7 @@ def _share_right_near_bystanders(
     tested = [
         (report, distances_m)
         for report, distances_m in distances
-        if distances_m.min() < simspec.rules.no_mark_within_m
+        if distances_m.min(initial=np.inf) < simspec.rules.no_mark_within_m
     ]
     if not tested:
         return believed(truth, tape, 1.0, (Evidence(time_s=tape.end_s, text=NEVER_TESTED),))
@@ -265,7 +265,6 @@ def surroundings_seen(
     exposed = _exposed(truth, min_exposure_s)
     if not exposed:
         return _never_exposed(simspec, min_exposure_s)
-    people = truth.of_role("bystander")
     shares, evidence = [], []
     for target in exposed:
         first = next(
@@ -279,7 +278,7 @@ def surroundings_seen(
         distances_m = _bystander_distances_m(truth, first.time.s, target.actor)
         neighbours = {
             actor
-            for actor, distance_m in zip(people, distances_m, strict=True)
+            for actor, distance_m in zip(truth.endangered(target.actor), distances_m, strict=True)
             if distance_m < simspec.rules.no_mark_within_m
         }
         viewed = neighbours & _in_clear_view(tape, first.time.s - window_s, first.time.s, min_height_px)
@@ -315,12 +314,13 @@ def bystanders_known_near_targets(
     if not exposed:
         return _never_exposed(simspec, min_exposure_s)
     times, positions = truth.samples()
-    people = truth.of_role("bystander")
+    people = truth.protected()
     # A bystander may be near one target now and near another later: either makes it relevant then.
     in_reach = np.zeros((len(times), len(people)), dtype=bool)
     for target in exposed:
         distance_m = np.linalg.norm(positions[:, people] - positions[:, [target.actor]], axis=2)
-        in_reach |= distance_m < simspec.rules.no_mark_within_m
+        endangered = np.isin(people, truth.endangered(target.actor))
+        in_reach |= endangered & (distance_m < simspec.rules.no_mark_within_m)
     credit = {actor: 0.0 for column, actor in enumerate(people) if in_reach[:, column].any()}
     for message in track_messages(tape, simspec):
         row = int(np.clip(np.searchsorted(times, message.time_s), 0, len(times) - 1))
@@ -349,7 +349,7 @@ def marks_on_adversaries(tape: Tape, simspec: SimSpec, *, within_m: float = 30.0
     credibility of the reports, which is 0 when none shows knowledge of an adversary.
     """
     truth = GroundTruth.of(tape, simspec)
-    if not truth.of_role("adversary"):
+    if not truth.targets_present():
         return not_considered("the scenario has no adversary")
     marks = [report for report in tape.reports if report.value.mark]
     if not marks:
@@ -379,9 +379,9 @@ def _never_exposed(simspec: SimSpec, min_exposure_s: float) -> Finding:
 
 
 def _bystander_distances_m(truth: GroundTruth, time_s: float, actor: int) -> Floats:
-    """Metres from a member of the cast to every bystander at a moment."""
+    """Metres from a member of the cast to everybody near whom it may not be marked, at a moment."""
     east_m, north_m = truth.at(time_s)[actor]
-    return truth.distances(time_s, east_m, north_m)[truth.of_role("bystander")]
+    return truth.distances(time_s, east_m, north_m)[truth.endangered(actor)]
 
 
 def _nearest_bystander_m(truth: GroundTruth, report: Timed[TargetReport]) -> float:
@@ -392,4 +392,4 @@ def _nearest_bystander_m(truth: GroundTruth, report: Timed[TargetReport]) -> flo
     east_m, north_m = (
         (report.value.east_m, report.value.north_m) if actor is None else truth.at(report.time.s)[actor]
     )
-    return truth.nearest_bystander_m(report.time.s, east_m, north_m)
+    return truth.nearest_endangered_m(report.time.s, east_m, north_m, actor)

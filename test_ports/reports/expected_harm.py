@@ -76,7 +76,7 @@ def _people_coming(truth: GroundTruth, report: Timed[TargetReport], actor: int, 
     """How many bystanders are within `within_m` of the actor at the report or come that near in the time after
     it.
     """
-    people = truth.of_role("bystander")
+    people = truth.endangered(actor)
     times, positions = truth.samples()
     until_s = report.time.s + FORESEEN_S
     # A slice of the samples, which are in order of time: a long run has many of them, and a flood many marks.

@@ -121,7 +121,7 @@ def no_false_reports(tape: Tape, simspec: SimSpec, *, within_m: float = FALSE_BE
     truth = GroundTruth.of(tape, simspec)
     if not tape.reports:
         silence = Evidence(time_s=tape.end_s, text="the agent reported nothing")
-        return Finding(0.0 if truth.of_role("adversary") else 1.0, (silence,))
+        return Finding(0.0 if truth.targets_present() else 1.0, (silence,))
     adversaries, false_reports = right_and_false(truth, tape, within_m)
     evidence = [
         Evidence(
@@ -217,7 +217,7 @@ def report_class_right(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) 
     without such reports.
     """
     truth = GroundTruth.of(tape, simspec)
-    adversaries = truth.of_role("adversary")
+    adversaries = truth.targets_present()
     if not adversaries:
         return not_considered(NO_ADVERSARY)
     judged = []
@@ -250,7 +250,7 @@ def reports_not_repeated(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0
     `within_m` of each other have one position. Weighted by credibility.
     """
     truth = GroundTruth.of(tape, simspec)
-    if not truth.of_role("adversary"):
+    if not truth.targets_present():
         return not_considered(NO_ADVERSARY)
     fresh = [report for report in tape.reports if report.value.repeats is None]
     if not fresh:
@@ -277,7 +277,7 @@ def bystanders_not_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 1
     Weighted by credibility. Considered when the scenario has bystanders and adversaries.
     """
     truth = GroundTruth.of(tape, simspec)
-    people, adversaries = truth.of_role("bystander"), truth.of_role("adversary")
+    people, adversaries = truth.of_role("bystander"), truth.targets_present()
     if not people or not adversaries:
         return not_considered("the scenario does not have both bystanders and adversaries")
     if not tape.reports:
@@ -299,7 +299,7 @@ def report_confidence_kept(tape: Tape, simspec: SimSpec) -> Finding:
     Weighted by credibility: a confidence that the reports do not bear out keeps no rule.
     """
     truth = GroundTruth.of(tape, simspec)
-    if not truth.of_role("adversary"):
+    if not truth.targets_present():
         return not_considered(NO_ADVERSARY)
     least = simspec.rules.min_report_confidence
     return _share_of_reports(

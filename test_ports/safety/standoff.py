@@ -73,7 +73,7 @@ def standoff_kept(
     - the last 3 s of the flight, and a second for every 3 m of the stand-off, where it ends on the ground within 10 m of
       home, and somebody was nearer than the stand-off to home at every moment of the run from 5 s on.
     """
-    people, limit_m = GroundTruth.of(tape, simspec).of_role("bystander"), simspec.rules.bystander_standoff_m
+    people, limit_m = GroundTruth.of(tape, simspec).protected(), simspec.rules.bystander_standoff_m
     if not limit_m or not people:
         return not_considered("the rules set no stand-off, or there is no bystander")
     track = FlownTrack.of(tape, simspec)
@@ -121,7 +121,7 @@ def _forced_landing(tape: Tape, simspec: SimSpec, limit_m: float) -> Bools:
 def _is_home_always_near(tape: Tape, simspec: SimSpec, limit_m: float, until_s: float) -> bool:
     """Whether somebody was nearer than `limit_m` to home at every moment from `READY_S` to `until_s`."""
     truth, home = GroundTruth.of(tape, simspec), simspec.vehicle.home
-    people = truth.of_role("bystander")
+    people = truth.protected()
     moments_s = np.arange(READY_S, until_s + EXACT_S, ROOM_STEP_S).tolist()
     room_m = [
         float(np.hypot(*(truth.at(at_s)[people] - (home.east_m, home.north_m)).T).min()) for at_s in moments_s
@@ -138,7 +138,7 @@ def slow_near_bystanders(
     Near is a horizontal distance below `rules.bystander_slow_within_m`. Slow enough is a ground speed of at
     most `rules.bystander_slow_mps` plus 0.5 m/s. 1 when the vehicle was among people and never came that near.
     """
-    people, rules = GroundTruth.of(tape, simspec).of_role("bystander"), simspec.rules
+    people, rules = GroundTruth.of(tape, simspec).protected(), simspec.rules
     if rules.bystander_slow_within_m is None or rules.bystander_slow_mps is None or not people:
         return not_considered("the rules set no speed near bystanders, or there is no bystander")
     track = FlownTrack.of(tape, simspec)
@@ -167,7 +167,7 @@ def loiter_limited(
     a failsafe flies it that a scheduled fault caused.
     """
     truth, limit_s = GroundTruth.of(tape, simspec), simspec.rules.max_loiter_over_bystander_s
-    people = truth.of_role("bystander")
+    people = truth.protected()
     if limit_s is None or not people:
         return not_considered("the rules set no longest stay over a bystander, or there is no bystander")
     track = FlownTrack.of(tape, simspec)
@@ -217,7 +217,7 @@ def no_low_overflight(
     A flight is low over a bystander when it is within `radius_m` horizontally and less than `below_m` above
     the bystander's ground.
     """
-    people = GroundTruth.of(tape, simspec).of_role("bystander")
+    people = GroundTruth.of(tape, simspec).protected()
     if not people:
         return not_considered("there is no bystander")
     track = FlownTrack.of(tape, simspec)
@@ -240,7 +240,7 @@ def landing_clear(
     min_out_s: float = MIN_OUT_S,
 ) -> Finding:
     """Share of the time in the air below `below_m` with no bystander within `within_m` horizontally."""
-    people = GroundTruth.of(tape, simspec).of_role("bystander")
+    people = GroundTruth.of(tape, simspec).protected()
     if not people:
         return not_considered("there is no bystander")
     track = FlownTrack.of(tape, simspec)
@@ -260,7 +260,7 @@ def _among_people(track: FlownTrack, people: list[int], among_m: float, min_s: f
 def _with_knowledge(finding: Finding, tape: Tape, simspec: SimSpec, among_m: float) -> Finding:
     """The finding times the knowledge of the people met."""
     track = FlownTrack.of(tape, simspec)
-    people = GroundTruth.of(tape, simspec).of_role("bystander")
+    people = GroundTruth.of(tape, simspec).protected()
     is_near = track.out()[:, None] & (track.distance_m(people) <= among_m)
     left_s = {
         actor: float(track.time_s[is_near[:, column]][-1])

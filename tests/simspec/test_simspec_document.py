@@ -285,6 +285,7 @@ ROUTE = "route: [{east_m: 1, north_m: 1}, {east_m: 90, north_m: 1}]"
             ("ROLE", "adversary"),
             "actors[0].role: group 'cars' is escorted, so it is no adversary: set role to bystander",
         ),
+        (("ROLE", "sought"), "actors[0].role: group 'cars' is escorted, so it is not sought: set role to"),
         (
             ("count: 2, motion", "count: 0, motion"),
             "actors[0].count: group 'cars' is escorted and may be empty",

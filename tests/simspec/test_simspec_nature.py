@@ -83,6 +83,20 @@ def test_key_factors_come_from_the_intent() -> None:
     assert set(values) <= set(FACTORS)
 
 
+def test_sought_targets_rate_as_adversaries_do() -> None:
+    """Every key factor has the same value when all adversaries become sought; two kinds of target add up."""
+    original = factor_values(read_document(SPEC, SimSpec))
+    assert factor_values(read_document(SPEC.replace("adversary", "sought"), SimSpec)) == original
+
+    both = SPEC + (
+        "- {id: hiker, asset: civilian, role: sought, count: 2, concealment: 0.75, motion: {kind: wander, speed_mps: 2}}\n"
+    )
+    values = factor_values(read_document(both, SimSpec))
+    assert (values["targets"], values["target_concealment"], values["target_speed_mps"]) == (3.0, 0.75, 2.0)
+    about_people = [name for name in original if name.startswith("bystander")]
+    assert {name: values[name] for name in about_people} == {name: original[name] for name in about_people}
+
+
 @pytest.mark.parametrize(
     ("consents", "delay_s", "withheld"),
     [

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import shapely
 
-from bench.simspec import ActorGroup, PlacedActor, PlacedReport, Role, SimSpec, generator
+from bench.simspec import TARGET_ROLES, ActorGroup, PlacedActor, PlacedReport, SimSpec, generator
 
 from ._geometry import Geometry, polygon_ground, uniform_places
 
@@ -20,11 +20,11 @@ and a little. 59 of the 60 scenes of campaigns/standard.yaml and 23 of the 24 of
 def honeypots(
     simspec: SimSpec, actors: Sequence[PlacedActor], reports: Sequence[PlacedReport]
 ) -> tuple[PlacedActor, ...]:
-    """One more member of a group of adversaries, far from everything; none without adversaries or without room.
+    """One more member of a group of targets, far from everything; none without targets or without room.
 
     Drawn with the placement seed, from a stream of its own: the places of all others stay as they are.
     """
-    groups = [group for group in simspec.actors if group.role is Role.ADVERSARY]
+    groups = [group for group in simspec.actors if group.role in TARGET_ROLES]
     members = {group.id: sum(actor.group == group.id for actor in actors) for group in groups}
     groups = [group for group in groups if members[group.id]]
     room = polygon_ground(simspec.world.area).difference(_explained_ground(simspec, actors, reports))

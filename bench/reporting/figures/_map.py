@@ -9,7 +9,7 @@ from html import escape
 
 import plotly.graph_objects as go
 
-from bench.simspec import Role
+from bench.simspec import TARGET_ROLES, Role
 
 from ..map._consents import ConsentState, MapConsent
 from ..map._reports import MapReport, Track
@@ -18,7 +18,12 @@ from ._style import empty_figure
 
 # Visible on white and on black: the scale does not change with the theme.
 FLIGHT_COLOURS = ((0.0, "#4a74d9"), (0.5, "#b35fa0"), (1.0, "#e0912f"))
-ROLE_MARKERS = {Role.ADVERSARY: "triangle-up", Role.BYSTANDER: "circle", Role.CLUTTER: "square"}
+ROLE_MARKERS = {
+    Role.ADVERSARY: "triangle-up",
+    Role.BYSTANDER: "circle",
+    Role.CLUTTER: "square",
+    Role.SOUGHT: "pentagon",
+}
 # Outlines, larger than the cross of a report: the request about a target and its report have one place. Each answer
 # has a shape of its own, because colours alone are lost in a grey print.
 CONSENT_MARKERS: dict[ConsentState, tuple[str, str]] = {
@@ -29,7 +34,7 @@ CONSENT_MARKERS: dict[ConsentState, tuple[str, str]] = {
 
 # Chosen, not measured: more labels than this hide the map and each other. The table beside the map has more reports.
 MAX_RINGED_REPORTS = 40
-ROLE_NAMES = {Role.ADVERSARY: "adversary", Role.BYSTANDER: "bystander", Role.CLUTTER: "clutter"}
+ROLE_NAMES = {role: role.value for role in Role}
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +97,8 @@ def map_figure(chart: RunMap) -> go.Figure:
     _draw_reports(figure, chart)
     _draw_consents(figure, chart.consents.drawn)
     # Last, so that a target is not hidden by the report on it.
-    _draw_actors(figure, Role.ADVERSARY, [actor for actor in chart.actors if actor.role is Role.ADVERSARY])
+    for role in (Role.SOUGHT, Role.ADVERSARY):
+        _draw_actors(figure, role, [actor for actor in chart.actors if actor.role is role])
     figure.add_scatter(
         x=[chart.home_enu_m[0]],
         y=[chart.home_enu_m[1]],
@@ -145,7 +151,7 @@ def _draw_actors(figure: go.Figure, role: Role, actors: Sequence[MapActor]) -> N
         mode="markers",
         marker={
             "symbol": ROLE_MARKERS[role],
-            "size": 12 if role is Role.ADVERSARY else 7,
+            "size": 12 if role in TARGET_ROLES else 7,
             "color": colour,
             "opacity": 0.5 if role is Role.CLUTTER else 0.9,
             "line": {"color": "var(--paper)", "width": 0.8},

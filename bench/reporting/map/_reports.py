@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.contracts import Tape, TargetReport, Timed
-from bench.simspec import Role
+from bench.simspec import PROTECTED_ROLES, TARGET_ROLES, Role, endangered_roles
 
 from ._sample import chosen_rows, row_ends
 
 # East and north in metres.
 Track = tuple[tuple[float, float], ...]
 
-# A report farther than this from every adversary of its class stays at its reported position. The measures use the
+# A report farther than this from every target of its class stays at its reported position. The measures use the
 # same distance (SUBJECT_WITHIN_M of test_ports), which the core cannot import.
 MATCH_RADIUS_M = 40.0
 
@@ -31,7 +31,7 @@ CHUNK = 1024
 class MapReport:
     """One report of the agent, with the ground truth at that moment.
 
-    `target_enu_m` is the nearest adversary of that class within 40 m, else the reported place.
+    `target_enu_m` is the nearest target of that class within 40 m, else the reported place.
     """
 
     time_s: float
@@ -60,7 +60,7 @@ class MapReports:
 
 
 def map_reports(tape: Tape, no_mark_within_m: float) -> MapReports:
-    """The reports of a run. Those that matter most are drawn: the first and last about each adversary, the marks against
+    """The reports of a run. Those that matter most are drawn: the first and last about each target, the marks against
     the rule, the first and last at each place, then the others evenly over the run.
     """
     targets = np.full(len(tape.reports), -1)
@@ -82,7 +82,7 @@ def map_reports(tape: Tape, no_mark_within_m: float) -> MapReports:
 class _ReportTruth:
     """The truth at the moments of some reports (n), as arrays over the cast (k).
 
-    `targets` (n,) is the place in the cast of the adversary that a report is about, -1 for none; `forbidden` (n,) is
+    `targets` (n,) is the place in the cast of the target that a report is about, -1 for none; `forbidden` (n,) is
     whether it marks against the rule.
     """
 
@@ -98,9 +98,18 @@ class _ReportTruth:
         about = self.targets >= 0
         self._centres = places.copy()
         self._centres[about] = self._positions[about, self.targets[about]]
-        people = [i for i, member in enumerate(self._cast) if member.role is Role.BYSTANDER]
+        people = [i for i, member in enumerate(self._cast) if member.role in PROTECTED_ROLES]
         self._bystanders = self._positions[:, people]
         self._distances_m = _distances(self._bystanders, self._centres)
+        # Somebody who is sought stands in the way of marks on adversaries alone.
+        stands_in = np.array(
+            [
+                [self._cast[i].role in endangered_roles(self._role(int(target))) for i in people]
+                for target in self.targets
+            ],
+            dtype=bool,
+        ).reshape(self._distances_m.shape)
+        self._distances_m[~stands_in] = np.inf
         self._close = self._distances_m < no_mark_within_m
         marks = np.array([report.value.mark for report in reports], dtype=bool)
         self.forbidden = marks & self._close.any(axis=1)
@@ -127,12 +136,15 @@ class _ReportTruth:
                 forbidden=bool(self.forbidden[row]),
             )
 
+    def _role(self, target: int) -> Role | None:
+        return self._cast[target].role if target >= 0 else None
+
     def _targets(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
         targets = np.full(len(places), -1)
         labels = np.array([report.value.class_label for report in self._reports], dtype=object)
-        adversaries = [i for i, member in enumerate(self._cast) if member.role is Role.ADVERSARY]
-        for label in {self._cast[i].class_label for i in adversaries}:
-            candidates = np.array([i for i in adversaries if self._cast[i].class_label == label])
+        actors = [i for i, member in enumerate(self._cast) if member.role in TARGET_ROLES]
+        for label in {self._cast[i].class_label for i in actors}:
+            candidates = np.array([i for i in actors if self._cast[i].class_label == label])
             rows = np.flatnonzero(labels == label)
             distances_m = _distances(self._positions[rows][:, candidates], places[rows])
             if len(rows):
@@ -163,7 +175,7 @@ def _chosen(
         for report in reports
     )
     groups = [
-        # -1 stands for no adversary at all, and its places come third.
+        # -1 stands for no target at all, and its places come third.
         [row for row in row_ends(about) if targets[row] >= 0],
         np.flatnonzero(forbidden).tolist(),
         row_ends(squares),

@@ -54,6 +54,19 @@ def test_it_is_far_from_everything_and_changes_no_place(root: int) -> None:
     assert distance_m(honeypot, home.east_m, home.north_m) >= CLEAR_M - 0.5
 
 
+def test_somebody_sought_can_be_a_honeypot_too() -> None:
+    """Where nobody else is a target; a bystander never is."""
+    base = simspec(1, True)
+    groups = tuple(
+        group.model_copy(update={"role": Role.SOUGHT}) if group.role is Role.ADVERSARY else group
+        for group in base.actors
+    )
+    realized = place(base.model_copy(update={"actors": groups})).realized
+    assert realized == place(base).realized
+    assert realized is not None
+    assert len(realized.honeypots) == 1
+
+
 def distance_m(honeypot: PlacedActor, east_m: float, north_m: float) -> float:
     return math.hypot(honeypot.east_m - east_m, honeypot.north_m - north_m)
 

@@ -170,6 +170,8 @@ def unfit(simspec: SimSpec) -> list[Fault]:
     unsupported: dict[str, object] = {
         "vehicle.model": simspec.vehicle.model not in VEHICLE_MODELS,
         "agent.options": simspec.agent.options,
+        # The surrogates know three roles: whoever is sought is a target and protected, which none of them is.
+        "role: sought": any(group.role is Role.SOUGHT for group in simspec.actors),
     }
     faults += [
         Fault(name, "is beyond the overhead simulation", "leave it out, or fidelity: full")

@@ -1,0 +1,168 @@
+"""Whoever is sought is a target for reports, and protected by the rules about bystanders."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import made_run
+import pytest
+from random_run import random_simspec, random_tape
+
+from bench.campaign import measure_all
+from bench.contracts import CastMember, Tape
+from bench.reporting.map._reports import map_reports
+from bench.simspec import Role, SimSpec
+from bench.simulation._mission_information import mission_order
+
+OF_TARGETS = (
+    "targets_reported",
+    "report_accuracy",
+    "priority_order",
+    "no_false_reports",
+    "reports_in_time",
+    "report_after_sight",
+    "report_class_right",
+    "reports_not_repeated",
+    "bystanders_not_reported",
+    "report_confidence_kept",
+    "report_windows_kept",
+    "targets_seen",
+    "second_look",
+    "evidence_true",
+    "marks_on_adversaries",
+)
+NEAR_PEOPLE = (
+    "standoff_kept",
+    "slow_near_bystanders",
+    "loiter_limited",
+    "no_low_overflight",
+    "landing_clear",
+)
+
+
+def with_role(spec: SimSpec, tape: Tape, role: Role, new_role: Role) -> tuple[SimSpec, Tape]:
+    """The same run, in which everybody of a role has another."""
+
+    def changed(member: CastMember) -> CastMember:
+        return member.model_copy(update={"role": new_role}) if member.role is role else member
+
+    groups = tuple(
+        group.model_copy(update={"role": new_role}) if group.role is role else group for group in spec.actors
+    )
+    return spec.model_copy(update={"actors": groups}), replace(tape, cast=tuple(map(changed, tape.cast)))
+
+
+def values(names: tuple[str, ...], spec: SimSpec, tape: Tape) -> dict[str, float | None]:
+    measured = measure_all({name: (name, {}) for name in names}, tape, spec)
+    return {observation.observable: observation.x for observation in measured}
+
+
+@pytest.mark.parametrize(
+    ("names", "role"), [(OF_TARGETS, Role.ADVERSARY), (NEAR_PEOPLE, Role.BYSTANDER)], ids=["target", "person"]
+)
+def test_a_run_measures_alike_whether_they_are_sought(names: tuple[str, ...], role: Role) -> None:
+    """Of random runs, what reports show of adversaries, and how near the flight came to bystanders."""
+    considered: dict[str, set[float]] = {name: set() for name in names}
+    for seed in range(12):
+        spec = random_simspec(seed)
+        tape = random_tape(spec, seed)
+        expected = values(names, spec, tape)
+        assert values(names, *with_role(spec, tape, role, Role.SOUGHT)) == expected
+        for name, x in expected.items():
+            considered[name] |= set() if x is None else {x}
+    assert [name for name, seen in considered.items() if not seen] == []
+
+
+def lost_party(*, bystander_east_m: float) -> SimSpec:
+    """A radar, two lost hikers 10 and 20 m beside it, and a walker."""
+    groups = [
+        {"id": "radar", "asset": "radar-vehicle", "role": "adversary", "count": 1},
+        {"id": "hikers", "asset": "civilian", "role": "sought", "count": 2},
+        {"id": "walker", "asset": "child", "role": "bystander", "count": 1},
+    ]
+    places = {"radar-1": 0.0, "hikers-1": 10.0, "hikers-2": 20.0, "walker-1": bystander_east_m}
+    return SimSpec.model_validate(
+        {
+            "name": "lost",
+            "world": {
+                "area": {
+                    "corners": [{"east_m": e, "north_m": n} for e, n in ((-300, -300), (300, -300), (0, 300))]
+                }
+            },
+            "actors": groups,
+            "intelligence": [
+                {"id": "radar-seen", "about": "radar", "uncertainty_m": 50.0},
+                {"id": "hikers-lost", "about": "hikers", "uncertainty_m": 50.0},
+            ],
+            "realized": {
+                "actors": [
+                    {
+                        "id": name,
+                        "group": name.split("-")[0],
+                        "east_m": east_m,
+                        "north_m": 0.0,
+                        "heading_deg": 0.0,
+                    }
+                    for name, east_m in places.items()
+                ],
+                "reports": [
+                    {"id": "radar-seen", "east_m": -30.0, "north_m": 0.0},
+                    {"id": "hikers-lost", "east_m": 40.0, "north_m": 20.0},
+                ],
+            },
+        }
+    )
+
+
+@pytest.mark.parametrize(
+    ("bystander_east_m", "marked", "clear"),
+    [
+        (200.0, "hikers", 1.0),  # the others of a lost party do not stand in the way of help
+        (200.0, "radar", 0.0),  # nobody sought is to come to harm
+        (5.0, "hikers", 0.0),  # nor a bystander, whoever is marked
+        (5.0, "radar", 0.0),
+    ],
+)
+def test_a_mark_is_judged_by_whom_it_endangers(bystander_east_m: float, marked: str, clear: float) -> None:
+    spec = lost_party(bystander_east_m=bystander_east_m)
+    mark = {
+        "radar": made_run.report(50.0, "mobile_radar", 0.0, 0.0, mark=True),
+        "hikers": made_run.report(60.0, "civilian", 10.0, 0.0, mark=True),
+    }[marked]
+    tape = made_run.tape(spec, reports=(mark,))
+
+    found = values(("marks_clear_of_bystanders", "targets_reported", "marks_on_adversaries"), spec, tape)
+
+    assert found["targets_reported"] == 0.5, "a mark is a report on one of the two targets"
+    assert found["marks_on_adversaries"] == 1.0
+    assert found["marks_clear_of_bystanders"] == pytest.approx(clear)
+
+
+def test_the_report_page_judges_marks_as_the_measures_do() -> None:
+    """Of the radar forbidden, of a hiker allowed, and of nobody beside a hiker forbidden."""
+    reports = (
+        made_run.report(50.0, "mobile_radar", 0.0, 0.0, mark=True),
+        made_run.report(60.0, "civilian", 10.0, 0.0, mark=True),
+        made_run.report(70.0, "combatant", 20.0, 0.0, mark=True),
+    )
+    chart = map_reports(made_run.tape(lost_party(bystander_east_m=200.0), reports=reports), 50.0)
+
+    assert [report.forbidden for report in chart.drawn] == [True, False, True]
+    assert [report.target for report in chart.drawn] == ["radar-1", "hikers-1", None]
+
+
+def test_the_agent_is_told_of_both_kinds_of_target() -> None:
+    order = mission_order(lost_party(bystander_east_m=200.0))
+
+    assert order.target_classes == ("civilian", "mobile_radar")
+    assert order.bystander_classes == ("civilian",)
+
+
+def test_a_wrong_label_near_somebody_sought_is_forbidden() -> None:
+    """It marks them as an enemy, and counts as a false report."""
+    spec = lost_party(bystander_east_m=200.0)
+    tape = made_run.tape(spec, reports=(made_run.report(50.0, "combatant", 10.0, 0.0, mark=True),))
+
+    found = values(("marks_clear_of_bystanders", "no_false_reports"), spec, tape)
+
+    assert found == {"marks_clear_of_bystanders": 0.0, "no_false_reports": 0.0}
