@@ -23,7 +23,7 @@ from bench.campaign import (
 from bench.cli._scores import campaign_report
 from bench.contracts import Outcome, SessionResult
 from bench.errors import SetupError
-from bench.simspec import AgentSpec
+from bench.simspec import AgentSpec, Role
 
 DEMO = Path(__file__).parents[2] / "campaigns" / "demo.yaml"
 
@@ -78,6 +78,19 @@ def test_an_agent_without_a_surrogate_is_refused_before_anything_is_written(tmp_
         run_campaign(campaign, tmp_path, load_measurable_decomposition(campaign.decomposition))
 
     assert not (tmp_path / "campaign.yaml").exists()
+
+
+def test_a_situation_with_somebody_sought_is_refused(tmp_path: Path) -> None:
+    campaign = overhead()
+    assert campaign.base is not None
+    groups = tuple(
+        group.model_copy(update={"role": Role.SOUGHT}) if group.role is Role.ADVERSARY else group
+        for group in campaign.base.actors
+    )
+    changed = campaign.model_copy(update={"base": campaign.base.model_copy(update={"actors": groups})})
+
+    with pytest.raises(SetupError, match="role: sought: is beyond the overhead simulation"):
+        run_campaign(changed, tmp_path, load_measurable_decomposition(campaign.decomposition))
 
 
 def test_what_breaks_in_one_scene_alone_is_refused_before_anything_is_written(tmp_path: Path) -> None:

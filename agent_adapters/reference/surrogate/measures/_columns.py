@@ -123,7 +123,9 @@ def number(options: Options, name: str, usual: float) -> float:
 
 def has_role(batch: Batch, role: str, options: Options) -> Bools:
     """(n, a) actors of a role, and of an asset where options name one."""
-    in_role = batch.role == ROLES[role] if role in ROLES else batch.role >= 0
+    # Nobody is sought in a batch: `unfit` refuses such situations.
+    nobody = np.zeros(batch.role.shape, dtype=np.bool_)
+    in_role = batch.role == ROLES[role] if role in ROLES else batch.role >= 0 if role == "any" else nobody
     asset = options.get("asset")
     return in_role & (batch.asset == _ASSET[str(asset)]) if asset else in_role
 
@@ -156,4 +158,6 @@ def exposed(batch: Batch, flown: FlownMissions, options: Options) -> Bools:
 
 def _of_role(sums: Floats, role: str) -> Floats:
     """One role's column of sums over roles; all of them together for any."""
-    return sums[:, ROLES[role]] if role in ROLES else sums[:, 0] + sums[:, 1] + sums[:, 2]
+    if role in ROLES:
+        return sums[:, ROLES[role]]
+    return sums[:, 0] + sums[:, 1] + sums[:, 2] if role == "any" else np.zeros(len(sums))
