@@ -323,3 +323,54 @@ def test_the_times_of_a_no_fly_zone_are_its_own() -> None:
     result = read_prose(f"{zone}. A radar. The lamp is on after 20 s.", VOCABULARY)
     assert (result.simspec.rules.no_fly[0].from_s, result.simspec.rules.no_fly[0].until_s) == (0.0, None)
     assert "after 20 s" in listed(result)
+
+
+@pytest.mark.parametrize(
+    ("text", "rest", "share"),
+    [
+        ("Ten soldiers, half of them within 50 m of home, the other half at least 200 m from home.", (5, "min_m 200.0"), (5, "max_m 50.0")),
+        ("Nine soldiers: a third of them walk, the rest stand still.", (6, "kind still"), (3, "kind wander")),
+        ("Three soldiers, one of them camouflaged, the other two in the open.", (2, "concealment 0.0"), (1, "concealment 1.0")),
+        ("Eight soldiers. Two of the soldiers patrol.", (6, "role adversary"), (2, "kind wander")),
+        ("Three quarters of the eight soldiers are parked and the others walk.", (2, "kind wander"), (6, "kind still")),
+    ],
+)  # fmt: skip
+def test_a_share_is_a_group_of_its_own(text: str, rest: tuple[int, str], share: tuple[int, str]) -> None:
+    """Each part has its number and what is said of it, and not what is said of the other."""
+    result = read_prose(text, VOCABULARY)
+    told = [[f"{path.rpartition('.')[2]} {value}" for path, value in values(result).items() if f"[{actor.id}]" in path] for actor in result.simspec.actors]  # fmt: skip
+    assert [actor.count for actor in result.simspec.actors] == [rest[0], share[0]]
+    assert rest[1] in told[0]
+    assert share[1] in told[1]
+    assert share[1] not in told[0]
+    assert not result.not_understood
+
+
+@pytest.mark.parametrize(
+    ("text", "quote"),
+    [
+        ("Nine soldiers, half of them walk.", "half of them"),
+        ("Some soldiers, one of which is camouflaged.", "one of which"),
+        ("Eight soldiers within 60 m of two trucks, one of which is camouflaged.", "one of which"),
+        ("Eight soldiers within 60 m of two trucks, one of them is camouflaged.", "one of them"),
+        ("Four soldiers, two of them, says Ann.", "two of them"),
+        ("Five soldiers. A third soldier walks.", "A third soldier"),
+        ("Five soldiers. The others walk.", "The others"),
+    ],
+)
+def test_a_share_that_is_not_plain_divides_nobody(text: str, quote: str) -> None:
+    """Of which group, how many, what of them: where one is open, the clause is listed and the group whole."""
+    result = read_prose(text, VOCABULARY)
+    assert [actor.asset for actor in result.simspec.actors if actor.role == "adversary"] in (["soldier"], ["soldier", "military-truck"])  # fmt: skip
+    assert all(actor.concealment == 0.0 and actor.motion.kind == "still" for actor in result.simspec.actors)
+    assert quote in listed(result)
+
+
+def test_all_of_a_divided_group() -> None:
+    """`Everyone` means its parts, and so does its name; a number counts them together."""
+    text = "A radar. Nine civilians, a third of them children, and everyone stays within 80 m of the radar."
+    result = read_prose(text, VOCABULARY)
+    near = {actor.asset: actor.placement.near for actor in result.simspec.actors if actor.role == "bystander"}
+    assert {asset: relation and relation.max_m for asset, relation in near.items()} == {"civilian": 80.0, "child": 80.0}  # fmt: skip
+    result = read_prose("Six soldiers, two of them walk. The six soldiers are camouflaged.", VOCABULARY)
+    assert [actor.concealment for actor in result.simspec.actors] == [1.0, 1.0]

@@ -210,7 +210,7 @@ def test_what_was_read_wrong_without_a_word_is_read(text: str, path: str, value:
             "a second report",
         ),
         ("Of the 12 civilians, 4 are children.", "Of the 12 civilians"),
-        ("Two radars, one of which is camouflaged.", "one of which"),
+        ("Some radars, one of which is camouflaged.", "one of which"),
         ("Two soldiers near a truck, camouflaged.", "camouflaged"),
         ("A radar. 25 m away, a shed.", "25 m away"),
     ],

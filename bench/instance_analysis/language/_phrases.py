@@ -21,7 +21,7 @@ PHRASES = (
     "nomark", "noreport", "window", "linklost", "standoff", "slow", "loiter", "event", "intelligence",
     "field", "mean", "bearing", "within", "atleast", "exact", "far", "away", "near", "road", "roadgap",
     "roadside", "crossroads", "inside", "behind", "facing", "hidden", "visible", "between", "apart",
-    "spread", "part", "group", "density", "concealment", "motion", "loop", "radius", "place", "stretch",
+    "spread", "part", "group", "share", "rest", "density", "concealment", "motion", "loop", "radius", "place", "stretch",
     "area", "extent", "overfly", "stayin", "landgap", "roads", "axis", "width", "weather", "clear",
     "calm", "wind", "gusts", "sun", "clock", "date", "set", "limit", "altitude", "speed", "ground",
     "when",
@@ -53,6 +53,8 @@ DENIALS = frozenset(
 _NOT_AFTER_COMMA = {
     "quantity": {"COUNT", "UNIT"},
     "group": {"COUNT", "ASSET", "AMBIGUOUS"},
+    "share": {"COUNT", "ASSET", "AMBIGUOUS"},
+    "rest": {"COUNT", "ASSET", "AMBIGUOUS"},
     "wind": {"COUNT", "WIND"},
     "field": {"COUNT", "FIELD"},
 }

@@ -98,6 +98,7 @@ class VocabularyDocument(Document):
     motions: dict[str, MotionWords] = {}
     axes: Annotated[dict[str, float], Field(description="How a road runs, in degrees below 180.")] = {}
     ordinals: dict[str, int] = {}
+    fractions: dict[str, float] = {}
     link_reactions: Annotated[
         dict[str, Literal["continue", "hold", "return"]], Field(description="Without the link.")
     ] = {}
@@ -244,6 +245,7 @@ def _meanings(document: VocabularyDocument) -> Iterator[tuple[str, Meaning]]:
         "CONCEAL": document.concealments,
         "AXIS": document.axes,
         "NTH": document.ordinals,
+        "FRACTION": document.fractions,
         "LINKDO": document.link_reactions,
     }
     for name, table in tables.items():

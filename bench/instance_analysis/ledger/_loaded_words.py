@@ -56,8 +56,8 @@ _WORDS: dict[Load, str] = {
         |except|excluding|excludes?|instead|rather|other\s+than|apart\s+from|all\s+but
         |forbid\w*|forbade|prohibit\w*|disallow\w*|ban|banned|avoid\w*|refrain\w*|withhold\w*|withheld|off-limits
         |disregard\w*|ignor\w*|cancel\w*|correction|sorry|scratch\s+that|i\s+mean|hardly|barely|outside""",
-    Load.CONDITION: rf"""if|when|whenever|unless|until(?!\s+then|{_MOMENT})|till(?!{_MOMENT})|once|provided|in\s+case|in\s+the\s+event|upon
-        |after(?!{_MOMENT})|before(?!{_MOMENT})|whil(?:e|st)(?!\s+(?:the\s+)?(?:{_COUNT}|an?\b|some|several))|as\s+soon\s+as|as\s+long\s+as
+    Load.CONDITION: rf"""(?<!what\s)if|when|whenever|unless|until(?!\s+then|{_MOMENT})|till(?!{_MOMENT})|once|provided|in\s+case|in\s+the\s+event|upon
+        |after(?!{_MOMENT})|before(?!{_MOMENT})|whil(?:e|st)(?!\s+(?:the\s+)?(?:{_COUNT}|an?\b|some|several|others?|rest|remaining))|as\s+soon\s+as|as\s+long\s+as
         |(?<=,\s)otherwise|depending|assuming|whether|by\s+the\s+time
         |should(?=\s+(?:the|an?|any|it|there|someone|somebody)\b)""",
     Load.SHARE: rf"""(?:{_COUNT}|some|most|many|few|several|any|the\s+rest|majority|a\s+couple|a\s+few

@@ -67,13 +67,19 @@ class GroupRegister:
         sentence.
         """
 
+        self.mentioned_before: list[str] = []
+        """The groups that the last sentence with groups has named."""
         self.referents: dict[Span, list[RelationTarget]] = {}
+        self.families: list[list[str]] = []
+        """Groups that are parts of one: what is left, and its shares."""
+        self.divided: str | None = None
+        """What is left of the group that was divided last."""
 
     def of_role(self, role: Role) -> list[str]:
         return [group for group, name in self.kinds.items() if self.vocabulary.role(name) is role]
 
     def choose_one(self, ids: list[str], span: Span) -> list[str]:
-        if len(ids) == 1:
+        if len(ids) == 1 or sorted(ids) in map(sorted, self.families):
             return ids
         chosen = self.draft.ask(
             span, f"which group is meant by {self.draft.quote(span)!r}?", [*ids, "all of them"]
@@ -128,7 +134,16 @@ class GroupRegister:
             part.disown()
         # The last number counts: `a squad of nine`.
         count = counts[-1] if counts else None
+        if phrase.rule == "ref" and phrase.has("OF"):
+            # `inside one of the houses`: any member.
+            count = counts[1] if len(counts) > 1 else None
+            if isinstance(counts[0].value, Quantity) and counts[0].value.high == 1:
+                self.draft.acknowledge(counts[0].span)
+            else:
+                counts[0].disown()
         known = [group for group, asset in self.kinds.items() if asset == name]
+        if phrase.rule == "group" and (nth := phrase.first("NTH")):
+            return self._next_one(phrase, name, nth, known)
         if (
             known
             and not none
@@ -167,6 +182,16 @@ class GroupRegister:
                 return [earlier]
         return [self._new(phrase, name, span, count)]
 
+    def _next_one(self, phrase: Phrase, name: str, nth: Part, known: Sequence[str]) -> list[str]:
+        """`a third soldier`, where two were spoken of, is one more; nobody where the numbers do not fit."""
+        counts = [self.total(group) for group in self.divided_of(known)]
+        if sum(count or 0 for count in counts) + 1 != nth.value or None in counts:
+            self.draft.unread(phrase.span, "the text does not tell which one", expressible=True)
+            return []
+        self.draft.used_words.append(phrase.span)
+        one = Part("COUNT", Quantity("COUNT", 1.0, 1.0), phrase.span)
+        return [self._new(phrase, name, phrase.span, one)]
+
     def _is_number_of(self, groups: Sequence[str], count: Part) -> bool:
         """Whether a number repeats how many members a group has: `the two trucks`, where there are two."""
         counts = [self.draft.entries.get(("actors", group, "count")) for group in groups]
@@ -183,6 +208,11 @@ class GroupRegister:
             for group in groups
             if f"actors[{group}].count" in varied.paths
         }
+        if len(groups) > 1 and sorted(groups) in map(sorted, self.families):
+            fits = self.total(groups[0]) == count.value.low
+            if fits:
+                self.draft.acknowledge(count.span)
+            return fits
         same = [entry is not None and entry.value == count.value.low for entry in counts]
         fits = bool(same) and all(same) and (not ends or count.value.high in ends)
         if fits:
@@ -236,6 +266,72 @@ class GroupRegister:
             return group
         self._count(group, phrase, count, span)
         return group
+
+    def family(self, group: str) -> list[str]:
+        """All parts of the group that a group is a part of; itself alone when nothing was divided."""
+        return next((family for family in self.families if group in family), [group])
+
+    def divided_of(self, groups: Sequence[str]) -> list[str]:
+        """The groups, with what is left of a divided one in the place of its parts."""
+        return list(dict.fromkeys(self.family(group)[0] for group in groups))
+
+    def total(self, group: str) -> int | None:
+        """Number of members of a group with all parts of it; None where it is not one stated number."""
+        paths = [("actors", part, "count") for part in self.family(group)]
+        varied = {path for one in self.draft.ranges for path in one.paths}
+        counts = [self.draft.entries.get(path) for path in paths]
+        if any(count is None for count in counts) or f"actors[{group}].count" in varied:
+            return None
+        return sum(int(count.value) for count in counts if count is not None)
+
+    def is_referred_to(self, group: str) -> bool:
+        """Whether another group stands by this one, so that it cannot be divided."""
+        return any(
+            path[0] == "actors"
+            and path[1] != group
+            and path[-1] in ("of", "first", "second")
+            and entry.value == group
+            for path, entry in self.draft.entries.items()
+        )
+
+    def divide(self, group: str, number: int, phrase: Phrase) -> str:
+        """Take a number of members out of a group, as a group with all that was said of it so far."""
+        path: FieldPath = ("actors", group, "count")
+        before = self.draft.entries[path]
+        asset = phrase.first("ASSET") if phrase.has("THEM") else None
+        name = self.kinds[group] if asset is None else str(asset.value)
+        part = self._new(
+            Phrase("ref", (), phrase.span),
+            name,
+            phrase.span,
+            Part("COUNT", Quantity("COUNT", number, number), phrase.span),
+        )
+        for field, entry in list(self.draft.entries.items()):
+            if field[:2] == path[:2] and field[2] not in (
+                "id",
+                "count",
+                "asset",
+                *(["role"] if asset else []),
+            ):
+                self.draft.put(("actors", part, *field[2:]), entry.value, entry.span, entry.note)
+        self.draft.forget(path)
+        self.draft.put(path, before.value - number, phrase.span)
+        for span in filter(None, (before.span, phrase.span)):
+            self.draft.acknowledge(span)
+        family = self.family(group)
+        if family not in self.families:
+            self.families.append(family)
+        family.append(part)
+        self.divided = group
+        return part
+
+    def _said_of(self, group: str) -> dict[FieldPath, object]:
+        fields = self.draft.entries.items()
+        return {
+            path[2:]: entry.value
+            for path, entry in fields
+            if path[:2] == ("actors", group) and path[2] not in ("id", "count")
+        }
 
     def twins(self, group: str, number: int, span: Span) -> list[str]:
         """More groups with one member each, of the same kind."""
@@ -298,6 +394,11 @@ class GroupRegister:
 
         `missing person search` and `the customer` place nobody.
         """
+        for part in [part for family in self.families for part in family[1:]]:
+            if self._said_of(part) == self._said_of(self.family(part)[0]):
+                span = self.draft.entries["actors", part, "id"].span
+                assert span is not None
+                self.draft.fault(span, "nothing is said of this part of the group", "say what is different")
         for group in sorted(self._uncounted - self.plural):
             entry = self.draft.entries.get(("actors", group, "id"))
             if entry is None or entry.span is None:
@@ -309,6 +410,10 @@ class GroupRegister:
     def them_as_subject(self, span: Span) -> None:
         """Make the groups that a pronoun means the subject: `it` is one of a single member."""
         pronoun = self.draft.quote(span).lower()
+        family = self.family(self.subject[-1]) if self.subject else []
+        if pronoun in ("they", "them", "these", "those") and len(family) > len(self.subject):
+            readings = [", ".join(family), ", ".join(self.subject)]
+            self.subject = [family, self.subject][self.draft.ask(span, "of whom is this said?", readings)]
         if pronoun not in SINGULAR_PRONOUNS or not self.subject:
             return
         fitting = [
@@ -359,7 +464,16 @@ class GroupRegister:
         ref = phrase.refs[0] if phrase.rule != "ref" else phrase
         # Resolving may ask a question or create a group, which must happen once for each phrase.
         if ref.span not in self.referents:
-            self.referents[ref.span] = self._resolve(ref, indoors=phrase.rule == "inside")
+            targets = self._resolve(ref, indoors=phrase.rule == "inside")
+            if (
+                len(targets) > 1
+                and sorted(map(str, targets)) in map(sorted, self.families)
+                and phrase.rule != "atleast"
+            ):
+                # A distance would be to the nearest member of either part, which a SimSpec cannot say.
+                self.draft.unread(phrase.span, "the group is divided: say of which part", expressible=True)
+                targets = []
+            self.referents[ref.span] = targets
         return self.referents[ref.span]
 
     def groups_in(self, phrase: Phrase) -> list[str]:
@@ -386,6 +500,13 @@ class GroupRegister:
                 )
             ]
         if them := ref.first("THEM"):
+            if (
+                (portion := ref.first("COUNT"))
+                and isinstance(portion.value, Quantity)
+                and portion.value.high == 1
+            ):
+                # `inside one of them`: any member.
+                self.draft.acknowledge(portion.span)
             return [*self._them(them.span, indoors=indoors)]
         groups = self.named(ref)
         for group in groups:

@@ -22,6 +22,7 @@ from ._places import PlaceReader, count_places, places_in
 from ._relations import RelationReader
 from ._roads import RoadReader
 from ._rules import RuleReader
+from ._shares import ShareReader
 from ._traits import TraitReader, length_of
 from ._weather import WeatherReader
 
@@ -31,13 +32,14 @@ INSIGNIFICANT_KINDS = frozenset(
         *("COMMA", "DASH", "STOP", "ABOUT", "OVER", "BY", "AWAY", "PART", "FLY", "UNTIL"),
         *("AFTER", "BEFORE", "SQUARE", "DENSITYOF", "KEEP", "AREAWORD", "INTEL", "TARGET", "LBR", "RBR"),
         *("ALONG", "SEEN", "MORETHAN", "ONAVERAGE", "AGL", "ORIGIN", "LAUNCH", "CORNERS", "ROUTE", "AXIS"),
-        *("RUNS", "NTH", "MIDDLE", "LINKDO", "FAILS", "GROUND", "NAMED", "WIDE"),
+        *("RUNS", "NTH", "MIDDLE", "LINKDO", "FAILS", "GROUND", "NAMED", "WIDE", "OFTHEM"),
     ]
 )
 
 
 _AGE = re.compile(r"[\s-]*(?:years?|yrs?|months?|y/?o|already|o['’]clock)\b", re.IGNORECASE)
 """What makes the number before it an age or an hour."""
+_EVERYONE = re.compile(r"\b(?:all|every(?:one|body)|both)\b[^,.;:!?]{0,20}$", re.IGNORECASE)
 _NUMBER_ALONE = re.compile(r"\s*(?:$|[.,;:)\n]|x\b|in number\b|in all\b)", re.IGNORECASE)
 _PAUSE = re.compile(r"[,:(]\s*(?:about |only |just |say |let us say )?$", re.IGNORECASE)
 """What stands between a noun and its number where the number is added to what is said of them."""
@@ -75,6 +77,7 @@ class TextReader:
         self.places = PlaceReader(draft, vocabulary.defaults)
         self.weather_reader = WeatherReader(draft, self.places)
         self.ground = GroundReader(draft, vocabulary.defaults, self.places)
+        self.shares = ShareReader(self.groups)
         self.roads = RoadReader(draft, vocabulary.defaults, self.ground, self.places)
         self.relations = RelationReader(draft, vocabulary.defaults, self.ground, self.places, self.groups)
         self.traits = TraitReader(draft, self.groups, self.relations.refine)
@@ -102,6 +105,7 @@ class TextReader:
                 self.places.set_home(phrase)
 
     def _sentence(self, sentence: list[Phrase | Word]) -> None:
+        self.groups.mentioned_before = self.groups.mentioned or self.groups.mentioned_before
         self.groups.in_sentence, self.groups.mentioned, self.joined, self.waiting, self.topic = (
             False,
             [],
@@ -161,6 +165,9 @@ class TextReader:
 
     def _phrase(self, phrase: Phrase, *, joins: bool, later: bool) -> None:
         self.draft.reading = phrase.span
+        if phrase.rule == "rest" and self.groups.divided is None and phrase.has("ASSET"):
+            # `The rest: two radar vehicles`.
+            phrase = Phrase("group", phrase.parts[1:], phrase.span)
         if phrase.rule == "group" and self._counts_again(phrase):
             return
         if phrase.rule == "group":
@@ -173,6 +180,10 @@ class TextReader:
             for waiting in self.waiting:
                 self._of_group(waiting)
             self.waiting = []
+            return
+        if phrase.rule in ("share", "rest"):
+            read = getattr(self.shares, phrase.rule)(phrase)
+            self.groups.in_sentence, self.topic, self.joined, self._just_named = read, "group", [], []
             return
         known = set(self.groups.kinds)
         for group_phrase in self._about_groups(phrase):
@@ -458,7 +469,7 @@ class TextReader:
         """
         group = self.groups.subject[0]
         text = self.draft.text
-        if _AGE.match(text, number.end):
+        if _AGE.match(text, number.end) or text.startswith(" of ", number.end):
             return False
         if _SAYS_HOW_MANY.search(text[: number.start]):
             return True
@@ -535,7 +546,7 @@ class TextReader:
         if phrase.rule in ("place", "stretch") or count_places(phrase) > 1:
             self._figures(phrase, later=False)
             return
-        subject = self.groups.subject
+        subject = self._everyone(self.groups.subject, phrase)
         if not subject:
             if phrase.rule != "spread" and not (phrase.rule == "inside" and not phrase.refs):
                 self.draft.unread(phrase.span, "the text does not say for whom", expressible=True)
@@ -569,6 +580,13 @@ class TextReader:
             getattr(reader, phrase.rule)(group, phrase)
             if phrase.rule == "motion":
                 self._patrols(group, phrase)
+
+    def _everyone(self, subject: list[str], phrase: Phrase) -> list[str]:
+        """All parts of a divided group after `everyone` and `all`, and what was the subject else."""
+        family = self.groups.family(subject[-1]) if subject else []
+        if len(family) > 1 and _EVERYONE.search(self.draft.text[: phrase.span.start]):
+            return family
+        return subject
 
     def _cannot_move(self, group: str, phrase: Phrase) -> bool:
         motion = phrase.first("MOTION")
