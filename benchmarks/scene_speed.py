@@ -15,8 +15,9 @@ import time
 import numpy as np
 
 from bench.contracts import SimTime, VehicleState
+from bench.perception import open_detector
 from bench.simspec import ActorGroup, Motion, PlacedActor, Point, Polygon, Realized, Role, SimSpec, World
-from bench.simulation import open_detector, open_plain_scene
+from bench.simulation import open_plain_scene
 
 FRAMES = 400
 SIDE_M = 500.0

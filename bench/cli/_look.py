@@ -107,9 +107,11 @@ def difficulty(
     situation, tree = load_simspec(simspec), load_decomposition(decomposition, DecompositionVocabulary(units))
     if node is not None:
         check_node("--node", tree, node)
+    # Every observable is rated for whoever looks into a table of factors; only what nothing can exercise is left out.
+    perception = "elsewhere" if situation.perception.by_bench else situation.perception.source
     rated = _RatedSituation(
         tree,
-        rate_all(tree, factor_values(situation)),
+        rate_all(tree, factor_values(situation), perception),
         {factor: factor_paths(situation, factor) for factor in tree.factors()},
     )
     if as_json:

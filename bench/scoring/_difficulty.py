@@ -15,7 +15,7 @@ from enum import StrEnum
 from typing import Any, Literal
 
 from bench.errors import Fault, SetupError
-from bench.simspec import FACTORS, SimSpec, factor_values
+from bench.simspec import FACTORS, PerceptionSource, SimSpec, factor_values
 from bench.statistics import DIFFICULTY_DECIMALS
 from decompositions import Decomposition, KeyFactor, Level, Policies
 
@@ -88,13 +88,13 @@ class Standing(StrEnum):
     NOT_EXERCISABLE = "not exercisable"
     """The situation holds nothing that it is about (ruling 14): it is never considered."""
     CONFIGURED_SENSOR = "configured sensor"
-    """It is about detections that the bench simulates (ruling 25): it has its own numbers, and enters those of
+    """It is about detections that the bench makes (ruling 25): it has its own numbers, and enters those of
     no other node.
     """
 
 
-Perception = Literal["simulated", "agent"]
-"""Whose detections there are: those that the bench simulates, or those of a perception that the agent brings."""
+Perception = PerceptionSource | Literal["elsewhere"]
+"""Whose perception it is: as in a SimSpec, or that of an aircraft of which only a table says what was measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,7 @@ class ObservableDifficulty:
 
     `difficulty` is None where the configuration cannot exercise it, because of the factors in `absent`, or
     where no difficulty is stated. `ruled_by` are the factors whose rating is the difficulty (none under the
-    policy `mean`). `margin` is the distance in points to the next higher rating: the ruling factor can rise
+    policy `mean`). `undetected` says that it is about detections where the bench makes none. `margin` is the distance in points to the next higher rating: the ruling factor can rise
     by this much before another one rules. None where no rating is higher.
     """
 
@@ -112,6 +112,7 @@ class ObservableDifficulty:
     ratings: tuple[FactorRating, ...]
     absent: tuple[AbsentFactor, ...] = ()
     standing: Standing = Standing.COUNTED
+    undetected: bool = False
 
     @property
     def ruled_by(self) -> tuple[str, ...]:
@@ -210,7 +211,7 @@ class Difficulty:
 
 
 def difficulty_of_values(
-    decomposition: Decomposition, values: Mapping[str, float], perception: Perception = "agent"
+    decomposition: Decomposition, values: Mapping[str, float], perception: Perception = "elsewhere"
 ) -> Difficulty:
     """Difficulty of every node for key factor values by name, in the units of `bench.simspec.FACTORS`.
 
@@ -285,12 +286,16 @@ def _of_observable(
         if row.factor not in absent_factors
     ]
     ordered = tuple(sorted(rated, key=lambda row: row.rating))
-    if absent:
-        return ObservableDifficulty(observable, None, ordered, absent, Standing.NOT_EXERCISABLE)
+    about_detections = decomposition.observables[observable].subject == "perception"
+    undetected = about_detections and perception == "agent"
+    if absent or undetected:
+        return ObservableDifficulty(
+            observable, None, ordered, absent, Standing.NOT_EXERCISABLE, undetected=undetected
+        )
     ratings = [row.rating for row in rated]
     # fsum, because the mean must not depend on the order of the rows.
     value = min(ratings) if policies.factor_rule == "minimum" else math.fsum(ratings) / len(ratings)
-    about_sensor = decomposition.observables[observable].subject == "perception" and perception == "simulated"
+    about_sensor = about_detections and perception != "elsewhere"
     return ObservableDifficulty(
         observable,
         value,
@@ -354,15 +359,20 @@ def _missing_value(decomposition: Decomposition, factor: str, observables: list[
 
 
 def absence_of(observable: ObservableDifficulty) -> str:
-    """Why the situation does not exercise an observable: the factors of which it holds nothing."""
-    return " and ".join(
+    """Why the situation does not exercise an observable: the factors of which it holds nothing, or that there are no
+    detections.
+    """
+    reasons = [
         f"{row.factor} has no value" if row.value is None else f"{row.factor} = {row.value:g} {row.unit}"
         for row in observable.absent
-    )
+    ]
+    if observable.undetected:
+        reasons.append("perception.source is agent, so the bench makes no detections")
+    return " and ".join(reasons)
 
 
 def _reason(observable: ObservableDifficulty) -> str:
-    if observable.absent:
+    if observable.standing is Standing.NOT_EXERCISABLE:
         return f"{observable.observable} is not exercisable: {absence_of(observable)}."
     if observable.difficulty is None:
         return f"No difficulty of {observable.observable} is stated with the runs."

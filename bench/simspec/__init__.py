@@ -26,7 +26,6 @@ from ._document import MANIFEST_SUFFIXES as MANIFEST_SUFFIXES
 from ._document import AgentSpec as AgentSpec
 from ._document import Budgets as Budgets
 from ._document import Consent as Consent
-from ._document import DetectionModel as DetectionModel
 from ._document import Escort as Escort
 from ._document import Intelligence as Intelligence
 from ._document import Isolation as Isolation
@@ -35,7 +34,6 @@ from ._document import Order as Order
 from ._document import OrderKind as OrderKind
 from ._document import Outage as Outage
 from ._document import Pace as Pace
-from ._document import Perception as Perception
 from ._document import PlacedActor as PlacedActor
 from ._document import PlacedReport as PlacedReport
 from ._document import Realized as Realized
@@ -53,6 +51,10 @@ from ._ground import Point as Point
 from ._ground import Polygon as Polygon
 from ._ground import Road as Road
 from ._ground import World as World
+from ._perception import CLASS_LABELS as CLASS_LABELS
+from ._perception import DetectionModel as DetectionModel
+from ._perception import Perception as Perception
+from ._perception import PerceptionSource as PerceptionSource
 from ._placement import HOME as HOME
 from ._placement import Along as Along
 from ._placement import Bearing as Bearing

@@ -26,7 +26,8 @@ from bench.documents import Document
 from ._actors import ActorGroup
 from ._consistency import raise_inconsistencies, situation_inconsistencies
 from ._ground import World
-from ._quantities import Fraction, Identifier, Metres, NotNegative, Positive
+from ._perception import Perception
+from ._quantities import Identifier, Metres, NotNegative, Positive
 from ._rules import Rules
 from ._vehicle import VehicleSpec
 from ._weather import Environment
@@ -187,59 +188,6 @@ class Outage(Document):
     def until_s(self) -> float:
         """Simulated time at which the outage ends."""
         return self.at_s + self.duration_s
-
-
-class DetectionModel(Document):
-    """The error model of the truth-based detector. docs/detection.md gives the formulas."""
-
-    # All numbers here are stated assumptions, not fits to a camera or a network (docs/detection.md).
-    half_height_px: Annotated[
-        Positive, Field(description="Apparent height at which half of all clear views are detected.")
-    ] = 14.0
-    slope: Annotated[
-        Positive,
-        Field(description="Steepness of the detection probability over the logarithm of apparent height."),
-    ] = 3.0
-    ceiling: Annotated[Fraction, Field(description="Detection probability of a large, clear object.")] = 0.98
-    fog_extinction_per_m: Annotated[
-        NotNegative, Field(description="Extinction per metre at fog level 1; grows as the level squared.")
-    ] = 0.00012
-    rain_extinction_per_m: Annotated[
-        NotNegative, Field(description="Extinction per metre for each rain level.")
-    ] = 0.0002
-    night_contrast: Annotated[
-        Fraction, Field(description="Remaining contrast when the sun is 6 degrees below the horizon.")
-    ] = 0.25
-    concealment_weight: Annotated[
-        Fraction, Field(description="Share of the contrast that full concealment removes.")
-    ] = 0.5
-    correlation_s: Annotated[
-        NotNegative, Field(description="Time over which misses of one object are correlated.")
-    ] = 0.8
-    mislabel: Annotated[
-        Fraction,
-        Field(
-            description="Probability of a wrong class label at the threshold of detection; it falls to 0 for clear views."
-        ),
-    ] = 0.25
-    jitter_px: Annotated[
-        NotNegative, Field(description="Standard deviation of the edges of a bounding box.")
-    ] = 1.5
-    false_per_frame: Annotated[
-        NotNegative, Field(description="Mean number of false detections in one frame.")
-    ] = 0.01
-    latency_s: Annotated[NotNegative, Field(le=5.0, description="Delay from exposure to publication.")] = 0.1
-
-
-class Perception(Document):
-    """How the agent's detections are made."""
-
-    source: Literal["simulated"] = "simulated"
-    mode: Annotated[
-        Literal["perfect", "degraded"],
-        Field(description="perfect: every visible actor; degraded: with the errors of `model`."),
-    ] = "degraded"
-    model: DetectionModel = DetectionModel()
 
 
 MANIFEST_SUFFIXES = (".yaml", ".yml", ".json")

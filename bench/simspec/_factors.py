@@ -125,6 +125,9 @@ OutageName = Literal["operator_link", "detections", "detections_degraded"]
 
 
 def _outage_s(simspec: SimSpec, kind: OutageName) -> float:
+    # Where the agent has a perception of its own, no service of the bench makes detections that could fail.
+    if kind != "operator_link" and not simspec.perception.by_bench:
+        return 0.0
     spans = ((outage.at_s, outage.until_s) for outage in simspec.outages if outage.kind == kind)
     return _union_s(spans, simspec.mission.time_limit_s)
 
@@ -143,7 +146,7 @@ def _kept_detections_share(simspec: SimSpec) -> float | None:
     kept = [
         1.0 - (outage.lost_share or 0.0) if outage.kind == "detections_degraded" else 0.0
         for outage in simspec.outages
-        if outage.kind != "operator_link"
+        if outage.kind != "operator_link" and simspec.perception.by_bench
     ]
     return max(kept, default=None)
 

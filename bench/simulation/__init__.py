@@ -5,9 +5,6 @@ from __future__ import annotations
 from ._before_takeoff import session_faults as session_faults
 from ._camera import CameraNumbers as CameraNumbers
 from ._camera import PinholeCamera as PinholeCamera
-from ._detector import Clarity as Clarity
-from ._detector import DetectionOdds as DetectionOdds
-from ._detector import open_detector as open_detector
 from ._forfeit import open_forfeit as open_forfeit
 from ._host_clock import HostClock as HostClock
 from ._host_memory import count_memory_kills as count_memory_kills

@@ -44,12 +44,12 @@ from bench.contracts import (
     realized_of,
 )
 from bench.errors import SetupError
+from bench.perception import open_detector
 from bench.simspec import SimSpec
 
 from ._agent_time import AgentTime
 from ._air_network import AirNetwork, open_air_network
 from ._before_takeoff import link_faults, pace_faults, tick_faults
-from ._detector import open_detector
 from ._host_clock import HOST_CLOCK, HostClock
 from ._host_memory import count_memory_kills
 from ._mission_information import MissionInformation

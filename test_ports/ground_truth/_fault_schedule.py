@@ -46,7 +46,12 @@ def scheduled_faults(simspec: SimSpec, kind: FaultKind = "any") -> list[FaultSpa
         for failure in simspec.vehicle.failures
     ]
     # A failure is of the vehicle and may last to the end; an outage is around it and always ends.
-    outages = [FaultSpan(outage.kind, outage.at_s, outage.until_s) for outage in simspec.outages]
+    # An agent with a perception of its own meets no outage of the bench's detector.
+    outages = [
+        FaultSpan(outage.kind, outage.at_s, outage.until_s)
+        for outage in simspec.outages
+        if outage.kind == "operator_link" or simspec.perception.by_bench
+    ]
     due = [
         fault
         for fault in [*failures, *outages]

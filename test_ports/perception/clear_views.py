@@ -127,7 +127,7 @@ def answered_frames(tape: Tape, simspec: SimSpec) -> list[tuple[CameraFrame, Det
         # The last frame can be later than the last truth sample.
         end_s = max(tape.end_s, tape.frames[-1].exposed.s if tape.frames else 0.0)
         # A result takes the detector's latency, and the session records it at the next tick.
-        slack_s = simspec.perception.model.latency_s + simspec.pace.tick_s
+        slack_s = simspec.perception.model.longest_latency_s + simspec.pace.tick_s
         pairs = [(frame, answers.get(frame.exposed.ns)) for frame in tape.frames]
         return [
             (frame, answer)
@@ -136,6 +136,13 @@ def answered_frames(tape: Tape, simspec: SimSpec) -> list[tuple[CameraFrame, Det
         ]
 
     return tape.cached((answered_frames, id(simspec)), pair_by_exposure)
+
+
+def no_detections(simspec: SimSpec) -> str | None:
+    """Why nothing can be said about detections in this scenario; None where the bench makes some."""
+    if simspec.perception.by_bench:
+        return None
+    return "perception.source is agent: the bench makes no detections, and the agent's tracks show its perception"
 
 
 def detected_share(views: Iterable[ClearView]) -> float | None:

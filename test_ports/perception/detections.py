@@ -1,5 +1,9 @@
 """Measures of detections, against the truth of each camera frame.
 
+They judge the perception that the bench provides ([ruling 25](rulings.md)): with `perception.source: truth`,
+`simulated` or `detector` its detections, whatever the agent makes of them. With `source: agent` there are none, and
+no run is considered.
+
 A frame whose result was still pending when the session ended is left out. Any other frame without a result is
 a miss. The measures are considered when the scenario has an actor of the role.
 """
@@ -23,6 +27,7 @@ from .clear_views import (
     detected_share,
     evenness,
     intersection_over_union,
+    no_detections,
 )
 
 AssetName = Annotated[
@@ -54,6 +59,8 @@ def detection_share(
     box may cover several actors. `asset` selects the actors of one entry of the asset catalogue.
     `max_visible` and the ranges select views, for example poor ones. 0 when no actor came into such a view.
     """
+    if reason := no_detections(simspec):
+        return not_considered(reason)
     truth = GroundTruth.of(tape, simspec)
     actors = truth.of_role(role, asset)
     subject = f"role {role}" + (f" and asset {asset}" if asset else "")
@@ -100,6 +107,8 @@ def detection_precision(
 
     `role: any` takes the detections of every class. 0 without such detections.
     """
+    if reason := no_detections(simspec):
+        return not_considered(reason)
     truth = GroundTruth.of(tape, simspec)
     labels = truth.classes_of(role)
     if not labels:
@@ -146,6 +155,8 @@ def detection_role_right(
     of `as_role` but not among those of `role`. Considered when both roles are in the scenario and have
     different classes. 0 when no actor of the role was detected.
     """
+    if reason := no_detections(simspec):
+        return not_considered(reason)
     truth = GroundTruth.of(tape, simspec)
     right_classes = truth.classes_of(role)
     # A class that both roles have, such as a car, tells nothing about the role.
@@ -209,6 +220,8 @@ def steady_detection(
 
     The views are split in order of time, into halves of equal number. 0 with fewer than two views.
     """
+    if reason := no_detections(simspec):
+        return not_considered(reason)
     actors = GroundTruth.of(tape, simspec).of_role(role)
     if not actors:
         return not_considered(f"the scenario has no actor of role {role}")

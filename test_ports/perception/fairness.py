@@ -10,7 +10,7 @@ from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered
 from ..ground_truth import GroundTruth
-from .clear_views import ViewCriteria, actors_by_kind, clear_views, detected_share
+from .clear_views import ViewCriteria, actors_by_kind, clear_views, detected_share, no_detections
 from .track_messages import holding_credit
 
 
@@ -31,6 +31,8 @@ def detection_fairness(
     counts 0 if one of its members was inside a sub-area, where the agent had to look. Otherwise it is left
     out. Considered when two kinds remain.
     """
+    if reason := no_detections(simspec):
+        return not_considered(reason)
     truth = GroundTruth.of(tape, simspec)
     criteria = ViewCriteria(min_confidence, min_height_px, min_visible, min_iou=min_iou)
     entered = truth.entered("bystander")

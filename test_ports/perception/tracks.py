@@ -1,5 +1,9 @@
 """Measures of the agent's tracks: what it believes to be where, against the truth.
 
+They judge the agent, whoever made the detections. With `perception.source: truth` they judge what it makes of
+detections without errors; with `simulated` or `detector`, of the configured sensor's; with `agent` its own
+perception from the pictures on.
+
 A message *holds* an actor when it has a track of the actor's class that rests on at least `min_frames` frames
 and is within `within_m`, and when some frame before had the actor in sight, by the truth and however little: a
 track at a told place holds nothing. The nearest such track counts. A track is *right* within 15 m of an actor of

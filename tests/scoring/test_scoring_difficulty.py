@@ -19,6 +19,8 @@ from bench.scoring import (
     Difficulty,
     ScoredRun,
     Sources,
+    Standing,
+    absence_of,
     configuration_of,
     configuration_tension,
     difficulty_of,
@@ -31,7 +33,7 @@ from bench.scoring import (
     summary_frame,
     tension_of,
 )
-from bench.simspec import FACTORS, SimSpec
+from bench.simspec import FACTORS, PerceptionSource, SimSpec
 from decompositions import (
     Decomposition,
     DecompositionDocument,
@@ -42,6 +44,7 @@ from decompositions import (
     load_decomposition,
 )
 
+SOURCES_OF_BENCH: tuple[PerceptionSource, ...] = ("truth", "simulated", "detector")
 UNITS = {name: factor.unit for name, factor in FACTORS.items()}
 CONCEALMENT = (0.5, 1.0)
 DENSITY_PER_KM2 = (313.3, 390.1, 453.3)
@@ -230,7 +233,7 @@ def at(
     concealment: float,
     density_per_km2: float,
     proximity_m: float,
-    perception: Literal["agent", "simulated"] = "agent",
+    perception: Literal["agent", "elsewhere", "simulated"] = "elsewhere",
 ) -> Difficulty:
     """The paper's experiment: these three vary, the rest is fixed."""
     values = {
@@ -415,14 +418,28 @@ def test_a_factor_without_a_value_is_absent_only_where_the_table_says_so() -> No
 
 
 def test_the_configured_sensor_is_rated_for_itself_and_for_nothing_above() -> None:
-    """Ruling 25: with simulated detections KA-3 has no observable of the agent's; with its own it has one."""
+    """Ruling 25: with detections of the bench KA-3 has no observable of the agent's; in a table from elsewhere it has."""
     decomposition = with_orders()
     values = {"orders": 0.0, "fog_level": 5.0}
-    simulated = difficulty_of_values(decomposition, values, "simulated")
-    own = difficulty_of_values(decomposition, values, "agent")
+    own = difficulty_of_values(decomposition, values, "elsewhere")
 
-    assert (simulated.of("O-SEEN"), simulated.of("KA-3")) == (60.0, None)
+    for source in SOURCES_OF_BENCH:
+        by_bench = difficulty_of_values(decomposition, values, source)
+        assert by_bench.observables["O-SEEN"].standing is Standing.CONFIGURED_SENSOR
+        assert (by_bench.of("O-SEEN"), by_bench.of("KA-3")) == (60.0, None)
     assert (own.of("O-SEEN"), own.of("KA-3")) == (60.0, 60.0)
+
+
+def test_detections_that_the_bench_did_not_make_are_not_exercisable() -> None:
+    """With perception.source agent the observable has no difficulty, enters no node, and the reason is said."""
+    decomposition = with_orders()
+    rated = difficulty_of_values(decomposition, {"orders": 0.0, "fog_level": 5.0}, "agent")
+
+    assert (rated.of("O-SEEN"), rated.of("KA-3"), rated.of("KA-1")) == (None, None, 60.0)
+    assert rated.observables["O-SEEN"].standing is Standing.NOT_EXERCISABLE
+    assert absence_of(rated.observables["O-SEEN"]).startswith("perception.source is agent")
+    assert "perception.source is agent" in rated.explain("O-SEEN")
+    assert "perception" not in rated.explain("O-ORDER")
 
 
 def test_a_measure_is_overruled_where_nothing_is_to_be_exercised() -> None:

@@ -65,7 +65,7 @@ class Flown:
             self.agent,
             self.outcome,
             # Every observable has a factor of its own, named like it, that rates its value as it is.
-            difficulty_of_values(decomposition, self.difficulty, "simulated" if self.sensor else "agent"),
+            difficulty_of_values(decomposition, self.difficulty, "simulated" if self.sensor else "elsewhere"),
             observed,
         )
 

@@ -17,8 +17,9 @@ from scene_simspecs import hovering, scene_simspec
 from scipy import stats
 
 from bench.contracts import CameraFrame, Detection, DetectionFrame, Sighting, SimTime, cast_of, light_of
+from bench.perception import DetectionOdds, open_detector
 from bench.simspec import ASSETS, Camera, DetectionModel, Environment, Perception, SimSpec
-from bench.simulation import DetectionOdds, open_detector, open_plain_scene
+from bench.simulation import open_plain_scene
 
 PERIOD_NS = 200_000_000
 NOON = dt.datetime(2026, 6, 21, 11, 30, tzinfo=dt.UTC)

@@ -25,9 +25,10 @@ from bench.contracts import (
     VehicleCondition,
     VehiclePlan,
 )
+from bench.perception import open_detector
 from bench.recording import TapeBuilder
 from bench.simspec import Budgets, Camera, DetectionModel, Mission, Order, Outage, Perception, SimSpec
-from bench.simulation import HostClock, Session, SessionPlan, open_detector, open_plain_scene
+from bench.simulation import HostClock, Session, SessionPlan, open_plain_scene
 from bench.simulation._air_network import open_air_network
 from bench.simulation._mission_information import orders
 from bench.simulation._session import SessionProgress, _miscount

@@ -11,6 +11,7 @@ from bench.simspec import FACTORS, SimSpec
 
 from .._campaign_data import Configuration, ReportData
 from ._format import listed, plural
+from ._sensor import perception_in_short
 from ._situation import events_text, group_text, intelligence_text, rules_text
 
 # Chosen: a fact stays a line or two.
@@ -46,7 +47,7 @@ _SITUATION: tuple[tuple[str, Callable[[SimSpec], str]], ...] = (
     ),
     ("Rules", lambda s: rules_text(s.rules)),
     ("Events", events_text),
-    ("Perception", lambda s: f"{s.perception.source}, {s.perception.mode}"),
+    ("Perception", lambda s: perception_in_short(s.perception)),
     ("Pace", lambda s: s.pace.mode),
 )
 

@@ -99,9 +99,22 @@ def detector_sentences(perceptions: Iterable[Perception]) -> list[str]:
     return sorted({_detector_sentence(perception) for perception in perceptions})
 
 
+def perception_in_short(perception: Perception) -> str:
+    """The source of the detections in a few words."""
+    return (
+        f"simulated, {perception.mode}"
+        if perception.source == "simulated"
+        else f"{perception.source} {perception.detector or ''}".strip()
+    )
+
+
 def _detector_sentence(perception: Perception) -> str:
     model = perception.model
-    if perception.mode == "perfect":
+    if perception.source == "agent":
+        return "None: the agent has a perception of its own, which its tracks show."
+    if perception.source == "detector":
+        return f"The detector {perception.detector} on the pictures."
+    if perception.error_free:
         return "Without errors: it detects every object in view with the right class, and nothing else."
     return (
         f"With errors: it detects at most {100 * model.ceiling:g} % of the clear views of a large object, and half as many "

@@ -170,6 +170,8 @@ def unfit(simspec: SimSpec) -> list[Fault]:
     unsupported: dict[str, object] = {
         "vehicle.model": simspec.vehicle.model not in VEHICLE_MODELS,
         "agent.options": simspec.agent.options,
+        f"perception.source: {simspec.perception.source}": simspec.perception.source in ("agent", "detector"),
+        "perception.model.confusion": simspec.perception.model.confusion,
         # The surrogates know three roles: whoever is sought is a target and protected, which none of them is.
         "role: sought": any(group.role is Role.SOUGHT for group in simspec.actors),
     }
@@ -304,7 +306,7 @@ def _row(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> dict[str, An
         "correlation_s": model.correlation_s,
         "jitter_px": model.jitter_px,
         "gps_m": simspec.vehicle.gps.wander_m,
-        "perfect": simspec.perception.mode == "perfect",
+        "perfect": simspec.perception.error_free,
         "task_m": np.array(
             [(realized_reports[task.id].east_m, realized_reports[task.id].north_m) for task in tasks]
         ).reshape(-1, 2),

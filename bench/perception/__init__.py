@@ -1,0 +1,9 @@
+"""Perception: what is made of a camera frame, by the truth or by a stated error model, and models fitted to
+recordings.
+"""
+
+from __future__ import annotations
+
+from ._detectors import open_detector as open_detector
+from ._odds import Clarity as Clarity
+from ._odds import DetectionOdds as DetectionOdds

@@ -1,0 +1,191 @@
+"""The detectors that work on the truth about a frame. docs/detection.md gives the formulas and their sources.
+
+All randomness of a frame is drawn in blocks for the whole cast, keyed by the frame's number; row i is actor
+i's. So the draws do not depend on which actors are in view or how well: two configurations that differ in fog
+alone get the same draws.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.contracts import (
+    CameraFrame,
+    CastMember,
+    Detection,
+    DetectionFrame,
+    Detector,
+    Sighting,
+    SimTime,
+)
+from bench.simspec import SimSpec, generator, seed_of
+
+from ._boxes import PictureSize
+from ._draws import FRAME_DRAWS, LATENCY_DRAWS, MORE_FRAME_DRAWS
+from ._false_alarms import FalseAlarms
+from ._labels import LabelOdds, posterior_score
+from ._noise import CorrelatedNoise, uniform_of
+from ._odds import DetectionOdds
+from ._tracks import TrackNames, UntrackedDetection
+
+LABEL_PERSISTENCE = 5.0
+"""A wrong label persists this many times longer than a miss does."""
+
+PERFECT_VISIBLE = 0.2
+PERFECT_SIZE_PX = 4.0
+"""Least visible share and apparent size of an actor that perception without errors reports."""
+
+# Standard normals of one actor in one frame: three processes, the evidence of the score, four edges of the
+# box.
+_DRAWS = 8
+_SEEN, _CONFUSED, _CHOICE, _EVIDENCE, _BOX = 0, 1, 2, 3, 4
+# The second block: displacement of the whole box to the right and down, and the switch of identity.
+_MORE_DRAWS = 3
+_DRIFT_X, _DRIFT_Y, _SWITCH = 0, 1, 2
+
+
+def open_detector(simspec: SimSpec, cast: Sequence[CastMember]) -> Detector:
+    """The detector that the SimSpec asks for, over a scene's cast."""
+    if not simspec.perception.by_bench:
+        return NoDetector()
+    if simspec.perception.error_free:
+        return TruthDetector(cast)
+    return SimulatedDetector(simspec, cast)
+
+
+class NoDetector:
+    """Publishes nothing: the agent has a perception of its own."""
+
+    def process(self, frame: CameraFrame) -> None:
+        pass
+
+    def due(self, now: SimTime) -> Sequence[DetectionFrame]:
+        return ()
+
+
+class TruthDetector:
+    """Reports every actor that is visible enough, with the right label, full confidence and no delay."""
+
+    def __init__(self, cast: Sequence[CastMember]) -> None:
+        self._cast = cast
+        self._tracks = TrackNames()
+        self._results = _DelayedResults()
+
+    def process(self, frame: CameraFrame) -> None:
+        detections = [
+            UntrackedDetection(
+                Detection(self._cast[sighting.actor].class_label, 1.0, sighting.box), sighting.actor
+            )
+            for sighting in frame.sightings
+            if sighting.visible >= PERFECT_VISIBLE and sighting.height_px >= PERFECT_SIZE_PX
+        ]
+        self._results.put(frame.exposed, 0.0, self._tracks.name(detections, frame.exposed))
+
+    def due(self, now: SimTime) -> Sequence[DetectionFrame]:
+        return self._results.due(now)
+
+
+class SimulatedDetector:
+    """Misses, mislabels, displaces, invents, renames and delays detections as the DetectionModel states."""
+
+    def __init__(self, simspec: SimSpec, cast: Sequence[CastMember]) -> None:
+        self._cast = cast
+        # Deriving the stream's seed from the root takes a hash: done once here, not for every frame.
+        self._seeds = simspec.seeds.model_copy(update={"perception": seed_of(simspec.seeds, "perception")})
+        self._model = model = simspec.perception.model
+        self._odds = DetectionOdds.of(simspec)
+        self._labels = [LabelOdds.of(model, member) for member in cast]
+        camera = simspec.vehicle.camera
+        self._picture = PictureSize(float(camera.width_px), float(camera.height_px))
+        label_s = LABEL_PERSISTENCE * model.correlation_s
+        self._noise = CorrelatedNoise(len(cast), (model.correlation_s, label_s, label_s))
+        self._drift = CorrelatedNoise(len(cast), (model.drift_s, model.drift_s))
+        # Most models have neither drift nor switches, and need no second block.
+        self._draws_more = model.drift_px > 0.0 or model.id_switches_per_s > 0.0
+        self._false_alarms = FalseAlarms(model, self._seeds, self._picture)
+        self._tracks = TrackNames(model.id_switches_per_s)
+        self._results = _DelayedResults()
+
+    def process(self, frame: CameraFrame) -> None:
+        draws = self._block(FRAME_DRAWS, frame.number, _DRAWS)
+        self._noise.advance(frame.exposed, draws[:, :3])
+        more = np.zeros((0, 0))
+        if self._draws_more:
+            more = self._block(MORE_FRAME_DRAWS, frame.number, _MORE_DRAWS)
+            self._drift.advance(frame.exposed, more[:, :2])
+        detections = [
+            detection
+            for sighting in frame.sightings
+            if (detection := self._detect(sighting, draws[sighting.actor])) is not None
+        ]
+        detections += [
+            UntrackedDetection(alarm.detection, -alarm.number)
+            for alarm in self._false_alarms.advance(frame.number, frame.exposed)
+        ]
+        named = self._tracks.name(
+            detections,
+            frame.exposed,
+            (lambda actor: uniform_of(float(more[actor, _SWITCH]))) if self._draws_more else None,
+        )
+        self._results.put(frame.exposed, self._latency_s(frame.number), named)
+
+    def due(self, now: SimTime) -> Sequence[DetectionFrame]:
+        return self._results.due(now)
+
+    def _block(self, stream: int, frame: int, width: int) -> NDArray[np.float64]:
+        # One row for every actor, seen or not: what is drawn for one never depends on who else is in view.
+        return generator(self._seeds, "perception", stream, frame).standard_normal((len(self._cast), width))
+
+    def _latency_s(self, frame: int) -> float:
+        if self._model.latency_jitter_s == 0.0:
+            return self._model.latency_s
+        uniform = float(generator(self._seeds, "perception", LATENCY_DRAWS, frame).random())
+        return self._model.latency_s + self._model.latency_jitter_s * uniform
+
+    def _detect(self, sighting: Sighting, draws: NDArray[np.float64]) -> UntrackedDetection | None:
+        actor = sighting.actor
+        member, labels = self._cast[actor], self._labels[actor]
+        clarity = self._odds.clarity(sighting, member.concealment)
+        if self._noise.uniform(_SEEN, actor) >= clarity.detection:
+            return None
+        mislabel = labels.probability(clarity.share)
+        wrong = self._noise.uniform(_CONFUSED, actor) < mislabel
+        label = labels.wrong_label(self._noise.uniform(_CHOICE, actor)) if wrong else member.class_label
+        score = posterior_score(mislabel, wrong, float(draws[_EVIDENCE]))
+        box = self._picture.displaced(sighting.box, self._displacement_px(actor, draws[_BOX:]))
+        return UntrackedDetection(Detection(label, score, box), actor)
+
+    def _displacement_px(self, actor: int, draws: NDArray[np.float64]) -> list[float]:
+        """Of the four edges."""
+        edges: list[float] = (self._model.jitter_px * draws).tolist()
+        if self._model.drift_px == 0.0:
+            return edges
+        right, down = (
+            self._model.drift_px * self._drift.normal(axis, actor) for axis in (_DRIFT_X, _DRIFT_Y)
+        )
+        return [edges[0] + right, edges[1] + down, edges[2] + right, edges[3] + down]
+
+
+class _DelayedResults:
+    """Results on their way, in the order of exposure: one that is late holds up those behind it."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[DetectionFrame] = deque()
+        self._latest: SimTime | None = None
+
+    def put(self, exposed: SimTime, latency_s: float, detections: tuple[Detection, ...]) -> None:
+        published = exposed.after(latency_s)
+        if self._latest is not None:
+            published = max(published, self._latest)
+        self._latest = published
+        self._waiting.append(DetectionFrame(exposed, published, detections))
+
+    def due(self, now: SimTime) -> list[DetectionFrame]:
+        ready: list[DetectionFrame] = []
+        while self._waiting and self._waiting[0].published <= now:
+            ready.append(self._waiting.popleft())
+        return ready

@@ -1,0 +1,75 @@
+"""Detections where there is nothing."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bench.contracts import FALSE_SCORE, Detection, SimTime
+from bench.simspec import DetectionModel, Seeds, generator
+
+from ._boxes import Box, PictureSize
+from ._draws import FALSE_DRAWS, SURVIVAL_DRAWS
+from ._labels import false_labels
+
+LEAST_FALSE_PX, MOST_FALSE_PX = 8.0, 80.0
+"""Range of the sides of a false detection's box."""
+
+
+@dataclass(frozen=True, slots=True)
+class FalseAlarm:
+    """One false detection over all frames in which it stays; `number` tells it from the others."""
+
+    number: int
+    detection: Detection
+    box: Box
+
+
+class FalseAlarms:
+    """False detections: a Poisson number in each frame, whose members stay for an exponential time."""
+
+    def __init__(self, model: DetectionModel, seeds: Seeds, picture: PictureSize) -> None:
+        self._model, self._seeds, self._picture = model, seeds, picture
+        self._labels = false_labels()
+        self._alive: list[FalseAlarm] = []
+        self._count = 0
+        self._moment: SimTime | None = None
+
+    def advance(self, frame: int, exposed: SimTime) -> list[FalseAlarm]:
+        """The false detections of a frame."""
+        if self._model.false_per_frame == 0.0:
+            return []
+        keep = 0.0
+        if self._moment is not None and self._model.false_persistence_s > 0.0:
+            keep = math.exp(-exposed.since(self._moment) / self._model.false_persistence_s)
+        self._moment = exposed
+        remaining = self._remaining(frame, keep)
+        # With as many new ones as old ones go, the number in a frame stays Poisson with the stated mean.
+        rng = generator(self._seeds, "perception", FALSE_DRAWS, frame)
+        fresh = [
+            self._appear(rng) for _ in range(int(rng.poisson(self._model.false_per_frame * (1.0 - keep))))
+        ]
+        self._alive = remaining + fresh
+        return self._alive
+
+    def _remaining(self, frame: int, keep: float) -> list[FalseAlarm]:
+        if not self._alive or keep == 0.0:
+            return []
+        # A stream of their own: how many are left must not move the draws of the new ones.
+        rng = generator(self._seeds, "perception", SURVIVAL_DRAWS, frame)
+        return [self._seen_again(alarm, rng) for alarm in self._alive if rng.random() < keep]
+
+    def _seen_again(self, alarm: FalseAlarm, rng: np.random.Generator) -> FalseAlarm:
+        box = self._picture.displaced(alarm.box, (self._model.jitter_px * rng.standard_normal(4)).tolist())
+        score = float(rng.beta(*FALSE_SCORE))
+        return replace(alarm, detection=replace(alarm.detection, box=box, score=score))
+
+    def _appear(self, rng: np.random.Generator) -> FalseAlarm:
+        width, height = np.exp(rng.uniform(math.log(LEAST_FALSE_PX), math.log(MOST_FALSE_PX), 2)).tolist()
+        x, y = (rng.random(2) * (self._picture.width_px, self._picture.height_px)).tolist()
+        box = self._picture.fitted(x - width / 2.0, y - height / 2.0, x + width / 2.0, y + height / 2.0)
+        label = self._labels[int(rng.integers(len(self._labels)))]
+        self._count += 1
+        return FalseAlarm(self._count, Detection(label, float(rng.beta(*FALSE_SCORE)), box), box)

@@ -1,0 +1,174 @@
+"""How the agent's detections are made: whose perception it is, and the error model of the simulated one."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from bench.documents import Document
+
+from ._assets import ASSETS
+from ._quantities import Fraction, NotNegative, Positive
+
+CLASS_LABELS = tuple(sorted({asset.class_label for asset in ASSETS.values()}))
+"""Every class label of the asset catalogue."""
+
+
+def _is_zero(value: float) -> bool:
+    return value == 0.0
+
+
+class DetectionModel(Document):
+    """The error model of the simulated detector. docs/detection.md gives the formulas and the source of each
+    number.
+    """
+
+    # All defaults are stated assumptions, not fits to a camera or a network (docs/detection.md). Fields that came later
+    # are left out at their defaults, so that the digests of SimSpecs from before them stay as they were.
+    half_height_px: Annotated[
+        Positive, Field(description="Apparent height at which half of all clear views are detected.")
+    ] = 14.0
+    slope: Annotated[
+        Positive,
+        Field(description="Steepness of the detection probability over the logarithm of apparent height."),
+    ] = 3.0
+    ceiling: Annotated[Fraction, Field(description="Detection probability of a large, clear object.")] = 0.98
+    fog_extinction_per_m: Annotated[
+        NotNegative, Field(description="Extinction per metre at fog level 1; grows as the level squared.")
+    ] = 0.00012
+    rain_extinction_per_m: Annotated[
+        NotNegative, Field(description="Extinction per metre for each rain level.")
+    ] = 0.0002
+    night_contrast: Annotated[
+        Fraction, Field(description="Remaining contrast when the sun is 6 degrees below the horizon.")
+    ] = 0.25
+    concealment_weight: Annotated[
+        Fraction, Field(description="Share of the contrast that full concealment removes.")
+    ] = 0.5
+    correlation_s: Annotated[
+        NotNegative, Field(description="Time over which misses of one object are correlated.")
+    ] = 0.8
+    mislabel: Annotated[
+        Fraction,
+        Field(
+            description="Probability of a wrong class label at the threshold of detection; it falls to 0 for clear views."
+        ),
+    ] = 0.25
+    confusion: Annotated[
+        dict[str, dict[str, Fraction]],
+        Field(
+            exclude_if=lambda rows: not rows,
+            description=(
+                "Probability of each wrong label at the threshold of detection, by true label. A row replaces `mislabel` "
+                "for its class; an empty row means never mislabelled. Without a row: one of the asset's look-alikes, "
+                "each as often (assumed)."
+            ),
+        ),
+    ] = {}
+    jitter_px: Annotated[
+        NotNegative, Field(description="Standard deviation of the edges of a bounding box.")
+    ] = 1.5
+    drift_px: Annotated[
+        NotNegative,
+        Field(
+            exclude_if=_is_zero,
+            description="Standard deviation of the part of a box's displacement that lasts over frames.",
+        ),
+    ] = 0.0
+    drift_s: Annotated[
+        Positive,
+        Field(
+            exclude_if=lambda span_s: span_s == 2.0, description="Time over which this part is correlated."
+        ),
+    ] = 2.0
+    false_per_frame: Annotated[
+        NotNegative, Field(description="Mean number of false detections in one frame.")
+    ] = 0.01
+    false_persistence_s: Annotated[
+        NotNegative,
+        Field(
+            exclude_if=_is_zero,
+            description="Mean time for which a false detection stays in the picture; 0: a single frame.",
+        ),
+    ] = 0.0
+    latency_s: Annotated[NotNegative, Field(le=5.0, description="Delay from exposure to publication.")] = 0.1
+    latency_jitter_s: Annotated[
+        NotNegative,
+        Field(
+            le=5.0,
+            exclude_if=_is_zero,
+            description="Greatest additional delay of a frame; each is uniform between 0 and this.",
+        ),
+    ] = 0.0
+    id_switches_per_s: Annotated[
+        NotNegative,
+        Field(
+            exclude_if=_is_zero,
+            description="Rate at which the track id of a detected object changes.",
+        ),
+    ] = 0.0
+
+    @model_validator(mode="after")
+    def _confusion_is_about_known_labels(self) -> Self:
+        for label, row in self.confusion.items():
+            for name in (label, *row):
+                if name not in CLASS_LABELS:
+                    raise ValueError(
+                        f"confusion: {name!r} is no class label; known: {', '.join(CLASS_LABELS)}"
+                    )
+            if label in row:
+                raise ValueError(f"confusion[{label}]: state the wrong labels only, without {label!r} itself")
+            # Fractions such as 0.7 + 0.2 + 0.1 may exceed 1 by rounding.
+            if sum(row.values()) > 1.0 + 1e-9:
+                raise ValueError(f"confusion[{label}]: the probabilities add up to more than 1")
+        return self
+
+    @property
+    def longest_latency_s(self) -> float:
+        """The longest time that a frame's result can take."""
+        return self.latency_s + self.latency_jitter_s
+
+
+PerceptionSource = Literal["truth", "simulated", "agent", "detector"]
+
+
+class Perception(Document):
+    """Whose perception the agent has, and how the detections are made."""
+
+    source: Annotated[
+        PerceptionSource,
+        Field(
+            description=(
+                "truth: detections without errors; simulated: with those of `model`; agent: none, the agent has a "
+                "perception of its own; detector: those of the plug-in `detector` on the pictures."
+            )
+        ),
+    ] = "simulated"
+    mode: Annotated[
+        Literal["perfect", "degraded"],
+        Field(
+            description=(
+                "Of source simulated alone. perfect: every visible actor, the detections of source truth; degraded: with "
+                "the errors of `model`."
+            )
+        ),
+    ] = "degraded"
+    detector: Annotated[
+        str | None,
+        Field(
+            exclude_if=lambda name: name is None,
+            description="Of source detector alone: an entry point of group rebar.detectors.",
+        ),
+    ] = None
+    model: DetectionModel = DetectionModel()
+
+    @property
+    def error_free(self) -> bool:
+        """Whether the detections are those of the truth."""
+        return self.source == "truth" or (self.source == "simulated" and self.mode == "perfect")
+
+    @property
+    def by_bench(self) -> bool:
+        """Whether the bench makes detections at all."""
+        return self.source != "agent"

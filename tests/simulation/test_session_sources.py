@@ -1,0 +1,133 @@
+"""Detections of every source reach the agent on the same topic, in the same form and at the same times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+from scene_simspecs import scene_simspec
+from test_scene_detector import camera_frame
+
+from bench.contracts import (
+    CameraFrame,
+    Detection,
+    DetectionFrame,
+    Detector,
+    Record,
+    SimTime,
+    VehiclePlan,
+    VehicleTopics,
+    cast_of,
+)
+from bench.documents import read_document
+from bench.errors import SetupError
+from bench.perception import open_detector
+from bench.simspec import DetectionModel, Perception, PerceptionSource, SimSpec
+from bench.simulation import HostClock, open_plain_scene
+from bench.simulation._air_network import open_air_network
+from bench.simulation._mission_information import MissionInformation
+from bench.streams import Detection2DArray, decode
+from bench.testing import StillVehicle
+
+ACTORS = 30
+TICKS = 41
+# A model that detects nearly everything at once, so that only errors tell it from the truth.
+PROMPT = DetectionModel(
+    half_height_px=0.5, slope=9.0, ceiling=1.0, mislabel=0.0, false_per_frame=0.0, latency_s=0.0
+)
+
+
+class PixelDetector:
+    """Stands for a plug-in: finds a box that no actor has, under its own label, at once."""
+
+    def __init__(self) -> None:
+        self._results: list[DetectionFrame] = []
+
+    def process(self, frame: CameraFrame) -> None:
+        found = Detection("crate", 0.51, (3.25, 4.5, 40.75, 61.0), f"t{frame.number + 1}")
+        self._results.append(DetectionFrame(frame.exposed, frame.exposed, (found,) * ACTORS))
+
+    def due(self, now: SimTime) -> Sequence[DetectionFrame]:
+        ready, self._results = self._results, []
+        return ready
+
+
+def spec_of(source: PerceptionSource, model: DetectionModel = PROMPT) -> SimSpec:
+    placed = [("soldier" if index % 2 else "civilian", float(index), 0.0, 0.0) for index in range(ACTORS)]
+    return scene_simspec(placed, perception=Perception(source=source, model=model))
+
+
+def published(spec: SimSpec, detector: Detector) -> list[Record]:
+    """What the agent gets on the topic of detections: one frame every other tick of 0.1 s."""
+    records: list[Record] = []
+    vehicle = StillVehicle(VehiclePlan(spec, ()))
+    with open_air_network(spec, records.append, zenoh=False, clock=HostClock()) as air:
+        air.open_for_all()
+        information = MissionInformation(spec, air, open_plain_scene(spec))
+        for tick in range(TICKS):
+            if tick % 2 == 0:
+                detector.process(camera_frame(tick // 2, ACTORS, height_px=40.0))
+            information.publish(SimTime(tick * 100_000_000), vehicle, detector)
+    topic = VehicleTopics(spec.vehicle.name).detections
+    return [record for record in records if record.topic == topic]
+
+
+def form(records: Sequence[Record]) -> list[tuple[int, str, str, int, set[tuple[str, ...]]]]:
+    """Everything about messages but the values: time, topic, type, length, and the fields that are filled."""
+    forms = []
+    for record in records:
+        message = decode(Detection2DArray, record.data)
+        assert message is not None
+        filled = {
+            (item.header.frame_id, message.header.frame_id, str(len(item.results)), item.id[:1])
+            for item in message.detections
+        }
+        forms.append((record.time.ns, record.topic, record.type_name, len(message.detections), filled))
+    return forms
+
+
+def test_an_agent_cannot_tell_the_sources_of_detections_apart() -> None:
+    """Truth, error model and plug-in: same topic, type, fields, number of messages and times."""
+    truth = published(spec_of("truth"), open_detector(spec_of("truth"), cast_of(spec_of("truth"))))
+    simulated = published(
+        spec_of("simulated"), open_detector(spec_of("simulated"), cast_of(spec_of("simulated")))
+    )
+    plugged = published(spec_of("simulated"), PixelDetector())
+
+    assert len(truth) == (TICKS + 1) // 2
+    assert form(truth) == form(simulated) == form(plugged)
+    assert [record.data for record in truth] != [record.data for record in simulated]
+
+
+def test_truth_is_what_perfect_detections_always_were() -> None:
+    """`source: truth` gives the bytes of `mode: perfect`, which stays."""
+    perfect = scene_simspec(
+        [("soldier" if index % 2 else "civilian", float(index), 0.0, 0.0) for index in range(ACTORS)],
+        perception=Perception(mode="perfect", model=PROMPT),
+    )
+    truth = spec_of("truth")
+    assert published(truth, open_detector(truth, cast_of(truth))) == published(
+        perfect, open_detector(perfect, cast_of(perfect))
+    )
+
+
+def test_the_bench_publishes_no_detections_for_an_agent_with_its_own_perception() -> None:
+    spec = spec_of("agent", DetectionModel(false_per_frame=9.0))
+    assert published(spec, open_detector(spec, cast_of(spec))) == []
+
+
+def test_a_detector_on_pictures_is_refused_with_field_and_fix() -> None:
+    """No camera renders yet; the message names the field and what to write instead."""
+    text = "name: x\nworld: {area: {corners: [{east_m: 0, north_m: 0}, {east_m: 9, north_m: 0}, {east_m: 9, north_m: 9}]}}\n"
+    with pytest.raises(SetupError) as caught:
+        read_document(text + "perception:\n  source: detector\n  detector: own\n", SimSpec, source="s.yaml")
+    assert "s.yaml:4: perception.source" in str(caught.value)
+    assert "write truth, simulated or agent" in str(caught.value)
+
+
+def test_new_fields_leave_the_document_as_it_was() -> None:
+    """At their defaults they are not written, so digests of published SimSpecs stay."""
+    assert set(Perception().model_dump(mode="json")) == {"source", "mode", "model"}
+    assert len(DetectionModel().model_dump(mode="json")) == 12
+    changed = DetectionModel(drift_px=1.0, confusion={"combatant": {"civilian": 0.2}}, id_switches_per_s=0.1)
+    assert DetectionModel.model_validate_json(changed.model_dump_json()) == changed
