@@ -9,10 +9,13 @@ from __future__ import annotations
 import array
 import ctypes
 import fcntl
+import json
 import os
+import signal
 import socket
 import struct
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 
 # From <linux/sched.h>.
@@ -23,6 +26,10 @@ _SIOCSIFFLAGS, _IFF_UP_RUNNING = 0x8914, 0x1 | 0x40
 _PR_SET_PDEATHSIG, _PR_CAP_AMBIENT, _PR_CAP_AMBIENT_CLEAR_ALL, _SIGKILL = 1, 47, 4, 9
 _KINDS = {b"d": socket.SOCK_DGRAM, b"s": socket.SOCK_STREAM}
 _DESCRIPTOR_BYTES = array.array("i").itemsize
+# Of one request to the helper process: a command as JSON, and descriptors (the kernel takes 253 at most).
+_REQUEST_BYTES, _REQUEST_DESCRIPTORS = 65536, 64
+_DONE = b"!"
+_GONE = "the process that opens sockets on the host's network is gone"
 
 # The way to the helper process that stayed outside; None while this process is on the host's network itself.
 _outside: socket.socket | None = None
@@ -80,11 +87,27 @@ def outside_socket(kind: socket.SocketKind) -> socket.socket:
     for level, type_, data in ancillary:
         if (level, type_) == (socket.SOL_SOCKET, socket.SCM_RIGHTS):
             return socket.socket(fileno=struct.unpack("i", data[:_DESCRIPTOR_BYTES])[0])
-    raise OSError("the process that opens sockets on the host's network is gone")
+    raise OSError(_GONE)
+
+
+def start_outside(command: Sequence[str], descriptors: Sequence[int]) -> int | None:
+    """Start a program on the host's network, with an empty environment and copies of the descriptors, whose numbers are
+    its last arguments.
+
+    Returns its process id where this process has to wait for its end; None where the helper process does. Nothing ends
+    it but itself, so it should end when a descriptor shows that this process is gone. Raises OSError.
+    """
+    if _outside is None:
+        return _spawn(command, [os.dup(descriptor) for descriptor in descriptors])
+    socket.send_fds(_outside, [json.dumps(list(command)).encode()], descriptors)
+    answer = _outside.recv(_REQUEST_BYTES)
+    if answer != _DONE:
+        raise OSError(answer.decode() or _GONE)
+    return None
 
 
 def _serve_sockets(requests: socket.socket, parent: int) -> None:
-    """Answer each request with a socket, until the other end is closed."""
+    """Answer each request with a socket, or with the start of a program, until the other end is closed."""
     libc = ctypes.CDLL(None)
     libc.prctl(_PR_SET_PDEATHSIG, _SIGKILL, 0, 0, 0)
     if os.getppid() != parent:
@@ -93,10 +116,35 @@ def _serve_sockets(requests: socket.socket, parent: int) -> None:
     with suppress(OSError):
         os.closerange(3, requests.fileno())
         os.closerange(requests.fileno() + 1, os.sysconf("SC_OPEN_MAX"))
-    while kind := requests.recv(1):
-        with socket.socket(socket.AF_INET, _KINDS[kind]) as made:
-            rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", [made.fileno()]))]
-            requests.sendmsg([b"!"], rights)
+    # The kernel reaps the programs: nobody here asks how they ended.
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    while True:
+        request, descriptors, _, _ = socket.recv_fds(requests, _REQUEST_BYTES, _REQUEST_DESCRIPTORS)
+        if not request:
+            return
+        if request in _KINDS:
+            with socket.socket(socket.AF_INET, _KINDS[request]) as made:
+                socket.send_fds(requests, [_DONE], [made.fileno()])
+            continue
+        try:
+            _spawn(json.loads(request), descriptors)
+            requests.send(_DONE)
+        except OSError as error:
+            requests.send(str(error).encode())
+
+
+def _spawn(command: Sequence[str], descriptors: Sequence[int]) -> int:
+    """Start a program with these descriptors, which are closed here."""
+    try:
+        for descriptor in descriptors:
+            os.set_inheritable(descriptor, True)
+        # In a group of its own, which the terminal's Ctrl-C does not reach: its end is the session's to decide.
+        return os.posix_spawn(
+            command[0], [*command, *map(str, descriptors)], {}, setpgroup=0, setsigdef=[signal.SIGCHLD]
+        )
+    finally:
+        for descriptor in descriptors:
+            os.close(descriptor)
 
 
 def _unshare() -> None:

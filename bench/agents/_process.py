@@ -107,6 +107,7 @@ def box_of(plan: AgentPlan, home: str, *, in_image: bool = False) -> Box:
         limits=manifest.limits,
         gpu=manifest.gpu,
         image=manifest.image,
+        hosts=plan.endpoints.hosts,
     )
 
 
@@ -115,6 +116,7 @@ def _tcp_ports(plan: AgentPlan) -> frozenset[int]:
     ends = plan.endpoints
     addresses = [address for address in (ends.zenoh_locator, ends.tick) if address]
     addresses += [address for address in ends.mavlink.values() if address.startswith("tcp:")]
+    addresses += ends.services.values()
     return frozenset(int(address.rpartition(":")[2]) for address in addresses)
 
 
@@ -144,7 +146,7 @@ def environment_of(plan: AgentPlan, home: str) -> dict[str, str]:
     if plan.truth is not None:
         environment["REBAR_TRUTH"] = f"{home}/{TRUTH_FILE}"
     stated = expand_placeholders(plan.manifest, plan.folder, spec.agent.options, plan.manifest.environment)
-    return environment | dict(ends.mavlink) | stated
+    return environment | dict(ends.mavlink) | dict(ends.services) | stated
 
 
 class _Output:

@@ -111,6 +111,9 @@ class AgentEndpoints:
     REBAR_MAVLINK (or the manifest's name for each link), REBAR_ZENOH (a locator such as tcp/127.0.0.1:7447),
     REBAR_ZENOH_USER, REBAR_ZENOH_PASSWORD, ROS_DOMAIN_ID, REBAR_VEHICLE, REBAR_TICK (host:port of the tick
     socket) and REBAR_TICK_SECRET (both absent in realtime), REBAR_OPTIONS (JSON object), REBAR_SEED (integer).
+
+    `services` holds host:port by variable for what the SimSpec lets in; `hosts` the addresses that their host names have
+    in the session, for agents with files of their own.
     """
 
     mavlink: Mapping[str, str]
@@ -120,6 +123,8 @@ class AgentEndpoints:
     domain: int
     tick: str | None
     tick_secret: str = field(default="", repr=False)
+    services: Mapping[str, str] = field(default_factory=dict)
+    hosts: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated, Any, Self
 
-from pydantic import Field
+from pydantic import Field, ValidationError
 
 from bench.documents import Document
 from bench.errors import PlacementInfeasible, SetupError, VehicleFault
@@ -158,6 +159,38 @@ def open_walls_of(details: Mapping[str, object]) -> tuple[str, ...] | None:
     """The open walls in the details of a result, which may have been edited; None where they are not recorded."""
     names = details.get(LEAVES_OPEN)
     return tuple(str(name) for name in names) if isinstance(names, list) else None
+
+
+class ServiceUse(Document):
+    """What went over one service that the SimSpec let in. Bytes are the agent's: sent to the service, received from it.
+
+    `failed` connections were not taken by the service, `refused` ones not by the bench: too many at once. Without
+    `counted` the process that carries connections was gone before it could tell, and the numbers are 0.
+    """
+
+    name: str
+    host: str
+    port: int
+    connections: int = 0
+    failed: int = 0
+    refused: int = 0
+    bytes_sent: int = 0
+    bytes_received: int = 0
+    counted: bool = True
+
+
+SERVICES = "services"
+"""In `SessionResult.details`: what went over the services that were let in, one `ServiceUse` each."""
+
+
+def services_of(details: Mapping[str, object]) -> tuple[ServiceUse, ...]:
+    """The services in the details of a result, which may have been edited."""
+    entries = details.get(SERVICES)
+    uses = []
+    for entry in entries if isinstance(entries, list) else ():
+        with suppress(ValidationError):
+            uses.append(ServiceUse.model_validate(entry))
+    return tuple(uses)
 
 
 class SessionResult(Document):

@@ -75,6 +75,7 @@ from ._rules import TimeWindow as TimeWindow
 from ._seeds import RandomStream as RandomStream
 from ._seeds import generator as generator
 from ._seeds import seed_of as seed_of
+from ._services import OutsideService as OutsideService
 from ._sun import Sun as Sun
 from ._sun import sun_at as sun_at
 from ._sun import sun_of as sun_of

@@ -29,6 +29,7 @@ from ._ground import World
 from ._perception import Perception
 from ._quantities import Identifier, Metres, NotNegative, Positive
 from ._rules import Rules
+from ._services import OutsideService, raise_clashes
 from ._vehicle import VehicleSpec
 from ._weather import Environment
 
@@ -223,6 +224,20 @@ class AgentSpec(Document):
             exclude_if=lambda isolation: isolation is None,
         ),
     ] = None
+    services: Annotated[
+        tuple[OutsideService, ...],
+        Field(
+            max_length=16,
+            description="Services outside of the session that the agent may ask, by TCP.",
+            # As above: digests of situations that let nothing in stay as they were published.
+            exclude_if=lambda services: not services,
+        ),
+    ] = ()
+
+    @model_validator(mode="after")
+    def _services_differ(self) -> Self:
+        raise_clashes(self.services)
+        return self
 
     @property
     def label(self) -> str:

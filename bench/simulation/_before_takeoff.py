@@ -16,6 +16,8 @@ from bench.contracts import (
 from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
 
+from ._services import service_faults
+
 DISCARD_PORT = 9
 """The port of the discard service (RFC 863)."""
 
@@ -23,9 +25,13 @@ DISCARD_PORT = 9
 def session_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
     """Every fault for which `run_session` would refuse this SimSpec and agent; its places are not looked at.
 
-    Opens the vehicle for a moment, because only it knows its parameters, failures and step.
+    Opens the vehicle for a moment, because only it knows its parameters, failures and step, and connects to each service.
     """
-    faults = [*link_faults(spec, manifest), *pace_faults(spec, manifest)]
+    faults = [
+        *link_faults(spec, manifest),
+        *pace_faults(spec, manifest),
+        *service_faults(spec.agent.services),
+    ]
     try:
         load_plugin("rebar.scenes", spec.world.scene)
     except SetupError as error:

@@ -32,6 +32,7 @@ from bench.contracts import (
     OpenVehicle,
     Outcome,
     Scene,
+    ServiceUse,
     SessionFailure,
     SimTime,
     Tap,
@@ -56,6 +57,7 @@ from ._mission_information import MissionInformation
 from ._operator_pilot import OperatorPilot, open_operator_pilot, operator_links
 from ._outside_links import outside_links, recorded_links
 from ._ports import reserved_udp_port
+from ._services import Services, open_services
 from ._stop_session import StopSession
 from ._tick_server import TickServer, open_tick_server
 from ._truth import TruthRecorder, truth_of
@@ -100,6 +102,7 @@ class SessionEnd:
     agent_cpu_s: float
     counters: dict[str, int] = field(default_factory=dict)
     traceback: str = ""
+    services: tuple[ServiceUse, ...] = ()
 
 
 def run_session(plan: SessionPlan) -> SessionEnd:
@@ -126,6 +129,7 @@ def run_session(plan: SessionPlan) -> SessionEnd:
         agent_cpu_s=progress.agent_cpu_s,
         counters=progress.counters,
         traceback=failure.traceback,
+        services=progress.services.uses,
     )
 
 
@@ -136,6 +140,7 @@ class SessionProgress:
     now: SimTime = START
     agent_cpu_s: float = 0.0
     counters: dict[str, int] = field(default_factory=dict)
+    services: Services = field(default_factory=Services)
 
 
 class Session:
@@ -401,6 +406,8 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
     open_scene: OpenScene = load_plugin("rebar.scenes", spec.world.scene)
     truth = TruthRecorder(spec.vehicle.name, plan.tap)
     with ExitStack() as stack:
+        # Before anything else takes a port of the session.
+        progress.services = stack.enter_context(open_services(spec.agent.services))
         links = (
             *(_link(need, stack) for need in manifest.mavlink),
             *operator_links(spec),
@@ -431,6 +438,8 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
             domain=air.access.domain if air.access else 0,
             tick=ticks.address if ticks else None,
             tick_secret=ticks.secret if ticks else "",
+            services=progress.services.endpoints,
+            hosts=progress.services.hosts,
         )
         # From a scene of its own: this one must not be advanced before the session.
         truth_document = truth_of(spec, open_scene(spec)) if manifest.truth else None

@@ -18,7 +18,8 @@ class Box:
     """What one agent may see and use. `command` holds absolute paths that are readable in the box.
 
     `scratch` is the host's folder of the session: a rung with a file system of its own gives the agent
-    another one. `files` are files of the host that the agent finds by name in its scratch folder.
+    another one. `files` are files of the host that the agent finds by name in its scratch folder. `hosts` are addresses by
+    host name, for rungs with a file system of their own.
     """
 
     command: tuple[str, ...]
@@ -30,3 +31,4 @@ class Box:
     limits: AgentLimits = field(default_factory=AgentLimits)
     gpu: bool = False
     image: str = ""
+    hosts: Mapping[str, str] = field(default_factory=dict)

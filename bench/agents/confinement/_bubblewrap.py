@@ -380,7 +380,10 @@ class _Options:
             self._add("--ro-bind", path, path)
         for path in box.files:
             self._add("--ro-bind", path, f"{HOME}/{path.name}")
-        for name, text in _NAME_FILES.items():
+        hosts = "".join(f"{address} {name}\n" for name, address in box.hosts.items())
+        # The first line that has a name decides.
+        files = {**_NAME_FILES, "hosts": hosts + _NAME_FILES["hosts"]}
+        for name, text in files.items():
             self._add("--perms", "0644", "--ro-bind-data", self._file(text.encode()), f"/etc/{name}")
 
     def _add(self, *words: str | int | Path) -> None:

@@ -11,11 +11,13 @@ from collections.abc import Generator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from bench.agents import LocalProcess, load_manifest, open_agent, program_faults, rung_of
 from bench.agents.confinement import wall_name
 from bench.contracts import (
     LEAVES_OPEN,
+    SERVICES,
     AgentManifest,
     AgentPlan,
     AgentProcess,
@@ -128,6 +130,7 @@ def _fly(
         **truth_details(placed, flown),
         **host,
         **starter.details,
+        **_services(end),
     }
     return result.model_copy(update={"details": details})
 
@@ -180,6 +183,11 @@ def _host(manifest: AgentManifest, agent: AgentSpec) -> dict[str, str]:
         "isolation": rung_of(manifest, agent).name,
         "network": network,
     }
+
+
+def _services(end: SessionEnd) -> dict[str, Any]:
+    """What went over the services that were let in, for the result alone: no two sessions have the same."""
+    return {SERVICES: [use.model_dump() for use in end.services]} if end.services else {}
 
 
 def _checked(simspec: SimSpec) -> SimSpec:

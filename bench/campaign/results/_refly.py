@@ -101,11 +101,21 @@ def _counted_runs(folder: CampaignFolder) -> tuple[dict[str, SessionResult], dic
                 others["without a recording"].append(entry.id)
             elif result.outcome in _TIMED_BY_HOST:
                 others["ended by the host's clock"].append(entry.id)
-            elif load_json_document(folder.simspec(entry.id), SimSpec).pace.mode != "lockstep":
-                others["flown in real time"].append(entry.id)
+            elif reason := _not_repeatable(load_json_document(folder.simspec(entry.id), SimSpec)):
+                others[reason].append(entry.id)
             else:
                 comparable[entry.id] = result
     return comparable, {reason: tuple(names) for reason, names in sorted(others.items())}
+
+
+def _not_repeatable(simspec: SimSpec) -> str:
+    """Why nobody can fly a session with this SimSpec again bit for bit; empty if it can be done."""
+    if simspec.pace.mode != "lockstep":
+        return "flown in real time"
+    # What comes over these is nobody's to repeat.
+    if any(link.heard for link in simspec.vehicle.outside_links):
+        return "with a link from outside that the vehicle obeys"
+    return "with services from outside" if simspec.agent.services else ""
 
 
 class _Reflight:

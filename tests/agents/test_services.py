@@ -1,0 +1,129 @@
+"""What an agent reaches outside of its session on each rung, with two services let in and a third server that is not."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+from contextlib import ExitStack, suppress
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import pytest
+from host_servers import LOCALHOST, answer_page, echo, server
+
+from bench.agents.confinement import Box, Wall, leaves_open, rungs, this_host
+
+HERE = Path(__file__).parent
+ALWAYS = {"web", "raw"}
+
+
+def host_name() -> tuple[str, str] | None:
+    """A name of this host other than localhost, and its address."""
+    name = socket.gethostname()
+    with suppress(OSError):
+        return name, socket.gethostbyname(name)
+    return None
+
+
+@cache
+def flights(own_network: bool) -> dict[str, Any]:
+    """What `service_flights.py` prints, for all rungs at once: its start costs more than a session."""
+    named = host_name()
+    if named is None:
+        pytest.skip("this host has no name that resolves")
+    name, address = named
+    with ExitStack() as stack:
+        folder = stack.enter_context(TemporaryDirectory())
+        # Root gives the agent a user of its own only where that one can reach its folder.
+        Path(folder).chmod(0o755)
+        servers = [
+            stack.enter_context(server(answer_page, address)),
+            *(stack.enter_context(server(echo)) for _ in range(2)),
+        ]
+        done = subprocess.run(
+            [
+                sys.executable,
+                str(HERE / "service_flights.py"),
+                str(int(own_network)),
+                folder,
+                name,
+                *map(str, servers),
+            ],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=300,
+        )
+    assert done.returncode == 0, done.stderr
+    report: dict[str, Any] = json.loads(done.stdout)
+    return report
+
+
+def flight(rung: str, own_network: bool) -> dict[str, Any]:
+    report = flights(own_network)
+    if own_network and report["fault"] is not None:
+        pytest.skip(f"this host gives no network namespace: {report['fault']}")
+    if reason := report[rung].get("reason"):
+        pytest.skip(f"{rung} cannot start here: {reason}")
+    found: dict[str, Any] = report[rung]
+    return found
+
+
+@pytest.mark.parametrize("own_network", [True, False])
+@pytest.mark.parametrize("rung", ["none", "landlock", "bwrap"])
+def test_an_agent_reaches_its_services_and_nothing_else(rung: str, own_network: bool) -> None:
+    """By their variables on every rung; by their usual addresses where the session has a network of its own, and by a
+    name of the host where the agent has files of its own too. The server that is not let in is reached exactly where
+    the table of the walls says that TCP is open.
+    """
+    found = flight(rung, own_network)
+    reached = {name for name, answer in found["reached"].items() if answer is not None}
+    open_tcp = Wall.TCP in leaves_open(rung, this_host(own_network=own_network))
+    expected = set(ALWAYS)
+    if own_network:
+        expected |= {"raw by address"} | ({"web by name"} if rung == "bwrap" else set())
+        assert not open_tcp or rung == "none"
+    elif open_tcp:
+        # The host's network itself, where the table says so; bwrap hides the names of the host all the same.
+        expected |= {"raw by address", "hidden"} | (set() if rung == "bwrap" else {"web by name"})
+    assert reached == expected
+    assert {found["reached"][name] for name in ALWAYS} == {"map", "ping"}
+    assert found["outcome"] == "completed"
+
+
+@pytest.mark.parametrize("own_network", [True, False])
+@pytest.mark.parametrize("rung", ["none", "landlock", "bwrap"])
+def test_what_went_over_each_service_is_counted(rung: str, own_network: bool) -> None:
+    """Once for each way in which the agent came; a connection that it left open counts."""
+    found = flight(rung, own_network)
+    web, raw = found["uses"]
+    ways = (
+        {name for name, answer in found["reached"].items() if answer is not None} if own_network else ALWAYS
+    )
+    assert (web["name"], raw["name"]) == ("web", "raw")
+    assert web["connections"] == len(ways & {"web", "web by name"})
+    assert raw["connections"] == len(ways & {"raw", "raw by address"})
+    assert raw["bytes_sent"] == raw["bytes_received"] == 4 * raw["connections"]
+    assert web["bytes_received"] == 60 * web["connections"]
+    assert web["failed"] == raw["failed"] == web["refused"] == raw["refused"] == 0
+
+
+def test_two_host_names_lead_into_the_box(tmp_path: Path) -> None:
+    """As the C library looks them up, and before the names that every box has."""
+    rung = rungs()["bwrap"]
+    if reason := rung.trial():
+        pytest.skip(f"bwrap cannot start here: {reason}")
+    hosts = {"api.example.org": "127.0.0.2", "maps.example.org": "127.0.0.3", "agent": "127.0.0.4"}
+    command = ("/usr/bin/getent", "ahostsv4", *hosts, "localhost")
+    log = tmp_path / "output"
+    with log.open("wb") as output:
+        process = rung.start(Box(command, {}, tmp_path, hosts=hosts), output.fileno())
+        while process.poll() is None:
+            pass
+        process.end()
+    addresses = [line.split()[0] for line in log.read_text().splitlines() if "STREAM" in line]
+    assert addresses == ["127.0.0.2", "127.0.0.3", "127.0.0.4", LOCALHOST]

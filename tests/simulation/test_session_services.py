@@ -1,0 +1,197 @@
+"""Services outside of the session: what is let in is reached, everything is counted, and nothing else is let in."""
+
+from __future__ import annotations
+
+import random
+import socket
+import threading
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from host_servers import LOCALHOST, echo, server, shout
+from pydantic import ValidationError
+from test_session import session_simspec
+
+from bench.agents import open_agent
+from bench.contracts import Outcome, Record, ServiceUse
+from bench.simspec import AgentSpec, Mission, OutsideService, SimSpec, load_simspec
+from bench.simulation import SessionEnd, SessionPlan, run_session, session_faults
+from bench.simulation._service_relay import MAX_CONNECTIONS
+from bench.simulation._services import open_services
+from bench.testing import agent_manifest
+
+# A host that hangs must not hang the tests; no result depends on it.
+PATIENCE_S = 60.0
+
+
+def service(name: str, port: int, host: str = LOCALHOST) -> OutsideService:
+    return OutsideService(name=name, host=host, port=port)
+
+
+def connect(endpoint: str) -> socket.socket:
+    host, _, port = endpoint.rpartition(":")
+    return socket.create_connection((host, int(port)), PATIENCE_S)
+
+
+def ask(client: socket.socket, question: bytes) -> bytes:
+    client.sendall(question)
+    answer = b""
+    while len(answer) < len(question):
+        answer += client.recv(65536)
+    return answer
+
+
+def counts(use: ServiceUse) -> tuple[int, int, int]:
+    return use.connections, use.failed, use.refused
+
+
+def test_two_services_and_their_counts() -> None:
+    """Each variable leads to its own service; the bytes are the agent's, to the last one."""
+    with server(echo) as first, server(shout) as second:
+        services = (service("first", first), service("far-map", second, "localhost"))
+        with open_services(services) as opened:
+            assert set(opened.endpoints) == {"REBAR_SERVICE_FIRST", "REBAR_SERVICE_FAR_MAP"}
+            with (
+                connect(opened.endpoints["REBAR_SERVICE_FIRST"]) as one,
+                connect(opened.endpoints["REBAR_SERVICE_FAR_MAP"]) as two,
+                connect(opened.endpoints["REBAR_SERVICE_FAR_MAP"]) as three,
+            ):
+                assert ask(one, b"abc") == b"abc"
+                assert ask(two, b"hello") == b"HELLO"
+                assert ask(three, b"you") == b"YOU"
+                assert ask(one, b"de") == b"de"
+            endpoints = tuple(opened.endpoints.values())
+    assert [use.name for use in opened.uses] == ["first", "far-map"]
+    assert [counts(use) for use in opened.uses] == [(1, 0, 0), (2, 0, 0)]
+    assert [(use.bytes_sent, use.bytes_received) for use in opened.uses] == [(5, 5), (8, 8)]
+    for endpoint in endpoints:
+        with pytest.raises(ConnectionRefusedError):
+            connect(endpoint)
+
+
+def test_more_bytes_than_any_buffer_holds() -> None:
+    """Four megabytes to a server that sends all of them back, read only after half is sent; the end travels too."""
+    data = random.Random(1).randbytes(4 << 20)
+    with server(echo) as far, open_services((service("far", far),)) as opened:
+        with connect(*opened.endpoints.values()) as client:
+
+            def send() -> None:
+                client.sendall(data)
+                client.shutdown(socket.SHUT_WR)
+
+            sender = threading.Thread(target=send)
+            sender.start()
+            received = bytearray()
+            while part := client.recv(1 << 20):
+                received += part
+            sender.join()
+        assert received == data
+    assert opened.uses[0].bytes_sent == opened.uses[0].bytes_received == len(data)
+
+
+def test_a_service_that_goes_away_is_counted_and_the_other_goes_on() -> None:
+    """The agent sees a reset, not a regular end, and so does it where too many connections are open."""
+    with server(echo) as stays, ExitStack() as stack:
+        with server(echo) as gone:
+            opened = stack.enter_context(open_services((service("gone", gone), service("stays", stays))))
+        away, here = opened.endpoints.values()
+        for _ in range(2):
+            with pytest.raises(ConnectionResetError), connect(away) as client:
+                client.recv(1)
+        clients = [connect(here) for _ in range(MAX_CONNECTIONS)]
+        # Answered, and so counted as open, before the one too many comes.
+        assert [ask(client, b"x") for client in clients] == [b"x"] * MAX_CONNECTIONS
+        with pytest.raises(ConnectionResetError), connect(here) as client:
+            client.recv(1)
+        for client in clients:
+            client.close()
+    assert [counts(use) for use in opened.uses] == [(0, 2, 0), (MAX_CONNECTIONS, 0, 1)]
+
+
+def test_what_is_open_at_the_end_is_closed() -> None:
+    """On both sides, and what was said before is counted."""
+    with server(echo) as far:
+        with open_services((service("far", far),)) as opened:
+            client = connect(*opened.endpoints.values())
+            assert ask(client, b"still here") == b"still here"
+        with client:
+            assert client.recv(1) == b""
+    assert counts(opened.uses[0]) == (1, 0, 0)
+    assert opened.uses[0].bytes_sent == 10
+
+
+def test_what_cannot_be_reached_is_said_before_the_flight(tmp_path: Path) -> None:
+    """One that is down and one without an address, beside one that answers; before a campaign and before a session."""
+    with server(echo) as port:
+        pass
+    with server(echo) as up:
+        services = (
+            service("down", port),
+            service("lost", 80, "no-such-host.invalid"),
+            service("up", up),
+        )
+        spec = session_simspec(agent=AgentSpec(manifest="fake", services=services))
+        texts = [str(fault) for fault in session_faults(spec, agent_manifest("idle"))]
+        end, records = fly(tmp_path, spec)
+    assert len(texts) == 2
+    assert texts[0].startswith(
+        f"agent.services[down]: 127.0.0.1:{port} does not answer: Connection refused (start"
+    )
+    # Where no server of names answers, the look-up itself takes too long.
+    assert texts[1].startswith("agent.services[lost]: no-such-host.invalid:80 ")
+    assert "the name does not resolve" in texts[1] or "does not answer within" in texts[1]
+    assert end.outcome is Outcome.SETUP_INVALID
+    assert end.reason == "\n".join(texts)
+    assert not records
+
+
+def fly(folder: Path, spec: SimSpec) -> tuple[SessionEnd, list[Record]]:
+    records: list[Record] = []
+    plan = SessionPlan(spec, agent_manifest("idle"), folder, open_agent, folder / "scratch", records.append)
+    return run_session(plan), records
+
+
+def test_a_service_that_nobody_asks_changes_no_record(tmp_path: Path) -> None:
+    """And its use is told all the same."""
+    with server(echo) as first, server(echo) as second:
+        services = (service("first", first), service("second", second))
+        agent, mission = AgentSpec(manifest="fake", services=services), Mission(time_limit_s=1.0)
+        end, records = fly(tmp_path / "with", session_simspec(agent=agent, mission=mission))
+    alone, unserved = fly(tmp_path / "without", session_simspec(mission=mission))
+    assert records == unserved
+    assert end.outcome is alone.outcome is Outcome.TIME_LIMIT
+    assert [counts(use) for use in end.services] == [(0, 0, 0), (0, 0, 0)]
+    assert alone.services == ()
+
+
+@pytest.mark.parametrize(
+    ("services", "words"),
+    [
+        ([("a-b", "x.org", 1), ("a_b", "y.org", 1)], "give one variable, REBAR_SERVICE_A_B"),
+        ([("a", "X.org", 1), ("b", "x.org", 1)], "are both x.org:1"),
+        ([("a", "localhost", 1), ("b", "127.0.0.1", 1)], "are both localhost:1"),
+        ([("a", "https://x.org", 1)], "without http://"),
+        ([("a", "x.org 127.0.0.1", 1)], "neither a host name"),
+        ([("a", "x.org\n10.0.0.1 y.org", 1)], "neither a host name"),
+        ([("a", "127.1", 1)], "neither a host name"),
+        ([("a", "x" * 64, 1)], "neither a host name"),
+        ([("a", "x.org", 0)], "greater than or equal to 1"),
+        ([("A", "x.org", 1)], "pattern"),
+    ],
+)
+def test_services_that_cannot_be_meant_are_refused(services: list[tuple[str, str, int]], words: str) -> None:
+    """Each with its field; what would be more than one line of /etc/hosts above all."""
+    with pytest.raises(ValidationError, match=words):
+        AgentSpec(services=tuple(service(name, port, host) for name, host, port in services))
+
+
+def test_documents_without_services_are_as_they_were(tmp_path: Path) -> None:
+    """Digests of published situations hold; a file with two services is read."""
+    assert "services" not in AgentSpec().model_dump_json()
+    path = tmp_path / "simspec.yaml"
+    example = Path(__file__).parents[2] / "examples" / "search.yaml"
+    spec = load_simspec(example)
+    services = (service("llm", 443, "api.example.org"), service("map", 8080, "::1"))
+    path.write_text(spec.model_copy(update={"agent": AgentSpec(services=services)}).model_dump_json())
+    assert load_simspec(path).agent.services == services
