@@ -35,7 +35,7 @@ TAKES_VALUE = {
         "--tmpfs",
         "--workdir",
     ),
-    *("--log-driver", "--volume", "--device", "--env", "--stop-timeout"),
+    *("--log-driver", "--volume", "--device", "--env", "--stop-timeout", "--add-host"),
 }
 REQUIRED = {
     *("--read-only", "--read-only-tmpfs=false", "--ulimit=core=0:0", "--ulimit=fsize=268435456:268435456"),
@@ -91,6 +91,8 @@ def run(words: list[str]) -> None:
         if option == "--env":
             key, given, text = value.partition("=")
             environment[key] = text if given else os.environ[key]
+        if option == "--add-host":
+            environment["HOSTS"] = f"{environment.get('HOSTS', '')}{value} "
         if option == "--volume" and not (Path(value.split(":")[0]).exists() and value.endswith(":ro")):
             fail(125, f"statfs {value}: no such file or directory")
     with tempfile.TemporaryDirectory() as scratch:

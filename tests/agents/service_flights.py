@@ -1,7 +1,8 @@
 """Flies an agent that asks two services of the host, and looks for a third that is not let in, on each rung.
 
-`python service_flights.py OWN_NETWORK FOLDER HOST PORT PORT PORT`, in a process of its own, because a network namespace is
-entered once. HOST is a name of this host. Prints a JSON object by rung: what the agent reached, how the session ended,
+`python service_flights.py OWN_NETWORK FOLDER IMAGE PYTHON HOST PORT PORT PORT`, in a process of its own, because a network
+namespace is entered once. PYTHON is in the IMAGE, without which the rung `container` is left out. HOST is a name of this
+host. Prints a JSON object by rung: what the agent reached, how the session ended,
 and what was counted; the reason where a rung cannot start.
 """
 
@@ -67,24 +68,26 @@ print(json.dumps(answers))
 
 def main() -> None:
     """Fly on each rung, and print."""
-    own_network, folder, host, *ports = sys.argv[1:]
+    own_network, folder, image, python, host, *ports = sys.argv[1:]
     fault = enter_network_namespace() if own_network == "1" else "not asked for"
     report: dict[str, object] = {"fault": fault}
     for name, rung in rungs().items():
-        if name == "container":
-            continue
-        reason = rung.trial()
-        report[name] = {"reason": reason} if reason else flown(name, Path(folder, name), host, ports)
+        reason = "no image" if name == "container" and not image else rung.trial()
+        report[name] = (
+            {"reason": reason} if reason else flown(name, Path(folder, name), image, [python, host, *ports])
+        )
     print(json.dumps(report))
 
 
-def flown(rung: str, folder: Path, host: str, ports: list[str]) -> dict[str, object]:
+def flown(rung: str, folder: Path, image: str, words: list[str]) -> dict[str, object]:
     """One session on a rung."""
+    python, host, *ports = words
     manifest = AgentManifest.model_validate(
         {
             "name": "asker",
-            "command": ("{python}", "-I", "-S", "-c", AGENT, host, *ports),
+            "command": (python if rung == "container" else "{python}", "-I", "-S", "-c", AGENT, host, *ports),
             "isolation": rung,
+            "image": image if rung == "container" else "",
             "zenoh": False,
         }
     )

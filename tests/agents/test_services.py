@@ -13,12 +13,14 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
+from host_image import PYTHON, image_or_skip
 from host_servers import LOCALHOST, answer_page, echo, server
 
 from bench.agents.confinement import Box, Wall, leaves_open, rungs, this_host
 
 HERE = Path(__file__).parent
 ALWAYS = {"web", "raw"}
+OWN_FILES = {"bwrap", "container"}
 
 
 def host_name() -> tuple[str, str] | None:
@@ -50,6 +52,8 @@ def flights(own_network: bool) -> dict[str, Any]:
                 str(HERE / "service_flights.py"),
                 str(int(own_network)),
                 folder,
+                _image(),
+                PYTHON,
                 name,
                 *map(str, servers),
             ],
@@ -63,6 +67,13 @@ def flights(own_network: bool) -> dict[str, Any]:
     return report
 
 
+def _image() -> str:
+    try:
+        return image_or_skip()
+    except pytest.skip.Exception:
+        return ""
+
+
 def flight(rung: str, own_network: bool) -> dict[str, Any]:
     report = flights(own_network)
     if own_network and report["fault"] is not None:
@@ -74,7 +85,7 @@ def flight(rung: str, own_network: bool) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("own_network", [True, False])
-@pytest.mark.parametrize("rung", ["none", "landlock", "bwrap"])
+@pytest.mark.parametrize("rung", ["none", "landlock", "bwrap", "container"])
 def test_an_agent_reaches_its_services_and_nothing_else(rung: str, own_network: bool) -> None:
     """By their variables on every rung; by their usual addresses where the session has a network of its own, and by a
     name of the host where the agent has files of its own too. The server that is not let in is reached exactly where
@@ -85,10 +96,10 @@ def test_an_agent_reaches_its_services_and_nothing_else(rung: str, own_network: 
     open_tcp = Wall.TCP in leaves_open(rung, this_host(own_network=own_network))
     expected = set(ALWAYS)
     if own_network:
-        expected |= {"raw by address"} | ({"web by name"} if rung == "bwrap" else set())
+        expected |= {"raw by address"} | ({"web by name"} if rung in OWN_FILES else set())
         assert not open_tcp or rung == "none"
     elif open_tcp:
-        # The host's network itself, where the table says so; bwrap hides the names of the host all the same.
+        # The host's network itself, where the table says so. Engines copy the names of the host into a container.
         expected |= {"raw by address", "hidden"} | (set() if rung == "bwrap" else {"web by name"})
     assert reached == expected
     assert {found["reached"][name] for name in ALWAYS} == {"map", "ping"}
@@ -96,7 +107,7 @@ def test_an_agent_reaches_its_services_and_nothing_else(rung: str, own_network: 
 
 
 @pytest.mark.parametrize("own_network", [True, False])
-@pytest.mark.parametrize("rung", ["none", "landlock", "bwrap"])
+@pytest.mark.parametrize("rung", ["none", "landlock", "bwrap", "container"])
 def test_what_went_over_each_service_is_counted(rung: str, own_network: bool) -> None:
     """Once for each way in which the agent came; a connection that it left open counts."""
     found = flight(rung, own_network)

@@ -211,6 +211,8 @@ def _options(box: Box) -> list[str]:
         options += ["--volume", f"{path}:{path}:ro"]
     for path in box.files:
         options += ["--volume", f"{path}:{HOME}/{path.name}:ro"]
+    for name, address in box.hosts.items():
+        options += ["--add-host", f"{name}:{address}"]
     for device in gpu_devices() if box.gpu else ():
         options += ["--device", str(device)]
     return options
