@@ -40,7 +40,7 @@ def simulate(
 ) -> None:
     """Fly one session. Example: rebar simulate examples/search.yaml --out out/first"""
     from bench.campaign import fly_in_worker, load_measurable_decomposition, write_result
-    from bench.contracts import Outcome
+    from bench.contracts import Outcome, services_of
     from bench.documents import dump_json
     from bench.simspec import load_simspec
 
@@ -66,6 +66,8 @@ def simulate(
             )
         if "isolation" in result.details:
             console.print(_confinement_line(result.details), markup=False, highlight=False, soft_wrap=True)
+        for use in services_of(result.details):
+            console.print(f"let in from outside: {use}", markup=False, highlight=False, soft_wrap=True)
         ended = f"{result.outcome} after {result.simulated_s:.1f} simulated s ({result.wall_s:.1f} s): {result.reason}"
         if strangers := result.counters.get("tick_strangers", 0):
             console.print(

@@ -178,6 +178,18 @@ class ServiceUse(Document):
     bytes_received: int = 0
     counted: bool = True
 
+    def __str__(self) -> str:
+        where = f"{self.name} ({self.host}:{self.port})"
+        if not self.counted:
+            return f"{where}, not counted"
+        lost = [
+            f", {count:,} {word}"
+            for count, word in ((self.failed, "failed"), (self.refused, "refused"))
+            if count
+        ]
+        connections = f"{self.connections:,} connection{'' if self.connections == 1 else 's'}"
+        return f"{where}, {connections}{''.join(lost)}, {self.bytes_sent:,} bytes sent and {self.bytes_received:,} received"
+
 
 SERVICES = "services"
 """In `SessionResult.details`: what went over the services that were let in, one `ServiceUse` each."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import polars as pl
 
-from bench.contracts import Outcome
+from bench.contracts import Outcome, ServiceUse
 from bench.scoring import NodeFloor, tension_of, worst_first
 from bench.simspec import SimSpec
 from decompositions import Decomposition
@@ -33,7 +33,7 @@ class Run:
     could make them end by breaking the bench. `saw_truth` are reports of honeypots. `probes` counts what was
     refused, by kind. `isolation` is the rung that confined the agent and `network` whose network it had ("own", or
     why the host's); `open_walls` are the names of the walls that the rung did not hold there. None where nothing is
-    recorded.
+    recorded. `services` are those that the SimSpec let in from outside.
     """
 
     realization: str
@@ -55,6 +55,7 @@ class Run:
     isolation: str | None = None
     network: str | None = None
     open_walls: tuple[str, ...] | None = None
+    services: tuple[ServiceUse, ...] = ()
 
     @property
     def scene(self) -> tuple[str, int]:

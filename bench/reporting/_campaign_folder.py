@@ -20,6 +20,7 @@ from bench.contracts import (
     open_walls_of,
     parse_document,
     probes_of,
+    services_of,
     suspicions_of,
     truth_sightings_of,
 )
@@ -275,6 +276,7 @@ def _run(
         probes=probes_of(result.counters) if result else {},
         isolation=_isolation(result),
         network=_detail(result, "network"),
+        services=services_of(result.details) if result else (),
         open_walls=open_walls_of(result.details) if result else None,
         after_stop=early_stopping and not row and result is not None and result.outcome.counts,
     )

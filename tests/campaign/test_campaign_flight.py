@@ -12,15 +12,16 @@ import sys
 from pathlib import Path
 
 import pytest
+from host_servers import LOCALHOST, echo, server
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from bench.campaign import fly_realization, load_measurable_decomposition, rescore, write_result
-from bench.contracts import Outcome, SessionResult
+from bench.contracts import Outcome, SessionResult, services_of
 from bench.errors import SetupError
 from bench.realization import place
-from bench.recording import read_tape
-from bench.simspec import AgentSpec, Perception, SimSpec, load_simspec
+from bench.recording import read_metadata, read_tape
+from bench.simspec import AgentSpec, OutsideService, Perception, SimSpec, load_simspec
 from bench.testing import BEHAVIOURS
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
@@ -193,14 +194,25 @@ def test_what_cannot_be_placed_or_found_is_a_result(tmp_path: Path) -> None:
 
 
 def test_an_agent_that_crashes_is_scored_on_what_was(tmp_path: Path) -> None:
-    """A crash is the agent's own: the mission counts as considered and failed, and the recording is whole."""
+    """A crash is the agent's own: the mission counts as considered and failed, and the recording is whole. Services that
+    were let in stand in the result alone.
+    """
     manifest = tmp_path / "crash.yaml"
     manifest.write_text(
         "name: crash\npace: [lockstep]\ncommand: ['{python}', -m, bench.testing.agent, --behaviour, crash]\n"
     )
     assert "crash" in BEHAVIOURS
-    result = fly_realization(scene(str(manifest)), DECOMPOSITION, tmp_path / "run", "crash")
+    with server(echo) as first, server(echo) as second:
+        services = tuple(
+            OutsideService(name=name, host=LOCALHOST, port=port)
+            for name, port in (("llm", first), ("map", second))
+        )
+        agent = AgentSpec(manifest=str(manifest), services=services)
+        spec = scene().model_copy(update={"agent": agent})
+        result = fly_realization(spec, DECOMPOSITION, tmp_path / "run", "crash")
     assert result.outcome is Outcome.AGENT_CRASHED
+    assert [(use.name, use.connections) for use in services_of(result.details)] == [("llm", 0), ("map", 0)]
+    assert "services" not in read_metadata(tmp_path / "run" / "recording.mcap")["rebar.session"]
     by_id = {observation.observable: observation for observation in result.observations}
     assert by_id["OBS-201"].considered
     assert by_id["OBS-201"].x == 0.0

@@ -310,15 +310,23 @@ def test_what_differs_is_named_and_what_cannot_be_compared_is_no_forgery(flown: 
     assert "setup_invalid" in gone.explanation
     assert "gone.yaml" in gone.explanation
 
-    for realization in runs:
-        edit_json(
-            folder / "simspecs" / f"{realization}.json",
-            lambda simspec: simspec["pace"].update(mode="realtime"),
-        )
+    first, second, *others = sorted(runs)
+    changes: dict[str, Callable[[dict[str, Any]], None]] = dict.fromkeys(
+        others, lambda simspec: simspec["pace"].update(mode="realtime")
+    )
+    service = {"name": "llm", "host": "api.example.org", "port": 443}
+    changes[first] = lambda simspec: simspec["agent"].update(services=[service])
+    changes[second] = lambda simspec: simspec["vehicle"].update(
+        outside_links=[{"name": "tower", "heard": True}]
+    )
+    for realization, change in changes.items():
+        edit_json(folder / "simspecs" / f"{realization}.json", change)
     sample = refly(folder, 9, 1, open_executor=open_in_process())
     assert (sample.runs, sample.comparable) == ((), 0)
     assert {reason: sorted(names) for reason, names in sample.not_comparable.items()} == {
-        "flown in real time": sorted(runs)
+        "flown in real time": others,
+        "with a link from outside that the vehicle obeys": [second],
+        "with services from outside": [first],
     }
 
 

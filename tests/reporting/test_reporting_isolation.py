@@ -19,6 +19,18 @@ from bench.reporting.text._isolation import confinement_note
 NAIVE, AWARE = AGENTS
 BOXED: dict[str, Any] = {"isolation": "bwrap", "network": "own"}
 SHARED = {"isolation": "bwrap", "network": "the host's: no permission"}
+MAP = {"name": "map", "host": "10.0.0.5", "port": 80, "connections": 1, "bytes_sent": 7, "bytes_received": 9}
+LLM = {
+    "name": "llm",
+    "host": "api.example.org",
+    "port": 443,
+    "connections": 1200,
+    "failed": 2,
+    "bytes_sent": 5,
+}
+# The last one is no service: somebody has edited the result.
+SERVED = SHARED | {"services": [LLM, MAP]}
+SERVED_AGAIN = SHARED | {"services": [MAP | {"bytes_sent": 1000}, LLM | {"counted": False}, {"name": "odd"}]}
 FREE = {"isolation": "none", "network": "own"}
 
 
@@ -31,7 +43,7 @@ def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The first agent: once in a network of its own, twice on the host's. The second: once free, once boxed, once
     unknown.
     """
-    details = dict(zip(ids(NAIVE) + ids(AWARE), (BOXED, SHARED, SHARED, FREE, BOXED, {}), strict=True))
+    details = dict(zip(ids(NAIVE) + ids(AWARE), (BOXED, SERVED, SERVED_AGAIN, FREE, BOXED, {}), strict=True))
     return make_campaign(tmp_path_factory.mktemp("isolation") / "c", Made(scenes=3, details=details))
 
 
@@ -49,6 +61,9 @@ def test_the_head_names_rung_network_and_what_is_open(mixed: Path, page: tuple[P
     assert "confined by bwrap in 1 run, with a network of its own." in boxed
     assert "confined by bwrap in 2 runs, on the host’s network, which leaves open: " in boxed
     assert Wall.UDP in boxed
+    assert "Services from outside were let in, in 2 runs: llm (api.example.org:443), not counted; " in boxed
+    assert "map (10.0.0.5:80), 2 connections, 1,007 bytes sent and 18 received. Nobody" in boxed
+    assert "Services from outside" not in free
     assert Wall.FILES not in boxed
     assert AWARE in free
     assert 'class="bad">It was NOT CONFINED in 1 run' in free
@@ -68,7 +83,8 @@ def test_the_list_of_runs_says_it_for_each(page: tuple[Page, str]) -> None:
     head, *rows = page[0].tables["all-runs"]
     place = head.index("Confined by")
     cells = {row[0]: row[place] for row in rows}
-    assert [cells[name] for name in ids(NAIVE)] == ["bwrap", "bwrap, host’s network", "bwrap, host’s network"]
+    shared = "bwrap, host’s network, let in: "
+    assert [cells[name] for name in ids(NAIVE)] == ["bwrap", f"{shared}llm and map", f"{shared}map and llm"]
     assert [cells[name] for name in ids(AWARE)] == ["none", "bwrap", "not recorded"]
     assert page[1].count('<td><span class="bad">none</span></td>') == 1
 

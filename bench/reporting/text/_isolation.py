@@ -9,7 +9,8 @@ from bench.agents.confinement import HOLDINGS, Host, leaves_open, wall_text
 
 from .._campaign_data import ReportData, Run
 from ._fidelity import fidelity_note
-from ._format import plural
+from ._format import listed, plural
+from ._services import services_sentence
 
 NOT_RECORDED = "not recorded"
 UNCONFINED = "none"
@@ -41,6 +42,8 @@ def confinement_note(data: ReportData, agent: str) -> ConfinementNote | None:
     for way, count in sorted(ways.items(), key=lambda item: (_rank(item[0]), -item[1])):
         where = "" if len(ways) == 1 else f" in {plural(count, 'run')}"
         sentences.append(_sentence(way, where))
+    if services := services_sentence(runs):
+        sentences.append(services)
     free = [way.gaps for way in ways if way.isolation == UNCONFINED]
     open_walls = dict.fromkeys(gap for gaps in free for gap in gaps)
     return ConfinementNote(agent, " ".join(sentences), bool(free), tuple(open_walls))
@@ -109,4 +112,5 @@ def isolation_cell(run: Run) -> str:
         return NOT_RECORDED
     shared = ", host’s network" if run.network not in (None, OWN_NETWORK) else ""
     gaps = f", {plural(len(run.open_walls), 'wall')} open" if run.open_walls else ""
-    return f"{run.isolation}{shared}{gaps}"
+    services = f", let in: {listed([use.name for use in run.services])}" if run.services else ""
+    return f"{run.isolation}{shared}{gaps}{services}"
