@@ -18,7 +18,7 @@ from bench.reporting.text._isolation import confinement_note
 
 NAIVE, AWARE = AGENTS
 BOXED: dict[str, Any] = {"isolation": "bwrap", "network": "own"}
-SHARED = {"isolation": "bwrap", "network": "the host's: no permission"}
+SHARED: dict[str, Any] = {"isolation": "bwrap", "network": "the host's: no permission"}
 MAP = {"name": "map", "host": "10.0.0.5", "port": 80, "connections": 1, "bytes_sent": 7, "bytes_received": 9}
 LLM = {
     "name": "llm",
