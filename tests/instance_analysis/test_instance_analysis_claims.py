@@ -374,3 +374,58 @@ def test_all_of_a_divided_group() -> None:
     assert {asset: relation and relation.max_m for asset, relation in near.items()} == {"civilian": 80.0, "child": 80.0}  # fmt: skip
     result = read_prose("Six soldiers, two of them walk. The six soldiers are camouflaged.", VOCABULARY)
     assert [actor.concealment for actor in result.simspec.actors] == [1.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "roles"),
+    [
+        ("Missing: one girl. Twenty children near a house.", {"child": "sought", "child-2": "bystander", "house": "clutter"}),
+        ("We search for a lost hiker. Three hikers walk.", {"civilian": "sought", "civilian-2": "bystander"}),
+        ("Two bathers missing. Five aid workers.", {"civilian": "sought", "aid-worker": "bystander"}),
+        ("A radar. A soldier is overdue.", {"radar": "adversary", "soldier": "sought"}),
+        ("A truck, missing. Two persons.", {"truck": "adversary", "civilian": "bystander"}),
+    ],
+)  # fmt: skip
+def test_who_is_missing_is_sought(text: str, roles: dict[str, str]) -> None:
+    """Persons only, and only those of whom it is said."""
+    result = read_prose(text, VOCABULARY)
+    assert {actor.id: str(actor.role) for actor in result.simspec.actors} == roles
+    assert ("missing" in listed(result)) == ("truck" in roles)
+
+
+@pytest.mark.parametrize(
+    ("text", "fields"),
+    [
+        ("A truck, sighting 4 min old when the report is delivered; error radius 120 m. A radar: report at start, error radius 60 m.", {"truck-sighting.latency_s": 240, "truck-sighting.uncertainty_m": 120, "radar-sighting.uncertainty_m": 60, "radar-sighting.delivered_s": 0}),
+        ("A radar. The radar sighting is passed at t=40 s.", {"radar-sighting.delivered_s": 40}),
+        ("A skier is missing. A report on the skier comes in at 75 s, search radius 90 m.", {"civilian-sighting.delivered_s": 75, "civilian-sighting.uncertainty_m": 90}),
+        ("Two soldiers and a radar. The first report is about the radar, it is there at take-off, priority 2.", {}),
+        ("A truck. Two reports. The first one is about the truck, it is there from the start, and it has priority 2.", {"truck-sighting.delivered_s": 0, "truck-sighting.priority": 2}),
+    ],
+)  # fmt: skip
+def test_what_a_report_tells(text: str, fields: dict[str, float]) -> None:
+    """Its numbers belong to the group of its own sentence, and those of two reports do not mix."""
+    read = {
+        path: value for path, value in values(read_prose(text, VOCABULARY)).items() if path.startswith("int")
+    }
+    assert {name: read.get(f"intelligence[{name.replace('.', '].')}") for name in fields} == fields
+
+
+@pytest.mark.parametrize(
+    ("text", "quote"),
+    [
+        ("Three adults wait at the car park.", "car park"),
+        ("A radar. The report was written by a farmer.", "by a farmer"),
+        ("A radar. House number 12 is near.", "House number"),
+        ("Ten soldiers. A lifeboat waits half a mile out.", "lifeboat"),
+        ("A resident of 81 is missing.", "81"),
+        ("A radar, reported before launch.", "reported before launch"),
+    ],
+)
+def test_nothing_that_is_known_is_passed_over(text: str, quote: str) -> None:
+    """A phrase of which nobody made anything is listed; a stranger's sentence says nothing of a group before it."""
+    result = read_prose(text, VOCABULARY)
+    assert quote in listed(result) or "intelligence[radar-sighting].delivered_s" in values(result)
+    for actor in result.simspec.actors:
+        assert actor.placement.near is None
+        assert actor.count in (1, 3, 10)

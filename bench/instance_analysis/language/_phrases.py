@@ -18,10 +18,10 @@ from ._tokens import Span, Word
 from ._vocabulary import FieldWords, Meaning
 
 PHRASES = (
-    "nomark", "noreport", "window", "linklost", "standoff", "slow", "loiter", "event", "intelligence",
+    "nomark", "noreport", "window", "linklost", "standoff", "slow", "loiter", "event", "intelligence", "known",
     "field", "mean", "bearing", "within", "atleast", "exact", "far", "away", "near", "road", "roadgap",
     "roadside", "crossroads", "inside", "behind", "facing", "hidden", "visible", "between", "apart",
-    "spread", "part", "group", "share", "rest", "density", "concealment", "motion", "loop", "radius", "place", "stretch",
+    "spread", "part", "group", "share", "rest", "density", "concealment", "sought", "motion", "loop", "radius", "place", "stretch",
     "area", "extent", "overfly", "stayin", "landgap", "roads", "axis", "width", "weather", "clear",
     "calm", "wind", "gusts", "sun", "clock", "date", "set", "limit", "altitude", "speed", "ground",
     "when",
@@ -57,6 +57,8 @@ _NOT_AFTER_COMMA = {
     "rest": {"COUNT", "ASSET", "AMBIGUOUS"},
     "wind": {"COUNT", "WIND"},
     "field": {"COUNT", "FIELD"},
+    "intelligence": {"COUNT", "ASSET", "AMBIGUOUS", "THEM"},
+    "atleast": {"COUNT", "ASSET", "AMBIGUOUS"},
 }
 """What does not follow a comma inside a phrase; COUNT in all others."""
 

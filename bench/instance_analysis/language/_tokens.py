@@ -269,7 +269,7 @@ def _longer_noun(texts: list[str], length: int, vocabulary: Vocabulary) -> bool:
 
 MAX_WORDS_TO_NOUN = 8
 """Words after an article among which its noun is looked for."""
-_COUNTED = {"ASSET", "AMBIGUOUS", "UNIT", "CONCEAL", "MOTION", "TARGET"}
+_COUNTED = {"ASSET", "AMBIGUOUS", "UNIT", "CONCEAL", "MOTION", "TARGET", "SOUGHT"}
 
 
 def _articles(words: list[Word]) -> Iterator[Word]:

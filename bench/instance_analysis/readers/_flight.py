@@ -89,7 +89,7 @@ class FlightReader:
             )
             return
         field = fitting[0]
-        if field.path == "intelligence.uncertainty_m" and self.of_ground:
+        if field.path == "intelligence.uncertainty_m" and self.of_ground and not self._intelligence.spoken_of:
             self._ground.round(quantity, phrase.span)
             return
         if field.path.startswith("intelligence."):

@@ -107,6 +107,17 @@ class GroundReader:
         before = self._draft.text[: span.start].lower().split()
         return bool(before) and before[-1] in ("the", "this", "that")
 
+    def is_known(self, phrase: Phrase) -> bool:
+        """Whether a phrase only names ground that is laid out elsewhere, or the area where everything is."""
+        if not phrase.has(*KINDS):
+            return False
+        names = [
+            self._draft.quote(part.span).lower() for part in phrase.leaves if part.kind in ("GROUND", "NAMED")
+        ]
+        return all(
+            (piece := self.pieces.get(name_of(name))) is None or piece.extent is not None for name in names
+        )
+
     def area(self, phrase: Phrase) -> None:
         """Read an area with its size."""
         if phrase.has(*KINDS):

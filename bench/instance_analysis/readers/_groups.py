@@ -5,14 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from bench.simspec import HOME, Role
+from bench.simspec import HOME, PROTECTED_ROLES, Role
 
 from .._draft import Draft, FieldPath
 from ..language._coordinates import Coordinates
 from ..language._phrases import Part, Phrase, Quantity
 from ..language._tokens import Span
 from ..language._vocabulary import Meaning, Vocabulary
-from ._traits import put_motion
+from ._traits import PERSONS, put_motion
 
 PLURALS = frozenset(
     [
@@ -34,9 +34,12 @@ PLURALS = frozenset(
 DEFINITE = ("the", "these", "those", "both", "all", "that", "this", "same", "said")
 RelationTarget = str | Coordinates
 """Whom a relation is to: the id of a group, `home`, or a place."""
+COLLECTIVES = frozenset(
+    ["squad", "platoon", "section", "family", "team", "crew", "group", "class", "patrol", "party", "infantry"]
+)
+"""Whom `of nine` counts."""
 ROOFED = frozenset(["house", "shed"])
 """What one can be inside of."""
-PERSONS = frozenset(["civilian", "child", "aid-worker", "soldier"])
 IMMOVABLE = frozenset(["house", "shed", "tree", "crate"])
 SINGULAR_PRONOUNS = ("it", "he", "she", "him", "her")
 
@@ -75,8 +78,23 @@ class GroupRegister:
         self.divided: str | None = None
         """What is left of the group that was divided last."""
 
-    def of_role(self, role: Role) -> list[str]:
-        return [group for group, name in self.kinds.items() if self.vocabulary.role(name) is role]
+    def role(self, group: str) -> Role:
+        return Role(self.draft.entries["actors", group, "role"].value)
+
+    def targets(self) -> list[str]:
+        """The groups that are to be found: adversaries, or else whoever is sought."""
+        roles = {group: self.role(group) for group in self.kinds}
+        adversaries = [group for group, role in roles.items() if role is Role.ADVERSARY]
+        return adversaries or [group for group, role in roles.items() if role is Role.SOUGHT]
+
+    def seek(self, group: str, span: Span) -> None:
+        """Make a group of persons the one that is sought."""
+        if self.vocabulary.assets[self.kinds[group]].asset not in PERSONS:
+            self.draft.unread(span, f"no {self.kinds[group]} is sought: only persons are", expressible=True)
+            return
+        path: FieldPath = ("actors", group, "role")
+        self.draft.forget(path)
+        self.draft.put(path, str(Role.SOUGHT), span)
 
     def choose_one(self, ids: list[str], span: Span) -> list[str]:
         if len(ids) == 1 or sorted(ids) in map(sorted, self.families):
@@ -134,7 +152,16 @@ class GroupRegister:
             part.disown()
         # The last number counts: `a squad of nine`.
         count = counts[-1] if counts else None
-        if phrase.rule == "ref" and phrase.has("OF"):
+        if (
+            phrase.rule == "group"
+            and phrase.has("OF")
+            and not COLLECTIVES.intersection(self.draft.quote(phrase.span).lower().split())
+        ):
+            # `a resident of 81`.
+            for part in counts:
+                part.disown()
+            count = counts[0] if len(counts) > 1 else None
+        elif phrase.rule == "ref" and phrase.has("OF"):
             # `inside one of the houses`: any member.
             count = counts[1] if len(counts) > 1 else None
             if isinstance(counts[0].value, Quantity) and counts[0].value.high == 1:
@@ -142,6 +169,8 @@ class GroupRegister:
             else:
                 counts[0].disown()
         known = [group for group, asset in self.kinds.items() if asset == name]
+        if phrase.has("SOUGHT"):
+            known = [group for group in known if self.role(group) is Role.SOUGHT]
         if phrase.rule == "group" and (nth := phrase.first("NTH")):
             return self._next_one(phrase, name, nth, known)
         if (
@@ -455,6 +484,8 @@ class GroupRegister:
             self.draft.put(("actors", group, "concealment"), part.value, part.span)
         for part in phrase.every("MOVING"):
             put_motion(self.draft, group, part, None)
+        for part in phrase.every("SOUGHT"):
+            self.seek(group, part.span)
 
     def ref(self, phrase: Phrase) -> list[RelationTarget]:
         """The targets of a relation: groups, the vehicle's home, or a place.
@@ -489,9 +520,7 @@ class GroupRegister:
         if ref.first("HOME"):
             return [HOME]
         if target := ref.first("TARGET"):
-            adversaries = [
-                candidate for candidate in self.of_role(Role.ADVERSARY) if candidate not in self.subject
-            ]
+            adversaries = [candidate for candidate in self.targets() if candidate not in self.subject]
             return [
                 *(
                     self.choose_one(adversaries, target.span)
@@ -550,9 +579,7 @@ class GroupRegister:
             name = str(part.value)
             return self.vocabulary.role(name) is Role.BYSTANDER
         if ref.first("THEM"):
-            return bool(self.subject) and all(
-                self.vocabulary.role(self.kinds[group]) is Role.BYSTANDER for group in self.subject
-            )
+            return bool(self.subject) and all(self.role(group) in PROTECTED_ROLES for group in self.subject)
         return False
 
 

@@ -18,6 +18,8 @@ class IntelligenceReader:
     def __init__(self, draft: Draft, cast: GroupRegister) -> None:
         self._draft, self._groups = draft, cast
         self._report: str | None = None
+        self.spoken_of = False
+        """Whether the sentence speaks of a report."""
         self._pending: list[tuple[str, Quantity, Span]] = []
         self._report_groups: list[str] = []
         self._candidate_groups: list[str] = []
@@ -25,7 +27,7 @@ class IntelligenceReader:
 
     def field(self, name: str, quantity: Quantity, span: Span) -> None:
         """Set a number of the current report."""
-        of = self._single_group_in_sentence() if name == "priority" else None
+        of = self._single_group_in_sentence() if name == "priority" or self.spoken_of else None
         if of is not None and (self._report is None or self._report_groups not in ([of], [])):
             self._report, self._report_groups = self.on(of, span), [of]
         if self._report is None:
@@ -49,11 +51,7 @@ class IntelligenceReader:
     def _single_group_in_sentence(self) -> str | None:
         """The single group of this sentence, when a report may be about it."""
         cast = self._groups
-        if (
-            not cast.in_sentence
-            or len(cast.subject) != 1
-            or cast.vocabulary.role(cast.kinds[cast.subject[0]]) is Role.CLUTTER
-        ):
+        if not cast.in_sentence or len(cast.subject) != 1 or cast.role(cast.subject[0]) is Role.CLUTTER:
             return None
         return cast.subject[0]
 
@@ -66,7 +64,7 @@ class IntelligenceReader:
         if not self._groups.in_sentence:
             self._groups.subject = groups
         for group in groups:
-            if self._groups.vocabulary.role(self._groups.kinds[group]) is Role.CLUTTER:
+            if self._groups.role(group) is Role.CLUTTER:
                 self._draft.unread(phrase.span, "intelligence here is about adversaries or bystanders")
                 continue
             self._report, self._report_groups = self.on(group, phrase.span), list(self._groups.subject)
@@ -75,6 +73,10 @@ class IntelligenceReader:
             pending, self._pending = self._pending, []
             for name, quantity, span in pending:
                 self.field(name, quantity, span)
+
+    def known(self, phrase: Phrase) -> None:
+        """Read that a report is there from the start."""
+        self.field("delivered_s", Quantity("TIME", 0.0, 0.0), phrase.span)
 
     def last(self) -> list[str]:
         """The group of the report mentioned last."""
@@ -92,7 +94,7 @@ class IntelligenceReader:
 
     def finish(self) -> None:
         """Give waiting numbers to the report on the only adversary; with several adversaries, ask."""
-        adversaries = self._groups.of_role(Role.ADVERSARY)
+        adversaries = self._groups.targets()
         if not self._pending:
             return
         span = self._pending[0][2]

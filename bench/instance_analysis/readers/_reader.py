@@ -5,25 +5,24 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 
-from bench.simspec import Role
-
 from .._draft import Draft
 from ..language._coordinates import Coordinates
 from ..language._phrases import Part, Phrase, Quantity
 from ..language._sentences import sentences_of
 from ..language._tokens import Span, Word
 from ..language._vocabulary import MotionWords, Vocabulary
+from ..ledger._ledger import marked
 from ._events import EventReader
 from ._flight import FlightReader
 from ._ground import GroundReader
-from ._groups import IMMOVABLE, PERSONS, GroupRegister
+from ._groups import IMMOVABLE, GroupRegister
 from ._intelligence import IntelligenceReader
 from ._places import PlaceReader, count_places, places_in
 from ._relations import RelationReader
 from ._roads import RoadReader
 from ._rules import RuleReader
 from ._shares import ShareReader
-from ._traits import TraitReader, length_of
+from ._traits import PERSONS, TraitReader, length_of
 from ._weather import WeatherReader
 
 INSIGNIFICANT_KINDS = frozenset(
@@ -52,6 +51,8 @@ _SAYS_HOW_MANY = re.compile(
 RELATIONS_TO_IT = frozenset(["near", "exact", "within", "atleast", "bearing"])
 """Relations to what `it` is, which may be a road."""
 GROUP_RULES = RelationReader.RULES | TraitReader.RULES | RoadReader.RULES | {"loop"}
+UNTOLD_RULES = frozenset(["spread", "group", "clear", "intelligence", "axis", "road"])
+"""Phrases that may change nothing: what they say holds already."""
 RULES_FOR_ALL_GROUPS = frozenset(["road", "spread"])
 """Relations that are said of every group before them, and not asked."""
 
@@ -92,6 +93,25 @@ class TextReader:
         for sentence in sentences_of(items, self.draft):
             self._sentence(sentence)
         self.finish()
+        self._list_what_is_lost([item for item in items if isinstance(item, Phrase)])
+
+    def _list_what_is_lost(self, phrases: Sequence[Phrase]) -> None:
+        """List every phrase of which no reader made anything: nothing that is known is passed over."""
+        draft = self.draft
+        unread = (*draft.not_understood, *draft.not_expressible, *draft.remarks)
+        touched = [Span(item.start, item.end) for item in unread]
+        touched += [Span(choice.start, choice.end) for choice in draft.choices]
+        touched += [span for _, _, span in draft.statements] + [span for span, _ in draft.faults]
+        touched += [*draft.acknowledged, *draft.used_words, *draft.references]
+        marks = marked(len(draft.text), touched)
+        for phrase in phrases:
+            silent = (
+                phrase.rule in UNTOLD_RULES
+                or (phrase.rule == "roads" and self.roads.roads)
+                or self.ground.is_known(phrase)
+            )
+            if not silent and not any(marks[phrase.span.start : phrase.span.end]):
+                draft.unread(phrase.span, "nothing is read from it", expressible=True)
 
     def _origin_and_home(self, phrases: Sequence[Phrase]) -> None:
         """Read origin and home first, wherever the text states them: all other places depend on them."""
@@ -114,9 +134,12 @@ class TextReader:
             "",
         )
         self.flight.subject = ""
+        self._stranger = False
+        """Whether this sentence has an unknown word, which may be its subject."""
         self._rule_groups: set[Span] = set()
         self._just_named: list[str] = []
         self._named_until = 0
+        self.intelligence_reader.spoken_of = any(_speaks_of_intelligence(item) for item in sentence)
         self.flight.reporting = any(
             isinstance(item, Word) and item.text.lower().startswith("report") for item in sentence
         )
@@ -255,10 +278,11 @@ class TextReader:
         if phrase.rule == "inside" and phrase.has("GROUND", "NAMED"):
             self.ground.mention(phrase)
             self.topic = "group"
-        if phrase.rule == "motion" and (
-            self.topic in ("ground", "road")
-            or (not self.groups.in_sentence and self.groups.subject_is_mission)
-        ):
+        if phrase.rule == "motion" and self.topic in ("ground", "road"):
+            # `the area runs from ... to`.
+            self.draft.acknowledge(phrase.span)
+            return []
+        if phrase.rule == "motion" and not self.groups.in_sentence and self.groups.subject_is_mission:
             return []
         if phrase.rule not in GROUP_RULES or self._about_ground(phrase) or count_places(phrase) > 1:
             return []
@@ -381,7 +405,7 @@ class TextReader:
             (self.ground, frozenset(["extent", "overfly", "stayin"])),
             (self.roads, frozenset(["axis", "width"])),
             (self.events, frozenset(["event"])),
-            (self.intelligence_reader, frozenset(["intelligence"])),
+            (self.intelligence_reader, frozenset(["intelligence", "known"])),
         ]
         self.flight.of_ground = self.topic == "ground"
         reader = next((candidate for candidate, rules in readers if rule in rules), None)
@@ -507,10 +531,10 @@ class TextReader:
             groups.them_as_subject(word.span)
             groups.in_sentence, self.topic = True, "group"
         elif "TARGET" in kinds:
-            adversaries = groups.of_role(Role.ADVERSARY)
-            if adversaries:
+            targets = groups.targets()
+            if targets:
                 groups.subject, groups.in_sentence, groups.subject_is_mission = (
-                    groups.choose_one(adversaries, word.span),
+                    groups.choose_one(targets, word.span),
                     True,
                     False,
                 )
@@ -538,6 +562,7 @@ class TextReader:
             or word.text.lower() in ("a", "an", "one", "single", "a single", "another")
         ):
             return
+        self._stranger = self._stranger or not kinds
         self.draft.unread(word.span, "unknown word" if not kinds else "stands by itself", expressible=True)
 
     # What is said of a group.
@@ -615,8 +640,11 @@ class TextReader:
 
     def _still_about(self, subject: Sequence[str], phrase: Phrase) -> bool:
         """Whether a sentence without a subject is about the groups of the sentence before it."""
-        readings = [", ".join(subject), "nobody: leave it out"]
-        if self.draft.ask(phrase.span, "of whom is this said?", readings) == 0:
+        answers = [(", ".join(subject), True), ("nobody: leave it out", False)]
+        if self._stranger:
+            # `A lifeboat waits half a mile out`: the unknown word is nearer to it.
+            answers.reverse()
+        if answers[self.draft.ask(phrase.span, "of whom is this said?", [name for name, _ in answers])][1]:
             return True
         self.draft.unread(phrase.span, "it is not said of whom", expressible=True)
         return False
@@ -673,6 +701,11 @@ class TextReader:
         self.roads.finish()
         self.places.finish(self.roads.laid_out)
         self.rules.finish()
+
+
+def _speaks_of_intelligence(item: Phrase | Word) -> bool:
+    parts = item.parts if isinstance(item, Phrase) else item.meanings
+    return any(not isinstance(part, Phrase) and part.kind in ("INTEL", "KNOWN") for part in parts)
 
 
 def _joins(item: Phrase | Word) -> bool:

@@ -14,7 +14,7 @@ from ..language._tokens import Span
 from ..language._vocabulary import Defaults
 from ._ground import GroundReader
 from ._places import PlaceReader
-from ._traits import length_of
+from ._traits import PERSONS, length_of
 
 DIRECTIONS = {"north": 0.0, "east": 90.0, "south": 180.0, "west": 270.0}
 # Readings that are offered for `far from`. Chosen, not measured.
@@ -133,6 +133,15 @@ class RelationReader:
         return len({path[4] for path in self._draft.entries if path[:4] == (*base, "distances")})
 
     def near(self, group: str, phrase: Phrase) -> None:
+        asset = phrase.refs[0].first("ASSET")
+        if (
+            asset is not None
+            and asset.value in PERSONS
+            and self._draft.quote(phrase.span).lower().startswith("by ")
+        ):
+            # `seen by a farmer`: who has done it stands anywhere.
+            self._draft.unread(phrase.span, "who has done it is not where somebody stands", expressible=True)
+            return
         self._distance(group, phrase, 0.0, self._defaults.near_m, note="default")
 
     def within(self, group: str, phrase: Phrase) -> None:

@@ -11,11 +11,15 @@ from ..language._phrases import Part, Phrase, Quantity
 from ..language._tokens import Span
 from ..language._vocabulary import MotionWords
 
+PERSONS = frozenset(["civilian", "child", "aid-worker", "soldier"])
 DEFAULT_SPEED_NOTE = "the word's own speed"
 
 
 class DensityWriter(Protocol):
-    """Sets densities."""
+    """Sets densities and roles."""
+
+    def seek(self, group: str, span: Span) -> None:
+        """Make a group the one that is sought."""
 
     def density_of(self, group: str, count: Part, per: Part, span: Span) -> None:
         """Set the density of a group."""
@@ -27,7 +31,7 @@ class TraitReader:
     Each rule of the grammar is read by the method with its name.
     """
 
-    RULES = frozenset(["motion", "radius", "concealment", "density"])
+    RULES = frozenset(["motion", "radius", "concealment", "density", "sought"])
 
     def __init__(
         self, draft: Draft, who: DensityWriter, refine: Callable[[str, Quantity, Span], None]
@@ -39,6 +43,9 @@ class TraitReader:
         assert count is not None
         assert per is not None
         self._groups.density_of(group, count, per, phrase.span)
+
+    def sought(self, group: str, phrase: Phrase) -> None:
+        self._groups.seek(group, phrase.span)
 
     def motion(self, group: str, phrase: Phrase) -> None:
         motion = phrase.first("MOTION")
