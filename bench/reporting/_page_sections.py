@@ -15,7 +15,7 @@ from bench.contracts import Outcome
 from ._campaign_data import ALL_CONFIGURATIONS, ReportData, Run, Tally
 from ._html import json_script_text
 from .figures._configuration import configuration_figure
-from .figures._map import MAX_RINGED_REPORTS, map_figure
+from .figures._map import MAX_RINGED_REPORTS, labelled_reports, map_figure
 from .figures._pairings import pairings_figure
 from .figures._pass_rates import curve_figure
 from .figures._style import AgentStyle, agent_styles
@@ -278,11 +278,14 @@ def _drawn_text(chart: RunMap) -> str:
         )
     if len(reports.drawn) > MAX_RINGED_REPORTS:
         sentences.append(
-            f"Rings and labels are drawn for {MAX_RINGED_REPORTS} of the {len(reports.drawn)} reports, marks "
+            f"Rings are drawn for {MAX_RINGED_REPORTS} of the {len(reports.drawn)} reports, marks "
             "against the rule first; every report has its cross."
             if reports.count == len(reports.drawn)
-            else f"Rings and labels are drawn for {MAX_RINGED_REPORTS}, marks against the rule first."
+            else f"Rings are drawn for {MAX_RINGED_REPORTS}, marks against the rule first."
         )
+    ringed, labelled = min(len(reports.drawn), MAX_RINGED_REPORTS), len(labelled_reports(chart))
+    if labelled < ringed:
+        sentences.append(f"Labels are drawn for {labelled} reports that do not hide each other.")
     return " ".join(sentences)
 
 

@@ -11,7 +11,7 @@ from test_reporting_page import Page
 
 from bench.contracts import ConsentAnswer, ConsentRequest, Decision, SimTime, Tape, TargetReport, Timed
 from bench.reporting import ReportData, build_run_map, load_report_data, map_figure, render_report
-from bench.reporting.figures._map import MAX_RINGED_REPORTS, ringed_reports
+from bench.reporting.figures._map import MAX_LABELS, MAX_RINGED_REPORTS, labelled_reports, ringed_reports
 from bench.reporting.map._consents import all_consents
 from bench.reporting.map._reports import map_reports
 from bench.reporting.map._run_map import RunMap
@@ -83,7 +83,7 @@ def test_traces_do_not_grow_with_the_number_of_reports(data: ReportData) -> None
     few, figure = map_figure(chart_of(data, 30)), map_figure(chart)
     # Each kind of report has at most three traces: crosses, rings, ringed bystanders.
     assert len(figure.data) <= len(few.data) + 3 * 3
-    assert len(figure.layout.annotations) == MAX_RINGED_REPORTS
+    assert len(figure.layout.annotations) == len(labelled_reports(chart))
     crosses = [trace for trace in figure.data if trace.name and trace.name.startswith("report, ")]
     drawn = sorted((east, north) for trace in crosses for east, north in zip(trace.x, trace.y, strict=True))
     assert drawn == sorted((report.east_m, report.north_m) for report in chart.reports.drawn)
@@ -103,6 +103,20 @@ def test_rings_go_to_marks_against_the_rule_first(data: ReportData) -> None:
     assert ringed_reports(few)[-1] == few[MAX_RINGED_REPORTS - 1]
 
 
+def test_labels_do_not_hide_each_other(data: ReportData) -> None:
+    """By the scale of the figure: a label is some 136 by 42 pixels. Few reports have all of theirs, wherever they are."""
+    chart = chart_of(data, MESSAGES)
+    labelled = labelled_reports(chart)
+    assert 5 <= len(labelled) <= MAX_LABELS
+    assert labelled[0] == ringed_reports(chart.reports.drawn)[0]
+    places = [(report.east_m, report.north_m) for report in labelled]
+    # The area is 600 m wide and its plot some 950 pixels, so a label is some 86 m wide and 27 m high.
+    for row, (east_m, north_m) in enumerate(places):
+        assert all(abs(east_m - e) > 80.0 or abs(north_m - n) > 25.0 for e, n in places[:row])
+    few = replace(chart, reports=replace(chart.reports, drawn=chart.reports.drawn[:1] * MAX_LABELS))
+    assert len(labelled_reports(few)) == MAX_LABELS
+
+
 def test_tables_show_the_first_messages_and_count_all(data: ReportData) -> None:
     """Two hundred rows of each kind of message, with the number of all of them."""
     chart = chart_of(data, MESSAGES)
@@ -116,7 +130,9 @@ def test_tables_show_the_first_messages_and_count_all(data: ReportData) -> None:
     assert f"900 reports, the first 200 shown; {against} marked against the rule" in page.text
     assert "900 requests, the first 200 shown" in page.text
     assert "900 lines, the first 200 shown" in page.text
-    assert f"Rings and labels are drawn for {MAX_RINGED_REPORTS} of the 900 reports" in page.text
+    assert f"Rings are drawn for {MAX_RINGED_REPORTS} of the 900 reports" in page.text
+    labels = len(labelled_reports(chart))
+    assert f"Labels are drawn for {labels} reports that do not hide each other." in page.text
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -32,8 +32,11 @@ CONSENT_MARKERS: dict[ConsentState, tuple[str, str]] = {
     "never answered": ("hexagon-open", "var(--warn)"),
 }
 
-# Chosen, not measured: more labels than this hide the map and each other. The table beside the map has more reports.
+# Chosen, not measured: more rings than this hide the map. The table beside the map has more reports.
 MAX_RINGED_REPORTS = 40
+# More labels hide the crosses. Width and height in pixels, of a label and of the plot, in a window of 1280 by 900.
+MAX_LABELS = 12
+LABEL_PX, PLOT_PX = (136.0, 42.0), (950.0, 470.0)
 ROLE_NAMES = {role: role.value for role in Role}
 
 
@@ -208,8 +211,31 @@ def ringed_reports(reports: Sequence[MapReport]) -> list[MapReport]:
     return sorted(reports, key=lambda report: (not report.forbidden, report.time_s))[:MAX_RINGED_REPORTS]
 
 
+def labelled_reports(chart: RunMap) -> list[MapReport]:
+    """The ringed reports with a label: all where they are few, else at most MAX_LABELS that do not hide each other."""
+    ringed = ringed_reports(chart.reports.drawn)
+    if len(ringed) <= MAX_LABELS:
+        return ringed
+    reported = ((report.east_m, report.north_m) for report in chart.reports.drawn)
+    places = [*chart.area_enu_m, *chart.geofence_enu_m, *reported]
+    # Both axes have one scale, that of the axis on which less room is.
+    m_per_px = max(
+        (max(values) - min(values)) / px
+        for values, px in zip(zip(*places, strict=True), PLOT_PX, strict=True)
+    )
+    width_m, height_m = (m_per_px * px for px in LABEL_PX)
+    labelled: list[MapReport] = []
+    for report in ringed:
+        if len(labelled) < MAX_LABELS and all(
+            abs(report.east_m - other.east_m) >= width_m or abs(report.north_m - other.north_m) >= height_m
+            for other in labelled
+        ):
+            labelled.append(report)
+    return labelled
+
+
 def _draw_reports(figure: go.Figure, chart: RunMap) -> None:
-    """Every drawn report as a cross; rings, ringed bystanders and labels for `ringed_reports`.
+    """Every drawn report as a cross; rings and ringed bystanders for `ringed_reports`, labels for `labelled_reports`.
 
     One trace for each kind and not for each report: Plotly's work grows with the square of the number of traces and
     annotations that are added one by one, and an agent may report a thousand times.
@@ -238,7 +264,7 @@ def _draw_reports(figure: go.Figure, chart: RunMap) -> None:
             hoverinfo="text",
             name=kind.legend,
         )
-    figure.update_layout(annotations=[_report_label(report) for report in ringed])
+    figure.update_layout(annotations=[_report_label(report) for report in labelled_reports(chart)])
 
 
 def _draw_rings(figure: go.Figure, chart: RunMap, kind: ReportKind, reports: Sequence[MapReport]) -> None:
