@@ -429,3 +429,22 @@ def test_nothing_that_is_known_is_passed_over(text: str, quote: str) -> None:
     for actor in result.simspec.actors:
         assert actor.placement.near is None
         assert actor.count in (1, 3, 10)
+
+
+@pytest.mark.parametrize(
+    ("text", "fields"),
+    [
+        ("For test 33 I need the following: a lane, 300 m long, straight from home to the north, with four sheds beside it.", {"world.roads[road].points[1].north_m": 300, "world.roads[road-2].width_m": None, "actors[shed].placement.near.of": None, "actors[shed].placement.along.where": "beside"}),
+        ("Six sheds beside the road with a gap of 3 m to 12 m, parallel to it within 5 degrees.", {"actors[shed].placement.along.at_least_m": 3, "actors[shed].placement.along.within_m": 12, "actors[shed].placement.along.parallel_deg": 5}),
+        ("A road. A shed beside the road, at most 6 m from the edge.", {"actors[shed].placement.along.within_m": 6}),
+        ("A shed hidden from an eye 2 m above home.", {"actors[shed].placement.hidden_from.of": "home", "actors[shed].placement.hidden_from.height_m": 2}),
+        ("Ten soldiers stroll around at 1.4 m/s, each within 30 m of where he started.", {"actors[soldier].motion.radius_m": 30, "actors[soldier].placement.near.of": None}),
+        ("In this situation is one radar and around it are three soldiers.", {"actors[soldier].placement.inside.of": None, "actors[soldier].placement.near.of": "radar"}),
+        ("A radar. Four soldiers, all in 100 m from it maximal.", {"actors[soldier].placement.near.max_m": 100, "actors[soldier].placement.near.min_m": 0}),
+        ("A soldier in a house. Four sheds in the near of the house, between 25 and 60 m.", {"actors[shed].placement.near.min_m": 25, "actors[shed].placement.near.max_m": 60}),
+    ],
+)  # fmt: skip
+def test_no_place_is_taken_from_other_words(text: str, fields: dict[str, object]) -> None:
+    """Roads, gaps, sight and strolls by their own words; a number before another sentence counts nothing."""
+    read = values(read_prose(text, VOCABULARY))
+    assert {path: read.get(path) for path in fields} == fields

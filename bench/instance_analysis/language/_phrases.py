@@ -19,10 +19,10 @@ from ._vocabulary import FieldWords, Meaning
 
 PHRASES = (
     "nomark", "noreport", "window", "linklost", "standoff", "slow", "loiter", "event", "intelligence", "known",
-    "field", "mean", "bearing", "within", "atleast", "exact", "far", "away", "near", "road", "roadgap",
+    "field", "mean", "bearing", "within", "atleast", "exact", "far", "away", "near", "road", "roadgap", "parallel",
     "roadside", "crossroads", "inside", "behind", "facing", "hidden", "visible", "between", "apart",
     "spread", "part", "group", "share", "rest", "density", "concealment", "sought", "motion", "loop", "radius", "place", "stretch",
-    "area", "extent", "overfly", "stayin", "landgap", "roads", "axis", "width", "weather", "clear",
+    "area", "extent", "overfly", "stayin", "landgap", "roads", "course", "axis", "width", "weather", "clear",
     "calm", "wind", "gusts", "sun", "clock", "date", "set", "limit", "altitude", "speed", "ground",
     "when",
 )  # fmt: skip
@@ -61,6 +61,14 @@ _NOT_AFTER_COMMA = {
     "atleast": {"COUNT", "ASSET", "AMBIGUOUS"},
 }
 """What does not follow a comma inside a phrase; COUNT in all others."""
+
+
+_VERBS = frozenset(["is", "are", "was", "were", "there", "i", "we", "you"])
+_NOT_AFTER = {
+    "COUNT": frozenset(["a", "an", "the", "this", "that", "i", "we", "you"]),
+    **dict.fromkeys(("INSIDE", "NEAR", "BEHIND", "BESIDE", "ALONG", "BETWEEN"), _VERBS),
+}
+"""Fillers past which no phrase goes on after a word: `in this situation is a radar`, `test 33: I need a lane`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +176,9 @@ def longest_match(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[To
         word = words[index]
         comma = (comma or word.comma) and index > begin
         if word.filler:
+            last = {tokens[-1].type for _, tokens in states if tokens}
+            if last and all(word.text.lower() in _NOT_AFTER.get(kind, ()) for kind in last):
+                break
             if word.text.lower() in CLAUSES and index > begin and rule not in CONDITIONAL_RULES:
                 break
             after_bound = rule == "group" and any(

@@ -12,7 +12,7 @@ from ..language._coordinates import Coordinates
 from ..language._phrases import Part, Phrase, Quantity
 from ..language._tokens import Span
 from ..language._vocabulary import Meaning, Vocabulary
-from ._traits import PERSONS, put_motion
+from ._traits import PERSONS, ROOFED, put_motion
 
 PLURALS = frozenset(
     [
@@ -38,8 +38,6 @@ COLLECTIVES = frozenset(
     ["squad", "platoon", "section", "family", "team", "crew", "group", "class", "patrol", "party", "infantry"]
 )
 """Whom `of nine` counts."""
-ROOFED = frozenset(["house", "shed"])
-"""What one can be inside of."""
 IMMOVABLE = frozenset(["house", "shed", "tree", "crate"])
 SINGULAR_PRONOUNS = ("it", "he", "she", "him", "her")
 
@@ -78,6 +76,9 @@ class GroupRegister:
         self.divided: str | None = None
         """What is left of the group that was divided last."""
 
+    def asset(self, group: str) -> str:
+        return self.vocabulary.assets[self.kinds[group]].asset
+
     def role(self, group: str) -> Role:
         return Role(self.draft.entries["actors", group, "role"].value)
 
@@ -89,7 +90,7 @@ class GroupRegister:
 
     def seek(self, group: str, span: Span) -> None:
         """Make a group of persons the one that is sought."""
-        if self.vocabulary.assets[self.kinds[group]].asset not in PERSONS:
+        if self.asset(group) not in PERSONS:
             self.draft.unread(span, f"no {self.kinds[group]} is sought: only persons are", expressible=True)
             return
         path: FieldPath = ("actors", group, "role")
@@ -547,9 +548,7 @@ class GroupRegister:
         # `it` means a group of one member, `them` one of several, where such groups exist.
         single = self.draft.quote(span).lower() in SINGULAR_PRONOUNS
         if indoors:
-            others = [
-                group for group in others if self.vocabulary.assets[self.kinds[group]].asset in ROOFED
-            ] or others
+            others = [group for group in others if self.asset(group) in ROOFED] or others
         fitting = [group for group in others if (group not in self.plural) == single] or others
         if not fitting:
             self.draft.unread(span, "nothing before it that it could refer to", expressible=True)

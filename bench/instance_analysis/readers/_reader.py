@@ -242,7 +242,7 @@ class TextReader:
         named = self.groups.subject if self.groups.in_sentence and not self.waiting else []
         if not generic or len(named) != 1 or not isinstance(count.value, Quantity):
             return False
-        person = self.vocabulary.assets[self.groups.kinds[named[0]]].asset in PERSONS
+        person = self.groups.asset(named[0]) in PERSONS
         return person and self.groups.count_later(named[0], count.value, phrase.span)
 
     def _about_groups(self, phrase: Phrase) -> list[Phrase]:
@@ -252,7 +252,7 @@ class TextReader:
         )
         if (
             it
-            and self.roads.roads
+            and (self.roads.known if phrase.rule == "road" and self.before == "road" else self.roads.roads)
             and (phrase.rule == "road" or (phrase.rule in RELATIONS_TO_IT and self._it_is_a_road(phrase)))
         ):
             return [self.roads.as_road_phrase(phrase)]
@@ -403,7 +403,7 @@ class TextReader:
             (self.rules, RuleReader.RULES),
             (self.flight, FlightReader.RULES),
             (self.ground, frozenset(["extent", "overfly", "stayin"])),
-            (self.roads, frozenset(["axis", "width"])),
+            (self.roads, frozenset(["axis", "width", "course"])),
             (self.events, frozenset(["event"])),
             (self.intelligence_reader, frozenset(["intelligence", "known"])),
         ]
@@ -616,7 +616,7 @@ class TextReader:
     def _cannot_move(self, group: str, phrase: Phrase) -> bool:
         motion = phrase.first("MOTION")
         moves = motion is not None and isinstance(motion.value, MotionWords) and motion.value.kind != "still"
-        return moves and self.vocabulary.assets[self.groups.kinds[group]].asset in IMMOVABLE
+        return moves and self.groups.asset(group) in IMMOVABLE
 
     def _described(self, subject: list[str], phrase: Phrase) -> list[str]:
         """The groups that a phrase describes after a relation to another group that the sentence has just named.

@@ -14,9 +14,8 @@ from ..language._tokens import Span
 from ..language._vocabulary import Defaults
 from ._ground import GroundReader
 from ._places import PlaceReader
-from ._traits import PERSONS, length_of
+from ._traits import DIRECTIONS, PERSONS, length_of
 
-DIRECTIONS = {"north": 0.0, "east": 90.0, "south": 180.0, "west": 270.0}
 # Readings that are offered for `far from`. Chosen, not measured.
 FAR_CHOICES_M = (100.0, 200.0, 300.0)
 NO_OWN_DISTANCE = "a group has no distance to itself"
@@ -28,6 +27,9 @@ class Whose(Protocol):
     kinds: dict[str, str]
     mentioned: list[str]
     plural: set[str]
+
+    def asset(self, group: str) -> str:
+        """Name of a group's asset."""
 
     def ref(self, phrase: Phrase) -> list[str | Coordinates]:
         """Groups, the vehicle's home, or a place."""
@@ -307,6 +309,8 @@ class RelationReader:
                 self._draft.unread(phrase.span, "a group cannot stand inside a point")
             elif other == group:
                 self._draft.unread(phrase.span, "a group cannot stand inside itself")
+            elif self._groups.asset(other) in PERSONS:
+                self._draft.unread(phrase.span, "nobody stands inside of that", expressible=True)
             else:
                 self._draft.put(("actors", group, "placement", "inside", "of"), other, phrase.span)
 
@@ -341,14 +345,16 @@ class RelationReader:
             )
 
     def hidden(self, group: str, phrase: Phrase) -> None:
-        self._put_reference(
-            ("actors", group, "placement", "hidden_from"), self._groups.ref(phrase), phrase.span
-        )
+        self._sight("hidden_from", group, phrase)
 
     def visible(self, group: str, phrase: Phrase) -> None:
-        self._put_reference(
-            ("actors", group, "placement", "visible_from"), self._groups.ref(phrase), phrase.span
-        )
+        self._sight("visible_from", group, phrase)
+
+    def _sight(self, name: str, group: str, phrase: Phrase) -> None:
+        base: FieldPath = ("actors", group, "placement", name)
+        self._put_reference(base, self._groups.ref(phrase), phrase.span)
+        for height in self._lengths(phrase):
+            self._draft.put((*base, "height_m"), height.low, phrase.span)
 
     def between(self, group: str, phrase: Phrase) -> None:
         ends: list[str | Coordinates] = [end for ref in phrase.refs for end in self._groups.ref(ref)]

@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from .._draft import Draft, FieldPath
-from ..language._phrases import Part, Phrase, Quantity
+from ..language._coordinates import Coordinates
+from ..language._phrases import Part, Phrase, Quantity, stepped
 from ..language._tokens import Span
 from ..language._vocabulary import Defaults
 from ._ground import GroundReader
 from ._places import PlaceReader, Point, places_in
-from ._traits import length_of
+from ._traits import DIRECTIONS, length_of
 
 WEST_TO_EAST, NORTH_TO_SOUTH = 90.0, 0.0
 
@@ -34,7 +35,7 @@ class RoadDraft:
 class RoadReader:
     """The roads of a text. `finish` lays them out. `current` are the roads mentioned last."""
 
-    RULES = frozenset(["road", "roadgap", "roadside", "crossroads"])
+    RULES = frozenset(["road", "roadgap", "roadside", "crossroads", "parallel"])
     """What is said of a group."""
 
     def __init__(self, draft: Draft, defaults: Defaults, ground: GroundReader, places: PlaceReader) -> None:
@@ -172,6 +173,36 @@ class RoadReader:
             return
         free[0].points, free[0].points_span = points, phrase.span
 
+    def course(self, phrase: Phrase) -> None:
+        """Lay a road out from a place, so many metres in a direction."""
+        self._create_hinted()
+        length, start = length_of(self._draft, phrase), phrase.first("POINT")
+        direction = phrase.first("DIR") or phrase.first("DUE")
+        free = [road for road in self.current if not road.points]
+        if not free or direction is None or start is None or not isinstance(start.value, Coordinates):
+            self._draft.unread(
+                phrase.span, "a road is given by two points, or by one, a length and a direction"
+            )
+            return
+        # `to the north` has no value of its own.
+        degrees = (
+            direction.value
+            if isinstance(direction.value, float | int)
+            else DIRECTIONS[self._draft.quote(direction.span).lower().split()[-1]]
+        )
+        begin = self._places.point(start.value)
+        end = stepped(begin["east_m"], begin["north_m"], length, float(degrees))
+        free[0].points, free[0].points_span = (
+            [begin, dict(zip(("east_m", "north_m"), end, strict=True))],
+            phrase.span,
+        )
+
+    @property
+    def known(self) -> bool:
+        """Whether the text has spoken of a road; one that was only mentioned is created."""
+        self._create_hinted()
+        return bool(self.roads)
+
     # Of a group.
 
     def road(self, group: str, phrase: Phrase) -> None:
@@ -185,7 +216,11 @@ class RoadReader:
         self._draft.put((*base, "where"), where, span)
 
     def roadgap(self, group: str, phrase: Phrase) -> None:
-        road, length = self._roads_named(phrase)[0], length_of(self._draft, phrase)
+        roads = self.current or self.roads if phrase.has("EDGE") else self._roads_named(phrase)
+        if not roads:
+            self._draft.unread(phrase.span, "the text does not say of which road", expressible=True)
+            return
+        road, length = roads[0], length_of(self._draft, phrase)
         low, high = (0.0 if length.single else length.low), length.high
         if length.single and not phrase.first("WITHIN"):
             share = self._defaults.exact_share
@@ -199,6 +234,19 @@ class RoadReader:
         self._draft.put((*base, "within_m"), round(high, 6), phrase.span)
         if low > 0:
             self._draft.put((*base, "at_least_m"), round(low, 6), phrase.span)
+
+    def parallel(self, group: str, phrase: Phrase) -> None:
+        """Turn a group along its road."""
+        base: FieldPath = ("actors", group, "placement", "along")
+        angle = phrase.first("ANGLE")
+        if (
+            (*base, "road") not in self._draft.entries
+            or angle is None
+            or not isinstance(angle.value, Quantity)
+        ):
+            self._draft.unread(phrase.span, "it takes a road, and `within` so many degrees", expressible=True)
+            return
+        self._draft.put((*base, "parallel_deg"), angle.value.high, phrase.span)
 
     def roadside(self, group: str, phrase: Phrase) -> None:
         """Put a group into the part of the area on one side of a road."""

@@ -11,7 +11,10 @@ from ..language._phrases import Part, Phrase, Quantity
 from ..language._tokens import Span
 from ..language._vocabulary import MotionWords
 
+DIRECTIONS = {"north": 0.0, "east": 90.0, "south": 180.0, "west": 270.0}
 PERSONS = frozenset(["civilian", "child", "aid-worker", "soldier"])
+ROOFED = frozenset(["house", "shed"])
+"""What one can be inside of."""
 DEFAULT_SPEED_NOTE = "the word's own speed"
 
 
