@@ -8,7 +8,9 @@ from typing import Any, Literal
 
 from bench.errors import Fault, SetupError
 
-PluginGroup = Literal["rebar.vehicles", "rebar.measures", "rebar.agents", "rebar.scenes", "rebar.surrogates"]
+PluginGroup = Literal[
+    "rebar.vehicles", "rebar.measures", "rebar.agents", "rebar.scenes", "rebar.surrogates", "rebar.renderers"
+]
 
 
 # What is installed does not change under a running process, and looking costs tens of milliseconds.

@@ -60,6 +60,28 @@ ASSETS: dict[str, Asset] = {
     "shed": Asset("building", 5.0, 4.0, 3.0, ("crate",), True),
     "tree": Asset("tree", 4.0, 4.0, 6.0, ("crate",), True),
     "crate": Asset("crate", 2.4, 2.4, 2.4, ("civilian_vehicle",)),
+    # Appended: the surrogate draws by place in this table, and false detections by the labels above. A new label is
+    # therefore no possible false alarm, so that flights of older SimSpecs stay as they are.
+    "man": Asset("civilian", 0.5, 0.6, 1.8, ("combatant", "tree")),
+    "woman": Asset("civilian", 0.5, 0.55, 1.66, ("combatant", "tree")),
+    "police-officer": Asset("civilian", 0.5, 0.6, 1.8, ("combatant",)),
+    "armed-person": Asset("combatant", 0.6, 0.95, 1.78, ("civilian",)),
+    "pickup": Asset("civilian_vehicle", 5.3, 1.95, 1.8, ("military_vehicle",)),
+    "van": Asset("civilian_vehicle", 5.5, 2.0, 2.5, ("military_vehicle",)),
+    "ambulance": Asset("civilian_vehicle", 5.5, 2.0, 2.7, ("military_vehicle",)),
+    "bus": Asset("civilian_vehicle", 12.0, 2.55, 3.3, ("building",)),
+    "truck": Asset("civilian_vehicle", 8.5, 2.5, 3.6, ("military_vehicle",)),
+    "fuel-truck": Asset("civilian_vehicle", 8.9, 2.5, 3.3, ("military_vehicle",)),
+    "motorcycle": Asset("civilian_vehicle", 2.1, 0.8, 1.1, ("crate",)),
+    "tracked-vehicle": Asset("military_vehicle", 7.0, 3.1, 2.6, ("civilian_vehicle", "mobile_radar")),
+    "apartment-block": Asset("building", 18.0, 12.0, 12.0, (), True),
+    "conifer": Asset("tree", 3.8, 3.8, 9.0, ("crate",), True),
+    "bush": Asset("tree", 2.0, 2.0, 1.2, ("crate",)),
+    "crate-stack": Asset("crate", 3.6, 2.4, 1.9, ("civilian_vehicle",)),
+    "tent": Asset("tent", 5.2, 4.0, 2.6, ("building",), possible_false_alarm=False),
+    "cow": Asset("animal", 2.4, 0.7, 1.45, ("civilian",), possible_false_alarm=False),
+    "sheep": Asset("animal", 1.2, 0.55, 0.9, ("civilian",), possible_false_alarm=False),
+    "dog": Asset("animal", 1.0, 0.2, 0.65, ("civilian",), possible_false_alarm=False),
 }
 
 

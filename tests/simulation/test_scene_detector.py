@@ -303,8 +303,10 @@ def test_false_detections_have_their_rate_low_scores_and_new_tracks() -> None:
     assert low <= len(false) <= high
     assert np.mean([detection.score for detection in false]) < 0.4
     assert {detection.class_label for detection in false} == {
-        asset.class_label for asset in ASSETS.values()
-    } - {"aid_worker"}
+        asset.class_label for asset in ASSETS.values() if asset.possible_false_alarm
+    }
+    # Labels of rare classes would change what older SimSpecs draw.
+    assert not {"aid_worker", "animal", "tent"} & {detection.class_label for detection in false}
     assert len({detection.track for detection in false}) == len(false)
 
 

@@ -1,0 +1,206 @@
+"""A camera over a SimSpec: stage, renderer and sensor together, and the truth about each frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bench.arrays import Floats
+from bench.contracts import (
+    NO_DISTORTION,
+    CameraPose,
+    CastMember,
+    Labels,
+    Lens,
+    OpenRenderer,
+    Picture,
+    Pixels,
+    Stage,
+    VehicleState,
+    cast_of,
+)
+from bench.simspec import Camera, Seeds, SimSpec, generator
+
+from ._conditions import Conditions, conditions_of, light_of_conditions
+from ._ground import GroundType, ground_of
+from ._looks import look_of
+from ._renderer import open_opencv_renderer
+from ._sensor import CAMERA_PATH, FrameState, Sensor
+
+_GROUND, _LOOKS = 3, 4  # paths beside those of the sensor
+
+
+@dataclass(frozen=True, slots=True)
+class ActorPixels:
+    """What a picture shows of one actor.
+
+    `box` is left, top, right, bottom around its visible pixels; `visible` the share of its silhouette in the picture
+    that nothing hides, in (0, 1].
+    """
+
+    actor: int
+    box: tuple[int, int, int, int]
+    visible_px: int
+    visible: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RenderedFrame:
+    """One frame as the camera sends it, and what it shows.
+
+    `state.frozen`: `bgr` is an older picture, and so is `picture`, which holds the truth about the pixels.
+    """
+
+    state: FrameState
+    bgr: Pixels
+    picture: Picture
+
+
+class RenderedCamera:
+    """Pictures of one SimSpec from one camera. Each depends on its arguments alone: frames may be left out."""
+
+    def __init__(
+        self, stage: Stage, conditions: Conditions, seeds: Seeds, open_renderer: OpenRenderer
+    ) -> None:
+        self.stage = stage
+        self.conditions = conditions
+        self.sensor = Sensor(stage.lens, conditions, seeds)
+        self._renderer = open_renderer(stage)
+        self._last: RenderedFrame | None = None
+
+    def capture(
+        self, pose: CameraPose, positions_enu_m: Floats, headings_rad: Floats, number: int
+    ) -> RenderedFrame | None:
+        """Frame `number` of the camera; None when the camera loses it.
+
+        A frozen camera repeats the picture that it sent last. A caller that leaves out frames must still capture the
+        frame that a freeze repeats (`sensor.state(number).shown`), or it gets the present picture.
+        """
+        state = self.sensor.state(number)
+        if state.shown is None:
+            return None
+        if state.frozen and self._last is not None:
+            return replace(self._last, state=state)
+        picture = self._renderer.render(pose, positions_enu_m, headings_rad)
+        bgr = self.sensor.expose(picture.bgr, pose, axis_distance_m(pose), number)
+        self._last = RenderedFrame(state, bgr, picture)
+        return self._last
+
+
+def open_camera(
+    simspec: SimSpec,
+    camera: Camera | None = None,
+    *,
+    conditions: Conditions | None = None,
+    ground: GroundType = GroundType.GRASS,
+    distortion: tuple[float, float, float, float, float] = NO_DISTORTION,
+    open_renderer: OpenRenderer = open_opencv_renderer,
+) -> RenderedCamera:
+    """The camera of a realized SimSpec; `camera` and `conditions` default to the SimSpec's own.
+
+    Raises SetupError for an asset without a look, and for a distortion that cannot be drawn.
+    """
+    conditions = conditions or conditions_of(simspec)
+    lens = replace(lens_of(camera or simspec.vehicle.camera), distortion=distortion)
+    return RenderedCamera(
+        stage_of(simspec, lens, conditions, ground), conditions, simspec.seeds, open_renderer
+    )
+
+
+def stage_of(simspec: SimSpec, lens: Lens, conditions: Conditions, kind: GroundType) -> Stage:
+    """The stage of a realized SimSpec: its ground with roads, its light, and a look for each of its cast."""
+    cast: Sequence[CastMember] = cast_of(simspec)
+    ground = ground_of(
+        simspec.world.area,
+        simspec.world.roads,
+        kind,
+        generator(simspec.seeds, "perception", CAMERA_PATH, _GROUND),
+    )
+    average: Floats = ground.texture[::8, ::8].mean(axis=(0, 1)).astype(np.float64)
+    looks = tuple(
+        look_of(
+            member,
+            simspec.group(member.group).concealment,
+            # One generator for each actor: another actor in the cast changes no other's look.
+            generator(simspec.seeds, "perception", CAMERA_PATH, _LOOKS, index),
+            average,
+        )
+        for index, member in enumerate(cast)
+    )
+    return Stage(lens, ground, light_of_conditions(conditions), looks)
+
+
+def lens_of(camera: Camera) -> Lens:
+    """The lens of a SimSpec's camera: square pixels, axis through the middle, no distortion."""
+    focal_px = camera.width_px / 2.0 / math.tan(math.radians(camera.horizontal_fov_deg) / 2.0)
+    return Lens(
+        camera.name,
+        camera.width_px,
+        camera.height_px,
+        focal_px,
+        focal_px,
+        camera.width_px / 2.0,
+        camera.height_px / 2.0,
+    )
+
+
+def pose_of(state: VehicleState, axes_enu: Floats) -> CameraPose:
+    """The pose of a camera with these axes on a vehicle, at the vehicle's position, turning as its body does."""
+    roll, pitch, yaw = state.roll_rad, state.pitch_rad, state.yaw_rad
+    sr, cr, sp, cp, sy, cy = (
+        math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch), math.sin(yaw), math.cos(yaw),
+    )  # fmt: skip
+    # Body forward, right and down in ENU, as rows.
+    body = np.array(
+        (
+            (cp * sy, cp * cy, sp),
+            (sr * sp * sy + cr * cy, sr * sp * cy - cr * sy, -sr * cp),
+            (cr * sp * sy - sr * cy, cr * sp * cy + sr * sy, -cr * cp),
+        )
+    )
+    rates_enu = np.array(state.rates_body_radps) @ body
+    return CameraPose(
+        state.time,
+        np.array(state.position_enu_m, dtype=np.float64),
+        axes_enu,
+        np.array(state.velocity_enu_mps, dtype=np.float64),
+        axes_enu @ rates_enu,
+    )
+
+
+def axis_distance_m(pose: CameraPose) -> float:
+    """How far the ground is along the axis; for a camera that looks up or far, as if it fell by a tenth."""
+    return float(pose.position_enu_m[2] / max(0.1, -pose.axes_enu[2, 2]))
+
+
+def actors_in(picture: Picture) -> tuple[ActorPixels, ...]:
+    """Every actor with a visible pixel, in the order of the cast."""
+    return _read(picture, picture.instances())
+
+
+def _read(picture: Picture, instances: Labels) -> tuple[ActorPixels, ...]:
+    rows, columns = np.nonzero(instances)
+    if not len(rows):
+        return ()
+    labels = instances[rows, columns].astype(np.int64)
+    count = int(labels.max()) + 1
+    pixels = np.bincount(labels, minlength=count)
+    size = max(instances.shape)
+    left, top = np.full(count, size), np.full(count, size)
+    right, bottom = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    np.minimum.at(left, labels, columns)
+    np.minimum.at(top, labels, rows)
+    np.maximum.at(right, labels, columns + 1)
+    np.maximum.at(bottom, labels, rows + 1)
+    return tuple(
+        ActorPixels(
+            label - 1,
+            (int(left[label]), int(top[label]), int(right[label]), int(bottom[label])),
+            int(pixels[label]),
+            int(pixels[label]) / max(1, picture.silhouette_px(label - 1)),
+        )
+        for label in np.flatnonzero(pixels).tolist()
+    )

@@ -1,0 +1,170 @@
+"""Light, air, and the state of the camera; and what a SimSpec says of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.arrays import Floats
+from bench.contracts import Light
+from bench.simspec import SimSpec, sun_of
+
+_CLEAR_EXTINCTION_PER_M = 1.5e-4
+"""A meteorological range of 26 km, a clear day; the detection model's clear air absorbs nothing at all."""
+
+# Rayleigh's optical depth of a vertical path at 450, 550 and 650 nm, after A. Bucholtz (1995), Applied Optics 34, 2765,
+# rounded, plus 0.1 for aerosols (assumed).
+_OPTICAL_DEPTH_BGR = np.array((0.22, 0.10, 0.05)) + 0.1
+
+# Horizontal illuminance in lux over the sun's elevation in degrees: rounded values of the kind that almanacs print
+# (noon 1e5, sunrise some hundred, end of civil twilight 3). Below, 0.3 lux of moon and street light are assumed, so
+# that a night is dark and not black.
+_ELEVATION_DEG = np.array((-90.0, -12.0, -9.0, -6.0, -3.0, 0.0, 5.0, 15.0, 30.0, 60.0, 90.0))
+_LOG_LUX = np.log10(np.array((0.3, 0.3, 0.5, 3.5, 60.0, 700.0, 5e3, 2e4, 5e4, 1e5, 1.2e5)))
+
+# The camera (assumed): what it can still expose fully, and at which gain.
+_FULL_EXPOSURE_LUX = 3e4
+_SHORTEST_SHUTTER_S, _LONGEST_SHUTTER_S = 1.0 / 2000.0, 1.0 / 60.0
+_HIGHEST_GAIN = 256.0
+
+_DUST_EXTINCTION_PER_M = 2.4e-4
+"""For each level squared: a range of 200 m at level 9 (assumed)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """All that changes a picture beside the scene. Levels go from 0 (none) to 9 (the worst), shares from 0 to 1.
+
+    `extinction_per_m` is that of fog and rain, to which clear air and dust are added. `shutter_s` None: the camera
+    chooses. A frame is lost with probability `dropped_share`; with `frozen_share` the camera repeats its last picture,
+    in stretches of `frozen_frames` on average.
+    """
+
+    sun_elevation_rad: float
+    sun_azimuth_rad: float
+    extinction_per_m: float = 0.0
+    rain_level: float = 0.0
+    fog_level: float = 0.0
+    dust_level: float = 0.0
+    exposure_ev: float = 0.0
+    shutter_s: float | None = None
+    noise: float = 1.0
+    lens_dirt: float = 0.0
+    dropped_share: float = 0.0
+    frozen_share: float = 0.0
+    frozen_frames: float = 5.0
+
+
+def conditions_of(simspec: SimSpec) -> Conditions:
+    """What a SimSpec states: sun, fog and rain, with the extinction of its detection model.
+
+    Dust and the camera's own state have no fields in a SimSpec and keep their defaults.
+    """
+    sun = sun_of(simspec)
+    weather, model = simspec.environment, simspec.perception.model
+    return Conditions(
+        sun.elevation_rad,
+        sun.azimuth_rad,
+        # The same air for pixels as for simulated detections (docs/detection.md).
+        model.fog_extinction_per_m * weather.fog_level**2 + model.rain_extinction_per_m * weather.rain_level,
+        weather.rain_level,
+        weather.fog_level,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """How the camera takes its pictures: shutter time, gain (1 by day), and the brightness that it reaches of 1."""
+
+    shutter_s: float
+    gain: float
+    brightness: float
+
+
+def illuminance_lux(conditions: Conditions) -> float:
+    """Light on level ground."""
+    degrees = math.degrees(conditions.sun_elevation_rad)
+    clear = math.pow(10.0, float(np.interp(degrees, _ELEVATION_DEG, _LOG_LUX)))
+    # Thick cloud lets a fifth of the light through.
+    return clear * (1.0 - 0.8 * overcast(conditions))
+
+
+def overcast(conditions: Conditions) -> float:
+    """Share of the direct sun that cloud, fog or dust take away: all of it from level 5 on."""
+    return min(1.0, max(conditions.rain_level, conditions.fog_level, conditions.dust_level) / 5.0)
+
+
+def exposure_of(conditions: Conditions) -> Exposure:
+    """Automatic exposure: a longer shutter first, then gain, then the picture stays dark."""
+    lacking = _FULL_EXPOSURE_LUX / illuminance_lux(conditions) * 2.0**conditions.exposure_ev
+    if conditions.shutter_s is None:
+        shutter_s = min(_LONGEST_SHUTTER_S, max(_SHORTEST_SHUTTER_S, _SHORTEST_SHUTTER_S * lacking))
+    else:
+        shutter_s = conditions.shutter_s
+    wanted = lacking * _SHORTEST_SHUTTER_S / shutter_s
+    gain = min(_HIGHEST_GAIN, max(1.0, wanted))
+    # A camera set to over- or underexpose does so by its gain, or beyond its range; in the sun, automatic exposure
+    # stops down to full brightness.
+    reached = min(gain / wanted, 1.0) if wanted > 1.0 else 1.0
+    return Exposure(shutter_s, gain, reached * 2.0**conditions.exposure_ev)
+
+
+def light_of_conditions(conditions: Conditions) -> Light:
+    """Light and air as the camera exposes them: level ground in the sun keeps its colour by day."""
+    elevation = conditions.sun_elevation_rad
+    sine = math.sin(elevation)
+    sunward = np.array(
+        (
+            math.cos(elevation) * math.sin(conditions.sun_azimuth_rad),
+            math.cos(elevation) * math.cos(conditions.sun_azimuth_rad),
+            sine,
+        )
+    )
+    cloud = overcast(conditions)
+    direct, ambient = _sun_and_sky(elevation, cloud)
+    level = ambient + direct * max(0.0, sine)
+    exposure = exposure_of(conditions)
+    # Cameras balance white, but not wholly: half of the sun's colour stays, as the square root of it.
+    balance = exposure.brightness / np.sqrt(level * level.mean())
+    air, dust = _air(conditions)
+    shine = exposure.brightness ** (1.0 / 2.2)
+    grey = np.array((232.0, 222.0, 212.0)) * (1.0 - cloud) + np.array((206.0, 204.0, 200.0)) * cloud
+    tint = np.sqrt(np.sqrt(level / level.mean()))
+    haze = (grey * (1.0 - dust) + np.array((118.0, 166.0, 196.0)) * dust) * tint * min(1.0, shine)
+    blue = np.array((206.0, 148.0, 92.0)) * (1.0 - cloud) + np.array((192.0, 188.0, 184.0)) * cloud
+    zenith = (blue * (1.0 - dust) + np.array((130.0, 160.0, 180.0)) * dust) * min(1.0, shine)
+    # Lamps and windows outshine what they stand in when the camera's gain is up.
+    glow = 1.6 if exposure.gain > 8.0 else 0.0
+    return Light(
+        sunward,
+        ambient * balance,
+        direct * balance,
+        np.clip(haze, 0, 255),
+        np.clip(zenith, 0, 255),
+        air,
+        glow,
+    )
+
+
+def _sun_and_sky(elevation_rad: float, cloud: float) -> tuple[Floats, Floats]:
+    """(3,) direct and ambient light, linear, relative to each other."""
+    degrees = math.degrees(elevation_rad)
+    sky = np.array((0.20, 0.17, 0.15))
+    if degrees <= 0.5:
+        # After sunset the sky is all the light there is, bluer the deeper the sun stands.
+        depth = min(1.0, max(0.0, -degrees / 8.0))
+        return np.zeros(3), sky * (1.0 - depth) + np.array((0.26, 0.18, 0.13)) * depth
+    # F. Kasten and A. T. Young (1989), Applied Optics 28, 4735: relative air mass.
+    air_mass = 1.0 / (math.sin(elevation_rad) + 0.50572 * (degrees + 6.07995) ** -1.6364)
+    direct = np.exp(-_OPTICAL_DEPTH_BGR * air_mass) * (1.0 - cloud)
+    ambient = sky * (0.35 + 0.65 * min(1.0, degrees / 20.0)) * (1.0 - cloud) + np.full(3, 0.2) * cloud
+    return direct, ambient
+
+
+def _air(conditions: Conditions) -> tuple[float, float]:
+    """Extinction per metre of all there is in the air, and the share of dust in it."""
+    dust = _DUST_EXTINCTION_PER_M * conditions.dust_level**2
+    total = _CLEAR_EXTINCTION_PER_M + conditions.extinction_per_m + dust
+    return total, dust / total

@@ -1,0 +1,668 @@
+"""The default renderer: OpenCV's warps and polygon fills, deterministic on one build of OpenCV, on every CPU core alike.
+
+Ground: mip-mapped `warpPerspective` in bands of equal detail. Solids: their faces from far to near, ordered by planes
+that separate them. Light, shadow on the ground and haze are one multiplication and one addition of maps that are drawn
+at an eighth of the resolution. What it cannot do stands in docs/camera.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.arrays import Bools, Counts, Floats, Narrow
+from bench.contracts import CameraPose, Geometry, Labels, Lens, Light, Picture, Pixels, Renderer, Stage
+
+from ._canvas import Canvas
+from ._painter_order import SolidOrder, body_edges, far_to_near
+
+_MAP_SCALE = 8
+"""Light and haze are smooth, so their maps have an eighth of the resolution (4 ms less for 640x480)."""
+
+_LEVEL_ROLL = 0.1
+"""Up to this sine of the roll, rows of the picture look about equally far, and each gets one level of the mip map. Bands
+then do not overlap: 640x480 takes 3 ms less."""
+
+_MAP_ONE = 128.0
+"""The map value for a factor of 1: leaves room for twice the brightness."""
+
+_SHIFT = 4
+"""Fractional bits of polygon corners: a sixteenth of a pixel."""
+
+NEAR_M = 0.2
+"""Faces are cut this far in front of the camera, which is inside any vehicle's own body."""
+
+_LEAST_BODY_PX = 0.8
+"""Smaller bodies and solids are not drawn: anti-aliased they would not change a pixel visibly."""
+
+_FARTHEST_M = 4000.0
+_LEAST_CONTRAST = 0.02  # Koschmieder's threshold, as in docs/detection.md
+_FAR_CORNER_PX = 30000.0  # fillConvexPoly counts sixteenths of pixels in 32 bits, with products of two
+_GAMMA = 1.0 / 2.2
+_SHADOW_STEPS = 720
+"""Shadows are kept for headings in steps of half a degree: below a pixel for all but the largest buildings."""
+
+_SHADOW_CORNERS = 16
+_MAX_SHADOW_SOLIDS = 8
+
+
+def open_opencv_renderer(stage: Stage) -> Renderer:
+    """The renderer `opencv` of group `rebar.renderers`."""
+    return OpenCvRenderer(stage)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Band:
+    """One level of the ground's mip map, mirrored beyond its border, with the size of a texel."""
+
+    texture: Pixels
+    texel_m: float
+    west_m: float
+    north_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Kind:
+    """What all actors with one geometry share."""
+
+    order: SolidOrder
+    first_face: int
+    normals: Floats
+    offsets: Floats
+    middle_m: Floats
+    half_m: Floats
+    solid_size_m: Floats  # of the solid of each face
+    shadow_solids: tuple[Floats, ...]  # corners of the largest solids
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Drawn:
+    """The polygons of one picture, from far to near: what the truth is read from."""
+
+    polygons: list[NDArray[np.int32]]
+    actors: Counts  # (p,) place in the cast
+    planes: Floats  # (p, 3) n / (n . p) in the optical frame: one over the depth along a ray is their product
+
+
+class OpenCvRenderer:
+    """The `Renderer` contract."""
+
+    def __init__(self, stage: Stage) -> None:
+        self._stage = stage
+        self._canvas = Canvas.of(stage.lens)
+        self._ground = _GroundPainter(stage, self._canvas.lens)
+        kinds: dict[int, int] = {}
+        geometries: list[Geometry] = []
+        for look in stage.looks:
+            if id(look.geometry) not in kinds:
+                kinds[id(look.geometry)] = len(geometries)
+                geometries.append(look.geometry)
+        self._kind_of = np.array([kinds[id(look.geometry)] for look in stage.looks], dtype=np.int64)
+        faces = np.cumsum([0] + [len(geometry.normals) for geometry in geometries])
+        self._kinds = [
+            _kind(geometry, int(first)) for geometry, first in zip(geometries, faces[:-1], strict=True)
+        ]
+        self._corners_m = _stacked([geometry.corners_m for geometry in geometries], (12, 3))
+        self._normals = _stacked([geometry.normals for geometry in geometries], (3,))
+        self._corner_counts = _stacked([geometry.corner_counts for geometry in geometries], ()).astype(
+            np.int64
+        )
+        looks = np.cumsum([0] + [len(look.colours_bgr) for look in stage.looks])
+        self._first_colour = looks[:-1]
+        self._colours_bgr = _stacked([look.colours_bgr for look in stage.looks], (3,))
+        self._glows = _stacked([look.glows for look in stage.looks], ()).astype(np.bool_)
+        self._middles_m = _stacked([kind.middle_m[None] for kind in self._kinds], (3,))
+        self._halves_m = _stacked([kind.half_m[None] for kind in self._kinds], (3,))
+        self._shadows: dict[tuple[int, int], Floats] = {}
+
+    def render(self, pose: CameraPose, positions_enu_m: Floats, headings_rad: Floats) -> Picture:
+        axes = actor_axes(headings_rad)
+        image = self._ground.paint(pose, self._shadow_polygons(pose, positions_enu_m, headings_rad))
+        drawn = self._draw_bodies(image, pose, positions_enu_m, axes)
+        return _OpenCvPicture(self._canvas, pose, drawn, self._canvas.smooth(image))
+
+    def _draw_bodies(self, image: Pixels, pose: CameraPose, positions_enu_m: Floats, axes: Floats) -> _Drawn:
+        actors, faces, ranges_m = self._visible_faces(pose, positions_enu_m, axes)
+        lens = self._canvas.lens
+        turn = np.einsum("ij,nkj->nik", pose.axes_enu, axes)[
+            actors
+        ]  # columns: the actor's axes as the camera sees them
+        shift = pose.to_optical(positions_enu_m)[actors]
+        corners = np.einsum("fij,fkj->fki", turn, self._corners_m[faces]) + shift[:, None]
+        normals = np.einsum("fij,fj->fi", turn, self._normals[faces])
+        colours = self._lit(actors, faces, normals, pose, ranges_m).tolist()
+        plane = (normals * corners[:, 0]).sum(axis=1)
+        planes = normals / np.where(np.abs(plane) > 1e-9, plane, 1e-9)[:, None]
+        ahead = corners[..., 2] > NEAR_M
+        whole, any_ahead = ahead.all(axis=1), ahead.any(axis=1)
+        depth = np.maximum(corners[..., 2], NEAR_M)
+        pixels = np.stack(
+            (
+                lens.fx * corners[..., 0] / depth + (lens.cx - 0.5),
+                lens.fy * corners[..., 1] / depth + (lens.cy - 0.5),
+            ),
+            axis=-1,
+        )
+        low, high = pixels.min(axis=1), pixels.max(axis=1)
+        inside = (
+            (high[:, 0] > -1.0)
+            & (low[:, 0] < lens.width_px)
+            & (high[:, 1] > -1.0)
+            & (low[:, 1] < lens.height_px)
+        )
+        # Far corners come from faces that pass beside the camera; cutting at the frame keeps them in range.
+        tame = whole & (np.abs(pixels).max(axis=(1, 2)) < _FAR_CORNER_PX)
+        points = np.rint(np.clip(pixels, -1e6, 1e6) * (1 << _SHIFT)).astype(np.int32)
+        counts = self._corner_counts[faces].tolist()
+        polygons: list[NDArray[np.int32]] = []
+        kept: list[int] = []
+        fill, smooth_edges = cv2.fillConvexPoly, cv2.LINE_AA
+        for index in np.flatnonzero((whole & inside) | (any_ahead & ~tame)).tolist():
+            if tame[index]:
+                polygon = points[index, : counts[index]]
+            else:
+                cut = _cut_to_frame(corners[index, : counts[index]], lens)
+                if len(cut) < 3:
+                    continue
+                polygon = np.rint(cut * (1 << _SHIFT)).astype(np.int32)
+            fill(image, polygon, colours[index], smooth_edges, _SHIFT)
+            polygons.append(polygon)
+            kept.append(index)
+        return _Drawn(polygons, actors[kept], planes[kept])
+
+    def _visible_faces(
+        self, pose: CameraPose, positions_enu_m: Floats, axes: Floats
+    ) -> tuple[Counts, Counts, Floats]:
+        """(p,) the actor and the face of everything that faces the camera, from far to near; (p,) the actor's range."""
+        nothing = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0)
+        if not len(positions_enu_m):
+            return nothing
+        halves = self._halves_m[self._kind_of]
+        centres = positions_enu_m + np.einsum("nij,ni->nj", axes, self._middles_m[self._kind_of])
+        index = self._in_view(pose, centres, np.sqrt((halves * halves).sum(axis=1)))
+        if not len(index):
+            return nothing
+        centres, halves, frame = centres[index], halves[index], axes[index]
+        order = far_to_near(
+            np.sqrt(((centres - pose.position_enu_m) ** 2).sum(axis=1)),
+            body_edges(
+                centres, frame, halves, pose.position_enu_m, self._windows(pose, centres, frame, halves)
+            ),
+        )
+        local = np.einsum("nij,nj->ni", frame, pose.position_enu_m - positions_enu_m[index])
+        ranges = np.sqrt((local * local).sum(axis=1))
+        focal = self._canvas.lens.fx
+        actors, faces = [], []
+        for place in order:
+            kind = self._kinds[self._kind_of[index[place]]]
+            front: Bools = kind.normals @ local[place] > kind.offsets
+            visible = kind.order.faces(front)
+            visible = visible[kind.solid_size_m[visible] * focal > _LEAST_BODY_PX * ranges[place]]
+            actors.append(np.full(len(visible), place))
+            faces.append(visible + kind.first_face)
+        rows = np.concatenate(actors)
+        return index[rows], np.concatenate(faces), ranges[rows]
+
+    def _in_view(self, pose: CameraPose, centres: Floats, radii: Floats) -> Counts:
+        """(k,) indices of the spheres that touch the view and are large and clear enough to be seen."""
+        lens = self._canvas.lens
+        x, y, z = pose.to_optical(centres).T
+        distance = np.sqrt(x * x + y * y + z * z)
+        reach = min(_FARTHEST_M, -math.log(_LEAST_CONTRAST) / self._stage.light.extinction_per_m)
+        seen = (distance - radii < reach) & (z + radii > NEAR_M)
+        seen &= 2.0 * radii * lens.fx > _LEAST_BODY_PX * distance
+        # Signed distances to the four sides of the view.
+        for along, across, focal, middle, size in (
+            (z, x, lens.fx, lens.cx, lens.width_px),
+            (z, y, lens.fy, lens.cy, lens.height_px),
+        ):
+            lower, upper = middle / focal, (size - middle) / focal
+            seen &= (across + along * lower) / math.hypot(1.0, lower) > -radii
+            seen &= (along * upper - across) / math.hypot(1.0, upper) > -radii
+        return np.flatnonzero(seen)
+
+    def _windows(self, pose: CameraPose, centres: Floats, frame: Floats, halves: Floats) -> Floats:
+        """(k, 4) left, top, right, bottom of boxes in the picture; all of it for boxes that reach behind the camera."""
+        signs = np.array([(a, b, c) for a in (-1.0, 1.0) for b in (-1.0, 1.0) for c in (-1.0, 1.0)])
+        corners = centres[:, None] + np.einsum("ksi,kij->ksj", signs * halves[:, None], frame)
+        points = pose.to_optical(corners)
+        behind = (points[..., 2] <= NEAR_M).any(axis=1)
+        rays = points[..., :2] / np.maximum(points[..., 2], NEAR_M)[..., None]
+        windows = np.concatenate((rays.min(axis=1), rays.max(axis=1)), axis=1)
+        windows[behind] = (-np.inf, -np.inf, np.inf, np.inf)
+        return windows
+
+    def _lit(
+        self, actors: Counts, faces: Counts, normals: Floats, pose: CameraPose, ranges_m: Floats
+    ) -> Floats:
+        """(p, 3) colours of faces in light and haze."""
+        light = self._stage.light
+        sunward = pose.axes_enu @ light.sunward_enu
+        up = normals @ pose.axes_enu[:, 2]
+        # Walls see half of the sky, and the ground below reflects some: the factor is 1 facing up, 0.5 facing down.
+        sky = 0.75 + 0.25 * up
+        linear = (
+            sky[:, None] * light.ambient_bgr + np.maximum(normals @ sunward, 0.0)[:, None] * light.direct_bgr
+        )
+        # Colours belong to looks, faces to geometries: the face's place in its geometry is the same in both.
+        place = (
+            faces - np.array([kind.first_face for kind in self._kinds], dtype=np.int64)[self._kind_of[actors]]
+        )
+        row = self._first_colour[actors] + place
+        factor = np.where(self._glows[row][:, None], np.maximum(light.glow, linear**_GAMMA), linear**_GAMMA)
+        clear = np.exp(-light.extinction_per_m * ranges_m)[:, None]
+        lit: Floats = np.clip(
+            self._colours_bgr[row] * factor * clear + (1.0 - clear) * light.haze_bgr, 0, 255
+        )
+        return lit
+
+    def _shadow_polygons(self, pose: CameraPose, positions_enu_m: Floats, headings_rad: Floats) -> Floats:
+        """(s, c, 2) east and north of the shadows' corners on the ground."""
+        light = self._stage.light
+        nothing = np.zeros((0, _SHADOW_CORNERS, 2))
+        if not len(positions_enu_m) or not light.direct_bgr.any() or light.sunward_enu[2] <= 0.0:
+            return nothing
+        stretch = math.hypot(light.sunward_enu[0], light.sunward_enu[1]) / light.sunward_enu[2]
+        halves = self._halves_m[self._kind_of]
+        # The sphere holds the body and the far end of its shadow.
+        radii = np.sqrt((halves * halves).sum(axis=1)) + 2.0 * halves[:, 2] * stretch
+        polygons = [nothing]
+        for actor in self._in_view(pose, positions_enu_m, radii).tolist():
+            step = round(float(headings_rad[actor]) / (2.0 * math.pi) * _SHADOW_STEPS) % _SHADOW_STEPS
+            key = (int(self._kind_of[actor]), step)
+            if key not in self._shadows:
+                self._shadows[key] = _shadow(self._kinds[key[0]], step, light)
+            polygons.append(self._shadows[key] + positions_enu_m[actor, :2])
+        return np.concatenate(polygons)
+
+
+class _GroundPainter:
+    """The ground with its light, shadows and haze, and the sky."""
+
+    def __init__(self, stage: Stage, lens: Lens) -> None:
+        self._lens, self._light = lens, stage.light
+        self._bands = _bands(stage)
+        self._details = _details(stage)
+        self._outside = tuple(float(v) for v in stage.ground.texture.mean(axis=(0, 1)))
+        columns = np.arange(0, lens.width_px, _MAP_SCALE) + _MAP_SCALE / 2.0
+        rows = np.arange(0, lens.height_px, _MAP_SCALE) + _MAP_SCALE / 2.0
+        x, y = np.meshgrid((columns - lens.cx) / lens.fx, (rows - lens.cy) / lens.fy)
+        self._rays = np.stack((x, y, np.ones_like(x)), axis=-1).astype(np.float32)
+        self._ray_lengths = np.sqrt((self._rays**2).sum(axis=-1))
+        light = stage.light
+        level = light.ambient_bgr + light.direct_bgr * max(0.0, float(light.sunward_enu[2]))
+        self._lit_bgr = (level**_GAMMA).astype(np.float32)
+        share = float((light.ambient_bgr / np.maximum(level, 1e-12)).mean())
+        self._shadow_factor = share**_GAMMA
+
+    def paint(self, pose: CameraPose, shadows: Floats) -> Pixels:
+        """A new picture (h, w, 3) of ground and sky."""
+        lens = self._lens
+        height = max(float(pose.position_enu_m[2]), 0.1)
+        # How much a ray falls for each metre along the axis.
+        fall = -(self._rays @ pose.axes_enu[:, 2].astype(np.float32))
+        sky = fall <= 1e-4
+        level_camera = abs(float(pose.axes_enu[0, 2])) < _LEVEL_ROLL
+        distance: Narrow = np.where(sky, 1e6, height / np.maximum(fall, 1e-4) * self._ray_lengths).astype(
+            np.float32
+        )
+        # The picture of the ground, without what lies behind the camera.
+        place = np.array((pose.position_enu_m[0], pose.position_enu_m[1], height))
+        to_picture = np.array(((lens.fx, 0.0, lens.cx - 0.5), (0.0, lens.fy, lens.cy - 0.5), (0.0, 0.0, 1.0)))
+        homography = to_picture @ np.column_stack(
+            (pose.axes_enu[:, 0], pose.axes_enu[:, 1], -pose.axes_enu @ place)
+        )
+        image = self._textured(homography, distance, height, sky, level_camera)
+        factor = self._fine_structure(homography, pose, distance, sky, level_camera)
+        factor = self._shaded(factor, homography, pose, shadows, place)
+        clear = np.exp(-self._light.extinction_per_m * distance)
+        clear[sky] = 0.0
+        size = (lens.width_px, lens.height_px)
+        scale = _MAP_ONE * self._lit_bgr
+        gain = cv2.resize(np.clip(clear[..., None] * scale, 0, 255).astype(np.uint8), size)
+        if factor is not None:
+            gain = cv2.multiply(gain, cv2.merge((factor, factor, factor)), scale=1.0 / _MAP_ONE)
+        veil = cv2.resize(((1.0 - clear[..., None]) * self._light.haze_bgr).astype(np.uint8), size)
+        lit = np.asarray(cv2.add(cv2.multiply(image, gain, scale=1.0 / _MAP_ONE), veil), np.uint8)
+        if sky.any():
+            self._paint_sky(lit, pose)
+        return lit
+
+    def _textured(
+        self, homography: Floats, distance: Narrow, height: float, sky: Bools, level_camera: bool
+    ) -> Pixels:
+        """The ground in white light: each band of distances from the level of the mip map that fits it."""
+        lens = self._lens
+        # Between the footprint of a pixel across and along the line of sight: isotropic mip maps blur along or
+        # alias across, and 0.45 is where the eye minds least (tried on the sheet of docs/camera.md).
+        grazing = np.clip(height / distance, 0.12, 1.0)
+        texels = distance / lens.fx / self._bands[0].texel_m / grazing * 0.45
+        level = np.clip(np.rint(np.log2(np.maximum(texels, 1e-3))), 0, len(self._bands) - 1).astype(np.int8)
+        if level_camera:
+            level[:] = level[:, level.shape[1] // 2, None]
+        image = np.empty((lens.height_px, lens.width_px, 3), np.uint8)
+        for number, band in enumerate(self._bands):
+            mask = (level == number) & ~sky
+            if (part := _pixel_window(mask, lens)) is None:
+                continue
+            columns, rows, block = part
+            from_texture = np.array(
+                (
+                    (band.texel_m, 0.0, band.west_m + band.texel_m / 2.0),
+                    (0.0, -band.texel_m, band.north_m - band.texel_m / 2.0),
+                    (0.0, 0.0, 1.0),
+                )
+            )
+            warped = cv2.warpPerspective(
+                band.texture,
+                _moved(columns.start, rows.start) @ homography @ from_texture,
+                (columns.stop - columns.start, rows.stop - rows.start),
+                flags=cv2.INTER_LINEAR,
+                # BORDER_REFLECT costs 12 ms; the bands are mirrored at set-up instead.
+                borderMode=cv2.BORDER_CONSTANT,
+                borderValue=self._outside,
+            )
+            if block.all():
+                image[rows, columns] = warped
+            else:
+                cv2.copyTo(warped, _enlarged(block, warped.shape), image[rows, columns])
+        if sky.any():
+            image[_enlarged(sky, image.shape) > 0] = 0
+        return image
+
+    def _fine_structure(
+        self, homography: Floats, pose: CameraPose, distance: Narrow, sky: Bools, level_camera: bool
+    ) -> Pixels | None:
+        """(h, w) factors in 128ths where the camera is near enough to see them, else None."""
+        lens = self._lens
+        size: Narrow = distance / np.float32(lens.fx)
+        if float(size.min()) > self._details[-1].texel_m:
+            return None
+        if level_camera:
+            size[:] = size[:, size.shape[1] // 2, None]
+        factor = np.full((lens.height_px, lens.width_px), int(_MAP_ONE), np.uint8)
+        for number, band in enumerate(self._details):
+            lower = 0.0 if number == 0 else self._details[number - 1].texel_m
+            part = _pixel_window((size > lower) & (size <= band.texel_m) & ~sky, lens)
+            if part is None:
+                continue
+            columns, rows, block = part
+            # The structure repeats, so the piece that is warped moves with the camera by whole periods.
+            period = band.west_m
+            east = math.floor(pose.position_enu_m[0] / period) * period
+            north = math.floor(pose.position_enu_m[1] / period) * period
+            extent = band.texture.shape[0] * band.texel_m / 2.0
+            from_texture = np.array(
+                (
+                    (band.texel_m, 0.0, east - extent + band.texel_m / 2.0),
+                    (0.0, -band.texel_m, north + extent - band.texel_m / 2.0),
+                    (0.0, 0.0, 1.0),
+                )
+            )
+            warped = cv2.warpPerspective(
+                band.texture,
+                _moved(columns.start, rows.start) @ homography @ from_texture,
+                (columns.stop - columns.start, rows.stop - rows.start),
+                flags=cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_CONSTANT,
+                borderValue=(_MAP_ONE,),
+            )
+            cv2.copyTo(warped, _enlarged(block, warped.shape), factor[rows, columns])
+        return factor
+
+    def _shaded(
+        self, factor: Pixels | None, homography: Floats, pose: CameraPose, shadows: Floats, place: Floats
+    ) -> Pixels | None:
+        """The factors with shadows in them."""
+        if not len(shadows):
+            return factor
+        lens = self._lens
+        mask = np.full((lens.height_px, lens.width_px), 255, np.uint8)
+        dark = (int(255 * self._shadow_factor),)
+        ground = np.concatenate((shadows, np.ones((*shadows.shape[:2], 1))), axis=-1)
+        points = ground @ homography.T
+        ahead = points[..., 2] > NEAR_M
+        pixels = points[..., :2] / np.maximum(points[..., 2:], NEAR_M)
+        tame = ahead.all(axis=1) & (np.abs(pixels).max(axis=(1, 2)) < _FAR_CORNER_PX)
+        rounded = np.rint(np.clip(pixels, -1e6, 1e6) * (1 << _SHIFT)).astype(np.int32)
+        for index in np.flatnonzero(ahead.any(axis=1)).tolist():
+            polygon = rounded[index]
+            if not tame[index]:
+                corners = np.concatenate((shadows[index], np.zeros((len(shadows[index]), 1))), axis=1)
+                cut = _cut_to_frame((corners - place) @ pose.axes_enu.T, lens)
+                if len(cut) < 3:
+                    continue
+                polygon = np.rint(cut * (1 << _SHIFT)).astype(np.int32)
+            cv2.fillConvexPoly(mask, polygon, dark, cv2.LINE_8, _SHIFT)
+        # The sun is half a degree wide, so no shadow has a hard edge.
+        mask = np.asarray(cv2.blur(mask, (3, 3)), np.uint8)
+        if factor is None:
+            return np.asarray(cv2.convertScaleAbs(mask, alpha=_MAP_ONE / 255.0), np.uint8)
+        return np.asarray(cv2.multiply(factor, mask, scale=1.0 / 255.0), np.uint8)
+
+    def _paint_sky(self, image: NDArray[np.uint8], pose: CameraPose) -> None:
+        """The sky above the exact horizon: haze there, the colour of the zenith overhead."""
+        lens = self._lens
+        frame = np.array(
+            ((0.0, 0.0), (lens.width_px, 0.0), (lens.width_px, lens.height_px), (0.0, lens.height_px))
+        )
+        rays = np.concatenate((frame, np.ones((4, 1))), axis=1)
+        rays[:, 0] = (rays[:, 0] - lens.cx) / lens.fx
+        rays[:, 1] = (rays[:, 1] - lens.cy) / lens.fy
+        above = _cut(frame, rays @ pose.axes_enu[:, 2])
+        if len(above) < 3:
+            return
+        sine = (self._rays @ pose.axes_enu[:, 2].astype(np.float32)) / self._ray_lengths
+        share = np.sqrt(np.clip(sine / 0.8, 0.0, 1.0))[..., None]
+        light = self._light
+        colours = np.clip(light.haze_bgr * (1.0 - share) + light.zenith_bgr * share, 0, 255).astype(np.uint8)
+        mask = np.zeros(image.shape[:2], np.uint8)
+        polygon = np.rint((above - 0.5) * (1 << _SHIFT)).astype(np.int32)
+        cv2.fillConvexPoly(mask, polygon, (255,), cv2.LINE_8, _SHIFT)
+        cv2.copyTo(cv2.resize(colours, (lens.width_px, lens.height_px)), mask, image)
+
+
+class _OpenCvPicture:
+    """The `Picture` contract: the truth is drawn from the picture's own polygons when it is asked for."""
+
+    def __init__(self, canvas: Canvas, pose: CameraPose, drawn: _Drawn, bgr: Pixels) -> None:
+        self._canvas, self._pose, self._drawn, self._bgr = canvas, pose, drawn, bgr
+        self._polygon_numbers: NDArray[np.int32] | None = None
+
+    @property
+    def bgr(self) -> Pixels:
+        return self._bgr
+
+    @property
+    def face_count(self) -> int:
+        return len(self._drawn.polygons)
+
+    def instances(self) -> Labels:
+        lookup = np.concatenate((np.zeros(1, np.uint16), (self._drawn.actors + 1).astype(np.uint16)))
+        return self._canvas.exact(lookup[self._numbers()])
+
+    def depth_m(self) -> Narrow:
+        lens, up = self._canvas.lens, self._pose.axes_enu[:, 2]
+        height = max(float(self._pose.position_enu_m[2]), 0.1)
+        # The ground is one more plane: below the camera, with its normal upwards.
+        planes = np.concatenate(((-up / height)[None], self._drawn.planes)).astype(np.float32)
+        x = ((np.arange(lens.width_px) + 0.5 - lens.cx) / lens.fx).astype(np.float32)
+        y = ((np.arange(lens.height_px) + 0.5 - lens.cy) / lens.fy).astype(np.float32)
+        plane = planes[self._numbers()]
+        inverse = plane[..., 0] * x + plane[..., 1] * y[:, None] + plane[..., 2]
+        depth: Narrow = np.where(inverse > 1e-6, 1.0 / np.maximum(inverse, 1e-6), np.inf).astype(np.float32)
+        return self._canvas.exact(depth)
+
+    def silhouette_px(self, actor: int) -> int:
+        lens = self._canvas.lens
+        alone = np.zeros((lens.height_px, lens.width_px), np.uint8)
+        for index in np.flatnonzero(self._drawn.actors == actor).tolist():
+            cv2.fillConvexPoly(alone, self._drawn.polygons[index], (1,), cv2.LINE_8, _SHIFT)
+        return int(np.count_nonzero(self._canvas.exact(alone)))
+
+    def _numbers(self) -> NDArray[np.int32]:
+        """(h, w) 1 + the place of the polygon on top of each pixel of the canvas, 0 for the ground and the sky."""
+        if self._polygon_numbers is None:
+            lens = self._canvas.lens
+            numbers = np.zeros((lens.height_px, lens.width_px), np.int32)
+            for index, polygon in enumerate(self._drawn.polygons):
+                cv2.fillConvexPoly(numbers, polygon, (index + 1,), cv2.LINE_8, _SHIFT)
+            self._polygon_numbers = numbers
+        return self._polygon_numbers
+
+
+def actor_axes(headings_rad: Floats) -> Floats:
+    """(n, 3, 3) the actors' axes ahead, left and up as rows of ENU."""
+    sine, cosine = np.sin(headings_rad), np.cos(headings_rad)
+    axes = np.zeros((len(headings_rad), 3, 3))
+    axes[:, 0, 0], axes[:, 0, 1] = sine, cosine
+    axes[:, 1, 0], axes[:, 1, 1] = -cosine, sine
+    axes[:, 2, 2] = 1.0
+    return axes
+
+
+def _kind(geometry: Geometry, first_face: int) -> _Kind:
+    every = geometry.corners_m.reshape(-1, 3)
+    low, high = every.min(axis=0), every.max(axis=0)
+    solids = [
+        geometry.corners_m[(geometry.solids == solid) & ~geometry.details].reshape(-1, 3)
+        for solid in range(int(geometry.solids.max()) + 1)
+    ]
+    sizes = np.array([float(np.linalg.norm(np.ptp(corners, axis=0))) for corners in solids])
+    # The largest solids carry the shape of a shadow; a mirror's or a hand's would not be noticed.
+    largest = np.argsort(-sizes, kind="stable")[:_MAX_SHADOW_SOLIDS].tolist()
+    # Details shrink out of sight sooner than the solid that they lie on.
+    extents = np.ptp(geometry.corners_m, axis=1)
+    face_sizes = np.where(
+        geometry.details, np.sqrt((extents * extents).sum(axis=1)) / 2.0, sizes[geometry.solids]
+    )
+    return _Kind(
+        SolidOrder(geometry),
+        first_face,
+        geometry.normals,
+        (geometry.normals * geometry.corners_m[:, 0]).sum(axis=1),
+        (low + high) / 2.0,
+        (high - low) / 2.0,
+        face_sizes,
+        tuple(solids[solid] for solid in largest),
+    )
+
+
+def _shadow(kind: _Kind, step: int, light: Light) -> Floats:
+    """(s, c, 2) outlines of the solids' shadows relative to the foot point, for a heading in steps."""
+    axes = actor_axes(np.array([step * 2.0 * math.pi / _SHADOW_STEPS]))[0]
+    outlines = np.empty((len(kind.shadow_solids), _SHADOW_CORNERS, 2))
+    for row, corners in enumerate(kind.shadow_solids):
+        points = corners @ axes
+        fallen = points[:, :2] - points[:, 2:] / light.sunward_enu[2] * light.sunward_enu[:2]
+        hull = cv2.convexHull(fallen.astype(np.float32))[:, 0]
+        if len(hull) > _SHADOW_CORNERS:
+            hull = hull[np.linspace(0, len(hull) - 1, _SHADOW_CORNERS).astype(np.int64)]
+        outlines[row, : len(hull)] = hull
+        outlines[row, len(hull) :] = hull[-1]
+    return outlines
+
+
+def _bands(stage: Stage) -> list[_Band]:
+    """The mip map of the ground. Coarse levels are mirrored at the border, so that the ground goes on."""
+    ground = stage.ground
+    bands = []
+    texture, texel_m = ground.texture, ground.texel_m
+    while True:
+        rows, columns = texture.shape[:2]
+        # Only what is seen from afar shows ground beyond the texture; up to 1024 texels the mirror is small.
+        above, beside = (rows, columns) if max(rows, columns) <= 1024 else (0, 0)
+        mirrored = cv2.copyMakeBorder(texture, above, above, beside, beside, cv2.BORDER_REFLECT)
+        west, north = ground.west_m - beside * texel_m, ground.north_m + above * texel_m
+        bands.append(_Band(np.asarray(mirrored, np.uint8), texel_m, west, north))
+        if min(rows, columns) < 32:
+            return bands
+        texture = np.asarray(
+            cv2.resize(texture, (columns // 2, rows // 2), interpolation=cv2.INTER_AREA), np.uint8
+        )
+        texel_m = texel_m * 2.0
+
+
+def _details(stage: Stage) -> list[_Band]:
+    """The mip map of the fine structure, each level repeated to 2048 texels; `west_m` holds the period."""
+    ground = stage.ground
+    period = ground.detail.shape[0] * ground.detail_texel_m
+    bands = []
+    tile, texel_m = ground.detail, ground.detail_texel_m
+    for _ in range(4):
+        # An even number of tiles keeps the phase of the structure on the world's origin.
+        count = max(2, 2048 // tile.shape[0])
+        bands.append(_Band(np.tile(tile, (count, count)), texel_m, period, 0.0))
+        tile = np.asarray(
+            cv2.resize(tile, (tile.shape[1] // 2, tile.shape[0] // 2), interpolation=cv2.INTER_AREA), np.uint8
+        )
+        texel_m *= 2.0
+    return bands
+
+
+def _stacked(parts: Sequence[Floats] | Sequence[Counts] | Sequence[Bools], shape: tuple[int, ...]) -> Floats:
+    """The parts along their first axis; without any part, an empty array of rows of that shape."""
+    stacked: Floats = np.concatenate([np.zeros((0, *shape)), *parts])
+    return stacked
+
+
+def _moved(left: int, top: int) -> Floats:
+    return np.array(((1.0, 0.0, -left), (0.0, 1.0, -top), (0.0, 0.0, 1.0)))
+
+
+def _pixel_window(mask: Bools, lens: Lens) -> tuple[slice, slice, Bools] | None:
+    """Columns and rows of pixels around the set cells of a map, and the cells in there; None when none is set."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return None
+    top, bottom, left, right = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
+    return (
+        slice(int(left) * _MAP_SCALE, min(lens.width_px, int(right) * _MAP_SCALE)),
+        slice(int(top) * _MAP_SCALE, min(lens.height_px, int(bottom) * _MAP_SCALE)),
+        mask[top:bottom, left:right],
+    )
+
+
+def _enlarged(block: Bools, shape: tuple[int, ...]) -> Pixels:
+    """A map of cells as a mask of pixels, cut to a shape."""
+    pixels = np.repeat(np.repeat(block.astype(np.uint8), _MAP_SCALE, axis=0), _MAP_SCALE, axis=1)
+    return np.ascontiguousarray(pixels[: shape[0], : shape[1]])
+
+
+def _cut(points: Floats, signed: Floats) -> Floats:
+    """The part of a polygon (k, d) where `signed` (k,) is positive (Sutherland and Hodgman 1974)."""
+    kept = []
+    for i in range(len(points)):
+        j = (i + 1) % len(points)
+        if signed[i] > 0.0:
+            kept.append(points[i])
+        if (signed[i] > 0.0) != (signed[j] > 0.0):
+            kept.append(points[i] + (points[j] - points[i]) * (signed[i] / (signed[i] - signed[j])))
+    return np.array(kept).reshape(-1, points.shape[1])
+
+
+def _cut_to_frame(corners: Floats, lens: Lens) -> Floats:
+    """(k, 2) a face in optical coordinates (k, 3), cut at the near plane and a little outside the picture, in OpenCV's
+    pixels.
+    """
+    margin = 16.0
+    left, right = (-margin - lens.cx) / lens.fx, (lens.width_px + margin - lens.cx) / lens.fx
+    top, bottom = (-margin - lens.cy) / lens.fy, (lens.height_px + margin - lens.cy) / lens.fy
+    for side in (
+        np.array((0.0, 0.0, 1.0, -NEAR_M)),
+        np.array((1.0, 0.0, -left, 0.0)),
+        np.array((-1.0, 0.0, right, 0.0)),
+        np.array((0.0, 1.0, -top, 0.0)),
+        np.array((0.0, -1.0, bottom, 0.0)),
+    ):
+        corners = _cut(corners, corners @ side[:3] + side[3])
+        if len(corners) < 3:
+            return np.zeros((0, 2))
+    scale = np.array((lens.fx, lens.fy))
+    pixels: Floats = corners[:, :2] / corners[:, 2:] * scale + np.array((lens.cx - 0.5, lens.cy - 0.5))
+    return pixels
