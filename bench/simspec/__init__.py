@@ -57,6 +57,8 @@ from ._perception import Perception as Perception
 from ._perception import PerceptionSource as PerceptionSource
 from ._placement import HOME as HOME
 from ._placement import Along as Along
+from ._placement import AreaCount as AreaCount
+from ._placement import Avoid as Avoid
 from ._placement import Bearing as Bearing
 from ._placement import Between as Between
 from ._placement import Distance as Distance

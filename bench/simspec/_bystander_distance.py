@@ -77,6 +77,10 @@ def _guaranteed_distances_m(simspec: SimSpec, group: ActorGroup, target: ActorGr
         if distance.of in names:
             holds_for_all = distance.whom == "every" or (single and distance.of == target.id)
             yield distance.min_m if holds_for_all else 0.0
+    for avoid in placement.avoid:
+        # A gap between edges, so centres are farther apart.
+        if avoid.of in names:
+            yield avoid.at_least_m
     if placement.at and target.placement.at:
         fixed = target.placement.at
         yield math.hypot(placement.at.east_m - fixed.east_m, placement.at.north_m - fixed.north_m)

@@ -94,6 +94,8 @@ def _actor_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
                     ("actors", index, "placement", name, "of"), group.id, relation.of, group_ids
                 )
         yield from _distance_inconsistencies(simspec, index)
+        yield from _avoid_inconsistencies(simspec, index)
+        yield from _count_inconsistencies(simspec, index)
         yield from _place_inconsistencies(simspec, index)
         yield from _between_inconsistencies(simspec, index)
         yield from _inside_inconsistencies(simspec, index)
@@ -125,6 +127,43 @@ def _distance_inconsistencies(simspec: SimSpec, index: int) -> Iterator[Inconsis
                 f"nor a role of any of them, nor {HOME!r}"
             )
             yield field, message
+
+
+def _avoid_inconsistencies(simspec: SimSpec, index: int) -> Iterator[Inconsistency]:
+    group, group_ids = simspec.actors[index], [group.id for group in simspec.actors]
+    roles, area_ids = [other.role for other in simspec.actors], [area.id for area in simspec.world.areas]
+    for number, avoid in enumerate(group.placement.avoid):
+        field = ("actors", index, "placement", "avoid", number)
+        if avoid.area is not None and avoid.area not in area_ids:
+            message = (
+                f"group {group.id!r} avoids area {avoid.area!r}, which is not one of world.areas {area_ids}"
+            )
+            yield (*field, "area"), message
+        if avoid.of == group.id:
+            yield (
+                (*field, "of"),
+                f"group {group.id!r} relates to itself; use separation_m to keep its members apart",
+            )
+        elif avoid.of not in (None, HOME, *group_ids, *roles):
+            message = (
+                f"group {group.id!r} avoids {avoid.of!r}, which is neither one of the groups {group_ids}, "
+                f"nor a role of any of them, nor {HOME!r}"
+            )
+            yield (*field, "of"), message
+
+
+def _count_inconsistencies(simspec: SimSpec, index: int) -> Iterator[Inconsistency]:
+    group, area_ids = simspec.actors[index], [area.id for area in simspec.world.areas]
+    named = [count.area for count in group.placement.counts]
+    for number, area in enumerate(named):
+        field = ("actors", index, "placement", "counts", number, "area")
+        if area not in area_ids:
+            yield (
+                field,
+                f"group {group.id!r} counts members in area {area!r}, which is not one of world.areas {area_ids}",
+            )
+        elif area in named[:number]:
+            yield field, f"group {group.id!r} counts members in area {area!r} twice; keep one"
 
 
 def _place_inconsistencies(simspec: SimSpec, index: int) -> Iterator[Inconsistency]:

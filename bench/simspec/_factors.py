@@ -337,7 +337,7 @@ FACTORS: dict[str, FactorDefinition] = {
         "Smallest distance to a target that the configuration guarantees for bystanders with a relation to it.",
         nearest_bystander_m,
         "actors[bystander].placement.near.min_m, actors[bystander].placement.away.min_m, "
-        "actors[bystander].placement.distances[*].min_m",
+        "actors[bystander].placement.distances[*].min_m, actors[bystander].placement.avoid[*].at_least_m",
     ),
     "intelligence_latency_s": FactorDefinition(
         "s",

@@ -141,6 +141,72 @@ class Inside(Document):
         return self
 
 
+class Avoid(Document):
+    """Ground or actors to keep out of: the gap from the footprint to them, edge to edge.
+
+    Exactly one of `area` and `of`. With `of` the gap holds to every member.
+    """
+
+    area: Annotated[
+        Identifier | None,
+        Field(description="Id of an area in world.areas; no part of the footprint is in it."),
+    ] = None
+    of: Annotated[
+        Identifier | None,
+        Field(description="Id of another group, or a role or home (unless a group has that id)."),
+    ] = None
+    at_least_m: Annotated[NotNegative, Field(description="Smallest permitted gap.")] = 0.0
+
+    @model_validator(mode="after")
+    def _exactly_one_reference(self) -> Self:
+        if (self.area is None) == (self.of is None):
+            raise ValueError(
+                "give either area (one of world.areas) or of (a group, a role or home), not both"
+            )
+        if self.of is not None and self.at_least_m == 0.0:
+            raise ValueError("give at_least_m: without it, separation_m already keeps footprints apart")
+        return self
+
+
+class AreaCount(Document):
+    """How many members of the group stand inside a named area. No member stands across its border.
+
+    Give `exactly`, or `at_least`, `at_most` or both.
+    """
+
+    area: Annotated[Identifier, Field(description="Id of an area in world.areas.")]
+    exactly: Annotated[int | None, Field(ge=0, le=5000)] = None
+    at_least: Annotated[int | None, Field(ge=0, le=5000)] = None
+    at_most: Annotated[int | None, Field(ge=0, le=5000)] = None
+
+    @model_validator(mode="after")
+    def _bounds_leave_a_number(self) -> Self:
+        bounds = [bound for bound in (self.at_least, self.at_most) if bound is not None]
+        if (self.exactly is None) == (not bounds):
+            raise ValueError("give either exactly, or at_least, at_most or both")
+        if len(bounds) == 2 and bounds[0] > bounds[1]:
+            raise ValueError(f"at_most {bounds[1]} must not be less than at_least {bounds[0]}")
+        return self
+
+    @property
+    def low(self) -> int:
+        """The least number of members inside."""
+        return self.at_least or 0 if self.exactly is None else self.exactly
+
+    def high(self, count: int) -> int:
+        """The largest number of members inside, of `count` in all."""
+        bound = self.at_most if self.exactly is None else self.exactly
+        return count if bound is None else bound
+
+    @property
+    def text(self) -> str:
+        """The numbers as text for people."""
+        if self.exactly is not None:
+            return f"exactly {self.exactly}"
+        bounds = (("at least", self.at_least), ("at most", self.at_most))
+        return " and ".join(f"{words} {bound}" for words, bound in bounds if bound is not None)
+
+
 class Between(Document):
     """The centre close to the straight line between the first members of two groups, strictly between them.
 
@@ -253,6 +319,30 @@ class Placement(Document):
     separation_m: Annotated[NotNegative, Field(description="Smallest permitted gap between footprints.")] = (
         0.5
     )
+    # The following are left out where they are not set: SimSpecs without them keep their bytes.
+    extent_m: Annotated[
+        Positive | None,
+        Field(
+            exclude_if=lambda extent_m: extent_m is None,
+            description="Largest permitted distance between two members of this group, centre to centre.",
+        ),
+    ] = None
+    avoid: Annotated[
+        tuple[Avoid, ...],
+        Field(
+            max_length=16,
+            exclude_if=lambda avoid: not avoid,
+            description="Areas, groups, roles or home to keep out of and away from, edge to edge.",
+        ),
+    ] = ()
+    counts: Annotated[
+        tuple[AreaCount, ...],
+        Field(
+            max_length=4,
+            exclude_if=lambda counts: not counts,
+            description="How many members stand inside which areas.",
+        ),
+    ] = ()
 
     @model_validator(mode="after")
     def _fixed_place_stands_alone(self) -> Self:
@@ -264,6 +354,13 @@ class Placement(Document):
         ]
         if self.at and other_fields:
             raise ValueError(f"at fixes the place: delete either at or {', '.join(other_fields)}")
+        return self
+
+    @model_validator(mode="after")
+    def _extent_leaves_room(self) -> Self:
+        # Equal bounds leave a circle without width, which no sampled position hits.
+        if self.extent_m is not None and self.spread_m is not None and self.extent_m <= self.spread_m:
+            raise ValueError(f"extent_m {self.extent_m:g} must exceed spread_m {self.spread_m:g}")
         return self
 
     @property

@@ -18,6 +18,8 @@ actors:
 - {id: houses, asset: house, role: clutter, count: 2, placement: {inside: {area: village}}}
 - {id: people, asset: civilian, role: bystander, count: 3, placement: {inside: {of: houses}, near: {of: home, max_m: 80}}}
 - {id: guards, asset: soldier, role: adversary, count: 1, placement: {between: {first: houses, second: houses}}}
+- {id: hikers, asset: civilian, role: sought, count: 2,
+   placement: {avoid: [{area: village}, {of: clutter, at_least_m: 4}], counts: [{area: village, at_most: 1}], extent_m: 9}}
 - {id: cars, asset: civilian-car, role: clutter, count: 1,
    placement: {between: {first: home, second: people}, facing: {heading_deg: 90}}}
 - {id: patrol, asset: soldier, role: adversary, count: 2, motion: {kind: patrol, speed_mps: 1.5, route: [{east_m: 5, north_m: 2}, {east_m: 9, north_m: 2}]},
@@ -41,6 +43,10 @@ def test_facts_describe_the_situation() -> None:
     assert texts["Actors: people"] == "3 civilian, bystander, 0 to 80 m from home, inside houses"
     assert texts["Actors: guards"] == "1 soldier, adversary, between two of houses"
     assert texts["Actors: cars"] == "1 civilian-car, clutter, between home and people, heading 90°"
+    assert texts["Actors: hikers"] == (
+        "2 civilian, sought, outside village, 4 m or more clear of every clutter, at most 1 of them inside village, "
+        "at most 9 m from one to another"
+    )
     assert texts["Actors: patrol"] == (
         "2 soldier, adversary, 10 m or more from every bystander, 0 to 40 m from 5, 3 m, beside main, 2 to 9 m off it, "
         "hidden from home, 2 m apart or more, patrolling 2 points at 1.5 m/s"

@@ -269,6 +269,16 @@ def _actor_faults(
         yield from _bearing_faults(group, actor, members)
         yield from _heading_faults(group, actor, members)
         yield from _sight_faults(simspec, group, actor, members, outlines)
+    yield from _avoid_faults(simspec, group, members, outlines)
+    yield from _area_count_faults(simspec, group, members, outlines)
+    if place.extent_m:
+        for first, second in itertools.combinations(actors, 2):
+            if _distance_m(first, second) > place.extent_m + SLACK_M:
+                yield Fault(
+                    f"realized: {first.id} and {second.id}",
+                    "stand farther apart than extent_m",
+                    f"at most {place.extent_m:g} m between centres are allowed",
+                )
     if place.spread_m:
         for first, second in itertools.combinations(actors, 2):
             if _distance_m(first, second) < place.spread_m - SLACK_M:
@@ -293,6 +303,55 @@ def _distance_faults(
                 f"realized: {actor.id}",
                 f"does not keep its distance from {target}",
                 f"see distances[{number}]",
+            )
+
+
+def _avoid_faults(
+    simspec: SimSpec, group: ActorGroup, members: Members, outlines: Outlines
+) -> Iterator[Fault]:
+    own = [(actor, outlines[actor.id]) for actor in members.get(group.id, []) if actor.id in outlines]
+    for number, avoid in enumerate(group.placement.avoid):
+        if avoid.of is None:
+            others = [_polygon(area) for area in simspec.world.areas if area.id == avoid.area]
+        elif avoid.of in {HOME, *(other_group.id for other_group in simspec.actors)}:
+            others = [_outline_or_point(actor, outlines) for actor in members.get(avoid.of, [])]
+        else:
+            names = _groups_of_role(simspec, group, avoid.of)
+            others = [_outline_or_point(actor, outlines) for name in names for actor in members.get(name, [])]
+        for (actor, outline), other in itertools.product(own, others):
+            gap_m = outline.distance(other)
+            if gap_m < avoid.at_least_m - SLACK_M or outline.buffer(-SLACK_M).intersects(other):
+                yield Fault(
+                    f"realized: {actor.id}",
+                    f"does not keep out of {avoid.area or avoid.of!r}",
+                    f"see avoid[{number}]",
+                )
+
+
+def _outline_or_point(actor: PlacedActor, outlines: Outlines) -> shapely.Geometry:
+    return outlines.get(actor.id, shapely.Point(actor.east_m, actor.north_m))
+
+
+def _area_count_faults(
+    simspec: SimSpec, group: ActorGroup, members: Members, outlines: Outlines
+) -> Iterator[Fault]:
+    actors = [actor for actor in members.get(group.id, []) if actor.id in outlines]
+    for number, count in enumerate(group.placement.counts):
+        area = next(_polygon(area) for area in simspec.world.areas if area.id == count.area)
+        room = area.buffer(SLACK_M)
+        inside = [room.covers(outlines[actor.id]) for actor in actors]
+        for actor, is_inside in zip(actors, inside, strict=True):
+            if not is_inside and outlines[actor.id].buffer(-SLACK_M).intersects(area):
+                yield Fault(
+                    f"realized: {actor.id}",
+                    f"stands across the border of area {count.area!r}",
+                    f"see counts[{number}]",
+                )
+        if not count.low <= sum(inside) <= count.high(len(actors)):
+            yield Fault(
+                f"realized: group {group.id}",
+                f"has {sum(inside)} members inside area {count.area!r}",
+                f"{count.text} are required",
             )
 
 

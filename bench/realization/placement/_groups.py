@@ -37,8 +37,8 @@ def prerequisite_groups(simspec: SimSpec, group: ActorGroup) -> set[str]:
     names |= {place.between.first, place.between.second} if place.between else set()
     names |= {place.inside.of} if place.inside and place.inside.of else set()
     names -= {name for name in names if is_home(simspec, name)}
-    for distance in place.distances:
-        names |= set(groups_named(simspec, group, distance.of))
+    for name in (*(distance.of for distance in place.distances), *(avoid.of for avoid in place.avoid)):
+        names |= set(groups_named(simspec, group, name))
     if place.hidden_from or place.visible_from:
         names |= {
             other.id

@@ -36,6 +36,7 @@ from ._honeypot import honeypots
 from .proofs._capacity import check_areas
 from .proofs._proof import narrowed_ground, prove_infeasible
 from .relations._patrol_routes import check_fixed_routes, route_faults
+from .search._anchors import anchor_grounds
 from .search._sampling import Placed, SamplingBudget, SamplingStalled, fixed_places, sample_placement
 
 # Share of an intelligence report's uncertainty within which its error is drawn, so that the true place lies
@@ -112,11 +113,32 @@ def _solved(simspec: SimSpec, order: list[ActorGroup], stuck: SamplingStalled) -
     from .search._solver import solve_placement
 
     placed = solve_placement(simspec, order)
+    if placed is None and (anchored := _anchored(simspec, order)) is not None:
+        return with_places(simspec, anchored, "sampling")
     if placed is None:
         raise PlacementInfeasible(
             f"no places were found (this is not a proof that none exist): {stuck.sentence()}", proved=False
         )
     return with_places(simspec, placed, "cp-sat")
+
+
+def _anchored(simspec: SimSpec, order: list[ActorGroup]) -> Placed | None:
+    """Places where members whom later groups need nearby are drawn first, on the ground that helps; None when none
+    were found.
+
+    Last, so that no scene that is found without it is placed otherwise than before.
+    """
+    remaining = narrowed_ground(simspec, order)
+    budget = SamplingBudget(60_000 + 40 * sum(member_count(simspec, group) for group in order))
+    for attempt in range(MAX_ATTEMPTS):
+        anchors = anchor_grounds(simspec, order, remaining, attempt)
+        if not anchors or budget.spent:
+            return None
+        try:
+            return sample_placement(simspec, order, attempt, budget, remaining, anchors)
+        except SamplingStalled:
+            continue
+    return None
 
 
 def with_places(simspec: SimSpec, placed: Placed, method: str) -> SimSpec:
@@ -208,6 +230,7 @@ def _groups_named(group: ActorGroup) -> set[str]:
         for relation in (place.near, place.away, place.mean_distance, *place.distances, place.inside)
         if relation
     }
+    names |= {avoid.of for avoid in place.avoid}
     names |= {place.between.first, place.between.second} if place.between else set()
     return {
         name for name in (*names, *(reference.of for reference in place.place_references.values())) if name

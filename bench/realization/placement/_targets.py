@@ -47,13 +47,16 @@ class RelationTarget:
         """The target of a distance, which may be all groups of a role."""
         if distance.of is None:
             return cls._point(distance.point)
-        if is_home(simspec, distance.of):
-            return cls.named(simspec, distance.of)
+        return cls.group_or_role(simspec, group, distance.of)
+
+    @classmethod
+    def group_or_role(cls, simspec: SimSpec, group: ActorGroup, name: str) -> RelationTarget:
+        """The target of that name: a group, all other groups of a role, or the vehicle's home."""
+        if is_home(simspec, name):
+            return cls.named(simspec, name)
         # Groups without members are left out: a distance to nobody is kept.
-        names = groups_named(simspec, group, distance.of)
-        return cls(
-            repr(distance.of), tuple(name for name in names if member_count(simspec, simspec.group(name)))
-        )
+        names = groups_named(simspec, group, name)
+        return cls(repr(name), tuple(other for other in names if member_count(simspec, simspec.group(other))))
 
     @classmethod
     def _point(cls, point: Point | None) -> RelationTarget:

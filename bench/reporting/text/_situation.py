@@ -85,8 +85,15 @@ def _places(place: Placement) -> Iterator[str]:
         yield f"hidden from {_reference_text(place.hidden_from)}"
     if place.visible_from:
         yield f"visible from {_reference_text(place.visible_from)}"
+    for avoid in place.avoid:
+        gap = f"{avoid.at_least_m:g} m or more clear of" if avoid.at_least_m else "outside"
+        yield f"{gap} {avoid.area or f'every {avoid.of}'}"
+    for count in place.counts:
+        yield f"{count.text} of them inside {count.area}"
     if place.spread_m:
         yield f"{place.spread_m:g} m apart or more"
+    if place.extent_m:
+        yield f"at most {place.extent_m:g} m from one to another"
 
 
 def _reference_text(reference: PlaceReference) -> str:

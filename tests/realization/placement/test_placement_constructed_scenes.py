@@ -92,6 +92,7 @@ class Author:
     groups: list[dict[str, Any]] = field(default_factory=list)
     stands: dict[str, list[tuple[float, float, float]]] = field(default_factory=dict)
     outlines: dict[str, list[Geometry]] = field(default_factory=dict)
+    kinds: tuple[str, ...] = ()
     home: Spot = (0.0, 0.0)
     world: dict[str, Any] = field(default_factory=dict)
 
@@ -122,7 +123,7 @@ class Author:
                 0.0, min(9.0, nearest * self.draw.choice([0.0, 0.5, 1.0])) - 1e-6
             )
         for index in range(len(self.groups)):
-            for kind in self.draw.sample(sorted(KINDS), relations):
+            for kind in self.draw.sample(sorted(self.kinds or KINDS), relations):
                 self._relate(index, kind)
         free = [
             member
@@ -318,6 +319,53 @@ class Author:
         apart = [math.dist(member, other) for member, other in itertools.combinations(spots, 2)]
         return max(min(apart) - self.slack_m(), 0.01) if apart else None
 
+    def _extent_m(self, _: Any, spots: list[Spot], *__: Any) -> Any:
+        apart = [math.dist(member, other) for member, other in itertools.combinations(spots, 2)]
+        return max(apart) + self.slack_m() + 1e-6 if apart else None
+
+    def _avoid(self, group: Any, _: Any, target: str, __: Any) -> Any:
+        """An area beside all members, and another group, a role or home, as far off as they are."""
+        mine = self.outlines[group["id"]]
+        others = [shapely.Point(self.home)] if target == "home" else self.outlines[target]
+        role = next((member["role"] for member in self.groups if member["id"] == target), "")
+        alike = [member["id"] for member in self.groups if member["role"] == role and member is not group]
+        later = [member["id"] for member in self.groups[self.groups.index(group) :]]
+        if role and not set(alike) & set(later) and self.draw.random() < 0.5:
+            target, others = role, [outline for name in alike for outline in self.outlines[name]]
+        result = []
+        gap = min(member.distance(other) for member in mine for other in others) - self.slack_m() - 1e-6
+        if gap > 0.0:
+            result.append({"of": target, "at_least_m": gap})
+        west, south = self.draw.uniform(0.0, SIZE_M), self.draw.uniform(0.0, SIZE_M)
+        area = shapely.box(
+            west, south, west + self.draw.uniform(4.0, 30.0), south + self.draw.uniform(4.0, 30.0)
+        )
+        gap = min(member.distance(area) for member in mine) - 1e-6
+        if gap > 0.0:
+            name = f"out-{group['id']}"
+            self.world["areas"].append({"id": name} | corners(area))
+            result.append({"area": name, "at_least_m": max(0.0, gap - self.slack_m())})
+        return result or None
+
+    def _counts(self, group: Any, *_: Any) -> Any:
+        """Up to two areas across whose borders nobody stands, and how many stand inside."""
+        mine = self.outlines[group["id"]]
+        result = []
+        for number in range(2):
+            chosen = self.draw.sample(mine, self.draw.randint(1, len(mine)))
+            area = self.around(chosen)
+            inside = [area.covers(member) for member in mine]
+            if not area.is_valid or any(
+                not held and member.distance(area) < 1e-6 for held, member in zip(inside, mine, strict=True)
+            ):
+                continue
+            name, held = f"in-{group['id']}-{number}", sum(inside)
+            self.world["areas"].append({"id": name} | corners(area))
+            bounds = [{"exactly": held}, {"at_least": held}, {"at_most": held}]
+            bounds.append({"at_least": max(0, held - 1), "at_most": held + 1})
+            result.append({"area": name} | self.draw.choice(bounds))
+        return result or None
+
     def _at(self, group: Any, spots: list[Spot], *_: Any) -> Any:
         if len(spots) > 1 or group["placement"].keys() != {"separation_m"}:
             return None
@@ -343,10 +391,10 @@ LOOSE = (3.0, 10.0)
 
 
 def possible(
-    seeds: range, slacks_m: tuple[float, ...], relations: int
+    seeds: range, slacks_m: tuple[float, ...], relations: int, kinds: tuple[str, ...] = ()
 ) -> Iterator[tuple[int, SimSpec, Realized]]:
     for seed in seeds:
-        if (scene := Author(random.Random(seed), slacks_m).scene(relations)) is not None:
+        if (scene := Author(random.Random(seed), slacks_m, kinds=kinds).scene(relations)) is not None:
             yield seed, *scene
 
 
@@ -428,6 +476,14 @@ class Judge:
             rooms += [self.outlines[other.id] for other in self.members.get(place.inside.of or "", [])]
             if not any(self.holds(room, member) for room in rooms):
                 yield "inside"
+        for avoid in place.avoid:
+            if any(members.distance(other) < avoid.at_least_m - HAIR or members.buffer(-HAIR).intersects(other)
+                   for other in self._avoided(name, avoid)):  # fmt: skip
+                yield "avoid"
+        for count in place.counts:
+            area = self._area(count.area)
+            if not self.holds(area, member) and members.buffer(-HAIR).intersects(area):
+                yield "counts"
         bands = [("near", place.near, "some"), ("away", place.away, "every")]
         for field_name, band, target in [
             *bands,
@@ -470,6 +526,20 @@ class Judge:
             ):
                 yield "parallel_deg"
 
+    def _area(self, name: str) -> Geometry:
+        area = next(area for area in self.simspec.world.areas if area.id == name)
+        return shapely.Polygon([(c.east_m, c.north_m) for c in area.corners])
+
+    def _avoided(self, name: str, avoid: Any) -> list[Geometry]:
+        if avoid.area:
+            return [self._area(avoid.area)]
+        if avoid.of == "home":
+            return [shapely.Point(self.home)]
+        groups = [avoid.of] if avoid.of in self.groups else [
+            other.id for other in self.groups.values() if other.role == avoid.of and other.id != name
+        ]  # fmt: skip
+        return [self.outlines[member.id] for group in groups for member in self.members[group]]
+
     def _together(self, name: str) -> Iterator[str]:
         place, spots = self.groups[name].placement, self.spots(name)
         if len(spots) != self.groups[name].count:
@@ -478,16 +548,26 @@ class Judge:
             math.dist(a, b) < place.spread_m - HAIR for a, b in itertools.combinations(spots, 2)
         ):
             yield "spread_m"
+        if place.extent_m and any(
+            math.dist(a, b) > place.extent_m + HAIR for a, b in itertools.combinations(spots, 2)
+        ):
+            yield "extent_m"
+        for count in place.counts:
+            held = sum(self.holds(self._area(count.area), member) for member in self.members[name])
+            if count.exactly not in (None, held) or not (count.at_least or 0) <= held <= (
+                len(spots) if count.at_most is None else count.at_most
+            ):
+                yield "counts"
         if mean := place.mean_distance:
             result = math.fsum(math.dist(member, self.spots(mean.of)[0]) for member in spots) / len(spots)
             if abs(result - mean.mean_m) > mean.tolerance * mean.mean_m + HAIR:
                 yield "mean_distance"
 
 
-def soundly_not_refused(seeds: range) -> int:
+def soundly_not_refused(seeds: range, kinds: tuple[str, ...] = ()) -> int:
     """How many scenes that have places no proof refuses; fails on the first that one does."""
     count = 0
-    for seed, simspec, realized in possible(seeds, TIGHT, relations=3):
+    for seed, simspec, realized in possible(seeds, TIGHT, 3, kinds):
         assert check_placement(simspec.model_copy(update={"realized": realized})) == [], seed
         order = placement_order(simspec)
         check_fixed_routes(simspec, fixed_places(order))

@@ -9,7 +9,9 @@ from math import hypot, pi
 from bench.errors import PlacementInfeasible
 from bench.simspec import ASSETS, ActorGroup, Near, Polygon, SimSpec
 
-from .._geometry import grown_at_least, polygon_ground
+from .._area_counts import named_area
+from .._fitting import may_fit
+from .._geometry import grown_at_least, polygon_ground, road_ground
 from .._groups import hosts_of, is_home, member_count, region_of
 from .._infeasible import fewest_groups
 from ..relations._relation import field_path
@@ -24,6 +26,9 @@ def check_areas(simspec: SimSpec) -> None:
 
     Raises PlacementInfeasible.
     """
+    for group in simspec.actors:
+        if group.placement.at is None and member_count(simspec, group):
+            _check_footprint(simspec, group)
     needs: dict[Polygon, list[ActorGroup]] = {}
     for group in simspec.actors:
         if group.placement.at is None and member_count(simspec, group) and not hosts_of(simspec, group):
@@ -35,6 +40,39 @@ def check_areas(simspec: SimSpec) -> None:
         if group.placement.near:
             _check_area_near(simspec, group, group.placement.near)
         _check_area_inside(simspec, group)
+
+
+def _check_footprint(simspec: SimSpec, group: ActorGroup) -> None:
+    """Refuse a member that is larger than the ground on which it must stand."""
+    place, asset = group.placement, ASSETS[group.asset]
+    region = polygon_ground(region_of(simspec, group))
+    grounds = [
+        (
+            field_path(group, "region") if place.region else "world.area",
+            f"{'its region' if place.region else 'the area of interest'} of {region.area:.0f} m2",
+            region,
+        )
+    ]
+    if place.inside and place.inside.area:
+        area = named_area(simspec, place.inside.area)
+        text = f"area {place.inside.area!r} of {area.area:.0f} m2"
+        grounds.append((field_path(group, "inside"), text, area))
+    for number, count in enumerate(place.counts):
+        if count.low:
+            area = named_area(simspec, count.area)
+            text = f"area {count.area!r} of {area.area:.0f} m2"
+            grounds.append((field_path(group, f"counts[{number}]"), text, area))
+    if place.along and place.along.where == "on":
+        road = next(road for road in simspec.world.roads if road.id == place.along.road)
+        text = f"road {road.id!r} of {road.width_m:g} m width"
+        grounds.append((field_path(group, "along"), text, road_ground(road)))
+    for path, text, ground in grounds:
+        if not may_fit(ground, asset):
+            raise PlacementInfeasible(
+                f"impossible, and proved so: a {group.asset} of {asset.length_m:g} by {asset.width_m:g} m does not fit into "
+                f"{text} ({path}) at any heading: give {group.id!r} more ground, or a smaller asset",
+                clash=(path,),
+            )
 
 
 def _area_needs(

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 
 from bench.arrays import Floats
-from bench.simspec import ASSETS, ActorGroup, MeanDistance, Sight, SimSpec
+from bench.simspec import ASSETS, ActorGroup, AreaCount, MeanDistance, Sight, SimSpec
 
 from .._geometry import Geometry
 from .._groups import member_count
@@ -29,9 +29,9 @@ from ._capacity import count_field, grown_area_m2
 class Constraint:
     """One constraint of a group, with the path of its field and its words for messages.
 
-    One of the last eight is given: ground for centres, a relation to other groups, a between relation, a mean
-    distance, the area that members need with their gaps, their spread, a heading, or the points of a route of
-    which one must be reached.
+    One of the last ten is given: ground for centres, a relation to other groups, a between relation, a mean
+    distance, the area that members need with their gaps, their spread, a heading, the points of a route of
+    which one must be reached, a count inside an area, or their extent.
     """
 
     path: str
@@ -46,6 +46,8 @@ class Constraint:
     band: DistanceBand | None = None
     heading: RequiredHeading | None = None
     route_m: Floats | None = None
+    count: AreaCount | None = None
+    extent_m: float | None = None
 
 
 def scene_constraints(simspec: SimSpec, order: Sequence[ActorGroup]) -> list[Constraint]:
@@ -101,6 +103,12 @@ def _group_constraints(simspec: SimSpec, group: ActorGroup) -> list[Constraint]:
     if spread_m := group.placement.spread_m:
         text = f"the {count} members of {group.id!r} are to stand {spread_m:g} m from each other"
         constraints.append(Constraint(field_path(group, "spread_m"), text, group.id, spread_m=spread_m))
+    if extent_m := group.placement.extent_m:
+        text = f"no two of the {count} members of {group.id!r} are to stand farther apart than {extent_m:g} m"
+        constraints.append(Constraint(field_path(group, "extent_m"), text, group.id, extent_m=extent_m))
+    for number, item in enumerate(group.placement.counts):
+        text = f"{item.text} of the {count} members of {group.id!r} are to stand inside area {item.area!r}, none across its border"
+        constraints.append(Constraint(field_path(group, f"counts[{number}]"), text, group.id, count=item))
     for relation in ground_relations(simspec, group):
         if (room := relation.ground()) is not None:
             constraints.append(

@@ -40,8 +40,13 @@ def _oler_bound(hull: Geometry, apart_m: float) -> float:
         return 0.0
     # There and back along what has no width.
     round_m = hull.length if hull.area > 0.0 else 2.0 * hull.length
+    return oler_bound(hull.area, round_m, apart_m)
+
+
+def oler_bound(area_m2: float, perimeter_m: float, apart_m: float) -> float:
+    """Oler's bound on points of a mutual distance in a convex set of an area and a perimeter."""
     return float(
-        floor(2.0 * hull.area / (sqrt(3.0) * apart_m**2) + round_m / (2.0 * apart_m) + 1.0 + _TOLERANCE)
+        floor(2.0 * area_m2 / (sqrt(3.0) * apart_m**2) + perimeter_m / (2.0 * apart_m) + 1.0 + _TOLERANCE)
     )
 
 

@@ -11,6 +11,8 @@ infeasible:
 - *headings* along a road that never come near the bearings of what the group faces.
 - *numbers*: no more points of a mutual distance lie on the ground that is left than Oler's inequality allows,
   and no more rectangles that keep one course than a lattice of their sides has points.
+- *counts* inside areas that no numbers of members in the parts of the ground keep, by how many of them each
+  part has room for; *extents* in which so many members find no room.
 - *areas*: footprints grown by half their gap do not overlap, so their areas must fit together into the pieces
   of ground in which their groups may stand; CP-SAT decides that.
 
@@ -30,18 +32,27 @@ import shapely
 
 from bench.arrays import Floats
 from bench.errors import PlacementInfeasible
-from bench.simspec import ASSETS, ActorGroup, MeanDistance, SimSpec
+from bench.simspec import ASSETS, ActorGroup, AreaCount, MeanDistance, SimSpec
 
+from .._area_counts import GroundPart, feasible_numbers, ground_parts, named_area
 from .._footprint import footprints
 from .._geometry import EVERYWHERE, Geometry, grown_at_least, polygon_ground, simplified, thickened
-from .._groups import hosts_of, inner_radius_m, is_home, member_count, outer_radius_m, region_of
+from .._groups import (
+    centre_ground,
+    hosts_of,
+    inner_radius_m,
+    is_home,
+    member_count,
+    outer_radius_m,
+    region_of,
+)
 from ..relations._distance_bands import band_ground
 from ..relations._headings import RequiredHeading, headings_conflict
 from ..relations._patrol_routes import is_obstacle, visible_ground
 from ..relations._relation import HOME_CLEARANCE_M, GroupRelation, field_path
 from ._capacity import AREA_TOLERANCE_M2, grown_area_m2
 from ._constraints import HOME_FIELD, Constraint, scene_constraints, shapely_point
-from ._packing import areas_can_be_allocated, max_aligned_rectangles, max_spaced_points
+from ._packing import areas_can_be_allocated, max_aligned_rectangles, max_spaced_points, oler_bound
 
 # Rounds in which groups cut each other's ground before the proof looks at what is left. Chosen, not measured.
 NARROWING_ROUNDS = 6
@@ -142,6 +153,9 @@ class _Relaxation:
                 return True
             for group_id, mean in means:
                 self._narrow_by_mean(group_id, mean)
+            for term in self.terms:
+                if term.extent_m is not None:
+                    self._narrow_by_extent(term.group, term.extent_m)
             if any(ground.is_empty for ground in self.ground.values()):
                 return True
             # Narrowing converges geometrically; what is left below this change proves nothing more.
@@ -254,6 +268,77 @@ class _Relaxation:
         if mean.of in self.ground and self._alone(mean.of) and not self.ground[group_id].is_empty:
             self._cut(mean.of, band_ground(simplified(self.ground[group_id]), least_m, most_m))
 
+    def _narrow_by_extent(self, group_id: str, extent_m: float) -> None:
+        """Everybody is within the extent of the member that each count puts into its area, and of the mean of all
+        distances.
+        """
+        group = self.simspec.group(group_id)
+        for term in self.terms:
+            if term.group != group_id:
+                continue
+            if term.count is not None and term.count.low:
+                room = centre_ground(named_area(self.simspec, term.count.area), group)
+                self._cut(group_id, grown_at_least(self.ground[group_id].intersection(room), extent_m))
+            elif term.mean is not None and not self.ground[group_id].is_empty:
+                slack_m = extent_m + term.mean.tolerance * term.mean.mean_m + 1e-3
+                low_m, high_m = max(0.0, term.mean.mean_m - slack_m), term.mean.mean_m + slack_m
+                self._cut(group_id, band_ground(simplified(self._ground_of(term.mean.of)), low_m, high_m))
+
+    def _extent_fails(self, group_id: str, extent_m: float) -> bool:
+        """Whether so many members find no room in ground of that diameter.
+
+        Of all sets of one diameter the disc has the largest area (Bieberbach 1915) and the longest perimeter
+        (Rosenthal and Szasz 1916), for Oler's inequality and for the area of the members.
+        """
+        group, apart_m = self.simspec.group(group_id), self._least_apart_m(group_id)
+        count, gap_m = member_count(self.simspec, group), group.placement.separation_m
+        if apart_m > 0.0 and count > oler_bound(pi * extent_m**2 / 4.0, pi * extent_m, apart_m):
+            return True
+        reach_m = extent_m / 2.0 + outer_radius_m(group) + gap_m / 2.0
+        need_m2 = next((term.need_m2 for term in self.terms if term.group == group_id and term.need_m2), 0.0)
+        return bool(count > 1 and need_m2 > pi * reach_m**2 + AREA_TOLERANCE_M2)
+
+    def _least_apart_m(self, group_id: str) -> float:
+        """The least distance between centres of two members that size and spread leave."""
+        own = [term for term in self.terms if term.group == group_id]
+        sized = any(term.need_m2 for term in own)
+        return max(
+            _centre_distance_m(self.simspec.group(group_id)) if sized else 0.0,
+            *(term.spread_m or 0.0 for term in own),
+        )
+
+    def _counts_fail(self, group_id: str) -> bool:
+        """Whether no numbers of members in the parts of the ground keep all counts inside areas."""
+        group, apart_m = self.simspec.group(group_id), self._least_apart_m(group_id)
+        counts = [term.count for term in self.terms if term.group == group_id and term.count is not None]
+        sized = any(term.group == group_id and term.need_m2 for term in self.terms)
+        parts = ground_parts(self.simspec, group, counts, self.ground[group_id])
+        number = member_count(self.simspec, group)
+        capacities = [self._capacity(group, part, counts, apart_m, sized) for part in parts]
+        return feasible_numbers(parts, counts, number, capacities) is None
+
+    def _capacity(
+        self,
+        group: ActorGroup,
+        part: GroundPart,
+        counts: Sequence[AreaCount],
+        apart_m: float,
+        sized: bool,
+    ) -> int:
+        """At most so many members stand in a part of the ground."""
+        number = member_count(self.simspec, group)
+        bounds = [float(number), max(1.0, max_spaced_points(part.ground, apart_m))]
+        if sized:
+            half_gap_m = group.placement.separation_m / 2.0
+            zone = grown_at_least(part.ground, outer_radius_m(group) + half_gap_m)
+            for count, is_inside in zip(counts, part.inside, strict=True):
+                if is_inside:
+                    area = named_area(self.simspec, count.area)
+                    zone = zone.intersection(grown_at_least(area, half_gap_m))
+            room_m2 = float(shapely.area(zone)) + AREA_TOLERANCE_M2
+            bounds.append(room_m2 / grown_area_m2(group, group.placement.separation_m))
+        return floor(min(bounds))
+
     def _mean_fails(self, group_id: str, mean: MeanDistance) -> bool:
         group, mine, theirs = self.simspec.group(group_id), self.ground[group_id], self._ground_of(mean.of)
         nearest = np.full(member_count(self.simspec, group), shapely.distance(mine, theirs))
@@ -273,6 +358,10 @@ class _Relaxation:
         if self.ground_fails():
             return True
         if any(self._spread_fails(term.group, term.spread_m) for term in self.terms if term.spread_m):
+            return True
+        if any(self._extent_fails(term.group, term.extent_m) for term in self.terms if term.extent_m):
+            return True
+        if any(self._counts_fail(name) for name in {term.group: None for term in self.terms if term.count}):
             return True
         if self._numbers_fail([self.simspec.group(term.group) for term in self.terms if term.need_m2]):
             return True

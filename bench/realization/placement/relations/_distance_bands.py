@@ -15,7 +15,7 @@ from bench.simspec import HOME, ActorGroup, SimSpec
 
 from .._footprint import Footprints
 from .._geometry import EVERYWHERE, QUARTER_SEGMENTS, Geometry, bounding_octagon, grown_at_least
-from .._groups import member_count
+from .._groups import inner_radius_m, is_home, member_count
 from .._targets import target_footprints
 from ._relation import field_path
 
@@ -61,6 +61,15 @@ def distance_bands(simspec: SimSpec, group: ActorGroup) -> dict[str, DistanceBan
             most_m = inf if distance.max_m is None else distance.max_m
             bands[field_path(group, f"distances[{number}]")] = DistanceBand(
                 distance.of, distance.whom, distance.min_m, most_m
+            )
+    for number, avoid in enumerate(place.avoid):
+        if avoid.of in {HOME, *(other.id for other in simspec.actors)}:
+            home = is_home(simspec, avoid.of)
+            other_m = 0.0 if home else inner_radius_m(simspec.group(avoid.of))
+            least_m = avoid.at_least_m + inner_radius_m(group) + other_m
+            # Footprints may touch circles inside them up to rounding.
+            bands[field_path(group, f"avoid[{number}]")] = DistanceBand(
+                avoid.of, "every", least_m - 1e-6, inf
             )
     if mean := place.mean_distance:
         # Positions are rounded to the millimetre.

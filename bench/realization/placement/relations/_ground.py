@@ -8,11 +8,20 @@ import numpy as np
 import shapely
 
 from bench.arrays import Bools
-from bench.simspec import ActorGroup, Along, Road, SimSpec
+from bench.simspec import ActorGroup, Along, AreaCount, Road, SimSpec
 
+from .._area_counts import named_area
 from .._footprint import Footprints, are_inside, joined, too_close, too_close_pairs
-from .._geometry import Geometry, grown_at_least, grown_at_most, polygon_ground, road_ground, road_heading_deg
-from .._groups import centre_ground, hosts_of, inner_radius_m, outer_radius_m, region_of
+from .._geometry import (
+    EVERYWHERE,
+    Geometry,
+    grown_at_least,
+    grown_at_most,
+    polygon_ground,
+    road_ground,
+    road_heading_deg,
+)
+from .._groups import centre_ground, hosts_of, inner_radius_m, member_count, outer_radius_m, region_of
 from .._targets import home_obstacle
 from ._relation import HOME_CLEARANCE_M, Relation, field_path
 
@@ -24,6 +33,11 @@ def ground_relations(simspec: SimSpec, group: ActorGroup) -> list[Relation]:
     relations = [_inside_region(group, region)]
     if group.placement.inside and group.placement.inside.area:
         relations.append(_in_area(simspec, group, group.placement.inside.area))
+    for number, avoid in enumerate(group.placement.avoid):
+        if avoid.area is not None:
+            relations.append(_outside(simspec, group, number, avoid.area, avoid.at_least_m))
+    for number, count in enumerate(group.placement.counts):
+        relations.append(_off_the_border(simspec, group, number, count))
     if group.placement.facing and group.placement.facing.heading_deg is not None:
         relations.append(
             _heading_relation(group, group.placement.facing.heading_deg, group.placement.facing.within_deg)
@@ -48,6 +62,40 @@ def _in_area(simspec: SimSpec, group: ActorGroup, name: str) -> Relation:
     return _within(
         field_path(group, "inside"), f"stand inside area {name!r} of {area.area:.0f} m2", group, area
     )
+
+
+def _outside(simspec: SimSpec, group: ActorGroup, number: int, name: str, gap_m: float) -> Relation:
+    """No part of the footprint in an area, nor nearer to it than a gap."""
+    area = named_area(simspec, name)
+    shapely.prepare(area)
+    gap_text = f", at least {gap_m:g} m off it" if gap_m else ""
+
+    def keeps(candidates: Footprints) -> Bools:
+        distance_m = shapely.distance(area, shapely.polygons(candidates.corners()))
+        valid: Bools = (distance_m > 0.0) & (distance_m >= gap_m)
+        return valid
+
+    def ground() -> Geometry:
+        # Errs to too little covered ground, since this part is taken away.
+        return EVERYWHERE.difference(grown_at_most(area, gap_m + inner_radius_m(group)))
+
+    return Relation(
+        field_path(group, f"avoid[{number}]"), f"keep out of area {name!r}{gap_text}", keeps, ground
+    )
+
+
+def _off_the_border(simspec: SimSpec, group: ActorGroup, number: int, count: AreaCount) -> Relation:
+    """The whole footprint inside an area, or no part of it; on one side alone where the count says so."""
+    area, members = named_area(simspec, count.area), member_count(simspec, group)
+    text = f"stand with {count.text} of its {members} members inside area {count.area!r}, and none across its border"
+    path = field_path(group, f"counts[{number}]")
+    inside, outside = _within(path, text, group, area), _outside(simspec, group, number, count.area, 0.0)
+    shapely.prepare(area)
+    if count.low >= members > 0:
+        return inside
+    if count.high(members) == 0:
+        return Relation(path, text, outside.keeps, outside.ground)
+    return Relation(path, text, lambda candidates: inside.keeps(candidates) | outside.keeps(candidates))
 
 
 def _heading_relation(group: ActorGroup, heading_deg: float, within_deg: float) -> Relation:

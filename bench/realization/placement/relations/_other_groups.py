@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot
 
 import numpy as np
 import shapely
 
 from bench.arrays import Bools, Floats
-from bench.simspec import ASSETS, ActorGroup, SimSpec
+from bench.simspec import ASSETS, ActorGroup, Avoid, SimSpec
 
-from .._footprint import Footprints, are_inside
+from .._footprint import Footprints, are_inside, too_close_pairs
 from .._geometry import Geometry, grown_at_least
 from .._groups import centre_ground, inner_radius_m
 from .._targets import RelationTarget
@@ -40,6 +40,10 @@ def group_relations(simspec: SimSpec, group: ActorGroup, solids: Solids | None =
                     relation.max_m,
                 )
             )
+    clear = (
+        _keeping_clear(simspec, group, number, avoid) for number, avoid in enumerate(place.avoid) if avoid.of
+    )
+    relations += [relation for relation in clear if relation is not None]
     for number, distance in enumerate(place.distances):
         target = RelationTarget.of_distance(simspec, group, distance)
         span = (
@@ -73,6 +77,30 @@ def group_relations(simspec: SimSpec, group: ActorGroup, solids: Solids | None =
     if solids is not None:
         relations += sight_relations(simspec, group, solids)
     return relations
+
+
+def _keeping_clear(simspec: SimSpec, group: ActorGroup, number: int, avoid: Avoid) -> GroupRelation | None:
+    """A gap from every member of other groups, edge to edge; None where they have no members."""
+    assert avoid.of is not None
+    target, gap_m = RelationTarget.group_or_role(simspec, group, avoid.of), avoid.at_least_m
+    if not target.of and target.points is None:
+        return None
+    # Circles inside two footprints keep the gap of these.
+    others_m = min((inner_radius_m(simspec.group(name)) for name in target.of), default=0.0)
+    apart_m = gap_m + inner_radius_m(group) + others_m
+
+    def pairs(candidates: Footprints, others: Footprints) -> Bools:
+        valid = np.ones((len(candidates), len(others)), dtype=np.bool_)
+        wanted = replace(candidates, gap_m=np.full(len(candidates), gap_m))
+        valid[too_close_pairs(wanted, replace(others, gap_m=np.zeros(len(others))))] = False
+        return valid
+
+    def room(others: Geometry) -> Geometry | None:
+        return band_ground(others, apart_m, None)
+
+    text = f"keep {gap_m:g} m clear of {target.described('every')}"
+    path = field_path(group, f"avoid[{number}]")
+    return GroupRelation(path, text, target.of, "every", pairs, room, room, target.points)
 
 
 def _inside_of(group: ActorGroup, host: ActorGroup) -> GroupRelation:

@@ -17,12 +17,13 @@ from bench.arrays import Floats
 from bench.errors import PlacementInfeasible
 from bench.simspec import ASSETS, ActorGroup, Home, Near, SimSpec, generator
 
+from .._area_counts import areal_ground_parts, drawn_numbers, named_area
 from .._footprint import Footprints, empty_footprints, footprints, joined, too_close
-from .._geometry import Geometry, areal_parts, polygon_ground, uniform_places
+from .._geometry import Geometry, areal_parts, grown_at_least, polygon_ground, uniform_places
 from .._groups import member_count, region_of
 from .._targets import target_footprints
 from ..relations._between import between_relations
-from ..relations._distance_bands import lone_member_ground
+from ..relations._distance_bands import band_ground, lone_member_ground
 from ..relations._ground import clearance, ground_relations
 from ..relations._headings import facing_target, sampled_headings_deg
 from ..relations._line_of_sight import placed_solids
@@ -39,6 +40,10 @@ POOL_SIZE = 4096
 
 # The group is crowded when fewer than one in this many places admits a missing member. Chosen, not measured.
 CROWDING_RATIO = 4
+
+
+# Places of which the first that keeps a group's relations is where the group gathers. Chosen, not measured.
+GATHERING_PLACES = 400
 
 
 Placed = dict[str, Footprints]
@@ -74,9 +79,14 @@ def sample_placement(
     attempt: int,
     budget: SamplingBudget,
     remaining: Mapping[str, Geometry] | None = None,
+    anchors: Mapping[str, Sequence[Geometry]] | None = None,
 ) -> Placed:
-    """Places for every group, on its narrowed ground where that is known. Raises SamplingStalled."""
+    """Places for every group, on its narrowed ground where that is known. Raises SamplingStalled.
+
+    `anchors` are grounds on each of which one member of a group is to stand.
+    """
     placed = fixed_places(order)
+    stream = () if anchors is None else (zlib.crc32(b"anchored"),)
     for group in order:
         if group.placement.at:
             continue
@@ -84,8 +94,9 @@ def sample_placement(
             placed[group.id] = empty_footprints()
         else:
             # One random stream for each group, by its name: adding a group changes no draw of the others.
-            rng = generator(simspec.seeds, "placement", zlib.crc32(group.id.encode()), attempt)
-            placed[group.id] = Sampler.of(simspec, group, placed, rng, budget, remaining).members()
+            rng = generator(simspec.seeds, "placement", zlib.crc32(group.id.encode()), attempt, *stream)
+            sampler = Sampler.of(simspec, group, placed, rng, budget, remaining)
+            placed[group.id] = sampler.members((anchors or {}).get(group.id, ()))
     return placed
 
 
@@ -168,7 +179,8 @@ class Sampler:
             ring = None
         # Sectors, roads and distances leave so little of the region's box that drawing from the box would
         # waste the budget.
-        narrow = where.along or where.bearing or where.distances or where.inside or where.between
+        grounds = (where.along, where.bearing, where.distances, where.inside, where.between)
+        narrow = any((*grounds, where.avoid, where.counts, where.extent_m))
         room = common_ground(relations) if narrow or remaining is not None else None
         if room is not None and remaining is not None:
             room = areal_parts(
@@ -191,24 +203,75 @@ class Sampler:
             budget,
         )
 
-    def members(self) -> Footprints:
-        """The group's members. Raises SamplingStalled."""
-        return self._anywhere() if self.target_m is None else self._at_mean_distance(self.target_m)
+    def members(self, anchors: Sequence[Geometry] = ()) -> Footprints:
+        """The group's members, one of them on each of the anchors. Raises SamplingStalled."""
+        sampler = self._gathered() if self.group.placement.extent_m else self
+        if self.group.placement.counts:
+            return sampler._in_parts()
+        return (
+            sampler._anywhere(anchors) if self.target_m is None else sampler._at_mean_distance(self.target_m)
+        )
 
-    def _anywhere(self) -> Footprints:
-        crowd = ChosenMembers.of(self.count, self.group.placement.spread_m)
+    def _gathered(self) -> Sampler:
+        """The sampler on ground within reach of a place that keeps the group's relations."""
+        extent_m = self.group.placement.extent_m
+        assert extent_m is not None
+        assert self.ground is not None
+        ground = gathering_ground(self.simspec, self.group, self.ground, extent_m, self.target_m)
+        if shapely.area(ground) == 0.0:
+            return self
+        places = self._candidates(GATHERING_PLACES, None, ground)
+        for relation in self.relations:
+            places = places[relation.keeps(places)]
+        if not len(places):
+            return self
+        # Half the extent keeps all of them together wherever they stand; all of it finds other shapes than discs.
+        reach_m = extent_m * (0.5 if self.rng.random() < 0.5 else 1.0)
+        disc = shapely.Point(places.centre_m[0]).buffer(reach_m)
+        return replace(self, ground=areal_parts(self.ground.intersection(disc)))
+
+    def _in_parts(self) -> Footprints:
+        """Members in numbers that keep the counts inside areas, drawn part by part of the ground."""
+        counts = self.group.placement.counts
+        assert self.ground is not None
+        parts = areal_ground_parts(self.simspec, self.group, self.ground)
+        numbers = drawn_numbers(parts, counts, self.count, self.rng)
+        words = ", ".join(f"{count.text} inside {count.area!r}" for count in counts)
+        sentence = f"group {self.group.id!r}: no places were found for its {self.count} members with {words}"
+        if numbers is None or self.target_m is not None:
+            # Where the mean distance counts as well, the solver chooses.
+            raise SamplingStalled(lambda: sentence, crowded=self.target_m is not None, share=0.0)
+        crowd = ChosenMembers.of(self.count, self.group.placement)
+        for part, number in zip(parts, numbers, strict=True):
+            if number:
+                replace(self, ground=part.ground)._admit(crowd, crowd.count + number)
+        return crowd.members()[self.rng.permutation(self.count)]
+
+    def _anywhere(self, anchors: Sequence[Geometry] = ()) -> Footprints:
+        crowd = ChosenMembers.of(self.count, self.group.placement)
+        for anchor in anchors[: self.count]:
+            assert self.ground is not None
+            ground = areal_parts(self.ground.intersection(anchor))
+            replace(self, ground=ground)._admit(crowd, crowd.count + 1)
+        self._admit(crowd, self.count)
+        # Whom others rely on is not always the first.
+        return crowd.members()[self.rng.permutation(self.count)] if anchors else crowd.members()
+
+    def _admit(self, crowd: ChosenMembers, until: int) -> None:
+        """Admit members until there are so many."""
         # Sizes chosen, not measured: a few places for each member and a base for small groups.
-        for pool in self._pools(4 * self.count + 60):
-            missing = self.count - crowd.count
-            if crowd.admit(pool, np.arange(len(pool)), self.count):
-                return crowd.members()
+        for pool in self._pools(4 * (until - crowd.count) + 60):
+            missing = until - crowd.count
+            if crowd.admit(pool, np.arange(len(pool)), until):
+                return
             # Random packings jam: when many places admit few members, more places admit ever fewer.
-            if len(pool) >= CROWDING_RATIO * missing and self.count - crowd.count > missing * (
+            if len(pool) >= CROWDING_RATIO * missing and until - crowd.count > missing * (
                 1.0 - 1.0 / CROWDING_RATIO
             ):
-                raise SamplingStalled(
-                    lambda: self._explain(crowd.count), crowded=True, share=crowd.count / self.count
-                )
+                # Elsewhere, or in other numbers inside areas, there may be room: one more attempt.
+                movable = self.group.placement.extent_m or self.group.placement.counts
+                share = 1.0 if movable else crowd.count / self.count
+                raise SamplingStalled(lambda: self._explain(crowd.count), crowded=True, share=share)
         raise SamplingStalled(lambda: self._explain(crowd.count))
 
     def _at_mean_distance(self, target_m: Floats) -> Footprints:
@@ -234,14 +297,15 @@ class Sampler:
             if short_m > 0.0:
                 continue
             # Within half the tolerance, so that rounding never decides whether the mean is kept.
-            crowd = ChosenMembers.of(self.count, self.group.placement.spread_m)
+            crowd = ChosenMembers.of(self.count, self.group.placement)
             choice = MeanDistanceChoice(
                 candidates, distance_m, crowd, self.count, mean.mean_m, mean.tolerance / 2.0, self.rng
             )
             members = choice.members()
             if members is not None:
                 return members
-            sentence = sentence.replace("but the", "which crowding prevents; the")
+            # Whether the places crowd each other or were drawn thinly is not known, so neither is stated.
+            sentence = sentence.replace("but the", "and no choice of members that was tried has it; the")
             if crowded := len(candidates) >= CROWDING_RATIO**2 * self.count:
                 break
         raise SamplingStalled(lambda: sentence or self._explain(len(candidates)), crowded=crowded)
@@ -291,13 +355,35 @@ class Sampler:
         free = int(np.logical_and.reduce(list(satisfied.values())).sum())
         return (
             f"{summary}; of {len(pool)} places tried {free} keep the relations ({'; '.join(satisfied)}), but they crowd each other with a "
-            f"separation of {self.group.placement.separation_m:g} m: lower the count or the separation, or widen the region"
+            f"separation of {self.group.placement.separation_m:g} m{self._extent_text()}: lower the count or the separation, or widen the region"
         )
+
+    def _extent_text(self) -> str:
+        extent_m = self.group.placement.extent_m
+        return f" and no more than {extent_m:g} m from one to another" if extent_m else ""
 
 
 def _box_area_m2(region: shapely.Polygon) -> float:
     west, south, east, north = region.bounds
     return float((east - west) * (north - south))
+
+
+def gathering_ground(
+    simspec: SimSpec, group: ActorGroup, ground: Geometry, extent_m: float, target_m: Floats | None
+) -> Geometry:
+    """The ground of members that stand no farther apart than an extent, by what some of them must keep.
+
+    Errs to too much: within the extent of each area that must hold a member, and, seen from the target of a mean
+    distance, not farther off that mean than the extent.
+    """
+    where = group.placement
+    for part in (named_area(simspec, count.area) for count in where.counts if count.low):
+        ground = ground.intersection(grown_at_least(ground.intersection(part), extent_m))
+    if where.mean_distance and target_m is not None:
+        mean_m, tolerance = where.mean_distance.mean_m, where.mean_distance.tolerance
+        low_m, high_m = mean_m * (1.0 - tolerance) - extent_m, mean_m * (1.0 + tolerance) + extent_m
+        ground = ground.intersection(band_ground(shapely.Point(target_m), max(low_m, 0.0), high_m))
+    return areal_parts(ground)
 
 
 class _Ring:

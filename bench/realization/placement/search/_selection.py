@@ -6,22 +6,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.arrays import Floats
+from bench.simspec import Placement
 
 from .._footprint import Footprints, too_close
 
 
 class ChosenMembers:
-    """The members chosen so far, each with clearance and spread from the others."""
+    """The members chosen so far, each with clearance and spread from the others, and none too far from them."""
 
-    def __init__(self, room: Footprints, spread_m: float) -> None:
-        self._room, self._spread_m = room, spread_m
+    def __init__(self, room: Footprints, spread_m: float, extent_m: float) -> None:
+        self._room, self._spread_m, self._extent_m = room, spread_m, extent_m
         self.count = 0
 
     @classmethod
-    def of(cls, size: int, spread_m: float | None) -> ChosenMembers:
+    def of(cls, size: int, placement: Placement) -> ChosenMembers:
+        """Room for as many members, with the spread and the extent that the placement asks for."""
         return cls(
             Footprints(np.zeros((size, 2)), np.zeros(size), np.zeros((size, 2)), np.zeros(size)),
-            spread_m or 0.0,
+            placement.spread_m or 0.0,
+            placement.extent_m or np.inf,
         )
 
     def members(self) -> Footprints:
@@ -37,6 +40,10 @@ class ChosenMembers:
         reach = reach + np.maximum(room.gap_m[: self.count], candidate.gap_m[0])
         square = offset[:, 0] ** 2 + offset[:, 1] ** 2
         if self._spread_m and np.any(np.delete(square, [] if but is None else but) < self._spread_m**2):
+            return False
+        if self._extent_m < np.inf and np.any(
+            np.delete(square, [] if but is None else but) > self._extent_m**2
+        ):
             return False
         close = np.nonzero(square < reach * reach)[0]
         if but is not None:

@@ -22,6 +22,7 @@ from ortools.sat.python import cp_model
 from bench.arrays import Floats
 from bench.simspec import ASSETS, ActorGroup, SimSpec, generator, seed_of
 
+from .._area_counts import areal_ground_parts, named_area
 from .._footprint import Footprints, empty_footprints, footprints, gaps, joined
 from .._geometry import Geometry, areal_parts, polygon_ground, uniform_places
 from .._groups import member_count, prerequisite_groups, region_of
@@ -41,9 +42,9 @@ from ..relations._patrol_routes import (
     placed_obstacles,
     route_clearances,
 )
-from ..relations._relation import GroupRelation, common_ground
+from ..relations._relation import GroupRelation, Relation, common_ground
 from ._lattices import lattices
-from ._sampling import Placed, fixed_places
+from ._sampling import GATHERING_PLACES, Placed, fixed_places, gathering_ground
 
 MAX_ATTEMPTS = 2
 
@@ -81,7 +82,9 @@ def solve_placement(simspec: SimSpec, order: Sequence[ActorGroup]) -> Placed | N
     remaining = narrowed_ground(simspec, order)
     effort = 0.0
     for attempt in range(
-        MAX_DEPENDENT_ATTEMPTS if any(_is_dependent(group) for group in order) else MAX_ATTEMPTS
+        MAX_DEPENDENT_ATTEMPTS
+        if any(_is_dependent(group) or group.placement.extent_m for group in order)
+        else MAX_ATTEMPTS
     ):
         if attempt >= MAX_ATTEMPTS and effort > MAX_ATTEMPTS * ATTEMPT_LIMIT:
             break
@@ -177,6 +180,7 @@ class _Phase:
                 if set(tie.of) & self.pools.keys():
                     self._require_relation(group, tie)
             self._require_mean(group)
+            self._require_counts(group)
         solver = cp_model.CpSolver()
         # One worker: with more, the result would depend on the timing of threads.
         solver.parameters.num_workers = 1
@@ -233,6 +237,8 @@ class _Phase:
         if _is_dependent(group):
             room = shapely.intersection(room, common_ground(relations))
         pool = empty_footprints()
+        if group.placement.extent_m:
+            room = self._gathered(group, room, relations)
         for candidates in self._candidates(group, room, wanted):
             for relation in relations:
                 candidates = candidates[relation.keeps(candidates)]
@@ -244,10 +250,28 @@ class _Phase:
                 break
         return pool
 
+    def _gathered(self, group: ActorGroup, room: Geometry, relations: Sequence[Relation]) -> Geometry:
+        """The part of the room within the extent of a place that keeps the relations."""
+        extent_m, mean = group.placement.extent_m, group.placement.mean_distance
+        assert extent_m is not None
+        target_m = target_footprints(self.simspec, mean.of, self.standing).centre_m[0] if mean else None
+        ground = gathering_ground(self.simspec, group, room, extent_m, target_m)
+        places = self._random(group, ground, GATHERING_PLACES)
+        for relation in relations:
+            places = places[relation.keeps(places)]
+        if not len(places):
+            return room
+        return areal_parts(room.intersection(shapely.Point(places.centre_m[0]).buffer(extent_m)))
+
     def _candidates(self, group: ActorGroup, room: Geometry, wanted: int) -> Iterator[Footprints]:
         """Random places and lattices in turn, the random ones where the group's relations leave room for
         them.
         """
+        if group.placement.counts:
+            # By parts, because small areas would get hardly any of the places.
+            parts = areal_ground_parts(self.simspec, group, room)
+            for part in parts:
+                yield self._random(group, part.ground, ceil(0.5 * wanted / len(parts)))
         lattices = [] if _has_dependent_heading(group) else self._lattices(group)
         share = wanted // 4 if lattices else wanted
         yield self._random(group, room, share)
@@ -267,6 +291,10 @@ class _Phase:
         for host in _hosts(group):
             outlines = shapely.polygons(self.standing[host].corners())
             return [item for outline in outlines[:MAX_LATTICE_HOSTS] for item in lattices(group, outline)]
+        counted = [named_area(self.simspec, count.area) for count in group.placement.counts if count.low]
+        return [item for area in counted for item in lattices(group, area)] + self._wide_lattices(group)
+
+    def _wide_lattices(self, group: ActorGroup) -> list[Footprints]:
         inside = group.placement.inside
         area = next((item for item in self.simspec.world.areas if inside and item.id == inside.area), None)
         return lattices(group, polygon_ground(area or region_of(self.simspec, group)))
@@ -309,14 +337,17 @@ class _Phase:
                         self.model.add_implication(leads, literal)
 
     def _keep_clear(self, groups: Sequence[ActorGroup]) -> None:
-        """Places that are too close, or closer than the spread of their group, exclude each other."""
+        """Places that are too close, closer than the spread of their group or farther apart than its extent, exclude
+        each other.
+        """
         everywhere = joined([self.pools[group.id] for group in groups])
         all_taken = [literal for group in groups for literal in self.taken[group.id]]
         whose = np.concatenate(
             [np.full(len(self.pools[group.id]), index) for index, group in enumerate(groups)]
         )
         spread_m = np.array([group.placement.spread_m or 0.0 for group in groups])[whose]
-        for index, others in enumerate(_conflicts(everywhere, whose, spread_m)):
+        extent_m = np.array([group.placement.extent_m or np.inf for group in groups])[whose]
+        for index, others in enumerate(_conflicts(everywhere, whose, spread_m, extent_m)):
             self._exclude(all_taken[index], [all_taken[other] for other in others])
 
     def _keep_routes_open(self, groups: Sequence[ActorGroup]) -> None:
@@ -395,6 +426,17 @@ class _Phase:
         for row in np.flatnonzero(which).tolist():
             self.model.add_bool_and([literals[row].negated()])
 
+    def _require_counts(self, group: ActorGroup) -> None:
+        """The wanted numbers of members inside areas."""
+        corners = self.pools[group.id].corners()
+        for count in group.placement.counts:
+            # No place is across the border, so one corner tells.
+            area = named_area(self.simspec, count.area)
+            inside = shapely.contains_xy(area, corners[:, 0, 0], corners[:, 0, 1])
+            total = sum(self.taken[group.id][index] for index in np.flatnonzero(inside).tolist())
+            self.model.add(total >= count.low)
+            self.model.add(total <= count.high(member_count(self.simspec, group)))
+
     def _require_mean(self, group: ActorGroup) -> None:
         """The members' distances add up to the mean, within half its tolerance."""
         mean = group.placement.mean_distance
@@ -418,7 +460,9 @@ def _has_dependent_heading(group: ActorGroup) -> bool:
     )
 
 
-def _conflicts(places: Footprints, whose: NDArray[np.int_], spread_m: Floats) -> Iterator[list[int]]:
+def _conflicts(
+    places: Footprints, whose: NDArray[np.int_], spread_m: Floats, extent_m: Floats
+) -> Iterator[list[int]]:
     """For each place the later places that exclude it."""
     reach = places.radius_m
     for start in range(0, len(places), 256):
@@ -428,7 +472,8 @@ def _conflicts(places: Footprints, whose: NDArray[np.int_], spread_m: Floats) ->
         later = rows[:, None] < np.arange(start, len(places))[None, :]
         wanted = np.maximum(places.gap_m[rows, None], places.gap_m[None, start:])
         within_reach = later & (distance < reach[rows, None] + reach[None, start:] + wanted)
-        hit = later & (whose[rows, None] == whose[None, start:]) & (distance < spread_m[rows, None])
+        alike = later & (whose[rows, None] == whose[None, start:])
+        hit = alike & ((distance < spread_m[rows, None]) | (distance > extent_m[rows, None]))
         first, second = np.nonzero(within_reach & ~hit)
         gap = gaps(places[rows[first]], places[start + second])
         hit[first, second] = (gap == 0.0) | (gap < wanted[first, second])
