@@ -15,6 +15,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import resource
 import selectors
 import socket
 import struct
@@ -30,8 +31,10 @@ from typing import Any
 # up after 10 s by default (resolv.conf: two attempts of 5 s).
 CHECK_BUDGET_S = 12.0
 CONNECT_BUDGET_S = 10.0
-# Chosen: an agent with a pool of HTTP connections has ten or so, and each direction may hold this much.
+# Chosen: an agent with a pool of HTTP connections has ten or so, and each direction may hold this much. Fewer where this
+# process may have fewer files: a listener whose connections cannot be accepted would keep the loop busy.
 MAX_CONNECTIONS = 64
+OTHER_FILES = 64
 BUFFER_BYTES = 65536
 # struct linger: close at once, and tell the peer by a reset that this was no regular end.
 RESET = struct.pack("ii", 1, 0)
@@ -83,8 +86,10 @@ class Service:
 class Relay:
     """Listeners and connections, served by one loop."""
 
-    def __init__(self, control: socket.socket) -> None:
+    def __init__(self, control: socket.socket, most_open: int) -> None:
         self.selector = selectors.DefaultSelector()
+        # Connections at once over one service.
+        self.most_open = most_open
         self.connecting: set[Connection] = set()
         self.connections: set[Connection] = set()
         self._control = control
@@ -104,8 +109,9 @@ class Relay:
                 if self.selector.get_map().get(key.fd) is key:
                     key.data()
             now = time.monotonic()
-            for connection in [one for one in self.connecting if one.deadline <= now]:
-                connection.next_address()
+            for connection in list(self.connecting):
+                if connection.deadline <= now:
+                    connection.next_address()
         for connection in list(self.connections):
             connection.close()
 
@@ -141,7 +147,7 @@ class Accept:
         with suppress(OSError):
             inner = self.listener.accept()[0]
             inner.setblocking(False)
-            if self.service.open >= MAX_CONNECTIONS:
+            if self.service.open >= self.relay.most_open:
                 self.service.counts["refused"] += 1
                 reset(inner)
             else:
@@ -291,6 +297,17 @@ def check(services: list[Service]) -> None:
         thread.join(max(deadline - time.monotonic(), 0.0))
 
 
+def most_open(services: int) -> int:
+    """Connections at once over each of so many services, two files each."""
+    hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+    files = OTHER_FILES + services * (1 + 2 * MAX_CONNECTIONS)
+    if hard != resource.RLIM_INFINITY:
+        files = min(files, hard)
+    # The soft limit of most systems, 1,024, is less than what 16 services need.
+    resource.setrlimit(resource.RLIMIT_NOFILE, (files, hard))
+    return min((files - OTHER_FILES) // services // 2, MAX_CONNECTIONS)
+
+
 def main() -> None:
     """Check the services, carry connections, and say what went over them."""
     control, *listeners = (socket.socket(fileno=int(word)) for word in sys.argv[1:])
@@ -300,7 +317,7 @@ def main() -> None:
     with suppress(OSError):
         control.send(json.dumps(faults).encode())
         if not any(faults):
-            Relay(control).run(listeners, services)
+            Relay(control, most_open(len(services))).run(listeners, services)
             control.send(json.dumps([service.counts for service in services]).encode())
     # A thread may still wait for a name.
     os._exit(0)

@@ -184,7 +184,8 @@ def _open_relay(services: Sequence[OutsideService], listeners: Sequence[socket.s
                     [theirs.fileno(), *(listener.fileno() for listener in listeners)],
                 )
             except OSError as error:
-                raise SetupError(Fault("agent.services", f"cannot be let in: {error}")) from None
+                remedy = "fly again, or remove the services from the SimSpec"
+                raise SetupError(Fault("agent.services", f"cannot be let in: {error}", remedy)) from None
         relay = _Relay(ours, services)
         try:
             relay.check()

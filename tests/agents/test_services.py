@@ -80,8 +80,8 @@ def flight(rung: str, own_network: bool) -> dict[str, Any]:
         pytest.skip(f"this host gives no network namespace: {report['fault']}")
     if reason := report[rung].get("reason"):
         pytest.skip(f"{rung} cannot start here: {reason}")
-    found: dict[str, Any] = report[rung]
-    return found
+    flown: dict[str, Any] = report[rung]
+    return flown
 
 
 @pytest.mark.parametrize("own_network", [True, False])
@@ -91,8 +91,8 @@ def test_an_agent_reaches_its_services_and_nothing_else(rung: str, own_network: 
     name of the host where the agent has files of its own too. The server that is not let in is reached exactly where
     the table of the walls says that TCP is open.
     """
-    found = flight(rung, own_network)
-    reached = {name for name, answer in found["reached"].items() if answer is not None}
+    flown = flight(rung, own_network)
+    reached = {name for name, answer in flown["reached"].items() if answer is not None}
     open_tcp = Wall.TCP in leaves_open(rung, this_host(own_network=own_network))
     expected = set(ALWAYS)
     if own_network:
@@ -102,18 +102,18 @@ def test_an_agent_reaches_its_services_and_nothing_else(rung: str, own_network: 
         # The host's network itself, where the table says so. Engines copy the names of the host into a container.
         expected |= {"raw by address", "hidden"} | (set() if rung == "bwrap" else {"web by name"})
     assert reached == expected
-    assert {found["reached"][name] for name in ALWAYS} == {"map", "ping"}
-    assert found["outcome"] == "completed"
+    assert {flown["reached"][name] for name in ALWAYS} == {"map", "ping"}
+    assert flown["outcome"] == "completed"
 
 
 @pytest.mark.parametrize("own_network", [True, False])
 @pytest.mark.parametrize("rung", ["none", "landlock", "bwrap", "container"])
 def test_what_went_over_each_service_is_counted(rung: str, own_network: bool) -> None:
     """Once for each way in which the agent came; a connection that it left open counts."""
-    found = flight(rung, own_network)
-    web, raw = found["uses"]
+    flown = flight(rung, own_network)
+    web, raw = flown["uses"]
     ways = (
-        {name for name, answer in found["reached"].items() if answer is not None} if own_network else ALWAYS
+        {name for name, answer in flown["reached"].items() if answer is not None} if own_network else ALWAYS
     )
     assert (web["name"], raw["name"]) == ("web", "raw")
     assert web["connections"] == len(ways & {"web", "web by name"})

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import random
+import signal
 import socket
 import threading
 from contextlib import ExitStack
@@ -53,14 +55,14 @@ def test_two_services_and_their_counts() -> None:
         with open_services(services) as opened:
             assert set(opened.endpoints) == {"REBAR_SERVICE_FIRST", "REBAR_SERVICE_FAR_MAP"}
             with (
-                connect(opened.endpoints["REBAR_SERVICE_FIRST"]) as one,
-                connect(opened.endpoints["REBAR_SERVICE_FAR_MAP"]) as two,
-                connect(opened.endpoints["REBAR_SERVICE_FAR_MAP"]) as three,
+                connect(opened.endpoints["REBAR_SERVICE_FIRST"]) as client,
+                connect(opened.endpoints["REBAR_SERVICE_FAR_MAP"]) as reader,
+                connect(opened.endpoints["REBAR_SERVICE_FAR_MAP"]) as reader_2,
             ):
-                assert ask(one, b"abc") == b"abc"
-                assert ask(two, b"hello") == b"HELLO"
-                assert ask(three, b"you") == b"YOU"
-                assert ask(one, b"de") == b"de"
+                assert ask(client, b"abc") == b"abc"
+                assert ask(reader, b"hello") == b"HELLO"
+                assert ask(reader_2, b"you") == b"YOU"
+                assert ask(client, b"de") == b"de"
             endpoints = tuple(opened.endpoints.values())
     assert [use.name for use in opened.uses] == ["first", "far-map"]
     assert [counts(use) for use in opened.uses] == [(1, 0, 0), (2, 0, 0)]
@@ -93,8 +95,8 @@ def test_more_bytes_than_any_buffer_holds() -> None:
 def test_a_service_that_goes_away_is_counted_and_the_other_goes_on() -> None:
     """The agent sees a reset, not a regular end, and so does it where too many connections are open."""
     with server(echo) as stays, ExitStack() as stack:
-        with server(echo) as gone:
-            opened = stack.enter_context(open_services((service("gone", gone), service("stays", stays))))
+        with server(echo) as down:
+            opened = stack.enter_context(open_services((service("gone", down), service("stays", stays))))
         away, here = opened.endpoints.values()
         for _ in range(2):
             with pytest.raises(ConnectionResetError), connect(away) as client:
@@ -119,6 +121,30 @@ def test_what_is_open_at_the_end_is_closed() -> None:
             assert client.recv(1) == b""
     assert counts(opened.uses[0]) == (1, 0, 0)
     assert opened.uses[0].bytes_sent == 10
+
+
+def test_a_lost_process_refuses_the_agent_and_costs_the_counts() -> None:
+    """An unconfined agent can kill it: nobody listens then, and no count is made up."""
+    with server(echo) as first, server(shout) as second, ExitStack() as stack:
+        opened = stack.enter_context(open_services((service("first", first), service("second", second))))
+        client = stack.enter_context(connect(opened.endpoints["REBAR_SERVICE_FIRST"]))
+        assert ask(client, b"abc") == b"abc"
+        os.kill(relay_pid(), signal.SIGKILL)
+        # Its sockets are closed with it, not later.
+        assert client.recv(1) == b""
+        for endpoint in opened.endpoints.values():
+            with pytest.raises(ConnectionRefusedError):
+                connect(endpoint)
+    assert [use.counted for use in opened.uses] == [False, False]
+    assert str(opened.uses[1]) == f"second (127.0.0.1:{second}), not counted"
+
+
+def relay_pid() -> int:
+    """The process among our children that carries connections."""
+    children = [Path(f"/proc/self/task/{task.name}/children") for task in Path("/proc/self/task").iterdir()]
+    pids = [pid for child in children for pid in child.read_text().split()]
+    (relay,) = (pid for pid in pids if b"_service_relay" in Path(f"/proc/{pid}/cmdline").read_bytes())
+    return int(relay)
 
 
 def test_what_cannot_be_reached_is_said_before_the_flight(tmp_path: Path) -> None:
