@@ -14,6 +14,7 @@ import itertools
 import re
 import sys
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 
 from bench.contracts import LinkSpec, VehiclePlan
@@ -251,15 +252,16 @@ def parameters_read() -> dict[str, set[str]]:
     return names_by_section
 
 
-def constant_subscripts(path: Path) -> set[str]:
+@cache  # six tables ask for every module, and parsing them is what the pages cost
+def constant_subscripts(path: Path) -> frozenset[str]:
     """Every text in square brackets of a module, as in `p["RTL_ALT"]`."""
-    return {
+    return frozenset(
         node.slice.value
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.Subscript)
         and isinstance(node.slice, ast.Constant)
         and isinstance(node.slice.value, str)
-    }
+    )
 
 
 def _explained(parameter: Parameter) -> str:
