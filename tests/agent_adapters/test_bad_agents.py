@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from statistics import fmean
 
@@ -12,6 +13,7 @@ from flown_scenes import DECOMPOSITION, fly, scene
 
 from bench.campaign import load_measurable_decomposition
 from bench.contracts import Outcome
+from bench.realization import RealizationPlan
 from bench.scoring import difficulty_of, score_run
 
 ROOT = Path(__file__).parents[2]
@@ -43,14 +45,28 @@ EXCEPTIONS = {"KA-21", "KA-27", "KA-30", "KA-31", "KA-32", "KA-33", "KA-35", "KA
 Confidences = Mapping[str, float]
 
 
-def confidences(agents: Sequence[str], scenes: Sequence[tuple[str, str]]) -> dict[str, Confidences]:
-    """Mean confidence of each agent in every node, over the scenes in which the node was considered."""
+def cut_short(plan: RealizationPlan, limit_s: float) -> RealizationPlan:
+    """The scene with another time limit; what comes after it does not happen."""
+    mission = plan.simspec.mission.model_copy(update={"time_limit_s": limit_s})
+    return replace(plan, simspec=plan.simspec.model_copy(update={"mission": mission}))
+
+
+def confidences(
+    agents: Sequence[str], scenes: Sequence[tuple[str, str]], limits_s: Mapping[str, float] | None = None
+) -> dict[str, Confidences]:
+    """Mean confidence of each agent in every node, over the scenes in which the node was considered.
+
+    Agents named in `limits_s` fly that long at most.
+    """
     decomposition = load_measurable_decomposition(DECOMPOSITION)
     means: dict[str, Confidences] = {}
     for agent in agents:
         values: dict[str, list[float]] = defaultdict(list)
         for campaign, name in scenes:
-            spec, end, observations = fly(scene(campaign, name), agent)
+            plan = scene(campaign, name)
+            if limits_s and agent in limits_s:
+                plan = cut_short(plan, limits_s[agent])
+            spec, end, observations = fly(plan, agent)
             assert end.outcome in (Outcome.COMPLETED, Outcome.TIME_LIMIT), end.reason
             scores = score_run(decomposition, difficulty_of(decomposition, spec), observations)
             for node in decomposition.nodes:
@@ -95,7 +111,8 @@ def assert_bounds(reached: Mapping[str, Confidences]) -> None:
 def test_one_bad_agent_of_each_class_reaches_next_to_nothing() -> None:
     """Orders to be silent, to hand over, to mark and to abort; consent; an outage of the detections."""
     agents = ("null-idle", "null-repeat-hover-detailed", "null-everywhere", "reference-bystander-aware")
-    assert_bounds(confidences(agents, [("full", "p24930")]))
+    # Of seven orders six come within 130 s, and an agent that never does anything does nothing later.
+    assert_bounds(confidences(agents, [("full", "p24930")], {"null-idle": 130.0}))
 
 
 @pytest.mark.slow
