@@ -21,14 +21,11 @@ from .ledger._clauses import Clause, clauses_of, is_stop
 from .ledger._ledger import Ledger, LedgerEntry, marked
 from .ledger._loaded_words import loaded_words
 from .readers._reader import TextReader
-from .readers._rule_sentences import parts_of_a_rule, rule_of, without_exceptions
+from .readers._statements import statements_in
 
 MAX_CHARACTERS = 20_000
 MAX_SINGLE_CUTS = 40
 """Clauses that are left out one by one for a fault of the SimSpec; after these, all that set anything. Chosen."""
-
-RULE_PHRASES = frozenset(["nomark", "noreport", "slow", "linklost", "standoff", "loiter", "window"])
-"""Phrases of the grammar that are rules; a sentence with one is read by it."""
 
 
 def read_prose(text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -> BaseSimSpec:
@@ -58,7 +55,7 @@ class Reading:
         words = words_of(text, vocabulary)
         self.unknown_units: list[tuple[Word, Word]] = []
         self.words = with_quantities(words, self.unknown_units)
-        self.items: list[Phrase | Word] = self._with_rules(list(phrases_of(self.words)))
+        self.items: list[Phrase | Word] = self._items()
         self.clauses: list[Clause] = clauses_of(text, self.items)
         self._headings = headings_of(text)
         self._ledger = Ledger(text, loaded_words(text), self.clauses)
@@ -66,33 +63,22 @@ class Reading:
         self._entries: list[LedgerEntry] = []
         self.draft = self._answered(answers)
 
-    def _with_rules(self, items: list[Phrase | Word]) -> list[Phrase | Word]:
-        """The items, with each sentence that is one rule as one phrase."""
-        text = without_exceptions(self.text)
-        stops = [item.span.start for item in items if is_stop(item)]
-        begins = [0, *(stop + 1 for stop in stops)]
-        for begin, end in zip(begins, [*stops, len(self.text)], strict=True):
-            stretches = [(begin, end)]
-            rules = self._rules_in(items, stretches, text, text[begin:end])
-            # `never above 80 m, and not below 30 m` is two rules.
-            rules = rules or self._rules_in(items, parts_of_a_rule(text, begin, end), text, text[begin:end])
-            items = _replaced(items, rules)
-        return items
-
-    def _rules_in(
-        self, items: Sequence[Phrase | Word], stretches: Sequence[tuple[int, int]], text: str, context: str
-    ) -> list[Phrase]:
-        """The rules that stretches of a sentence are."""
-        rules: list[Phrase] = []
-        for begin, end in stretches:
-            words = [word for word in self.words if begin <= word.span.start < end]
-            inside = [item for item in items if item.span.start < end and begin < item.span.end]
-            known = {item.rule for item in inside if isinstance(item, Phrase)} & RULE_PHRASES
-            rule = rule_of(words, text, self.vocabulary, context)
-            plain = text[begin:end] == self.text[begin:end]
-            if rule is not None and known <= {rule.rule} and (plain or rule.rule == "field"):
-                rules.append(rule)
-        return rules
+    def _items(self) -> list[Phrase | Word]:
+        """The statements of the text, and the phrases and words of what they have not claimed."""
+        statements = statements_in(self.words, self.text, self.vocabulary)
+        claimed = marked(len(self.text), [part.span for phrase in statements for part in phrase.leaves])
+        items: list[Phrase | Word] = list(statements)
+        run: list[Word] = []
+        for word in self.words:
+            if any(claimed[word.span.start : word.span.end]):
+                items += phrases_of(run)
+                run = []
+            else:
+                run.append(word)
+        items += phrases_of(run)
+        # `rotor 3 quits`: what a statement has claimed is no unit.
+        self.unknown_units = [pair for pair in self.unknown_units if not claimed[pair[1].span.start]]
+        return sorted(items, key=lambda item: item.span.start)
 
     @property
     def corrected(self) -> dict[str, str]:
@@ -255,27 +241,6 @@ class Reading:
                 )
             ),
         )
-
-
-def _replaced(items: list[Phrase | Word], rules: Sequence[Phrase]) -> list[Phrase | Word]:
-    """The items with rules in the place of what they are made of; as they were where a rule would divide a phrase."""
-    if not rules:
-        return items
-    covered = [
-        item
-        for item in items
-        if any(rule.span.start < item.span.end and item.span.start < rule.span.end for rule in rules)
-    ]
-    within = [
-        any(rule.span.start <= at < rule.span.end for rule in rules)
-        for item in covered
-        for at in (item.span.start, item.span.end - 1)
-    ]
-    if not all(within):
-        return items
-    gone = {id(item) for item in covered}
-    kept = [item for item in items if id(item) not in gone]
-    return sorted([*kept, *rules], key=lambda item: item.span.start)
 
 
 def _key(choice: Choice) -> ChoiceKey:

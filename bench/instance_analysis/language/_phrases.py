@@ -18,7 +18,7 @@ from ._tokens import Span, Word
 from ._vocabulary import FieldWords, Meaning
 
 PHRASES = (
-    "nomark", "noreport", "window", "linklost", "standoff", "slow", "loiter", "event", "intelligence", "known",
+    "standoff", "intelligence", "known",
     "field", "mean", "bearing", "within", "atleast", "exact", "far", "away", "near", "road", "roadgap", "parallel",
     "roadside", "crossroads", "inside", "behind", "facing", "hidden", "visible", "between", "apart",
     "spread", "part", "group", "share", "rest", "density", "concealment", "sought", "motion", "loop", "radius", "place", "stretch",
@@ -39,9 +39,9 @@ QUANTITY_FILLERS = frozenset(
     ["about", "approximately", "roughly", "approx", "circa", "the", "perhaps", "maybe", "very"]
 )
 """Words that may stand inside a quantity."""
-CONDITIONAL_RULES = frozenset(["nomark", "noreport", "slow", "linklost", "stretch"])
-"""Rules that have a clause of their own: `no marking when a civilian is within 50 m`."""
-TOLERANT_RULES = frozenset(["field", "event", "wind", "intelligence", "nomark", "noreport", "standoff"])
+CONDITIONAL_RULES = frozenset(["stretch"])
+"""Rules that go on past a word that begins another clause."""
+TOLERANT_RULES = frozenset(["field", "wind", "intelligence", "standoff"])
 """Rules that go on past words that nobody knows, which are listed all the same."""
 MAX_UNKNOWN_WORDS = 2
 DENIALS = frozenset(
@@ -318,13 +318,17 @@ def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
     numbers: list[float] = []
     units: list[tuple[str, float] | None] = []
     by = until = False
-    for token in tree.scan_values(lambda unit: isinstance(unit, Token)):
+    default_unit: tuple[str, float] | None = None
+    for token in _tokens(tree):
         value = _meaning(token, words).value
         if token.type == "VAGUE" and isinstance(value, tuple):
             return Quantity("COUNT", float(value[0]), float(value[1]), vague=True)
         if token.type == "NUM" and isinstance(value, float | int):
             numbers.append(float(value))
-            units.append(None)
+            units.append(default_unit)
+            default_unit = None
+        elif token.type == "HALF":
+            numbers[-1] += 0.5
         elif token.type == "UNIT" and isinstance(value, tuple):
             units[-1] = value
         elif token.type == "BY":
@@ -332,11 +336,11 @@ def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
         elif token.type == "UNTIL":
             until = True
         elif token.type in NUMBERED:
-            return _moment(token, tree, words)
+            default_unit = ("TIME", NUMBERED[token.type])
     last = units[-1]
     filled = [unit or last for unit in units]
     kinds = {unit[0] if unit else "COUNT" for unit in filled}
-    if len(kinds) != 1:
+    if len(kinds) != 1 or (kinds != {"TIME"} and any(token.type in NUMBERED for token in _tokens(tree))):
         return None
     values = [number * (unit[1] if unit else 1.0) for number, unit in zip(numbers, filled, strict=True)]
     # `3 ft` is 0.9144 m, and not 0.9144000000000001.
@@ -350,29 +354,8 @@ def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
     return Quantity(kinds.pop(), values[0], values[-1])
 
 
-def _moment(before: Token, tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
-    """`at minute three`, `T plus 90`; None where the number has a unit that is none of time."""
-    unit = next(
-        (token for token in tree.scan_values(lambda token: isinstance(token, Token)) if token.type == "UNIT"),
-        None,
-    )
-    kind, factor = (
-        ("TIME", NUMBERED[before.type])
-        if unit is None
-        else cast("tuple[str, float]", _meaning(unit, words).value)
-    )
-    moment_s = factor * _number(tree, words)
-    return Quantity("TIME", moment_s, moment_s) if kind == "TIME" else None
-
-
-def _number(tree: Tree[Token], words: Sequence[Word]) -> float:
-    value = next(
-        _meaning(token, words).value
-        for token in tree.scan_values(lambda token: isinstance(token, Token))
-        if token.type == "NUM"
-    )
-    assert isinstance(value, float | int)
-    return float(value)
+def _tokens(tree: Tree[Token]) -> list[Token]:
+    return list(tree.scan_values(lambda token: isinstance(token, Token)))
 
 
 def _meaning(token: Token, words: Sequence[Word]) -> Meaning:
@@ -406,7 +389,7 @@ def phrases_of(words: Sequence[Word]) -> Iterator[Phrase | Word]:
 
 def _unfit(tree: Tree[Token], words: Sequence[Word]) -> bool:
     """Whether a number does not fit the word after it: in `9 m/s, limit 5 min` the speed is not the limit."""
-    first, *rest = tree.scan_values(lambda token: isinstance(token, Token))
+    first, *rest = _tokens(tree)
     if first.type == "FIELD":
         return _far_off(first, rest, words)
     field = next((token for token in rest if token.type == "FIELD"), None)

@@ -18,7 +18,7 @@ from bench.simspec import Identifier, Role, asset_fault
 from ._spelling import MIN_CORRECTED_LETTERS, UNCORRECTABLE_KINDS
 
 Words = tuple[str, ...]
-Kind = Literal["NUMBER", "LENGTH", "TIME", "SPEED", "ANGLE", "PERCENT", "AREA"]
+Kind = Literal["NUMBER", "LENGTH", "TIME", "SPEED", "ANGLE", "PERCENT", "AREA", "ENERGY"]
 
 
 class AssetWords(Document):
@@ -61,12 +61,88 @@ class SetWords(Document):
     words: Words
 
 
-class EventWords(Document):
-    """Words for an event at a moment of the flight."""
+class EventForm(Document):
+    """What tells of an event at a moment of the flight: a sign of each kind, in one clause, in any order."""
 
-    part: Literal["vehicle.failures", "outages", "orders"]
+    part: Literal["vehicle.failures", "outages", "orders", "consents"]
     kind: str
-    words: Words
+    all: Annotated[
+        Words,
+        Field(
+            description="Patterns; `@NAME` stands for a pattern of `signs`. The last one says what happens."
+        ),
+    ]
+    also: Words = ()
+    none: Words = ()
+    context: Annotated[
+        Words, Field(description="Patterns that may also stand in another clause of the sentence.")
+    ] = ()
+    numbers: Annotated[
+        dict[Literal["PERCENT", "SPEED", "DIR", "COUNT"], bool],
+        Field(description="Numbers that it takes beside times, and whether it needs them."),
+    ] = {}
+
+
+class RuleForm(Document):
+    """What makes a clause a rule or a limit: signs in any order, and exactly these numbers."""
+
+    sets: Annotated[
+        dict[str, float | bool | str],
+        Field(
+            description="Fields, and for each a value or the kind of the number that it takes (`TIME?`: if there is one)."
+        ),
+    ] = {}
+    window: Annotated[
+        Literal["open", "closed"] | None, Field(description="Times at which reports are allowed, or not.")
+    ] = None
+    loose: Annotated[bool, Field(description="Whether its signs are denials and conditions themselves.")] = (
+        False
+    )
+    remark: Annotated[str, Field(description="Said of what is read differently from how it is written.")] = ""
+    of: Annotated[Literal["bystanders", "nobody"], Field(description="Whom the clause must speak of.")] = (
+        "nobody"
+    )
+    all: Words
+    also: Annotated[
+        Words, Field(description="Patterns that may stand in the clause, and that the rule then holds.")
+    ] = ()
+    none: Words = ()
+    context: Words = ()
+
+    def takes(self, kinds: list[str]) -> bool:
+        """Whether these are the kinds of its numbers, sorted."""
+        if self.window:
+            return "TIME" in kinds and set(kinds) <= {"TIME", "COUNT"}
+        named = [value for value in self.sets.values() if isinstance(value, str) and value.isupper()]
+        every = sorted(value.rstrip("?") for value in named)
+        return kinds in (every, sorted(value for value in named if not value.endswith("?")))
+
+
+@dataclass(frozen=True, slots=True)
+class CompiledForm:
+    """A form with its patterns."""
+
+    form: EventForm | RuleForm
+    all: tuple[re.Pattern[str], ...]
+    also: tuple[re.Pattern[str], ...]
+    none: tuple[re.Pattern[str], ...]
+    context: tuple[re.Pattern[str], ...]
+
+    def matches(self, text: str, context: str) -> bool:
+        """Whether a clause has every sign, and none that it must not have."""
+        return self.spans(text, context) is not None
+
+    def spans(self, text: str, context: str | None = None) -> list[tuple[int, int]] | None:
+        """Where the signs stand in the clause; None where one is missing. Without a context it asks for none."""
+        matches = [pattern.search(text) for pattern in self.all]
+        if any(pattern.search(text) for pattern in self.none):
+            return None
+        around = context is None or all(pattern.search(context) for pattern in self.context)
+        if not all(matches) or not around:
+            return None
+        return [
+            match.span() for match in (*(pattern.search(text) for pattern in self.also), *matches) if match
+        ]
 
 
 class Defaults(Document):
@@ -99,9 +175,6 @@ class VocabularyDocument(Document):
     axes: Annotated[dict[str, float], Field(description="How a road runs, in degrees below 180.")] = {}
     ordinals: dict[str, int] = {}
     fractions: dict[str, float] = {}
-    link_reactions: Annotated[
-        dict[str, Literal["continue", "hold", "return"]], Field(description="Without the link.")
-    ] = {}
     concealments: dict[str, float] = {}
     words: Annotated[
         dict[str, Words], Field(description="Words of the grammar, by the grammar's own names.")
@@ -115,10 +188,9 @@ class VocabularyDocument(Document):
     ] = ()
     fields: tuple[FieldWords, ...] = ()
     sets: tuple[SetWords, ...] = ()
-    orders: Annotated[
-        dict[str, Words], Field(description="Words that order something where a time stands beside them.")
-    ] = {}
-    events: tuple[EventWords, ...] = ()
+    signs: Annotated[dict[str, str], Field(description="Patterns that forms refer to as `@NAME`.")] = {}
+    rules: tuple[RuleForm, ...] = ()
+    events: tuple[EventForm, ...] = ()
     defaults: Defaults | None = None
     strangers: Annotated[
         Words, Field(description="Words known for none of these: always listed, never mended.")
@@ -156,6 +228,9 @@ class Vocabulary:
                 self.meanings[phrase] = earlier + tuple(
                     source for source in meanings if source.kind not in known or source.kind == "FIELD"
                 )
+        signs = {name: pattern for source in reversed(documents) for name, pattern in source.signs.items()}
+        self.rules = tuple(_compiled(form, signs) for source in documents for form in source.rules)
+        self.events = tuple(_compiled(form, signs) for source in documents for form in source.events)
         fillers = {word.lower() for source in documents for word in source.fillers}
         # A user's vocabulary may give a meaning to a word that the bench ignores.
         self.fillers = frozenset(fillers - set(self.meanings))
@@ -210,6 +285,20 @@ def load_vocabulary(extra: Path | str | None = None) -> Vocabulary:
     return Vocabulary(documents)
 
 
+def _compiled(form: EventForm | RuleForm, signs: Mapping[str, str]) -> CompiledForm:
+    def pattern(text: str) -> re.Pattern[str]:
+        while "@" in text:
+            text = re.sub(r"@([A-Z_]+)", lambda match: f"(?:{signs[match.group(1)]})", text)
+        # A line may break wherever a pattern has a space.
+        text = re.sub(r" (?![^\[]*\])", r"\\s", text)
+        return re.compile(rf"(?<![\w-])(?:{text})(?!\w)", re.IGNORECASE)
+
+    patterns = [
+        tuple(pattern(text) for text in texts) for texts in (form.all, form.also, form.none, form.context)
+    ]
+    return CompiledForm(form, *patterns)
+
+
 _ADJECTIVE = re.compile(r"[a-z]+ing|parked|stationary|static|halted|motionless|immobile")
 
 
@@ -246,7 +335,6 @@ def _meanings(document: VocabularyDocument) -> Iterator[tuple[str, Meaning]]:
         "AXIS": document.axes,
         "NTH": document.ordinals,
         "FRACTION": document.fractions,
-        "LINKDO": document.link_reactions,
     }
     for name, table in tables.items():
         yield from ((word, Meaning(name, value)) for word, value in table.items())
@@ -269,9 +357,3 @@ def _meanings(document: VocabularyDocument) -> Iterator[tuple[str, Meaning]]:
         yield from ((word.lower(), Meaning("FIELD", field)) for word in field.words)
     for fixed in document.sets:
         yield from ((word.lower(), Meaning("SET", fixed)) for word in fixed.words)
-    for ordered, orders in document.orders.items():
-        order = EventWords(part="orders", kind=ordered, words=orders)
-        yield from ((word.lower(), Meaning("ORDER", order)) for word in orders)
-    for event in document.events:
-        token = "TASK" if event.kind in ("mark", "retask") else "EVENT"
-        yield from ((word.lower(), Meaning(token, event)) for word in event.words)

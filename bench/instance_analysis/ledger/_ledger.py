@@ -25,7 +25,7 @@ VALUE_KINDS = frozenset(
 """Parts that count as read only where their reader asked for them; other words are read by the phrase they make."""
 LOOSE_BOUNDS = {"field": frozenset(["WITHIN", "ATLEAST"]), "wind": frozenset(["WITHIN"]), "gusts": frozenset(["WITHIN"])}  # fmt: skip
 """Bounds that the grammar lets stand beside a number, and that the reader may leave aside."""
-CONDITIONAL_RULES = frozenset(["nomark", "noreport", "slow", "linklost", "standoff", "loiter", "window"])
+CONDITIONAL_RULES = frozenset(["standoff"])
 """Phrases that are rules, so that a condition inside them is read."""
 TRACED_KINDS = frozenset(["COUNT", "SPEED", "PERCENT", "LENGTH"])
 UNTRACED_RULES = frozenset(["place", "stretch", "area", "extent", "loop", "between", "density", "group"])

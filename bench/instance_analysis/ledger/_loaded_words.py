@@ -56,15 +56,15 @@ _WORDS: dict[Load, str] = {
         |except|excluding|excludes?|instead|rather|other\s+than|apart\s+from|all\s+but
         |forbid\w*|forbade|prohibit\w*|disallow\w*|ban|banned|avoid\w*|refrain\w*|withhold\w*|withheld|off-limits
         |disregard\w*|ignor\w*|cancel\w*|correction|sorry|scratch\s+that|i\s+mean|hardly|barely|outside""",
-    Load.CONDITION: rf"""(?<!what\s)if|when|whenever|unless|until(?!\s+then|{_MOMENT})|till(?!{_MOMENT})|once|provided|in\s+case|in\s+the\s+event|upon
-        |after(?!{_MOMENT})|before(?!{_MOMENT})|whil(?:e|st)(?!\s+(?:the\s+)?(?:{_COUNT}|an?\b|some|several|others?|rest|remaining))|as\s+soon\s+as|as\s+long\s+as
+    Load.CONDITION: rf"""(?<!what\s)if|when|whenever|unless|until(?!\s+then|{_MOMENT}|\s+(?:it|the\s+link|contact)\s+(?:comes|is|returns)\b)|till(?!{_MOMENT})|(?<!at\s)once|provided|in\s+case|in\s+the\s+event|upon
+        |after(?!{_MOMENT})|before(?!{_MOMENT}|\s+that\b)|whil(?:e|st)(?!\s+(?:the\s+)?(?:{_COUNT}|an?\b|some|several|others?|rest|remaining))|as\s+soon\s+as|as\s+long\s+as
         |(?<=,\s)otherwise|depending|assuming|whether|by\s+the\s+time
         |should(?=\s+(?:the|an?|any|it|there|someone|somebody)\b)""",
     Load.SHARE: rf"""(?:{_COUNT}|some|most|many|few|several|any|the\s+rest|majority|a\s+couple|a\s+few
         |each|either|both)\s+(?:of|among)\s+{_MEMBERS}|(?:of|among)\s+(?:which|whom)|(?:^|(?<=[.,;:]\s))of\s+(?:the|these|those)(?=\s+(?:{_COUNT}))
         |(?:{_COUNT})(?=\s+(?:is|are|was|were|has|have)\b)
         |half|halves|thirds?|quarters?|fifths?|tenths?|majority|(?<!at\s)(?<!\sthe\s)most|respectively|twice|thrice|double|triple|as\s+(?:many|few)
-        |a\s+(?:second|third)(?=\s+[a-z])|the\s+(?:others?(?!\s+side\b)|rest(?!:)|remaining|remainder|former|latter|last|first|second|fourth)|others|alternat\w+|includ\w+""",
+        |a\s+(?:second|third)(?=\s+[a-z])|the\s+(?:others?(?!\s+side\b)|rest(?!:)|remaining|remainder|former|latter|last|first(?!\s+(?:{_COUNT}))|second(?!\s+(?:scenario|test|run|variant))|fourth)|others|alternat\w+|includ\w+""",
     Load.ASIDE: r"""(?:last|next|another|previous|earlier)\s+(?:time|year|month|week|night|run|flight|sortie|mission|exercise)
         |the\s+(?:day|week|year)\s+before|yesterday|previously|formerly|back\s+then|in\s+the\s+past|used\s+to
         |(?:say\s+)?(?:hello|hi)\s+to|greet\w*\s+(?:the|to|from)|regards\s+to|give\s+my|love\s+to|thank\w*\s+to""",

@@ -43,8 +43,8 @@ Agents, seeds, budgets and pace are never for a model to choose.
 """
 
 _EXCLUDED_PATHS = (("vehicle", "ground_truth"),)
-_KINDS = {"_m": "LENGTH", "_s": "TIME", "_mps": "SPEED", "_deg": "ANGLE"}
-_UNITS = {"_wh": r"wh|watt[\s-]?hours?", "_hz": r"hz|hertz", "_px": r"px|pixels?"}
+_KINDS = {"_m": "LENGTH", "_s": "TIME", "_mps": "SPEED", "_deg": "ANGLE", "_wh": "ENERGY"}
+_UNITS = {"_hz": r"hz|hertz", "_px": r"px|pixels?"}
 """Units that the vocabulary does not know, as they are written after their number."""
 _GRADES = {"INTENSITY": "_level", "WINDS": "speed_mps", "DIR": "_deg", "CONCEAL": "concealment"}
 """Words that stand for a number, and the end of the names of the fields that they may stand in."""

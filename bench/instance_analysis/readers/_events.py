@@ -6,22 +6,21 @@ from dataclasses import dataclass
 
 from .._draft import Draft, FieldPath
 from ..language._phrases import Part, Phrase, Quantity
-from ..language._vocabulary import EventWords
+from ..language._vocabulary import EventForm
 from ._groups import GroupRegister
 from ._intelligence import IntelligenceReader
 
-TIMES = {
-    "AT": "at",
-    "AFTER": "at",
-    "FROM": "at",
-    "FOR": "lasting",
-    "OF": "lasting",
-    "WITHIN": "within",
-    "UNTIL": "until",
-}
-"""What a time is by the word before it."""
 # Readings that are offered for `for how long?`. Chosen, not measured.
 DURATION_CHOICES_S = (10.0, 30.0, 60.0)
+
+
+VALUES: dict[str, tuple[tuple[str, tuple[str, ...], str, tuple[float, ...]], ...]] = {
+    "battery_drop": (("to_fraction", ("PERCENT",), "to which share of the charge?", (0.1, 0.3)),),
+    "gps_drift": (("drift_mps", ("SPEED",), "how fast, in m/s?", (0.2, 0.5, 1.0)),),
+    "motor_off": (("instance", ("COUNT",), "which motor?", (1.0, 2.0, 3.0, 4.0)),),
+    "detections_degraded": (("lost_share", ("PERCENT", "COUNT"), "which share is lost?", (0.25, 0.5)),),
+}
+"""Fields of an event beside its times: the kinds of number that they take, and what is asked and offered without one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,63 +39,67 @@ class EventReader:
         self._draft, self._groups, self._intelligence = draft, cast, reports
         self._numbers: dict[str, int] = {}
         self._last = ""
-        self._timeless: list[tuple[EventWords, Phrase]] = []
+        self._timeless: list[tuple[EventForm, Phrase]] = []
         self._timed: set[tuple[str, str]] = set()
 
     def event(self, phrase: Phrase) -> None:
-        part = phrase.first("EVENT") or phrase.first("TASK") or phrase.first("ORDER")
-        event = (
-            part.value
-            if part is not None
-            else EventWords(part="vehicle.failures", kind="motor_off", words=())
-        )
-        assert isinstance(event, EventWords)
+        part = phrase.first("EVENT")
+        assert part is not None
+        assert isinstance(part.value, EventForm)
         when = _timing_of(phrase)
-        if part is not None and part.kind == "ORDER" and when.at_s is None:
-            when = EventTiming(_low(phrase, "COUNT"))
+        if phrase.first("UNITLESS"):
             self._draft.remark(phrase.span, "a number without a unit is read as seconds")
-        if when.at_s is None:
-            self._timeless.append((event, phrase))
+        if part.value.part == "consents":
+            self._consent(part.value.kind, phrase, when)
             return
-        self._happens(event, phrase, when)
+        if when.at_s is None:
+            self._timeless.append((part.value, phrase))
+            return
+        self._happens(part.value, phrase, when, when.at_s)
 
     def finish(self) -> None:
         """Ask for the time of every event that has none anywhere in the text."""
         for event, phrase in self._timeless:
             # A phrase without a time repeats an event of its kind that has one elsewhere in the text.
             if (event.part, event.kind) not in self._timed:
-                self._happens(event, phrase, _timing_of(phrase))
+                readings = ["from the start", "60 s after the start"]
+                at_s = (0.0, 60.0)[self._draft.ask(phrase.span, "when?", readings)]
+                self._happens(event, phrase, _timing_of(phrase), at_s)
 
-    def _happens(self, event: EventWords, phrase: Phrase, when: EventTiming) -> None:
-        at_s = when.at_s
-        part = phrase.first("TASK")
-        if at_s is None:
-            at_s = [0.0, 60.0][
-                self._draft.ask(phrase.span, "when?", ["from the start", "60 s after the start"])
-            ]
+    def _happens(self, event: EventForm, phrase: Phrase, when: EventTiming, at_s: float) -> None:
         self._timed.add((event.part, event.kind))
-        kind = event.kind
+        kind, lasting = event.kind, when.lasting_s
         # `resume` ends the order before it: a hold, or a silence.
-        if phrase.first("ORDER") and kind == "resume" and self._last == "stop_reporting":
+        if kind == "resume" and self._last == "stop_reporting":
             kind = "resume_reporting"
         base = self._begin(event.part, kind, at_s, phrase)
-        lasting = when.lasting_s
+        if event.part == "orders":
+            self._order(base, kind, phrase, when, at_s)
+            return
         if lasting is None and event.part == "outages":
-            lasting = DURATION_CHOICES_S[
-                self._draft.ask(
-                    phrase.span, "for how long?", [f"{choice:g} s" for choice in DURATION_CHOICES_S]
-                )
-            ]
-        # An order has no duration in a SimSpec, so `for 60 s` becomes a second order.
-        if event.kind == "stop_reporting" and lasting is not None:
-            self._begin(event.part, "resume_reporting", at_s + lasting, phrase)
-        if lasting is not None and event.part != "orders" and event.kind != "battery_drop":
+            readings = [f"{choice:g} s" for choice in DURATION_CHOICES_S]
+            lasting = DURATION_CHOICES_S[self._draft.ask(phrase.span, "for how long?", readings)]
+        if lasting is not None and kind != "battery_drop":
             self._draft.put((*base, "duration_s"), lasting, phrase.span)
-        if event.part == "orders" and when.within_s is not None:
+        self._values(base, kind, phrase)
+
+    def _consent(self, answer: str, phrase: Phrase, when: EventTiming) -> None:
+        """Read how the operator answers requests about one report."""
+        number = self._numbers["consents"] = self._numbers.get("consents", -1) + 1
+        base: FieldPath = ("consents", number)
+        self._draft.put((*base, "answer"), answer, phrase.span)
+        if when.at_s is not None:
+            self._draft.put((*base, "after_s"), when.at_s, phrase.span)
+        self._task(base, phrase)
+
+    def _order(self, base: FieldPath, kind: str, phrase: Phrase, when: EventTiming, at_s: float) -> None:
+        # An order has no duration in a SimSpec, so `for 60 s` becomes a second order.
+        ends = {"stop_reporting": "resume_reporting", "hold": "resume"}
+        if when.lasting_s is not None and kind in ends:
+            self._begin("orders", ends[kind], at_s + when.lasting_s, phrase)
+        if when.within_s is not None:
             self._draft.put((*base, "within_s"), when.within_s, phrase.span)
-        if event.part == "vehicle.failures":
-            self._failure(base, event.kind, phrase)
-        if part is not None:
+        if kind in ("mark", "retask"):
             self._task(base, phrase)
 
     def _begin(self, part: str, kind: str, at_s: float, phrase: Phrase) -> FieldPath:
@@ -111,39 +114,30 @@ class EventReader:
         self._draft.put((*base, "kind"), kind, phrase.span)
         return base
 
-    def _failure(self, base: FieldPath, kind: str, phrase: Phrase) -> None:
-        if kind == "battery_drop":
-            fraction = _low(phrase, "PERCENT")
-            if fraction is None:
-                readings = [0.1, 0.3]
-                fraction = readings[
-                    self._draft.ask(phrase.span, "to what charge?", [f"{choice:.0%}" for choice in readings])
+    def _values(self, base: FieldPath, kind: str, phrase: Phrase) -> None:
+        """Set the numbers that an event has beside its times, and ask for those that it needs."""
+        for name, kinds, question, readings in VALUES.get(kind, ()):
+            value = next((value for number in kinds if (value := _low(phrase, number)) is not None), None)
+            if value is None:
+                value = readings[
+                    self._draft.ask(phrase.span, question, [f"{choice:g}" for choice in readings])
                 ]
-            self._draft.put((*base, "to_fraction"), fraction, phrase.span)
-        if kind == "gps_drift":
-            speed = _low(phrase, "SPEED")
-            if speed is None:
-                readings = [0.2, 0.5, 1.0]
-                speed = readings[
-                    self._draft.ask(phrase.span, "how fast?", [f"{choice:g} m/s" for choice in readings])
-                ]
-            self._draft.put((*base, "drift_mps"), speed, phrase.span)
-            if direction := phrase.first("DIR"):
-                self._draft.put((*base, "towards_deg"), direction.value, phrase.span)
-        if kind == "motor_off":
-            number = _low(phrase, "COUNT")
-            if number is None:
-                number = 1 + self._draft.ask(
-                    phrase.span, "which motor?", ["motor 1", "motor 2", "motor 3", "motor 4"]
-                )
-            self._draft.put((*base, "instance"), int(number), phrase.span)
+            self._draft.put((*base, name), int(value) if name == "instance" else value, phrase.span)
+        if direction := phrase.first("DIR"):
+            self._draft.put((*base, "towards_deg"), direction.value, phrase.span)
 
     def _task(self, base: FieldPath, phrase: Phrase) -> None:
-        it = phrase.refs[0].first("THEM")
-        groups = self._intelligence.last() or self._groups.subject if it else self._groups.groups_in(phrase)
+        targets = self._groups.targets()
+        if not phrase.refs:
+            # `an order to mark comes at t=140 s`, where there is one target.
+            groups = targets if len(targets) == 1 else []
+        elif phrase.refs[0].first("THEM"):
+            groups = self._intelligence.last() or self._groups.subject
+        else:
+            groups = self._groups.groups_in(phrase)
         if not groups:
             self._draft.unread(
-                phrase.span, "an order to mark or to go somewhere is about a report on a group"
+                phrase.span, "it is about a report on a group, and the text does not say which"
             )
             self._draft.forget(base)
             return
@@ -155,32 +149,16 @@ def _low(phrase: Phrase, kind: str) -> float | None:
     return part.value.low if part is not None and isinstance(part.value, Quantity) else None
 
 
-def _seconds(part: Part) -> float:
-    assert isinstance(part.value, Quantity)
-    return part.value.low
-
-
 def _timing_of(phrase: Phrase) -> EventTiming:
+    """The times of an event, each of which stands behind a part that names it."""
     times: dict[str, float] = {}
-    bare: list[Part] = []
-    preceding = ""
+    name = ""
     for part in phrase.parts:
         if isinstance(part, Part) and part.kind == "TIME" and isinstance(part.value, Quantity):
-            time = part.value
-            if not time.single and preceding not in ("FOR", "OF", "WITHIN"):
-                times |= {"at": time.low, "until": time.high}
-            elif name := TIMES.get(preceding):
-                times[name] = time.low
-            else:
-                bare.append(part)
-        preceding = part.kind if isinstance(part, Part) else ""
-    if bare and "at" not in times:
-        times["at"] = _seconds(bare.pop(0))
-    if bare and "lasting" not in times:
-        times["lasting"] = _seconds(bare.pop(0))
-    for part in bare:
-        part.disown()
-    if "until" in times:
-        times.setdefault("at", 0.0)
-        times["lasting"] = times["until"] - times["at"]
-    return EventTiming(times.get("at"), times.get("lasting"), times.get("within"))
+            times[name] = part.value.low
+        name = part.kind if isinstance(part, Part) else ""
+    if "UNTIL" in times:
+        times.setdefault("AT", 0.0)
+        times["LASTING"] = times["UNTIL"] - times["AT"]
+    at_s = next((times[name] for name in ("AT", "UNITLESS", "ANSWER") if name in times), None)
+    return EventTiming(at_s, times.get("LASTING"), times.get("WITHIN"))

@@ -573,7 +573,7 @@ class GroupRegister:
 
     def of_bystanders(self, phrase: Phrase) -> bool:
         """Whether a rule is about bystanders. A word for bystanders creates no group here."""
-        ref = phrase if phrase.rule == "ref" else phrase.refs[-1]
+        ref = phrase.refs[-1] if phrase.refs else phrase
         if part := ref.first("ASSET"):
             name = str(part.value)
             return self.vocabulary.role(name) is Role.BYSTANDER

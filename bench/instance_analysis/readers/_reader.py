@@ -31,7 +31,7 @@ INSIGNIFICANT_KINDS = frozenset(
         *("COMMA", "DASH", "STOP", "ABOUT", "OVER", "BY", "AWAY", "PART", "FLY", "UNTIL"),
         *("AFTER", "BEFORE", "SQUARE", "DENSITYOF", "KEEP", "AREAWORD", "INTEL", "TARGET", "LBR", "RBR"),
         *("ALONG", "SEEN", "MORETHAN", "ONAVERAGE", "AGL", "ORIGIN", "LAUNCH", "CORNERS", "ROUTE", "AXIS"),
-        *("RUNS", "NTH", "MIDDLE", "LINKDO", "FAILS", "GROUND", "NAMED", "WIDE", "OFTHEM"),
+        *("RUNS", "NTH", "MIDDLE", "GROUND", "NAMED", "WIDE", "OFTHEM"),
     ]
 )
 
@@ -400,7 +400,7 @@ class TextReader:
         """The method that reads a phrase which describes no group."""
         readers: list[tuple[object, frozenset[str]]] = [
             (self.weather_reader, WeatherReader.RULES),
-            (self.rules, RuleReader.RULES),
+            (self.rules, frozenset(["rule"])),
             (self.flight, FlightReader.RULES),
             (self.ground, frozenset(["extent", "overfly", "stayin"])),
             (self.roads, frozenset(["axis", "width", "course"])),
@@ -423,9 +423,7 @@ class TextReader:
         previous = before[at] if at is not None else None
         if not isinstance(previous, Phrase) or not any(_joins(word) for word in between):
             return False
-        of_rule = previous.rule in RuleReader.RULES or (
-            previous.rule == "standoff" and not self.groups.in_sentence
-        )
+        of_rule = previous.rule == "rule" or (previous.rule == "standoff" and not self.groups.in_sentence)
         if not (of_rule or previous.span in self._rule_groups) or not self.groups.of_bystanders(item):
             return False
         self._rule_groups.add(item.span)
@@ -718,4 +716,4 @@ def _of_a_rule(word: Word, rest: Sequence[Phrase | Word]) -> bool:
     """Whether `a target` belongs to a rule (`a target must not be marked`) and so means any target."""
     following = next((item for item in rest if not (isinstance(item, Word) and item.filler)), None)
     targets = any(item.kind == "TARGET" for item in word.meanings)
-    return targets and isinstance(following, Phrase) and following.rule in RuleReader.RULES
+    return targets and isinstance(following, Phrase) and following.rule == "rule"

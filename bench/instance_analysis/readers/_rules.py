@@ -2,72 +2,84 @@
 
 from __future__ import annotations
 
+import re
+
 from bench.simspec import Mission, Rules
 
-from .._draft import Draft, FieldPath
+from .._draft import Draft
 from ..language._phrases import Part, Phrase, Quantity
 from ..language._tokens import Span
+from ..language._vocabulary import RuleForm
 from ._groups import GroupRegister
 
 UNIT_NAMES = {"LENGTH": "m", "TIME": "s", "SPEED": "m/s", "ANGLE": "deg"}
-MARKS = "read as a rule of marks: a report with mark true is what the bench holds back near bystanders"
+_UP_TO = re.compile(r"\b(?:until|till|before|within|in|first)\s*(?:the\s+|first\s+)*$", re.IGNORECASE)
+"""What makes a single time the end of a window."""
 
 
 class RuleReader:
-    """Reads rules into a draft. Each rule of the grammar is read by the method with its name."""
-
-    RULES = frozenset(["nomark", "noreport", "slow", "loiter", "window", "linklost"])
+    """Reads rules into a draft."""
 
     def __init__(self, draft: Draft, cast: GroupRegister) -> None:
         self._draft, self._groups = draft, cast
         self._windows: list[tuple[float, float | None, Span]] = []
         self._silences: list[tuple[float, float | None, Span]] = []
 
-    def _rule(self, phrase: Phrase, fields: dict[str, str], note: str = "") -> bool:
-        if phrase.refs and not any(self._groups.of_bystanders(ref) for ref in phrase.refs):
-            self._draft.unread(phrase.span, "a SimSpec has this rule for bystanders only")
-            return False
-        for name, kind in fields.items():
-            part = phrase.first(kind)
-            assert part is not None
-            assert isinstance(part.value, Quantity)
-            low, high, unit = part.value.low, part.value.high, UNIT_NAMES[kind]
-            self._draft.vary(("rules", name), low, high, phrase.span, unit=unit, note=note)
-        return True
-
-    def nomark(self, phrase: Phrase) -> None:
-        self._rule(phrase, {"no_mark_within_m": "LENGTH"})
-
-    def noreport(self, phrase: Phrase) -> None:
-        """Read a distance for reports; the SimSpec applies it to marks."""
-        if self._rule(phrase, {"no_mark_within_m": "LENGTH"}, MARKS):
-            self._draft.remark(phrase.span, MARKS)
+    def rule(self, phrase: Phrase) -> None:
+        """Set the fields of a rule or limit to its numbers, in the order of the text."""
+        part = phrase.first("RULE") or phrase.first("WINDOW")
+        assert part is not None
+        assert isinstance(part.value, RuleForm)
+        if part.value.window:
+            self._window(phrase, closed=part.value.window == "closed")
+            return
+        if part.value.remark:
+            self._draft.remark(phrase.span, part.value.remark)
+        numbers = [
+            item for item in phrase.parts if isinstance(item, Part) and isinstance(item.value, Quantity)
+        ]
+        for path, value in part.value.sets.items():
+            kind = value.rstrip("?") if isinstance(value, str) else ""
+            if not kind.isupper():
+                self._draft.put(tuple(path.split(".")), value, phrase.span)
+                continue
+            number = next((item for item in numbers if item.kind == kind), None)
+            if number is not None and isinstance(number.value, Quantity):
+                numbers.remove(number)
+                unit = UNIT_NAMES.get(kind)
+                self._draft.vary(
+                    tuple(path.split(".")),
+                    number.value.low,
+                    number.value.high,
+                    phrase.span,
+                    unit=unit,
+                    note=part.value.remark,
+                )
 
     def standoff(self, phrase: Phrase) -> None:
-        self._rule(phrase, {"bystander_standoff_m": "LENGTH"})
+        if phrase.refs and not any(self._groups.of_bystanders(ref) for ref in phrase.refs):
+            self._draft.unread(phrase.span, "a SimSpec has this rule for bystanders only")
+            return
+        part = phrase.first("LENGTH")
+        assert part is not None
+        assert isinstance(part.value, Quantity)
+        self._draft.vary(
+            ("rules", "bystander_standoff_m"), part.value.low, part.value.high, phrase.span, unit="m"
+        )
 
-    def slow(self, phrase: Phrase) -> None:
-        self._rule(phrase, {"bystander_slow_within_m": "LENGTH", "bystander_slow_mps": "SPEED"})
-
-    def loiter(self, phrase: Phrase) -> None:
-        self._rule(phrase, {"max_loiter_over_bystander_s": "TIME"})
-
-    def window(self, phrase: Phrase) -> None:
+    def _window(self, phrase: Phrase, *, closed: bool) -> None:
         """Read when reports are allowed or forbidden."""
-        into = self._silences if phrase.first("NOREPORT") else self._windows
-        before = ""
-        for part in phrase.parts:
-            if isinstance(part, Part) and part.kind == "TIME" and isinstance(part.value, Quantity):
-                into.append((*_stretch(before, part.value), phrase.span))
-            before = part.kind if isinstance(part, Part) else ""
-
-    def linklost(self, phrase: Phrase) -> None:
-        what = phrase.first("LINKDO")
-        assert what is not None
-        self._draft.put(("rules", "link_lost"), what.value, phrase.span)
-        if (time := phrase.first("TIME")) and isinstance(time.value, Quantity):
-            path: FieldPath = ("rules", "link_lost_after_s")
-            self._draft.vary(path, time.value.low, time.value.high, phrase.span, unit="s")
+        into = self._silences if closed else self._windows
+        count = next((part for part in phrase.parts if isinstance(part, Part) and part.kind == "COUNT"), None)
+        if count is not None and count.value != Quantity(
+            "COUNT", len(phrase.every("TIME")), len(phrase.every("TIME"))
+        ):
+            # `in two windows`, of which there are three, is left unread.
+            count.disown()
+        for part in phrase.every("TIME"):
+            assert isinstance(part.value, Quantity)
+            before = self._draft.text[phrase.span.start : part.span.start]
+            into.append((*_stretch(before, part.value), phrase.span))
 
     def finish(self) -> None:
         self._put_windows()
@@ -120,7 +132,7 @@ class RuleReader:
 def _stretch(before: str, time: Quantity) -> tuple[float, float | None]:
     if not time.single:
         return time.low, time.high
-    return (0.0, time.low) if before in ("UNTIL", "BEFORE", "WITHIN", "IN") else (time.low, None)
+    return (0.0, time.low) if _UP_TO.search(before) else (time.low, None)
 
 
 def _without(
