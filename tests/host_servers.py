@@ -30,7 +30,7 @@ def answer_page(connection: socket.socket) -> None:
 
 
 @contextmanager
-def server(serve: Callable[[socket.socket], None], address: str = LOCALHOST) -> Iterator[int]:
+def server(serve: Callable[[socket.socket], None], address: str = LOCALHOST, port: int = 0) -> Iterator[int]:
     """The port of a server with a thread for each connection; the connections end with the block."""
     connections: list[socket.socket] = []
 
@@ -44,7 +44,7 @@ def server(serve: Callable[[socket.socket], None], address: str = LOCALHOST) -> 
                 connections.append(listener.accept()[0])
                 threading.Thread(target=talk, args=(connections[-1],), daemon=True).start()
 
-    with socket.create_server((address, 0)) as listener:
+    with socket.create_server((address, port)) as listener:
         thread = threading.Thread(target=accept, args=(listener,))
         thread.start()
         try:

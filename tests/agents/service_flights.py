@@ -1,9 +1,9 @@
 """Flies an agent that asks two services of the host, and looks for a third that is not let in, on each rung.
 
-`python service_flights.py OWN_NETWORK FOLDER IMAGE PYTHON HOST PORT PORT PORT`, in a process of its own, because a network
+`python service_flights.py OWN_NETWORK FOLDER IMAGE PYTHON HOST PORT HIDDEN`, in a process of its own, because a network
 namespace is entered once. PYTHON is in the IMAGE, without which the rung `container` is left out. HOST is a name of this
-host. Prints a JSON object by rung: what the agent reached, how the session ended,
-and what was counted; the reason where a rung cannot start.
+host; the services are at its PORT and at the same port of OTHER_HOST. Prints a JSON object by rung: what the agent
+reached, how the session ended, and what was counted; the reason where a rung cannot start.
 """
 
 from __future__ import annotations
@@ -35,9 +35,10 @@ from bench.simspec import (
 )
 from bench.simulation import SessionPlan, run_session
 
+OTHER_HOST = "127.0.0.9"
 AGENT = """
 import http.client, json, os, socket, sys
-host, web, raw, hidden = sys.argv[1], *map(int, sys.argv[2:])
+host, other, port, hidden = *sys.argv[1:3], *map(int, sys.argv[3:])
 answers = {}
 def attempt(name, ask, *address):
     try:
@@ -58,9 +59,9 @@ def given(name):
     host, _, port = os.environ["REBAR_SERVICE_" + name].rpartition(":")
     return host, int(port)
 attempt("web", page, *given("WEB"))
-attempt("web by name", page, host, web)
+attempt("web by name", page, host, port)
 attempt("raw", echo, *given("RAW"))
-attempt("raw by address", echo, "127.0.0.1", raw)
+attempt("raw by address", echo, other, port)
 attempt("hidden", echo, "127.0.0.1", hidden)
 print(json.dumps(answers))
 """
@@ -85,7 +86,16 @@ def flown(rung: str, folder: Path, image: str, words: list[str]) -> dict[str, ob
     manifest = AgentManifest.model_validate(
         {
             "name": "asker",
-            "command": (python if rung == "container" else "{python}", "-I", "-S", "-c", AGENT, host, *ports),
+            "command": (
+                python if rung == "container" else "{python}",
+                "-I",
+                "-S",
+                "-c",
+                AGENT,
+                host,
+                OTHER_HOST,
+                *ports,
+            ),
             "isolation": rung,
             "image": image if rung == "container" else "",
             "zenoh": False,
@@ -93,7 +103,7 @@ def flown(rung: str, folder: Path, image: str, words: list[str]) -> dict[str, ob
     )
     services = (
         OutsideService(name="web", host=host, port=int(ports[0])),
-        OutsideService(name="raw", host="127.0.0.1", port=int(ports[1])),
+        OutsideService(name="raw", host=OTHER_HOST, port=int(ports[0])),
     )
     corners = tuple(Point(east_m=e, north_m=n) for e, n in ((0, 0), (100, 0), (100, 100), (0, 100)))
     spec = SimSpec(

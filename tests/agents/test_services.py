@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 from host_image import PYTHON, image_or_skip
 from host_servers import LOCALHOST, answer_page, echo, server
+from service_flights import OTHER_HOST
 
 from bench.agents.confinement import Box, Wall, leaves_open, rungs, this_host
 
@@ -42,10 +43,9 @@ def flights(own_network: bool) -> dict[str, Any]:
         folder = stack.enter_context(TemporaryDirectory())
         # Root gives the agent a user of its own only where that one can reach its folder.
         Path(folder).chmod(0o755)
-        servers = [
-            stack.enter_context(server(answer_page, address)),
-            *(stack.enter_context(server(echo)) for _ in range(2)),
-        ]
+        port = stack.enter_context(server(answer_page, address))
+        # Two services on one port, and a third server that nobody lets in.
+        servers = [stack.enter_context(server(echo, OTHER_HOST, port)), stack.enter_context(server(echo))]
         done = subprocess.run(
             [
                 sys.executable,
