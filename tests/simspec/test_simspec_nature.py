@@ -83,6 +83,17 @@ def test_key_factors_come_from_the_intent() -> None:
     assert set(values) <= set(FACTORS)
 
 
+def test_a_gap_to_a_target_is_a_guaranteed_distance() -> None:
+    """Of two groups that avoid the target, or its role, the nearer one counts; other gaps guarantee nothing."""
+    near, far = ("{avoid: [{of: target, at_least_m: 30}]}", "{avoid: [{of: adversary, at_least_m: 70}]}")
+    groups = "".join(
+        f"- {{id: g{number}, asset: civilian, role: bystander, count: 2, placement: {placement}}}\n"
+        for number, placement in enumerate((near, far, "{avoid: [{of: home, at_least_m: 5}]}"))
+    )
+    alone = SPEC[: SPEC.index("- {id: people")]
+    assert factor_values(read_document(alone + groups, SimSpec))["nearest_bystander_m"] == 30.0
+
+
 def test_sought_targets_rate_as_adversaries_do() -> None:
     """Every key factor has the same value when all adversaries become sought; two kinds of target add up."""
     original = factor_values(read_document(SPEC, SimSpec))

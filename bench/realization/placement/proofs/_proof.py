@@ -300,11 +300,11 @@ class _Relaxation:
 
     def _least_apart_m(self, group_id: str) -> float:
         """The least distance between centres of two members that size and spread leave."""
-        own = [term for term in self.terms if term.group == group_id]
-        sized = any(term.need_m2 for term in own)
+        terms = [term for term in self.terms if term.group == group_id]
+        sized = any(term.need_m2 for term in terms)
         return max(
             _centre_distance_m(self.simspec.group(group_id)) if sized else 0.0,
-            *(term.spread_m or 0.0 for term in own),
+            *(term.spread_m or 0.0 for term in terms),
         )
 
     def _counts_fail(self, group_id: str) -> bool:
