@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -19,6 +19,11 @@ from ..ground_truth import GroundTruth
 
 RIGHT_WITHIN_M = 15.0
 """A track farther than this from every actor of its class is wrong. Chosen, not measured."""
+
+KEPT_PAIRS = 20_000_000
+"""Pairs of a track and an actor in one session whose arrays are kept between measures: 180 MB. An agent that sends as
+many tracks as are recorded would need ten times that, and the host's memory is not the agent's to use up; its session
+is scored slower. In ten sessions of the campaign `full` agents had up to 700,000. Chosen."""
 
 PERSON_WITHIN_M, PERSON_FRAMES = 10.0, 3
 """How near to a bystander a track of their class must be, and on how many frames it must rest, for the agent to know
@@ -39,6 +44,8 @@ class TrackMessage:
     truth: GroundTruth
     in_sight_s: Floats
     """(k,) when each member of the cast first was in sight of a camera, however little; infinite where never."""
+    keeps: bool = True
+    """Whether arrays of tracks by actors are kept for the next measure."""
 
     @cached_property
     def labels(self) -> NDArray[Any]:
@@ -50,21 +57,34 @@ class TrackMessage:
         """(t,) number of frames on which each track rests, as the agent states."""
         return np.array([track.frames for track in self.tracks], dtype=np.int64)
 
-    @cached_property
+    @property
     def distance_m(self) -> Floats:
         """(t, k) horizontal distance of each track from each member of the cast."""
+        return self._kept("distance_m", self._distances)
+
+    @property
+    def same_class(self) -> Bools:
+        """(t, k) whether a track has the class of a member of the cast."""
+        return self._kept("same_class", lambda: self.labels[:, None] == self.truth.labels[None])
+
+    def _kept(self, name: str, made: Callable[[], NDArray[Any]]) -> NDArray[Any]:
+        if not self.keeps:
+            return made()
+        if name not in self._arrays:
+            self._arrays[name] = made()
+        return self._arrays[name]
+
+    @cached_property
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        return {}
+
+    def _distances(self) -> Floats:
         # The reshape keeps two columns for a message without tracks.
         places = np.array([(track.east_m, track.north_m) for track in self.tracks], dtype=np.float64).reshape(
             -1, 2
         )
         distance: Floats = np.linalg.norm(places[:, None] - self.truth.at(self.time_s)[None], axis=2)
         return distance
-
-    @cached_property
-    def same_class(self) -> Bools:
-        """(t, k) whether a track has the class of a member of the cast."""
-        same: Bools = self.labels[:, None] == self.truth.labels[None]
-        return same
 
     @cached_property
     def sighted(self) -> Bools:
@@ -119,8 +139,11 @@ def track_messages(tape: Tape, simspec: SimSpec) -> list[TrackMessage]:
         for frame in tape.frames:
             for sighting in frame.sightings:
                 in_sight_s[sighting.actor] = min(in_sight_s[sighting.actor], frame.exposed.s)
+        pairs = len(truth.cast) * sum(len(message.value.tracks) for message in tape.tracks)
+        keeps = pairs <= KEPT_PAIRS
         return [
-            TrackMessage(message.time.s, message.value.tracks, truth, in_sight_s) for message in tape.tracks
+            TrackMessage(message.time.s, message.value.tracks, truth, in_sight_s, keeps)
+            for message in tape.tracks
         ]
 
     return tape.cached((track_messages, id(simspec)), with_truth)

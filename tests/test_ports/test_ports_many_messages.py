@@ -15,6 +15,8 @@ from random_run import LABELS, random_simspec, random_tape
 from bench.campaign import load_measurable_decomposition, measure_all, measures_of
 from bench.contracts import Decision, SimTime, Tape, TargetReport, Timed
 from bench.simspec import SimSpec
+from test_ports.perception import track_messages as messages_module
+from test_ports.perception.track_messages import track_messages
 from test_ports.reports.places import PlaceGrid, has_same_place, same_place
 
 ACTIONS = ("report", "mark", "withhold_mark", "search", "degraded", "restored")
@@ -135,3 +137,19 @@ def test_a_run_without_any_state_of_the_vehicle_is_measured() -> None:
     tape = replace(random_tape(spec, 28), condition=())
     (observation,) = measure_all({"OBS-1": ("failsafe_honoured", {})}, tape, spec)
     assert not observation.considered
+
+
+@pytest.mark.parametrize("seed", [19, 28])
+def test_arrays_that_are_not_kept_change_no_measure(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An agent that sends more tracks than the host's memory holds is measured as any other."""
+    spec = random_simspec(seed)
+    tape = random_tape(spec, seed)
+    assert tape.tracks
+    requests = measures_of(load_measurable_decomposition("search-and-report-full"))
+    kept = measure_all(requests, replace(tape), spec)
+    monkeypatch.setattr(messages_module, "KEPT_PAIRS", 0)
+    bare = replace(tape)
+    assert measure_all(requests, bare, spec) == kept
+    held = track_messages(bare, spec)
+    assert held
+    assert not any("_arrays" in vars(message) for message in held)
