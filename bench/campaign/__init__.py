@@ -5,79 +5,58 @@ campaign = load_campaign("campaigns/demo.yaml")
 decomposition = load_measurable_decomposition(campaign.decomposition)
 summary = run_campaign(campaign, Path("out/demo"), decomposition, workers=2)
 
-Documents, journal and runner are light. Whatever imports the simulator, the measures or the scoring, such as
-`fly_realization` and `rescore`, is imported at its first use.
+Every name is imported at its first use: a worker needs neither planning nor journal, and `rebar --help` neither
+the simulator nor the measures.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ._digest import question_sha256 as question_sha256
-from ._document import Campaign as Campaign
-from ._document import CampaignBudgets as CampaignBudgets
-from ._document import FloorPlan as FloorPlan
-from ._document import Situation as Situation
-from ._document import Stopping as Stopping
-from ._document import load_campaign as load_campaign
-from ._document import with_floor as with_floor
-from ._events import CampaignEvent as CampaignEvent
-from ._events import CampaignPlanned as CampaignPlanned
-from ._events import CampaignStopping as CampaignStopping
-from ._events import Observer as Observer
-from ._events import RealizationFinished as RealizationFinished
-from ._events import RealizationRetried as RealizationRetried
-from ._events import RealizationStarted as RealizationStarted
-from ._events import ResultLost as ResultLost
-from ._runner import CampaignSummary as CampaignSummary
-from ._runner import Finish as Finish
-from ._runner import run_campaign as run_campaign
-from ._versions import versions as versions
-from .early_stopping._decisions import FLOWN_AFTER_STOP as FLOWN_AFTER_STOP
-from .early_stopping._decisions import EarlyStop as EarlyStop
-from .execution._parallel import OnDone as OnDone
-from .execution._pool import Executor as Executor
-from .execution._pool import OpenExecutor as OpenExecutor
-from .execution._pool import open_local_pool as open_local_pool
-from .execution._task import BenchBroken as BenchBroken
-from .execution._task import Job as Job
-from .execution._task import Task as Task
-from .execution._task import TaskEnded as TaskEnded
-from .execution._task import WorkerPlan as WorkerPlan
-from .execution._task import WorkersUnusable as WorkersUnusable
-from .planning._realizations import campaign_quality as campaign_quality
-from .planning._realizations import realizations as realizations
-from .planning._realizations import situation_tensions as situation_tensions
-from .planning._scenes import write_scenes as write_scenes
-from .storage._completeness import Completeness as Completeness
-from .storage._completeness import parse_accepted_outcomes as parse_accepted_outcomes
-from .storage._evidence_check import check_run as check_run
-from .storage._evidence_check import verify_folder as verify_folder
-from .storage._files import digest_of as digest_of
-from .storage._files import write_whole as write_whole
-from .storage._folder import CampaignFolder as CampaignFolder
-from .storage._journal import Journal as Journal
-from .storage._journal import JournalEntry as JournalEntry
-from .storage._journal import RealizationState as RealizationState
-from .storage._journal import open_journal as open_journal
-from .storage._manifest import Manifest as Manifest
-from .storage._manifest import write_manifest as write_manifest
-from .storage._recovery import parse_rerun_outcomes as parse_rerun_outcomes
-from .storage._results import read_result as read_result
-from .storage._results import write_result as write_result
-from .storage._signature import can_check_signatures as can_check_signatures
-from .storage._signature import fingerprint_of as fingerprint_of
-from .storage._signature import read_signature as read_signature
-from .storage._signature import sign_manifest as sign_manifest
-
 if TYPE_CHECKING:
+    from ._digest import question_sha256 as question_sha256
+    from ._document import Campaign as Campaign
+    from ._document import CampaignBudgets as CampaignBudgets
+    from ._document import FloorPlan as FloorPlan
+    from ._document import Situation as Situation
+    from ._document import Stopping as Stopping
+    from ._document import load_campaign as load_campaign
+    from ._document import with_floor as with_floor
+    from ._events import CampaignEvent as CampaignEvent
+    from ._events import CampaignPlanned as CampaignPlanned
+    from ._events import CampaignStopping as CampaignStopping
+    from ._events import Observer as Observer
+    from ._events import RealizationFinished as RealizationFinished
+    from ._events import RealizationRetried as RealizationRetried
+    from ._events import RealizationStarted as RealizationStarted
+    from ._events import ResultLost as ResultLost
+    from ._runner import CampaignSummary as CampaignSummary
+    from ._runner import Finish as Finish
+    from ._runner import run_campaign as run_campaign
+    from ._versions import versions as versions
+    from .early_stopping._decisions import FLOWN_AFTER_STOP as FLOWN_AFTER_STOP
+    from .early_stopping._decisions import EarlyStop as EarlyStop
     from .execution._flight import fly_realization as fly_realization
+    from .execution._parallel import OnDone as OnDone
+    from .execution._pool import Executor as Executor
+    from .execution._pool import OpenExecutor as OpenExecutor
+    from .execution._pool import open_local_pool as open_local_pool
     from .execution._single_flight import fly_in_worker as fly_in_worker
+    from .execution._task import BenchBroken as BenchBroken
+    from .execution._task import Job as Job
+    from .execution._task import Task as Task
+    from .execution._task import TaskEnded as TaskEnded
+    from .execution._task import WorkerPlan as WorkerPlan
+    from .execution._task import WorkersUnusable as WorkersUnusable
     from .next_campaign._proposal import CampaignProposal as CampaignProposal
     from .next_campaign._proposal import propose_next as propose_next
     from .planning._before_takeoff import takeoff_faults as takeoff_faults
     from .planning._estimate import CampaignEstimate as CampaignEstimate
     from .planning._estimate import estimate_campaign as estimate_campaign
+    from .planning._realizations import campaign_quality as campaign_quality
+    from .planning._realizations import realizations as realizations
+    from .planning._realizations import situation_tensions as situation_tensions
+    from .planning._scenes import write_scenes as write_scenes
     from .results._finish import CampaignRuns as CampaignRuns
     from .results._finish import FinishedCampaign as FinishedCampaign
     from .results._finish import campaign_completeness as campaign_completeness
@@ -94,39 +73,115 @@ if TYPE_CHECKING:
     from .results._refly import ReflownStatus as ReflownStatus
     from .results._refly import refly as refly
     from .results._rescore import rescore as rescore
+    from .storage._completeness import Completeness as Completeness
+    from .storage._completeness import parse_accepted_outcomes as parse_accepted_outcomes
+    from .storage._evidence_check import check_run as check_run
+    from .storage._evidence_check import verify_folder as verify_folder
+    from .storage._files import digest_of as digest_of
+    from .storage._files import write_whole as write_whole
+    from .storage._folder import CampaignFolder as CampaignFolder
+    from .storage._journal import Journal as Journal
+    from .storage._journal import JournalEntry as JournalEntry
+    from .storage._journal import RealizationState as RealizationState
+    from .storage._journal import open_journal as open_journal
+    from .storage._manifest import Manifest as Manifest
+    from .storage._manifest import write_manifest as write_manifest
+    from .storage._recovery import parse_rerun_outcomes as parse_rerun_outcomes
+    from .storage._results import read_result as read_result
+    from .storage._results import write_result as write_result
+    from .storage._signature import can_check_signatures as can_check_signatures
+    from .storage._signature import fingerprint_of as fingerprint_of
+    from .storage._signature import read_signature as read_signature
+    from .storage._signature import sign_manifest as sign_manifest
 
-# Not imported above: workers and `rebar --help` would wait seconds for libraries that they do not use.
-_HEAVY = {
+# Where each name is defined, below this package.
+_MODULES = {
+    "BenchBroken": "execution._task",
+    "Campaign": "_document",
+    "CampaignBudgets": "_document",
     "CampaignEstimate": "planning._estimate",
-    "CampaignRuns": "results._finish",
+    "CampaignEvent": "_events",
+    "CampaignFolder": "storage._folder",
+    "CampaignPlanned": "_events",
     "CampaignProposal": "next_campaign._proposal",
+    "CampaignRuns": "results._finish",
+    "CampaignStopping": "_events",
+    "CampaignSummary": "_runner",
+    "Completeness": "storage._completeness",
+    "EarlyStop": "early_stopping._decisions",
+    "Executor": "execution._pool",
+    "FLOWN_AFTER_STOP": "early_stopping._decisions",
+    "Finish": "_runner",
     "FinishedCampaign": "results._finish",
+    "FloorPlan": "_document",
+    "Job": "execution._task",
+    "Journal": "storage._journal",
+    "JournalEntry": "storage._journal",
+    "Manifest": "storage._manifest",
+    "Observer": "_events",
+    "OnDone": "execution._parallel",
+    "OpenExecutor": "execution._pool",
+    "RealizationFinished": "_events",
+    "RealizationRetried": "_events",
+    "RealizationStarted": "_events",
+    "RealizationState": "storage._journal",
     "ReflownRun": "results._refly",
     "ReflownSample": "results._refly",
     "ReflownStatus": "results._refly",
-    "estimate_campaign": "planning._estimate",
+    "ResultLost": "_events",
+    "Situation": "_document",
+    "Stopping": "_document",
+    "Task": "execution._task",
+    "TaskEnded": "execution._task",
+    "WorkerPlan": "execution._task",
+    "WorkersUnusable": "execution._task",
     "campaign_completeness": "results._finish",
+    "campaign_quality": "planning._realizations",
+    "can_check_signatures": "storage._signature",
+    "check_options": "results._measures",
+    "check_run": "storage._evidence_check",
+    "digest_of": "storage._files",
+    "estimate_campaign": "planning._estimate",
+    "fingerprint_of": "storage._signature",
     "finish_campaign": "results._finish",
     "fly_in_worker": "execution._single_flight",
     "fly_realization": "execution._flight",
     "is_campaign": "results._finish",
-    "check_options": "results._measures",
+    "load_campaign": "_document",
     "load_measurable_decomposition": "results._measures",
     "measure_all": "results._measures",
     "measures_of": "results._measures",
+    "open_journal": "storage._journal",
+    "open_local_pool": "execution._pool",
+    "parse_accepted_outcomes": "storage._completeness",
+    "parse_rerun_outcomes": "storage._recovery",
     "propose_next": "next_campaign._proposal",
+    "question_sha256": "_digest",
+    "read_result": "storage._results",
     "read_runs": "results._finish",
+    "read_signature": "storage._signature",
+    "realizations": "planning._realizations",
     "refly": "results._refly",
     "rescore": "results._rescore",
     "rescore_campaign": "results._finish",
+    "run_campaign": "_runner",
+    "sign_manifest": "storage._signature",
+    "situation_tensions": "planning._realizations",
     "takeoff_faults": "planning._before_takeoff",
+    "verify_folder": "storage._evidence_check",
+    "versions": "_versions",
+    "with_floor": "_document",
+    "write_manifest": "storage._manifest",
+    "write_result": "storage._results",
+    "write_scenes": "planning._scenes",
+    "write_whole": "storage._files",
 }
 
 
 def __getattr__(name: str) -> Any:
-    """A name of `_HEAVY`, imported at its first use."""
-    if name not in _HEAVY:
+    """A name of this room, imported at its first use."""
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 
-    return getattr(import_module(f".{_HEAVY[name]}", __name__), name)
+    return getattr(import_module(f".{_MODULES[name]}", __name__), name)

@@ -78,7 +78,7 @@ def form(records: Sequence[Record]) -> list[tuple[int, str, str, int, set[tuple[
     for record in records:
         message = decode(Detection2DArray, record.data)
         assert message is not None
-        filled = {
+        filled: set[tuple[str, ...]] = {
             (item.header.frame_id, message.header.frame_id, str(len(item.results)), item.id[:1])
             for item in message.detections
         }
