@@ -12,20 +12,16 @@ import tempfile
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
-from bench.campaign import (
-    Campaign,
-    CampaignBudgets,
-    CampaignSummary,
-    Observer,
-    RealizationFinished,
-    run_campaign,
-)
 from bench.contracts import Outcome, SessionResult
 from bench.errors import Fault, SetupError
-from bench.realization import Design, DesignFactor
 from bench.simspec import ActorGroup, AgentSpec, Budgets, Point, Polygon, Role, SimSpec, World
+
+# Every worker imports this module for its job, and these rooms are half of that: the functions of the runner's side
+# import them.
+if TYPE_CHECKING:
+    from bench.campaign import Campaign, CampaignSummary, Observer
 
 JOB = "campaign_fakes:fake_flight"
 
@@ -107,6 +103,9 @@ def fake_confined(simspec: SimSpec, decomposition: Script, folder: Path, realiza
 
 def small_campaign(points: int = 3, replicates: int = 2, **budgets: Any) -> Campaign:
     """A campaign of points x replicates realizations over a yard with a few people in it."""
+    from bench.campaign import Campaign, CampaignBudgets
+    from bench.realization import Design, DesignFactor
+
     yard = Polygon(corners=tuple(Point(east_m=e, north_m=n) for e, n in ((0, 0), (50, 0), (50, 50), (0, 50))))
     base = SimSpec(
         name="yard",
@@ -135,6 +134,8 @@ def fly(
     **options: Any,
 ) -> CampaignSummary:
     """Run a campaign of fakes. A worker takes a second of CPU to start: two where a test is about two."""
+    from bench.campaign import run_campaign
+
     decomposition = cast(Any, script or Script())
     return run_campaign(
         campaign or small_campaign(), folder, decomposition, workers=workers, job=JOB, **options
@@ -143,6 +144,7 @@ def fly(
 
 def print_results() -> Observer:
     """Prints a line for every result, so that a test knows the progress of a runner in another process."""
+    from bench.campaign import RealizationFinished
 
     def tell(event: object) -> None:
         if isinstance(event, RealizationFinished):
