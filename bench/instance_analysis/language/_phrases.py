@@ -19,9 +19,9 @@ from ._vocabulary import FieldWords, Meaning
 
 PHRASES = (
     "standoff", "intelligence", "known",
-    "field", "mean", "bearing", "within", "atleast", "exact", "far", "away", "near", "road", "roadgap", "parallel",
-    "roadside", "crossroads", "inside", "behind", "facing", "hidden", "visible", "between", "apart",
-    "spread", "part", "group", "share", "rest", "density", "concealment", "sought", "motion", "loop", "radius", "place", "stretch",
+    "field", "mean", "bearing", "within", "atleast", "exact", "away", "near", "road", "roadgap", "parallel",
+    "inside", "behind", "facing", "hidden", "visible", "between", "apart",
+    "spread", "part", "group", "share", "rest", "density", "concealment", "sought", "motion", "radius", "place", "stretch",
     "area", "extent", "overfly", "stayin", "landgap", "roads", "course", "axis", "width", "weather", "clear",
     "calm", "wind", "gusts", "sun", "clock", "date", "set", "limit", "altitude", "speed", "ground",
     "when",

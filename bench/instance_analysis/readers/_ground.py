@@ -6,9 +6,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 from bench.simspec import HOME
 
@@ -44,7 +43,6 @@ class GroundPiece:
     size_m: tuple[float, float] | None = None
     radius_m: float | None = None
     middle: Coordinates | str | None = None
-    part: float | None = None
     extent: Span | None = None
     times: dict[Literal["from_s", "until_s"], tuple[float, Span]] = field(default_factory=dict)
     within: list[tuple[str, Span]] = field(default_factory=list)
@@ -178,11 +176,6 @@ class GroundReader:
         piece.middle = place
         piece.extent = piece.extent.joined(span) if piece.extent else span
 
-    def lies(self, direction: float) -> None:
-        """Put the current area into a part of the area of interest."""
-        if self.current is not None:
-            self.current.part = direction
-
     def when(self, phrase: Phrase, *, of_ground: bool) -> None:
         """Set the times at which a no-fly area is active."""
         time = phrase.first("TIME")
@@ -249,7 +242,6 @@ class GroundReader:
     def finish(self) -> None:
         """Put the area of interest, its parts with groups, and all other areas into the draft."""
         path: FieldPath = ("world", "area", "corners")
-        self._take_for_the_area()
         if path not in self._draft.entries:
             piece, usual = self.world, self._defaults
             if piece.radius_m or piece.middle is not None:
@@ -268,26 +260,6 @@ class GroundReader:
         for piece in self.pieces.values():
             self._lay_out(piece)
         self._rules()
-
-    def _take_for_the_area(self) -> None:
-        """Use a single named place with a size as the area of interest when the text gives no other."""
-        if ("world", "area", "corners") in self._draft.entries:
-            return
-        candidates = [
-            candidate
-            for candidate in self.pieces.values()
-            if candidate.kind == "GROUND" and candidate.size_m and not candidate.corners
-        ]
-        if (
-            len(candidates) == 1
-            and candidates[0].middle is None
-            and candidates[0].part is None
-            and not (candidates[0].within or candidates[0].mentioned)
-        ):
-            area_piece = candidates[0]
-            assert area_piece.size_m
-            self._draft.put(("world", "area", "corners"), _corners(*area_piece.size_m), area_piece.extent)
-            del self.pieces[area_piece.id]
 
     def _laid_out(self, piece: GroundPiece) -> list[Point]:
         if piece.corners:
@@ -315,7 +287,7 @@ class GroundReader:
         if piece.middle is not None and (fixed := self._places.fixed(piece.middle)):
             return fixed
         box = self.box if ("world", "area", "corners") in self._draft.entries else (0.0, 0.0, 0.0, 0.0)
-        west, south, east, north = box if piece.part is None else _part_of(box, piece.part)
+        west, south, east, north = box
         return {"east_m": (west + east) / 2, "north_m": (south + north) / 2}
 
     def _lay_out(self, piece: GroundPiece) -> None:
@@ -344,7 +316,7 @@ class GroundReader:
         where = base.get(piece.kind, ("world", "areas", piece.id))
         if piece.kind != "FENCE":
             self._draft.put((*where[:3], "id"), piece.id, piece.span)
-        placed = piece.corners or piece.middle is not None or piece.part is not None
+        placed = piece.corners or piece.middle is not None
         notes = ["" if placed else "in the middle of the area: the text does not say where"]
         if piece.radius_m:
             notes.append(f"a circle, by {CORNERS_OF_A_CIRCLE} corners around it")
@@ -380,27 +352,6 @@ class GroundReader:
                     span,
                 )
 
-    def beside_line(self, line: tuple[Point, Point], direction: float) -> list[Point] | None:
-        """The part of the area of interest on one side of a straight line; None when the line runs in that
-        direction.
-        """
-        a, b = line
-        normal = (b["north_m"] - a["north_m"], a["east_m"] - b["east_m"])
-        towards = normal[0] * math.sin(math.radians(direction)) + normal[1] * math.cos(
-            math.radians(direction)
-        )
-        if abs(towards) < 1e-6 * math.hypot(*normal):
-            return None
-        sign = math.copysign(1.0, towards)
-
-        def side(point: Point) -> float:
-            return sign * (
-                (point["east_m"] - a["east_m"]) * normal[0] + (point["north_m"] - a["north_m"]) * normal[1]
-            )
-
-        corners = _cut(self.outline, side)
-        return corners if len(corners) >= 3 else None
-
 
 def _by_axes(phrase: Phrase) -> Part:
     """The size of `700 m from west to east and 500 m from south to north`."""
@@ -414,24 +365,6 @@ def _by_axes(phrase: Phrase) -> Part:
         Quantity("DIM", east, next((m for axis, m in sides.items() if axis != 90.0), east)),
         phrase.span,
     )
-
-
-def _cut(corners: Sequence[Point], side: Any) -> list[Point]:
-    """The part of a convex polygon where `side` is not negative."""
-    inside: list[Point] = []
-    for corner, following in zip(corners, [*corners[1:], corners[0]], strict=True):
-        here, there = side(corner), side(following)
-        if here >= 0:
-            inside.append(corner)
-        if here * there < 0:
-            share = here / (here - there)
-            inside.append(
-                {
-                    name: round(corner[name] + share * (following[name] - corner[name]), 3)
-                    for name in ("east_m", "north_m")
-                }
-            )
-    return inside
 
 
 def _part_of(

@@ -363,12 +363,6 @@ class GroupRegister:
             if path[:2] == ("actors", group) and path[2] not in ("id", "count")
         }
 
-    def twins(self, group: str, number: int, span: Span) -> list[str]:
-        """More groups with one member each, of the same kind."""
-        name = self.kinds[group]
-        word = Part("COUNT", Quantity("COUNT", 1.0, 1.0), span)
-        return [self._new(Phrase("ref", (), span), name, span, word) for _ in range(number)]
-
     def count_later(self, group: str, quantity: Quantity, span: Span) -> bool:
         """Set the number of members of a group that has none yet. False when it has one."""
         path: FieldPath = ("actors", group, "count")

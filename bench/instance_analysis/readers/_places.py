@@ -28,7 +28,6 @@ class PlaceReader:
         self._draft, self._defaults = draft, defaults
         self._fixed: dict[str, tuple[Coordinates, Span]] = {}
         self._patrols: dict[str, Span] = {}
-        self._loops: list[tuple[str, float, str | Coordinates, Span]] = []
 
     @property
     def origin(self) -> Origin:
@@ -165,17 +164,12 @@ class PlaceReader:
         self._draft.put((*base, "kind"), "patrol", span)
         self._draft.put((*base, "route"), points, span, note)
 
-    def walk_around(self, group: str, side_m: float, of: str | Coordinates, span: Span) -> None:
-        self._loops.append((group, side_m, of, span))
-
     # At the end.
 
     def finish(self, roads: dict[str, list[Point]]) -> None:
-        """Complete loops around fixed places, patrols along roads, and the relations of groups at fixed
+        """Complete patrols along roads, and the relations of groups at fixed
         places.
         """
-        for group, side_m, of, span in self._loops:
-            self._loop(group, side_m, of, span)
         for group, span in self._patrols.items():
             if ("actors", group, "motion", "route") in self._draft.entries:
                 continue
@@ -188,23 +182,6 @@ class PlaceReader:
                 )
         for group, (place, span) in self._fixed.items():
             self._stand(group, place, span)
-
-    def _loop(self, group: str, side_m: float, of: str | Coordinates, span: Span) -> None:
-        middle = self.point(of) if isinstance(of, Coordinates) else self.home if of == HOME else None
-        if middle is None and isinstance(of, str) and of in self._fixed:
-            middle = self.point(self._fixed[of][0])
-        if middle is None:
-            self._draft.unread(
-                span, "a way is given by coordinates, and the place that it runs around has none"
-            )
-            return
-        half = side_m / 2
-        corners = ((-half, -half), (half, -half), (half, half), (-half, half))
-        route = [
-            {"east_m": middle["east_m"] + east, "north_m": middle["north_m"] + north}
-            for east, north in corners
-        ]
-        self._route(group, route, span)
 
     def _stand(self, group: str, place: Coordinates, span: Span) -> None:
         base: FieldPath = ("actors", group, "placement")
@@ -224,7 +201,7 @@ class PlaceReader:
             )
             return
         heading, where = self._heading(group, point)
-        self._turn_over(group)
+        self._list_relations(group)
         for name, value in point.items():
             self._draft.put((*base, "at", name), value, span, note)
         if heading is not None:
@@ -249,10 +226,8 @@ class PlaceReader:
             return round(math.degrees(math.atan2(east, north)) % 360, 2), entry.span
         return None, None
 
-    def _turn_over(self, group: str) -> None:
-        """Move a relation of a fixed group to the free group that it refers to; list it as unread when that
-        is impossible.
-        """
+    def _list_relations(self, group: str) -> None:
+        """List the other relations of a fixed group as unread."""
         base: FieldPath = ("actors", group, "placement")
         placed = {
             path[:4]
@@ -268,36 +243,11 @@ class PlaceReader:
                 ),
                 Span(0, 0),
             )
-            values = {path[4:]: entry for path, entry in self._draft.entries.items() if path[:4] == relation}
             self._draft.forget(relation)
-            other = values.get(("of",))
-            target = None if other is None else ("actors", other.value, "placement", relation[3])
             if relation[3] in ("region", "along", "inside"):
                 self._draft.remark(span, "its place is fixed by coordinates, which says this")
-            elif (
-                target
-                and relation[3] in ("near", "bearing")
-                and self._free(str(target[1]))
-                and not self._has(target)
-            ):
-                for path, entry in values.items():
-                    value = (
-                        group
-                        if path == ("of",)
-                        else (entry.value + 180) % 360
-                        if path[0] in ("from_deg", "to_deg")
-                        else entry.value
-                    )
-                    self._draft.put((*target, *path), value, entry.span, entry.note)
             else:
                 self._draft.unread(span, "the place of this group is fixed by coordinates")
-
-    def _free(self, group: str) -> bool:
-        count = self._draft.entries.get(("actors", group, "count"))
-        return group not in self._fixed and count is not None and count.value == 1
-
-    def _has(self, relation: FieldPath) -> bool:
-        return any(path[: len(relation)] == relation for path in self._draft.entries)
 
 
 def places_in(phrase: Phrase) -> list[Coordinates]:

@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable, Sequence
 
 from .._draft import Draft
-from ..language._coordinates import Coordinates
 from ..language._phrases import Part, Phrase, Quantity
 from ..language._sentences import sentences_of
 from ..language._tokens import Span, Word
@@ -14,7 +13,7 @@ from ..language._vocabulary import MotionWords, Vocabulary
 from ..ledger._ledger import marked
 from ._events import EventReader
 from ._flight import FlightReader
-from ._ground import GroundReader
+from ._ground import KINDS, GroundReader
 from ._groups import IMMOVABLE, GroupRegister
 from ._intelligence import IntelligenceReader
 from ._places import PlaceReader, count_places, places_in
@@ -50,7 +49,7 @@ _SAYS_HOW_MANY = re.compile(
 """What makes the number after it a number of members."""
 RELATIONS_TO_IT = frozenset(["near", "exact", "within", "atleast", "bearing"])
 """Relations to what `it` is, which may be a road."""
-GROUP_RULES = RelationReader.RULES | TraitReader.RULES | RoadReader.RULES | {"loop"}
+GROUP_RULES = RelationReader.RULES | TraitReader.RULES | RoadReader.RULES
 UNTOLD_RULES = frozenset(["spread", "group", "clear", "intelligence", "axis", "road"])
 """Phrases that may change nothing: what they say holds already."""
 RULES_FOR_ALL_GROUPS = frozenset(["road", "spread"])
@@ -250,11 +249,11 @@ class TextReader:
         it = bool(phrase.refs and phrase.refs[0].first("THEM")) or (
             phrase.rule == "road" and phrase.first("THEM") is not None
         )
-        if (
-            it
-            and (self.roads.known if phrase.rule == "road" and self.before == "road" else self.roads.roads)
-            and (phrase.rule == "road" or (phrase.rule in RELATIONS_TO_IT and self._it_is_a_road(phrase)))
-        ):
+        of_road = phrase.rule == "road" or (phrase.rule in RELATIONS_TO_IT and self._it_is_a_road(phrase))
+        if it and of_road and (self.roads.roads or (self.before == "road" and self.roads.known)):
+            if phrase.rule == "bearing":
+                self.draft.unread(phrase.span, "a SimSpec has no side of a road")
+                return []
             return [self.roads.as_road_phrase(phrase)]
         if (
             it
@@ -294,6 +293,8 @@ class TextReader:
         """
         if self.before == "road":
             return True
+        if not self.roads.roads or not phrase.refs:
+            return False
         single = [
             group
             for group in self.groups.kinds
@@ -309,18 +310,7 @@ class TextReader:
             return True
         if self.topic != "ground" or self.ground.current is None or self.ground.current is self.ground.world:
             return False
-        direction = phrase.first("DIR")
-        if phrase.rule == "part" and direction is not None and isinstance(direction.value, float | int):
-            self.ground.lies(float(direction.value))
-            return True
-        if phrase.rule == "loop":
-            side = length_of(self.draft, phrase)
-            self.ground.extent(
-                Phrase(
-                    "extent", (Part("DIM", Quantity("DIM", side.low, side.low), phrase.span),), phrase.span
-                )
-            )
-        if phrase.rule in ("near", "within", "loop"):
+        if phrase.rule in ("near", "within"):
             if phrase.rule == "within":
                 self.ground.round(length_of(self.draft, phrase), phrase.span)
             for place in self.groups.ref(phrase):
@@ -348,53 +338,27 @@ class TextReader:
         ):
             for group in self.groups.subject:
                 self.places.walk(group, places_in(phrase), phrase.span)
-        elif several > 2 and not self._one_place_per_member(phrase):
+        elif several > 1 and self.groups.in_sentence:
+            self.draft.unread(
+                phrase.span, "one place can be given: make each member a group of its own", expressible=True
+            )
+        elif several > 2:
             self.ground.corners(phrase)
         elif later and not self.groups.in_sentence:
             self.waiting.append(phrase)
         else:
             self._stand(phrase)
 
-    def _one_place_per_member(self, phrase: Phrase) -> bool:
-        """Whether the phrase gives one place for each member of the subject."""
-        counts = [
-            self.draft.entries.get(("actors", group, "count"))
-            for group in self.groups.subject
-            if self.groups.in_sentence
-        ]
-        return len(counts) == 1 and counts[0] is not None and counts[0].value == count_places(phrase)
-
     def _stand(self, phrase: Phrase) -> None:
         if not self.groups.in_sentence and self.topic != "group":
             self.draft.unread(phrase.span, "the text does not say for whom", expressible=True)
             return
-        places = places_in(phrase)
-        if len(places) > 1:
-            self._stand_apart(places, phrase)
-            return
         for group in self.groups.subject:
             place = self.places.place_of(phrase)
-            if place is not None:
+            if place is None:
+                self.draft.unread(phrase.span, "steps are from home or from the origin", expressible=True)
+            else:
                 self.places.stand(group, place, phrase.span)
-                continue
-            for other in self.groups.groups_in(phrase):
-                east_m, north_m = self.places.steps(phrase)
-                self.relations.offset(group, east_m, north_m, other, phrase.span)
-
-    def _stand_apart(self, places: Sequence[Coordinates], phrase: Phrase) -> None:
-        """Put a group with one member at each place."""
-        if not self._one_place_per_member(phrase):
-            self.draft.unread(
-                phrase.span, "as many places as members, or one, can be given", expressible=True
-            )
-            return
-        [group] = self.groups.subject
-        self.draft.forget(("actors", group, "count"))
-        self.draft.put(("actors", group, "count"), 1, phrase.span)
-        for group_id, place in zip(
-            [group, *self.groups.twins(group, len(places) - 1, phrase.span)], places, strict=True
-        ):
-            self.places.stand(group_id, place, phrase.span)
 
     def _handler(self, rule: str) -> Callable[[Phrase], None]:
         """The method that reads a phrase which describes no group."""
@@ -589,9 +553,6 @@ class TextReader:
             if self.draft.ask(phrase.span, "which groups does this describe?", readings) == 1:
                 subject = joined
         for group in subject:
-            if phrase.rule == "loop":
-                self._loop(group, phrase)
-                continue
             if phrase.rule == "motion" and self._cannot_move(group, phrase):
                 self.draft.unread(
                     phrase.span, f"a {self.groups.kinds[group]} does not move", expressible=True
@@ -652,13 +613,13 @@ class TextReader:
         if motion is not None and isinstance(motion.value, MotionWords) and motion.value.patrol:
             self.places.patrol(group, phrase.span)
 
-    def _loop(self, group: str, phrase: Phrase) -> None:
-        for target in self.groups.ref(phrase)[:1]:
-            self.places.walk_around(group, length_of(self.draft, phrase).low, target, phrase.span)
-
     # What is said of the rest.
 
     def _area(self, phrase: Phrase) -> None:
+        if self.groups.in_sentence and not phrase.has(*KINDS):
+            # `walks a square of 40 m`.
+            self.draft.unread(phrase.span, "the text does not say of what", expressible=True)
+            return
         self.ground.area(phrase)
         self.topic = self.last = self.before = "ground"
 
@@ -706,14 +667,14 @@ def _speaks_of_intelligence(item: Phrase | Word) -> bool:
     return any(not isinstance(part, Phrase) and part.kind in ("INTEL", "KNOWN") for part in parts)
 
 
-def _joins(item: Phrase | Word) -> bool:
-    return isinstance(item, Word) and (
-        item.comma or any(meaning.kind in ("AND", "OR") for meaning in item.meanings)
-    )
-
-
 def _of_a_rule(word: Word, rest: Sequence[Phrase | Word]) -> bool:
     """Whether `a target` belongs to a rule (`a target must not be marked`) and so means any target."""
     following = next((item for item in rest if not (isinstance(item, Word) and item.filler)), None)
     targets = any(item.kind == "TARGET" for item in word.meanings)
     return targets and isinstance(following, Phrase) and following.rule == "rule"
+
+
+def _joins(item: Phrase | Word) -> bool:
+    return isinstance(item, Word) and (
+        item.comma or any(meaning.kind in ("AND", "OR") for meaning in item.meanings)
+    )

@@ -16,8 +16,6 @@ from ._ground import GroundReader
 from ._places import PlaceReader
 from ._traits import DIRECTIONS, PERSONS, length_of
 
-# Readings that are offered for `far from`. Chosen, not measured.
-FAR_CHOICES_M = (100.0, 200.0, 300.0)
 NO_OWN_DISTANCE = "a group has no distance to itself"
 
 
@@ -52,7 +50,6 @@ class RelationReader:
                 "inside",
                 "behind",
                 "landgap",
-                "far",
             ),
             *("facing", "hidden", "visible", "between", "apart", "spread"),
         ]
@@ -166,13 +163,6 @@ class RelationReader:
         # A minimum holds for every member of the other group, a maximum for the nearest one.
         self._distance(group, phrase, length_of(self._draft, phrase).low, None, every=True)
 
-    def far(self, group: str, phrase: Phrase) -> None:
-        """Ask how far `far` is."""
-        chosen = self._draft.ask(
-            phrase.span, "how far at least?", [f"{choice:g} m" for choice in FAR_CHOICES_M]
-        )
-        self._distance(group, phrase, FAR_CHOICES_M[chosen], None, every=True)
-
     def refine(self, group: str, length: Quantity, span: Span) -> None:
         """Read a distance on its own: it refines a `near` before it (`near the houses, within 25 m`); else
         ask from which group.
@@ -278,14 +268,6 @@ class RelationReader:
             self._put_reference(base, of, span)
             self._draft.put((*base, "from_deg"), round((direction - half) % 360, 3), span)
             self._draft.put((*base, "to_deg"), round((direction + half) % 360, 3), span)
-
-    def offset(self, group: str, east_m: float, north_m: float, of: str, span: Span) -> None:
-        """Place a group at an offset from another group whose place is not known before placement."""
-        direction = round(math.degrees(math.atan2(east_m, north_m)) % 360, 3)
-        away_m = round(math.hypot(east_m, north_m), 3)
-        low, high, note = self._band(Quantity("LENGTH", away_m, away_m))
-        self.towards(group, [of], direction, span, self._aside(Quantity("LENGTH", away_m, away_m)))
-        self._keep(group, of, span, low, high, every=False, note=note)
 
     def _put_reference(self, base: FieldPath, of: list[str | Coordinates], span: Span) -> None:
         if of and isinstance(of[0], Coordinates):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from .._draft import Draft, FieldPath
@@ -20,13 +19,12 @@ WEST_TO_EAST, NORTH_TO_SOUTH = 90.0, 0.0
 
 @dataclass(slots=True)
 class RoadDraft:
-    """A road under construction: its direction, the part of the area in which it lies, or its points."""
+    """A road under construction: its direction or its points."""
 
     id: str
     span: Span
     axis: float | None = None
     axis_span: Span | None = None
-    part: float | None = None
     points: list[Point] = field(default_factory=list)
     points_span: Span | None = None
     width: tuple[float, Span] | None = None
@@ -35,7 +33,7 @@ class RoadDraft:
 class RoadReader:
     """The roads of a text. `finish` lays them out. `current` are the roads mentioned last."""
 
-    RULES = frozenset(["road", "roadgap", "roadside", "crossroads", "parallel"])
+    RULES = frozenset(["road", "roadgap", "parallel"])
     """What is said of a group."""
 
     def __init__(self, draft: Draft, defaults: Defaults, ground: GroundReader, places: PlaceReader) -> None:
@@ -43,10 +41,8 @@ class RoadReader:
         self.roads: list[RoadDraft] = []
         self.current: list[RoadDraft] = []
         self._resolve: dict[Span, RoadDraft] = {}
-        self._sides: list[tuple[str, RoadDraft, float, Span]] = []
         self._hinted: Phrase | None = None
         """`the road` before anything is said of it."""
-        self._crossings: list[tuple[str, Span]] = []
         self._unbounded: list[tuple[str, float]] = []
         """Groups with a least distance from a road alone."""
 
@@ -60,10 +56,10 @@ class RoadReader:
         self._roads_named(phrase)
 
     def _is_bare(self, phrase: Phrase) -> bool:
-        return not phrase.has("COUNT", "DIR", "AXIS", "LENGTH")
+        return not phrase.has("COUNT", "AXIS", "LENGTH")
 
     def _definite(self, phrase: Phrase) -> bool:
-        kinds = ("COUNT", "LENGTH", "DIR", "AXIS", "NTH", "ROAD", "THEM")
+        kinds = ("COUNT", "LENGTH", "AXIS", "NTH", "ROAD", "THEM")
         begin = min(
             (part.span.start for kind in kinds for part in phrase.every(kind)), default=phrase.span.start
         )
@@ -72,7 +68,7 @@ class RoadReader:
 
     def _roads_named(self, phrase: Phrase) -> list[RoadDraft]:
         number = _count(phrase)
-        described = bool(_part(phrase) or phrase.every("AXIS")) and not self._fitting(phrase)
+        described = phrase.has("AXIS") and not self._fitting(phrase)
         if not self.roads or (number or 1) > 1 or (described and (number or not self._definite(phrase))):
             self.current = [self._new(phrase) for _ in range(max(1, min(number or 1, 8)))]
             return self.current
@@ -100,9 +96,10 @@ class RoadReader:
 
     def as_road_phrase(self, phrase: Phrase) -> Phrase:
         """`on it`, `beside it`, `30 m north of it` as a phrase about a road."""
-        if phrase.rule in ("exact", "within", "atleast", "bearing"):
-            rule = "roadside" if phrase.rule == "bearing" else "roadgap"
-            return Phrase(rule, tuple(part for part in phrase.parts if isinstance(part, Part)), phrase.span)
+        if phrase.rule in ("exact", "within", "atleast"):
+            return Phrase(
+                "roadgap", tuple(part for part in phrase.parts if isinstance(part, Part)), phrase.span
+            )
         side = phrase.first("ALONG") or Part("BESIDE", None, phrase.span)
         return Phrase("road", (side,), phrase.span)
 
@@ -112,8 +109,6 @@ class RoadReader:
         if nth := phrase.first("NTH"):
             assert isinstance(nth.value, int | float)
             return candidates[int(nth.value) - 1 : int(nth.value)]
-        if part := _part(phrase):
-            return [road for road in candidates if road.part == part.value]
         if axis := phrase.first("AXIS"):
             return [road for road in candidates if road.axis == axis.value]
         return []
@@ -125,8 +120,6 @@ class RoadReader:
         return road
 
     def _describe(self, road: RoadDraft, phrase: Phrase) -> None:
-        if (part := _part(phrase)) and isinstance(part.value, float | int):
-            road.part = float(part.value)
         if (axis := phrase.first("AXIS")) and isinstance(axis.value, float | int):
             road.axis, road.axis_span = float(axis.value), phrase.span
         if (
@@ -139,10 +132,6 @@ class RoadReader:
     def axis(self, phrase: Phrase) -> None:
         """Set the direction of the first road mentioned that has none."""
         self._create_hinted()
-        if phrase.first("CROSSING"):
-            for road in self.current[1:2] or self.roads[1:2]:
-                road.axis, road.axis_span = self._across(self.roads[0]), phrase.span
-            return
         free = [road for road in self.current if road.axis is None and not road.points]
         free = free or [road for road in self.roads if road.axis is None and not road.points]
         if not free:
@@ -151,9 +140,6 @@ class RoadReader:
         part = phrase.first("AXIS") or phrase.every("DIR")[-1]
         assert isinstance(part.value, float | int)
         free[0].axis, free[0].axis_span = float(part.value) % 180, phrase.span
-
-    def _across(self, road: RoadDraft) -> float:
-        return ((WEST_TO_EAST if road.axis is None else road.axis) + 90) % 180
 
     def width(self, phrase: Phrase) -> None:
         self._create_hinted()
@@ -248,18 +234,6 @@ class RoadReader:
             return
         self._draft.put((*base, "parallel_deg"), angle.value.high, phrase.span)
 
-    def roadside(self, group: str, phrase: Phrase) -> None:
-        """Put a group into the part of the area on one side of a road."""
-        road, direction = self._roads_named(phrase)[0], phrase.first("DIR")
-        assert direction is not None
-        assert isinstance(direction.value, float | int)
-        self._sides.append((group, road, float(direction.value), phrase.span))
-        if phrase.first("LENGTH"):
-            self.roadgap(group, phrase)
-
-    def crossroads(self, group: str, phrase: Phrase) -> None:
-        self._crossings.append((group, phrase.span))
-
     # At the end.
 
     def finish(self) -> None:
@@ -275,31 +249,9 @@ class RoadReader:
                 None,
                 "farther than the area goes",
             )
-        if self._crossings:
-            for _ in range(2 - len(self.roads)):
-                self._new(Phrase("road", (), self._crossings[0][1]))
         self._defaults_of_axes()
-        laid = {road.id: self._lay_out(road) for road in self.roads}
-        for group, road, direction, span in self._sides:
-            region = self._ground.beside_line((laid[road.id][0], laid[road.id][-1]), direction)
-            if region is None:
-                self._draft.unread(span, "the road runs that way")
-                continue
-            self._draft.put(
-                ("actors", group, "placement", "region", "corners"),
-                region,
-                span,
-                f"the area on that side of {road.id}",
-            )
-        for group, span in self._crossings:
-            middle = _crossing(laid[self.roads[0].id], laid[self.roads[1].id])
-            if middle is None:
-                self._draft.unread(span, "these roads do not cross")
-                continue
-            base: FieldPath = ("actors", group, "placement", "distances")
-            row = len({path[4] for path in self._draft.entries if path[:4] == base})
-            self._draft.put((*base, row, "point"), middle, span)
-            self._draft.put((*base, row, "max_m"), self._defaults.near_m, None, "the default for `near`")
+        for road in self.roads:
+            self._lay_out(road)
 
     @property
     def laid_out(self) -> dict[str, list[Point]]:
@@ -309,51 +261,33 @@ class RoadReader:
         }
 
     def _defaults_of_axes(self) -> None:
-        free = [road for road in self.roads if road.axis is None and not road.points and road.part is None]
+        free = [road for road in self.roads if road.axis is None and not road.points]
         taken = [road.axis for road in self.roads if road.axis is not None]
         for road in free:
             road.axis = next((axis for axis in (WEST_TO_EAST, NORTH_TO_SOUTH) if axis not in taken), None)
             taken += [road.axis] if road.axis is not None else []
 
-    def _lay_out(self, road: RoadDraft) -> list[Point]:
+    def _lay_out(self, road: RoadDraft) -> None:
         base: FieldPath = ("world", "roads", road.id)
         self._draft.put((*base, "id"), road.id, road.span)
-        points = road.points or self._line(road)
-        span_of_line = road.points_span or road.axis_span or (road.span if road.part is not None else None)
-        note = "" if road.points else self._note(road)
-        self._draft.put((*base, "points"), points, span_of_line, note)
+        through = "" if road.points else "through the middle of the area"
+        note = through if road.points or road.axis_span else f"{through}, {_named(road.axis)}"
+        self._draft.put(
+            (*base, "points"), road.points or self._line(road), road.points_span or road.axis_span, note
+        )
         width, span = road.width or (self._defaults.road_width_m, None)
         self._draft.put((*base, "width_m"), width, span)
-        return points
-
-    def _note(self, road: RoadDraft) -> str:
-        through = (
-            "through the middle of the area"
-            if road.part is None
-            else "through the middle of that part of the area"
-        )
-        return through if road.axis_span or road.part is not None else f"{through}, {_named(road.axis)}"
 
     def _line(self, road: RoadDraft) -> list[Point]:
-        """A straight line from edge to edge through the centre of the area, or of the part in which the road
-        lies.
-        """
+        """A straight line from edge to edge through the centre of the area."""
         west, south, east, north = self._ground.box
         middle_e, middle_n = (west + east) / 2, (south + north) / 2
-        axis = road.axis
-        if road.part is not None:
-            radians = math.radians(road.part)
-            middle_e += round(math.sin(radians), 6) * (east - west) / 4
-            middle_n += round(math.cos(radians), 6) * (north - south) / 4
-            axis = (NORTH_TO_SOUTH if road.part in (90, 270) else WEST_TO_EAST) if axis is None else axis
-        radians = math.radians(WEST_TO_EAST if axis is None else axis)
+        radians = math.radians(WEST_TO_EAST if road.axis is None else road.axis)
         to_e, to_n = round(math.sin(radians), 9), round(math.cos(radians), 9)
         reach = min(
             (span / abs(to) for span, to in (((east - west) / 2, to_e), ((north - south) / 2, to_n)) if to),
             default=0.0,
         )
-        if road.part is not None and road.axis is not None:
-            reach = min(reach, *(abs(edge) for edge in (east - west, north - south)))
         sign = 1.0 if to_e > 0 or (to_e == 0 and to_n < 0) else -1.0
         return [
             {
@@ -364,15 +298,6 @@ class RoadReader:
         ]
 
 
-def _part(phrase: Phrase) -> Part | None:
-    """The part of the area in which a road lies.
-
-    In `north of the road` the first direction means something else.
-    """
-    candidates = phrase.every("DIR")[1 if phrase.rule == "roadside" else 0 :]
-    return candidates[0] if candidates else None
-
-
 def _named(axis: float | None) -> str:
     return "north to south" if axis == NORTH_TO_SOUTH else "west to east"
 
@@ -380,18 +305,3 @@ def _named(axis: float | None) -> str:
 def _count(phrase: Phrase) -> int | None:
     part = phrase.first("COUNT")
     return int(part.value.low) if part is not None and isinstance(part.value, Quantity) else None
-
-
-def _crossing(first: Sequence[Point], second: Sequence[Point]) -> Point | None:
-    """Where two straight roads cross; None where they do not."""
-    a, b, c, d = first[0], first[-1], second[0], second[-1]
-    r = (b["east_m"] - a["east_m"], b["north_m"] - a["north_m"])
-    s = (d["east_m"] - c["east_m"], d["north_m"] - c["north_m"])
-    cross = r[0] * s[1] - r[1] * s[0]
-    # Parallel roads.
-    if abs(cross) < 1e-9:
-        return None
-    share = ((c["east_m"] - a["east_m"]) * s[1] - (c["north_m"] - a["north_m"]) * s[0]) / cross
-    if not 0.0 <= share <= 1.0:
-        return None
-    return {"east_m": round(a["east_m"] + share * r[0], 3), "north_m": round(a["north_m"] + share * r[1], 3)}
