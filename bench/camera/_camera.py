@@ -13,6 +13,7 @@ from bench.contracts import (
     NO_DISTORTION,
     CameraPose,
     CastMember,
+    Ground,
     Labels,
     Lens,
     OpenRenderer,
@@ -110,10 +111,19 @@ def open_camera(
     )
 
 
-def stage_of(simspec: SimSpec, lens: Lens, conditions: Conditions, kind: GroundType) -> Stage:
-    """The stage of a realized SimSpec: its ground with roads, its light, and a look for each of its cast."""
+def stage_of(
+    simspec: SimSpec,
+    lens: Lens,
+    conditions: Conditions,
+    kind: GroundType = GroundType.GRASS,
+    ground: Ground | None = None,
+) -> Stage:
+    """The stage of a realized SimSpec: its ground with roads, its light, and a look for each of its cast.
+
+    A `ground` that is given is used as it is: several cameras over one world share it, and it costs most of a stage.
+    """
     cast: Sequence[CastMember] = cast_of(simspec)
-    ground = ground_of(
+    ground = ground or ground_of(
         simspec.world.area,
         simspec.world.roads,
         kind,

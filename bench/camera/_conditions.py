@@ -28,6 +28,9 @@ _LOG_LUX = np.log10(np.array((0.3, 0.3, 0.5, 3.5, 60.0, 700.0, 5e3, 2e4, 5e4, 1e
 _FULL_EXPOSURE_LUX = 3e4
 _SHORTEST_SHUTTER_S, _LONGEST_SHUTTER_S = 1.0 / 2000.0, 1.0 / 60.0
 _HIGHEST_GAIN = 256.0
+_DARKNESS_KEPT = 0.1
+_WHITE_BALANCE = 0.35
+"""The share of the light's colour that the camera takes out, as a power (assumed)."""
 
 _DUST_EXTINCTION_PER_M = 2.4e-4
 """For each level squared: a range of 200 m at level 9 (assumed)."""
@@ -98,17 +101,17 @@ def overcast(conditions: Conditions) -> float:
 
 def exposure_of(conditions: Conditions) -> Exposure:
     """Automatic exposure: a longer shutter first, then gain, then the picture stays dark."""
-    lacking = _FULL_EXPOSURE_LUX / illuminance_lux(conditions) * 2.0**conditions.exposure_ev
+    darkness = max(1.0, _FULL_EXPOSURE_LUX / illuminance_lux(conditions))
+    # Dusk looks darker than day on any camera: a tenth of the difference, in stops, is left.
+    target = darkness**-_DARKNESS_KEPT * 2.0**conditions.exposure_ev
+    lacking = darkness * target
     if conditions.shutter_s is None:
         shutter_s = min(_LONGEST_SHUTTER_S, max(_SHORTEST_SHUTTER_S, _SHORTEST_SHUTTER_S * lacking))
     else:
         shutter_s = conditions.shutter_s
     wanted = lacking * _SHORTEST_SHUTTER_S / shutter_s
     gain = min(_HIGHEST_GAIN, max(1.0, wanted))
-    # A camera set to over- or underexpose does so by its gain, or beyond its range; in the sun, automatic exposure
-    # stops down to full brightness.
-    reached = min(gain / wanted, 1.0) if wanted > 1.0 else 1.0
-    return Exposure(shutter_s, gain, reached * 2.0**conditions.exposure_ev)
+    return Exposure(shutter_s, gain, target * min(1.0, gain / wanted) if wanted > 1.0 else target)
 
 
 def light_of_conditions(conditions: Conditions) -> Light:
@@ -126,12 +129,12 @@ def light_of_conditions(conditions: Conditions) -> Light:
     direct, ambient = _sun_and_sky(elevation, cloud)
     level = ambient + direct * max(0.0, sine)
     exposure = exposure_of(conditions)
-    # Cameras balance white, but not wholly: half of the sun's colour stays, as the square root of it.
-    balance = exposure.brightness / np.sqrt(level * level.mean())
+    # Cameras balance white, but not wholly: a low sun stays warm.
+    balance = exposure.brightness / (level**_WHITE_BALANCE * level.mean() ** (1.0 - _WHITE_BALANCE))
     air, dust = _air(conditions)
     shine = exposure.brightness ** (1.0 / 2.2)
     grey = np.array((232.0, 222.0, 212.0)) * (1.0 - cloud) + np.array((206.0, 204.0, 200.0)) * cloud
-    tint = np.sqrt(np.sqrt(level / level.mean()))
+    tint = (level / level.mean()) ** (0.5 * (1.0 - _WHITE_BALANCE))
     haze = (grey * (1.0 - dust) + np.array((118.0, 166.0, 196.0)) * dust) * tint * min(1.0, shine)
     blue = np.array((206.0, 148.0, 92.0)) * (1.0 - cloud) + np.array((192.0, 188.0, 184.0)) * cloud
     zenith = (blue * (1.0 - dust) + np.array((130.0, 160.0, 180.0)) * dust) * min(1.0, shine)
@@ -151,7 +154,9 @@ def light_of_conditions(conditions: Conditions) -> Light:
 def _sun_and_sky(elevation_rad: float, cloud: float) -> tuple[Floats, Floats]:
     """(3,) direct and ambient light, linear, relative to each other."""
     degrees = math.degrees(elevation_rad)
-    sky = np.array((0.20, 0.17, 0.15))
+    # Near the horizon the sun colours the sky, too (assumed).
+    warmth = max(0.0, 1.0 - abs(degrees) / 12.0)
+    sky = np.array((0.20, 0.17, 0.15)) * (1.0 - warmth) + np.array((0.13, 0.16, 0.21)) * warmth
     if degrees <= 0.5:
         # After sunset the sky is all the light there is, bluer the deeper the sun stands.
         depth = min(1.0, max(0.0, -degrees / 8.0))

@@ -162,8 +162,8 @@ def _pave(texture: Pixels, line: Floats, width: float, texel_m: float, random: n
         mask[:] = 0
         cv2.polylines(mask, [points], False, (255,), max(1, round(width + extra * 2.0)), cv2.LINE_8, 4)
         # The grain of the ground shows through, so that asphalt is not a flat colour.
-        worn = cv2.addWeighted(texture, 0.12, np.full_like(texture, colour), 0.88, 0.0)
-        cv2.copyTo(worn, mask, texture)
+        table = 0.12 * np.arange(256)[:, None] + 0.88 * np.array(colour)
+        cv2.copyTo(cv2.LUT(texture, table.astype(np.uint8)[None]), mask, texture)
     if width * texel_m < 5.0:
         return
     thickness = max(1, round(0.18 / texel_m))

@@ -288,7 +288,7 @@ class _GroundPainter:
         self._lens, self._light = lens, stage.light
         self._bands = _bands(stage)
         self._details = _details(stage)
-        self._outside = tuple(float(v) for v in stage.ground.texture.mean(axis=(0, 1)))
+        self._outside = cv2.mean(stage.ground.texture)[:3]
         columns = np.arange(0, lens.width_px, _MAP_SCALE) + _MAP_SCALE / 2.0
         rows = np.arange(0, lens.height_px, _MAP_SCALE) + _MAP_SCALE / 2.0
         x, y = np.meshgrid((columns - lens.cx) / lens.fx, (rows - lens.cy) / lens.fy)

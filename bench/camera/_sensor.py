@@ -168,13 +168,13 @@ def _dirt_maps(lens: Lens, dirt: float, random: np.random.Generator) -> tuple[Pi
     """(h, w, 3) factors in 255ths and veil of a dirty front glass: smears and specks, out of focus, and dark corners."""
     rows, columns = lens.height_px, lens.width_px
     cover: Narrow = np.zeros((rows, columns), np.float32)
-    for _ in range(round(60 * dirt)):
+    for _ in range(round(90 * dirt)):
         x, y = (int(v) for v in random.integers((0, 0), (columns, rows)))
         radius = float(random.uniform(0.006, 0.05)) * columns
         stretch, angle = float(random.uniform(0.4, 1.0)), float(random.uniform(0.0, 180.0))
         spot = np.zeros_like(cover)
         axes = (max(1, round(radius)), max(1, round(radius * stretch)))
-        cv2.ellipse(spot, (x, y), axes, angle, 0.0, 360.0, (float(random.uniform(0.2, 0.75)),), -1)
+        cv2.ellipse(spot, (x, y), axes, angle, 0.0, 360.0, (float(random.uniform(0.35, 0.95)),), -1)
         cover = np.maximum(cover, spot)
     sigma = columns / 110.0
     cover = np.asarray(cv2.GaussianBlur(cover, (0, 0), sigma), np.float32) * np.float32(
@@ -183,5 +183,5 @@ def _dirt_maps(lens: Lens, dirt: float, random: np.random.Generator) -> tuple[Pi
     y, x = np.mgrid[0:rows, 0:columns].astype(np.float32)
     corner = ((x / columns - 0.5) ** 2 + (y / rows - 0.5) ** 2) * np.float32(0.9 * dirt)
     factor = np.clip((1.0 - cover) * (1.0 - corner) * 255.0, 0, 255).astype(np.uint8)
-    veil = (cover[..., None] * np.array((70.0, 82.0, 92.0), np.float32)).astype(np.uint8)
+    veil = (cover[..., None] * np.array((78.0, 92.0, 104.0), np.float32)).astype(np.uint8)
     return np.asarray(cv2.merge((factor, factor, factor)), np.uint8), veil

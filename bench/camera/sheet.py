@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import cv2
 import numpy as np
 
 from bench.arrays import Floats
 from bench.clock import START
-from bench.contracts import CameraPose, Lens, Pixels
+from bench.contracts import CameraPose, Ground, Lens, Pixels
 from bench.simspec import (
     ASSETS,
     ActorGroup,
@@ -28,10 +29,11 @@ from bench.simspec import (
 
 from ._camera import RenderedCamera, stage_of
 from ._conditions import Conditions
-from ._ground import GroundType
+from ._ground import GroundType, ground_of
 from ._renderer import open_opencv_renderer
 
-_CELL_PX = (240, 180)
+_SHEET_PX = 1440
+_ASSET_PX, _SCENE_PX = (240, 180), (288, 216)
 _LABEL_PX = 18
 _FIELD_OF_VIEW = math.radians(40.0)
 
@@ -95,40 +97,52 @@ def pose_towards(position_enu_m: Floats, target_enu_m: Floats) -> CameraPose:
     return CameraPose(START, position_enu_m, axes, np.zeros(3), np.zeros(3))
 
 
-def asset_sheet(columns: int = 6) -> Pixels:
-    """Every asset: from low in front and from high behind, each in another posture where it has several."""
+def draw_sheet() -> Pixels:
+    """Every asset, then one scene under every condition, on every ground, and with every degree of concealment."""
+    return np.concatenate((asset_sheet(), condition_sheet()))
+
+
+def asset_sheet(names: Sequence[str] = tuple(ASSETS)) -> Pixels:
+    """Assets of the catalogue, each twice, seen obliquely from above: from in front and from behind."""
     cells = []
-    for name, asset in ASSETS.items():
-        size = max(asset.length_m, asset.width_m, asset.height_m)
-        actors = [SceneActor(name, 0.0, 0.0, 200.0), SceneActor(name, 0.75 * size, -0.75 * size, 60.0)]
-        lens = _lens(*_CELL_PX)
-        distance = 2.9 * size / (2.0 * math.tan(_FIELD_OF_VIEW / 2.0)) / 1.25
-        elevation = math.radians(38.0)
-        offset = np.array((-0.25, -math.cos(elevation), math.sin(elevation))) * distance
-        middle = np.array((0.375 * size, -0.375 * size, 0.4 * asset.height_m))
+    for name in names:
+        asset = ASSETS[name]
+        length, width, height = asset.length_m, asset.width_m, asset.height_m
+        step = 0.42 * (max(length, width) + 0.5 * (width + height))
+        actors = [SceneActor(name, -step / 2, step / 2, 200.0), SceneActor(name, step / 2, -step / 2, 60.0)]
+        radius = 0.62 * step + 0.5 * math.hypot(length, width, height)
+        distance = 1.02 * radius / math.tan(_FIELD_OF_VIEW / 2.0)
+        elevation = math.radians(36.0)
+        offset = np.array((-0.3, -math.cos(elevation), math.sin(elevation))) * distance
+        middle = np.array((0.0, 0.0, 0.45 * height))
         picture = _shot(
-            simspec_with(actors), lens, DAY, GroundType.GRASS, pose_towards(middle + offset, middle)
+            simspec_with(actors),
+            _ASSET_PX,
+            replace(DAY, noise=0.0),
+            GroundType.GRAVEL,
+            pose_towards(middle + offset, middle),
+            2,
         )
         cells.append(_labelled(picture, f"{name} ({asset.class_label})"))
-    return _grid(cells, columns)
+    return _grid(cells)
 
 
-def condition_sheet(columns: int = 4) -> Pixels:
-    """One scene under every condition, over every kind of ground, and with every degree of concealment."""
-    lens = _lens(320, 240)
-    pose = pose_towards(np.array((-30.0, -62.0, 38.0)), np.array((1.0, 4.0, 0.0)))
-    # Movement for the cells that show blur: 12 m/s ahead and a turn of half a radian in a second.
+def condition_sheet() -> Pixels:
+    """One village under every condition and on every ground, and four actors at every degree of concealment."""
+    pose = pose_towards(np.array((-26.0, -54.0, 34.0)), np.array((1.0, 3.0, 0.0)))
+    # For the cells that show blur: 12 m/s ahead, and a turn of a fifth of a radian in a second.
     moving = replace(
-        pose, velocity_enu_mps=np.array((4.0, 11.0, 0.0)), rates_optical_radps=np.array((0.0, 0.5, 0.0))
+        pose, velocity_enu_mps=np.array((4.0, 11.0, 0.0)), rates_optical_radps=np.array((0.0, 0.2, 0.0))
     )
-    scene = simspec_with(VILLAGE, VILLAGE_ROADS)
+    village = simspec_with(VILLAGE, VILLAGE_ROADS)
     cells = [
         _labelled(
-            _shot(scene, lens, conditions, GroundType.GRASS, moving if "blur" in label else pose), label
+            _shot(village, _SCENE_PX, conditions, GroundType.GRASS, moving if "blur" in label else pose),
+            label,
         )
         for label, conditions in _CONDITIONS
     ]
-    cells += [_labelled(_shot(scene, lens, DAY, kind, pose), f"ground: {kind}") for kind in GroundType]
+    cells += [_labelled(_shot(village, _SCENE_PX, DAY, kind, pose), f"ground: {kind}") for kind in GroundType]
     near = pose_towards(np.array((-8.0, -26.0, 17.0)), np.array((1.0, 0.0, 0.0)))
     for level in (0.0, 0.25, 0.5, 0.75, 1.0):
         hidden = simspec_with(
@@ -139,52 +153,55 @@ def condition_sheet(columns: int = 4) -> Pixels:
                 SceneActor("armed-person", 1.0, -7.0, 160.0, level),
             ]
         )
-        cells.append(_labelled(_shot(hidden, lens, DAY, GroundType.GRASS, near), f"concealment {level:g}"))
-    return _grid(cells, columns)
+        cells.append(
+            _labelled(_shot(hidden, _SCENE_PX, DAY, GroundType.GRASS, near, 2), f"concealment {level:g}")
+        )
+    return _grid(cells)
 
 
-def _lens(width_px: int, height_px: int) -> Lens:
+def _shot(
+    simspec: SimSpec,
+    size_px: tuple[int, int],
+    conditions: Conditions,
+    kind: GroundType,
+    pose: CameraPose,
+    finer: int = 1,
+) -> Pixels:
+    """One picture. What is about shapes is drawn `finer` and shrunk; noise, rain and blur are shown as they are."""
+    width_px, height_px = size_px[0] * finer, size_px[1] * finer
     focal_px = width_px / 2.0 / math.tan(_FIELD_OF_VIEW / 2.0)
-    return Lens("sheet", width_px, height_px, focal_px, focal_px, width_px / 2.0, height_px / 2.0)
-
-
-def _shot(simspec: SimSpec, lens: Lens, conditions: Conditions, kind: GroundType, pose: CameraPose) -> Pixels:
-    """One picture, drawn at twice the size and halved, as a sheet shows more of a scene than a camera's pixels do."""
-    fine = replace(
-        lens,
-        width_px=2 * lens.width_px,
-        height_px=2 * lens.height_px,
-        fx=2 * lens.fx,
-        fy=2 * lens.fy,
-        cx=2 * lens.cx,
-        cy=2 * lens.cy,
-    )
-    camera = RenderedCamera(
-        stage_of(simspec, fine, conditions, kind), conditions, simspec.seeds, open_opencv_renderer
-    )
+    lens = Lens("sheet", width_px, height_px, focal_px, focal_px, width_px / 2.0, height_px / 2.0)
+    stage = stage_of(simspec, lens, conditions, ground=_ground(kind, simspec.world.area, simspec.world.roads))
+    camera = RenderedCamera(stage, conditions, simspec.seeds, open_opencv_renderer)
     assert simspec.realized is not None
     actors = simspec.realized.actors
     positions = np.array([(actor.east_m, actor.north_m, 0.0) for actor in actors]).reshape(-1, 3)
     headings = np.radians(np.array([actor.heading_deg for actor in actors], dtype=np.float64))
     frame = camera.capture(pose, positions, headings, 0)
     assert frame is not None
-    return np.asarray(
-        cv2.resize(frame.bgr, (lens.width_px, lens.height_px), interpolation=cv2.INTER_AREA), np.uint8
-    )
+    if finer == 1:
+        return frame.bgr
+    return np.asarray(cv2.resize(frame.bgr, size_px, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+@cache
+def _ground(kind: GroundType, area: Polygon, roads: tuple[Road, ...]) -> Ground:
+    return ground_of(area, roads, kind, np.random.Generator(np.random.PCG64(1)))
 
 
 def _labelled(picture: Pixels, label: str) -> Pixels:
     strip = np.full((_LABEL_PX, picture.shape[1], 3), 32, np.uint8)
-    cv2.putText(strip, label, (4, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.38, (240, 240, 240), 1, cv2.LINE_AA)
+    cv2.putText(strip, label, (4, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (240, 240, 240), 1, cv2.LINE_AA)
     return np.concatenate((picture, strip))
 
 
-def _grid(cells: Iterable[Pixels], columns: int) -> Pixels:
-    cells = list(cells)
-    while len(cells) % columns:
-        cells.append(np.full_like(cells[0], 32))
+def _grid(cells: list[Pixels]) -> Pixels:
+    """Rows of cells as wide as the sheet, the last one filled up."""
+    columns = _SHEET_PX // cells[0].shape[1]
+    empty = [np.full_like(cells[0], 32)] * (-len(cells) % columns)
+    every = [*cells, *empty]
     return np.concatenate(
-        [np.concatenate(cells[row : row + columns], axis=1) for row in range(0, len(cells), columns)]
+        [np.concatenate(every[row : row + columns], axis=1) for row in range(0, len(every), columns)]
     )
 
 
@@ -193,7 +210,7 @@ def _sun(elevation_deg: float, azimuth_deg: float) -> Conditions:
 
 
 _CONDITIONS = (
-    ("noon", _sun(62.0, 180.0)),
+    ("noon, sun 62 deg", _sun(62.0, 180.0)),
     ("afternoon, sun 30 deg", _sun(30.0, 250.0)),
     ("sun 12 deg", _sun(12.0, 280.0)),
     ("sunset, sun 3 deg", _sun(3.0, 300.0)),

@@ -16,6 +16,7 @@ from bench.errors import RebarError, SetupError
 
 from . import (
     _calibrate,
+    _camera,
     _compare,
     _decomposition,
     _examples,
@@ -72,7 +73,7 @@ def options(
 
 for commands in (
     *(_campaigns, _sessions, _scores, _compare, _calibrate, _decomposition),
-    *(_graph, _look, _prose, _new, _fly, _next, _examples, _machine),
+    *(_camera, _graph, _look, _prose, _new, _fly, _next, _examples, _machine),
 ):
     commands.register(app)
 

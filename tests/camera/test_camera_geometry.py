@@ -97,7 +97,7 @@ def test_a_box_of_pixels_is_the_projection_of_the_actor(
     random = np.random.default_rng(4)
     camera = replace(lens(), distortion=distortion)
     checked = 0
-    for trial in range(20):
+    for trial in range(14):
         view = random_pose(random)
         ahead = view.axes_enu[2] / max(0.2, -view.axes_enu[2, 2]) * view.position_enu_m[2]
         east, north = (view.position_enu_m + ahead)[:2] + random.uniform(-4, 4, 2)
@@ -117,7 +117,7 @@ def test_a_box_of_pixels_is_the_projection_of_the_actor(
         assert seen.actor == 0
         assert seen.visible == 1.0
         assert seen.box == pytest.approx((*pixels.min(axis=0), *pixels.max(axis=0)), abs=1.3)
-    assert checked >= 8
+    assert checked >= 5
 
 
 def test_a_person_at_a_hundred_metres_is_as_high_as_the_intrinsics_say() -> None:

@@ -1,0 +1,57 @@
+"""`rebar camera`: what the rendered camera can draw."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bench.errors import Fault, SetupError
+
+SUFFIXES = (".png", ".jpg", ".webp")
+# Small enough for a page of documentation, and labels of 12 pixels can still be read.
+_QUALITY = 50
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command group."""
+    group = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+    group.command()(sheet)
+    # Without a second command the group would vanish, and `sheet` with it.
+    group.callback(help="Draw what the rendered camera can show.")(lambda: None)
+    app.add_typer(group, name="camera")
+
+
+def sheet(
+    out: Annotated[Path, typer.Option(help=f"The picture to write: {', '.join(SUFFIXES)}")] = Path(
+        "camera-sheet.webp"
+    ),
+) -> None:
+    """Draw every asset, and one scene under every condition, on one sheet to look at.
+
+    Example: rebar camera sheet --out out/sheet.png
+    """
+    if out.suffix not in SUFFIXES:
+        raise SetupError(
+            Fault(
+                "--out",
+                f"cannot write pictures as {out.suffix or 'a file without suffix'}",
+                f"use {', '.join(SUFFIXES)}",
+            )
+        )
+    # OpenCV takes a tenth of a second to import, which no other command needs.
+    import cv2
+
+    from bench.camera.sheet import draw_sheet
+
+    options = {
+        ".png": [],
+        ".jpg": [cv2.IMWRITE_JPEG_QUALITY, _QUALITY, cv2.IMWRITE_JPEG_OPTIMIZE, 1],
+        ".webp": [cv2.IMWRITE_WEBP_QUALITY, _QUALITY],
+    }
+    # Encoded in memory, because cv2.imwrite tells no more than that a file could not be written.
+    _, encoded = cv2.imencode(out.suffix, draw_sheet(), options[out.suffix])
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_bytes(encoded.tobytes())
+    print(out)

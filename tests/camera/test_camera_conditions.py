@@ -1,0 +1,203 @@
+"""Light, air and the camera's own faults change the picture as they say, and repeat with the seeds."""
+
+from __future__ import annotations
+
+import datetime as dt
+import hashlib
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from camera_stages import NOON, lens, pose, stage
+
+from bench.arrays import Floats
+from bench.camera import (
+    Conditions,
+    RenderedCamera,
+    conditions_of,
+    exposure_of,
+    open_camera,
+    open_opencv_renderer,
+)
+from bench.camera.sheet import SceneActor, simspec_with
+from bench.contracts import CameraPose, Picture
+from bench.simspec import Camera, Environment, Point, Road, Seeds, SimSpec
+
+SMALL = Camera(width_px=160, height_px=120)
+DOWN = pose((0.0, 0.0, 40.0), 20.0, 70.0)
+
+
+def rendered(conditions: Conditions, view: CameraPose = DOWN) -> Picture:
+    scene, positions, headings = stage([("van", 2.0, 8.0, 40.0)], conditions)
+    return open_opencv_renderer(scene).render(view, positions, headings)
+
+
+def exposed(conditions: Conditions, view: CameraPose = DOWN, number: int = 0, root: int = 5) -> Floats:
+    """A frame as the camera sends it."""
+    scene, positions, headings = stage([("van", 2.0, 8.0, 40.0)], conditions)
+    camera = RenderedCamera(scene, conditions, Seeds(root=root), open_opencv_renderer)
+    frame = camera.capture(view, positions, headings, number)
+    assert frame is not None
+    return frame.bgr.astype(np.float64)
+
+
+def village(root_seed: int = 7) -> SimSpec:
+    road = Road(id="r", points=(Point(east_m=-50.0, north_m=0.0), Point(east_m=50.0, north_m=4.0)))
+    actors = [SceneActor("bus", 3.0, 0.0, 80.0), SceneActor("soldier", -4.0, 6.0, 10.0, 0.5)]
+    return simspec_with(actors, (road,), root_seed=root_seed)
+
+
+def digests(simspec: SimSpec, numbers: tuple[int, ...]) -> list[str]:
+    conditions = replace(
+        conditions_of(simspec), rain_level=4.0, lens_dirt=0.5, sun_elevation_rad=0.05, exposure_ev=-0.5
+    )
+    camera = open_camera(simspec, SMALL, conditions=conditions)
+    positions, headings = np.array(((3.0, 0.0, 0.0), (-4.0, 6.0, 0.0))), np.radians((80.0, 10.0))
+    found = []
+    for number in numbers:
+        moved = replace(DOWN, position_enu_m=DOWN.position_enu_m + 0.5 * number)
+        frame = camera.capture(moved, positions, headings, number)
+        assert frame is not None
+        found.append(hashlib.sha256(frame.bgr.tobytes()).hexdigest())
+    return found
+
+
+def test_the_same_simspec_gives_the_same_pixels_whichever_frames_were_drawn_before() -> None:
+    first = digests(village(), (0, 7))
+    again = digests(village(), (0, 3, 7))
+
+    assert first[0] != first[1]
+    assert [again[0], again[2]] == first
+    assert digests(village(root_seed=8), (0,))[0] != first[0]
+
+
+def test_the_simspec_decides_sun_and_air() -> None:
+    """Two moments and two weathers: elevation and azimuth of the sun, extinction as in the detection model."""
+    simspec = village()
+    morning = Environment(
+        start_utc=dt.datetime(2026, 6, 21, 5, 0, tzinfo=dt.UTC), fog_level=5.0, rain_level=2.0
+    )
+    other = conditions_of(simspec.model_copy(update={"environment": morning}))
+    noon = conditions_of(simspec)
+
+    assert noon.extinction_per_m == 0.0
+    assert math.degrees(noon.sun_elevation_rad) == pytest.approx(66.0, abs=0.5)
+    assert other.extinction_per_m == pytest.approx(0.00012 * 25 + 0.0002 * 2)
+    assert 0.0 < other.sun_elevation_rad < 0.4
+    assert math.degrees(other.sun_azimuth_rad) == pytest.approx(70.0, abs=10.0)
+
+
+def test_haze_follows_koschmieder() -> None:
+    """The ground's contrast with the haze falls as exp(-b R): two ranges and two airs give the same b."""
+    view = pose((0, 0, 30), 0.0, 20.0)
+    clear = rendered(replace(NOON, extinction_per_m=0.0), view)
+    for extinction in (0.004, 0.012):
+        thick = rendered(replace(NOON, extinction_per_m=extinction), view)
+        camera = lens()
+        for row in (130, 220):
+            ray = np.array((0.0, (row + 0.5 - camera.cy) / camera.fy, 1.0))
+            range_m = float(clear.depth_m()[row, 163]) * float(np.linalg.norm(ray))
+            haze = 222.0  # the middle channel of a clear sky's haze, before its tint
+            before = haze - clear.bgr[row, 140:180, 1].mean()
+            after = haze - thick.bgr[row, 140:180, 1].mean()
+            assert math.log(before / after) / range_m == pytest.approx(extinction, rel=0.15)
+
+
+def test_light_falls_and_reddens_with_the_sun_and_noise_grows_with_gain() -> None:
+    suns = [replace(NOON, sun_elevation_rad=math.radians(degrees)) for degrees in (60.0, 4.0, -5.0, -18.0)]
+    exposures = [exposure_of(sun) for sun in suns]
+    pictures = [rendered(sun).bgr.astype(float) for sun in suns]
+    brightness = [float(picture.mean()) for picture in pictures]
+    redness = [float(picture[..., 2].mean() / picture[..., 0].mean()) for picture in pictures]
+    noise = [float((exposed(sun) - picture).std()) for sun, picture in zip(suns, pictures, strict=True)]
+
+    assert [exposure.gain for exposure in exposures] == sorted(exposure.gain for exposure in exposures)
+    assert exposures[0].gain == 1.0
+    assert exposures[-1].gain == 256.0
+    assert brightness == sorted(brightness, reverse=True)
+    assert brightness[-1] < 0.5 * brightness[0]
+    assert redness[1] > redness[0] > redness[2]
+    assert noise[3] > noise[2] > 2.0 * noise[0]
+
+
+def test_exposure_and_shutter_do_what_they_are_set_to() -> None:
+    darker, lighter = (rendered(replace(NOON, exposure_ev=ev)).bgr.mean() for ev in (-1.0, 1.0))
+    middle = rendered(NOON).bgr.mean()
+
+    # One stop is a factor of two in light, and the 2.2nd root of that on a display.
+    assert middle / darker == pytest.approx(2 ** (1 / 2.2), rel=0.05)
+    assert lighter / middle == pytest.approx(2 ** (1 / 2.2), rel=0.08)
+
+
+def test_motion_blurs_along_the_motion() -> None:
+    """A fast flight north over a camera that looks down blurs up and down, a turn about the down axis across."""
+    straight = pose((0, 0, 30), 0.0, 90.0)
+    slow = replace(NOON, shutter_s=1.0 / 60.0, noise=0.0)
+    scene, positions, headings = stage([("crate", 2.0, 4.0, 0.0)], slow)
+    camera = RenderedCamera(scene, slow, Seeds(root=5), open_opencv_renderer)
+    views = (
+        straight,
+        replace(straight, velocity_enu_mps=np.array((0.0, 20.0, 0.0))),
+        replace(straight, rates_optical_radps=np.array((0.0, 1.2, 0.0))),
+    )
+
+    def edges(view: CameraPose) -> list[float]:
+        frame = camera.capture(view, positions, headings, 0)
+        assert frame is not None
+        return [float(np.square(np.diff(frame.bgr.astype(float), axis=axis)).sum()) for axis in (0, 1)]
+
+    still, north, across = map(edges, views)
+    assert north[0] < 0.4 * still[0]
+    assert north[1] > 0.6 * still[1]
+    assert across[1] < 0.4 * still[1]
+    assert across[0] > 0.6 * still[0]
+
+
+def test_rain_dust_and_dirt_show() -> None:
+    plain = replace(NOON, noise=0.0)
+    clear = exposed(plain)
+    overcast = exposed(replace(plain, rain_level=9.0))
+    dusty = exposed(replace(plain, dust_level=6.0))
+    dirty = exposed(replace(plain, lens_dirt=1.0))
+    # Streaks only add light, to few pixels; shadows are gone under cloud.
+    streaks = overcast - rendered(replace(plain, rain_level=9.0)).bgr
+
+    assert streaks.min() >= 0.0
+    assert 0.005 < (streaks > 10).mean() < 0.4
+    assert (dusty[..., 2] - dusty[..., 0]).mean() > (clear[..., 2] - clear[..., 0]).mean() + 8.0
+    assert np.abs(dirty - clear).max() > 40.0
+    # Dirt is on the lens: it stays when the camera turns away.
+    away = pose((0.0, 0.0, 40.0), 200.0, 70.0)
+    change = dirty - clear
+    assert np.corrcoef(change.ravel(), (exposed(replace(plain, lens_dirt=1.0), away) - exposed(plain, away)).ravel())[
+        0, 1
+    ] > 0.6  # fmt: skip
+
+
+def test_frames_are_lost_and_frozen_at_their_rates() -> None:
+    scene, positions, headings = stage([("van", 2.0, 8.0, 40.0)])
+    faulty = replace(NOON, dropped_share=0.2, frozen_share=0.25, frozen_frames=4.0)
+    camera = RenderedCamera(scene, faulty, Seeds(root=1), open_opencv_renderer)
+    states = [camera.sensor.state(number) for number in range(4000)]
+    dropped = sum(state.shown is None for state in states)
+    frozen = sum(state.frozen for state in states)
+
+    assert dropped / 4000 == pytest.approx(0.2, abs=0.03)
+    assert frozen / (4000 - dropped) == pytest.approx(0.25, abs=0.04)
+    assert all(state.shown is None or state.shown <= state.number for state in states)
+    number = next(state.number for state in states if state.frozen and state.shown is not None)
+    shown = states[number].shown
+    assert shown is not None
+    other = replace(DOWN, position_enu_m=DOWN.position_enu_m + 5.0)
+    whole = RenderedCamera(scene, replace(faulty, dropped_share=0.0), Seeds(root=1), open_opencv_renderer)
+    live = whole.capture(DOWN, positions, headings, shown)
+    repeated = whole.capture(other, positions, headings, number)
+    moved = whole.capture(other, positions, headings, shown)
+
+    assert live is not None
+    assert repeated is not None
+    assert moved is not None
+    assert (repeated.bgr == live.bgr).all()
+    assert repeated.state.frozen
+    assert (moved.bgr != live.bgr).any()
