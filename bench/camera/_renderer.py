@@ -160,7 +160,7 @@ class OpenCvRenderer:
         points = np.rint(np.clip(pixels, -1e6, 1e6) * (1 << _SHIFT)).astype(np.int32)
         counts = self._corner_counts[faces].tolist()
         polygons: list[NDArray[np.int32]] = []
-        kept: list[int] = []
+        rows: list[int] = []
         fill, smooth_edges = cv2.fillConvexPoly, cv2.LINE_AA
         for index in np.flatnonzero((whole & inside) | (any_ahead & ~tame)).tolist():
             if tame[index]:
@@ -172,8 +172,8 @@ class OpenCvRenderer:
                 polygon = np.rint(cut * (1 << _SHIFT)).astype(np.int32)
             fill(image, polygon, colours[index], smooth_edges, _SHIFT)
             polygons.append(polygon)
-            kept.append(index)
-        return _Drawn(polygons, actors[kept], planes[kept])
+            rows.append(index)
+        return _Drawn(polygons, actors[rows], planes[rows])
 
     def _visible_faces(
         self, pose: CameraPose, positions_enu_m: Floats, axes: Floats
@@ -209,22 +209,22 @@ class OpenCvRenderer:
         return index[rows], np.concatenate(faces), ranges[rows]
 
     def _in_view(self, pose: CameraPose, centres: Floats, radii: Floats) -> Counts:
-        """(k,) indices of the spheres that touch the view and are large and clear enough to be seen."""
+        """(k,) indices of the spheres that touch the view and are large and clear enough to be visible."""
         lens = self._canvas.lens
         x, y, z = pose.to_optical(centres).T
         distance = np.sqrt(x * x + y * y + z * z)
         reach = min(_FARTHEST_M, -math.log(_LEAST_CONTRAST) / self._stage.light.extinction_per_m)
-        seen = (distance - radii < reach) & (z + radii > NEAR_M)
-        seen &= 2.0 * radii * lens.fx > _LEAST_BODY_PX * distance
+        visible = (distance - radii < reach) & (z + radii > NEAR_M)
+        visible &= 2.0 * radii * lens.fx > _LEAST_BODY_PX * distance
         # Signed distances to the four sides of the view.
         for along, across, focal, middle, size in (
             (z, x, lens.fx, lens.cx, lens.width_px),
             (z, y, lens.fy, lens.cy, lens.height_px),
         ):
             lower, upper = middle / focal, (size - middle) / focal
-            seen &= (across + along * lower) / math.hypot(1.0, lower) > -radii
-            seen &= (along * upper - across) / math.hypot(1.0, upper) > -radii
-        return np.flatnonzero(seen)
+            visible &= (across + along * lower) / math.hypot(1.0, lower) > -radii
+            visible &= (along * upper - across) / math.hypot(1.0, upper) > -radii
+        return np.flatnonzero(visible)
 
     def _windows(self, pose: CameraPose, centres: Floats, frame: Floats, halves: Floats) -> Floats:
         """(k, 4) left, top, right, bottom of boxes in the picture; all of it for boxes that reach behind the camera."""
@@ -636,14 +636,14 @@ def _enlarged(block: Bools, shape: tuple[int, ...]) -> Pixels:
 
 def _cut(points: Floats, signed: Floats) -> Floats:
     """The part of a polygon (k, d) where `signed` (k,) is positive (Sutherland and Hodgman 1974)."""
-    kept = []
+    corners = []
     for i in range(len(points)):
         j = (i + 1) % len(points)
         if signed[i] > 0.0:
-            kept.append(points[i])
+            corners.append(points[i])
         if (signed[i] > 0.0) != (signed[j] > 0.0):
-            kept.append(points[i] + (points[j] - points[i]) * (signed[i] / (signed[i] - signed[j])))
-    return np.array(kept).reshape(-1, points.shape[1])
+            corners.append(points[i] + (points[j] - points[i]) * (signed[i] / (signed[i] - signed[j])))
+    return np.array(corners).reshape(-1, points.shape[1])
 
 
 def _cut_to_frame(corners: Floats, lens: Lens) -> Floats:

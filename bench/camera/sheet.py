@@ -143,7 +143,7 @@ def condition_sheet() -> Pixels:
         for label, conditions in _CONDITIONS
     ]
     cells += [_labelled(_shot(village, _SCENE_PX, DAY, kind, pose), f"ground: {kind}") for kind in GroundType]
-    near = pose_towards(np.array((-8.0, -26.0, 17.0)), np.array((1.0, 0.0, 0.0)))
+    close_by = pose_towards(np.array((-8.0, -26.0, 17.0)), np.array((1.0, 0.0, 0.0)))
     for level in (0.0, 0.25, 0.5, 0.75, 1.0):
         hidden = simspec_with(
             [
@@ -154,7 +154,7 @@ def condition_sheet() -> Pixels:
             ]
         )
         cells.append(
-            _labelled(_shot(hidden, _SCENE_PX, DAY, GroundType.GRASS, near, 2), f"concealment {level:g}")
+            _labelled(_shot(hidden, _SCENE_PX, DAY, GroundType.GRASS, close_by, 2), f"concealment {level:g}")
         )
     return _grid(cells)
 

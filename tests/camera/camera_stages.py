@@ -84,16 +84,16 @@ def cast_rays(
     with np.errstate(divide="ignore", invalid="ignore"):
         ground = np.where(rays[:, 2] < 0, -pose.position_enu_m[2] / rays[:, 2], np.inf)
         nearest, labels = ground, np.zeros(len(rays), np.uint16)
-        for actor, seen in enumerate(stage.looks):
+        for actor, body in enumerate(stage.looks):
             turn = Rotation.from_euler("Z", math.pi / 2 - headings[actor])
             start = turn.inv().apply(pose.position_enu_m - positions[actor])
             along = turn.inv().apply(rays)
-            shape = seen.geometry
+            shape = body.geometry
             middle, reach = shape.corners_m.reshape(-1, 3).mean(axis=0), np.abs(shape.corners_m).max() * 1.8
             # Rays that pass the actor by far are spared, for speed alone.
             off = np.linalg.norm(np.cross(along, start - middle), axis=1) / np.linalg.norm(along, axis=1)
-            near = np.flatnonzero(off < reach)
-            along = along[near]
+            close_by = np.flatnonzero(off < reach)
+            along = along[close_by]
             for solid in range(int(shape.solids.max()) + 1):
                 faces = (shape.solids == solid) & ~shape.details
                 normals, corners = shape.normals[faces], shape.corners_m[faces, 0]
@@ -104,8 +104,8 @@ def cast_rays(
                 leave = np.where(speed > 0, crossing, np.inf).min(axis=1)
                 # A ray along a plane is inside of it or misses the solid.
                 outside = ((speed == 0) & (height > 0)).any(axis=1)
-                hit = (enter < leave) & (enter > 0) & (enter < nearest[near]) & ~outside
-                nearest[near[hit]] = enter[hit]
-                labels[near[hit]] = actor + 1
+                hit = (enter < leave) & (enter > 0) & (enter < nearest[close_by]) & ~outside
+                nearest[close_by[hit]] = enter[hit]
+                labels[close_by[hit]] = actor + 1
     shape_px = (camera.height_px, camera.width_px)
     return labels.reshape(shape_px).astype(np.uint16), nearest.reshape(shape_px)

@@ -54,13 +54,13 @@ def digests(simspec: SimSpec, numbers: tuple[int, ...]) -> list[str]:
     )
     camera = open_camera(simspec, SMALL, conditions=conditions)
     positions, headings = np.array(((3.0, 0.0, 0.0), (-4.0, 6.0, 0.0))), np.radians((80.0, 10.0))
-    found = []
+    hashes = []
     for number in numbers:
         moved = replace(DOWN, position_enu_m=DOWN.position_enu_m + 0.5 * number)
         frame = camera.capture(moved, positions, headings, number)
         assert frame is not None
-        found.append(hashlib.sha256(frame.bgr.tobytes()).hexdigest())
-    return found
+        hashes.append(hashlib.sha256(frame.bgr.tobytes()).hexdigest())
+    return hashes
 
 
 def test_the_same_simspec_gives_the_same_pixels_whichever_frames_were_drawn_before() -> None:

@@ -112,11 +112,11 @@ def test_a_box_of_pixels_is_the_projection_of_the_actor(
         if not ((pixels > 3) & (pixels < (camera.width_px - 3, camera.height_px - 3))).all():
             continue
         checked += 1
-        (seen,) = actors_in(open_opencv_renderer(scene).render(view, positions, headings))
+        (actor,) = actors_in(open_opencv_renderer(scene).render(view, positions, headings))
 
-        assert seen.actor == 0
-        assert seen.visible == 1.0
-        assert seen.box == pytest.approx((*pixels.min(axis=0), *pixels.max(axis=0)), abs=1.3)
+        assert actor.actor == 0
+        assert actor.visible == 1.0
+        assert actor.box == pytest.approx((*pixels.min(axis=0), *pixels.max(axis=0)), abs=1.3)
     assert checked >= 5
 
 
@@ -124,8 +124,8 @@ def test_a_person_at_a_hundred_metres_is_as_high_as_the_intrinsics_say() -> None
     camera = lens(640, 480, focal_px=3000.0)
     view = pose((0, 0, 0.9), 0.0, 0.0)
     scene, positions, headings = stage([("man", 0.0, 100.0, 90.0)], camera=camera)
-    (seen,) = actors_in(open_opencv_renderer(scene).render(view, positions, headings))
-    left, top, right, bottom = seen.box
+    (actor,) = actors_in(open_opencv_renderer(scene).render(view, positions, headings))
+    left, top, right, bottom = actor.box
 
     assert bottom - top == pytest.approx(camera.fy * ASSETS["man"].height_m / 100.0, abs=2.0)
     assert top == pytest.approx(camera.cy - camera.fy * (ASSETS["man"].height_m - 0.9) / 100.0, abs=1.3)
@@ -209,12 +209,12 @@ def test_a_long_wall_hides_only_who_is_behind_it() -> None:
     view = pose((-30.0, 0.0, 6.0), 45.0, 4.0)
     for north, visible in ((12.6, True), (27.5, False)):
         scene, positions, headings = stage([block, ("man", 6.0, north, 0.0)])
-        seen = {
+        actors = {
             actor.actor: actor
             for actor in actors_in(open_opencv_renderer(scene).render(view, positions, headings))
         }
-        assert (1 in seen) is visible
-    assert seen[0].visible == 1.0
+        assert (1 in actors) is visible
+    assert actors[0].visible == 1.0
 
 
 def test_the_visible_share_is_that_of_the_silhouette() -> None:

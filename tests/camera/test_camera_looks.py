@@ -1,4 +1,4 @@
-"""Looks: every asset has one, of the size of the catalogue, drawn from its own generator."""
+"""Looks: every asset has one, of the size of the catalogue, drawn from its faces generator."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def test_normals_point_outwards_and_faces_are_flat_and_convex() -> None:
     for name in ASSETS:
         shape = look(name).geometry
         for solid in range(int(shape.solids.max()) + 1):
-            own = (shape.solids == solid) & ~shape.details
-            middle = shape.corners_m[own].reshape(-1, 3).mean(axis=0)
-            offsets = (shape.normals[own] * shape.corners_m[own, 0]).sum(axis=1)
-            assert (shape.normals[own] @ middle <= offsets + 1e-9).all(), name
+            faces = (shape.solids == solid) & ~shape.details
+            middle = shape.corners_m[faces].reshape(-1, 3).mean(axis=0)
+            offsets = (shape.normals[faces] * shape.corners_m[faces, 0]).sum(axis=1)
+            assert (shape.normals[faces] @ middle <= offsets + 1e-9).all(), name
             # Convex: no corner of the solid lies beyond the plane of one of its faces.
-            heights = shape.normals[own] @ shape.corners_m[own].reshape(-1, 3).T - offsets[:, None]
+            heights = shape.normals[faces] @ shape.corners_m[faces].reshape(-1, 3).T - offsets[:, None]
             assert heights.max() < 0.02, f"{name}, solid {solid}"
 
 
