@@ -1,4 +1,6 @@
-"""`rebar compare`: compares two agents, or one agent in two campaigns, on the scenes that both flew."""
+"""`rebar compare`: compares two agents, or one agent in two campaigns or with two sources of perception, on the
+scenes that both flew.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,12 @@ def compare(
     """Compare two agents on the scenes that both flew: the differences, their certainty, and the pairs needed
     to decide. Ends with code 3 if a campaign lacks runs that its agents did not cause.
 
+    Two campaigns that differ in perception alone are compared observable by observable: what fails with both fails by
+    reasoning, what fails with one alone by that perception.
+
     Example: rebar compare out/demo --agents reference-naive reference-bystander-aware
+
+    Example: rebar compare out/simulated out/truth
     """
     from bench.reporting import compare_campaigns
 
@@ -70,6 +77,10 @@ def _show(comparison: Comparison) -> None:
         ],
     )
     console.print(rates)
+    if comparison.perceptions:
+        first, second = comparison.perceptions
+        print_lines(console, [f"scenes passed by perception (first: {first}; second: {second}):"])
+        console.print(_by_perception(comparison))
     print_lines(console, ["divergence of scores (Jensen-Shannon, 0 to 1 bit):"])
     console.print(divergences)
     print_lines(
@@ -83,6 +94,7 @@ def _document(comparison: Comparison) -> dict[str, Any]:
         "first": comparison.first,
         "second": comparison.second,
         "scenes": comparison.scenes,
+        "perceptions": comparison.perceptions,
         "nodes": [
             {
                 **asdict(node),
@@ -94,6 +106,16 @@ def _document(comparison: Comparison) -> dict[str, Any]:
             for node in comparison.nodes
         ],
     }
+
+
+def _by_perception(comparison: Comparison) -> Table:
+    """Of the scenes in which both were considered: which perception the agent passed with."""
+    table = plain_table(("node", "with both", "first alone", "second alone", "with neither"))
+    for node in comparison.nodes:
+        counts = node.counts
+        row = (counts.both, counts.only_first, counts.only_second, counts.neither)
+        add_plain_row(table, (node.node, *map(str, row)))
+    return table
 
 
 def _tables(comparison: Comparison) -> tuple[Table, Table]:

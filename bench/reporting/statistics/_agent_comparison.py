@@ -1,9 +1,9 @@
-"""Two agents compared on the scenes that both flew, in one campaign or in two."""
+"""Two agents, or two sources of perception, compared on the scenes that both flew, in one campaign or in two."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from bench.statistics import NodeComparison, compare_nodes
 
 from .._campaign_data import ReportData
 from .._campaign_folder import load_report_data
+from ..text._sensor import perception_in_short
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,13 +31,14 @@ class ComparedAgent:
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """Two sides over the scenes that both flew and that count; `scenes` counts those, whether a node was considered
-    in them or not.
+    in them or not. `perceptions` are those of the sides where the scenes are equal but for perception, else None.
     """
 
     first: str
     second: str
     scenes: int
     nodes: tuple[NodeComparison, ...]
+    perceptions: tuple[str, str] | None = None
 
     def verdicts(self) -> list[str]:
         """A sentence for each node."""
@@ -49,7 +51,8 @@ def compare_campaigns(
     """Compare two agents of one campaign's folder, or one agent each of two folders.
 
     Without `agents`: the two of one folder, or each folder's only one (else the one that both have). Without
-    `nodes`: those under study, of both campaigns. Raises SetupError with every reason for which they cannot be
+    `nodes`: those under study, of both campaigns; where the scenes differ in perception alone, also the observables
+    under them. Raises SetupError with every reason for which they cannot be
     compared.
     """
     first, second = _compared_agents(folders, agents)
@@ -75,10 +78,14 @@ def compare_agents(data: ReportData, first: str, second: str, *, seed: int = 0) 
 
 def _compared(first: ComparedAgent, second: ComparedAgent, nodes: Sequence[str], seed: int) -> Comparison:
     """The one computation behind the report and `rebar compare`."""
-    first_rows, second_rows = _shared_scene_rows(first, second)
+    scenes = None if first.data is second.data else _shared_scenes(first, second)
+    first_rows, second_rows = _shared_scene_rows(first, second, scenes)
+    perceptions = scenes.perceptions if scenes else None
     # p values are adjusted over the nodes compared. Those under study were chosen before the flights; what the reader
     # of a result chooses is not.
     compared_nodes = nodes or tuple(dict.fromkeys((*first.data.study, *second.data.study)))
+    if perceptions and not nodes:
+        compared_nodes = _with_observables(first.data, compared_nodes)
     return Comparison(
         first.label,
         second.label,
@@ -86,7 +93,16 @@ def _compared(first: ComparedAgent, second: ComparedAgent, nodes: Sequence[str],
         compare_nodes(
             first_rows, second_rows, compared_nodes, excluded_outcomes=EXCLUDED_OUTCOMES, seed=seed
         ),
+        perceptions,
     )
+
+
+def _with_observables(data: ReportData, nodes: Sequence[str]) -> tuple[str, ...]:
+    """Each node and the observables under it, once each; the nodes alone where the decomposition cannot be read."""
+    tree = data.document
+    if tree is None:
+        return tuple(nodes)
+    return tuple(dict.fromkeys(name for node in nodes for name in (node, *tree.observables_under(node))))
 
 
 def _compared_agents(folders: Sequence[Path], agents: Sequence[str]) -> tuple[ComparedAgent, ComparedAgent]:
@@ -180,17 +196,51 @@ def _unknown_node_faults(data: ReportData, nodes: Iterable[str]) -> list[Fault]:
     ]
 
 
-def _shared_scene_rows(first: ComparedAgent, second: ComparedAgent) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """The rows of both sides in the scenes that both flew, with the realizations and design points of the
-    first side.
-    """
-    first_rows, second_rows = (
-        side.data.scores.filter(
-            pl.col("agent") == side.agent, ~pl.col("outcome").is_in(list(EXCLUDED_OUTCOMES))
-        )
-        for side in (first, second)
+@dataclass(frozen=True, slots=True)
+class SharedScenes:
+    """The realizations of two campaigns that flew the same scene: of the first side, by that of the second."""
+
+    first_by_second: Mapping[str, str]
+    perceptions: tuple[str, str] | None = None
+
+
+def _shared_scenes(first: ComparedAgent, second: ComparedAgent) -> SharedScenes:
+    """The scenes that are equal in all but name and agent; if there is none, those equal but for perception too."""
+    # By content and not by id: two campaigns may number the same scenes differently.
+    for ignored in ((), ("perception",)):
+        first_scenes, second_scenes = (_realizations_by_scene(side, ignored) for side in (first, second))
+        shared = {
+            second_scenes[scene]: first_scenes[scene] for scene in first_scenes if scene in second_scenes
+        }
+        if shared:
+            return SharedScenes(shared, _perceptions(first, second, shared) if ignored else None)
+    return SharedScenes({})
+
+
+def _perceptions(first: ComparedAgent, second: ComparedAgent, shared: Mapping[str, str]) -> tuple[str, str]:
+    """The perceptions that each side flew the shared scenes with."""
+
+    def of(side: ComparedAgent, realizations: Iterable[str]) -> str:
+        flown = {perception_in_short(side.data.simspecs[name].perception) for name in realizations}
+        return " or ".join(sorted(flown))
+
+    return of(first, shared.values()), of(second, shared)
+
+
+def _rows_that_count(side: ComparedAgent) -> pl.DataFrame:
+    return side.data.scores.filter(
+        pl.col("agent") == side.agent, ~pl.col("outcome").is_in(list(EXCLUDED_OUTCOMES))
     )
-    if first.data is second.data:
+
+
+def _shared_scene_rows(
+    first: ComparedAgent, second: ComparedAgent, scenes: SharedScenes | None
+) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """The rows of both sides in the scenes that both flew, with the realizations and design points of the
+    first side; `scenes` is None within one campaign.
+    """
+    first_rows, second_rows = _rows_that_count(first), _rows_that_count(second)
+    if scenes is None:
         # A campaign gives all its agents the same scene at each design point and replicate, also where the SimSpecs are
         # lost.
         shared_keys = ["design_point", "replicate"]
@@ -198,12 +248,7 @@ def _shared_scene_rows(first: ComparedAgent, second: ComparedAgent) -> tuple[pl.
             first_rows.join(second_rows.select(shared_keys).unique(), on=shared_keys, how="semi"),
             second_rows.join(first_rows.select(shared_keys).unique(), on=shared_keys, how="semi"),
         )
-    first_scenes, second_scenes = (
-        _realizations_by_scene(first, first_rows),
-        _realizations_by_scene(second, second_rows),
-    )
-    # By content and not by id: two campaigns may number the same scenes differently.
-    shared = {second_scenes[scene]: first_scenes[scene] for scene in first_scenes if scene in second_scenes}
+    shared = scenes.first_by_second
     key = pl.col("realization")
     named = (
         first_rows.unique("realization")
@@ -219,17 +264,22 @@ def _shared_scene_rows(first: ComparedAgent, second: ComparedAgent) -> tuple[pl.
     )
 
 
-def _realizations_by_scene(side: ComparedAgent, rows: pl.DataFrame) -> dict[str, str]:
-    """The realization that flew each scene, by a digest of its SimSpec without name and agent."""
-    flown = rows["realization"].unique(maintain_order=True)
-    return {
-        scene_digest(side.data.simspecs[realization]): realization
-        for realization in flown
-        if realization in side.data.simspecs
-    }
+def _realizations_by_scene(side: ComparedAgent, ignored: Sequence[str] = ()) -> dict[str, str]:
+    """The realization that flew each scene, by a digest of its SimSpec without name, agent and what is `ignored`.
+
+    A scene that this leaves with several realizations is left out: which of them is meant cannot be known.
+    """
+    flown = _rows_that_count(side)["realization"].unique(maintain_order=True)
+    realizations: dict[str, list[str]] = {}
+    for realization in flown:
+        if realization in side.data.simspecs:
+            digest = scene_digest(side.data.simspecs[realization], ignored)
+            realizations.setdefault(digest, []).append(realization)
+    return {scene: names[-1] for scene, names in realizations.items() if not ignored or len(names) == 1}
 
 
-def scene_digest(simspec: SimSpec) -> str:
-    """A digest of what is flown, whichever agent flies it."""
+def scene_digest(simspec: SimSpec, ignored: Sequence[str] = ()) -> str:
+    """A digest of what is flown, whichever agent flies it, without the parts of the SimSpec that are `ignored`."""
     # The name holds the agent, and the agent is what differs between the two runs of a scene.
-    return hashlib.sha256(simspec.model_dump_json(exclude={"name", "agent"}).encode()).hexdigest()
+    excluded = {"name", "agent", *ignored}
+    return hashlib.sha256(simspec.model_dump_json(exclude=excluded).encode()).hexdigest()
