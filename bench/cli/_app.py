@@ -20,6 +20,7 @@ from . import (
     _compare,
     _decomposition,
     _examples,
+    _fit_detector,
     _fly,
     _graph,
     _look,
@@ -73,7 +74,7 @@ def options(
 
 for commands in (
     *(_campaigns, _sessions, _scores, _compare, _calibrate, _decomposition),
-    *(_camera, _graph, _look, _prose, _new, _fly, _next, _examples, _machine),
+    *(_camera, _graph, _look, _prose, _new, _fly, _next, _fit_detector, _examples, _machine),
 ):
     commands.register(app)
 

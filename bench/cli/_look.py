@@ -41,6 +41,7 @@ def schema(
     from bench.campaign import Campaign
     from bench.errors import Fault, SetupError
     from bench.instance_analysis import BaseSimSpec, ProposedResult, VocabularyDocument
+    from bench.perception.fit import DetectorFit
     from bench.scoring import Explanation, ScoreReport
     from bench.simspec import SimSpec
     from decompositions import decomposition_schema
@@ -61,6 +62,7 @@ def schema(
         "consent-request": contracts.ConsentRequest,
         "consent-answer": contracts.ConsentAnswer,
         "session-result": contracts.SessionResult,
+        "detector-fit": DetectorFit,
         "score-report": ScoreReport,
         "score-explanation": Explanation,
         "prose": BaseSimSpec,

@@ -1,0 +1,9 @@
+"""An error model fitted to recordings: the detections of a run against the truth about its frames."""
+
+from __future__ import annotations
+
+from ._document import DetectorFit as DetectorFit
+from ._document import FitEvidence as FitEvidence
+from ._document import SizeBand as SizeBand
+from ._fit import CARRIED_PARAMETERS as CARRIED_PARAMETERS
+from ._fit import fit_detector as fit_detector

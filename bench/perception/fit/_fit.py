@@ -1,0 +1,295 @@
+"""Estimates every parameter of the error model from matched recordings. docs/detection.md says how."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from bench.arrays import Bools, Counts, Floats
+from bench.contracts import Tape
+from bench.errors import Fault, SetupError
+from bench.simspec import ASSETS, CLASS_LABELS, DetectionModel, Perception, SimSpec
+
+from .._odds import DetectionOdds
+from .._tracks import TRACK_GAP_S
+from ._boxes_fit import BoxFit, fit_boxes
+from ._curve import SizeCurve, fit_correlation_s, fit_curve, solve_rate
+from ._document import DetectorFit, FitEvidence, LabelCounts, SizeBand
+from ._matching import MatchedRun, match_runs
+from ._timing import FalseFit, LatencyFit, fit_false, fit_latency
+
+MIN_CONFUSABLE = 20.0
+"""A class gets a row of its own in the confusion when so many wrong labels could have been seen; chosen."""
+
+BANDS_PX = (0.0, 8.0, 12.0, 16.0, 24.0, 32.0, 64.0, 96.0, float(2**20))
+"""Borders of the size bands; 32 and 96 pixels are those of COCO's small, medium and large objects."""
+
+CARRIED_PARAMETERS = ("fog_extinction_per_m", "rain_extinction_per_m", "night_contrast", "concealment_weight")
+"""Recordings in one weather cannot show these: the fit takes them from the SimSpecs, as given."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sightings:
+    """All sightings of all runs, one row each; `chain` is equal for the same actor of the same run."""
+
+    size_px: Floats
+    hit: Bools
+    time_s: Floats
+    chain: tuple[tuple[int, int], ...]
+    true_label: tuple[str, ...]
+    asset: tuple[str, ...]
+    label: tuple[str, ...]  # of the detection, empty for a miss
+
+
+def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
+    """The error model that behaves as the detections on these tapes do.
+
+    Raises SetupError when there is nothing to fit, or the SimSpecs state different weather parameters.
+    """
+    given = _given_model(runs)
+    matched = match_runs(runs)
+    rows = _sightings(matched)
+    if not rows.hit.any():
+        raise SetupError(
+            Fault(
+                "fit-detector",
+                "no detection in these recordings lies on an actor",
+                "give recordings with detections of actors; with perception.source agent there are none",
+            )
+        )
+    kept = list(CARRIED_PARAMETERS)
+    curve = fit_curve(rows.size_px, rows.hit, SizeCurve(given.half_height_px, given.slope, given.ceiling))
+    if curve is None:
+        kept += ["half_height_px", "slope", "ceiling"]
+        curve = SizeCurve(given.half_height_px, given.slope, given.ceiling)
+    pairs = _frame_pairs(rows)
+    p = curve.probability(rows.size_px)
+    both = int((rows.hit[pairs.first] & rows.hit[pairs.second]).sum())
+    correlation_s = given.correlation_s
+    if len(pairs.first):
+        correlation_s = fit_correlation_s(p[pairs.first], p[pairs.second], pairs.span_s, both)
+    else:
+        kept.append("correlation_s")
+    labels = _fit_labels(rows, curve)
+    boxes = fit_boxes(matched, TRACK_GAP_S)
+    latency, false = fit_latency(matched), fit_false(matched)
+    tracks = _track_changes(matched)
+    kept += [] if boxes.jitter_px is not None else ["jitter_px"]
+    kept += [] if labels.mislabel is not None else ["mislabel"]
+    model = given.model_copy(
+        update={
+            "half_height_px": round(curve.half_px, 4),
+            "slope": round(curve.slope, 4),
+            "ceiling": round(curve.ceiling, 5),
+            "correlation_s": round(correlation_s, 4),
+            "mislabel": given.mislabel if labels.mislabel is None else round(labels.mislabel, 5),
+            "confusion": labels.confusion,
+            **_box_parameters(boxes, given),
+            **_timing_parameters(latency, false),
+            "id_switches_per_s": round(solve_rate(tracks.spans_s, tracks.changes), 5),
+        }
+    )
+    evidence = FitEvidence(
+        recordings=len(runs),
+        frames=sum(len(run.frames) for run in matched),
+        unanswered=sum(run.unanswered for run in matched),
+        sightings=len(rows.hit),
+        detected=int(rows.hit.sum()),
+        false_detections=false.detections,
+        false_continued=(false.continued, false.followed),
+        bands=_bands(rows, p),
+        frame_pairs=len(pairs.first),
+        both_detected=both,
+        labels=labels.counts,
+        unknown_labels=labels.unknown,
+        boxes=boxes.boxes,
+        box_pairs=boxes.pairs,
+        delays=latency.frames,
+        track_pairs=len(tracks.spans_s),
+        track_s=round(sum(tracks.spans_s), 3),
+        switches=tracks.changes,
+        kept=tuple(kept),
+    )
+    # Validated again: model_copy does not check the ranges that the document promises.
+    checked = DetectionModel.model_validate(model.model_dump())
+    return DetectorFit(perception=Perception(model=checked), evidence=evidence)
+
+
+def _given_model(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectionModel:
+    if not runs:
+        raise SetupError(Fault("fit-detector", "there is no recording", "name one or more"))
+    models = [simspec.perception.model for simspec, _ in runs]
+    if faults := [
+        Fault(
+            f"perception.model.{name}",
+            f"differs between the recordings: {', '.join(f'{value:g}' for value in sorted(values))}",
+            "fit recordings of one error model at a time",
+        )
+        for name in CARRIED_PARAMETERS
+        if len(values := {getattr(model, name) for model in models}) > 1
+    ]:
+        raise SetupError(faults)
+    return models[0]
+
+
+def _sightings(matched: Sequence[MatchedRun]) -> _Sightings:
+    rows: list[tuple[float, float, tuple[int, int], str, str, str]] = []
+    for number, run in enumerate(matched):
+        odds, cast = DetectionOdds.of(run.simspec), run.tape.cast
+        for frame in run.frames:
+            for item in frame.sightings:
+                member = cast[item.sighting.actor]
+                rows.append(
+                    (
+                        odds.effective_px(item.sighting, member.concealment),
+                        frame.exposed.s,
+                        (number, item.sighting.actor),
+                        member.class_label,
+                        member.asset,
+                        item.detection.class_label if item.detection else "",
+                    )
+                )
+    size_px, time_s, chain, true_label, asset, label = zip(*rows, strict=True) if rows else ((),) * 6
+    return _Sightings(
+        np.array(size_px, dtype=np.float64),
+        np.array([name != "" for name in label], dtype=np.bool_),
+        np.array(time_s, dtype=np.float64),
+        chain,
+        true_label,
+        asset,
+        label,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _FramePairs:
+    """Rows of one actor in two successive frames, and the time between them."""
+
+    first: Counts
+    second: Counts
+    span_s: Floats
+
+
+def _frame_pairs(rows: _Sightings) -> _FramePairs:
+    last: dict[tuple[int, int], int] = {}
+    pairs = []
+    for row, chain in enumerate(rows.chain):
+        previous = last.get(chain)
+        # After a longer absence nothing of the process is left to see.
+        if previous is not None and rows.time_s[row] - rows.time_s[previous] <= TRACK_GAP_S:
+            pairs.append((previous, row))
+        last[chain] = row
+    table = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    return _FramePairs(table[:, 0], table[:, 1], rows.time_s[table[:, 1]] - rows.time_s[table[:, 0]])
+
+
+@dataclass(frozen=True, slots=True)
+class _LabelFit:
+    mislabel: float | None
+    confusion: dict[str, dict[str, float]]
+    counts: dict[str, LabelCounts]
+    unknown: int
+
+
+def _fit_labels(rows: _Sightings, curve: SizeCurve) -> _LabelFit:
+    """The probability of a wrong label at the threshold, for every class that was seen unclearly enough."""
+    doubt = 2.0 * (1.0 - curve.share(rows.size_px))
+    known = rows.hit & np.array([name in CLASS_LABELS for name in rows.label], dtype=np.bool_)
+    wrong = known & np.array(
+        [name != true for name, true in zip(rows.label, rows.true_label, strict=True)], dtype=np.bool_
+    )
+    true = np.array(rows.true_label)
+    confusion, counts = {}, {}
+    for label in sorted(set(true[known])):
+        chosen = known & (true == label)
+        seen = Counter(rows.label[row] for row in np.flatnonzero(chosen))
+        counts[str(label)] = LabelCounts(detections=seen.total(), labels=dict(sorted(seen.items())))
+        at_threshold = _at_threshold(doubt[chosen], int(wrong[chosen].sum()))
+        if at_threshold is not None:
+            total = sum(count for name, count in seen.items() if name != label)
+            confusion[str(label)] = {
+                name: round(at_threshold * count / total, 5)
+                for name, count in sorted(seen.items())
+                if name != label
+            }
+    confusable = known & np.array([bool(ASSETS[asset].confused_with) for asset in rows.asset], dtype=np.bool_)
+    return _LabelFit(
+        _at_threshold(doubt[confusable], int(wrong[confusable].sum())),
+        confusion,
+        counts,
+        int((rows.hit & ~known).sum()),
+    )
+
+
+def _at_threshold(doubt: Floats, wrong: int) -> float | None:
+    """The probability with which as many wrong labels are expected as there were; None where too few could be seen."""
+    if float(np.minimum(1.0, doubt).sum()) < MIN_CONFUSABLE:
+        return None
+
+    def excess(probability: float) -> float:
+        return float(np.minimum(1.0, probability * doubt).sum()) - wrong
+
+    return 1.0 if excess(1.0) <= 0.0 else float(brentq(excess, 0.0, 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class _TrackChanges:
+    spans_s: list[float]
+    changes: int
+
+
+def _track_changes(matched: Sequence[MatchedRun]) -> _TrackChanges:
+    spans_s, changes = [], 0
+    for run in matched:
+        last: dict[int, tuple[float, str]] = {}
+        for frame in run.frames:
+            for item in frame.sightings:
+                if item.detection is None or not item.detection.track:
+                    continue
+                actor, track = item.sighting.actor, item.detection.track
+                previous = last.get(actor)
+                if previous is not None and 0.0 < frame.exposed.s - previous[0] <= TRACK_GAP_S:
+                    spans_s.append(frame.exposed.s - previous[0])
+                    changes += track != previous[1]
+                last[actor] = (frame.exposed.s, track)
+    return _TrackChanges(spans_s, changes)
+
+
+def _box_parameters(boxes: BoxFit, given: DetectionModel) -> Mapping[str, Any]:
+    return {
+        "jitter_px": given.jitter_px if boxes.jitter_px is None else round(boxes.jitter_px, 4),
+        "drift_px": round(boxes.drift_px, 4),
+        "drift_s": 2.0 if boxes.drift_s is None else round(boxes.drift_s, 4),
+    }
+
+
+def _timing_parameters(latency: LatencyFit, false: FalseFit) -> Mapping[str, Any]:
+    return {
+        "latency_s": round(latency.latency_s, 6),
+        "latency_jitter_s": round(latency.jitter_s, 6),
+        "false_per_frame": round(false.per_frame, 6),
+        "false_persistence_s": round(false.persistence_s, 4),
+    }
+
+
+def _bands(rows: _Sightings, p: Floats) -> tuple[SizeBand, ...]:
+    bands = []
+    for low, high in pairwise(BANDS_PX):
+        inside = (rows.size_px >= low) & (rows.size_px < high)
+        if inside.any():
+            bands.append(
+                SizeBand(
+                    from_px=low,
+                    until_px=high,
+                    sightings=int(inside.sum()),
+                    detected=int(rows.hit[inside].sum()),
+                    expected=round(float(p[inside].sum()), 2),
+                )
+            )
+    return tuple(bands)

@@ -1,0 +1,138 @@
+"""Detections matched with the actors that they are of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from bench.arrays import Floats
+from bench.contracts import Detection, DetectionFrame, Sighting, SimTime, Tape
+from bench.simspec import SimSpec
+
+from .._boxes import Box
+
+WIDE_GATE_PX = 20.0
+"""Edges farther than this from those of an actor, on average, are not a detection of it, in the first pass. Chosen."""
+
+LEAST_GATE_PX = 3.0
+DEVIATIONS_IN_GATE = 4.0
+"""Of the mean displacement of four edges, in the second pass: beyond lies less than one right match in 10,000."""
+
+
+@dataclass(frozen=True, slots=True)
+class MatchedSighting:
+    """An actor in a frame, and the detection of it; None when it was missed."""
+
+    sighting: Sighting
+    detection: Detection | None
+
+
+@dataclass(frozen=True, slots=True)
+class MatchedFrame:
+    """One frame with its result."""
+
+    exposed: SimTime
+    published: SimTime
+    sightings: tuple[MatchedSighting, ...]
+    false: tuple[Detection, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class MatchedRun:
+    """The frames of a recording that have a result, in order of time; `unanswered` have none."""
+
+    simspec: SimSpec
+    tape: Tape
+    frames: tuple[MatchedFrame, ...]
+    unanswered: int
+
+
+def match_runs(runs: Sequence[tuple[SimSpec, Tape]]) -> list[MatchedRun]:
+    """Match all runs twice: with a wide gate, and with one from the displacements that the first pass found."""
+    wide = [_matched(simspec, tape, WIDE_GATE_PX) for simspec, tape in runs]
+    apart_px = np.array([apart for run in wide for apart in _apart_px(run)])
+    if not len(apart_px):
+        return wide
+    # The median, because a few wrong matches lie far off.
+    gate_px = min(WIDE_GATE_PX, max(LEAST_GATE_PX, DEVIATIONS_IN_GATE * float(np.median(apart_px))))
+    return [_matched(simspec, tape, gate_px) for simspec, tape in runs]
+
+
+def _apart_px(run: MatchedRun) -> Iterator[float]:
+    for frame in run.frames:
+        for matched in frame.sightings:
+            if matched.detection is not None:
+                yield _mean_edge_distance_px(matched.detection.box, matched.sighting.box)
+
+
+def _mean_edge_distance_px(box: Box, other: Box) -> float:
+    return float(np.mean(np.abs(np.subtract(box, other))))
+
+
+def _matched(simspec: SimSpec, tape: Tape, gate_px: float) -> MatchedRun:
+    answers = {answer.exposed.ns: answer for answer in tape.detections}
+    last: dict[int, str] = {}
+    frames = []
+    unanswered = 0
+    for frame in tape.frames:
+        answer = answers.get(frame.exposed.ns)
+        if answer is None:
+            unanswered += 1
+        elif not _in_outage(simspec, answer):
+            frames.append(_matched_frame(frame.sightings, answer, gate_px, last))
+    return MatchedRun(simspec, tape, tuple(frames), unanswered)
+
+
+def _in_outage(simspec: SimSpec, answer: DetectionFrame) -> bool:
+    """Whether a result came while the service lost detections: that is not how the detector is."""
+    moments = (answer.exposed, answer.published)
+    return any(
+        outage.kind != "operator_link" and outage.at_s <= moment.s < outage.until_s
+        for outage in simspec.outages
+        for moment in moments
+    )
+
+
+def _matched_frame(
+    sightings: Sequence[Sighting], answer: DetectionFrame, gate_px: float, last: dict[int, str]
+) -> MatchedFrame:
+    """`last` has the track that each actor was matched with before; it is updated."""
+    chosen = dict(_pairs(sightings, answer.detections, gate_px, last))
+    matched = tuple(
+        MatchedSighting(sighting, answer.detections[chosen[row]] if row in chosen else None)
+        for row, sighting in enumerate(sightings)
+    )
+    for item in matched:
+        if item.detection is not None:
+            last[item.sighting.actor] = item.detection.track
+    of_actors = set(chosen.values())
+    false = tuple(item for column, item in enumerate(answer.detections) if column not in of_actors)
+    return MatchedFrame(answer.exposed, answer.published, matched, false)
+
+
+def _pairs(
+    sightings: Sequence[Sighting], detections: Sequence[Detection], gate_px: float, last: dict[int, str]
+) -> Iterable[tuple[int, int]]:
+    """Rows of sightings and columns of detections that belong together: the assignment of the least distance."""
+    if not sightings or not detections:
+        return ()
+    actual: Floats = np.array([sighting.box for sighting in sightings], dtype=np.float64)
+    reported: Floats = np.array([detection.box for detection in detections], dtype=np.float64)
+    apart_px = np.abs(actual[:, None, :] - reported[None, :, :]).mean(axis=2)
+    possible = apart_px <= gate_px
+    # As in the CLEAR MOT metrics (Bernardin and Stiefelhagen 2008), a correspondence that still holds is kept before a
+    # nearer one is made, so that two actors who pass each other do not look like a switch.
+    kept = np.array(
+        [
+            [bool(item.track) and last.get(sighting.actor) == item.track for item in detections]
+            for sighting in sightings
+        ]
+    )
+    cost = np.where(possible, apart_px - np.where(kept, gate_px, 0.0), 1e3 * gate_px)
+    rows, columns = linear_sum_assignment(cost)
+    return [
+        (int(row), int(column)) for row, column in zip(rows, columns, strict=True) if possible[row, column]
+    ]
