@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,7 +18,7 @@ from bench.agents import open_agent, program_faults
 from bench.agents.confinement import _container as container_module
 from bench.agents.confinement import _ladder, rung_of, rungs
 from bench.agents.confinement._container import Container
-from bench.contracts import AgentEndpoints, AgentManifest, AgentPlan
+from bench.contracts import AgentEndpoints, AgentLimits, AgentManifest, AgentPlan
 from bench.errors import SetupError
 from bench.simspec import AgentSpec, load_simspec
 
@@ -27,10 +28,10 @@ EXAMPLE = HERE.parents[1] / "examples" / "search.yaml"
 TWO_HOGS = """
 import os, time
 child = os.fork()
-held = bytearray(b"1") * (1500 << 20)
+held = bytearray(b"1") * (90 << 20)
 if child:
     os.wait()
-    os.kill(os.getpid(), 9)
+    os._exit(137)
 time.sleep(60)
 """
 PATIENCE_S = 60.0
@@ -160,7 +161,9 @@ def test_the_engine_of_this_host(tmp_path: Path) -> None:
     engine = shutil.which("podman") or "docker"
 
     def ended(part: str, *command: str, image: str = image) -> tuple[int | None, str, str]:
-        with open_agent(plan(tmp_path / part, *command, image=image)) as agent:
+        asked = plan(tmp_path / part, *command, image=image)
+        small = asked.manifest.model_copy(update={"limits": AgentLimits(memory_mb=128)})
+        with open_agent(replace(asked, manifest=small)) as agent:
             until(lambda: agent.exit_code() is not None)
             found = agent.exit_code(), agent.exceeded_limit()
         return *found, (tmp_path / part / "agent.log").read_text()
@@ -171,7 +174,7 @@ def test_the_engine_of_this_host(tmp_path: Path) -> None:
         "udpin:127.0.0.1:14540 /scratch\n",
     )
     assert ended("b", "/bin/sh", "-c", "exit 127") == (127, "", "")
-    assert ended("c", PYTHON, "-I", "-S", "-c", TWO_HOGS)[:2] == (137, "2048 MB of memory")
+    assert ended("c", PYTHON, "-I", "-S", "-c", TWO_HOGS)[:2] == (137, "128 MB of memory")
     with pytest.raises(SetupError, match=r"not known|[Nn]o such image"):
         ended("d", "/bin/sh", image="localhost/rebar-tests/none:9")
     with pytest.raises(SetupError, match="cannot be started in the image"):
