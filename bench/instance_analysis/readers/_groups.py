@@ -16,21 +16,10 @@ from ._traits import PERSONS, ROOFED, put_motion
 
 PLURALS = frozenset(
     [
-        "people",
-        "persons",
-        "men",
-        "women",
-        "children",
-        "infantrymen",
-        "gunmen",
-        "insurgents",
-        "troops",
-        "civs",
-        "pax",
-        "civvies",
-        "schoolchildren",
+        "people", "persons", "men", "women", "children", "infantrymen", "gunmen", "insurgents", "troops",
+        "civs", "pax", "civvies", "schoolchildren",
     ]
-)
+)  # fmt: skip
 DEFINITE = ("the", "these", "those", "both", "all", "that", "this", "same", "said")
 RelationTarget = str | Coordinates
 """Whom a relation is to: the id of a group, `home`, or a place."""
@@ -145,30 +134,7 @@ class GroupRegister:
         if not name:
             self.subject_is_mission = True
             return []
-        counts, none = phrase.every("COUNT"), phrase.first("NONE")
-        if phrase.has("ATLEAST") and phrase.has("WITHIN"):
-            counts = [_range_of(phrase, counts)]
-        for part in counts[:-1]:
-            # Only the last number is used, and `two squads of nine` are not nine.
-            part.disown()
-        # The last number counts: `a squad of nine`.
-        count = counts[-1] if counts else None
-        if (
-            phrase.rule == "group"
-            and phrase.has("OF")
-            and not COLLECTIVES.intersection(self.draft.quote(phrase.span).lower().split())
-        ):
-            # `a resident of 81`.
-            for part in counts:
-                part.disown()
-            count = counts[0] if len(counts) > 1 else None
-        elif phrase.rule == "ref" and phrase.has("OF"):
-            # `inside one of the houses`: any member.
-            count = counts[1] if len(counts) > 1 else None
-            if isinstance(counts[0].value, Quantity) and counts[0].value.high == 1:
-                self.draft.acknowledge(counts[0].span)
-            else:
-                counts[0].disown()
+        count, none = self._number_in(phrase), phrase.first("NONE")
         known = [group for group, asset in self.kinds.items() if asset == name]
         if phrase.has("SOUGHT"):
             known = [group for group in known if self.role(group) is Role.SOUGHT]
@@ -211,6 +177,27 @@ class GroupRegister:
                 self._recount(earlier, phrase, count, span)
                 return [earlier]
         return [self._new(phrase, name, span, count)]
+
+    def _number_in(self, phrase: Phrase) -> Part | None:
+        """The number of members that a phrase gives: the last one, as in `a squad of nine`."""
+        counts = phrase.every("COUNT")
+        if phrase.has("ATLEAST") and phrase.has("WITHIN"):
+            return _range_of(phrase, counts)
+        words = self.draft.quote(phrase.span).lower().split()
+        if phrase.has("OF") and phrase.rule == "ref":
+            # `inside one of the houses`: any member.
+            portion, *counts = counts
+            if isinstance(portion.value, Quantity) and portion.value.high == 1:
+                self.draft.acknowledge(portion.span)
+            else:
+                portion.disown()
+        elif phrase.has("OF") and not COLLECTIVES.intersection(words):
+            # `a resident of 81`: the number after it counts nobody.
+            counts.pop().disown()
+        for part in counts[:-1]:
+            # Only the last number is used, and `two squads of nine` are not nine.
+            part.disown()
+        return counts[-1] if counts else None
 
     def _next_one(self, phrase: Phrase, name: str, nth: Part, known: Sequence[str]) -> list[str]:
         """`a third soldier`, where two were spoken of, is one more; nobody where the numbers do not fit."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from bench.simspec import HOME, Origin
+from bench.simspec import Origin
 
 from .._draft import Draft, FieldPath
 from ..language._coordinates import Coordinates, local_m
@@ -136,13 +136,8 @@ class PlaceReader:
     def stand(self, group: str, place: Coordinates, span: Span) -> None:
         """Fix the place of a group with one member."""
         if group in self._fixed and self._fixed[group][0] != place:
-            earlier, where = self._fixed[group]
-            readings = [self._draft.quote(where), self._draft.quote(span)]
-            self._draft.acknowledge(where)
-            self._draft.acknowledge(span)
-            place = (earlier, place)[
-                self._draft.ask(where.joined(span), "two places are given; which holds?", readings)
-            ]
+            self._draft.unread(span, "another place was given before", expressible=True)
+            return
         self._fixed[group] = (place, span)
 
     def fixed(self, group: str) -> Point | None:
@@ -200,31 +195,14 @@ class PlaceReader:
                 (*base, "distances", number, "max_m"), self._defaults.near_m, None, "the default for `near`"
             )
             return
-        heading, where = self._heading(group, point)
+        facing: FieldPath = (*base, "facing", "heading_deg")
+        heading = self._draft.entries.get(facing)
+        self._draft.forget(facing)
         self._list_relations(group)
         for name, value in point.items():
             self._draft.put((*base, "at", name), value, span, note)
         if heading is not None:
-            self._draft.put((*base, "at", "heading_deg"), heading, where)
-
-    def _heading(self, group: str, point: Point) -> tuple[float | None, Span | None]:
-        """The heading of a fixed group in degrees; None when it is not known before placement."""
-        facing: FieldPath = ("actors", group, "placement", "facing")
-        for name in ("heading_deg", "point", "of"):
-            entry = self._draft.entries.get((*facing, name))
-            if entry is None:
-                continue
-            target = entry.value if name == "point" else self.home if entry.value == HOME else None
-            if name == "of" and entry.value in self._fixed:
-                target = self.point(self._fixed[entry.value][0])
-            if name != "heading_deg" and target is None:
-                return None, None
-            self._draft.forget(facing)
-            if target is None:
-                return float(entry.value), entry.span
-            east, north = target["east_m"] - point["east_m"], target["north_m"] - point["north_m"]
-            return round(math.degrees(math.atan2(east, north)) % 360, 2), entry.span
-        return None, None
+            self._draft.put((*base, "at", "heading_deg"), heading.value, heading.span)
 
     def _list_relations(self, group: str) -> None:
         """List the other relations of a fixed group as unread."""

@@ -38,33 +38,16 @@ class RelationReader:
 
     RULES = frozenset(
         [
-            *(
-                "near",
-                "within",
-                "atleast",
-                "exact",
-                "away",
-                "mean",
-                "bearing",
-                "part",
-                "inside",
-                "behind",
-                "landgap",
-            ),
-            *("facing", "hidden", "visible", "between", "apart", "spread"),
+            "near", "within", "atleast", "exact", "away", "mean", "bearing", "part", "inside", "behind",
+            "landgap", "facing", "hidden", "visible", "between", "apart", "spread",
         ]
-    )
+    )  # fmt: skip
 
     def __init__(
         self, draft: Draft, defaults: Defaults, ground: GroundReader, places: PlaceReader, who: Whose
     ) -> None:
-        self._draft, self._defaults, self._ground, self._places, self._groups = (
-            draft,
-            defaults,
-            ground,
-            places,
-            who,
-        )
+        self._draft, self._defaults, self._ground = draft, defaults, ground
+        self._places, self._groups = places, who
 
     def _distance(
         self,
