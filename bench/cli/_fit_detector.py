@@ -34,11 +34,11 @@ def fit_detector(
     Example: rebar fit-detector out/pixels/runs/*/recording.mcap --out fitted.yaml
     """
     from bench.documents import dump_yaml
-    from bench.perception.fit import fit_detector as fitted_to
+    from bench.perception.fit import fit_detector as fit_model
     from bench.recording import read_simspec, read_tape
 
     simspecs = [read_simspec(path) for path in recordings]
-    fit = fitted_to(
+    fit = fit_model(
         [(simspec, read_tape(path, simspec)) for path, simspec in zip(recordings, simspecs, strict=True)]
     )
     if out is not None:
@@ -57,15 +57,15 @@ def _rows(fit: DetectorFit) -> Iterator[tuple[str, str, str]]:
     """Each number with the counts behind it."""
     model, counts = fit.perception.model, fit.evidence
     continued, followed = counts.false_continued
-    seen = f"{counts.detected} of {counts.sightings} sightings"
+    detected = f"{counts.detected} of {counts.sightings} sightings"
     wrong = sum(
         count for true, row in counts.labels.items() for label, count in row.labels.items() if label != true
     )
     labelled = sum(row.detections for row in counts.labels.values())
     sources = {
-        "half_height_px": seen,
-        "slope": seen,
-        "ceiling": seen,
+        "half_height_px": detected,
+        "slope": detected,
+        "ceiling": detected,
         "correlation_s": f"{counts.both_detected} of {counts.frame_pairs} pairs detected twice",
         "mislabel": f"{wrong} of {labelled} labels wrong",
         "jitter_px": f"{counts.boxes} boxes",
@@ -78,7 +78,11 @@ def _rows(fit: DetectorFit) -> Iterator[tuple[str, str, str]]:
         "id_switches_per_s": f"{counts.switches} in {counts.track_s:g} s of tracks",
     }
     for name, source in sources.items():
-        yield name, f"{getattr(model, name):g}", "kept: too little seen" if name in counts.kept else source
+        yield (
+            name,
+            f"{getattr(model, name):g}",
+            "kept: too little seen" if name in counts.unfitted else source,
+        )
 
 
 def _closing(fit: DetectorFit, out: Path | None) -> Iterator[str]:

@@ -173,7 +173,7 @@ def test_parameters_come_back(case: Case) -> None:
         if name in model:
             assert getattr(fitted, name) == pytest.approx(model[name], rel=tolerance), name
     assert fit.evidence.sightings == FRAMES * len(ASSETS)
-    assert not {"half_height_px", "correlation_s", "mislabel", "jitter_px"} & set(fit.evidence.kept)
+    assert not {"half_height_px", "correlation_s", "mislabel", "jitter_px"} & set(fit.evidence.unfitted)
     for label, row in model.get("confusion", {}).items():
         assert set(fitted.confusion[label]) == set(row)
     if "drift_px" not in model:
@@ -210,7 +210,7 @@ def test_what_cannot_be_fitted_is_said() -> None:
     few = made_spec(["soldier"] * 2, {"ceiling": 1.0})
     large = [grid_frame(number, [80.0, 80.0]) for number in range(20)]
     fit = fit_detector([(few, made_tape(few, large))])
-    assert {"half_height_px", "slope", "ceiling", "mislabel"} <= set(fit.evidence.kept)
+    assert {"half_height_px", "slope", "ceiling", "mislabel"} <= set(fit.evidence.unfitted)
     assert fit.perception.model.half_height_px == 14.0
 
 

@@ -51,9 +51,9 @@ def fit_boxes(runs: Sequence[MatchedRun], longest_gap_s: float) -> BoxFit:
     if len(edges) < 2:
         return BoxFit(None, 0.0, None, len(edges), 0)
     table: Floats = np.array(edges)  # left, top, right, bottom
-    near, far = table[:, :2], table[:, 2:]
-    jitter2 = float(((far - near) ** 2).mean()) / 2.0
-    drift2 = float((near * far).mean())
+    leading, trailing = table[:, :2], table[:, 2:]
+    jitter2 = float(((trailing - leading) ** 2).mean()) / 2.0
+    drift2 = float((leading * trailing).mean())
     # Without drift the product of two edges has the deviation jitter^2, over two axes.
     if drift2 <= SIGNIFICANT * jitter2 / math.sqrt(2.0 * len(table)):
         return BoxFit(math.sqrt(jitter2 + max(0.0, drift2)), 0.0, None, len(table), len(successive))

@@ -57,7 +57,7 @@ class FitEvidence(Document):
     ]
     track_s: Annotated[float, Field(description="The time between them, summed.")]
     switches: Annotated[int, Field(description="The changes of track among them.")]
-    kept: Annotated[
+    unfitted: Annotated[
         tuple[str, ...],
         Field(
             description="Parameters that these recordings cannot show: as in their SimSpecs, or at their defaults."

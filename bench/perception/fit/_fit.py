@@ -63,10 +63,10 @@ def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
                 "give recordings with detections of actors; with perception.source agent there are none",
             )
         )
-    kept = list(CARRIED_PARAMETERS)
+    unfitted = list(CARRIED_PARAMETERS)
     curve = fit_curve(rows.size_px, rows.hit, SizeCurve(given.half_height_px, given.slope, given.ceiling))
     if curve is None:
-        kept += ["half_height_px", "slope", "ceiling"]
+        unfitted += ["half_height_px", "slope", "ceiling"]
         curve = SizeCurve(given.half_height_px, given.slope, given.ceiling)
     pairs = _frame_pairs(rows)
     p = curve.probability(rows.size_px)
@@ -75,13 +75,13 @@ def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
     if len(pairs.first):
         correlation_s = fit_correlation_s(p[pairs.first], p[pairs.second], pairs.span_s, both)
     else:
-        kept.append("correlation_s")
+        unfitted.append("correlation_s")
     labels = _fit_labels(rows, curve)
     boxes = fit_boxes(matched, TRACK_GAP_S)
     latency, false = fit_latency(matched), fit_false(matched)
     tracks = _track_changes(matched)
-    kept += [] if boxes.jitter_px is not None else ["jitter_px"]
-    kept += [] if labels.mislabel is not None else ["mislabel"]
+    unfitted += [] if boxes.jitter_px is not None else ["jitter_px"]
+    unfitted += [] if labels.mislabel is not None else ["mislabel"]
     model = given.model_copy(
         update={
             "half_height_px": round(curve.half_px, 4),
@@ -114,7 +114,7 @@ def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
         track_pairs=len(tracks.spans_s),
         track_s=round(sum(tracks.spans_s), 3),
         switches=tracks.changes,
-        kept=tuple(kept),
+        unfitted=tuple(unfitted),
     )
     # Validated again: model_copy does not check the ranges that the document promises.
     checked = DetectionModel.model_validate(model.model_dump())
@@ -208,14 +208,16 @@ def _fit_labels(rows: _Sightings, curve: SizeCurve) -> _LabelFit:
     confusion, counts = {}, {}
     for label in sorted(set(true[known])):
         chosen = known & (true == label)
-        seen = Counter(rows.label[row] for row in np.flatnonzero(chosen))
-        counts[str(label)] = LabelCounts(detections=seen.total(), labels=dict(sorted(seen.items())))
+        label_counts = Counter(rows.label[row] for row in np.flatnonzero(chosen))
+        counts[str(label)] = LabelCounts(
+            detections=label_counts.total(), labels=dict(sorted(label_counts.items()))
+        )
         at_threshold = _at_threshold(doubt[chosen], int(wrong[chosen].sum()))
         if at_threshold is not None:
-            total = sum(count for name, count in seen.items() if name != label)
+            total = sum(count for name, count in label_counts.items() if name != label)
             confusion[str(label)] = {
                 name: round(at_threshold * count / total, 5)
-                for name, count in sorted(seen.items())
+                for name, count in sorted(label_counts.items())
                 if name != label
             }
     confusable = known & np.array([bool(ASSETS[asset].confused_with) for asset in rows.asset], dtype=np.bool_)

@@ -125,13 +125,13 @@ def _pairs(
     possible = apart_px <= gate_px
     # As in the CLEAR MOT metrics (Bernardin and Stiefelhagen 2008), a correspondence that still holds is kept before a
     # nearer one is made, so that two actors who pass each other do not look like a switch.
-    kept = np.array(
+    continued = np.array(
         [
             [bool(item.track) and last.get(sighting.actor) == item.track for item in detections]
             for sighting in sightings
         ]
     )
-    cost = np.where(possible, apart_px - np.where(kept, gate_px, 0.0), 1e3 * gate_px)
+    cost = np.where(possible, apart_px - np.where(continued, gate_px, 0.0), 1e3 * gate_px)
     rows, columns = linear_sum_assignment(cost)
     return [
         (int(row), int(column)) for row, column in zip(rows, columns, strict=True) if possible[row, column]
