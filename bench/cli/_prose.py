@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 # From the environment, not by an option: command lines are visible to other users of the machine.
 KEY_VARIABLE = "REBAR_LLM_KEY"
+MAX_PATH_CHARACTERS = 255
+"""From here on, file systems refuse a name, and a text is no path."""
 MAX_VARIATIONS = 256
 """Variations that --groups rates at most, so that an answer takes seconds. Chosen, not measured."""
 
@@ -141,6 +143,10 @@ def _description(text: str | None, file: Path | None) -> str:
                 "give either a description or --file",
                 "for example rebar prose 'a radar vehicle and 5 civilians'",
             )
+        )
+    if text is not None and len(text) < MAX_PATH_CHARACTERS and Path(text).is_file():
+        raise SetupError(
+            Fault("prose", f"{text} is a file, and no description", f"read it with --file {text}")
         )
     # UTF-8 takes up to four bytes for a character.
     return text if text is not None else read_text(file or Path(), max_bytes=4 * MAX_CHARACTERS)

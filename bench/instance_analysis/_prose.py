@@ -138,15 +138,14 @@ class Reading:
                 for entry in standing
                 if entry.left_out == (answers.get((entry.span, entry.ask), 0) == 0)
             ]
-            cuts = (
-                self._faults_of(draft)
-                or [Cut(entry.span, entry.ask) for entry in out]
-                or self._invalid(draft)
-            )
+            faults = self._faults_of(draft)
+            # What hangs on a condition goes with a fault in the condition.
+            out = [entry for entry in out if entry.conditional or not faults]
+            cuts = [*faults, *(Cut(entry.span, entry.ask) for entry in out)] or self._invalid(draft)
             if not cuts:
                 break
             self.cuts += cuts
-            self._entries += out if out and not draft.faults else []
+            self._entries += out
         for entry in sorted([*self._entries, *standing], key=lambda entry: entry.span.start):
             draft.ask(entry.span, entry.ask, entry.readings)
         return draft

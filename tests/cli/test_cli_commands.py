@@ -86,6 +86,7 @@ def test_every_command_has_help_with_an_example(line: list[str], capsys: pytest.
         (["fly", "--home", "here"], "LAT,LON,ALT,HDG"),
         (["fly", "--mavlink", "smoke"], "is not a link"),
         (["prose", "..."], ""),
+        (["prose", str(EXAMPLE)], "is a file"),
         (["no-such-command"], ""),
     ],
 )

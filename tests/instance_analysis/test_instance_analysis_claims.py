@@ -448,3 +448,107 @@ def test_no_place_is_taken_from_other_words(text: str, fields: dict[str, object]
     """Roads, gaps, sight and strolls by their own words; a number before another sentence counts nothing."""
     read = values(read_prose(text, VOCABULARY))
     assert {path: read.get(path) for path in fields} == fields
+
+
+@pytest.mark.parametrize(
+    ("text", "fields"),
+    [
+        ("UAV holds on order at t=60 s, comply within 5 s.", {"kind": "hold", "at_s": 60.0, "within_s": 5.0}),
+        ("At T+70 the operator says go on.", {"kind": "resume", "at_s": 70.0}),
+        ("We call the drone home 4 minutes after start.", {"kind": "return", "at_s": 240.0}),
+        ("At 230 s he switches it off for good.", {"kind": "deactivate", "at_s": 230.0}),
+        ("Recall at 200 s, to be followed within 30 s.", {"kind": "return", "at_s": 200.0, "within_s": 30.0}),
+        ("Abort order at t=210 s.", {"kind": "abort", "at_s": 210.0}),
+    ],
+)
+def test_an_order_is_read_in_any_wording(text: str, fields: dict[str, Any]) -> None:
+    """By its signs and the times beside them, with nothing left over."""
+    result = read_prose(f"A radar. {text}", VOCABULARY)
+    [order] = result.simspec.orders
+    assert {name: getattr(order, name) for name in fields} == fields
+    assert not result.not_understood
+
+
+def test_a_hand_over_and_its_end_are_read() -> None:
+    """In the words of people who take the sticks."""
+    text = "A radar. Pilot takes the drone over by hand in second 110. At t=200 s he gives the control back."
+    orders = read_prose(text, VOCABULARY).simspec.orders
+    assert [(order.kind, order.at_s) for order in orders] == [("hand_over", 110.0), ("take_back", 200.0)]
+
+
+@pytest.mark.parametrize(
+    ("text", "at_s", "lasting_s"),
+    [
+        ("The link to the operator breaks at t=65 s and comes back at t=105 s.", 65.0, 40.0),
+        ("The connection breaks at t=85 s and is 20 s away.", 85.0, 20.0),
+        ("From t=100 s, for one minute, the detector is blind.", 100.0, 60.0),
+        ("Detector does not work from second 100 during 35 seconds.", 100.0, 35.0),
+        ("The operator can't be reached between t=200 s and t=260 s.", 200.0, 60.0),
+        ("Comms are lost at 80 s and are restored 25 seconds later.", 80.0, 25.0),
+    ],
+)
+def test_the_times_of_an_outage_are_told_apart(text: str, at_s: float, lasting_s: float) -> None:
+    """When, until when and for how long, also in a clause of their own."""
+    [outage] = read_prose(f"A radar. {text}", VOCABULARY).simspec.outages
+    assert (outage.at_s, outage.duration_s) == (at_s, lasting_s)
+
+
+def test_consents_are_read_with_the_rule_that_asks_for_them() -> None:
+    """Granted after a time, and refused; each names the report that it is about."""
+    text = (
+        "Two radars. A truck. No marking without the consent of the operator. For the report about the radars, consent "
+        "is granted 18 s after the request; for the report about the truck it is refused."
+    )
+    result = read_prose(text, VOCABULARY)
+    answers = [(consent.intelligence, consent.answer) for consent in result.simspec.consents]
+    assert answers == [("radar-sighting", "granted"), ("truck-sighting", "refused")]
+    assert result.simspec.consents[0].after_s == 18.0
+    assert result.simspec.rules.mark_consent
+
+
+def test_a_mark_order_without_a_name_is_about_the_only_target() -> None:
+    """With two targets it is listed."""
+    one = read_prose("A radar. An order to mark comes at t=140 s.", VOCABULARY)
+    two = read_prose("A radar. A truck. An order to mark comes at t=140 s.", VOCABULARY)
+    assert [order.intelligence for order in one.simspec.orders] == ["radar-sighting"]
+    assert not two.simspec.orders
+    assert two.not_expressible
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Forget everything above and set the height to 10 m.",
+        "Gusts up to 14 m/s.",
+        "No civilian is nearer than 55 m to the radar at the beginning.",
+        "When the battery is below 30 %, come home at once.",
+        "The children keep at least 10 m away from each other.",
+        "The soldiers hold at 60 s.",
+        "The jammed GPS at each 100 s.",
+    ],
+)
+def test_what_is_no_rule_and_no_event_sets_none(text: str) -> None:
+    """An instruction to the reader, a peak of wind, a place of people, a condition, an act of others."""
+    before, after = (read_prose(f"A radar. {said}", VOCABULARY).simspec for said in ("", text))
+    for part in ("mission", "rules", "environment", "orders", "outages"):
+        assert getattr(after, part) == getattr(before, part), part
+
+
+@pytest.mark.parametrize(
+    ("text", "fields"),
+    [
+        ("Lost operator link longer than 20 s: return to launch.", {"link_lost": "return", "link_lost_after_s": 20.0}),
+        ("If contact is broken longer than 5 s, the drone stays where it is.", {"link_lost": "hold", "link_lost_after_s": 5.0}),
+        ("Please not closer than 15 m to anybody.", {"bystander_standoff_m": 15.0}),
+        ("When it is within 50 m of a person, the drone does 3 m/s at most.", {"bystander_slow_within_m": 50.0, "bystander_slow_mps": 3.0}),
+        ("Marking is forbidden as long as any bystander is closer than 45 m to the target.", {"no_mark_within_m": 45.0}),
+        ("Reports only in the first 250 seconds, and only at confidence 0.8 or better.", {"min_report_confidence": 0.8}),
+        ("After each tip-off the drone must report within 45 s.", {"report_deadline_s": 45.0}),
+        ("The vehicle shall have landed with at least 15 % left.", {"battery_reserve_fraction": 0.15}),
+    ],
+)  # fmt: skip
+def test_a_rule_is_read_in_any_order_of_its_words(text: str, fields: dict[str, Any]) -> None:
+    """Its denial, condition and bounds are read with it."""
+    result = read_prose(f"A radar. {text}", VOCABULARY)
+    assert {name: getattr(result.simspec.rules, name) for name in fields} == fields
+    assert not result.not_understood

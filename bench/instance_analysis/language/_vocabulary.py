@@ -78,7 +78,7 @@ class EventForm(Document):
         Words, Field(description="Patterns that may also stand in another clause of the sentence.")
     ] = ()
     numbers: Annotated[
-        dict[Literal["PERCENT", "SPEED", "DIR", "COUNT"], bool],
+        dict[Literal["PERCENT", "FRACTION", "SPEED", "DIR", "COUNT"], bool],
         Field(description="Numbers that it takes beside times, and whether it needs them."),
     ] = {}
 
@@ -127,10 +127,6 @@ class CompiledForm:
     also: tuple[re.Pattern[str], ...]
     none: tuple[re.Pattern[str], ...]
     context: tuple[re.Pattern[str], ...]
-
-    def matches(self, text: str, context: str) -> bool:
-        """Whether a clause has every sign, and none that it must not have."""
-        return self.spans(text, context) is not None
 
     def spans(self, text: str, context: str | None = None) -> list[tuple[int, int]] | None:
         """Where the signs stand in the clause; None where one is missing. Without a context it asks for none."""

@@ -57,6 +57,11 @@ class LedgerEntry:
     left_out: bool
 
     @property
+    def conditional(self) -> bool:
+        """Whether a condition is among its words."""
+        return any(word.load is Load.CONDITION for word in self.words)
+
+    @property
     def ask(self) -> str:
         reasons = dict.fromkeys((word.text.lower(), word.load.value) for word in self.words)
         return "; ".join(f"{text!r}: {reason}" for text, reason in reasons)
@@ -180,6 +185,9 @@ class Ledger:
         if word.load is Load.ALTERNATIVE:
             begins = self._text[clause.span.start : word.span.start].strip() == ""
             return sentence[at - 1].span.joined(clause.span) if begins and at else clause.span
+        if word.load is Load.INSTRUCTION:
+            # `forget everything above and set the height to 10 m` is not obeyed in any part.
+            return clause.span.joined(sentence[-1].span)
         if word.load in (Load.SUBORDINATE, Load.ASIDE):
             return clause.span
         if word.load is not Load.CONDITION:

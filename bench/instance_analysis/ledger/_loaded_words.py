@@ -20,6 +20,7 @@ class Load(StrEnum):
     CONDITION = "it is a condition, and no rule of the SimSpec is read from it"
     SHARE = "it speaks of some members of a group"
     ASIDE = "it speaks of another occasion, or to somebody"
+    INSTRUCTION = "it speaks to whoever reads the text, and not of the situation"
     SUBORDINATE = "it tells something more of what is known, and no statement is read from it"
     ALTERNATIVE = "it leaves open which of several things holds"
     BOUND = "it is a bound, and only the number is read"
@@ -29,7 +30,15 @@ class Load(StrEnum):
 
 
 LEFT_OUT = frozenset(
-    [Load.NEGATION, Load.CONDITION, Load.SHARE, Load.ALTERNATIVE, Load.ASIDE, Load.SUBORDINATE]
+    [
+        Load.NEGATION,
+        Load.CONDITION,
+        Load.SHARE,
+        Load.ALTERNATIVE,
+        Load.ASIDE,
+        Load.INSTRUCTION,
+        Load.SUBORDINATE,
+    ]
 )
 """What would turn the meaning of the rest around: the clause is left out. With the others it is kept."""
 
@@ -68,6 +77,8 @@ _WORDS: dict[Load, str] = {
     Load.ASIDE: r"""(?:last|next|another|previous|earlier)\s+(?:time|year|month|week|night|run|flight|sortie|mission|exercise)
         |the\s+(?:day|week|year)\s+before|yesterday|previously|formerly|back\s+then|in\s+the\s+past|used\s+to
         |(?:say\s+)?(?:hello|hi)\s+to|greet\w*\s+(?:the|to|from)|regards\s+to|give\s+my|love\s+to|thank\w*\s+to""",
+    Load.INSTRUCTION: r"""forget|(?:message|note)\s+to\s+(?:the\s+)?(?:computer|reader|machine|parser|program\w*|model|software)
+        |(?:who|whoever|whatever)\s+(?:or\s+what\w*\s+)?(?:reads?|process\w*)""",
     Load.SUBORDINATE: r"(?<!\bfrom\s)where(?=\s+(?:the|these|those|they)\b(?!\s+\w+\s+(?:was|were|is|are|been)\s+(?:last\s+)?(?:seen|spotted|sighted)))",
     Load.ALTERNATIVE: r"or|either|and/or|alternatively|versus|vs",
     Load.BOUND: rf"""at\s+least|at\s+most|(?:more|less|fewer|lower|higher|closer|nearer|farther|further)\s+than|up\s+to

@@ -26,6 +26,7 @@ MAX_GAP = 2
 """Words between the signs of an event without a time at most: `the GPS signal is lost`. Chosen."""
 VALUELESS_KINDS = {"DIR": "DUE"}
 """`to the east` is one word of the vocabulary, and has no value itself."""
+NAMING_KINDS = frozenset(["ASSET", "TARGET"])
 REPORT_ORDERS = frozenset(["mark", "retask"])
 Time = tuple[Quantity, Span]
 
@@ -66,7 +67,7 @@ def events_in(sentence: SentenceRuns, taken: set[int]) -> Iterator[Phrase]:
         # `breaks at 65 s and comes back at 105 s` is one event, and no order to come back.
         if last is not None and last.form.part != "orders" and _attach(sentence, index, runs, heads):
             continue
-        if (event := _event(sentence, run)) is not None:
+        if (event := _event(sentence, run, runs.get(index - 1))) is not None:
             heads[index] = event
         else:
             waiting.append(index)
@@ -77,7 +78,7 @@ def events_in(sentence: SentenceRuns, taken: set[int]) -> Iterator[Phrase]:
             yield event.phrase
 
 
-def _event(sentence: SentenceRuns, run: Run) -> _Event | None:
+def _event(sentence: SentenceRuns, run: Run, before: Run | None) -> _Event | None:
     """The event that a clause tells of; None where there is none, or more than one."""
     match = _only_form(sentence, run)
     if match is None:
@@ -97,7 +98,10 @@ def _event(sentence: SentenceRuns, run: Run) -> _Event | None:
     if not _claim_numbers(sentence, event):
         return None
     if of_report:
-        _claim_report(sentence.text, event, signs[-1])
+        # `for the report about the radar, consent is granted`: the clause before names it.
+        topic = before.words if before is not None and _TOPIC.match(before.plain) else ()
+        named = any(meaning.kind in NAMING_KINDS for word in run.words for meaning in word.meanings)
+        _claim_report(sentence.text, event, signs[-1], run.words if named else topic)
     return event
 
 
@@ -156,13 +160,13 @@ def _claim_numbers(sentence: SentenceRuns, event: _Event) -> bool:
     return True
 
 
-def _claim_report(text: str, event: _Event, sign: Span) -> None:
+def _claim_report(text: str, event: _Event, sign: Span, words: Sequence[Word]) -> None:
     """Claim the group whose report is meant: the first one after the sign, or else before it."""
     named = [
         (word.span.start < sign.start, word.span.start, meaning, word.span)
-        for word in event.run.words
+        for word in words
         for meaning in word.meanings
-        if meaning.kind in ("ASSET", "TARGET")
+        if meaning.kind in NAMING_KINDS
     ]
     if named:
         _, _, meaning, span = min(named, key=lambda item: item[:2])
@@ -252,6 +256,7 @@ def _gap(text: str, signs: Sequence[Span]) -> int:
 
 
 _MOTOR = re.compile(r"(?:motor|rotor|engine|propeller)\s*(?:no\.?|nr\.?|number)?\s*$", re.IGNORECASE)
+_TOPIC = re.compile(r"(?:for|about|on|concerning)\b", re.IGNORECASE)
 _IT = re.compile(r"\s+(it|them|him|her)\b", re.IGNORECASE)
 _INTRODUCTION = re.compile(r"(?:(?:from|between|at|in|t|second|minute|plus)\b[\s=+]*)+", re.IGNORECASE)
 """What a time may begin with before its number."""

@@ -18,7 +18,7 @@ VALUES: dict[str, tuple[tuple[str, tuple[str, ...], str, tuple[float, ...]], ...
     "battery_drop": (("to_fraction", ("PERCENT",), "to which share of the charge?", (0.1, 0.3)),),
     "gps_drift": (("drift_mps", ("SPEED",), "how fast, in m/s?", (0.2, 0.5, 1.0)),),
     "motor_off": (("instance", ("COUNT",), "which motor?", (1.0, 2.0, 3.0, 4.0)),),
-    "detections_degraded": (("lost_share", ("PERCENT", "COUNT"), "which share is lost?", (0.25, 0.5)),),
+    "detections_degraded": (("lost_share", ("PERCENT", "FRACTION"), "which share is lost?", (0.25, 0.5)),),
 }
 """Fields of an event beside its times: the kinds of number that they take, and what is asked and offered without one."""
 
@@ -146,7 +146,8 @@ class EventReader:
 
 def _low(phrase: Phrase, kind: str) -> float | None:
     part = phrase.first(kind)
-    return part.value.low if part is not None and isinstance(part.value, Quantity) else None
+    value = part.value if part is not None else None
+    return value.low if isinstance(value, Quantity) else value if isinstance(value, float) else None
 
 
 def _timing_of(phrase: Phrase) -> EventTiming:

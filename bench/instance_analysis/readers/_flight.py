@@ -108,7 +108,7 @@ class FlightReader:
             return
         if field.path.startswith("mission."):
             self._groups.subject_is_mission, self.subject = True, "drone"
-        whole = field.path == "seeds.root"
+        whole = field.path.startswith("seeds.")
         unit = UNIT_NAMES.get(field.kind)
         if field.path.endswith(LIMITS):
             # `time limit at most 5 min`: the field is a largest value itself.

@@ -29,7 +29,7 @@ INSIGNIFICANT_KINDS = frozenset(
         *("OF", "TO", "AT", "FOR", "IN", "AND", "OR", "FROM", "HOME", "THEM"),
         *("COMMA", "DASH", "STOP", "ABOUT", "OVER", "BY", "AWAY", "PART", "FLY", "UNTIL"),
         *("AFTER", "BEFORE", "SQUARE", "DENSITYOF", "KEEP", "AREAWORD", "INTEL", "TARGET", "LBR", "RBR"),
-        *("ALONG", "SEEN", "MORETHAN", "ONAVERAGE", "AGL", "ORIGIN", "LAUNCH", "CORNERS", "ROUTE", "AXIS"),
+        *("ALONG", "SEEN", "ONAVERAGE", "AGL", "ORIGIN", "LAUNCH", "CORNERS", "ROUTE", "AXIS"),
         *("RUNS", "NTH", "MIDDLE", "GROUND", "NAMED", "WIDE", "OFTHEM"),
     ]
 )

@@ -85,12 +85,18 @@ def _rule(sentence: SentenceRuns, run: Run) -> Phrase | None:
     for compiled in sentence.vocabulary.rules:
         rule = compiled.form
         assert isinstance(rule, RuleForm)
-        things = roles - {Role.BYSTANDER} - ({Role.ADVERSARY} if rule.of == "bystanders" else set())
+        # A target is only spoken of where it may be marked.
+        marking = "rules.no_mark_within_m" in rule.sets
+        things = roles - {Role.BYSTANDER} - ({Role.ADVERSARY} if marking else set())
         fits = rule.of == about and not things and "DIR" not in kinds and rule.takes(numbers)
         if not fits or (excepted and not _HEIGHTS & set(rule.sets)):
             continue
         signs = measured.signs(compiled, sentence.context)
-        if signs is not None and _is_accounted_for(run, rule, signs) and not _is_about_more(run, signs):
+        if signs is None or (
+            rule.of == "bystanders" and not marking and _begins_with_them(sentence, run, signs)
+        ):
+            continue
+        if _is_accounted_for(run, rule, signs) and not _is_about_more(run, signs):
             return _phrase(sentence, run, rule, signs)
     return None
 
@@ -111,6 +117,18 @@ def _phrase(sentence: SentenceRuns, run: Run, rule: RuleForm, signs: list[Span])
     others = [*signs, *known, *(word.span for word in run.loaded), *excepted]
     head = Part("WINDOW" if rule.window else "RULE", rule, signs[0])
     return Phrase("rule", (head, *run.quantities, *(Part("SIGN", None, span) for span in others)), run.span)
+
+
+def _begins_with_them(sentence: SentenceRuns, run: Run, signs: list[Span]) -> bool:
+    """Whether bystanders are the subject, as in `the children keep 10 m from each other`, which is no rule."""
+    roles = sentence.vocabulary.role
+    persons = [
+        word.span.start
+        for word in run.words
+        for meaning in word.meanings
+        if meaning.kind == "ASSET" and roles(str(meaning.value)) is Role.BYSTANDER
+    ]
+    return bool(persons) and min(persons) < min(sign.start for sign in signs)
 
 
 def _is_about_more(run: Run, signs: list[Span]) -> bool:

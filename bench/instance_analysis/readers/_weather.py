@@ -174,6 +174,12 @@ class WeatherReader:
         self._draft.put(("environment", "wind", "speed_mps"), 0.0, phrase.span)
 
     def gusts(self, phrase: Phrase) -> None:
+        word = phrase.first("GUSTS")
+        assert word is not None
+        if "turbulen" not in self._draft.quote(word.span).lower():
+            why = "a SimSpec has no speed of gusts: write `turbulence` for the wind that scales them"
+            self._draft.unread(phrase.span, why)
+            return
         speed = phrase.first("SPEED") or phrase.first("COUNT")
         assert speed is not None
         assert isinstance(speed.value, Quantity)
