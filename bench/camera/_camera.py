@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import find_objects
 
 from bench.arrays import Floats
 from bench.contracts import (
@@ -14,7 +15,6 @@ from bench.contracts import (
     CameraPose,
     CastMember,
     Ground,
-    Labels,
     Lens,
     OpenRenderer,
     Picture,
@@ -188,29 +188,15 @@ def axis_distance_m(pose: CameraPose) -> float:
 
 def actors_in(picture: Picture) -> tuple[ActorPixels, ...]:
     """Every actor with a visible pixel, in the order of the cast."""
-    return _read(picture, picture.instances())
-
-
-def _read(picture: Picture, instances: Labels) -> tuple[ActorPixels, ...]:
-    rows, columns = np.nonzero(instances)
-    if not len(rows):
-        return ()
-    labels = instances[rows, columns].astype(np.int64)
-    count = int(labels.max()) + 1
-    pixels = np.bincount(labels, minlength=count)
-    size = max(instances.shape)
-    left, top = np.full(count, size), np.full(count, size)
-    right, bottom = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    np.minimum.at(left, labels, columns)
-    np.minimum.at(top, labels, rows)
-    np.maximum.at(right, labels, columns + 1)
-    np.maximum.at(bottom, labels, rows + 1)
+    instances = picture.instances()
+    counts = np.bincount(instances.ravel())
     return tuple(
         ActorPixels(
-            label - 1,
-            (int(left[label]), int(top[label]), int(right[label]), int(bottom[label])),
-            int(pixels[label]),
-            int(pixels[label]) / max(1, picture.silhouette_px(label - 1)),
+            actor,
+            (window[1].start, window[0].start, window[1].stop, window[0].stop),
+            int(counts[actor + 1]),
+            int(counts[actor + 1]) / max(1, picture.silhouette_px(actor)),
         )
-        for label in np.flatnonzero(pixels).tolist()
+        for actor, window in enumerate(find_objects(instances))
+        if window is not None
     )
