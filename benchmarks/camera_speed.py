@@ -22,7 +22,7 @@ from bench.camera import Conditions, RenderedFrame, actors_in, open_camera
 from bench.camera.sheet import DAY, VILLAGE, VILLAGE_ROADS, pose_towards, simspec_with
 from bench.simspec import Camera
 
-REPEATS, FRAMES = 7, 15
+REPEATS, FRAMES = 15, 10
 # What the renderer may cost for this scene on one core of the development machine, and what that is in plain warps.
 LIMIT_MS = {(640, 480): 12.0, (1280, 720): 30.0}
 
@@ -50,7 +50,7 @@ def measure(
     width_px: int, height_px: int, conditions: Conditions, truth: str, plain: Callable[[], object]
 ) -> tuple[float, float, int]:
     """Milliseconds of a frame, its ratio to a plain warp, and its visible faces."""
-    simspec = simspec_with(VILLAGE[:11], VILLAGE_ROADS)
+    simspec = simspec_with(VILLAGE[:10], VILLAGE_ROADS)
     camera = open_camera(simspec, Camera(width_px=width_px, height_px=height_px), conditions=conditions)
     assert simspec.realized is not None
     actors = simspec.realized.actors

@@ -189,14 +189,12 @@ def axis_distance_m(pose: CameraPose) -> float:
 def actors_in(picture: Picture) -> tuple[ActorPixels, ...]:
     """Every actor with a visible pixel, in the order of the cast."""
     instances = picture.instances()
-    counts = np.bincount(instances.ravel())
-    return tuple(
-        ActorPixels(
-            actor,
-            (window[1].start, window[0].start, window[1].stop, window[0].stop),
-            int(counts[actor + 1]),
-            int(counts[actor + 1]) / max(1, picture.silhouette_px(actor)),
-        )
-        for actor, window in enumerate(find_objects(instances))
-        if window is not None
-    )
+    actors = []
+    for actor, window in enumerate(find_objects(instances)):
+        if window is not None:
+            visible_px = int(np.count_nonzero(instances[window] == actor + 1))
+            rows, columns = window
+            box = (columns.start, rows.start, columns.stop, rows.stop)
+            share = visible_px / max(1, picture.silhouette_px(actor))
+            actors.append(ActorPixels(actor, box, visible_px, share))
+    return tuple(actors)

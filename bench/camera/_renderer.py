@@ -358,19 +358,21 @@ class _GroundPainter:
                     (0.0, 0.0, 1.0),
                 )
             )
+            window = image[rows, columns]
+            whole = bool(block.all())
             warped = cv2.warpPerspective(
                 band.texture,
                 _moved(columns.start, rows.start) @ homography @ from_texture,
                 (columns.stop - columns.start, rows.stop - rows.start),
+                # A band that fills its window is warped in place.
+                window if whole else None,
                 flags=cv2.INTER_LINEAR,
                 # BORDER_REFLECT costs 12 ms; the bands are mirrored at set-up instead.
                 borderMode=cv2.BORDER_CONSTANT,
                 borderValue=self._outside,
             )
-            if block.all():
-                image[rows, columns] = warped
-            else:
-                cv2.copyTo(warped, _enlarged(block, warped.shape), image[rows, columns])
+            if not whole:
+                cv2.copyTo(warped, _enlarged(block, warped.shape), window)
         if sky.any():
             image[_enlarged(sky, image.shape) > 0] = 0
         return image
@@ -483,8 +485,12 @@ class _OpenCvPicture:
         return len(self._drawn.polygons)
 
     def instances(self) -> Labels:
-        lookup = np.concatenate((np.zeros(1, np.uint16), (self._drawn.actors + 1).astype(np.uint16)))
-        return self._canvas.exact(lookup[self._numbers()])
+        # Drawn once more rather than looked up in the polygons' numbers, which costs more than all fills.
+        lens = self._canvas.lens
+        labels = np.zeros((lens.height_px, lens.width_px), np.uint16)
+        for actor, polygon in zip(self._drawn.actors.tolist(), self._drawn.polygons, strict=True):
+            cv2.fillConvexPoly(labels, polygon, (actor + 1,), cv2.LINE_8, _SHIFT)
+        return self._canvas.exact(labels)
 
     def depth_m(self) -> Narrow:
         lens, up = self._canvas.lens, self._pose.axes_enu[:, 2]

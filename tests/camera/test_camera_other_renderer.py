@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,3 +82,11 @@ def test_another_renderer_serves_the_same_camera() -> None:
     assert 0.9 < actors_in(frames[0].picture)[0].visible <= 1.0
     assert (frames[0].bgr == frames[0].picture.bgr).all()
     assert 2.0 < (frames[1].bgr.astype(int) - frames[0].bgr).std() < 8.0
+
+
+def test_only_the_camera_imports_opencv() -> None:
+    """A session without pixels pays nothing for them: no other room of the core imports cv2 when it is imported."""
+    code = "import bench.simulation, bench.campaign, bench.reporting, bench.cli._app, sys; print('cv2' in sys.modules)"
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+
+    assert answer.stdout.strip() == "False"
