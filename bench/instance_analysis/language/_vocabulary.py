@@ -118,6 +118,10 @@ class RuleForm(Document):
         return kinds in (every, sorted(value for value in named if not value.endswith("?")))
 
 
+MAX_SIGN_DEPTH = 4
+"""Signs within signs. Chosen."""
+
+
 @dataclass(frozen=True, slots=True)
 class CompiledForm:
     """A form with its patterns."""
@@ -282,16 +286,23 @@ def load_vocabulary(extra: Path | str | None = None) -> Vocabulary:
 
 
 def _compiled(form: EventForm | RuleForm, signs: Mapping[str, str]) -> CompiledForm:
+    """Raises SetupError for a pattern that is none, or that names an unknown sign."""
+
     def pattern(text: str) -> re.Pattern[str]:
-        while "@" in text:
+        # Signs are made of signs; one that is made of itself would never end.
+        for _ in range(MAX_SIGN_DEPTH):
             text = re.sub(r"@([A-Z_]+)", lambda match: f"(?:{signs[match.group(1)]})", text)
         # A line may break wherever a pattern has a space.
         text = re.sub(r" (?![^\[]*\])", r"\\s", text)
         return re.compile(rf"(?<![\w-])(?:{text})(?!\w)", re.IGNORECASE)
 
-    patterns = [
-        tuple(pattern(text) for text in texts) for texts in (form.all, form.also, form.none, form.context)
-    ]
+    try:
+        patterns = [tuple(map(pattern, texts)) for texts in (form.all, form.also, form.none, form.context)]
+    except (re.error, KeyError) as error:
+        where = f"vocabulary: the form of {', '.join(form.sets) if isinstance(form, RuleForm) else form.kind}"
+        raise SetupError(
+            Fault(where, f"has no valid pattern: {error}", "see `signs` of the vocabulary")
+        ) from error
     return CompiledForm(form, *patterns)
 
 

@@ -123,7 +123,9 @@ def _only_form(sentence: SentenceRuns, run: Run) -> tuple[EventForm, list[Span]]
             matches.append((form, signs))
     # `resumes reporting` is no `resumes`: a sign inside of a longer one is none.
     longest = [
-        (form, signs) for form, signs in matches if not any(_covers(other, signs) for _, other in matches)
+        (form, signs)
+        for form, signs in matches
+        if not any(_covers(other, signs) for _, other in matches if other is not signs)
     ]
     if not longest or any(not overlap(longest[0][1][-1], signs[-1]) for _, signs in longest):
         return None
