@@ -1,4 +1,7 @@
-"""Measures of fairness: whether some kinds of bystanders are perceived worse than others."""
+"""Measures of fairness: whether some kinds of bystanders are perceived worse than others.
+
+`detection_fairness` judges the perception that the bench provides, `track_fairness` the agent.
+"""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ import pytest
 
 from agent_adapters.reference.surrogate import Observed, computed, observe, pack
 from bench.errors import SetupError
-from bench.simspec import AgentSpec, Environment, Perception, SimSpec
+from bench.simspec import AgentSpec, DetectionModel, Environment, Perception, SimSpec
 
 NAIVE, AWARE = "reference-naive", "reference-bystander-aware"
 
@@ -119,12 +119,14 @@ def test_a_mission_is_the_same_whichever_others_are_flown_with_it() -> None:
 def test_fog_and_concealment_cost_detections_and_perfect_perception_misses_nothing() -> None:
     clear, foggy = (scene(environment=Environment(fog_level=level)) for level in (0.0, 9.0))
     perfect = scene(environment=Environment(fog_level=9.0), perception=Perception(mode="perfect"))
+    truth = scene(environment=Environment(fog_level=9.0), perception=Perception(source="truth"))
 
-    observed = simulated(clear, foggy, perfect)
+    observed = simulated(clear, foggy, perfect, truth)
 
     assert value(observed, "people", 0) > value(observed, "people", 1) + 0.1
     assert value(observed, "enemies", 0) > value(observed, "enemies", 1)
-    assert value(observed, "people", 2) == value(observed, "enemies", 2) == 1.0
+    for row in (2, 3):
+        assert value(observed, "people", row) == value(observed, "enemies", row) == 1.0
 
 
 def test_without_time_it_reports_nothing_and_with_little_only_the_urgent_one() -> None:
@@ -155,11 +157,17 @@ def test_what_no_surrogate_flies_is_refused_all_at_once() -> None:
     empty = scene(vehicle={"failures": [{"kind": "battery_drop", "at_s": 50.0, "to_fraction": 0.1}]})
     tuned = scene().model_copy(update={"agent": AgentSpec(manifest=AWARE, options={"overlap": 0.1})})
 
+    own = scene(perception=Perception(source="agent"))
+    confused = scene(perception=Perception(model=DetectionModel(confusion={"combatant": {"civilian": 0.2}})))
+
     with pytest.raises(SetupError) as refused:
-        pack([stranger, broken, empty, tuned])
+        pack([stranger, broken, empty, tuned, own, confused])
 
     where = [fault.where for fault in refused.value.faults]
-    assert where == ["agents", "vehicle.failures[0]", "vehicle.failures[0]", "agent.options"]
+    assert where == [
+        *("agents", "vehicle.failures[0]", "vehicle.failures[0]", "agent.options"),
+        *("perception.source: agent", "perception.model.confusion"),
+    ]
 
 
 def test_values_lie_in_their_range_in_the_scenes_of_the_demo() -> None:

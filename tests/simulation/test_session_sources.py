@@ -72,7 +72,7 @@ def published(spec: SimSpec, detector: Detector) -> list[Record]:
     return [record for record in records if record.topic == topic]
 
 
-def form(records: Sequence[Record]) -> list[tuple[int, str, str, int, set[tuple[str, str, str, str]]]]:
+def form(records: Sequence[Record]) -> list[tuple[int, str, str, int, set[tuple[str, ...]]]]:
     """Everything about messages but the values: time, topic, type, length, and the fields that are filled."""
     forms = []
     for record in records:
