@@ -420,6 +420,7 @@ def test_what_a_report_tells(text: str, fields: dict[str, float]) -> None:
         ("Ten soldiers. A lifeboat waits half a mile out.", "lifeboat"),
         ("A resident of 81 is missing.", "81"),
         ("A radar, reported before launch.", "reported before launch"),
+        ("A truck. The speed limit on the lane is 50 km/h. Three soldiers.", "on the lane"),
     ],
 )
 def test_nothing_that_is_known_is_passed_over(text: str, quote: str) -> None:
@@ -552,3 +553,17 @@ def test_a_rule_is_read_in_any_order_of_its_words(text: str, fields: dict[str, A
     result = read_prose(f"A radar. {text}", VOCABULARY)
     assert {name: getattr(result.simspec.rules, name) for name in fields} == fields
     assert not result.not_understood
+
+
+def test_a_time_of_no_report_is_left_out_first() -> None:
+    """`Before that, at 40 s` is hardly an age of a sighting: the reading that leaves it out is the first."""
+    result = read_prose("A radar. Before that, at 40 s, it gets loud.", VOCABULARY)
+    assert not result.simspec.intelligence
+    assert "40 s" in listed(result)
+
+
+def test_the_first_one_of_several_is_no_group() -> None:
+    """What is said of one of two is not said of both."""
+    result = read_prose("Two trucks, the first one near a house.", VOCABULARY)
+    assert result.simspec.actors[0].placement.near is None
+    assert "the first one" in listed(result)

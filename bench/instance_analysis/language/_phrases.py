@@ -65,6 +65,7 @@ _NOT_AFTER_COMMA = {
 
 _VERBS = frozenset(["is", "are", "was", "were", "there", "i", "we", "you"])
 _NOT_AFTER = {
+    "ASSET": frozenset(["says", "said", "say", "asks", "tells"]),
     "COUNT": frozenset(["a", "an", "the", "this", "that", "i", "we", "you"]),
     **dict.fromkeys(("INSIDE", "NEAR", "BEHIND", "BESIDE", "ALONG", "BETWEEN"), _VERBS),
 }

@@ -21,6 +21,8 @@ class IntelligenceReader:
         self.spoken_of = False
         """Whether the sentence speaks of a report."""
         self._pending: list[tuple[str, Quantity, Span]] = []
+        self._of_a_report = False
+        """Whether a sentence with a waiting number has spoken of a report."""
         self._report_groups: list[str] = []
         self._candidate_groups: list[str] = []
         """Who was spoken of when what waits was said."""
@@ -32,6 +34,7 @@ class IntelligenceReader:
             self._report, self._report_groups = self.on(of, span), [of]
         if self._report is None:
             self._pending.append((name, quantity, span))
+            self._of_a_report = self._of_a_report or self.spoken_of
             self._candidate_groups += self._groups.subject
             return
         if (
@@ -103,12 +106,17 @@ class IntelligenceReader:
                 self._draft.unread(where, "the text mentions no intelligence report", expressible=True)
             return
         adversaries = [group for group in adversaries if group in self._candidate_groups] or adversaries
-        readings = [f"a report on {adversary}" for adversary in adversaries]
-        chosen = self._draft.ask(span, "about whom is this report?", [*readings, "none: leave it out"])
-        if chosen == len(adversaries):
+        choices = [(f"a report on {adversary}", adversary) for adversary in adversaries]
+        # A time that is said of no report (`before that, at 40 s`) is hardly one of a report.
+        surely = self._of_a_report or any(name != "latency_s" for name, _, _ in self._pending)
+        choices.insert(len(choices) if surely else 0, ("none: leave it out", ""))
+        chosen = choices[self._draft.ask(span, "about whom is this report?", [name for name, _ in choices])][
+            1
+        ]
+        if not chosen:
             for _name, _, where in self._pending:
                 self._draft.unread(where, "it is said of no report", expressible=True)
             return
-        self._report = self.on(adversaries[chosen], span)
+        self._report = self.on(chosen, span)
         for name, quantity, where in self._pending:
             self.field(name, quantity, where)

@@ -134,7 +134,7 @@ class TextReader:
         )
         self.flight.subject = ""
         self._stranger = False
-        """Whether this sentence has an unknown word, which may be its subject."""
+        """Whether this sentence has spoken of something else, which may be its subject."""
         self._rule_groups: set[Span] = set()
         self._just_named: list[str] = []
         self._named_until = 0
@@ -219,6 +219,7 @@ class TextReader:
         if phrase.rule in ("place", "stretch") or (phrase.rule == "between" and count_places(phrase) == 2):
             self._figures(phrase, later=later)
         elif phrase.rule not in GROUP_RULES:
+            self._stranger = self._stranger or phrase.rule in FlightReader.RULES
             if phrase.rule in ("extent", "overfly", "stayin"):
                 self.topic = self.last = self.before = "ground"
             self._handler(phrase.rule)(phrase)
@@ -524,7 +525,7 @@ class TextReader:
             or word.text.lower() in ("a", "an", "one", "single", "a single", "another")
         ):
             return
-        self._stranger = self._stranger or not kinds
+        self._stranger = True
         self.draft.unread(word.span, "unknown word" if not kinds else "stands by itself", expressible=True)
 
     # What is said of a group.
@@ -664,7 +665,7 @@ class TextReader:
 
 def _speaks_of_intelligence(item: Phrase | Word) -> bool:
     parts = item.parts if isinstance(item, Phrase) else item.meanings
-    return any(not isinstance(part, Phrase) and part.kind in ("INTEL", "KNOWN") for part in parts)
+    return any(not isinstance(part, Phrase) and part.kind in ("INTEL", "KNOWN", "SEEN") for part in parts)
 
 
 def _of_a_rule(word: Word, rest: Sequence[Phrase | Word]) -> bool:
