@@ -139,7 +139,7 @@ def light_of_conditions(conditions: Conditions) -> Light:
     blue = np.array((206.0, 148.0, 92.0)) * (1.0 - cloud) + np.array((192.0, 188.0, 184.0)) * cloud
     zenith = (blue * (1.0 - dust) + np.array((130.0, 160.0, 180.0)) * dust) * min(1.0, shine)
     # Lamps and windows outshine what they stand in when the camera's gain is up.
-    glow = 1.6 if exposure.gain > 8.0 else 0.0
+    glow = np.array((120.0, 200.0, 250.0)) if exposure.gain > 8.0 else np.zeros(3)
     return Light(
         sunward,
         ambient * balance,
@@ -164,7 +164,8 @@ def _sun_and_sky(elevation_rad: float, cloud: float) -> tuple[Floats, Floats]:
     # F. Kasten and A. T. Young (1989), Applied Optics 28, 4735: relative air mass.
     air_mass = 1.0 / (math.sin(elevation_rad) + 0.50572 * (degrees + 6.07995) ** -1.6364)
     direct = np.exp(-_OPTICAL_DEPTH_BGR * air_mass) * (1.0 - cloud)
-    ambient = sky * (0.35 + 0.65 * min(1.0, degrees / 20.0)) * (1.0 - cloud) + np.full(3, 0.2) * cloud
+    # A low sun lights less of the sky, so its long shadows still show (assumed).
+    ambient = sky * (0.15 + 0.85 * min(1.0, degrees / 25.0)) * (1.0 - cloud) + np.full(3, 0.2) * cloud
     return direct, ambient
 
 

@@ -254,11 +254,10 @@ class OpenCvRenderer:
             faces - np.array([kind.first_face for kind in self._kinds], dtype=np.int64)[self._kind_of[actors]]
         )
         row = self._first_colour[actors] + place
-        factor = np.where(self._glows[row][:, None], np.maximum(light.glow, linear**_GAMMA), linear**_GAMMA)
+        shown = self._colours_bgr[row] * linear**_GAMMA
+        shown = np.where(self._glows[row][:, None], np.maximum(shown, light.glow_bgr), shown)
         clear = np.exp(-light.extinction_per_m * ranges_m)[:, None]
-        lit: Floats = np.clip(
-            self._colours_bgr[row] * factor * clear + (1.0 - clear) * light.haze_bgr, 0, 255
-        )
+        lit: Floats = np.clip(shown * clear + (1.0 - clear) * light.haze_bgr, 0, 255)
         return lit
 
     def _shadow_polygons(self, pose: CameraPose, positions_enu_m: Floats, headings_rad: Floats) -> Floats:

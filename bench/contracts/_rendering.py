@@ -135,7 +135,7 @@ class Light:
     `sunward_enu` (3,) points to the sun. A face with normal n shows its colour times
     (`ambient_bgr` + `direct_bgr` max(0, n . sunward)) ** (1 / 2.2), both linear. What is R metres away keeps the share
     exp(-extinction_per_m R) of that and takes the rest from `haze_bgr`. `zenith_bgr` colours the sky overhead.
-    `glow` is the factor for faces that shine.
+    Faces that shine show at least `glow_bgr`; it is black by day.
     """
 
     sunward_enu: Floats
@@ -144,7 +144,7 @@ class Light:
     haze_bgr: Floats
     zenith_bgr: Floats
     extinction_per_m: float
-    glow: float
+    glow_bgr: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
