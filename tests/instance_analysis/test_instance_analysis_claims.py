@@ -525,6 +525,8 @@ def test_a_mark_order_without_a_name_is_about_the_only_target() -> None:
         "When the battery is below 30 %, come home at once.",
         "The children keep at least 10 m away from each other.",
         "The soldiers hold at 60 s.",
+        "Four civilians stop at 60 s and go on at 90 s.",
+        "In total the convoy takes 8 minutes.",
         "The jammed GPS at each 100 s.",
     ],
 )

@@ -92,6 +92,11 @@ class SentenceRuns:
         return Run(span, words, self._plain[span.start - self._begin : span.end - self._begin])
 
     @property
+    def names_a_group(self) -> bool:
+        """Whether the sentence speaks of people or things, which may be its subject."""
+        return any(meaning.kind == "ASSET" for word in self._words for meaning in word.meanings)
+
+    @property
     def loaded(self) -> list[LoadedWord]:
         """The loaded words of the whole sentence."""
         return loaded_words(self._plain)

@@ -113,12 +113,10 @@ def _only_form(sentence: SentenceRuns, run: Run) -> tuple[EventForm, list[Span]]
         form = compiled.form
         assert isinstance(form, EventForm)
         signs = run.signs(compiled, sentence.context)
-        if (
-            signs is None
-            and (alone := run.signs(compiled, None))
-            and _is_beside_a_time(sentence.text, run, alone[-1])
-        ):
-            signs = alone
+        if signs is None and (form.kind in REPORT_ORDERS or not sentence.names_a_group):
+            # Nobody orders it; `four civilians stop at 60 s and go on at 90 s` is no order either.
+            alone = run.signs(compiled, None)
+            signs = alone if alone and _is_beside_a_time(sentence.text, run, alone[-1]) else None
         if signs is not None and all(kind in kinds for kind, needed in form.numbers.items() if needed):
             matches.append((form, signs))
     # `resumes reporting` is no `resumes`: a sign inside of a longer one is none.
