@@ -17,8 +17,8 @@ class PictureSize:
 
     def displaced(self, box: Box, by_px: Sequence[float]) -> Box:
         """The box with each edge displaced, kept inside the picture and at least one pixel wide."""
-        x_min, y_min, x_max, y_max = (edge + span for edge, span in zip(box, by_px, strict=True))
-        return self.fitted(x_min, y_min, x_max, y_max)
+        left, top, right, bottom = by_px
+        return self.fitted(box[0] + left, box[1] + top, box[2] + right, box[3] + bottom)
 
     def fitted(self, x_min: float, y_min: float, x_max: float, y_max: float) -> Box:
         """The box of these edges, in whatever order, kept inside the picture and at least one pixel wide."""
