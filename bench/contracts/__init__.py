@@ -25,6 +25,7 @@ from ._detection import LABEL_EVIDENCE as LABEL_EVIDENCE
 from ._detection import LEAST_DOUBT as LEAST_DOUBT
 from ._detection import THRESHOLD_CONTRAST as THRESHOLD_CONTRAST
 from ._detection import light_of as light_of
+from ._documents import ActorPixelsDocument as ActorPixelsDocument
 from ._documents import AgentStatus as AgentStatus
 from ._documents import AgentTrack as AgentTrack
 from ._documents import AgentTracks as AgentTracks
@@ -41,6 +42,7 @@ from ._documents import NoFlyDocument as NoFlyDocument
 from ._documents import OperatorLinkDocument as OperatorLinkDocument
 from ._documents import OrderAnswer as OrderAnswer
 from ._documents import OrderDocument as OrderDocument
+from ._documents import PictureDocument as PictureDocument
 from ._documents import SightingDocument as SightingDocument
 from ._documents import TargetReport as TargetReport
 from ._documents import TruthDocument as TruthDocument
@@ -117,6 +119,7 @@ from ._topics import TF_STATIC as TF_STATIC
 from ._topics import TRUTH_ACTORS as TRUTH_ACTORS
 from ._topics import TRUTH_CAST as TRUTH_CAST
 from ._topics import TRUTH_ODOMETRY as TRUTH_ODOMETRY
+from ._topics import TRUTH_PICTURES as TRUTH_PICTURES
 from ._topics import TRUTH_VEHICLE as TRUTH_VEHICLE
 from ._topics import TRUTH_VIEW as TRUTH_VIEW
 from ._topics import VehicleTopics as VehicleTopics

@@ -400,6 +400,41 @@ class ViewDocument(Document):
     sightings: tuple[SightingDocument, ...]
 
 
+class ActorPixelsDocument(Document):
+    """What a rendered picture shows of one actor."""
+
+    actor: Annotated[int, Field(description="Index into the cast.")]
+    box: Annotated[
+        tuple[int, int, int, int],
+        Field(description="left, top, right, bottom in whole pixels, around its visible pixels."),
+    ]
+    visible_px: int
+    visible: Annotated[float, Field(description="Share of its silhouette in the picture that nothing hides.")]
+
+
+class PictureDocument(Document):
+    """One frame of the rendered camera, at its exposure."""
+
+    frame: int
+    camera: str
+    shown: Annotated[
+        int | None,
+        Field(
+            description="The frame whose picture it shows: an earlier one when the camera froze, null when it lost this frame."
+        ),
+    ]
+    sha256: Annotated[
+        str | None,
+        Field(
+            description="Of the pixels: rows from the top, each pixel blue, green, red. Null for a lost frame."
+        ),
+    ]
+    actors: Annotated[
+        tuple[ActorPixelsDocument, ...] | None,
+        Field(description="Every actor with a visible pixel; null unless the SimSpec asks for it."),
+    ] = None
+
+
 class VehicleDocument(Document):
     """State of the vehicle that is not motion."""
 

@@ -20,6 +20,8 @@ TF_STATIC = "/tf_static"
 TRUTH_ODOMETRY = "/truth/odometry"  # nav_msgs/msg/Odometry, map (ENU) -> base_link (FLU)
 TRUTH_CAST = "/truth/cast"  # std_msgs/msg/String, CastDocument: who the actors are, once at the start
 TRUTH_ACTORS = "/truth/actors"  # geometry_msgs/msg/PoseArray, map (ENU), in the order of the cast
+# std_msgs/msg/String, PictureDocument: each rendered picture's digest, at its exposure
+TRUTH_PICTURES = "/truth/pictures"
 TRUTH_VIEW = "/truth/view"  # std_msgs/msg/String, ViewDocument: who could be seen in each camera frame
 # std_msgs/msg/String, VehicleDocument: armed, mode, landed, battery; on change and at 1 Hz
 TRUTH_VEHICLE = "/truth/vehicle"
@@ -66,6 +68,14 @@ class VehicleTopics:
     def camera_info(self, camera: str) -> str:
         """sensor_msgs/msg/CameraInfo with the stamp of the frame."""
         return f"/{self.vehicle}/camera/{camera}/camera_info"
+
+    def image_raw(self, camera: str) -> str:
+        """sensor_msgs/msg/Image in bgr8 with the stamp of the frame, while somebody listens."""
+        return f"/{self.vehicle}/camera/{camera}/image_raw"
+
+    def image_compressed(self, camera: str) -> str:
+        """sensor_msgs/msg/CompressedImage (JPEG) with the stamp of the frame, while somebody listens."""
+        return f"{self.image_raw(camera)}/compressed"
 
     # Air network, agent to bench. All are std_msgs/msg/String with a JSON document.
 

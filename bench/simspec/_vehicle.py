@@ -55,6 +55,22 @@ class Camera(Document):
         bool,
         Field(description="Whether the camera answers on the vehicle's MAVLink links, as component 100."),
     ] = False
+    record_frames: Annotated[
+        bool,
+        Field(
+            exclude_if=lambda recorded: not recorded,
+            description="Whether every picture is rendered, and recorded as JPEG, also when nobody listens to the pictures.",
+        ),
+    ] = False
+    record_boxes: Annotated[
+        bool,
+        Field(
+            exclude_if=lambda recorded: not recorded,
+            description=(
+                "Whether every picture is rendered, and the box and the visible share of each actor in it recorded."
+            ),
+        ),
+    ] = False
 
     @model_validator(mode="after")
     def _gimbal_is_level(self) -> Self:

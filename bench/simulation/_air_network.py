@@ -21,7 +21,9 @@ from bench.streams import (
     AirPlan,
     CameraInfo,
     Clock,
+    CompressedImage,
     Detection2DArray,
+    Image,
     Publisher,
     QoS,
     RosMessage,
@@ -43,6 +45,8 @@ DOMAIN = 1
 # Host time until a subscription that the agent declared is matched. Chosen, not measured.
 MATCH_BUDGET_S = 5.0
 MATCH_POLL_S = 0.001
+# Host time that a sample of many fragments, such as a raw picture, waits for its reader. Chosen, not measured.
+LARGE_SAMPLE_WAIT_S = 5.0
 # The longest valid document is AgentTracks with a thousand tracks; this leaves room above it.
 MAX_DOCUMENT_BYTES = 256 * 1024
 
@@ -51,7 +55,8 @@ MAX_DOCUMENT_BYTES = 256 * 1024
 class RecordedPublisher:
     """One topic towards the agent.
 
-    Every message is recorded, and published once the topic is `opened` or latched.
+    Every message is recorded unless `recorded` is false, and published once the topic is `opened` or latched; with
+    `while_matched` only while the network knows of a subscription.
     """
 
     topic: str
@@ -60,12 +65,22 @@ class RecordedPublisher:
     publisher: Publisher | None
     latched: bool = False
     opened: bool = False
+    recorded: bool = True
+    while_matched: bool = False
+
+    @property
+    def listened(self) -> bool:
+        """Whether what is published now reaches a reader, as far as the session knows."""
+        if self.publisher is None or not (self.opened or self.latched):
+            return False
+        return not self.while_matched or self.publisher.matched
 
     def publish(self, time: SimTime, message: RosMessage) -> None:
         """Encode a message once, record it and publish it."""
         data = encode(message)
-        self.tap(Record(time, self.topic, self.kind.TYPE, data))
-        if self.publisher is not None and (self.opened or self.latched):
+        if self.recorded:
+            self.tap(Record(time, self.topic, self.kind.TYPE, data))
+        if self.publisher is not None and self.listened:
             self.publisher.put_bytes(data)
 
     def publish_document(self, time: SimTime, document: Document) -> None:
@@ -120,6 +135,11 @@ class AirNetwork:
         self.operator_link = recorded(topics.operator_link, String, depth=1)
         self.camera_info = recorded(topics.camera_info(simspec.vehicle.camera.name), CameraInfo, SENSOR_DATA)
         self.detections = recorded(topics.detections, Detection2DArray, SENSOR_DATA)
+        camera = simspec.vehicle.camera
+        self.image_raw = recorded(topics.image_raw(camera.name), Image, SENSOR_DATA)
+        self.image_compressed = recorded(topics.image_compressed(camera.name), CompressedImage, SENSOR_DATA)
+        # A minute of raw pictures is 276 MB; their digests are in the recording, and JPEG when it is asked for.
+        self.image_raw.recorded, self.image_compressed.recorded = False, camera.record_frames
         self._publishers = (
             self.clock,
             self.tf,
@@ -131,6 +151,8 @@ class AirNetwork:
             self.operator_link,
             self.camera_info,
             self.detections,
+            self.image_raw,
+            self.image_compressed,
         )
         # Sorted, because the order in which topics are read is the order of their records within a moment.
         names = sorted(topics.from_agent) if node else ()
@@ -162,6 +184,9 @@ class AirNetwork:
         """
         for recorded in self._publishers:
             recorded.opened = True
+        # In lockstep the hello alone decides: what the network knows at a moment depends on the host.
+        for pictures in (self.image_raw, self.image_compressed):
+            pictures.while_matched = True
 
     def sent(self) -> dict[str, int]:
         """Samples published so far on every topic that the agent subscribes to."""
@@ -270,7 +295,7 @@ def open_air_network(
 ) -> Generator[AirNetwork]:
     """The air network of one session: an embedded router with one credential, on which truth never is."""
     topics = VehicleTopics(simspec.vehicle.name)
-    camera = topics.camera_info(simspec.vehicle.camera.name)
+    camera = simspec.vehicle.camera.name
     plan = AirPlan(
         domain=DOMAIN,
         agent_reads=(
@@ -282,11 +307,15 @@ def open_air_network(
             (topics.orders, String.TYPE),
             (topics.consents, String.TYPE),
             (topics.operator_link, String.TYPE),
-            (camera, CameraInfo.TYPE),
+            (topics.camera_info(camera), CameraInfo.TYPE),
             (topics.detections, Detection2DArray.TYPE),
+            (topics.image_raw(camera), Image.TYPE),
+            (topics.image_compressed(camera), CompressedImage.TYPE),
         ),
         agent_writes=tuple((topic, String.TYPE) for topic in topics.from_agent),
         agent_limit_bytes=MAX_DOCUMENT_BYTES,
+        # In lockstep the session waits for its agent anyway, and a lost picture would end it.
+        large_sample_wait_s=LARGE_SAMPLE_WAIT_S if simspec.pace.mode == "lockstep" else None,
     )
     with ExitStack() as stack:
         router = stack.enter_context(open_router(plan)) if zenoh else None

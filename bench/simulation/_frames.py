@@ -5,7 +5,13 @@ from __future__ import annotations
 import math
 
 from bench.contracts import VehicleState
+from bench.simspec import SimSpec
 from bench.streams import Quaternion
+
+
+def optical_frame(simspec: SimSpec) -> str:
+    """The camera's frame: x right, y down, z forward."""
+    return f"{simspec.vehicle.name}/camera_{simspec.vehicle.camera.name}_optical"
 
 
 def body_in_map(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:

@@ -63,7 +63,7 @@ from bench.streams import (
 from ._air_network import AirNetwork
 from ._camera import PinholeCamera
 from ._consents import OperatorConsents
-from ._frames import body_in_map
+from ._frames import body_in_map, optical_frame
 
 # Sub-stream of the perception seed; the detector has 0 and 1.
 _LOSS_DRAWS = 2
@@ -82,7 +82,7 @@ class MissionInformation:
     def __init__(self, simspec: SimSpec, air: AirNetwork, scene: Scene) -> None:
         self._air = air
         self._base = f"{simspec.vehicle.name}/base_link"
-        self._optical = f"{simspec.vehicle.name}/camera_{simspec.vehicle.camera.name}_optical"
+        self._optical = optical_frame(simspec)
         self._camera = PinholeCamera.of(simspec.vehicle.camera)
         self._gimbal = simspec.vehicle.camera.gimbal
         # A mount that keeps level does not sit on base_link but on a frame that shares only its place and

@@ -28,6 +28,7 @@ from bench.contracts import (
     LinkSpec,
     MavlinkNeed,
     OpenAgent,
+    OpenRenderer,
     OpenScene,
     OpenVehicle,
     Outcome,
@@ -56,6 +57,7 @@ from ._host_memory import count_memory_kills
 from ._mission_information import MissionInformation
 from ._operator_pilot import OperatorPilot, open_operator_pilot, operator_links
 from ._outside_links import outside_links, recorded_links
+from ._pictures import SessionPictures
 from ._ports import reserved_udp_port
 from ._services import Services, open_services
 from ._stop_session import StopSession
@@ -76,7 +78,7 @@ class SessionPlan:
 
     `scratch` is an empty folder for the agent, `tap` receives every record, and budgets are measured by
     `clock`. `memory_kills` counts the processes that the kernel killed for want of memory. The agent reads
-    no file in `hidden`.
+    no file in `hidden`. `open_renderer` draws the camera's pictures; None: the plug-in `opencv`.
     """
 
     simspec: SimSpec
@@ -88,6 +90,7 @@ class SessionPlan:
     clock: HostClock = HOST_CLOCK
     memory_kills: Callable[[], int] = count_memory_kills
     hidden: tuple[Path, ...] = ()
+    open_renderer: OpenRenderer | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,6 +176,7 @@ class Session:
         self._operator = operator
         self._topics = VehicleTopics(plan.simspec.vehicle.name)
         self._information = MissionInformation(plan.simspec, air, scene)
+        self._pictures = SessionPictures(plan.simspec, air, truth, plan.open_renderer)
         self._agent: AgentProcess | None = None
         self._ticks: TickServer | None = None
         self._carries_camera = vehicle if isinstance(vehicle, CarriesCamera) else None
@@ -223,6 +227,7 @@ class Session:
         while True:
             now = self._progress.now
             self._information.publish(now, self._vehicle, self._detector)
+            self._pictures.publish(now)
             self._fly_handed_over(now)
             tick = Tick(number=number, time_ns=now.ns, topics=self._air.sent(), links=self._sent_to_agent())
             with self._agent_time.waiting():
@@ -240,6 +245,7 @@ class Session:
             now = self._progress.now
             self._check_agent()
             self._information.publish(now, self._vehicle, self._detector)
+            self._pictures.publish(now)
             self._fly_handed_over(now)
             # Counted from the start: rounding and late wake-ups do not add up.
             ahead_s = now.s - (self._clock.now() - started_s)
@@ -293,9 +299,12 @@ class Session:
         # One frame a step at most: a camera that is faster than the controller has the controller's rate.
         self._next_frame_ns += self._frame_period_ns
         self._scene.advance(now)
-        frame = self._scene.observe(self._vehicle.truth(), self._frame)
+        state = self._vehicle.truth()
+        frame = self._scene.observe(state, self._frame)
         self._frame += 1
         self._truth.write_frame(frame)
+        if self._pictures.wanted:
+            self._pictures.capture(state, self._scene, frame.number, now)
         if self._carries_camera is not None:
             self._carries_camera.record_exposure(frame.number, now)
         self._information.record_exposure(now)

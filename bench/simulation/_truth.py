@@ -12,11 +12,13 @@ from bench.contracts import (
     TRUTH_ACTORS,
     TRUTH_CAST,
     TRUTH_ODOMETRY,
+    TRUTH_PICTURES,
     TRUTH_VEHICLE,
     TRUTH_VIEW,
     CameraFrame,
     CastDocument,
     EventDocument,
+    PictureDocument,
     Record,
     Scene,
     SightingDocument,
@@ -130,6 +132,10 @@ class TruthRecorder:
             TRUTH_VIEW,
             ViewDocument(frame=frame.number, camera=frame.camera, sightings=sightings),
         )
+
+    def write_picture(self, exposed: SimTime, picture: PictureDocument) -> None:
+        """Write which pixels one exposure gave."""
+        self._document(exposed, TRUTH_PICTURES, picture)
 
     def keep_mavlink(self, link: str, direction: str, frames: bytes) -> None:
         """Keep raw MAVLink of the present step for `write_mavlink`."""

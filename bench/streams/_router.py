@@ -42,6 +42,8 @@ class AirPlan:
 
     `agent_limit_hz` caps the rate of each of the agent's topics by the wall clock: not for lockstep, whose
     count of samples must come out. A sample of the agent's over `agent_limit_bytes` is dropped at the router.
+    `large_sample_wait_s`: how long the next fragment of a sample over 64 KiB waits for a slow reader before the sample is
+    dropped, and the publisher with it; Zenoh's own choice, 0.05 s, when None.
     """
 
     domain: int
@@ -51,6 +53,7 @@ class AirPlan:
     port: int = 0
     agent_limit_hz: float | None = None
     agent_limit_bytes: int = MAX_DOCUMENT_BYTES
+    large_sample_wait_s: float | None = None
 
 
 class Router:
@@ -155,6 +158,9 @@ def _router_settings(plan: AirPlan, port: int, users: Path) -> dict[str, Any]:
     settings["mode"] = "router"
     settings["listen"] = {"endpoints": [f"tcp/{plan.host}:{port}"], "exit_on_failure": True}
     settings["access_control"] = _access_control(plan)
+    if plan.large_sample_wait_s is not None:
+        wait = {"max_wait_before_drop_fragments": round(plan.large_sample_wait_s * 1e6)}
+        settings["transport"]["link"]["tx"]["queue"]["congestion_control"] = {"drop": wait}
     written = _keys(plan, plan.agent_writes)
     if written:
         # Only what comes in: the samples of the bench have no limit.

@@ -1,4 +1,4 @@
-"""A vehicle without physics, for tests of everything around it: it stays at its home."""
+"""A vehicle without physics, for tests of everything around it: it stays at its home, or turns above it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from bench.contracts import START, MavlinkTap, SimTime, VehicleCondition, Vehicl
 
 
 class StillVehicle:
-    """Stays at home, disarmed.
+    """Stays at home, disarmed, `STILL_UP_M` above it and turning at `STILL_TURN_DEGPS`: parameters of the SimSpec, both 0
+    when absent.
 
     It has no socket, so messages that an agent claims to have sent never arrive.
     """
@@ -44,14 +45,16 @@ class StillVehicle:
         self._time = self._time.after(self.step_s)
 
     def truth(self) -> VehicleState:
-        home = self._plan.simspec.vehicle.home
+        vehicle = self._plan.simspec.vehicle
+        home, turn_degps = vehicle.home, vehicle.parameters.get("STILL_TURN_DEGPS", 0.0)
         return VehicleState(
             time=self._time,
-            position_enu_m=(home.east_m, home.north_m, 0.0),
+            position_enu_m=(home.east_m, home.north_m, vehicle.parameters.get("STILL_UP_M", 0.0)),
             velocity_enu_mps=(0.0, 0.0, 0.0),
             roll_rad=0.0,
             pitch_rad=0.0,
-            yaw_rad=math.radians(home.heading_deg),
+            yaw_rad=math.radians(home.heading_deg + turn_degps * self._time.s),
+            rates_body_radps=(0.0, 0.0, math.radians(turn_degps)),
         )
 
     def estimate(self) -> VehicleState:

@@ -16,6 +16,8 @@ PROFILES = {
     "%vehicle_1%orders": ":1:,32",
     "%vehicle_1%detections": "2::,5",
     "%vehicle_1%camera%front%camera_info": "2::,5",
+    "%vehicle_1%camera%front%image_raw": "2::,5",
+    "%vehicle_1%camera%front%image_raw%compressed": "2::,5",
 }
 
 

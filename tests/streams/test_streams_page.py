@@ -21,6 +21,8 @@ def test_the_page_lists_every_topic_of_the_air_network() -> None:
         topics.intelligence,
         topics.detections,
         topics.camera_info("{c}"),
+        topics.image_raw("{c}"),
+        topics.image_compressed("{c}"),
     ]
     for topic in (*named, topics.orders, topics.consents, topics.operator_link, *topics.from_agent):
         assert f"| `{topic}` |" in PAGE
