@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from bench.contracts import SimTime
 
+_ROOT_HALF = math.sqrt(0.5)
+
 
 class CorrelatedNoise:
     """Standard normal processes of every actor, first-order Markov in time: exactly normal at any moment,
@@ -36,9 +38,9 @@ class CorrelatedNoise:
 
     def uniform(self, process: int, actor: int) -> float:
         """The present value of one process, made uniform on [0, 1] by the normal distribution function."""
-        return uniform_of(self.normal(process, actor))
+        return 0.5 * math.erfc(-float(self._state[actor, process]) * _ROOT_HALF)
 
 
 def uniform_of(normal: float) -> float:
     """A standard normal made uniform on [0, 1]."""
-    return 0.5 * math.erfc(-normal * math.sqrt(0.5))
+    return 0.5 * math.erfc(-normal * _ROOT_HALF)
