@@ -20,6 +20,7 @@ from . import (
     _compare,
     _decomposition,
     _examples,
+    _export,
     _fit_detector,
     _fly,
     _graph,
@@ -74,7 +75,7 @@ def options(
 
 for commands in (
     *(_campaigns, _sessions, _scores, _compare, _calibrate, _decomposition),
-    *(_camera, _graph, _look, _prose, _new, _fly, _next, _fit_detector, _examples, _machine),
+    *(_camera, _graph, _look, _prose, _new, _fly, _next, _fit_detector, _examples, _export, _machine),
 ):
     commands.register(app)
 

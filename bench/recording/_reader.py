@@ -15,6 +15,7 @@ from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
 
 from ._container import Container
+from ._copy import ItemCopy
 from ._recorder import CHUNK_BYTES, LIBRARY, PROFILE, SIMSPEC_ATTACHMENT
 from ._tape import TapeBuilder
 
@@ -91,50 +92,13 @@ def recover(source: Path | str, target: Path | str) -> RecoveryResult:
     with target.open("wb") as file:
         writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         writer.start(profile=PROFILE, library=LIBRARY)
-        copy = _Copy(writer)
+        copy = ItemCopy(writer)
         if first is not None:
             copy.add(first)
         for item in items:
             copy.add(item)
         writer.finish()  # type: ignore[no-untyped-call]
     return RecoveryResult(copy.messages, copy.attachments, copy.metadata, container.cut)
-
-
-class _Copy:
-    """Carries items into a writer, which numbers schemas and channels anew."""
-
-    def __init__(self, writer: Writer) -> None:
-        self._writer = writer
-        # MCAP: schema 0 means that a channel has none.
-        self._schemas = {0: 0}
-        self._channels: dict[int, int] = {}
-        self.messages = self.attachments = self.metadata = 0
-
-    def add(self, item: Schema | Channel | Message | Attachment | Metadata) -> None:
-        match item:
-            case Message():
-                channel = self._channels.get(item.channel_id)
-                if channel is not None:
-                    self._writer.add_message(
-                        channel, item.log_time, item.data, item.publish_time, item.sequence
-                    )
-                    self.messages += 1
-            case Schema() if item.id not in self._schemas:
-                self._schemas[item.id] = self._writer.register_schema(item.name, item.encoding, item.data)
-            case Channel() if item.id not in self._channels:
-                schema = self._schemas.get(item.schema_id, 0)
-                channel = self._writer.register_channel(
-                    item.topic, item.message_encoding, schema, item.metadata
-                )
-                self._channels[item.id] = channel
-            case Attachment():
-                self._writer.add_attachment(
-                    item.create_time, item.log_time, item.name, item.media_type, item.data
-                )
-                self.attachments += 1
-            case Metadata():
-                self._writer.add_metadata(item.name, item.metadata)
-                self.metadata += 1
 
 
 def _records(container: Container) -> Iterator[Record]:

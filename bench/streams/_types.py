@@ -21,6 +21,7 @@ UInt16 = Annotated[int, "uint16"]
 Int32 = Annotated[int, "int32"]
 UInt32 = Annotated[int, "uint32"]
 Octets = Annotated[bytes, "uint8[]"]
+UInt32s = Annotated[tuple[int, ...], "uint32[]"]
 Doubles = Annotated[tuple[float, ...], "float64[]"]
 Nine = Annotated[tuple[float, ...], "float64[9]"]
 Twelve = Annotated[tuple[float, ...], "float64[12]"]
@@ -511,7 +512,11 @@ def schema_text(type_name: str) -> str:
 
     KeyError when unknown.
     """
-    kind = _BY_NAME[type_name]
+    return schema_text_of(_BY_NAME[type_name])
+
+
+def schema_text_of(kind: type[RosMessage]) -> str:
+    """As `schema_text`, for a message class that need not be one of MESSAGES."""
     parts = [_definition(kind)]
     # The schema encoding `ros2msg` of MCAP separates definitions by a line of 80 equals signs.
     parts += [f"MSG: {short_name(message.TYPE)}\n{_definition(message)}" for message in dependencies(kind)]

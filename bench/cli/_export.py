@@ -1,0 +1,47 @@
+"""`rebar export`: a recording in a form that other programs show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ._tables import plain_console, print_lines
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(export)
+
+
+def export(
+    recording: Annotated[Path, typer.Argument(help="recording.mcap of a run, or the folder that holds it")],
+    out: Annotated[Path, typer.Option(help="MCAP file to write. Nothing is overwritten")],
+    foxglove: Annotated[
+        bool, typer.Option("--foxglove", help="Add what Lichtblick and Foxglove show (the only form so far)")
+    ] = False,
+) -> None:
+    """Write a copy of a recording that Lichtblick and Foxglove show without any set-up: the scene, the map, boxes over
+    the pictures, and states to plot. The recording itself stays as it is.
+
+    Example: rebar export out/demo/runs/p000-r0-oracle --foxglove --out viewer.mcap
+    """
+    from bench.errors import Fault, SetupError
+    from bench.recording.viewers import export_for_viewers
+
+    if not foxglove:
+        raise SetupError(Fault("rebar export", "no form is named", "add --foxglove"))
+    source = recording / "recording.mcap" if recording.is_dir() else recording
+    result = export_for_viewers(source, out)
+    lines = [
+        f"{result.copied} messages copied, {result.derived} added.",
+        f"pictures: {'those of the recording' if result.pictures else 'none; boxes are drawn on grey frames'}",
+    ]
+    if result.cut is not None:
+        lines.append(f"The recording {result.cut}: the export has what is before that.")
+    if result.malformed:
+        counts = ", ".join(f"{topic} {count}" for topic, count in result.malformed.items())
+        lines.append(f"copied but not shown, because they cannot be decoded: {counts}")
+    lines += [f"export: {out}", "Open it with the layout docs/foxglove-layout.json (docs/viewers.md)."]
+    print_lines(plain_console(), lines)

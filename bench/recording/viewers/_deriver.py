@@ -1,0 +1,363 @@
+"""What viewers show, computed from one record after the other."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator
+from typing import TypeVar
+
+import numpy as np
+import pymap3d
+
+from bench.arrays import Floats
+from bench.contracts import (
+    SESSION_EVENTS,
+    TF,
+    TRUTH_ACTORS,
+    TRUTH_CAST,
+    TRUTH_ODOMETRY,
+    TRUTH_VEHICLE,
+    TRUTH_VIEW,
+    AgentStatus,
+    AgentTracks,
+    CastDocument,
+    CastMember,
+    ConsentAnswer,
+    ConsentRequest,
+    Decision,
+    EventDocument,
+    IntelligenceDocument,
+    OperatorLinkDocument,
+    OrderAnswer,
+    OrderDocument,
+    Record,
+    TargetReport,
+    VehicleDocument,
+    VehicleTopics,
+    ViewDocument,
+    parse_document,
+)
+from bench.documents import Document
+from bench.simspec import PROTECTED_ROLES, SimSpec
+from bench.streams import (
+    CameraInfo,
+    Detection2DArray,
+    Header,
+    NavSatFix,
+    Odometry,
+    Point,
+    RosMessage,
+    String,
+    TFMessage,
+    Time,
+    decode,
+    decode_pose_array,
+)
+
+from ._attitude import heading_deg, rotated, tilt_deg
+from ._ground import ground_map, ground_scene
+from ._messages import GeoJSON, Log, LogLevel, ViewerState
+from ._pictures import detection_boxes, empty_picture, truth_boxes
+from ._scene import AgentScene, actor_scene, vehicle_scene
+
+# Every topic that an export adds lies under this name.
+VIEWER_PREFIX = "/viewer/"
+GROUND = "/viewer/ground"
+GROUND_MAP = "/viewer/ground_map"
+ACTORS = "/viewer/actors"
+VEHICLE = "/viewer/vehicle"
+AGENT = "/viewer/agent"
+FIX = "/viewer/fix"
+ESTIMATE_FIX = "/viewer/estimate_fix"
+DETECTIONS = "/viewer/detections"
+STATE = "/viewer/state"
+LOG = "/viewer/log"
+EMPTY_PICTURE = "/viewer/empty_picture"
+
+
+def truth_boxes_topic(camera: str) -> str:
+    """The topic of the true boxes in the frames of one camera."""
+    return f"/viewer/{camera}/truth_boxes"
+
+
+Derived = tuple[str, RosMessage]
+D = TypeVar("D", bound=Document)
+
+
+class ViewerDeriver:
+    """Call it with each record in order of time; it gives the messages that viewers show from then on.
+
+    `pictures` says whether the recording has pictures; if not, each frame gets an empty one. What cannot be decoded is
+    counted by topic in `malformed` and left out. The memory that it needs does not grow with the recording.
+    """
+
+    def __init__(self, simspec: SimSpec, *, pictures: bool) -> None:
+        self._simspec = simspec
+        self._vehicle = simspec.vehicle.name
+        self._base = f"{self._vehicle}/base_link"
+        self._cast: tuple[CastMember, ...] = ()
+        self._bystanders_m: Floats = np.empty((0, 3))
+        self._agent = AgentScene()
+        self._estimate: Point | None = None
+        self._condition: VehicleDocument | None = None
+        self._phase = ""
+        self._operator_link_up = True
+        self._detections = self._tracks = self._reports = 0
+        self.malformed: Counter[str] = Counter()
+        topics = VehicleTopics(self._vehicle)
+        self._derivations: dict[str, Callable[[Record], Iterator[Derived] | None]] = {
+            TRUTH_ODOMETRY: self._from_odometry,
+            TRUTH_ACTORS: self._from_actors,
+            TRUTH_CAST: self._from_cast,
+            TRUTH_VIEW: self._from_view,
+            TRUTH_VEHICLE: self._from_condition,
+            SESSION_EVENTS: self._from_event,
+            TF: self._from_transforms,
+            topics.detections: self._from_detections,
+            topics.intelligence: self._from_intelligence,
+            topics.tracks: self._from_tracks,
+            topics.reports: self._from_report,
+            topics.decisions: self._from_decision,
+            topics.status: self._from_status,
+            topics.orders: self._from_order,
+            topics.answers: self._from_answer,
+            topics.consent_requests: self._from_consent_request,
+            topics.consents: self._from_consent,
+            topics.operator_link: self._from_operator_link,
+        }
+        self._pictures = pictures
+
+    def ground(self, time: Time) -> Iterator[Derived]:
+        """What never moves, once and first."""
+        yield GROUND, ground_scene(self._simspec, time)
+        yield GROUND_MAP, GeoJSON(ground_map(self._simspec))
+
+    def __call__(self, record: Record) -> Iterator[Derived]:
+        """The messages that follow from one record, all of its time."""
+        derive = self._derivations.get(record.topic)
+        if derive is None and record.type_name == CameraInfo.TYPE and not self._pictures:
+            derive = self._from_camera_info
+        if derive is None:
+            return
+        derived = derive(record)
+        if derived is None:
+            self.malformed[record.topic] += 1
+            return
+        yield from derived
+
+    # Each derivation returns None when the record cannot be decoded.
+
+    def _from_odometry(self, record: Record) -> Iterator[Derived] | None:
+        odometry = decode(Odometry, record.data)
+        if odometry is None:
+            return None
+        place = odometry.pose.pose.position
+        return iter(
+            (
+                (VEHICLE, vehicle_scene(self._vehicle, odometry)),
+                (FIX, self._fix(odometry.header.stamp, place)),
+                (STATE, self._state(odometry)),
+            )
+        )
+
+    def _from_transforms(self, record: Record) -> Iterator[Derived] | None:
+        message = decode(TFMessage, record.data)
+        if message is None:
+            return None
+        fixes: list[Derived] = []
+        for transform in message.transforms:
+            if transform.child_frame_id == self._base:
+                place = transform.transform.translation
+                self._estimate = Point(place.x, place.y, place.z)
+                fixes.append((ESTIMATE_FIX, self._fix(transform.header.stamp, self._estimate)))
+        return iter(fixes)
+
+    def _from_cast(self, record: Record) -> Iterator[Derived] | None:
+        cast = _document(CastDocument, record)
+        if cast is None:
+            return None
+        self._cast = cast.members
+        return iter(())
+
+    def _from_actors(self, record: Record) -> Iterator[Derived] | None:
+        decoded = decode_pose_array(record.data)
+        # A pose array has no ids: only its length says whether it is of this cast.
+        if decoded is None or len(decoded[1]) != len(self._cast):
+            return None
+        stamp_ns, positions_m, quaternions = decoded
+        protected = [member.role in PROTECTED_ROLES for member in self._cast]
+        self._bystanders_m = positions_m[np.array(protected, dtype=bool)]
+        return iter(((ACTORS, actor_scene(self._cast, positions_m, quaternions, Time.of(stamp_ns))),))
+
+    def _from_view(self, record: Record) -> Iterator[Derived] | None:
+        view = _document(ViewDocument, record)
+        if view is None:
+            return None
+        boxes = truth_boxes(view, self._cast, Time.of(record.time.ns))
+        return iter(((truth_boxes_topic(view.camera), boxes),))
+
+    def _from_camera_info(self, record: Record) -> Iterator[Derived] | None:
+        info = decode(CameraInfo, record.data)
+        picture = None if info is None else empty_picture(info)
+        return None if picture is None else iter(((EMPTY_PICTURE, picture),))
+
+    def _from_detections(self, record: Record) -> Iterator[Derived] | None:
+        message = decode(Detection2DArray, record.data)
+        if message is None:
+            return None
+        self._detections = len(message.detections)
+        return iter(((DETECTIONS, detection_boxes(message)),))
+
+    def _from_condition(self, record: Record) -> Iterator[Derived] | None:
+        condition = _document(VehicleDocument, record)
+        if condition is None:
+            return None
+        previous = self._condition
+        self._condition = condition
+        if previous is not None and condition.failsafe and condition.failsafe != previous.failsafe:
+            return self._log(record, f"failsafe: {condition.failsafe}", LogLevel.WARNING)
+        return iter(())
+
+    def _from_tracks(self, record: Record) -> Iterator[Derived] | None:
+        tracks = _document(AgentTracks, record)
+        if tracks is None:
+            return None
+        self._tracks = len(tracks.tracks)
+        self._agent.replace_tracks(tracks)
+        return iter((self._agent_scene(record),))
+
+    def _from_intelligence(self, record: Record) -> Iterator[Derived] | None:
+        intelligence = _document(IntelligenceDocument, record)
+        if intelligence is None:
+            return None
+        self._agent.add_intelligence(intelligence)
+        text = f"intelligence {intelligence.id}: {intelligence.class_label}, {_place(intelligence)}"
+        return iter((self._agent_scene(record), *self._log(record, text)))
+
+    def _from_report(self, record: Record) -> Iterator[Derived] | None:
+        report = _document(TargetReport, record)
+        if report is None:
+            return None
+        self._reports += 1
+        self._agent.add_report(report)
+        marked = ", marked" if report.mark else ""
+        text = (
+            f"report {report.id}: {report.class_label}, {_place(report)}, "
+            f"confidence {report.confidence:.2f}{marked}. {report.reason}"
+        )
+        return iter((self._agent_scene(record), *self._log(record, text)))
+
+    def _from_decision(self, record: Record) -> Iterator[Derived] | None:
+        decision = _document(Decision, record)
+        if decision is None:
+            return None
+        return self._log(record, f"decision: {decision.action} {decision.subject}: {decision.reason}")
+
+    def _from_status(self, record: Record) -> Iterator[Derived] | None:
+        status = _document(AgentStatus, record)
+        if status is None:
+            return None
+        # An agent repeats its phase; only a new one is worth a line.
+        changed = status.phase != self._phase
+        self._phase = status.phase
+        return self._log(record, f"phase: {status.phase} {status.text}") if changed else iter(())
+
+    def _from_event(self, record: Record) -> Iterator[Derived] | None:
+        event = _document(EventDocument, record)
+        return None if event is None else self._log(record, f"{event.name} {event.text}")
+
+    def _from_order(self, record: Record) -> Iterator[Derived] | None:
+        order = _document(OrderDocument, record)
+        return None if order is None else self._log(record, f"order {order.id}: {order.kind}")
+
+    def _from_answer(self, record: Record) -> Iterator[Derived] | None:
+        answer = _document(OrderAnswer, record)
+        if answer is None:
+            return None
+        verdict = "accepted" if answer.accepted else "refused"
+        return self._log(record, f"order {answer.order} {verdict}: {answer.reason}")
+
+    def _from_consent_request(self, record: Record) -> Iterator[Derived] | None:
+        request = _document(ConsentRequest, record)
+        if request is None:
+            return None
+        return self._log(record, f"asks to mark {request.class_label}, {_place(request)} ({request.id})")
+
+    def _from_consent(self, record: Record) -> Iterator[Derived] | None:
+        answer = _document(ConsentAnswer, record)
+        if answer is None:
+            return None
+        return self._log(record, f"request {answer.request} {'granted' if answer.granted else 'refused'}")
+
+    def _from_operator_link(self, record: Record) -> Iterator[Derived] | None:
+        link = _document(OperatorLinkDocument, record)
+        if link is None:
+            return None
+        self._operator_link_up = link.up
+        level = LogLevel.INFO if link.up else LogLevel.WARNING
+        return self._log(record, f"operator link {'up' if link.up else 'down'}", level)
+
+    def _agent_scene(self, record: Record) -> Derived:
+        return AGENT, self._agent.update(Time.of(record.time.ns))
+
+    def _log(self, record: Record, text: str, level: LogLevel = LogLevel.INFO) -> Iterator[Derived]:
+        return iter(((LOG, Log(Time.of(record.time.ns), level, text.strip(" :"), record.topic)),))
+
+    def _fix(self, stamp: Time, place: Point) -> NavSatFix:
+        origin = self._simspec.world.origin
+        latitude_deg, longitude_deg, altitude_m = pymap3d.enu2geodetic(
+            place.x, place.y, place.z, origin.latitude_deg, origin.longitude_deg, origin.altitude_m
+        )
+        header = Header(stamp, self._base)
+        return NavSatFix(
+            header, latitude=float(latitude_deg), longitude=float(longitude_deg), altitude=float(altitude_m)
+        )
+
+    def _state(self, odometry: Odometry) -> ViewerState:
+        pose = odometry.pose.pose
+        place, turn = pose.position, pose.orientation
+        home = self._simspec.vehicle.home
+        velocity = rotated(turn, odometry.twist.twist.linear)
+        condition = self._condition
+        return ViewerState(
+            header=Header(odometry.header.stamp, self._base),
+            height_m=place.z,
+            ground_speed_mps=math.hypot(velocity.x, velocity.y),
+            climb_mps=velocity.z,
+            heading_deg=heading_deg(turn),
+            tilt_deg=tilt_deg(turn),
+            home_distance_m=math.hypot(place.x - home.east_m, place.y - home.north_m),
+            estimate_error_m=_distance_m(place, self._estimate),
+            nearest_bystander_m=self._nearest_bystander_m(place),
+            battery_percent=math.nan if condition is None else 100.0 * condition.battery_fraction,
+            detections=self._detections,
+            tracks=self._tracks,
+            reports=self._reports,
+            armed=condition is not None and condition.armed,
+            landed=condition is not None and condition.landed,
+            crashed=condition is not None and condition.crashed,
+            operator_link_up=self._operator_link_up,
+            mode="" if condition is None else condition.mode,
+            failsafe="" if condition is None else condition.failsafe,
+            phase=self._phase,
+        )
+
+    def _nearest_bystander_m(self, place: Point) -> float:
+        if not len(self._bystanders_m):
+            return math.nan
+        away = self._bystanders_m - (place.x, place.y, place.z)
+        return float(np.sqrt((away * away).sum(axis=1).min()))
+
+
+def _document(kind: type[D], record: Record) -> D | None:
+    message = decode(String, record.data)
+    return None if message is None else parse_document(kind, message.data)
+
+
+def _place(document: TargetReport | ConsentRequest | IntelligenceDocument) -> str:
+    return f"east {document.east_m:.0f} m, north {document.north_m:.0f} m"
+
+
+def _distance_m(place: Point, other: Point | None) -> float:
+    return math.nan if other is None else math.dist((place.x, place.y, place.z), (other.x, other.y, other.z))

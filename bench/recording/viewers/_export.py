@@ -1,0 +1,134 @@
+"""One pass over a recording that copies it and adds what viewers show."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from mcap.records import Channel, Message, Schema
+from mcap.writer import CompressionType, Writer
+
+from bench.contracts import Record, SimTime
+from bench.errors import Fault, SetupError
+from bench.streams import CompressedImage, Image, RosMessage, Time, encode, schema_text_of
+
+from .._container import Container
+from .._copy import ItemCopy
+from .._reader import read_records, read_simspec
+from .._recorder import CHUNK_BYTES, LIBRARY, PROFILE
+from ._deriver import VIEWER_PREFIX, Derived, ViewerDeriver
+
+_PICTURES = frozenset({CompressedImage.TYPE, Image.TYPE})
+
+
+@dataclass(frozen=True, slots=True)
+class ExportResult:
+    """What an export wrote. `cut` says where the recording ends early, None when it is whole.
+
+    `malformed` counts by topic what could not be decoded: copied, but shown nowhere.
+    """
+
+    copied: int
+    derived: int
+    pictures: bool
+    malformed: Mapping[str, int]
+    cut: str | None
+
+
+def export_for_viewers(source: Path | str, target: Path | str) -> ExportResult:
+    """Write every message of the recording `source` as it is, and beside it what viewers show, to `target`.
+
+    Works on a recording of any age, also one that was cut off. Memory does not grow with the recording. The same
+    recording gives the same bytes. Raises SetupError when `source` is no recording of the bench or is an export
+    already, or when `target` exists; OSError when `target` cannot be written. A failure leaves no `target`.
+    """
+    source, target = Path(source), Path(target)
+    simspec = read_simspec(source)
+    pictures = _has_pictures(source)
+    deriver = ViewerDeriver(simspec, pictures=pictures)
+    if target.exists():
+        raise SetupError(Fault(str(target), "exists already", "give another name with --out, or delete it"))
+    # Under another name until it is whole: a viewer must not open half a file as if it were one.
+    partial = target.with_name(f"{target.name}.partial")
+    try:
+        with partial.open("wb") as file:
+            writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+            writer.start(profile=PROFILE, library=LIBRARY)
+            result = _write(Container(source), writer, deriver, pictures=pictures)
+            writer.finish()  # type: ignore[no-untyped-call]
+        os.replace(partial, target)
+    finally:
+        partial.unlink(missing_ok=True)
+    return result
+
+
+def _has_pictures(source: Path) -> bool:
+    """Whether the recording holds pictures. Reads it once, which also finds whatever makes it unreadable."""
+    pictures = False
+    for record in read_records(source):
+        if record.topic.startswith(VIEWER_PREFIX):
+            raise SetupError(
+                Fault(
+                    str(source),
+                    f"is an export already: it has the topic {record.topic}",
+                    "give the recording.mcap of a run",
+                )
+            )
+        pictures = pictures or record.type_name in _PICTURES
+    return pictures
+
+
+def _write(container: Container, writer: Writer, deriver: ViewerDeriver, *, pictures: bool) -> ExportResult:
+    copy, derived = ItemCopy(writer), _DerivedChannels(writer)
+    names: dict[int, tuple[str, str]] = {}
+    schemas: dict[int, str] = {}
+    started = False
+    for item in container:
+        copy.add(item)
+        match item:
+            case Message() if item.channel_id in names:
+                time = SimTime(item.log_time)
+                if not started:
+                    derived.add(time, deriver.ground(Time.of(time.ns)))
+                    started = True
+                topic, type_name = names[item.channel_id]
+                derived.add(time, deriver(Record(time, topic, type_name, item.data)))
+            case Channel() if item.message_encoding == "cdr":
+                names[item.id] = (item.topic, schemas.get(item.schema_id, ""))
+            case Schema():
+                schemas[item.id] = item.name
+    return ExportResult(
+        copy.messages, derived.messages, pictures, dict(sorted(deriver.malformed.items())), container.cut
+    )
+
+
+class _DerivedChannels:
+    """Writes derived messages, each topic on a channel that is registered with its first message."""
+
+    def __init__(self, writer: Writer) -> None:
+        self._writer = writer
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        self._sequences: dict[str, int] = {}
+        self.messages = 0
+
+    def add(self, time: SimTime, derived: Iterator[Derived]) -> None:
+        """Write messages that belong to one moment."""
+        for topic, message in derived:
+            channel = self._channels.get(topic)
+            if channel is None:
+                channel = self._register(topic, type(message))
+            sequence = self._sequences[topic] = self._sequences[topic] + 1
+            self._writer.add_message(channel, time.ns, encode(message), time.ns, sequence)
+            self.messages += 1
+
+    def _register(self, topic: str, kind: type[RosMessage]) -> int:
+        schema = self._schemas.get(kind.TYPE)
+        if schema is None:
+            text = schema_text_of(kind).encode()
+            schema = self._schemas[kind.TYPE] = self._writer.register_schema(kind.TYPE, "ros2msg", text)
+        channel = self._channels[topic] = self._writer.register_channel(topic, "cdr", schema, {})
+        self._sequences[topic] = 0
+        return channel
