@@ -96,19 +96,19 @@ def open_camera(
     camera: Camera | None = None,
     *,
     conditions: Conditions | None = None,
-    ground: GroundType = GroundType.GRASS,
+    ground: GroundType | None = None,
     distortion: tuple[float, float, float, float, float] = NO_DISTORTION,
     open_renderer: OpenRenderer = open_opencv_renderer,
 ) -> RenderedCamera:
-    """The camera of a realized SimSpec; `camera` and `conditions` default to the SimSpec's own.
+    """The camera of a realized SimSpec; `camera`, `conditions` and `ground` default to the SimSpec's own.
 
     Raises SetupError for an asset without a look, and for a distortion that cannot be drawn.
     """
-    conditions = conditions or conditions_of(simspec)
-    lens = replace(lens_of(camera or simspec.vehicle.camera), distortion=distortion)
-    return RenderedCamera(
-        stage_of(simspec, lens, conditions, ground), conditions, simspec.seeds, open_renderer
-    )
+    camera = camera or simspec.vehicle.camera
+    conditions = conditions or conditions_of(simspec, camera)
+    lens = replace(lens_of(camera), distortion=distortion)
+    stage = stage_of(simspec, lens, conditions, ground or GroundType(simspec.world.ground))
+    return RenderedCamera(stage, conditions, simspec.seeds, open_renderer)
 
 
 def stage_of(

@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.arrays import Floats
 from bench.contracts import Light
-from bench.simspec import SimSpec, sun_of
+from bench.simspec import Camera, SimSpec, sun_of
 
 _CLEAR_EXTINCTION_PER_M = 1.5e-4
 """A meteorological range of 26 km, a clear day; the detection model's clear air absorbs nothing at all."""
@@ -60,12 +60,12 @@ class Conditions:
     frozen_frames: float = 5.0
 
 
-def conditions_of(simspec: SimSpec) -> Conditions:
-    """What a SimSpec states: sun, fog and rain, with the extinction of its detection model.
+def conditions_of(simspec: SimSpec, camera: Camera | None = None) -> Conditions:
+    """What a SimSpec states: sun, fog and rain, with the extinction of its detection model, and the camera's own state.
 
-    Dust and the camera's own state have no fields in a SimSpec and keep their defaults.
+    `camera` defaults to the vehicle's. Dust has no field in a SimSpec.
     """
-    sun = sun_of(simspec)
+    sun, camera = sun_of(simspec), camera or simspec.vehicle.camera
     weather, model = simspec.environment, simspec.perception.model
     return Conditions(
         sun.elevation_rad,
@@ -74,6 +74,10 @@ def conditions_of(simspec: SimSpec) -> Conditions:
         model.fog_extinction_per_m * weather.fog_level**2 + model.rain_extinction_per_m * weather.rain_level,
         weather.rain_level,
         weather.fog_level,
+        noise=camera.noise,
+        lens_dirt=camera.lens_dirt,
+        dropped_share=camera.dropped_share,
+        frozen_share=camera.frozen_share,
     )
 
 

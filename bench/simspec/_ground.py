@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -92,6 +92,9 @@ class Area(Polygon):
     id: Identifier
 
 
+GroundKind = Literal["grass", "farmland", "desert", "gravel", "urban", "snow"]
+
+
 class World(Document):
     """The ground of the situation."""
 
@@ -106,6 +109,13 @@ class World(Document):
     areas: Annotated[
         tuple[Area, ...], Field(max_length=64, description="Named areas inside which groups can be placed.")
     ] = ()
+    ground: Annotated[
+        GroundKind,
+        Field(
+            exclude_if=lambda kind: kind == "grass",
+            description="What the ground is made of, for the camera's pictures alone.",
+        ),
+    ] = "grass"
 
 
 class Home(Point):

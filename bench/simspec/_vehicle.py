@@ -9,7 +9,11 @@ from pydantic import Field, model_validator
 from bench.documents import Document
 
 from ._ground import Home
-from ._quantities import Identifier, RosName
+from ._quantities import Fraction, Identifier, RosName
+
+
+def _is_zero(value: float) -> bool:
+    return value == 0.0
 
 
 class Gps(Document):
@@ -71,6 +75,32 @@ class Camera(Document):
             ),
         ),
     ] = False
+
+    # What the camera does to its pictures. Detections from the truth know nothing of it.
+    noise: Annotated[
+        float,
+        Field(
+            ge=0.0,
+            le=20.0,
+            exclude_if=lambda factor: factor == 1.0,
+            description="Factor on the noise of the camera's pictures.",
+        ),
+    ] = 1.0
+    lens_dirt: Annotated[
+        Fraction,
+        Field(exclude_if=_is_zero, description="Dirt on the lens: 0 is clean."),
+    ] = 0.0
+    dropped_share: Annotated[
+        Fraction,
+        Field(exclude_if=_is_zero, description="Probability that the camera loses the picture of a frame."),
+    ] = 0.0
+    frozen_share: Annotated[
+        Fraction,
+        Field(
+            exclude_if=_is_zero,
+            description="Share of the frames in which the camera repeats its last picture, some five in a row.",
+        ),
+    ] = 0.0
 
     @model_validator(mode="after")
     def _gimbal_is_level(self) -> Self:

@@ -55,6 +55,7 @@ class SessionPictures:
         self._truth = truth
         self._open_renderer = open_renderer
         self._camera: RenderedCamera | None = None
+        self._drawn = -1
         self._pending: deque[_ExposedPicture] = deque()
 
     @property
@@ -100,10 +101,13 @@ class SessionPictures:
         name = self._settings.name
         if frame is None:
             return PictureDocument(frame=number, camera=name, shown=None, sha256=None)
+        # A camera that freezes while it loses frames repeats the last picture that it had.
+        if not frame.state.frozen or self._drawn < 0:
+            self._drawn = number
         return PictureDocument(
             frame=number,
             camera=name,
-            shown=frame.state.shown,
+            shown=self._drawn,
             sha256=hashlib.sha256(frame.bgr.tobytes()).hexdigest(),
             actors=_actor_pixels(frame) if self._settings.record_boxes else None,
         )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, get_args
 
 import cv2
 import numpy as np
@@ -17,7 +18,7 @@ from test_session import session_simspec
 
 from bench.agents import load_manifest, open_agent
 from bench.arrays import Floats
-from bench.camera import open_opencv_renderer
+from bench.camera import GroundType, open_camera, open_opencv_renderer
 from bench.contracts import (
     SESSION_EVENTS,
     TF,
@@ -36,9 +37,20 @@ from bench.contracts import (
 )
 from bench.documents import Document
 from bench.recording import TapeBuilder
-from bench.simspec import ActorGroup, Camera, Mission, PlacedActor, Realized, Role, SimSpec, VehicleSpec
+from bench.simspec import (
+    ActorGroup,
+    Camera,
+    Mission,
+    PlacedActor,
+    Realized,
+    Role,
+    SimSpec,
+    VehicleSpec,
+    World,
+)
 from bench.simulation import SessionEnd, SessionPlan, run_session
-from bench.streams import CameraInfo, CompressedImage, String, TFMessage, decode
+from bench.simulation._air_network import open_air_network
+from bench.streams import CameraInfo, CompressedImage, String, TFMessage, decode, open_client
 from bench.testing import agent_manifest
 
 WATCHER = Path(__file__).parents[2] / "examples" / "picture_watch.yaml"
@@ -258,18 +270,63 @@ def test_nothing_is_drawn_for_nobody(tmp_path: Path) -> None:
     assert not session.on(JPEG)
 
 
-@pytest.mark.parametrize(("field_name", "boxes", "jpegs"), [("record_frames", 0, 5), ("record_boxes", 2, 0)])
-def test_a_simspec_may_record_what_nobody_listens_to(
-    tmp_path: Path, field_name: str, boxes: int, jpegs: int
-) -> None:
-    """JPEG and boxes are recorded each by themselves, and a reader of tapes takes such a recording."""
-    spec = watched_simspec(**{field_name: True}).model_copy(update={"mission": Mission(time_limit_s=1.0)})
+@pytest.mark.parametrize("field_name", ["record_frames", "record_boxes"])
+def test_a_simspec_may_record_what_nobody_listens_to(tmp_path: Path, field_name: str) -> None:
+    """JPEG and boxes are recorded each by themselves, from a camera that loses frames and repeats others."""
+    camera = {"dropped_share": 0.3, "frozen_share": 0.7, field_name: True}
+    spec = watched_simspec(**camera).model_copy(update={"mission": Mission(time_limit_s=2.0)})
     session = fly(tmp_path, spec, watched=False)
     pictures = session.pictures()
-    assert len(pictures) == session.renderer.drawn == 6
-    assert {len(picture.actors or ()) for picture in pictures} == {boxes}
-    assert len(session.on(JPEG)) == jpegs
+    lost = [picture.frame for picture in pictures if picture.shown is None]
+    live = {picture.frame: picture.sha256 for picture in pictures if picture.shown == picture.frame}
+    frozen = [picture for picture in pictures if picture.shown in live and picture.frame not in live]
+    assert len(pictures) == 11
+    assert lost
+    assert frozen
+    assert session.renderer.drawn == len(live)
+    assert all(picture.sha256 == live[picture.shown] for picture in frozen if picture.shown is not None)
+    shown = [
+        record for record, picture in zip(session.on(TRUTH_PICTURES), pictures, strict=True) if picture.sha256
+    ]
+    if field_name == "record_frames":
+        stamps = [decode(CompressedImage, record.data).header.stamp.ns for record in session.on(JPEG)]  # type: ignore[union-attr]
+        # What was exposed at the end of the session has no tick after it.
+        assert stamps == [record.time.ns for record in shown if record.time < session.records[-1].time]
+        assert not any(picture.actors for picture in pictures)
+    else:
+        assert not session.on(JPEG)
+        assert {len(picture.actors or ()) for picture in pictures if picture.sha256} == {2}
     builder = TapeBuilder(spec)
     for record in session.records:
         builder(record)
     assert not builder.tape().malformed
+
+
+def test_in_real_time_pictures_are_for_whoever_subscribes_just_now() -> None:
+    """A subscription opens its own topic alone, and its end closes it."""
+
+    def settled(expected: bool) -> bool:
+        deadline_s = time.monotonic() + 10.0
+        while air.image_compressed.listened is not expected and time.monotonic() < deadline_s:
+            time.sleep(0.01)
+        return air.image_compressed.listened is expected
+
+    with open_air_network(watched_simspec(), lambda record: None, zenoh=True) as air:
+        air.open_for_all()
+        assert air.camera_info.listened
+        assert settled(False)
+        assert air.access is not None
+        with open_client(air.access, "viewer") as node:
+            node.subscribe(JPEG, CompressedImage)
+            assert settled(True)
+            assert not air.image_raw.listened
+        assert settled(False)
+
+
+def test_the_ground_of_a_simspec_is_drawn() -> None:
+    """Snow is brighter than grass, and a SimSpec may name every kind of ground that there is."""
+    assert set(get_args(World.model_fields["ground"].annotation)) == set(GroundType)
+    spec = watched_simspec(width_px=64, height_px=48)
+    snowy = spec.model_copy(update={"world": spec.world.model_copy(update={"ground": "snow"})})
+    grass, snow = (open_camera(simspec).stage.ground.texture.mean() for simspec in (spec, snowy))
+    assert snow > 1.5 * grass
