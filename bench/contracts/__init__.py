@@ -110,6 +110,7 @@ from ._tick import Tick as Tick
 from ._tick import TickMessage as TickMessage
 from ._tick import read_line as read_line
 from ._tick import write_line as write_line
+from ._topics import CAMERA_OPENED as CAMERA_OPENED
 from ._topics import OPERATOR_GIVES_BACK as OPERATOR_GIVES_BACK
 from ._topics import OPERATOR_LINK as OPERATOR_LINK
 from ._topics import OPERATOR_TAKES as OPERATOR_TAKES

@@ -136,6 +136,10 @@ OPERATOR_LINK = "operator_station"
 OPERATOR_TAKES, OPERATOR_GIVES_BACK = "operator takes the vehicle", "operator gives the vehicle back"
 
 
+# Name of the event in /session/events whose text is the build of OpenCV that draws the camera's pictures.
+CAMERA_OPENED = "camera opened"
+
+
 def is_mavlink_from_agent(topic: str) -> bool:
     """Whether a topic holds raw MAVLink that the agent sent, on any link but the operator's."""
     sent = topic.startswith("/mavlink/") and topic.endswith("/from_agent")

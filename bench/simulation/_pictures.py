@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from bench.contracts import (
+    CAMERA_OPENED,
     ActorPixelsDocument,
     OpenRenderer,
     PictureDocument,
@@ -94,7 +95,7 @@ class SessionPictures:
         use_one_thread()
         open_renderer: OpenRenderer = self._open_renderer or load_plugin("rebar.renderers", RENDERER)
         camera = open_camera(self._spec, open_renderer=open_renderer)
-        self._truth.write_event(now, "camera opened", opencv_build())
+        self._truth.write_event(now, CAMERA_OPENED, opencv_build())
         return camera
 
     def _document(self, number: int, frame: RenderedFrame | None) -> PictureDocument:

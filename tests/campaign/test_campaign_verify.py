@@ -30,11 +30,15 @@ from bench.campaign import (
     refly,
     verify_folder,
 )
+from bench.campaign._versions import versions
+from bench.campaign.results._refly import _other_versions
 from bench.cli._app import run
 from bench.cli._campaigns import _exit_for
-from bench.contracts import Record, SessionResult
+from bench.contracts import CAMERA_OPENED, SESSION_EVENTS, START, EventDocument, Record, SessionResult
 from bench.errors import SetupError
 from bench.recording import open_recording, read_metadata, read_records, read_simspec
+from bench.simspec import load_simspec
+from bench.streams import String, encode
 
 ROOT = Path(__file__).parents[2]
 CAMPAIGN = """
@@ -353,3 +357,17 @@ def test_options_of_refly_need_it(flown: Path, capsys: pytest.CaptureFixture[str
     for option in ("--seed", "--workers"):
         assert run(["verify", str(flown), option, "1"]) == 2
         assert f"rebar: {option}: is for --refly alone (give --refly N too)" in capsys.readouterr().err
+
+
+def test_another_build_of_opencv_is_other_software(tmp_path: Path) -> None:
+    """Pictures of two builds cannot be compared; a recording without pictures says nothing of OpenCV."""
+    simspec, paths = load_simspec(ROOT / "examples" / "search.yaml"), []
+    for name, text in (("old", "OpenCV 4.10.0, build a"), ("new", "OpenCV 4.12.0, build b"), ("none", "")):
+        paths.append(tmp_path / f"{name}.mcap")
+        with open_recording(paths[-1], simspec=simspec, versions=versions()) as recorder:
+            for event in ("started", *([CAMERA_OPENED] if text else [])):
+                document = EventDocument(name=event, text=text).model_dump_json()
+                recorder(Record(START, SESSION_EVENTS, String.TYPE, encode(String(document))))
+    old, new, none = paths
+    assert _other_versions(old, new) == ["OpenCV 4.10.0, build a (here OpenCV 4.12.0, build b)"]
+    assert _other_versions(old, old) == _other_versions(old, none) == []

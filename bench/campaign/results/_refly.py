@@ -11,10 +11,18 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from bench.contracts import Outcome, SessionResult
+from bench.contracts import (
+    CAMERA_OPENED,
+    SESSION_EVENTS,
+    EventDocument,
+    Outcome,
+    SessionResult,
+    parse_document,
+)
 from bench.documents import load_json_document
-from bench.recording import read_metadata, recording_difference
+from bench.recording import read_metadata, read_records, recording_difference
 from bench.simspec import SimSpec
+from bench.streams import String, decode
 from decompositions import Decomposition
 
 from .._versions import versions
@@ -171,7 +179,7 @@ class _Reflight:
         where = (
             "all records are equal" if difference is None or difference.time_s is None else str(difference)
         )
-        software = _other_versions(recordings[0])
+        software = _other_versions(*recordings)
         if software:
             what = f"cannot be compared bit for bit: it was flown with {', '.join(software)}; {where}"
             return ReflownRun(name, ReflownStatus.OTHER_VERSIONS, what)
@@ -195,14 +203,26 @@ def _different_fields(result: SessionResult, reflown: SessionResult) -> list[str
     ]
 
 
-def _other_versions(recording: Path) -> list[str]:
-    """Each package of which another version wrote the recording, with both versions."""
+def _other_versions(recording: Path, reflown: Path) -> list[str]:
+    """Each package of which another version wrote the recording, with both versions; another build of OpenCV too."""
     written, here = read_metadata(recording).get("rebar.versions", {}), versions()
-    return [
+    builds = _opencv_build(recording), _opencv_build(reflown)
+    camera = [f"{builds[0]} (here {builds[1]})"] if all(builds) and builds[0] != builds[1] else []
+    return camera + [
         f"{name} {written.get(name, 'unknown')} (here {here.get(name, 'not installed')})"
         for name in sorted(written.keys() | here.keys())
         if written.get(name) != here.get(name)
     ]
+
+
+def _opencv_build(recording: Path) -> str:
+    """The build that drew the camera's pictures; empty if none were drawn."""
+    for record in read_records(recording):
+        message = decode(String, record.data) if record.topic == SESSION_EVENTS else None
+        event = parse_document(EventDocument, message.data) if message is not None else None
+        if event is not None and event.name == CAMERA_OPENED:
+            return event.text
+    return ""
 
 
 def _brief(reason: str) -> str:
