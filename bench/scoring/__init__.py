@@ -9,43 +9,99 @@ docs/rulings.md numbers the rules that every score rests on.
 
 from __future__ import annotations
 
-from ._configuration import configuration_of as configuration_of
-from ._configuration import configuration_tension as configuration_tension
-from ._configuration import studied_key_attributes as studied_key_attributes
-from ._difficulty import Difficulty as Difficulty
-from ._difficulty import Standing as Standing
-from ._difficulty import absence_of as absence_of
-from ._difficulty import difficulty_of as difficulty_of
-from ._difficulty import difficulty_of_values as difficulty_of_values
-from ._difficulty import rate as rate
-from ._difficulty import stated_difficulty as stated_difficulty
-from ._difficulty import tension_of as tension_of
-from ._explain import AgentExplanation as AgentExplanation
-from ._explain import Explanation as Explanation
-from ._explain import ObservableExplanation as ObservableExplanation
-from ._explain import RunExplanation as RunExplanation
-from ._explain import Sources as Sources
-from ._explain import explain as explain
-from ._external import read_table as read_table
-from ._external import score_external as score_external
-from ._floor import NodeFloor as NodeFloor
-from ._floor import node_floors as node_floors
-from ._floor import worst_first as worst_first
-from ._increase import DifficultyGoal as DifficultyGoal
-from ._increase import DifficultyIncrease as DifficultyIncrease
-from ._increase import FactorChange as FactorChange
-from ._increase import difficulty_increase as difficulty_increase
-from ._increase import value_for_rating as value_for_rating
-from ._report import CompletenessReport as CompletenessReport
-from ._report import RunReport as RunReport
-from ._report import ScoreReport as ScoreReport
-from ._report import node_reports as node_reports
-from ._report import run_reports as run_reports
-from ._report import score_report as score_report
-from ._scores import score_run as score_run
-from ._summary import summary_frame as summary_frame
-from ._table import EXCLUDED_OUTCOMES as EXCLUDED_OUTCOMES
-from ._table import SCORE_COLUMNS as SCORE_COLUMNS
-from ._table import ScoredRun as ScoredRun
-from ._table import absent_pairs as absent_pairs
-from ._table import score_table as score_table
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ._configuration import configuration_of as configuration_of
+    from ._configuration import configuration_tension as configuration_tension
+    from ._configuration import studied_key_attributes as studied_key_attributes
+    from ._difficulty import Difficulty as Difficulty
+    from ._difficulty import Standing as Standing
+    from ._difficulty import absence_of as absence_of
+    from ._difficulty import difficulty_of as difficulty_of
+    from ._difficulty import difficulty_of_values as difficulty_of_values
+    from ._difficulty import rate as rate
+    from ._difficulty import stated_difficulty as stated_difficulty
+    from ._difficulty import tension_of as tension_of
+    from ._explain import AgentExplanation as AgentExplanation
+    from ._explain import Explanation as Explanation
+    from ._explain import ObservableExplanation as ObservableExplanation
+    from ._explain import RunExplanation as RunExplanation
+    from ._explain import Sources as Sources
+    from ._explain import explain as explain
+    from ._external import read_table as read_table
+    from ._external import score_external as score_external
+    from ._floor import NodeFloor as NodeFloor
+    from ._floor import node_floors as node_floors
+    from ._floor import worst_first as worst_first
+    from ._increase import DifficultyGoal as DifficultyGoal
+    from ._increase import DifficultyIncrease as DifficultyIncrease
+    from ._increase import FactorChange as FactorChange
+    from ._increase import difficulty_increase as difficulty_increase
+    from ._increase import value_for_rating as value_for_rating
+    from ._report import CompletenessReport as CompletenessReport
+    from ._report import RunReport as RunReport
+    from ._report import ScoreReport as ScoreReport
+    from ._report import node_reports as node_reports
+    from ._report import run_reports as run_reports
+    from ._report import score_report as score_report
+    from ._scores import score_run as score_run
+    from ._summary import summary_frame as summary_frame
+    from ._table import EXCLUDED_OUTCOMES as EXCLUDED_OUTCOMES
+    from ._table import SCORE_COLUMNS as SCORE_COLUMNS
+    from ._table import ScoredRun as ScoredRun
+    from ._table import absent_pairs as absent_pairs
+    from ._table import score_table as score_table
+
+# The module of each name: difficulty, which planning needs, takes neither summaries nor their statistics.
+_MODULES = {
+    "configuration_of": "_configuration",
+    "configuration_tension": "_configuration",
+    "studied_key_attributes": "_configuration",
+    "Difficulty": "_difficulty",
+    "Standing": "_difficulty",
+    "absence_of": "_difficulty",
+    "difficulty_of": "_difficulty",
+    "difficulty_of_values": "_difficulty",
+    "rate": "_difficulty",
+    "stated_difficulty": "_difficulty",
+    "tension_of": "_difficulty",
+    "AgentExplanation": "_explain",
+    "Explanation": "_explain",
+    "ObservableExplanation": "_explain",
+    "RunExplanation": "_explain",
+    "Sources": "_explain",
+    "explain": "_explain",
+    "read_table": "_external",
+    "score_external": "_external",
+    "NodeFloor": "_floor",
+    "node_floors": "_floor",
+    "worst_first": "_floor",
+    "DifficultyGoal": "_increase",
+    "DifficultyIncrease": "_increase",
+    "FactorChange": "_increase",
+    "difficulty_increase": "_increase",
+    "value_for_rating": "_increase",
+    "CompletenessReport": "_report",
+    "RunReport": "_report",
+    "ScoreReport": "_report",
+    "node_reports": "_report",
+    "run_reports": "_report",
+    "score_report": "_report",
+    "score_run": "_scores",
+    "summary_frame": "_summary",
+    "EXCLUDED_OUTCOMES": "_table",
+    "SCORE_COLUMNS": "_table",
+    "ScoredRun": "_table",
+    "absent_pairs": "_table",
+    "score_table": "_table",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """A name of this room, imported at its first use."""
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f".{_MODULES[name]}", __name__), name)

@@ -7,57 +7,127 @@ print(claim(passed=14, tried=14))
 
 from __future__ import annotations
 
-from ._anova import anova as anova
-from ._bootstrap import bootstrap_means as bootstrap_means
-from ._claims import claim as claim
-from ._comparison import SIGNIFICANCE as SIGNIFICANCE
-from ._comparison import NodeComparison as NodeComparison
-from ._comparison import compare_nodes as compare_nodes
-from ._competence import COMPETENCE_SHARES as COMPETENCE_SHARES
-from ._competence import DIFFICULTY_DECIMALS as DIFFICULTY_DECIMALS
-from ._competence import TrialCounts as TrialCounts
-from ._competence import Trials as Trials
-from ._competence import competence as competence
-from ._competence import competence_of as competence_of
-from ._competence import count_design_points as count_design_points
-from ._competence import count_trials as count_trials
-from ._curve import Curve as Curve
-from ._curve import CurveState as CurveState
-from ._curve import difficulty_response as difficulty_response
-from ._difficulty_slope import AgentAbility as AgentAbility
-from ._difficulty_slope import DifficultySlope as DifficultySlope
-from ._difficulty_slope import Direction as Direction
-from ._difficulty_slope import SlopeState as SlopeState
-from ._difficulty_slope import difficulty_slope as difficulty_slope
-from ._equivalence import difference_bounds as difference_bounds
-from ._intervals import bounded_mean as bounded_mean
-from ._intervals import clopper_pearson as clopper_pearson
-from ._intervals import effective_size as effective_size
-from ._intervals import wilson as wilson
-from ._power import mcnemar_power as mcnemar_power
-from ._power import pairs_for_difference as pairs_for_difference
-from ._power import runs_for_claim as runs_for_claim
-from ._power import runs_for_half_width as runs_for_half_width
-from ._rank_association import RankAssociation as RankAssociation
-from ._rank_association import rank_association as rank_association
-from ._regression import OddsRatio as OddsRatio
-from ._regression import correlation as correlation
-from ._regression import logistic as logistic
-from ._screening import FACTOR_COLUMNS as FACTOR_COLUMNS
-from ._screening import NodeFactorAnalysis as NodeFactorAnalysis
-from ._screening import factor_frame as factor_frame
-from ._screening import node_factors as node_factors
-from ._sequential import StoppingRule as StoppingRule
-from ._sequential import confidence_sequence as confidence_sequence
-from ._sequential import mean_bounds as mean_bounds
-from ._sequential import pass_rate_bounds as pass_rate_bounds
-from ._table_refit import ColumnRate as ColumnRate
-from ._table_refit import RefittedTable as RefittedTable
-from ._table_refit import column_rates as column_rates
-from ._table_refit import isotonic_rates as isotonic_rates
-from ._table_refit import nearest_column as nearest_column
-from ._table_refit import refit_table as refit_table
-from ._terms import FactorColumn as FactorColumn
-from ._terms import FactorIndependence as FactorIndependence
-from ._terms import FactorLevel as FactorLevel
-from ._terms import factor_columns as factor_columns
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ._anova import anova as anova
+    from ._bootstrap import bootstrap_means as bootstrap_means
+    from ._claims import claim as claim
+    from ._comparison import SIGNIFICANCE as SIGNIFICANCE
+    from ._comparison import NodeComparison as NodeComparison
+    from ._comparison import compare_nodes as compare_nodes
+    from ._competence import COMPETENCE_SHARES as COMPETENCE_SHARES
+    from ._competence import TrialCounts as TrialCounts
+    from ._competence import Trials as Trials
+    from ._competence import competence as competence
+    from ._competence import competence_of as competence_of
+    from ._competence import count_design_points as count_design_points
+    from ._competence import count_trials as count_trials
+    from ._curve import Curve as Curve
+    from ._curve import CurveState as CurveState
+    from ._curve import difficulty_response as difficulty_response
+    from ._difficulty_slope import AgentAbility as AgentAbility
+    from ._difficulty_slope import DifficultySlope as DifficultySlope
+    from ._difficulty_slope import Direction as Direction
+    from ._difficulty_slope import SlopeState as SlopeState
+    from ._difficulty_slope import difficulty_slope as difficulty_slope
+    from ._equivalence import difference_bounds as difference_bounds
+    from ._intervals import bounded_mean as bounded_mean
+    from ._intervals import clopper_pearson as clopper_pearson
+    from ._intervals import effective_size as effective_size
+    from ._intervals import wilson as wilson
+    from ._power import mcnemar_power as mcnemar_power
+    from ._power import pairs_for_difference as pairs_for_difference
+    from ._power import runs_for_claim as runs_for_claim
+    from ._power import runs_for_half_width as runs_for_half_width
+    from ._rank_association import RankAssociation as RankAssociation
+    from ._rank_association import rank_association as rank_association
+    from ._regression import OddsRatio as OddsRatio
+    from ._regression import correlation as correlation
+    from ._regression import logistic as logistic
+    from ._rounding import DIFFICULTY_DECIMALS as DIFFICULTY_DECIMALS
+    from ._screening import FACTOR_COLUMNS as FACTOR_COLUMNS
+    from ._screening import NodeFactorAnalysis as NodeFactorAnalysis
+    from ._screening import factor_frame as factor_frame
+    from ._screening import node_factors as node_factors
+    from ._sequential import StoppingRule as StoppingRule
+    from ._sequential import confidence_sequence as confidence_sequence
+    from ._sequential import mean_bounds as mean_bounds
+    from ._sequential import pass_rate_bounds as pass_rate_bounds
+    from ._table_refit import ColumnRate as ColumnRate
+    from ._table_refit import RefittedTable as RefittedTable
+    from ._table_refit import column_rates as column_rates
+    from ._table_refit import isotonic_rates as isotonic_rates
+    from ._table_refit import nearest_column as nearest_column
+    from ._table_refit import refit_table as refit_table
+    from ._terms import FactorColumn as FactorColumn
+    from ._terms import FactorIndependence as FactorIndependence
+    from ._terms import FactorLevel as FactorLevel
+    from ._terms import factor_columns as factor_columns
+
+# The module of each name. scipy's distributions take a CPU second to import: what only rates difficulty needs none.
+_MODULES = {
+    "anova": "_anova",
+    "bootstrap_means": "_bootstrap",
+    "claim": "_claims",
+    "SIGNIFICANCE": "_comparison",
+    "NodeComparison": "_comparison",
+    "compare_nodes": "_comparison",
+    "COMPETENCE_SHARES": "_competence",
+    "DIFFICULTY_DECIMALS": "_rounding",
+    "TrialCounts": "_competence",
+    "Trials": "_competence",
+    "competence": "_competence",
+    "competence_of": "_competence",
+    "count_design_points": "_competence",
+    "count_trials": "_competence",
+    "Curve": "_curve",
+    "CurveState": "_curve",
+    "difficulty_response": "_curve",
+    "AgentAbility": "_difficulty_slope",
+    "DifficultySlope": "_difficulty_slope",
+    "Direction": "_difficulty_slope",
+    "SlopeState": "_difficulty_slope",
+    "difficulty_slope": "_difficulty_slope",
+    "difference_bounds": "_equivalence",
+    "bounded_mean": "_intervals",
+    "clopper_pearson": "_intervals",
+    "effective_size": "_intervals",
+    "wilson": "_intervals",
+    "mcnemar_power": "_power",
+    "pairs_for_difference": "_power",
+    "runs_for_claim": "_power",
+    "runs_for_half_width": "_power",
+    "RankAssociation": "_rank_association",
+    "rank_association": "_rank_association",
+    "OddsRatio": "_regression",
+    "correlation": "_regression",
+    "logistic": "_regression",
+    "FACTOR_COLUMNS": "_screening",
+    "NodeFactorAnalysis": "_screening",
+    "factor_frame": "_screening",
+    "node_factors": "_screening",
+    "StoppingRule": "_sequential",
+    "confidence_sequence": "_sequential",
+    "mean_bounds": "_sequential",
+    "pass_rate_bounds": "_sequential",
+    "ColumnRate": "_table_refit",
+    "RefittedTable": "_table_refit",
+    "column_rates": "_table_refit",
+    "isotonic_rates": "_table_refit",
+    "nearest_column": "_table_refit",
+    "refit_table": "_table_refit",
+    "FactorColumn": "_terms",
+    "FactorIndependence": "_terms",
+    "FactorLevel": "_terms",
+    "factor_columns": "_terms",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """A name of this room, imported at its first use."""
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f".{_MODULES[name]}", __name__), name)

@@ -17,10 +17,7 @@ from numpy.typing import ArrayLike
 from bench.arrays import Bools, Counts, Floats
 
 from ._intervals import CONFIDENCE_LEVEL
-
-# Difficulties that agree to this many decimals are one difficulty (ruling 14): interpolation leaves rounding
-# errors.
-DIFFICULTY_DECIMALS = 6
+from ._rounding import DIFFICULTY_DECIMALS
 
 # Fractions, not floats: a pass rate of exactly nine tenths must reach the share of nine tenths.
 COMPETENCE_SHARES = {"50": (1, 2), "90": (9, 10)}

@@ -21,9 +21,9 @@ from bench.arrays import Bools, Floats
 from ._anova import cluster_codes
 from ._bootstrap import MIN_DESIGN_POINTS
 from ._comparison import SIGNIFICANCE
-from ._competence import DIFFICULTY_DECIMALS
 from ._rank_association import rank_association
 from ._regression import FIRTH, FirthFit, fit_logistic
+from ._rounding import DIFFICULTY_DECIMALS
 
 POINTS_PER_STEP = 10.0
 """Slopes are for this many points of difficulty: an odds ratio for a single point is too close to 1 to read."""

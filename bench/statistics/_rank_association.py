@@ -22,8 +22,8 @@ from bench.arrays import Bools, Counts, Floats
 from ._anova import cluster_codes
 from ._bootstrap import MIN_DESIGN_POINTS
 from ._comparison import SIGNIFICANCE
-from ._competence import DIFFICULTY_DECIMALS
 from ._intervals import CONFIDENCE_LEVEL
+from ._rounding import DIFFICULTY_DECIMALS
 
 # The least p is one in a thousand. Chosen, not measured.
 SHUFFLES = 999
