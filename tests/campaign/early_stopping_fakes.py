@@ -6,22 +6,14 @@ import hashlib
 import json
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from campaign_fakes import small_campaign
-from in_process_executor import open_in_process
-
-from bench.campaign import (
-    Campaign,
-    CampaignSummary,
-    RealizationFinished,
-    Stopping,
-    open_local_pool,
-    run_campaign,
-)
 from bench.contracts import Observation, Outcome, SessionResult
-from bench.simspec import AgentSpec
-from decompositions import Decomposition
+
+# Every worker imports this module for its job: the functions of the runner's side import what they alone use.
+if TYPE_CHECKING:
+    from bench.campaign import Campaign, CampaignSummary
+    from decompositions import Decomposition
 
 JOB = "early_stopping_fakes:drawn_flight"
 PASSED = {"p001": 0.95, "p002": 0.05, "p003": 0.5}
@@ -104,6 +96,11 @@ def stopping_campaign(
 
     `stopping` replaces fields of the rule.
     """
+    from campaign_fakes import small_campaign
+
+    from bench.campaign import Stopping
+    from bench.simspec import AgentSpec
+
     rule = Stopping(**({"node": "KA-01", "threshold": 0.5} | stopping))
     update = {"decomposition": str(decomposition), "stopping": rule, "agents": (AgentSpec(manifest="fake"),)}
     return small_campaign(points, replicates).model_copy(update=update)
@@ -111,8 +108,9 @@ def stopping_campaign(
 
 def fly_drawn(folder: Path, campaign: Campaign, workers: int = 1, **options: Any) -> CampaignSummary:
     """Run such a campaign, by default to its scores and in this process: a worker takes a second to start."""
-    # Here, because workers import this module too and would wait for the import of scoring.
-    from bench.campaign import finish_campaign, load_measurable_decomposition
+    from in_process_executor import open_in_process
+
+    from bench.campaign import finish_campaign, load_measurable_decomposition, run_campaign
 
     finish = options.pop("finish", lambda paths: finish_campaign(paths.path) and None)
     decomposition = load_measurable_decomposition(campaign.decomposition)
@@ -122,6 +120,7 @@ def fly_drawn(folder: Path, campaign: Campaign, workers: int = 1, **options: Any
 
 def main(folder: str, decomposition: str) -> None:
     """A runner in a process of its own, to be interrupted."""
+    from bench.campaign import RealizationFinished, open_local_pool
 
     def tell(event: object) -> None:
         if isinstance(event, RealizationFinished):
