@@ -282,6 +282,15 @@ SOLDIERS = "Two soldiers and a radar. "
             "A soldier 200 m south of home.",
             {"placement.bearing.from_deg": 174.3, "placement.near.max_m": 220},
         ),
+        # A distance with a bearing is a place.
+        (
+            "Home is at (10, 0). A soldier at a distance of 100 m and a bearing of 90 degrees from home.",
+            {"placement.at.east_m": 110, "placement.at.north_m": 0},
+        ),
+        (
+            "A radar. A soldier 100 m and a bearing of 30 degrees from the radar.",
+            {"placement.bearing.from_deg": 24.3},
+        ),
         # Steps from home are places: home is named once.
         (
             "Home is at (10, 0). A soldier patrols between a point 50 m east and a point 80 m north of home.",
@@ -298,6 +307,44 @@ def test_where_soldiers_stand(text: str, fields: dict[str, float]) -> None:
 
 
 @pytest.mark.parametrize(
+    ("text", "fields"),
+    [
+        ("Four (4) to six (6) crates.", {"crate.count": 4}),
+        ("7 till 9 crates, 35 until 45 m from home.", {"crate.count": 7, "crate.placement.near.min_m": 35, "crate.placement.near.max_m": 45}),
+        ("Two trees line the road, six houses on its side.", {"tree.placement.along.where": "beside", "house.placement.along.where": "beside"}),
+        ("Two cars along the road, parked. Six houses along the road.", {"car.placement.along.where": "on", "house.placement.along.where": "beside"}),
+        ("Two cars, parked along the road. A truck drives along the road.", {"car.placement.along.where": "beside", "truck.placement.along.where": "on"}),
+        ("Two trucks drive at walking pace. Two cars drive at 5 m/s.", {"truck.motion.speed_mps": 1.2, "car.motion.speed_mps": 5}),
+        ("Two trucks under cam nets (c = 0.6). A radar, camo at about 80 percent.", {"truck.concealment": 0.6, "radar.concealment": 0.8}),
+        ("Two houses. Two soldiers in one house.", {"house.count": 2, "soldier.placement.inside.of": "house"}),
+        ("Two trucks and a hiker. The trucks must be found. The hiker must be found.", {"truck.role": "adversary", "civilian.role": "sought"}),
+        ("A radar. Two crates. Each crate within 20 m of the radar.", {"crate.placement.near.max_m": 20}),
+    ],
+)  # fmt: skip
+def test_general_forms_of_groups(text: str, fields: dict[str, Any]) -> None:
+    """Numbers that are written twice, ranges with `till`, sides of a road, paces, shares of concealment."""
+    result = read_prose(text, VOCABULARY)
+    read = values(result)
+    assert {path: read.get(f"actors[{path.replace('.', '].', 1)}") for path in fields} == fields
+    assert not result.choices
+
+
+@pytest.mark.parametrize(
+    ("text", "quote"),
+    [
+        ("Two trucks. Each truck has a civilian near it.", "Each truck"),
+        ("A hiker is missing. First report: priority 1. A second, vaguer one is good to 200 m.", "A second"),
+        ("The village, centre 250 m N of launch. A radar.", "centre 250 m"),
+        ("A radar in the middle of the village.", "in the middle"),
+        ("Four trucks until 5 soldiers come.", "until"),
+    ],
+)
+def test_what_these_forms_do_not_tell_is_listed(text: str, quote: str) -> None:
+    """Members to each, a second report, and ground without a size are left open."""
+    assert quote in listed(read_prose(text, VOCABULARY))
+
+
+@pytest.mark.parametrize(
     ("text", "path", "corners"),
     [
         ("No flight over the school, 60 to 120 m west and 20 to 80 m south of home.", "rules.no_fly[school].area", BOX_60_TO_120_W),
@@ -306,6 +353,10 @@ def test_where_soldiers_stand(text: str, fields: dict[str, float]) -> None:
         ("A search box 300 m on a side.", "world.area", [(-150, -150), (150, -150), (150, 150), (-150, 150)]),
         ("Search area 500 x 300.", "world.area", [(-250, -150), (250, -150), (250, 150), (-250, 150)]),
         ("Stay inside a square of 200 m, centred on home.", "rules.geofence", [(-100, -100), (100, -100), (100, 100), (-100, 100)]),
+        ("Home is at (10, 0). A radar in sector DELTA, 40 by 20 m centred on the launch point.", "world.areas[sector-delta]", [(-10, -10), (30, -10), (30, 10), (-10, 10)]),
+        ("A village of 200 by 100 m, centre 250 m N of launch. Two houses in the village.", "world.areas[village]", [(-100, 200), (100, 200), (100, 300), (-100, 300)]),
+        ("A radar in the middle of a field of 60 by 30 m. The area is 300 by 300 m.", "actors[radar].placement.region", [(-10, -5), (10, -5), (10, 5), (-10, 5)]),
+        ("The area is 300 by 200 m, around the radar there are five civilians.", "world.area", [(-150, -100), (150, -100), (150, 100), (-150, 100)]),
     ],
 )  # fmt: skip
 def test_where_ground_lies(text: str, path: str, corners: list[tuple[float, float]]) -> None:

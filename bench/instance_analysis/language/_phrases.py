@@ -19,7 +19,7 @@ from ._vocabulary import FieldWords, Meaning
 
 PHRASES = (
     "standoff", "intelligence", "known",
-    "field", "mean", "bearing", "within", "atleast", "exact", "away", "near", "road", "roadgap", "parallel",
+    "field", "mean", "polar", "midpoint", "bearing", "within", "atleast", "exact", "away", "near", "road", "roadgap", "parallel",
     "inside", "behind", "facing", "hidden", "visible", "between", "apart",
     "spread", "part", "group", "share", "rest", "density", "concealment", "sought", "motion", "radius", "place", "stretch",
     "area", "extent", "overfly", "stayin", "landgap", "roads", "course", "axis", "width", "weather", "clear",

@@ -121,7 +121,7 @@ def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
             word, used = Word(match.group(), span, _meanings_of(match)), 1
         words.append(replace(word, comma=comma))
         comma, index = False, index + used
-    return list(_articles(words))
+    return list(_articles(list(_ranges(_repeated(words, text)))))
 
 
 def headings_of(text: str) -> list[Span]:
@@ -265,6 +265,40 @@ def _longer_noun(texts: list[str], length: int, vocabulary: Vocabulary) -> bool:
     """Whether a thing that begins at the second word goes on past the phrase that begins at the first."""
     ends = (" ".join(texts[1:end]) for end in range(length + 1, len(texts) + 1))
     return any(meaning.kind == "ASSET" for phrase in ends for meaning in vocabulary.meanings.get(phrase, ()))
+
+
+def _number(word: Word) -> float | None:
+    return next((float(str(meaning.value)) for meaning in word.meanings if meaning.kind == "NUM"), None)
+
+
+def _repeated(words: list[Word], text: str) -> list[Word]:
+    """One word for a number that is written twice: `four (4) to six (6)`."""
+    single: list[Word] = []
+    for word in words:
+        before = single[-1] if single else None
+        if before is not None and (number := _number(word)) is not None and number == _number(before):
+            closing = re.match(r"\s*\)", text[word.span.end :])
+            if closing and re.fullmatch(r"\s*\(\s*", text[before.span.end : word.span.start]):
+                single[-1] = replace(before, span=Span(before.span.start, word.span.end + closing.end()))
+                continue
+        single.append(word)
+    return single
+
+
+def _ranges(words: list[Word]) -> Iterator[Word]:
+    """`7 till 9 persons` and `35 until 45 m` as ranges. Times keep `until`: they begin and end something."""
+    for index, word in enumerate(words):
+        inside = 0 < index < len(words) - 2 and word.text.lower() in ("till", "until")
+        if inside and _number(words[index - 1]) is not None and _number(words[index + 1]) is not None:
+            measure = {meaning.kind: meaning.value for meaning in words[index + 2].meanings}
+            unit = measure.get("UNIT")
+            of_time = isinstance(unit, tuple) and unit[0] == "TIME"
+            earlier = words[index - 2].meanings if index > 1 else ()
+            begins = any(meaning.kind in ("FROM", "BETWEEN") for meaning in earlier)
+            if not measure.keys().isdisjoint(("UNIT", "ASSET", "AMBIGUOUS")) and not of_time and not begins:
+                yield replace(word, meanings=(Meaning("TO"),), filler=False)
+                continue
+        yield word
 
 
 MAX_WORDS_TO_NOUN = 8

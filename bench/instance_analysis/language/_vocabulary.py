@@ -43,6 +43,9 @@ class MotionWords(Document):
     kind: Literal["still", "wander"]
     speed_mps: float | None = None
     patrol: Annotated[bool, Field(description="Along points where they are given.")] = False
+    pace: Annotated[bool, Field(description="Only a speed, which replaces that of the word before it.")] = (
+        False
+    )
     words: Words
 
 

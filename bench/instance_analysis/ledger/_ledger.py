@@ -28,7 +28,9 @@ LOOSE_BOUNDS = {"field": frozenset(["WITHIN", "ATLEAST"]), "wind": frozenset(["W
 CONDITIONAL_RULES = frozenset(["standoff"])
 """Phrases that are rules, so that a condition inside them is read."""
 TRACED_KINDS = frozenset(["COUNT", "SPEED", "PERCENT", "LENGTH"])
-UNTRACED_RULES = frozenset(["place", "stretch", "area", "extent", "loop", "between", "density", "group"])
+UNTRACED_RULES = frozenset(
+    ["place", "stretch", "area", "extent", "loop", "between", "density", "group", "polar", "midpoint"]
+)
 """Rules whose numbers are combined to others: corners, routes, members of an area."""
 
 UNKNOWN_WORD = "unknown word"
@@ -281,13 +283,29 @@ def _is_harmless(word: LoadedWord, draft: Draft) -> bool:
         return word.text.lower().startswith("one of") and bool(
             BESIDE_ONE.search(draft.text[: word.span.start])
         )
-    if word.load is not Load.QUANTIFIER or word.text.lower() not in ("all", "both", "every", "any"):
+    if word.load is not Load.QUANTIFIER or word.text.lower() not in ("all", "both", "every", "any", "each"):
+        return False
+    if word.text.lower() == "each" and not _of_all_members(word, draft):
         return False
     return any(
         word.span.end <= span.start
         and draft.text[word.span.end : span.start].strip().lower() in _BEFORE_THE_GROUP
         for span in draft.references
     )
+
+
+def _of_all_members(word: LoadedWord, draft: Draft) -> bool:
+    """Whether `each` begins a sentence that counts nobody: `each crate has two civilians near it` tells how many
+    there are to a crate.
+    """
+    before = draft.text[: word.span.start].rstrip()
+    end = _SENTENCE_END.search(draft.text, word.span.end)
+    sentence = Span(word.span.start, end.start() if end else len(draft.text))
+    counts = [span for path, _, span in draft.statements if path[-1] == "count" and _within(span, sentence)]
+    return not counts and (not before or before[-1] in ".;!?")
+
+
+_SENTENCE_END = re.compile(r"[.;!?](?:\s|$)")
 
 
 def _within(inner: Span, outer: Span) -> bool:

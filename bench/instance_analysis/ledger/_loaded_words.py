@@ -73,7 +73,7 @@ _WORDS: dict[Load, str] = {
         |each|either|both)\s+(?:of|among)\s+{_MEMBERS}|(?:of|among)\s+(?:which|whom)|(?:^|(?<=[.,;:]\s))of\s+(?:the|these|those)(?=\s+(?:{_COUNT}))
         |(?:{_COUNT})(?=\s+(?:is|are|was|were|has|have)\b)
         |half|halves|thirds?|quarters?|fifths?|tenths?|majority|(?<!at\s)(?<!\sthe\s)most|respectively|twice|thrice|double|triple|as\s+(?:many|few)
-        |a\s+(?:second|third)(?=\s+[a-z])|the\s+(?:others?(?!\s+side\b)|rest(?!:)|remaining|remainder|former|latter|last|first(?!\s+(?:{_COUNT})\s*-?(?:s|seconds?|min|minutes?)\b)|second(?!\s+(?:scenario|test|run|variant))|fourth)|others|alternat\w+|includ\w+""",
+        |a\s+(?:second|third)(?=,?\s+[a-z])|the\s+(?:others?(?!\s+side\b)|rest(?!:)|remaining|remainder|former|latter|last|first(?!\s+(?:{_COUNT})\s*-?(?:s|seconds?|min|minutes?)\b)|second(?!\s+(?:scenario|test|run|variant))|fourth)|others|alternat\w+|includ\w+""",
     Load.ASIDE: r"""(?:last|next|another|previous|earlier)\s+(?:time|year|month|week|night|run|flight|sortie|mission|exercise)
         |the\s+(?:day|week|year)\s+before|yesterday|previously|formerly|back\s+then|in\s+the\s+past|used\s+to
         |(?:say\s+)?(?:hello|hi)\s+to|greet\w*\s+(?:the|to|from)|regards\s+to|give\s+my|love\s+to|thank\w*\s+to""",

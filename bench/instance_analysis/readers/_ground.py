@@ -26,6 +26,7 @@ _STILL_OF_IT = re.compile(
     r"(?:[^.;!?]|[.](?=\d))*(?:[.;]\s+(?:it|this|that|they)\b[^.;!?\n]*)?$", re.IGNORECASE
 )
 """What may stand between an area and its times: its own sentence, or one about `it`."""
+_OF_GROUND = re.compile(r"\s+of\s+(?:an?|the|this|that|our)\s+", re.IGNORECASE)
 CORNERS_OF_A_CIRCLE = 16
 MIDDLE_SHARE = 1 / 3
 
@@ -60,6 +61,8 @@ class GroundReader:
         self.world = GroundPiece("AREAWORD", "area", Span(0, 0))
         self.pieces: dict[str, GroundPiece] = {}
         self.current: GroundPiece | None = None
+        self._mentions: list[tuple[int, GroundPiece]] = []
+        """Where the text has named a piece of ground."""
         self._mentioned_until = 0
         """Where the text has named the current area."""
         self._over: list[tuple[str, Span]] = []
@@ -87,6 +90,7 @@ class GroundReader:
                 )
             piece = self.pieces.setdefault(name, GroundPiece(part.kind, name, part.span))
         self.current, self._mentioned_until = piece, part.span.end
+        self._mentions.append((part.span.start, piece))
         return piece
 
     def _is_the_current(self, span: Span) -> bool:
@@ -176,6 +180,10 @@ class GroundReader:
         piece.middle = place
         piece.extent = piece.extent.joined(span) if piece.extent else span
 
+    def named_since(self, start: int) -> bool:
+        """Whether the text has named a piece of ground from this character on."""
+        return self.current is not None and self._mentioned_until > start
+
     def when(self, phrase: Phrase, *, of_ground: bool) -> None:
         """Set the times at which a no-fly area is active."""
         time = phrase.first("TIME")
@@ -232,12 +240,15 @@ class GroundReader:
     @property
     def box(self) -> tuple[float, float, float, float]:
         """West, south, east and north of the area of interest, or of the usual one where none could be read."""
-        outline = self.outline or _corners(self._defaults.area_east_m, self._defaults.area_north_m)
-        east, north = (
-            [corner["east_m"] for corner in outline],
-            [corner["north_m"] for corner in outline],
+        return _box(self.outline or _corners(self._defaults.area_east_m, self._defaults.area_north_m))
+
+    def _part_is_of(self, part: Span) -> GroundPiece | None:
+        """The named ground in `the middle of the field`; None for the area of interest."""
+        after = _OF_GROUND.match(self._draft.text, part.end)
+        at = after.end() if after else -1
+        return next(
+            (piece for start, piece in self._mentions if start == at and piece is not self.world), None
         )
-        return min(east), min(north), max(east), max(north)
 
     def finish(self) -> None:
         """Put the area of interest, its parts with groups, and all other areas into the draft."""
@@ -253,7 +264,12 @@ class GroundReader:
             self._draft.forget(path)
             self._draft.put(path, self._laid_out(self.world), self.world.extent)
         for group, direction, span in self.parts:
-            west, south, east, north = _part_of(self.box, direction)
+            piece = self._part_is_of(span)
+            if piece is not None and not (piece.corners or piece.size_m or piece.radius_m):
+                self._draft.unread(span, "the size of that ground is missing", expressible=True)
+                continue
+            box = self.box if piece is None else _box(self._laid_out(piece))
+            west, south, east, north = _part_of(box, direction)
             region = _between({"east_m": west, "north_m": south}, {"east_m": east, "north_m": north})
             note = "the middle third, each way" if direction is None else ""
             self._draft.put(("actors", group, "placement", "region", "corners"), region, span, note)
@@ -306,6 +322,8 @@ class GroundReader:
         if not (piece.corners or piece.size_m or piece.radius_m):
             if (wanted and piece.kind in ("NOFLY", "FENCE")) or (piece.within and piece.kind == "NAMED"):
                 self._draft.unread(piece.span, "its corners or size are missing", expressible=True)
+            if piece.middle is not None and piece.extent is not None:
+                self._draft.unread(piece.extent, "its corners or size are missing", expressible=True)
             for _, span in piece.within if piece.kind == "GROUND" else ():
                 self._draft.remark(span, "no place and no size are given: read as the whole area")
             return
@@ -351,6 +369,12 @@ class GroundReader:
                     fence_corners if isinstance(fence_corners, list) else fence_corners.value,
                     span,
                 )
+
+
+def _box(outline: list[Point]) -> tuple[float, float, float, float]:
+    """West, south, east and north of some corners."""
+    east, north = ([corner[axis] for corner in outline] for axis in ("east_m", "north_m"))
+    return min(east), min(north), max(east), max(north)
 
 
 def _by_axes(phrase: Phrase) -> Part:

@@ -27,7 +27,6 @@ COLLECTIVES = frozenset(
     ["squad", "platoon", "section", "family", "team", "crew", "group", "class", "patrol", "party", "infantry"]
 )
 """Whom `of nine` counts."""
-IMMOVABLE = frozenset(["house", "shed", "tree", "crate"])
 SINGULAR_PRONOUNS = ("it", "he", "she", "him", "her")
 
 
@@ -79,6 +78,10 @@ class GroupRegister:
 
     def seek(self, group: str, span: Span) -> None:
         """Make a group of persons the one that is sought."""
+        if self.role(group) is Role.ADVERSARY and self.draft.quote(span).lower().endswith("found"):
+            # `the truck has to be found`: every adversary has.
+            self.draft.acknowledge(span)
+            return
         if self.asset(group) not in PERSONS:
             self.draft.unread(span, f"no {self.kinds[group]} is sought: only persons are", expressible=True)
             return
@@ -154,7 +157,7 @@ class GroupRegister:
             if count is not None and not self._is_number_of(groups, count):
                 count.disown()
             return groups
-        if phrase.rule == "ref" and count and self.draft.quote(count.span).lower() in ("a", "an"):
+        if phrase.rule == "ref" and count and self.draft.quote(count.span).lower() in ("a", "an", "one"):
             several = [group for group in known if group in self.plural]
             # `near a crate`, where the text has crates, means near some member of that group.
             if several:

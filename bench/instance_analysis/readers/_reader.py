@@ -14,14 +14,14 @@ from ..ledger._ledger import marked
 from ._events import EventReader
 from ._flight import FlightReader
 from ._ground import KINDS, GroundReader
-from ._groups import IMMOVABLE, GroupRegister
+from ._groups import GroupRegister
 from ._intelligence import IntelligenceReader
 from ._places import PlaceReader, count_places, places_in
 from ._relations import RelationReader
 from ._roads import RoadReader
 from ._rules import RuleReader
 from ._shares import ShareReader
-from ._traits import PERSONS, TraitReader, length_of
+from ._traits import IMMOVABLE, PERSONS, TraitReader, length_of
 from ._weather import WeatherReader
 
 INSIGNIFICANT_KINDS = frozenset(
@@ -43,10 +43,12 @@ _PAUSE = re.compile(r"[,:(]\s*(?:about |only |just |say |let us say )?$", re.IGN
 """What stands between a noun and its number where the number is added to what is said of them."""
 _SAYS_HOW_MANY = re.compile(
     r"\b(?:there (?:are|were|is|was|will be)|(?:are|were) there|of (?:which|whom|them)(?: there)? (?:are|is|were|was)"
-    r"|number(?:ing| of)|totall?ing|count(?:s|ed|ing)?|how many|in number)[\s:=]*(?:about |only |just |exactly )*$",
+    r"|(?:is|are) (?:drawn|sampled|chosen|selected)(?: uniformly)?(?: at random)? from [{\[(]?|number(?:ing| of)|totall?ing|count(?:s|ed|ing)?|how many|in number)[\s:=]*(?:about |only |just |exactly )*$",
     re.IGNORECASE,
 )
 """What makes the number after it a number of members."""
+_RIGHT_AFTER = re.compile(r"[\s,]*(?:\([^()]*\)[\s,]*)?")
+_CENTRED = ("centred", "centered", "around", "right around", "exactly around")
 RELATIONS_TO_IT = frozenset(["near", "exact", "within", "atleast", "bearing"])
 """Relations to what `it` is, which may be a road."""
 GROUP_RULES = RelationReader.RULES | TraitReader.RULES | RoadReader.RULES
@@ -133,6 +135,8 @@ class TextReader:
             "",
         )
         self.flight.subject = ""
+        self._sentence_start, self._sized_until = sentence[0].span.start, 0
+        """Where the sentence begins, and where it has last given the size of an area."""
         self._stranger = False
         """Whether this sentence has spoken of something else, which may be its subject."""
         self._rule_groups: set[Span] = set()
@@ -223,6 +227,8 @@ class TextReader:
             if phrase.rule in ("extent", "overfly", "stayin"):
                 self.topic = self.last = self.before = "ground"
             self._handler(phrase.rule)(phrase)
+            if phrase.rule == "extent":
+                self._sized_until = phrase.span.end
         self.joined = []
 
     def _counts_again(self, phrase: Phrase) -> bool:
@@ -248,7 +254,7 @@ class TextReader:
     def _about_groups(self, phrase: Phrase) -> list[Phrase]:
         """The phrase when it describes a group; nothing when it describes ground or the vehicle's home."""
         it = bool(phrase.refs and phrase.refs[0].first("THEM")) or (
-            phrase.rule == "road" and phrase.first("THEM") is not None
+            phrase.rule == "road" and phrase.has("THEM", "BESIDEIT")
         )
         of_road = phrase.rule == "road" or (phrase.rule in RELATIONS_TO_IT and self._it_is_a_road(phrase))
         if it and of_road and (self.roads.roads or (self.before == "road" and self.roads.known)):
@@ -268,8 +274,11 @@ class TextReader:
             return []
         if phrase.rule == "area" and (phrase.first("IN") or phrase.first("INSIDE")):
             self.ground.area(phrase)
+            self._sized_until = phrase.span.end
             named = phrase.first("GROUND") or phrase.first("NAMED")
             return [Phrase("inside", (named,), phrase.span)] if named else [Phrase("spread", (), phrase.span)]
+        if (phrase.rule == "midpoint" and self._mid_of_ground(phrase)) or self._centres_ground(phrase):
+            return []
         if phrase.rule == "landgap":
             self.ground.mention(phrase).mentioned = True
         if phrase.rule == "inside" and phrase.has("NOFLY", "FENCE"):
@@ -287,6 +296,30 @@ class TextReader:
         if phrase.rule not in GROUP_RULES or self._about_ground(phrase) or count_places(phrase) > 1:
             return []
         return [phrase]
+
+    def _mid_of_ground(self, phrase: Phrase) -> bool:
+        """Read `centre 250 m north of home` of the ground that the sentence has named; whether it has."""
+        place = self.places.place_of(phrase)
+        if place is None or not self.ground.named_since(self._sentence_start):
+            return False
+        self.ground.middle(place, phrase.span)
+        return True
+
+    def _centres_ground(self, phrase: Phrase) -> bool:
+        """Read `an area of 400 by 400 m, centred on the launch point`; whether it says that."""
+        between = self.draft.text[self._sized_until : phrase.span.start]
+        words = self.draft.quote(phrase.span).lower()
+        beside = _RIGHT_AFTER.fullmatch(between) is not None and self._sized_until > self._sentence_start
+        if phrase.rule != "near" or not beside or not words.startswith(_CENTRED):
+            return False
+        if not words.startswith("cent") and (
+            "," in between or not phrase.refs[0].has("HOME", "ORIGIN", "POINT")
+        ):
+            # `300 by 300 m, around the radar there are five civilians`.
+            return False
+        for place in self.groups.ref(phrase):
+            self.ground.middle(place, phrase.span)
+        return True
 
     def _it_is_a_road(self, phrase: Phrase) -> bool:
         """Whether `it` means a road: one was mentioned before the subject, or no group of one member is
@@ -622,6 +655,7 @@ class TextReader:
             self.draft.unread(phrase.span, "the text does not say of what", expressible=True)
             return
         self.ground.area(phrase)
+        self._sized_until = phrase.span.end
         self.topic = self.last = self.before = "ground"
 
     def _ground(self, phrase: Phrase) -> None:

@@ -38,7 +38,7 @@ class RelationReader:
 
     RULES = frozenset(
         [
-            "near", "within", "atleast", "exact", "away", "mean", "bearing", "part", "inside", "behind",
+            "near", "within", "atleast", "exact", "away", "mean", "polar", "midpoint", "bearing", "part", "inside", "behind",
             "landgap", "facing", "hidden", "visible", "between", "apart", "spread",
         ]
     )  # fmt: skip
@@ -230,6 +230,30 @@ class RelationReader:
         self.towards(group, of, float(part.value), phrase.span, self._aside(lengths[0]))
         for other in of[:1]:
             self._keep(group, other, phrase.span, low, high, every=False, note=note)
+
+    def polar(self, group: str, phrase: Phrase) -> None:
+        """`at a distance of 180 m and a bearing of 30 degrees`: a place from home, a sector from a group."""
+        length, angle = length_of(self._draft, phrase), phrase.first("ANGLE")
+        assert angle is not None
+        assert isinstance(angle.value, Quantity)
+        if not angle.value.single:
+            self._draft.unread(phrase.span, "a direction is one angle, not a range", expressible=True)
+            return
+        of = self._groups.ref(phrase) if phrase.refs else [self._distance_origin(group, phrase.span)]
+        direction = angle.value.low % 360
+        if of[:1] == [HOME] and length.single:
+            radians = math.radians(direction)
+            east, north = (round(length.low * part(radians), 3) for part in (math.sin, math.cos))
+            self._places.stand(group, Coordinates(east, north, from_home=True), phrase.span)
+            return
+        low, high, note = self._band(length)
+        self.towards(group, of, direction, phrase.span, self._aside(length))
+        for other in of[:1]:
+            self._keep(group, other, phrase.span, low, high, every=False, note=note)
+
+    def midpoint(self, group: str, phrase: Phrase) -> None:
+        """`centre 250 m north of home`, said of no ground."""
+        self._draft.unread(phrase.span, "the text does not say the centre of what", expressible=True)
 
     def _aside(self, length: Quantity) -> float:
         """Half of the sector in degrees that a distance leaves: one number is as exact across as along."""

@@ -12,7 +12,7 @@ from ..language._tokens import Span
 from ..language._vocabulary import Defaults
 from ._ground import GroundReader
 from ._places import PlaceReader, Point, places_in
-from ._traits import DIRECTIONS, length_of
+from ._traits import DIRECTIONS, IMMOVABLE, length_of
 
 WEST_TO_EAST, NORTH_TO_SOUTH = 90.0, 0.0
 
@@ -192,9 +192,17 @@ class RoadReader:
     # Of a group.
 
     def road(self, group: str, phrase: Phrase) -> None:
-        self._along(
-            group, self._roads_named(phrase)[0], "beside" if phrase.first("BESIDE") else "on", phrase.span
-        )
+        beside = phrase.first("BESIDE") or phrase.first("BESIDEIT") or self._lines_it(group, phrase)
+        self._along(group, self._roads_named(phrase)[0], "beside" if beside else "on", phrase.span)
+
+    def _lines_it(self, group: str, phrase: Phrase) -> bool:
+        """Whether `along the road` means beside it: what does not move stands at its side."""
+        part = phrase.first("ALONG")
+        if part is None or self._draft.quote(part.span).lower() not in ("along", "lining"):
+            return False
+        asset = self._draft.entries["actors", group, "asset"].value
+        kind = self._draft.entries.get(("actors", group, "motion", "kind"))
+        return asset in IMMOVABLE or (kind is not None and kind.value == "still")
 
     def _along(self, group: str, road: RoadDraft, where: str, span: Span) -> None:
         base: FieldPath = ("actors", group, "placement", "along")

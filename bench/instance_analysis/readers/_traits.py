@@ -13,6 +13,7 @@ from ..language._vocabulary import MotionWords
 
 DIRECTIONS = {"north": 0.0, "east": 90.0, "south": 180.0, "west": 270.0}
 PERSONS = frozenset(["civilian", "child", "aid-worker", "soldier"])
+IMMOVABLE = frozenset(["house", "shed", "tree", "crate"])
 ROOFED = frozenset(["house", "shed"])
 """What one can be inside of."""
 DEFAULT_SPEED_NOTE = "the word's own speed"
@@ -98,6 +99,11 @@ def put_motion(draft: Draft, group: str, part: Part, speed: Part | None) -> None
     assert isinstance(part.value, MotionWords)
     base: FieldPath = ("actors", group, "motion")
     before = draft.entries.get((*base, "kind"))
+    if part.value.pace and part.value.speed_mps is not None and before is not None:
+        # `driving at walking pace`.
+        speed_mps = part.value.speed_mps
+        put_speed(draft, group, Quantity("SPEED", speed_mps, speed_mps), part.span)
+        return
     if before is None or before.value in ("still", "wander") or part.value.kind == "still":
         draft.put((*base, "kind"), part.value.kind, part.span)
     elif speed is None:
