@@ -264,11 +264,11 @@ class GroundReader:
             self._draft.forget(path)
             self._draft.put(path, self._laid_out(self.world), self.world.extent)
         for group, direction, span in self.parts:
-            piece = self._part_is_of(span)
-            if piece is not None and not (piece.corners or piece.size_m or piece.radius_m):
+            whole = self._part_is_of(span)
+            if whole is not None and not (whole.corners or whole.size_m or whole.radius_m):
                 self._draft.unread(span, "the size of that ground is missing", expressible=True)
                 continue
-            box = self.box if piece is None else _box(self._laid_out(piece))
+            box = self.box if whole is None else _box(self._laid_out(whole))
             west, south, east, north = _part_of(box, direction)
             region = _between({"east_m": west, "north_m": south}, {"east_m": east, "north_m": north})
             note = "the middle third, each way" if direction is None else ""

@@ -239,7 +239,9 @@ class RelationReader:
         if not angle.value.single:
             self._draft.unread(phrase.span, "a direction is one angle, not a range", expressible=True)
             return
-        of = self._groups.ref(phrase) if phrase.refs else [self._distance_origin(group, phrase.span)]
+        of: list[str | Coordinates] = [] if not phrase.refs else self._groups.ref(phrase)
+        if not phrase.refs:
+            of.append(self._distance_origin(group, phrase.span))
         direction = angle.value.low % 360
         if of[:1] == [HOME] and length.single:
             radians = math.radians(direction)
