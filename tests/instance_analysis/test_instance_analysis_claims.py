@@ -317,7 +317,7 @@ def test_where_soldiers_stand(text: str, fields: dict[str, float]) -> None:
         ("Two trucks drive at walking pace. Two cars drive at 5 m/s.", {"truck.motion.speed_mps": 1.2, "car.motion.speed_mps": 5}),
         ("Two trucks under cam nets (c = 0.6). A radar, camo at about 80 percent.", {"truck.concealment": 0.6, "radar.concealment": 0.8}),
         ("Two houses. Two soldiers in one house.", {"house.count": 2, "soldier.placement.inside.of": "house"}),
-        ("Two trucks and a hiker. The trucks must be found. The hiker must be found.", {"truck.role": "adversary", "civilian.role": "sought"}),
+        ("Two trucks and a hiker. The trucks have to be found. The hiker has to be found.", {"truck.role": "adversary", "civilian.role": "sought"}),
         ("A radar. Two crates. Each crate within 20 m of the radar.", {"crate.placement.near.max_m": 20}),
     ],
 )  # fmt: skip
@@ -335,7 +335,6 @@ def test_general_forms_of_groups(text: str, fields: dict[str, Any]) -> None:
         ("Two trucks. Each truck has a civilian near it.", "Each truck"),
         ("A hiker is missing. First report: priority 1. A second, vaguer one is good to 200 m.", "A second"),
         ("The village, centre 250 m N of launch. A radar.", "centre 250 m"),
-        ("A radar in the middle of the village.", "in the middle"),
         ("Four trucks until 5 soldiers come.", "until"),
     ],
 )

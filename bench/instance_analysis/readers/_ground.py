@@ -266,8 +266,8 @@ class GroundReader:
         for group, direction, span in self.parts:
             whole = self._part_is_of(span)
             if whole is not None and not (whole.corners or whole.size_m or whole.radius_m):
-                self._draft.unread(span, "the size of that ground is missing", expressible=True)
-                continue
+                self._draft.remark(span, "no place and no size are given: read as the whole area")
+                whole = None
             box = self.box if whole is None else _box(self._laid_out(whole))
             west, south, east, north = _part_of(box, direction)
             region = _between({"east_m": west, "north_m": south}, {"east_m": east, "north_m": north})
