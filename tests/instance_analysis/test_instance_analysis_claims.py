@@ -578,6 +578,11 @@ def test_a_mark_order_without_a_name_is_about_the_only_target() -> None:
         "Four civilians stop at 60 s and go on at 90 s.",
         "In total the convoy takes 8 minutes.",
         "The jammed GPS at each 100 s.",
+        "At 60 s the soldiers check the shed.",
+        "Give the drone 20 s to react.",
+        "The detector is not perfect.",
+        "At 14:30 the operator orders hold.",
+        "Abort the fire at some time, and revoke this at 70 s.",
     ],
 )
 def test_what_is_no_rule_and_no_event_sets_none(text: str) -> None:
@@ -597,6 +602,11 @@ def test_what_is_no_rule_and_no_event_sets_none(text: str) -> None:
         ("Marking is forbidden as long as any bystander is closer than 45 m to the target.", {"no_mark_within_m": 45.0}),
         ("Reports only in the first 250 seconds, and only at confidence 0.8 or better.", {"min_report_confidence": 0.8}),
         ("After each tip-off the drone must report within 45 s.", {"report_deadline_s": 45.0}),
+        ("If the operator cannot be reached for half a minute the aircraft comes home.", {"link_lost": "return", "link_lost_after_s": 30.0}),
+        ("If link is lost over 20 s, hold.", {"link_lost": "hold", "link_lost_after_s": 20.0}),
+        ("The drone should go 3 m/s tops whenever it's within 50 m of somebody.", {"bystander_slow_within_m": 50.0, "bystander_slow_mps": 3.0}),
+        ("Nobody may have the drone hovering over him for longer than 5 seconds.", {"max_loiter_over_bystander_s": 5.0}),
+        ("It has to be back with at least a quarter of its battery.", {"battery_reserve_fraction": 0.25}),
         ("The vehicle shall have landed with at least 15 % left.", {"battery_reserve_fraction": 0.15}),
     ],
 )  # fmt: skip
@@ -619,3 +629,42 @@ def test_the_first_one_of_several_is_no_group() -> None:
     result = read_prose("Two trucks, the first one near a house.", VOCABULARY)
     assert result.simspec.actors[0].placement.near is None
     assert "the first one" in listed(result)
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("Hold at H+90 for two minutes.", {"orders.0.at_s": 90.0, "orders.1.at_s": 210.0, "orders.1.kind": "resume"}),
+        ("Comms blackout H+3 to H+4 min.", {"outages.0.at_s": 180.0, "outages.0.duration_s": 60.0}),
+        ("Comms blackout T+30 to T+2 min.", {"outages.0.at_s": 30.0, "outages.0.duration_s": 90.0}),
+        ("Cut the operator link at 1:30 for 20 s.", {"outages.0.at_s": 90.0, "environment.start_utc": None}),
+        ("Start at 09:30 UTC. Cut the link at 2:10 for 5 s.", {"outages.0.at_s": 130.0}),
+        ("After 2 minutes the operator says stop. 30 seconds later he says go on.", {"orders.0.kind": "hold", "orders.1.at_s": 150.0, "orders.1.kind": "resume"}),
+        ("At 100 s the pilot grabs the drone, a minute later he gives it back.", {"orders.0.kind": "hand_over", "orders.1.at_s": 160.0}),
+        ("The operator orders it to stop reporting at 220 s and revokes this at 240 s.", {"orders.1.kind": "resume_reporting", "orders.1.at_s": 240.0}),
+        ("The autonomy must abort its mission at t = 200 s.", {"orders.0.kind": "abort", "orders.0.at_s": 200.0}),
+        ("No marking without consent. Consent for the radar given after 15 s.", {"consents.0.answer": "granted", "consents.0.after_s": 15.0}),
+        ("Wind is south-westerly at 9 m/s.", {"environment.wind.speed_mps": 9.0, "environment.wind.from_deg": 225.0}),
+        ("Survey from 70 m within 12 minutes.", {"mission.altitude_m": 70.0, "mission.time_limit_s": 720.0}),
+        ("Give the drone 4 minutes.", {"mission.time_limit_s": 240.0}),
+        ("All down NLT 8 min after H-hour.", {"mission.time_limit_s": 480.0}),
+        ("The accu is only 70 percent full.", {"vehicle.battery.initial_fraction": 0.7}),
+        ("A pack of 71 Wh charged to 60 %.", {"vehicle.battery.capacity_wh": 71.0, "vehicle.battery.initial_fraction": 0.6}),
+        ("The GPS signal makes an error of 4 meter.", {"vehicle.gps.wander_m": 4.0}),
+        ("Perception is assumed to be perfect.", {"perception.mode": "perfect"}),
+        ("Start at 1 am UTC on the first of May 2026.", {"environment.start_utc": "2026-05-01T01:00:00Z"}),
+    ],
+)  # fmt: skip
+def test_times_and_settings_of_everyday_words(text: str, values: dict[str, Any]) -> None:
+    """Minutes after H-hour, a clock beside an event, times after another event. None: as in a text without it."""
+    usual = read_prose("A radar.", VOCABULARY).simspec.model_dump(mode="json")
+    document = read_prose(f"A radar. {text}", VOCABULARY).simspec.model_dump(mode="json")
+    for path, value in values.items():
+        wanted = _field(usual, path) if value is None else value
+        assert _field(document, path) == wanted, path
+
+
+def _field(document: Any, path: str) -> Any:
+    for key in path.split("."):
+        document = document[int(key) if key.isdigit() else key]
+    return document

@@ -319,6 +319,7 @@ def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
     numbers: list[float] = []
     units: list[tuple[str, float] | None] = []
     by = until = False
+    begun = sum(token.type == "ATSECOND" for token in _tokens(tree))
     default_unit: tuple[str, float] | None = None
     for token in _tokens(tree):
         value = _meaning(token, words).value
@@ -339,6 +340,9 @@ def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
         elif token.type in NUMBERED:
             default_unit = ("TIME", NUMBERED[token.type])
     last = units[-1]
+    if begun == 2 and units[0] == ("TIME", 1.0) and last and numbers[0] < numbers[1]:
+        # `H+3 to H+4 min`: the unit stands once, for both.
+        units[0] = last
     filled = [unit or last for unit in units]
     kinds = {unit[0] if unit else "COUNT" for unit in filled}
     if len(kinds) != 1 or (kinds != {"TIME"} and any(token.type in NUMBERED for token in _tokens(tree))):

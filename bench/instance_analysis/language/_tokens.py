@@ -27,6 +27,8 @@ MONTHS = (
     "december",
 )
 _MONTH = "|".join(f"{month}|{month[:3]}" for month in MONTHS)
+DAYS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
+"""Days of a month in words."""
 HOURS = ("one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 _HOUR = rf"(?:{'|'.join(HOURS)}|1[0-2]|[1-9])"
 _DAYPART = r"\s+(?:in\s+the\s+(?:morning|afternoon|evening)|at\s+night)"
@@ -34,7 +36,7 @@ SPOKEN_TIME = rf"(?:(?:half|quarter)\s+(?:past|to)\s+{_HOUR}|{_HOUR}\s+o['’]cl
 """A time of day in words."""
 _PATTERN = re.compile(
     rf"""(?P<iso>\d{{4}}-\d\d-\d\d)
-    |(?P<date>\d{{1,2}}(?:st|nd|rd|th)?\s+(?:of\s+)?(?:{_MONTH})\s+\d{{4}}|(?:{_MONTH})\s+\d{{1,2}}(?:st|nd|rd|th)?,?\s+\d{{4}})\b
+    |(?P<date>\d{{1,2}}(?:st|nd|rd|th)?\s+(?:of\s+)?(?:{_MONTH})\s+\d{{4}}|the\s+(?:{"|".join(DAYS)})\s+of\s+(?:{_MONTH}),?\s+\d{{4}}|(?:{_MONTH})\s+\d{{1,2}}(?:st|nd|rd|th)?,?\s+\d{{4}})\b
     |(?P<clock>\d{{1,2}}:\d\d\s*(?:z\b|utc\b|gmt\b|\(utc\)|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|am\b|pm\b|a\.m\.|p\.m\.)?|\d{{4}}\s*(?:z\b|utc\b|gmt\b|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|hours\b|hrs\b)|\d{{1,2}}\s*(?:am\b|pm\b|a\.m\.|p\.m\.))
     |(?P<told>{SPOKEN_TIME})
     |(?P<short>(?:mil|approx|max|min|alt|incl|batt|nr|ca|no|resp|temp)\.(?=\s{{0,2}}(?-i:[a-z0-9.]))|(?:mr|ms|mrs|dr|st)\.(?=\s))
@@ -44,7 +46,7 @@ _PATTERN = re.compile(
     |(?P<ordinal>\d+(?:st|nd|rd|th)\b)
     |(?P<number>\d{{1,3}}(?:,\d{{3}})+(?:\.\d+)?(?![\d,])|\d+,\d{{1,2}}(?=\s?(?:k?m\b|m/s|km/h|kn|s\b|min|%|°|deg|met))|\d*\.\d+|\d+)
     |(?P<unit>km²|m²|/\s*km²|/\s*km2|/\s*sq\.?\s+km|m/s|km/h|ft/s|km2\b|m2\b|[%°&@≥≤]|[<>]=?)
-    |(?P<word>[a-z]+(?:['’-][a-z]+)*\d?)
+    |(?P<word>x500\b|h\s?\+(?=\s?\d)|[a-z]+(?:['’-][a-z]+)*\d?)
     |(?P<left>\[)|(?P<right>\])|(?P<comma>,)|(?P<dash>[-–—]|\.\.+)|(?P<times>[×])|(?P<stop>[.;\n!?])""",
     re.VERBOSE | re.IGNORECASE,
 )
@@ -228,8 +230,9 @@ def _date(text: str) -> dt.date | None:
         parts = re.findall(
             r"[a-z]+|\d+", re.sub(r"(\d)(st|nd|rd|th)", r"\1", text.lower()).replace(" of ", " ")
         )
-        month = next(part for part in parts if part.isalpha())
-        day, year = (int(part) for part in parts if part.isdigit())
+        month = next(part for part in parts if part.isalpha() and part not in ("the", *DAYS))
+        named = [1 + DAYS.index(part) for part in parts if part in DAYS]
+        day, year = (*named, *(int(part) for part in parts if part.isdigit()))
         # Months may be abbreviated to three letters.
         return dt.date(year, 1 + next(i for i, name in enumerate(MONTHS) if name.startswith(month)), day)
     except ValueError:

@@ -102,6 +102,7 @@ class Ledger:
                 and not (word.load not in LEFT_OUT and all(listed[word.span.start : word.span.end]))
                 and not any(gone[word.span.start : word.span.end])
                 and not _is_harmless(word, draft)
+                and not _is_of_a_rule(word, draft, self._clauses[index].span)
             ]
             # `three` in `three of them` is part of the share.
             longer = marked(len(self._text), [word.span for word in unread if " " in word.text])
@@ -306,6 +307,14 @@ def _of_all_members(word: LoadedWord, draft: Draft) -> bool:
 
 
 _SENTENCE_END = re.compile(r"[.;!?](?:\s|$)")
+
+
+def _is_of_a_rule(word: LoadedWord, draft: Draft, clause: Span) -> bool:
+    """Whether a quantifier stands in a clause that sets rules alone, which hold for each and at any time."""
+    paths = [path for path, _, span in draft.statements if _within(span, clause)]
+    timed = re.match(r"\s+(?:\d|\w+\s+(?:s|sec\w*|min\w*)\b)", draft.text[word.span.end :])
+    general = word.load is Load.QUANTIFIER and word.text.lower() in ("any", "each", "every") and not timed
+    return general and bool(paths) and all(path[0] == "rules" for path in paths)
 
 
 def _within(inner: Span, outer: Span) -> bool:

@@ -56,7 +56,7 @@ _ONES = "one|two|three|four|five|six|seven|eight|nine"
 _TEENS = "ten|eleven|twelve|thirteen|fourteen|fifteen|sixteen|seventeen|eighteen|nineteen"
 _TENS = "twenty|thirty|forty|fifty|sixty|seventy|eighty|ninety"
 _COUNT = rf"(?<![A-Za-z_])\d+(?:[.,:]\d+)*|\b(?:(?:{_TENS})(?:[-\s](?:{_ONES}))?|{_TEENS}|{_ONES})\b"
-_MOMENT = rf"\s+(?:(?:t\s*[=+]\s*)?(?:{_COUNT})\s*-?(?:s|sec|secs|seconds?|min|minutes?)\b|(?:minute|second)\s+(?:{_COUNT})|t\s*=|(?:the\s+)?(?:start|launch|take-?off)\b(?!\s+of))"
+_MOMENT = rf"\s+(?:(?:[th]\s*[=+]\s*)?(?:{_COUNT})\s*-?(?:s|sec|secs|seconds?|min|minutes?)\b|(?:minute|second)\s+(?:{_COUNT})|t\s*=|(?:the\s+)?(?:start|launch|take-?off|h-?hour)\b(?!\s+of))"
 """A time of the mission, which is no condition."""
 _MEMBERS = r"(?:the|these|those|them|which|whom|us|its|their|our|his|her)\b"
 _WORDS: dict[Load, str] = {
@@ -66,7 +66,7 @@ _WORDS: dict[Load, str] = {
         |forbid\w*|forbade|prohibit\w*|disallow\w*|ban|banned|avoid\w*|refrain\w*|withhold\w*|withheld|off-limits
         |disregard\w*|ignor\w*|cancel\w*|correction|sorry|scratch\s+that|i\s+mean|hardly|barely|outside""",
     Load.CONDITION: rf"""(?<!what\s)if|when|whenever|unless|until(?!\s+then|{_MOMENT}|\s+(?:it|the\s+link|contact)\s+(?:comes|is|returns)\b)|till(?!{_MOMENT})|(?<!at\s)once|provided|in\s+case|in\s+the\s+event|upon
-        |after(?!{_MOMENT})|before(?!{_MOMENT}|\s+that\b)|whil(?:e|st)(?!\s+(?:the\s+)?(?:{_COUNT}|an?\b|some|several|others?|rest|remaining))|as\s+soon\s+as|as\s+long\s+as
+        |after(?!{_MOMENT})|before(?!{_MOMENT}|\s+that\b)|whil(?:e|st)(?!\s+(?:the\s+)?(?:{_COUNT}|an?\b|some|several|others?|rest|remaining|flying\s+(?:at\s+)?(?:{_COUNT}))\b)|as\s+soon\s+as|as\s+long\s+as
         |(?<=,\s)otherwise|depending|assuming|whether|by\s+the\s+time
         |should(?=\s+(?:the|an?|any|it|there|someone|somebody)\b)""",
     Load.SHARE: rf"""(?:{_COUNT}|some|most|many|few|several|any|the\s+rest|majority|a\s+couple|a\s+few
@@ -94,7 +94,7 @@ _PATTERNS = {
 
 _WHILE_OF_A_RULE = re.compile(
     rf"\b(?:not|never|no|cannot|\w+n['’]t|forbidden|prohibited|only)\b[^.;!?\n]*?\b(while|whilst)\b"
-    rf"(?=\s+(?:the\s+)?(?:{_COUNT}|an?\b|some|several))",
+    rf"(?=\s+(?:the\s+|flying\s+(?:at\s+)?)?(?:{_COUNT}|an?\b|some|several))",
     re.IGNORECASE,
 )
 """`while a person is near` after something forbidden is a condition, and places nobody."""

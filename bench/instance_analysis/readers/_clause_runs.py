@@ -22,6 +22,7 @@ _JOINT = re.compile(
 )
 _BETWEEN = re.compile(r"\bbetween (?:the )?\w+$", re.IGNORECASE)
 """`the link between drone and operator` is one clause."""
+_OF_THE_BATTERY = re.compile(r"\s+(?:of\s+)?(?:(?:its|the|a)\s+)?(?:battery|charge|accu)\b", re.IGNORECASE)
 _MARGIN = " ,\n"
 
 
@@ -35,8 +36,15 @@ class Run:
 
     @property
     def quantities(self) -> list[Part]:
-        """The numbers, but `one`, `a` and `single`, which count nobody."""
-        return [
+        """The numbers, but `one`, `a` and `single`, which count nobody; a fraction only of the battery."""
+        of_battery = [
+            Part("PERCENT", Quantity("PERCENT", fraction.value, fraction.value), word.span)
+            for word in self.words
+            for fraction in word.meanings
+            if fraction.kind == "FRACTION" and isinstance(fraction.value, float)
+            if _OF_THE_BATTERY.match(self.plain, word.span.end - self.span.start)
+        ]
+        return of_battery + [
             Part(meaning.kind, meaning.value, word.span)
             for word in self.words
             for meaning in word.meanings

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from ..language._phrases import Part, Phrase, Quantity
-from ..language._tokens import Span, Word
+from ..language._tokens import Span, TimeOfDay, Word
 from ..language._vocabulary import EventForm
 from ..ledger._loaded_words import loaded_words
 from ._clause_runs import Run, SentenceRuns, overlap
@@ -74,7 +74,7 @@ def events_in(sentence: SentenceRuns, taken: set[int]) -> Iterator[Phrase]:
     for index in waiting:
         _attach(sentence, index, runs, heads)
     for event in heads.values():
-        if event.complete or {"at", "until", "unitless"} & set(event.times):
+        if event.complete or {"at", "until", "unitless", "later"} & set(event.times):
             yield event.phrase
 
 
@@ -109,11 +109,12 @@ def _only_form(sentence: SentenceRuns, run: Run) -> tuple[EventForm, list[Span]]
     """The form that a clause has, with the places of its signs; None where there is none, or more than one."""
     kinds = {meaning.kind for word in run.words for meaning in word.meanings}
     matches: list[tuple[EventForm, list[Span]]] = []
+    of_the_drone = not sentence.names_a_group or _SUBJECT.match(run.plain) is not None
     for compiled in sentence.vocabulary.events:
         form = compiled.form
         assert isinstance(form, EventForm)
         signs = run.signs(compiled, sentence.context)
-        if signs is None and (form.kind in REPORT_ORDERS or not sentence.names_a_group):
+        if signs is None and (form.kind in REPORT_ORDERS or of_the_drone):
             # Nobody orders it; `four civilians stop at 60 s and go on at 90 s` is no order either.
             alone = run.signs(compiled, None)
             signs = alone if alone and _is_beside_a_time(sentence.text, run, alone[-1]) else None
@@ -176,10 +177,10 @@ def _claim_report(text: str, event: _Event, sign: Span, words: Sequence[Word]) -
         event.claimed.append(Phrase("ref", (Part("THEM", None, span),), span))
 
 
-def _times(text: str, run: Run, *, is_order: bool) -> list[tuple[str, Time]]:
+def _times(text: str, run: Run, *, is_order: bool, clocks: bool = True) -> list[tuple[str, Time]]:
     """What each time of a clause says: when, for how long, until when, or within which time."""
     times: list[tuple[str, Time]] = []
-    for part in run.quantities:
+    for part in (*run.quantities, *(_clock_times(run) if clocks else ())):
         time = part.value
         assert isinstance(time, Quantity)
         if is_order and _is_unitless(part, text):
@@ -200,6 +201,15 @@ def _times(text: str, run: Run, *, is_order: bool) -> list[tuple[str, Time]]:
     return times
 
 
+def _clock_times(run: Run) -> Iterator[Part]:
+    """The times of an event that are written as minutes and seconds: `cut the link at 1:30`."""
+    for word in run.words:
+        for meaning in word.meanings:
+            if isinstance(meaning.value, TimeOfDay) and _MINUTES.fullmatch(word.text):
+                time_s = 60.0 * meaning.value.at.hour + meaning.value.at.minute
+                yield Part("TIME", Quantity("TIME", time_s, time_s), word.span)
+
+
 def _role_of(before: str, after: str) -> tuple[str, int]:
     """What a time says by the words around it, and how many characters of those after it are read with it."""
     role = next(role for role in _ROLES if role.before.search(before) and role.after.match(after))
@@ -210,7 +220,7 @@ def _role_of(before: str, after: str) -> tuple[str, int]:
 def _attach(sentence: SentenceRuns, index: int, runs: dict[int, Run], heads: dict[int, _Event]) -> bool:
     """Give the times of a clause without a sign to the event beside it: `and comes back at t=105 s`."""
     run = runs[index]
-    times = _times(sentence.text, run, is_order=False)
+    times = _times(sentence.text, run, is_order=False, clocks=False)
     named = dict(times)
     rest = [word for word in run.words if not any(overlap(word.span, span) for _, (_, span) in times)]
     tells_more = not all(
@@ -258,11 +268,16 @@ def _gap(text: str, signs: Sequence[Span]) -> int:
 _MOTOR = re.compile(r"(?:motor|rotor|engine|propeller)\s*(?:no\.?|nr\.?|number)?\s*$", re.IGNORECASE)
 _TOPIC = re.compile(r"(?:for|about|on|concerning)\b", re.IGNORECASE)
 _IT = re.compile(r"\s+(it|them|him|her)\b", re.IGNORECASE)
-_INTRODUCTION = re.compile(r"(?:(?:from|between|at|in|t|second|minute|plus)\b[\s=+]*)+", re.IGNORECASE)
+_INTRODUCTION = re.compile(r"(?:(?:from|between|at|in|t|h|second|minute|plus)\b[\s=+]*)+", re.IGNORECASE)
 """What a time may begin with before its number."""
 _BETWEEN_TIME_AND_ORDER = re.compile(
-    r"(?:[\s,@:]|\b(?:at|after|t|to|the|drone|uav|it|mission|flight|is)\b)*", re.IGNORECASE
+    r"(?:[\s,@:=+]|\b(?:at|after|t|h|to|the|drone|uav|it|mission|flight|is)\b)*", re.IGNORECASE
 )
+_SUBJECT = re.compile(
+    r"(?:the\s+|its\s+)?(?:autonomy|autopilot|drone|uav|uas|agent|aircraft|quad\w*)\b", re.IGNORECASE
+)
+_MINUTES = re.compile(r"\d{1,2}:\d\d\s*")
+"""Minutes and seconds; a time of day has a zone or a part of the day."""
 _BACK = re.compile(r"\b(?:back|again|restored|returns?|available|recovers?|up)\b[^\d]*$", re.IGNORECASE)
 
 
@@ -283,7 +298,7 @@ def _role(name: str, before: str = "", after: str = "") -> _TimeRole:
     )
 
 
-_T = r"\s+(?:t\s*[=+]\s*|second\s+|minute\s+)?"
+_T = r"\s+(?:[th]\s*[=+]\s*|second\s+|minute\s+)?"
 _ABOUT = r"(?:\s+(?:about|another|only|just|some|the\s+next|up\s+to|at\s+most))?\s+"
 _ROLES = (
     _role("lasting", before=r"\b(?:back|again|restored|returns?|available|recovers?)\b[^\d]*", after=r"later|afterwards"),

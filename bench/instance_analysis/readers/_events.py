@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 
 from .._draft import Draft, FieldPath
 from ..language._phrases import Part, Phrase, Quantity
@@ -13,6 +14,13 @@ from ._intelligence import IntelligenceReader
 # Readings that are offered for `for how long?`. Chosen, not measured.
 DURATION_CHOICES_S = (10.0, 30.0, 60.0)
 
+
+_CLOCK = re.compile(r"(?<!\d)\d:\d\d")
+_WITHOUT_UNIT = re.compile(r"\bh\s?\+\s?\d+(?!\d|\s?(?:s|sec\w*|min\w*|h|to)\b)", re.IGNORECASE)
+_TIME_OF_DAY = re.compile(r"\d\d:\d\d")
+_REVOKES = re.compile(
+    r"\b(?:revok|lift|withdr|rescind|cancel)\w*\s+(?:this|it|that|the\s+order)\b", re.IGNORECASE
+)
 
 VALUES: dict[str, tuple[tuple[str, tuple[str, ...], str, tuple[float, ...]], ...]] = {
     "battery_drop": (("to_fraction", ("PERCENT",), "to which share of the charge?", (0.1, 0.3)),),
@@ -30,6 +38,8 @@ class EventTiming:
     at_s: float | None = None
     lasting_s: float | None = None
     within_s: float | None = None
+    later_s: float | None = None
+    """How long after the event before it."""
 
 
 class EventReader:
@@ -39,6 +49,7 @@ class EventReader:
         self._draft, self._groups, self._intelligence = draft, cast, reports
         self._numbers: dict[str, int] = {}
         self._last = ""
+        self._last_at_s: float | None = None
         self._timeless: list[tuple[EventForm, Phrase]] = []
         self._timed: set[tuple[str, str]] = set()
 
@@ -51,6 +62,21 @@ class EventReader:
             self._draft.remark(phrase.span, "a number without a unit is read as seconds")
         if part.value.part == "consents":
             self._consent(part.value.kind, phrase, when)
+            return
+        if when.at_s is None and when.later_s is not None and self._last_at_s is not None:
+            self._draft.remark(phrase.span, f"read as {when.later_s:g} s after the event before it")
+            when = replace(when, at_s=self._last_at_s + when.later_s)
+        if _TIME_OF_DAY.search(self._draft.quote(phrase.span)):
+            self._draft.unread(phrase.span, "write its time in seconds after the start", expressible=True)
+            return
+        if _WITHOUT_UNIT.search(self._draft.quote(phrase.span)):
+            self._draft.remark(phrase.span, "a number without a unit is read as seconds")
+        if _CLOCK.search(self._draft.quote(phrase.span)):
+            self._draft.remark(
+                phrase.span, "a time without a zone is read as minutes and seconds after the start"
+            )
+        if _REVOKES.search(self._draft.quote(phrase.span)) and self._last not in ("hold", "stop_reporting"):
+            self._draft.unread(phrase.span, "only a hold and a silence can be revoked")
             return
         if when.at_s is None:
             self._timeless.append((part.value, phrase))
@@ -107,7 +133,7 @@ class EventReader:
         # Orders have ids, because an agent answers them by id; failures and outages are plain lists.
         key: str | int = f"{kind.replace('_', '-')}-{number + 1}" if part == "orders" else number
         base: FieldPath = (*part.split("."), key)
-        self._last = kind
+        self._last, self._last_at_s = kind, at_s
         if part == "orders":
             self._draft.put((*base, "id"), key, phrase.span)
         self._draft.put((*base, "at_s"), at_s, phrase.span)
@@ -162,4 +188,4 @@ def _timing_of(phrase: Phrase) -> EventTiming:
         times.setdefault("AT", 0.0)
         times["LASTING"] = times["UNTIL"] - times["AT"]
     at_s = next((times[name] for name in ("AT", "UNITLESS", "ANSWER") if name in times), None)
-    return EventTiming(at_s, times.get("LASTING"), times.get("WITHIN"))
+    return EventTiming(at_s, times.get("LASTING"), times.get("WITHIN"), times.get("LATER"))

@@ -35,12 +35,12 @@ _UNREAD = re.compile(
     re.IGNORECASE,
 )
 """What no rule of the SimSpec can hold: such a clause is not read here."""
-_HAPPENS = re.compile(r"\b(?:is|are|be|has|have|been|comes?|gets?|goes)\b", re.IGNORECASE)
+_HAPPENS = re.compile(r"['’]s\b|\b(?:is|are|be|has|have|been|comes?|gets?|goes)\b", re.IGNORECASE)
 _FORBIDS = re.compile(r"\bmark\w*\b|\bnot\b|n['’]t\b|\bnever\b", re.IGNORECASE)
 _PERSONS = re.compile(
     r"\b(?:any|some|every|no)(?:one|body)\b|\bno-one\b|\bhumans?\b|\bof (?:one|them)\b(?! of)", re.IGNORECASE
 )
-_ANYBODY = frozenset(["any", "all", "every"])
+_ANYBODY = frozenset(["any", "all", "each", "every"])
 
 
 def rules_in(sentence: SentenceRuns) -> tuple[list[Phrase], set[int]]:

@@ -176,6 +176,14 @@ class WeatherReader:
     def gusts(self, phrase: Phrase) -> None:
         word = phrase.first("GUSTS")
         assert word is not None
+        path: FieldPath = ("environment", "wind", "turbulence_mps")
+        if (strength := phrase.first("WINDS")) and isinstance(strength.value, float | int):
+            # The Beaufort speed of the word: no standard says what `moderate gusts` are near the ground.
+            low = float(strength.value)
+            readings = [f"a turbulence of {low:g} m/s", "leave it out"]
+            if self._draft.ask(phrase.span, "how strong are the gusts?", readings) == 0:
+                self._draft.put(path, low, phrase.span)
+            return
         if "turbulen" not in self._draft.quote(word.span).lower():
             why = "a SimSpec has no speed of gusts: write `turbulence` for the wind that scales them"
             self._draft.unread(phrase.span, why)
@@ -188,7 +196,6 @@ class WeatherReader:
             units = {"m/s": 1.0, "km/h": 1 / 3.6, "knots": 0.514444}
             # `gusts 15` may be metres per second or knots, which differ by a factor of two.
             share = units[[*units][self._draft.ask(phrase.span, "in which unit?", [*units])]]
-        path: FieldPath = ("environment", "wind", "turbulence_mps")
         low, high = (round(speed_value * share, 6) for speed_value in (speed.value.low, speed.value.high))
         self._draft.vary(path, low, high, phrase.span, unit="m/s")
 
