@@ -310,10 +310,9 @@ _SENTENCE_END = re.compile(r"[.;!?](?:\s|$)")
 
 
 def _is_of_a_rule(word: LoadedWord, draft: Draft, clause: Span) -> bool:
-    """Whether a quantifier stands in a clause that sets rules alone, which hold for each and at any time."""
+    """Whether a quantifier stands in a clause that sets rules alone, which hold for any report and at any time."""
     paths = [path for path, _, span in draft.statements if _within(span, clause)]
-    timed = re.match(r"\s+(?:\d|\w+\s+(?:s|sec\w*|min\w*)\b)", draft.text[word.span.end :])
-    general = word.load is Load.QUANTIFIER and word.text.lower() in ("any", "each", "every") and not timed
+    general = word.load is Load.QUANTIFIER and word.text.lower() == "any"
     return general and bool(paths) and all(path[0] == "rules" for path in paths)
 
 

@@ -40,7 +40,7 @@ _FORBIDS = re.compile(r"\bmark\w*\b|\bnot\b|n['’]t\b|\bnever\b", re.IGNORECASE
 _PERSONS = re.compile(
     r"\b(?:any|some|every|no)(?:one|body)\b|\bno-one\b|\bhumans?\b|\bof (?:one|them)\b(?! of)", re.IGNORECASE
 )
-_ANYBODY = frozenset(["any", "all", "each", "every"])
+_ANYBODY = frozenset(["any", "all", "every"])
 
 
 def rules_in(sentence: SentenceRuns) -> tuple[list[Phrase], set[int]]:
