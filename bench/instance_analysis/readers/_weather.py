@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import re
 
 from bench.simspec import Environment
 
@@ -13,6 +14,9 @@ from ..language._tokens import Span, TimeOfDay
 from ..language._vocabulary import WeatherWords
 from ._places import PlaceReader
 from ._sun_times import sun_moment
+
+# `0:30` with neither zone nor half of the day may be half a minute into the flight.
+_MINUTES = re.compile(r"(at\s+)?[0-5]:\d\d", re.IGNORECASE)
 
 
 class WeatherReader:
@@ -209,6 +213,10 @@ class WeatherReader:
         part = phrase.first("CLOCK")
         assert part is not None
         assert isinstance(part.value, TimeOfDay)
+        if _MINUTES.fullmatch(self._draft.quote(phrase.span)):
+            readings = ["a time of day", "minutes and seconds after the start: leave it out"]
+            if self._draft.ask(phrase.span, "is this a time of day?", readings):
+                return
         self._stated_time = (part.value, phrase.span)
 
     def date(self, phrase: Phrase) -> None:
