@@ -55,7 +55,9 @@ def _files() -> list[Path]:
     packages = [path for package in (numpy, zenoh) for path in Path(package.__path__[0]).glob("**/*.so")]
     binaries = [*programs, *packages, *(path for path in modules if path.suffix == ".so")]
     # Libraries are listed by paths such as `a/../b`, and engines refuse an archive that names a file twice.
-    return sorted({Path(os.path.normpath(path)) for path in (*programs, *modules, *_libraries(binaries))})
+    found = {Path(os.path.normpath(path)) for path in (*programs, *modules, *_libraries(binaries))}
+    # What a package brings with it is mounted with it.
+    return sorted(path for path in found if not path.is_relative_to(sys.prefix))
 
 
 @cache
@@ -68,13 +70,21 @@ def image_or_skip() -> str:
         pytest.skip(f"container cannot start here: {reason}")
     engine = shutil.which("podman") or "docker"
     files = _files()
-    digest = hashlib.sha256("\n".join(f"{path} {path.stat().st_size}" for path in files).encode()).hexdigest()
+    # Of this file too: what it puts into the image has no path on the host.
+    stated = [Path(__file__), *files]
+    digest = hashlib.sha256(
+        "\n".join(f"{path} {path.stat().st_size}" for path in stated).encode()
+    ).hexdigest()
     name = f"localhost/rebar-tests/host-python:{digest[:12]}"
     if subprocess.run([engine, "image", "inspect", name], capture_output=True, check=False).returncode:
         packed = io.BytesIO()
         with tarfile.open(fileobj=packed, mode="w", dereference=True) as archive:
             for path in files:
                 archive.add(path, str(path).lstrip("/"), recursive=False)
+            # More than the quota of the agents that the tests start: what an image has in /tmp counts to no agent.
+            filler = tarfile.TarInfo("tmp/filler")
+            filler.size = 5 << 20
+            archive.addfile(filler, io.BytesIO(bytes(filler.size)))
         _run(engine, "import", "-", name, data=packed.getvalue())
     # Without the limits that podman gives by default: not every root user may raise them.
     limits = ("--ulimit", "nproc=1000:1000", "--ulimit", "nofile=1000:1000")

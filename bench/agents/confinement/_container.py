@@ -99,16 +99,22 @@ class ContainerProcess:
         self._ended = False
         _remove_stale(program)
         client, options = _environment_options(box)
-        if Path(program).name == "podman":
-            # Otherwise podman adds writable /run and /var/tmp, which have no quota.
-            options.append("--read-only-tmpfs=false")
         # Read by the engine's client at the start; engines take no profile by a pipe. Removed by `end`.
         self._profile = tempfile.NamedTemporaryFile("w", prefix=_PREFIX, suffix=".json")  # noqa: SIM115
         json.dump(engine_profile(), self._profile)
         self._profile.flush()
         options += ["--security-opt", f"seccomp={self._profile.name}"]
         self._client = subprocess.Popen(
-            [program, "run", "--name", self._name, *_options(box), *options, box.image, *box.command],
+            [
+                program,
+                "run",
+                "--name",
+                self._name,
+                *_options(box, program),
+                *options,
+                box.image,
+                *box.command,
+            ],
             env=client,
             # Podman's monitor leaves its note on memory in its working folder, where `exceeded_limit` looks.
             cwd=box.scratch,
@@ -187,10 +193,13 @@ class ContainerProcess:
         return None
 
 
-def _options(box: Box) -> list[str]:
+def _options(box: Box, program: str) -> list[str]:
     limits = box.limits
     size = f"{limits.scratch_mb}m"
     memory = f"{limits.memory_mb}m"
+    podman = Path(program).name == "podman"
+    # Podman copies what the image has in a folder into the tmpfs over it, where it may not fit into the quota.
+    tmpfs = f"rw,mode=1777,size={size}{',notmpcopyup' if podman else ''}"
     options = [
         # The session's endpoints are on the loopback of the bench's network; podman starts containers in that.
         *("--network", "host", "--hostname", "agent", "--ipc", "private"),
@@ -202,11 +211,14 @@ def _options(box: Box) -> list[str]:
         # Swap included: as much again would be allowed otherwise.
         *("--memory", memory, "--memory-swap", memory, "--shm-size", size),
         *_ulimits(limits),
-        *("--tmpfs", f"/tmp:rw,mode=1777,size={size}", "--tmpfs", f"{HOME}:rw,exec,mode=1777,size={size}"),
+        *("--tmpfs", f"/tmp:{tmpfs}", "--tmpfs", f"{HOME}:exec,{tmpfs}"),
         *("--workdir", HOME, "--log-driver", "none"),
         # The agent was asked to end before its container is removed: no second wait of ten seconds.
         *("--stop-timeout", "0"),
     ]
+    if podman:
+        # Otherwise podman adds writable /run and /var/tmp, which have no quota.
+        options.append("--read-only-tmpfs=false")
     for path in with_targets(box.read):
         options += ["--volume", f"{path}:{path}:ro"]
     for path in box.files:
