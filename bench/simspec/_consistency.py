@@ -307,7 +307,7 @@ def _perception_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
     if simspec.perception.source == "detector":
         yield (
             ("perception", "source"),
-            "detector works on pictures, and no camera renders any yet: write truth, simulated or agent",
+            "detector works on pictures, and sessions give it none yet: write truth, simulated or agent",
         )
 
 

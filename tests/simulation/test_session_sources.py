@@ -117,7 +117,7 @@ def test_the_bench_publishes_no_detections_for_an_agent_with_its_own_perception(
 
 
 def test_a_detector_on_pictures_is_refused_with_field_and_fix() -> None:
-    """No camera renders yet; the message names the field and what to write instead."""
+    """Sessions give it no pictures yet; the message names the field and what to write instead."""
     text = "name: x\nworld: {area: {corners: [{east_m: 0, north_m: 0}, {east_m: 9, north_m: 0}, {east_m: 9, north_m: 9}]}}\n"
     with pytest.raises(SetupError) as caught:
         read_document(text + "perception:\n  source: detector\n  detector: own\n", SimSpec, source="s.yaml")

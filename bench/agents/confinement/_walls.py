@@ -114,10 +114,8 @@ HOLDINGS: Mapping[str, Mapping[Wall, Holding]] = {
         Wall.TCP: _NETWORK,
         Wall.UDP: _NETWORK,
         Wall.ABSTRACT_SOCKETS: _NETWORK,
-        Wall.KERNEL: _ENGINE,
         Wall.PROCESS_COUNT: _ENGINE,
         Wall.MEMORY_OF_ALL: _ENGINE,
-        Wall.MEMORY: _ENGINE,
     },
     "none": {
         **dict.fromkeys(Wall, _NO),

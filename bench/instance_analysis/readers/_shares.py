@@ -35,16 +35,16 @@ class ShareReader:
         return True
 
     def rest(self, phrase: Phrase) -> bool:
-        """Make what is left of the group that was divided last the subject."""
-        left = self._groups.divided
-        count = None if left is None else self._draft.entries["actors", left, "count"].value
+        """Make what is remaining of the group that was divided last the subject."""
+        remaining = self._groups.divided
+        count = None if remaining is None else self._draft.entries["actors", remaining, "count"].value
         portion = phrase.first("FRACTION") or phrase.first("COUNT")
         asset = phrase.first("ASSET")
-        if left is None or (asset is not None and asset.value != self._groups.kinds[left]):
+        if remaining is None or (asset is not None and asset.value != self._groups.kinds[remaining]):
             return self._leave(phrase, "no group was divided before it")
-        if portion is not None and self._number(left, portion, of_rest=True) != count:
-            return self._leave(phrase, f"there are {count} left")
-        self._groups.subject = [left]
+        if portion is not None and self._number(remaining, portion, of_rest=True) != count:
+            return self._leave(phrase, f"there are {count} remaining")
+        self._groups.subject = [remaining]
         self._draft.used_words.append(phrase.span)
         self._draft.acknowledge(phrase.span)
         return True
@@ -80,7 +80,7 @@ class ShareReader:
         value = portion.value
         exact = value.low if isinstance(value, Quantity) else float(str(value)) * total
         single = not isinstance(value, Quantity) or value.single
-        left = int(self._draft.entries["actors", whole, "count"].value)
+        remaining = int(self._draft.entries["actors", whole, "count"].value)
         number = round(exact)
-        fits = single and abs(exact - number) < 1e-6 and 0 < number < left + of_rest
+        fits = single and abs(exact - number) < 1e-6 and 0 < number < remaining + of_rest
         return number if fits else None
