@@ -18,9 +18,9 @@ _CLEAR_EXTINCTION_PER_M = 1.5e-4
 # rounded, plus 0.1 for aerosols (assumed).
 _OPTICAL_DEPTH_BGR = np.array((0.22, 0.10, 0.05)) + 0.1
 
-# Horizontal illuminance in lux over the sun's elevation in degrees: rounded values of the kind that almanacs print
-# (noon 1e5, sunrise some hundred, end of civil twilight 3). Below, 0.3 lux of moon and street light are assumed, so
-# that a night is dark and not black.
+# Horizontal illuminance in lux over the sun's elevation in degrees: assumed, in the order of magnitude
+# that almanacs print (noon 1e5, sunrise some hundred, end of civil twilight 3) and taken from none. Below, 0.3 lux of
+# moon and street light are assumed too, so that a night is dark and not black.
 _ELEVATION_DEG = np.array((-90.0, -12.0, -9.0, -6.0, -3.0, 0.0, 5.0, 15.0, 30.0, 60.0, 90.0))
 _LOG_LUX = np.log10(np.array((0.3, 0.3, 0.5, 3.5, 60.0, 700.0, 5e3, 2e4, 5e4, 1e5, 1.2e5)))
 

@@ -35,7 +35,7 @@ class ShareReader:
         return True
 
     def rest(self, phrase: Phrase) -> bool:
-        """Make what is remaining of the group that was divided last the subject."""
+        """Make the rest of the group that was divided last the subject; whether there is one."""
         remaining = self._groups.divided
         count = None if remaining is None else self._draft.entries["actors", remaining, "count"].value
         portion = phrase.first("FRACTION") or phrase.first("COUNT")
@@ -43,7 +43,7 @@ class ShareReader:
         if remaining is None or (asset is not None and asset.value != self._groups.kinds[remaining]):
             return self._leave(phrase, "no group was divided before it")
         if portion is not None and self._number(remaining, portion, of_rest=True) != count:
-            return self._leave(phrase, f"there are {count} remaining")
+            return self._leave(phrase, f"there are {count} left")
         self._groups.subject = [remaining]
         self._draft.used_words.append(phrase.span)
         self._draft.acknowledge(phrase.span)
