@@ -102,9 +102,9 @@ def _plugins() -> str:
     from bench.contracts import plugins
 
     # Plug-ins are found by entry points, which exist only once the distribution is installed.
-    groups = ("rebar.vehicles", "rebar.scenes", "rebar.agents", "rebar.measures")
-    counts = {group: len(plugins(group)) for group in groups}
-    if not all(counts.values()):
+    groups = ("rebar.vehicles", "rebar.scenes", "rebar.agents", "rebar.measures", "rebar.renderers")
+    counts = {group: len(plugins(group)) for group in (*groups, "rebar.detectors")}
+    if not all(counts[group] for group in groups):
         raise RuntimeError(f"a family is empty: {counts}; install the distribution (pip install -e .)")
     return ", ".join(f"{count} {group.removeprefix('rebar.')}" for group, count in counts.items())
 

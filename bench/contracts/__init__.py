@@ -1,7 +1,7 @@
 """What a plug-in promises, and the values that cross the walls of the bench.
 
-A vehicle, a scene, an agent, a measure or a surrogate is a protocol of this package and a line in
-pyproject.toml, nothing else.
+A vehicle, a scene, an agent, a measure, a surrogate, a renderer or a detector is a protocol of this package and a
+line in pyproject.toml, nothing else.
 """
 
 from __future__ import annotations
@@ -96,7 +96,9 @@ from ._scene import CameraFrame as CameraFrame
 from ._scene import Detection as Detection
 from ._scene import DetectionFrame as DetectionFrame
 from ._scene import Detector as Detector
+from ._scene import OpenPixelDetector as OpenPixelDetector
 from ._scene import OpenScene as OpenScene
+from ._scene import PixelDetector as PixelDetector
 from ._scene import Scene as Scene
 from ._scene import Sighting as Sighting
 from ._surrogate import MeasureRequest as MeasureRequest

@@ -9,7 +9,13 @@ from typing import Any, Literal
 from bench.errors import Fault, SetupError
 
 PluginGroup = Literal[
-    "rebar.vehicles", "rebar.measures", "rebar.agents", "rebar.scenes", "rebar.surrogates", "rebar.renderers"
+    "rebar.vehicles",
+    "rebar.measures",
+    "rebar.agents",
+    "rebar.scenes",
+    "rebar.surrogates",
+    "rebar.renderers",
+    "rebar.detectors",
 ]
 
 

@@ -13,6 +13,7 @@ from bench.clock import SimTime
 from bench.simspec import SimSpec
 
 from ._documents import CastMember
+from ._rendering import Pixels
 from ._vehicle import VehicleState
 
 
@@ -101,3 +102,24 @@ class Detector(Protocol):
     # Apart from `process`, because a detection is published later than its frame was exposed.
     def due(self, now: SimTime) -> Sequence[DetectionFrame]:
         """The results that are published by `now` and were not handed out before, in order of exposure."""
+
+
+class PixelDetector(Protocol):
+    """Finds objects in one picture. Equal pictures give equal detections: nothing is kept between pictures."""
+
+    def detect(self, bgr: Pixels) -> Sequence[Detection]:
+        """What is in the picture, (h, w, 3) uint8 of ROS encoding bgr8, which it does not change.
+
+        Boxes are in continuous pixels, labels the class labels of the asset catalogue, scores in [0, 1], and `track`
+        is empty: the bench names tracks.
+        """
+
+
+class OpenPixelDetector(Protocol):
+    """The entry point of group `rebar.detectors`.
+
+    Takes its options from `simspec.perception.detector_options`. Raises SetupError, naming
+    `perception.detector_options.FIELD` and the fix, for an option that it does not know or cannot use.
+    """
+
+    def __call__(self, simspec: SimSpec) -> PixelDetector: ...

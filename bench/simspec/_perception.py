@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, JsonValue, model_validator
 
 from bench.documents import Document
 
@@ -130,6 +130,9 @@ class DetectionModel(Document):
         return self.latency_s + self.latency_jitter_s
 
 
+DEFAULT_DETECTOR = "small"
+"""The detector on pixels that ships."""
+
 PerceptionSource = Literal["truth", "simulated", "agent", "detector"]
 
 
@@ -158,10 +161,27 @@ class Perception(Document):
         str | None,
         Field(
             exclude_if=lambda name: name is None,
-            description="Of source detector alone: an entry point of group rebar.detectors.",
+            description="Of source detector alone: an entry point of group rebar.detectors; none: small.",
         ),
     ] = None
+    detector_options: Annotated[
+        dict[str, JsonValue],
+        Field(
+            exclude_if=lambda options: not options,
+            description="Of source detector alone: options of the plug-in, which checks them when it opens.",
+        ),
+    ] = {}
     model: DetectionModel = DetectionModel()
+
+    @property
+    def detector_name(self) -> str:
+        """The entry point of the detector that works on the pictures, when `source` asks for one."""
+        return self.detector or DEFAULT_DETECTOR
+
+    @property
+    def on_pixels(self) -> bool:
+        """Whether the bench runs a detector on the pictures."""
+        return self.source == "detector"
 
     @property
     def error_free(self) -> bool:

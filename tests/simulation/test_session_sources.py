@@ -128,6 +128,10 @@ def test_a_detector_on_pictures_is_refused_with_field_and_fix() -> None:
 def test_new_fields_leave_the_document_as_it_was() -> None:
     """At their defaults they are not written, so digests of published SimSpecs stay."""
     assert set(Perception().model_dump(mode="json")) == {"source", "mode", "model"}
+    options = Perception(
+        source="agent", detector="other", detector_options={"floor": 0.4, "prompts": ["a", "b"]}
+    )
+    assert Perception.model_validate_json(options.model_dump_json()) == options
     assert len(DetectionModel().model_dump(mode="json")) == 12
     changed = DetectionModel(drift_px=1.0, confusion={"combatant": {"civilian": 0.2}}, id_switches_per_s=0.1)
     assert DetectionModel.model_validate_json(changed.model_dump_json()) == changed
