@@ -59,3 +59,7 @@ class PlacementInfeasible(RebarError):
 
 class VehicleFault(RebarError):
     """The simulated vehicle left the range in which its model means anything (NaN, runaway state)."""
+
+
+class DetectorFault(RebarError):
+    """A detector on pictures failed, or reported what no detector can: an unknown label, a box without numbers."""

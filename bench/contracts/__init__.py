@@ -56,6 +56,7 @@ from ._measure import Measure as Measure
 from ._measure import Option as Option
 from ._measure import Tape as Tape
 from ._measure import Timed as Timed
+from ._outcome import DETECTOR as DETECTOR
 from ._outcome import LEAVES_OPEN as LEAVES_OPEN
 from ._outcome import PROBES as PROBES
 from ._outcome import SAW_TRUTH as SAW_TRUTH
@@ -101,6 +102,7 @@ from ._scene import OpenScene as OpenScene
 from ._scene import PixelDetector as PixelDetector
 from ._scene import Scene as Scene
 from ._scene import Sighting as Sighting
+from ._scene import VersionedDetector as VersionedDetector
 from ._surrogate import MeasureRequest as MeasureRequest
 from ._surrogate import Prediction as Prediction
 from ._surrogate import Surrogate as Surrogate
@@ -113,6 +115,7 @@ from ._tick import TickMessage as TickMessage
 from ._tick import read_line as read_line
 from ._tick import write_line as write_line
 from ._topics import CAMERA_OPENED as CAMERA_OPENED
+from ._topics import DETECTOR_OPENED as DETECTOR_OPENED
 from ._topics import OPERATOR_GIVES_BACK as OPERATOR_GIVES_BACK
 from ._topics import OPERATOR_LINK as OPERATOR_LINK
 from ._topics import OPERATOR_TAKES as OPERATOR_TAKES

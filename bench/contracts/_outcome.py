@@ -12,7 +12,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, ValidationError
 
 from bench.documents import Document
-from bench.errors import PlacementInfeasible, SetupError, VehicleFault
+from bench.errors import DetectorFault, PlacementInfeasible, SetupError, VehicleFault
 
 
 class Blame(StrEnum):
@@ -151,6 +151,9 @@ def truth_sightings_of(details: Mapping[str, object]) -> tuple[str, ...]:
     return tuple(str(text) for text in texts) if isinstance(texts, list) else ()
 
 
+DETECTOR = "detector"
+"""In `SessionResult.details`: which detector worked on the pictures, with its version as far as it tells."""
+
 LEAVES_OPEN = "leaves_open"
 """In `SessionResult.details`: names of walls that the agent's rung did not hold on the host of the session."""
 
@@ -247,6 +250,10 @@ class SessionFailure:
                 # The model's numbers ran away: the text says which, and the frames of our stack would say
                 # nothing more.
                 return cls(Outcome.BENCH_ERROR, f"the vehicle model failed: {error}")
+            case DetectorFault():
+                # A plug-in's: its own frames say where it failed.
+                text = "".join(traceback.format_exception(error))
+                return cls(Outcome.BENCH_ERROR, f"the detector failed: {error}", text)
             case _:
                 # A fault in the bench is ours to find, so its traceback goes into result.json.
                 text = "".join(traceback.format_exception(error))

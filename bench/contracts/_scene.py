@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,8 +96,8 @@ class OpenScene(Protocol):
 class Detector(Protocol):
     """Turns frames into detections, with the delays of its model."""
 
-    def process(self, frame: CameraFrame) -> None:
-        """Take in one exposure; draws all that is random about it."""
+    def process(self, frame: CameraFrame, bgr: Pixels | None = None) -> None:
+        """Take in one exposure and its picture, None where there is none; draws all that is random about it."""
 
     # Apart from `process`, because a detection is published later than its frame was exposed.
     def due(self, now: SimTime) -> Sequence[DetectionFrame]:
@@ -113,6 +113,15 @@ class PixelDetector(Protocol):
         Boxes are in continuous pixels, labels the class labels of the asset catalogue, scores in [0, 1], and `track`
         is empty: the bench names tracks.
         """
+
+
+@runtime_checkable
+class VersionedDetector(Protocol):
+    """A PixelDetector that tells which one it is, for the recording and the result."""
+
+    @property
+    def version(self) -> str:
+        """Its version and the digest of its weights, in a few words."""
 
 
 class OpenPixelDetector(Protocol):

@@ -138,6 +138,8 @@ OPERATOR_TAKES, OPERATOR_GIVES_BACK = "operator takes the vehicle", "operator gi
 
 # Name of the event in /session/events whose text is the build of OpenCV that draws the camera's pictures.
 CAMERA_OPENED = "camera opened"
+# Name of the event whose text says which detector works on the pictures.
+DETECTOR_OPENED = "detector opened"
 
 
 def is_mavlink_from_agent(topic: str) -> bool:

@@ -7,3 +7,4 @@ from __future__ import annotations
 from ._detectors import open_detector as open_detector
 from ._odds import Clarity as Clarity
 from ._odds import DetectionOdds as DetectionOdds
+from ._picture_detector import PictureDetector as PictureDetector

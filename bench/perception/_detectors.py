@@ -7,7 +7,6 @@ alone get the same draws.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -19,17 +18,21 @@ from bench.contracts import (
     Detection,
     DetectionFrame,
     Detector,
+    OpenPixelDetector,
+    Pixels,
     Sighting,
     SimTime,
 )
 from bench.simspec import SimSpec, generator, seed_of
 
 from ._boxes import PictureSize
-from ._draws import FRAME_DRAWS, LATENCY_DRAWS, MORE_FRAME_DRAWS
+from ._delays import DelayedResults, FrameLatency
+from ._draws import FRAME_DRAWS, MORE_FRAME_DRAWS
 from ._false_alarms import FalseAlarms
 from ._labels import LabelOdds, posterior_score
 from ._noise import CorrelatedNoise, uniform_of
 from ._odds import DetectionOdds
+from ._picture_detector import open_picture_detector
 from ._tracks import TrackNames, UntrackedDetection
 
 LABEL_PERSISTENCE = 5.0
@@ -48,10 +51,18 @@ _MORE_DRAWS = 3
 _DRIFT_X, _DRIFT_Y, _SWITCH = 0, 1, 2
 
 
-def open_detector(simspec: SimSpec, cast: Sequence[CastMember]) -> Detector:
-    """The detector that the SimSpec asks for, over a scene's cast."""
+def open_detector(
+    simspec: SimSpec, cast: Sequence[CastMember], open_on_pixels: OpenPixelDetector | None = None
+) -> Detector:
+    """The detector that the SimSpec asks for, over a scene's cast.
+
+    `open_on_pixels` takes the place of the plug-in that `perception.detector` names. Raises SetupError for a plug-in that
+    is not installed or refuses its options.
+    """
     if not simspec.perception.by_bench:
         return NoDetector()
+    if simspec.perception.on_pixels:
+        return open_picture_detector(simspec, open_on_pixels)
     if simspec.perception.error_free:
         return TruthDetector(cast)
     return SimulatedDetector(simspec, cast)
@@ -60,7 +71,7 @@ def open_detector(simspec: SimSpec, cast: Sequence[CastMember]) -> Detector:
 class NoDetector:
     """Publishes nothing: the agent has a perception of its own."""
 
-    def process(self, frame: CameraFrame) -> None:
+    def process(self, frame: CameraFrame, bgr: Pixels | None = None) -> None:
         pass
 
     def due(self, now: SimTime) -> Sequence[DetectionFrame]:
@@ -73,9 +84,9 @@ class TruthDetector:
     def __init__(self, cast: Sequence[CastMember]) -> None:
         self._cast = cast
         self._tracks = TrackNames()
-        self._results = _DelayedResults()
+        self._results = DelayedResults()
 
-    def process(self, frame: CameraFrame) -> None:
+    def process(self, frame: CameraFrame, bgr: Pixels | None = None) -> None:
         detections = [
             UntrackedDetection(
                 Detection(self._cast[sighting.actor].class_label, 1.0, sighting.box), sighting.actor
@@ -108,9 +119,10 @@ class SimulatedDetector:
         self._draws_more = model.drift_px > 0.0 or model.id_switches_per_s > 0.0
         self._false_alarms = FalseAlarms(model, self._seeds, self._picture)
         self._tracks = TrackNames(model.id_switches_per_s)
-        self._results = _DelayedResults()
+        self._latency = FrameLatency.of(simspec)
+        self._results = DelayedResults()
 
-    def process(self, frame: CameraFrame) -> None:
+    def process(self, frame: CameraFrame, bgr: Pixels | None = None) -> None:
         draws = self._block(FRAME_DRAWS, frame.number, _DRAWS)
         self._noise.advance(frame.exposed, draws[:, :3])
         more = np.zeros((0, 0))
@@ -131,7 +143,7 @@ class SimulatedDetector:
             frame.exposed,
             (lambda actor: uniform_of(float(more[actor, _SWITCH]))) if self._draws_more else None,
         )
-        self._results.put(frame.exposed, self._latency_s(frame.number), named)
+        self._results.put(frame.exposed, self._latency.of_frame(frame.number), named)
 
     def due(self, now: SimTime) -> Sequence[DetectionFrame]:
         return self._results.due(now)
@@ -139,12 +151,6 @@ class SimulatedDetector:
     def _block(self, stream: int, frame: int, width: int) -> NDArray[np.float64]:
         # One row for every actor, seen or not: what is drawn for one never depends on who else is in view.
         return generator(self._seeds, "perception", stream, frame).standard_normal((len(self._cast), width))
-
-    def _latency_s(self, frame: int) -> float:
-        if self._model.latency_jitter_s == 0.0:
-            return self._model.latency_s
-        uniform = float(generator(self._seeds, "perception", LATENCY_DRAWS, frame).random())
-        return self._model.latency_s + self._model.latency_jitter_s * uniform
 
     def _detect(self, sighting: Sighting, draws: NDArray[np.float64]) -> UntrackedDetection | None:
         actor = sighting.actor
@@ -168,24 +174,3 @@ class SimulatedDetector:
             self._model.drift_px * self._drift.normal(axis, actor) for axis in (_DRIFT_X, _DRIFT_Y)
         )
         return [edges[0] + right, edges[1] + down, edges[2] + right, edges[3] + down]
-
-
-class _DelayedResults:
-    """Results on their way, in the order of exposure: one that is late holds up those behind it."""
-
-    def __init__(self) -> None:
-        self._waiting: deque[DetectionFrame] = deque()
-        self._latest: SimTime | None = None
-
-    def put(self, exposed: SimTime, latency_s: float, detections: tuple[Detection, ...]) -> None:
-        published = exposed.after(latency_s)
-        if self._latest is not None:
-            published = max(published, self._latest)
-        self._latest = published
-        self._waiting.append(DetectionFrame(exposed, published, detections))
-
-    def due(self, now: SimTime) -> list[DetectionFrame]:
-        ready: list[DetectionFrame] = []
-        while self._waiting and self._waiting[0].published <= now:
-            ready.append(self._waiting.popleft())
-        return ready

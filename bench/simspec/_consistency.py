@@ -71,7 +71,6 @@ def situation_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
     yield from _consent_inconsistencies(simspec)
     yield from _handover_inconsistencies(simspec)
     yield from _outage_inconsistencies(simspec)
-    yield from _perception_inconsistencies(simspec)
     yield from _escort_inconsistencies(simspec)
     yield from _altitude_inconsistencies(simspec)
     yield from _home_inconsistencies(simspec)
@@ -300,15 +299,6 @@ def _handover_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
     if pending is not None:
         index, order = pending
         yield ("orders", index, "kind"), f"order {order.id!r} hands over for good: add take_back after it"
-
-
-def _perception_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
-    """A source of detections that this bench does not have."""
-    if simspec.perception.source == "detector":
-        yield (
-            ("perception", "source"),
-            "detector works on pictures, and sessions give it none yet: write truth, simulated or agent",
-        )
 
 
 def _outage_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:

@@ -14,6 +14,7 @@ from bench.contracts import (
     load_plugin,
 )
 from bench.errors import Fault, SetupError
+from bench.perception import open_detector
 from bench.simspec import SimSpec
 
 from ._services import service_faults
@@ -25,7 +26,8 @@ DISCARD_PORT = 9
 def session_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
     """Every fault for which `run_session` would refuse this SimSpec and agent; its places are not looked at.
 
-    Opens the vehicle for a moment, because only it knows its parameters, failures and step, and connects to each service.
+    Opens the vehicle for a moment, because only it knows its parameters, failures and step, the detector on pictures for
+    its options, and connects to each service.
     """
     faults = [
         *link_faults(spec, manifest),
@@ -34,6 +36,10 @@ def session_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
     ]
     try:
         load_plugin("rebar.scenes", spec.world.scene)
+    except SetupError as error:
+        faults += error.faults
+    try:
+        open_detector(spec, ())
     except SetupError as error:
         faults += error.faults
     # The system chooses where the vehicle listens; where it sends, nothing is sent before the first step.

@@ -61,13 +61,15 @@ class SessionPictures:
 
     @property
     def wanted(self) -> bool:
-        """Whether the next picture is for anything: the SimSpec asks for it, or the agent listens."""
+        """Whether the next picture is for anything: the SimSpec asks for it, its detector works on pictures, or the
+        agent listens.
+        """
         settings = self._settings
-        recorded = settings.record_frames or settings.record_boxes
-        return recorded or self._raw.listened or self._compressed.listened
+        by_simspec = settings.record_frames or settings.record_boxes or self._spec.perception.on_pixels
+        return by_simspec or self._raw.listened or self._compressed.listened
 
-    def capture(self, state: VehicleState, scene: Scene, number: int, now: SimTime) -> None:
-        """Render frame `number` from where the vehicle is, unless the camera loses it."""
+    def capture(self, state: VehicleState, scene: Scene, number: int, now: SimTime) -> Pixels | None:
+        """Render frame `number` from where the vehicle is; None when the camera loses it."""
         # Imported here: a session without pictures does not pay for OpenCV.
         from bench.camera import pose_of
 
@@ -76,8 +78,10 @@ class SessionPictures:
         pose = pose_of(_carrier_motion(state, self._lens.stabilized), self._lens.axes_enu(state))
         frame = self._camera.capture(pose, scene.positions(), scene.headings(), number)
         self._truth.write_picture(now, self._document(number, frame))
-        if frame is not None:
-            self._pending.append(_ExposedPicture(now, frame.bgr))
+        if frame is None:
+            return None
+        self._pending.append(_ExposedPicture(now, frame.bgr))
+        return frame.bgr
 
     def publish(self, now: SimTime) -> None:
         """Publish the pictures exposed since the last call to whoever listens."""

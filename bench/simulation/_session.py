@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bench.contracts import (
+    DETECTOR_OPENED,
     OPERATOR_LINK,
     START,
     AgentEndpoints,
@@ -28,6 +29,7 @@ from bench.contracts import (
     LinkSpec,
     MavlinkNeed,
     OpenAgent,
+    OpenPixelDetector,
     OpenRenderer,
     OpenScene,
     OpenVehicle,
@@ -46,7 +48,7 @@ from bench.contracts import (
     realized_of,
 )
 from bench.errors import SetupError
-from bench.perception import open_detector
+from bench.perception import PictureDetector, open_detector
 from bench.simspec import SimSpec
 
 from ._agent_time import AgentTime
@@ -78,7 +80,8 @@ class SessionPlan:
 
     `scratch` is an empty folder for the agent, `tap` receives every record, and budgets are measured by
     `clock`. `memory_kills` counts the processes that the kernel killed for want of memory. The agent reads
-    no file in `hidden`. `open_renderer` draws the camera's pictures; None: the plug-in `opencv`.
+    no file in `hidden`. `open_renderer` draws the camera's pictures; None: the plug-in `opencv`. `open_on_pixels` is the
+    detector on them; None: the plug-in that the SimSpec names.
     """
 
     simspec: SimSpec
@@ -91,6 +94,7 @@ class SessionPlan:
     memory_kills: Callable[[], int] = count_memory_kills
     hidden: tuple[Path, ...] = ()
     open_renderer: OpenRenderer | None = None
+    open_on_pixels: OpenPixelDetector | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +110,7 @@ class SessionEnd:
     counters: dict[str, int] = field(default_factory=dict)
     traceback: str = ""
     services: tuple[ServiceUse, ...] = ()
+    detector: str = ""
 
 
 def run_session(plan: SessionPlan) -> SessionEnd:
@@ -133,6 +138,7 @@ def run_session(plan: SessionPlan) -> SessionEnd:
         counters=progress.counters,
         traceback=failure.traceback,
         services=progress.services.uses,
+        detector=progress.detector,
     )
 
 
@@ -144,6 +150,8 @@ class SessionProgress:
     agent_cpu_s: float = 0.0
     counters: dict[str, int] = field(default_factory=dict)
     services: Services = field(default_factory=Services)
+    detector: str = ""
+    """Which detector works on the pictures, where one does."""
 
 
 class Session:
@@ -198,6 +206,8 @@ class Session:
     def run(self) -> None:
         """Run rounds until something ends the session. Always raises StopSession or an error."""
         self._truth.write_event(self._progress.now, "started", self._spec.name)
+        if self._progress.detector:
+            self._truth.write_event(self._progress.now, DETECTOR_OPENED, self._progress.detector)
         if self._plan.manifest.truth:
             self._truth.write_event(self._progress.now, "truth given", self._plan.manifest.name)
         self._truth.write_cast(self._progress.now, self._scene)
@@ -303,12 +313,12 @@ class Session:
         frame = self._scene.observe(state, self._frame)
         self._frame += 1
         self._truth.write_frame(frame)
-        if self._pictures.wanted:
-            self._pictures.capture(state, self._scene, frame.number, now)
+        wanted = self._pictures.wanted
+        bgr = self._pictures.capture(state, self._scene, frame.number, now) if wanted else None
         if self._carries_camera is not None:
             self._carries_camera.record_exposure(frame.number, now)
         self._information.record_exposure(now)
-        self._detector.process(frame)
+        self._detector.process(frame, bgr)
 
     def _check_end(self) -> None:
         condition = self._vehicle.condition()
@@ -423,7 +433,9 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
             *outside_links(spec),
         )
         scene = open_scene(spec)
-        detector = open_detector(spec, scene.cast)
+        detector = open_detector(spec, scene.cast, plan.open_on_pixels)
+        if isinstance(detector, PictureDetector):
+            progress.detector = detector.description
         vehicle = stack.enter_context(open_vehicle(VehiclePlan(spec, links), recorded_links(spec, truth)))
         if faults := tick_faults(spec, vehicle):
             raise SetupError(faults)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import pytest
 from scene_simspecs import scene_simspec
 from test_scene_detector import camera_frame
 
@@ -13,6 +12,7 @@ from bench.contracts import (
     Detection,
     DetectionFrame,
     Detector,
+    Pixels,
     Record,
     SimTime,
     VehiclePlan,
@@ -20,7 +20,6 @@ from bench.contracts import (
     cast_of,
 )
 from bench.documents import read_document
-from bench.errors import SetupError
 from bench.perception import open_detector
 from bench.simspec import DetectionModel, Perception, PerceptionSource, SimSpec
 from bench.simulation import HostClock, open_plain_scene
@@ -43,7 +42,7 @@ class PixelDetector:
     def __init__(self) -> None:
         self._results: list[DetectionFrame] = []
 
-    def process(self, frame: CameraFrame) -> None:
+    def process(self, frame: CameraFrame, bgr: Pixels | None = None) -> None:
         found = Detection("crate", 0.51, (3.25, 4.5, 40.75, 61.0), f"t{frame.number + 1}")
         self._results.append(DetectionFrame(frame.exposed, frame.exposed, (found,) * ACTORS))
 
@@ -116,13 +115,13 @@ def test_the_bench_publishes_no_detections_for_an_agent_with_its_own_perception(
     assert published(spec, open_detector(spec, cast_of(spec))) == []
 
 
-def test_a_detector_on_pictures_is_refused_with_field_and_fix() -> None:
-    """Sessions give it no pictures yet; the message names the field and what to write instead."""
+def test_a_document_may_name_a_detector_that_is_not_installed() -> None:
+    """Recordings are read where it is not; what flies them says so (test_session_detectors)."""
     text = "name: x\nworld: {area: {corners: [{east_m: 0, north_m: 0}, {east_m: 9, north_m: 0}, {east_m: 9, north_m: 9}]}}\n"
-    with pytest.raises(SetupError) as caught:
-        read_document(text + "perception:\n  source: detector\n  detector: own\n", SimSpec, source="s.yaml")
-    assert "s.yaml:4: perception.source" in str(caught.value)
-    assert "write truth, simulated or agent" in str(caught.value)
+    detector = "perception:\n  source: detector\n  detector: elsewhere\n  detector_options: {floor: 0.4}\n"
+    perception = read_document(text + detector, SimSpec, source="s.yaml").perception
+    assert (perception.detector_name, perception.detector_options) == ("elsewhere", {"floor": 0.4})
+    assert Perception(source="detector").detector_name == "small"
 
 
 def test_new_fields_leave_the_document_as_it_was() -> None:

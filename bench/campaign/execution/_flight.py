@@ -16,6 +16,7 @@ from typing import Any
 from bench.agents import LocalProcess, load_manifest, open_agent, program_faults, rung_of
 from bench.agents.confinement import wall_name
 from bench.contracts import (
+    DETECTOR,
     LEAVES_OPEN,
     SERVICES,
     AgentManifest,
@@ -131,6 +132,7 @@ def _fly(
         **host,
         **starter.details,
         **_services(end),
+        **({DETECTOR: end.detector} if end.detector else {}),
     }
     return result.model_copy(update={"details": details})
 

@@ -17,7 +17,7 @@ _VARIED_VEHICLE_FIELDS = frozenset({"home", "gps", "camera", "battery", "name"})
 
 def takeoff_faults(simspecs: Iterable[SimSpec]) -> list[Fault]:
     """Why sessions with these SimSpecs would end before they fly: agents without manifest, program, options
-    or the pace; vehicles, scenes, parameters and failures that do not exist.
+    or the pace; vehicles, scenes, parameters, failures and detectors that do not exist.
 
     Looks once at everything that several SimSpecs have in common. Places are not looked at.
     """
@@ -25,7 +25,10 @@ def takeoff_faults(simspecs: Iterable[SimSpec]) -> list[Fault]:
     keys: set[str] = set()
     for simspec in simspecs:
         vehicle = simspec.vehicle.model_dump_json(exclude=set(_VARIED_VEHICLE_FIELDS))
-        key = "|".join((vehicle, dump_json(simspec.agent), dump_json(simspec.pace), str(simspec.world.scene)))
+        # The parameters of the error model have nothing to be opened.
+        perception = simspec.perception.model_dump_json(exclude={"model"})
+        parts = (vehicle, dump_json(simspec.agent), dump_json(simspec.pace), simspec.world.scene, perception)
+        key = "|".join(map(str, parts))
         if key not in keys:
             keys.add(key)
             # By its text: two agents of one campaign often have the same fault.

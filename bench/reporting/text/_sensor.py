@@ -104,7 +104,7 @@ def perception_in_short(perception: Perception) -> str:
     return (
         f"simulated, {perception.mode}"
         if perception.source == "simulated"
-        else f"{perception.source} {perception.detector or ''}".strip()
+        else f"{perception.source} {perception.detector_name if perception.on_pixels else ''}".strip()
     )
 
 
@@ -113,7 +113,7 @@ def _detector_sentence(perception: Perception) -> str:
     if perception.source == "agent":
         return "None: the agent has a perception of its own, which its tracks show."
     if perception.source == "detector":
-        return f"The detector {perception.detector} on the pictures."
+        return f"The detector {perception.detector_name} on the pictures, {perception.model.latency_s:g} s after the exposure."
     if perception.error_free:
         return "Without errors: it detects every object in view with the right class, and nothing else."
     return (

@@ -1,0 +1,144 @@
+"""A plug-in of group `rebar.detectors` on the pictures of the vehicle's camera."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from bench.contracts import (
+    CameraFrame,
+    Detection,
+    DetectionFrame,
+    OpenPixelDetector,
+    PixelDetector,
+    Pixels,
+    SimTime,
+    VersionedDetector,
+    load_plugin,
+    plugins,
+)
+from bench.errors import DetectorFault, Fault, SetupError
+from bench.simspec import CLASS_LABELS, SimSpec
+
+from ._boxes import Box, PictureSize
+from ._delays import DelayedResults, FrameLatency
+
+
+def open_picture_detector(
+    simspec: SimSpec, open_on_pixels: OpenPixelDetector | None = None
+) -> PictureDetector:
+    """The plug-in that `perception.detector` names, or `open_on_pixels` in its place.
+
+    Raises SetupError when there is none of that name, when it cannot be loaded, or when it refuses its options.
+    """
+    name = simspec.perception.detector_name
+    origin = name
+    if open_on_pixels is None:
+        open_on_pixels = _plugin(name)
+        distribution = plugins("rebar.detectors")[name].dist
+        if distribution is not None:
+            origin = f"{name} ({distribution.name} {distribution.version})"
+    return PictureDetector(simspec, open_on_pixels(simspec), origin)
+
+
+def _plugin(name: str) -> OpenPixelDetector:
+    field = "perception.detector"
+    installed = sorted(plugins("rebar.detectors"))
+    if name not in installed:
+        known = f"installed: {', '.join(installed) or 'none'}"
+        raise SetupError(
+            Fault(field, f"there is no detector {name!r}", f"{known}; name one, or install its package")
+        )
+    try:
+        plugin: OpenPixelDetector = load_plugin("rebar.detectors", name)
+    except ImportError as error:
+        raise SetupError(
+            Fault(field, f"detector {name!r} cannot be loaded: {error}", "install what it needs")
+        ) from error
+    return plugin
+
+
+class PictureDetector:
+    """Checks what the plug-in reports, names tracks, and adds the delay of `perception.model`.
+
+    `description` says which detector it is. What the plug-in does wrong raises DetectorFault.
+    """
+
+    def __init__(self, simspec: SimSpec, detector: PixelDetector, origin: str) -> None:
+        self._detector = detector
+        self._name = simspec.perception.detector_name
+        version = detector.version if isinstance(detector, VersionedDetector) else ""
+        self.description = f"{origin}: {version}" if version else origin
+        camera = simspec.vehicle.camera
+        self._picture = PictureSize(float(camera.width_px), float(camera.height_px))
+        self._tracks = NearestBoxes(camera.width_px / 10.0)
+        self._latency = FrameLatency.of(simspec)
+        self._results = DelayedResults()
+
+    def process(self, frame: CameraFrame, bgr: Pixels | None = None) -> None:
+        # A frame that the camera lost has no result: its pixels never reached the detector.
+        if bgr is None:
+            return
+        detections = self._tracks.name(self._detect(frame.number, bgr), frame.exposed)
+        self._results.put(frame.exposed, self._latency.of_frame(frame.number), detections)
+
+    def due(self, now: SimTime) -> Sequence[DetectionFrame]:
+        return self._results.due(now)
+
+    def _detect(self, number: int, bgr: Pixels) -> list[Detection]:
+        where = f"detector {self._name!r} in the picture of frame {number}"
+        # The same array goes to whoever listens to the camera.
+        unchangeable = bgr.view()
+        unchangeable.flags.writeable = False
+        try:
+            return [self._checked(detection) for detection in self._detector.detect(unchangeable)]
+        except DetectorFault as fault:
+            raise DetectorFault(f"{where}: {fault}") from fault
+        except Exception as error:  # a plug-in may raise anything; no agent is to blame for it
+            raise DetectorFault(f"{where}: {type(error).__name__}: {error}") from error
+
+    def _checked(self, detection: Detection) -> Detection:
+        """The detection in plain numbers, its box inside the picture."""
+        if detection.class_label not in CLASS_LABELS:
+            raise DetectorFault(
+                f"no class label: {detection.class_label!r}; known: {', '.join(CLASS_LABELS)}"
+            )
+        score = float(detection.score)
+        if not 0.0 <= score <= 1.0:
+            raise DetectorFault(f"the score is {score}: it must be from 0 to 1")
+        left, top, right, bottom = (float(edge) for edge in detection.box)
+        # Comparisons with NaN are false, so an edge without a number fails them too.
+        inside = (
+            left < self._picture.width_px and right > 0.0 and top < self._picture.height_px and bottom > 0.0
+        )
+        if not (inside and left < right and top < bottom and math.isfinite(right - left + bottom - top)):
+            raise DetectorFault(
+                f"the box is ({left}, {top}, {right}, {bottom}): it must be left, top, right, bottom, each smaller than "
+                f"its opposite, and touch the picture of {self._picture.width_px:g} x {self._picture.height_px:g} pixels"
+            )
+        return Detection(detection.class_label, score, self._picture.fitted(left, top, right, bottom))
+
+
+class NearestBoxes:
+    """Names a detection as the nearest one of the picture before, at most `reach_px` away."""
+
+    def __init__(self, reach_px: float) -> None:
+        self._reach_px = reach_px
+        self._last: dict[str, Box] = {}
+        self._count = 0
+
+    def name(self, detections: Sequence[Detection], exposed: SimTime) -> tuple[Detection, ...]:
+        """The detections, surest first, each with its track."""
+        free, self._last = self._last, {}
+        named = []
+        for detection in sorted(detections, key=lambda detection: (-detection.score, detection.box)):
+            box = detection.box
+            near = min(free, key=lambda track: math.dist(free[track], box), default=None)
+            if near is None or math.dist(free[near], box) > self._reach_px:
+                self._count += 1
+                near = f"t{self._count}"
+            else:
+                del free[near]
+            self._last[near] = box
+            named.append(Detection(detection.class_label, detection.score, box, near))
+        return tuple(named)
