@@ -21,7 +21,7 @@ PHRASES = (
     "standoff", "intelligence", "known",
     "field", "mean", "polar", "midpoint", "bearing", "within", "atleast", "exact", "away", "near", "road", "roadgap", "parallel",
     "inside", "behind", "facing", "hidden", "visible", "between", "apart",
-    "spread", "part", "group", "share", "rest", "density", "concealment", "sought", "motion", "radius", "place", "stretch",
+    "spread", "part", "group", "share", "rest", "density", "concealment", "sought", "motion", "travel", "depart", "halt", "nonstop", "radius", "place", "stretch",
     "area", "extent", "overfly", "stayin", "landgap", "roads", "course", "axis", "width", "weather", "clear",
     "calm", "wind", "gusts", "sun", "clock", "date", "set", "limit", "altitude", "speed", "ground",
     "when",

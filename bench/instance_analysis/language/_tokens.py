@@ -56,6 +56,9 @@ _PATTERN = re.compile(
 FULL_LINE_CHARACTERS = 60
 """Characters from which on a line may have been broken because it was full."""
 _ITEM = re.compile(r"\s*(?:[-*•–]\s|\d+[.)]\s)")
+_NAME = re.compile(r"[A-Z]{3,}")
+_NAMED_ROADS = frozenset(["road", "route", "street", "highway", "msr", "track"])
+"""What a name in capital letters may follow."""
 PHRASE_GROUPS = ("word", "unit", "times", "short")
 """What phrases of the vocabulary are made of."""
 ZONES_H = {"cest": 2, "cet": 1, "bst": 1, "eest": 3, "eet": 2, "msk": 3}
@@ -123,7 +126,7 @@ def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
             word, used = Word(match.group(), span, _meanings_of(match)), 1
         words.append(replace(word, comma=comma))
         comma, index = False, index + used
-    return list(_articles(list(_ranges(_repeated(words, text)))))
+    return list(_articles(list(_ranges(_repeated(_named_roads(words, vocabulary), text)))))
 
 
 def headings_of(text: str) -> list[Span]:
@@ -268,6 +271,25 @@ def _longer_noun(texts: list[str], length: int, vocabulary: Vocabulary) -> bool:
     """Whether a thing that begins at the second word goes on past the phrase that begins at the first."""
     ends = (" ".join(texts[1:end]) for end in range(length + 1, len(texts) + 1))
     return any(meaning.kind == "ASSET" for phrase in ends for meaning in vocabulary.meanings.get(phrase, ()))
+
+
+def _named_roads(words: list[Word], vocabulary: Vocabulary) -> list[Word]:
+    """`road SILVER`, `Route TAMPA`: the name says nothing more where the text has one name of a road."""
+    road = vocabulary.meanings.get("road", ())
+    names = {
+        at
+        for at in range(1, len(words))
+        if _NAME.fullmatch(words[at].text)
+        and not words[at].meanings
+        and not words[at].comma
+        and words[at - 1].text.lower() in _NAMED_ROADS
+    }
+    if len({words[at].text for at in names}) != 1:
+        return words
+    named = [replace(word, filler=True) if at in names else word for at, word in enumerate(words)]
+    for at in names:
+        named[at - 1] = replace(words[at - 1], meanings=road, filler=False)
+    return named
 
 
 def _number(word: Word) -> float | None:

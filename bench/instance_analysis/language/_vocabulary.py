@@ -102,9 +102,10 @@ class RuleForm(Document):
         False
     )
     remark: Annotated[str, Field(description="Said of what is read differently from how it is written.")] = ""
-    of: Annotated[Literal["bystanders", "nobody"], Field(description="Whom the clause must speak of.")] = (
-        "nobody"
-    )
+    of: Annotated[
+        Literal["bystanders", "nobody", "escort"],
+        Field(description="Whom the clause must speak of; a clause of an escort may speak of anybody."),
+    ] = "nobody"
     all: Words
     also: Annotated[
         Words, Field(description="Patterns that may stand in the clause, and that the rule then holds.")

@@ -102,7 +102,7 @@ class SentenceRuns:
     @property
     def names_a_group(self) -> bool:
         """Whether the sentence speaks of people or things, which may be its subject."""
-        return any(meaning.kind == "ASSET" for word in self._words for meaning in word.meanings)
+        return any(meaning.kind in ("ASSET", "CONVOY") for word in self._words for meaning in word.meanings)
 
     @property
     def loaded(self) -> list[LoadedWord]:

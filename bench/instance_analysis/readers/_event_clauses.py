@@ -86,7 +86,11 @@ def _event(sentence: SentenceRuns, run: Run, before: Run | None) -> _Event | Non
     form, signs = match
     of_report = form.kind in REPORT_ORDERS or form.part == "consents"
     is_order = form.part == "orders"
-    if is_order and not of_report and any(m.kind == "ASSET" for word in run.words for m in word.meanings):
+    if (
+        is_order
+        and not of_report
+        and any(m.kind in ("ASSET", "CONVOY") for word in run.words for m in word.meanings)
+    ):
         # `the soldiers hold at 60 s` is no order.
         return None
     event = _Event(form, run, [Part("SIGN", None, span) for span in signs])

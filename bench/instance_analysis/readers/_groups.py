@@ -12,7 +12,7 @@ from ..language._coordinates import Coordinates
 from ..language._phrases import Part, Phrase, Quantity
 from ..language._tokens import Span
 from ..language._vocabulary import Meaning, Vocabulary
-from ._traits import PERSONS, ROOFED, put_motion
+from ._traits import PERSONS, ROOFED, VEHICLES, put_motion
 
 PLURALS = frozenset(
     [
@@ -28,6 +28,12 @@ COLLECTIVES = frozenset(
 )
 """Whom `of nine` counts."""
 SINGULAR_PRONOUNS = ("it", "he", "she", "him", "her")
+
+
+_CONVOY_OF = re.compile(
+    r"\b(?:convoy|column|motorcade)\b(?: of|,|:| with| consists of)?[^.;!?\n]{0,25}$", re.IGNORECASE
+)
+"""What makes the group after it a convoy."""
 
 
 class GroupRegister:
@@ -61,6 +67,8 @@ class GroupRegister:
         self.referents: dict[Span, list[RelationTarget]] = {}
         self.families: list[list[str]] = []
         """Groups that are parts of one: what is left, and its shares."""
+        self.convoys: list[str] = []
+        """Groups of which the text says that they are a convoy."""
         self.divided: str | None = None
         """What is left of the group that was divided last."""
 
@@ -273,6 +281,8 @@ class GroupRegister:
         # Ids are the words of the vocabulary, so that a reader recognizes the groups in the SimSpec.
         group = name if number == 1 else f"{name}-{number}"
         self.kinds[group] = name
+        if _CONVOY_OF.search(self.draft.text[: span.start]):
+            self.convoys.append(group)
         put = self.draft.put
         put(("actors", group, "id"), group, span)
         put(("actors", group, "asset"), words.asset, span)
@@ -413,6 +423,12 @@ class GroupRegister:
                 span = self.draft.entries["actors", part, "id"].span
                 assert span is not None
                 self.draft.fault(span, "nothing is said of this part of the group", "say what is different")
+        for group in [group for group in self.kinds if self._is_driven(group)]:
+            named = self.draft.entries["actors", group, "id"].span
+            assert named is not None
+            self.draft.forget(("actors", group, "role"))
+            self.draft.put(("actors", group, "role"), str(Role.BYSTANDER), named)
+            self.draft.remark(named, "people drive it: its role is bystander")
         for group in sorted(self._uncounted - self.plural):
             entry = self.draft.entries.get(("actors", group, "id"))
             if entry is None or entry.span is None:
@@ -437,6 +453,12 @@ class GroupRegister:
         ]
         if fitting and self.subject[-1] not in fitting:
             self.subject = self.choose_one(fitting, span)
+
+    def _is_driven(self, group: str) -> bool:
+        """Whether a group is of civilian vehicles that move, so that there are people in them."""
+        kind = self.draft.entries.get(("actors", group, "motion", "kind"))
+        moves = kind is not None and kind.value != "still"
+        return moves and self.asset(group) in VEHICLES and self.role(group) is Role.CLUTTER
 
     def _vague_range(self) -> tuple[int, int]:
         meaning = next(
@@ -504,6 +526,11 @@ class GroupRegister:
             return [Coordinates(0.0, 0.0)]
         if ref.first("HOME"):
             return [HOME]
+        if convoy := ref.first("CONVOY"):
+            if not self.convoys:
+                self.draft.unread(convoy.span, "the text does not say of what", expressible=True)
+                return []
+            return [*self.choose_one(self.convoys, convoy.span)]
         if target := ref.first("TARGET"):
             adversaries = [candidate for candidate in self.targets() if candidate not in self.subject]
             return [

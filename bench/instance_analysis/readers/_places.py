@@ -14,6 +14,8 @@ from ..language._tokens import Span
 from ..language._vocabulary import Defaults
 
 Point = dict[str, float]
+Box = tuple[float, float, float, float]
+"""West, south, east and north, in metres."""
 FARTHEST_M = 20_000.0
 """Degrees further than this from an origin that is not said are taken for another origin."""
 
@@ -28,6 +30,8 @@ class PlaceReader:
         self._draft, self._defaults = draft, defaults
         self._fixed: dict[str, tuple[Coordinates, Span]] = {}
         self._patrols: dict[str, Span] = {}
+        self.travels: dict[str, tuple[float, Span]] = {}
+        """Groups that move in a direction: where to, in degrees, and where the text says so."""
 
     @property
     def origin(self) -> Origin:
@@ -150,6 +154,14 @@ class PlaceReader:
         """Note that a group patrols; the route may follow elsewhere in the text."""
         self._patrols.setdefault(group, span)
 
+    def patrols(self, group: str) -> bool:
+        """Whether the text says that a group goes from somewhere to somewhere."""
+        return group in self._patrols
+
+    def travel(self, group: str, heading_deg: float, span: Span) -> None:
+        """Note that a group moves in a direction; its road or the area may follow elsewhere in the text."""
+        self.travels[group] = (heading_deg, span)
+
     def walk(self, group: str, places: Sequence[Coordinates], span: Span) -> None:
         self._route(group, [self.point(place) for place in places], span)
 
@@ -161,10 +173,12 @@ class PlaceReader:
 
     # At the end.
 
-    def finish(self, roads: dict[str, list[Point]]) -> None:
-        """Complete patrols along roads, and the relations of groups at fixed
+    def finish(self, roads: dict[str, list[Point]], box: Box) -> None:
+        """Complete patrols along roads, journeys in a direction, and the relations of groups at fixed
         places.
         """
+        for group, (heading_deg, span) in self.travels.items():
+            self._journey(group, heading_deg, span, roads, box)
         for group, span in self._patrols.items():
             if ("actors", group, "motion", "route") in self._draft.entries:
                 continue
@@ -177,6 +191,28 @@ class PlaceReader:
                 )
         for group, (place, span) in self._fixed.items():
             self._stand(group, place, span)
+
+    def _journey(
+        self, group: str, heading_deg: float, span: Span, roads: dict[str, list[Point]], box: Box
+    ) -> None:
+        """Lay out the way of a group that moves in a direction: along its road, or else through the area."""
+        kind = self._draft.entries.get(("actors", group, "motion", "kind"))
+        if (
+            kind is None
+            or kind.value == "still"
+            or ("actors", group, "motion", "route") in self._draft.entries
+        ):
+            return
+        along = self._draft.entries.get(("actors", group, "placement", "along", "road"))
+        if along is None or along.value not in roads:
+            self._draft.remark(span, "through the middle of the area: the text does not say where")
+            self._route(group, across(box, heading_deg), span, "through the middle of the area")
+            return
+        points = roads[along.value]
+        east, north = (points[-1][axis] - points[0][axis] for axis in ("east_m", "north_m"))
+        radians = math.radians(heading_deg)
+        forwards = east * math.sin(radians) + north * math.cos(radians) >= 0.0
+        self._route(group, points if forwards else points[::-1], span, "along its road")
 
     def _stand(self, group: str, place: Coordinates, span: Span) -> None:
         base: FieldPath = ("actors", group, "placement")
@@ -226,6 +262,25 @@ class PlaceReader:
                 self._draft.remark(span, "its place is fixed by coordinates, which says this")
             else:
                 self._draft.unread(span, "the place of this group is fixed by coordinates")
+
+
+def across(box: Box, heading_deg: float) -> list[Point]:
+    """A straight line from edge to edge through the middle of a box, in a direction."""
+    west, south, east, north = box
+    middle_e, middle_n = (west + east) / 2, (south + north) / 2
+    radians = math.radians(heading_deg)
+    to_e, to_n = round(math.sin(radians), 9), round(math.cos(radians), 9)
+    reach = min(
+        (half / abs(to) for half, to in (((east - west) / 2, to_e), ((north - south) / 2, to_n)) if to),
+        default=0.0,
+    )
+    return [
+        {
+            "east_m": round(middle_e + end * reach * to_e, 3),
+            "north_m": round(middle_n + end * reach * to_n, 3),
+        }
+        for end in (-1.0, 1.0)
+    ]
 
 
 def places_in(phrase: Phrase) -> list[Coordinates]:

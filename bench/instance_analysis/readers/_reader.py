@@ -11,6 +11,7 @@ from ..language._sentences import sentences_of
 from ..language._tokens import Span, Word
 from ..language._vocabulary import MotionWords, Vocabulary
 from ..ledger._ledger import marked
+from ._escort import EscortReader
 from ._events import EventReader
 from ._flight import FlightReader
 from ._ground import KINDS, GroundReader
@@ -30,11 +31,13 @@ INSIGNIFICANT_KINDS = frozenset(
         *("COMMA", "DASH", "STOP", "ABOUT", "OVER", "BY", "AWAY", "PART", "FLY", "UNTIL"),
         *("AFTER", "BEFORE", "SQUARE", "DENSITYOF", "KEEP", "AREAWORD", "INTEL", "TARGET", "LBR", "RBR"),
         *("ALONG", "SEEN", "ONAVERAGE", "AGL", "ORIGIN", "LAUNCH", "CORNERS", "ROUTE", "AXIS"),
-        *("RUNS", "NTH", "MIDDLE", "GROUND", "NAMED", "WIDE", "OFTHEM"),
+        *("RUNS", "NTH", "MIDDLE", "CONVOY", "GROUND", "NAMED", "WIDE", "OFTHEM"),
     ]
 )
 
 
+MAX_WORDS_TO_DIRECTION = 2
+"""Words between a motion and its direction at most. Chosen."""
 _AGE = re.compile(r"[\s-]*(?:years?|yrs?|months?|y/?o|already|o['’]clock)\b", re.IGNORECASE)
 """What makes the number before it an age or an hour."""
 _EVERYONE = re.compile(r"\b(?:all|every(?:one|body)|both)\b[^,.;:!?]{0,20}$", re.IGNORECASE)
@@ -87,6 +90,7 @@ class TextReader:
         self.flight = FlightReader(draft, self.groups, self.ground, self.intelligence_reader)
         self.events = EventReader(draft, self.groups, self.intelligence_reader)
         self.rules = RuleReader(draft, self.groups)
+        self.escort = EscortReader(draft, self.groups)
 
     def read(self, items: Sequence[Phrase | Word]) -> None:
         """Read all phrases and words into the draft."""
@@ -141,7 +145,7 @@ class TextReader:
         """Whether this sentence has spoken of something else, which may be its subject."""
         self._rule_groups: set[Span] = set()
         self._just_named: list[str] = []
-        self._named_until = 0
+        self._named_until = self._moved_until = 0
         self.intelligence_reader.spoken_of = any(_speaks_of_intelligence(item) for item in sentence)
         self.flight.reporting = any(
             isinstance(item, Word) and item.text.lower().startswith("report") for item in sentence
@@ -212,6 +216,8 @@ class TextReader:
             self.groups.in_sentence, self.topic, self.joined, self._just_named = read, "group", [], []
             return
         known = set(self.groups.kinds)
+        if phrase.rule == "axis" and self.topic == "group" and self._moves(phrase):
+            return
         for group_phrase in self._about_groups(phrase):
             if (self.waiting or not self.groups.in_sentence) and later and group_phrase.rule != "density":
                 self.waiting.append(group_phrase)
@@ -288,14 +294,43 @@ class TextReader:
             self.ground.mention(phrase)
             self.topic = "group"
         if phrase.rule == "motion" and self.topic in ("ground", "road"):
+            if self.topic == "road" and phrase.has("DIR"):
+                # `a road running north-east`.
+                self.roads.axis(phrase)
             # `the area runs from ... to`.
             self.draft.acknowledge(phrase.span)
             return []
         if phrase.rule == "motion" and not self.groups.in_sentence and self.groups.subject_is_mission:
             return []
+        if phrase.rule == "travel" and not phrase.has("TOWARDS") and not self._goes_on_a_motion(phrase):
+            self.draft.unread(phrase.span, "stands by itself", expressible=True)
+            return []
         if phrase.rule not in GROUP_RULES or self._about_ground(phrase) or count_places(phrase) > 1:
             return []
         return [phrase]
+
+    def _moves(self, phrase: Phrase) -> bool:
+        """Read `from west to east` of groups that travel; whether the subject does."""
+        words = self.draft.quote(phrase.span).lower().replace("-", " ").split()
+        subject = self.groups.subject if self.groups.in_sentence else []
+        direction = next(
+            (m.value for m in self.groups.vocabulary.meanings[words[-1]] if m.kind == "DIR"), None
+        )
+        patrols = all(self.places.patrols(group) for group in subject)
+        if not subject or not patrols or not isinstance(direction, int | float):
+            return False
+        for group in subject:
+            self.places.travel(group, float(direction), phrase.span)
+        return True
+
+    def _goes_on_a_motion(self, phrase: Phrase) -> bool:
+        """Whether a direction alone says where somebody moves: `walks slowly north`."""
+        between = self.draft.text[self._moved_until : phrase.span.start]
+        return (
+            self._moved_until > self._sentence_start
+            and len(between.split()) <= MAX_WORDS_TO_DIRECTION
+            and not {",", ";"}.intersection(between)
+        )
 
     def _mid_of_ground(self, phrase: Phrase) -> bool:
         """Read `centre 250 m north of home` of the ground that the sentence has named; whether it has."""
@@ -526,6 +561,9 @@ class TextReader:
         elif "THEM" in kinds and groups.subject:
             groups.them_as_subject(word.span)
             groups.in_sentence, self.topic = True, "group"
+        elif "CONVOY" in kinds and groups.convoys:
+            groups.subject, groups.in_sentence, groups.subject_is_mission = [*groups.convoys], True, False
+            self.topic = self.flight.subject = "group"
         elif "TARGET" in kinds:
             targets = groups.targets()
             if targets:
@@ -567,6 +605,8 @@ class TextReader:
         if phrase.rule in ("place", "stretch") or count_places(phrase) > 1:
             self._figures(phrase, later=False)
             return
+        if self._of_the_drone() and self.escort.read(phrase):
+            return
         subject = self._everyone(self.groups.subject, phrase)
         if not subject:
             if phrase.rule != "spread" and not (phrase.rule == "inside" and not phrase.refs):
@@ -596,8 +636,13 @@ class TextReader:
                 item for item in (self.relations, self.traits, self.roads) if phrase.rule in item.RULES
             )
             getattr(reader, phrase.rule)(group, phrase)
-            if phrase.rule == "motion":
+            if phrase.rule in ("motion", "travel"):
                 self._patrols(group, phrase)
+                self._moved_until = phrase.span.end
+
+    def _of_the_drone(self) -> bool:
+        """Whether the drone is the subject, or nobody, as of an order to the drone."""
+        return self.groups.subject_is_mission or not self.groups.in_sentence
 
     def _everyone(self, subject: list[str], phrase: Phrase) -> list[str]:
         """All parts of a divided group after `everyone` and `all`, and what was the subject else."""
@@ -643,9 +688,11 @@ class TextReader:
         return False
 
     def _patrols(self, group: str, phrase: Phrase) -> None:
-        motion = phrase.first("MOTION")
+        motion, direction = phrase.first("MOTION"), phrase.first("DIR")
         if motion is not None and isinstance(motion.value, MotionWords) and motion.value.patrol:
             self.places.patrol(group, phrase.span)
+        if direction is not None and isinstance(direction.value, int | float):
+            self.places.travel(group, float(direction.value), phrase.span)
 
     # What is said of the rest.
 
@@ -692,8 +739,9 @@ class TextReader:
         self.intelligence_reader.finish()
         self.weather_reader.finish()
         self.ground.finish()
-        self.roads.finish()
-        self.places.finish(self.roads.laid_out)
+        self.roads.finish(self.places.travels)
+        self.places.finish(self.roads.laid_out, self.ground.box)
+        self.escort.finish()
         self.rules.finish()
 
 

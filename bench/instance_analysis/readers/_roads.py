@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from .._draft import Draft, FieldPath
@@ -11,7 +12,7 @@ from ..language._phrases import Part, Phrase, Quantity, stepped
 from ..language._tokens import Span
 from ..language._vocabulary import Defaults
 from ._ground import GroundReader
-from ._places import PlaceReader, Point, places_in
+from ._places import PlaceReader, Point, across, places_in
 from ._traits import DIRECTIONS, IMMOVABLE, length_of
 
 WEST_TO_EAST, NORTH_TO_SOUTH = 90.0, 0.0
@@ -244,8 +245,9 @@ class RoadReader:
 
     # At the end.
 
-    def finish(self) -> None:
+    def finish(self, travels: Mapping[str, tuple[float, Span]]) -> None:
         """Lay out the roads in the finished area, and place the groups that depend on them."""
+        self._follow(travels)
         if self._hinted is not None and not self.roads:
             self._draft.unread(self._hinted.span, "stands by itself", expressible=True)
         west, south, east, north = self._ground.box
@@ -268,6 +270,14 @@ class RoadReader:
             road.id: self._draft.entries[("world", "roads", road.id, "points")].value for road in self.roads
         }
 
+    def _follow(self, travels: Mapping[str, tuple[float, Span]]) -> None:
+        """Let a road without a course run the way in which a group moves on it."""
+        for group, (heading_deg, span) in travels.items():
+            along = self._draft.entries.get(("actors", group, "placement", "along", "road"))
+            for road in self.roads:
+                if along is not None and along.value == road.id and road.axis is None and not road.points:
+                    road.axis, road.axis_span = heading_deg % 180, span
+
     def _defaults_of_axes(self) -> None:
         free = [road for road in self.roads if road.axis is None and not road.points]
         taken = [road.axis for road in self.roads if road.axis is not None]
@@ -288,22 +298,9 @@ class RoadReader:
 
     def _line(self, road: RoadDraft) -> list[Point]:
         """A straight line from edge to edge through the centre of the area."""
-        west, south, east, north = self._ground.box
-        middle_e, middle_n = (west + east) / 2, (south + north) / 2
-        radians = math.radians(WEST_TO_EAST if road.axis is None else road.axis)
-        to_e, to_n = round(math.sin(radians), 9), round(math.cos(radians), 9)
-        reach = min(
-            (span / abs(to) for span, to in (((east - west) / 2, to_e), ((north - south) / 2, to_n)) if to),
-            default=0.0,
-        )
-        sign = 1.0 if to_e > 0 or (to_e == 0 and to_n < 0) else -1.0
-        return [
-            {
-                "east_m": round(middle_e + end * sign * reach * to_e, 3),
-                "north_m": round(middle_n + end * sign * reach * to_n, 3),
-            }
-            for end in (-1.0, 1.0)
-        ]
+        degrees = WEST_TO_EAST if road.axis is None else road.axis
+        # A road runs from west to east, and one without a side to either from north to south.
+        return across(self._ground.box, degrees or 180.0)
 
 
 def _named(axis: float | None) -> str:

@@ -88,7 +88,8 @@ def _rule(sentence: SentenceRuns, run: Run) -> Phrase | None:
         # A target is only spoken of where it may be marked.
         marking = "rules.no_mark_within_m" in rule.sets
         things = roles - {Role.BYSTANDER} - ({Role.ADVERSARY} if marking else set())
-        fits = rule.of == about and not things and "DIR" not in kinds and rule.takes(numbers)
+        speaks_of = rule.of == "escort" or (rule.of == about and not things)
+        fits = speaks_of and "DIR" not in kinds and rule.takes(numbers)
         if not fits or (excepted and not _HEIGHTS & set(rule.sets)):
             continue
         signs = measured.signs(compiled, sentence.context)
@@ -150,7 +151,9 @@ def _is_accounted_for(run: Run, rule: RuleForm, signs: list[Span]) -> bool:
         # `when a person is within 50 m`: what a distance to people is for.
         others = [word for word in others if not _is_a_situation(word, run) and word.text.lower() != "one"]
     if rule.loose:
-        return {word.load for word in others} <= {Load.NEGATION, Load.CONDITION}
+        # `any hostile is reported before ...`: an escort is warned of everybody.
+        loads = {Load.NEGATION, Load.CONDITION} | ({Load.QUANTIFIER} if rule.of == "escort" else set())
+        return {word.load for word in others} <= loads
     denials = [word for word in run.loaded if word.load is Load.NEGATION]
     conditions = [word for word in run.loaded if word.load is Load.CONDITION]
     return not others and len(denials) <= 1 and len(conditions) <= 1 and not _UNREAD.search(run.plain)

@@ -14,6 +14,8 @@ from ..language._vocabulary import MotionWords
 DIRECTIONS = {"north": 0.0, "east": 90.0, "south": 180.0, "west": 270.0}
 PERSONS = frozenset(["civilian", "child", "aid-worker", "soldier"])
 IMMOVABLE = frozenset(["house", "shed", "tree", "crate"])
+VEHICLES = frozenset(["civilian-car"])
+"""Civilian vehicles: people sit in those that move."""
 ROOFED = frozenset(["house", "shed"])
 """What one can be inside of."""
 DEFAULT_SPEED_NOTE = "the word's own speed"
@@ -35,7 +37,9 @@ class TraitReader:
     Each rule of the grammar is read by the method with its name.
     """
 
-    RULES = frozenset(["motion", "radius", "concealment", "density", "sought"])
+    RULES = frozenset(
+        ["motion", "travel", "depart", "halt", "nonstop", "radius", "concealment", "density", "sought"]
+    )
 
     def __init__(
         self, draft: Draft, who: DensityWriter, refine: Callable[[str, Quantity, Span], None]
@@ -56,6 +60,34 @@ class TraitReader:
         assert motion is not None
         speed = phrase.first("SPEED")
         put_motion(self._draft, group, motion, speed)
+
+    def travel(self, group: str, phrase: Phrase) -> None:
+        """`towards the west`: the way itself is laid out with the ground."""
+        if ("actors", group, "motion", "kind") not in self._draft.entries:
+            self._draft.unread(phrase.span, "the text does not say that it moves", expressible=True)
+
+    def depart(self, group: str, phrase: Phrase) -> None:
+        self._moment(group, phrase, "depart_s", time_of(phrase))
+
+    def halt(self, group: str, phrase: Phrase) -> None:
+        time = time_of(phrase)
+        depart = self._draft.entries.get(("actors", group, "motion", "depart_s"))
+        if depart is not None and phrase.first("AFTER") and not phrase.first("HOME"):
+            # `sets off at 60 s and halts after two minutes`.
+            later = Quantity("TIME", time.low + depart.value, time.high + depart.value)
+            readings = [f"{time.low:g} s after the start", f"{time.low:g} s after it has set off"]
+            time = (time, later)[self._draft.ask(phrase.span, "from when on is this counted?", readings)]
+        self._moment(group, phrase, "halt_s", time)
+
+    def _moment(self, group: str, phrase: Phrase, name: str, time: Quantity) -> None:
+        """Set a time of a group's motion; what sets off or halts does move."""
+        base: FieldPath = ("actors", group, "motion")
+        if (*base, "kind") not in self._draft.entries:
+            self._draft.put((*base, "kind"), "wander", None, "the text says when it moves")
+        self._draft.vary((*base, name), time.low, time.high, phrase.span, unit="s")
+
+    def nonstop(self, group: str, phrase: Phrase) -> None:
+        self._draft.put(("actors", group, "motion", "pause_s"), 0.0, phrase.span)
 
     def radius(self, group: str, phrase: Phrase) -> None:
         base: FieldPath = ("actors", group, "motion")
@@ -113,6 +145,14 @@ def put_motion(draft: Draft, group: str, part: Part, speed: Part | None) -> None
         put_speed(draft, group, speed.value, speed.span)
     elif part.value.speed_mps is not None and (*base, "speed_mps") not in draft.entries:
         draft.put((*base, "speed_mps"), part.value.speed_mps, part.span, DEFAULT_SPEED_NOTE)
+
+
+def time_of(phrase: Phrase) -> Quantity:
+    """The time that a phrase states, in seconds."""
+    part = phrase.first("TIME")
+    assert part is not None
+    assert isinstance(part.value, Quantity)
+    return part.value
 
 
 def length_of(draft: Draft, phrase: Phrase) -> Quantity:

@@ -1,0 +1,97 @@
+"""Reads whom the drone escorts: the group, how near the drone stays to it, and how early the drone warns it."""
+
+from __future__ import annotations
+
+import re
+
+from bench.simspec import Role
+
+from .._draft import Draft, FieldPath
+from ..language._phrases import Phrase
+from ..language._tokens import Span
+from ._groups import GroupRegister
+from ._traits import IMMOVABLE, length_of
+
+ESCORT: FieldPath = ("mission", "escort")
+_ESCORTS = re.compile(r"(?:escort|accompan|protect|guard|shadow)\w*$", re.IGNORECASE)
+"""What the drone does with a group that it escorts, and with nothing else."""
+
+
+class EscortReader:
+    """Reads the escort of a text. `finish` leaves out one whose group is open or has no way."""
+
+    def __init__(self, draft: Draft, groups: GroupRegister) -> None:
+        self._draft, self._groups = draft, groups
+        self._first: Span | None = None
+
+    def read(self, phrase: Phrase) -> bool:
+        """Read `the drone accompanies the cars within 60 m`, and `it stays within 60 m of the convoy`.
+
+        False for a distance of the drone from anything that it does not escort.
+        """
+        part = phrase.first("NEAR")
+        verb = part is not None and _ESCORTS.match(self._draft.quote(part.span)) is not None
+        if phrase.rule not in ("near", "within", "exact") or not phrase.refs:
+            return False
+        if not verb and not self._is_of_the_escorted(phrase.refs[0]):
+            return False
+        groups = self._groups.convoys if phrase.refs[0].has("THEM") else self._groups.groups_in(phrase)
+        if len(groups) != 1 or not self._may_be_escorted(groups[0]):
+            self._draft.unread(phrase.span, "an escort is of one group that moves and is no target")
+            return True
+        self._first = self._first or phrase.span
+        self._draft.put((*ESCORT, "group"), groups[0], phrase.span)
+        if phrase.has("LENGTH"):
+            length = length_of(self._draft, phrase)
+            self._draft.vary((*ESCORT, "within_m"), length.high, length.high, phrase.span, unit="m")
+        return True
+
+    def _is_of_the_escorted(self, ref: Phrase) -> bool:
+        """Whether a reference means the convoy of the text, or the group that it escorts."""
+        if ref.has("CONVOY", "THEM"):
+            return len(self._groups.convoys) == 1
+        group = self._draft.entries.get((*ESCORT, "group"))
+        asset = ref.first("ASSET")
+        return asset is not None and group is not None and self._groups.kinds.get(group.value) == asset.value
+
+    def _may_be_escorted(self, group: str) -> bool:
+        return self._groups.asset(group) not in IMMOVABLE and self._groups.role(group) not in (
+            Role.ADVERSARY,
+            Role.SOUGHT,
+        )
+
+    def finish(self) -> None:
+        """Complete the escort by the only convoy of the text; leave it out where its group has no way."""
+        stated = {path: entry for path, entry in self._draft.entries.items() if path[:2] == ESCORT}
+        if not stated:
+            return
+        spans = [entry.span for entry in stated.values() if entry.span is not None]
+        group = self._draft.entries.get((*ESCORT, "group"))
+        if (
+            group is None
+            and len(self._groups.convoys) == 1
+            and self._may_be_escorted(self._groups.convoys[0])
+        ):
+            self._draft.put((*ESCORT, "group"), self._groups.convoys[0], spans[0])
+            group = self._draft.entries[(*ESCORT, "group")]
+        why = "the text does not say who is escorted" if group is None else self._fault_of(group.value)
+        if why:
+            self._draft.forget(ESCORT)
+            for span in spans:
+                self._draft.unread(span, why, expressible=True)
+            return
+        assert group is not None
+        base: FieldPath = ("actors", group.value)
+        if self._groups.role(group.value) is Role.CLUTTER:
+            self._draft.forget((*base, "role"))
+            self._draft.put(
+                (*base, "role"), str(Role.BYSTANDER), group.span, "an escorted group is protected"
+            )
+        if (*base, "motion", "pause_s") not in self._draft.entries:
+            self._draft.put((*base, "motion", "pause_s"), 0.0, None, "an escorted group does not rest")
+
+    def _fault_of(self, group: str) -> str:
+        kind = self._draft.entries.get(("actors", group, "motion", "kind"))
+        if kind is None or kind.value != "patrol":
+            return "the escorted group needs a way: say from where to where it moves"
+        return ""
