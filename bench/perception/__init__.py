@@ -1,5 +1,5 @@
-"""Perception: what is made of a camera frame, by the truth or by a stated error model, and models fitted to
-recordings.
+"""Perception: what is made of a camera frame, by the truth or by a stated error model; a tracker for detections; and
+models fitted to recordings.
 """
 
 from __future__ import annotations
@@ -8,3 +8,7 @@ from ._detectors import open_detector as open_detector
 from ._odds import Clarity as Clarity
 from ._odds import DetectionOdds as DetectionOdds
 from ._picture_detector import PictureDetector as PictureDetector
+from ._tracker import KalmanTracker as KalmanTracker
+from ._tracker import TrackerSettings as TrackerSettings
+from ._tracker import ground_homography as ground_homography
+from ._tracker import ground_warp as ground_warp
