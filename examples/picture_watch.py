@@ -1,7 +1,8 @@
-"""An agent that receives the camera's pictures, raw and as JPEG, and prints a line of JSON for each of them.
+"""An agent that receives the cameras' pictures, raw and as JPEG, and prints a line of JSON for each of them.
 
 The lines are in agent.log of the session: topic, stamp, size, encoding, and the SHA-256 of the pixels (raw) or of the
-file (JPEG). It does not fly. examples/picture_watch.yaml is its manifest.
+file (JPEG). It does not fly. examples/picture_watch.yaml is its manifest; the option `cameras` names the cameras,
+`front,down` for example.
 """
 
 from __future__ import annotations
@@ -12,8 +13,6 @@ import os
 
 from agent_adapters.client import Wanted, open_bench, read_environment
 from bench.streams import CompressedImage, Image, Sample
-
-CAMERA = os.environ.get("CAMERA", "front")
 
 
 def described(sample: Sample) -> dict[str, object]:
@@ -37,8 +36,12 @@ def described(sample: Sample) -> dict[str, object]:
 def main() -> None:
     """Receive until the bench ends the session."""
     environment = read_environment(os.environ)
-    pictures = f"/{environment.vehicle}/camera/{CAMERA}/image_raw"
-    wanted = (Wanted(pictures, Image), Wanted(f"{pictures}/compressed", CompressedImage))
+    cameras = str(environment.options.get("cameras", "front")).split(",")
+    topics = [f"/{environment.vehicle}/camera/{camera}/image_raw" for camera in cameras]
+    wanted = (
+        *(Wanted(topic, Image) for topic in topics),
+        *(Wanted(f"{topic}/compressed", CompressedImage) for topic in topics),
+    )
     with open_bench("picture_watch", environment, wanted) as bench:
         for moment in bench.moments("picture-watch"):
             for sample in moment.samples:

@@ -14,11 +14,9 @@ from ._camera import ActorPixels as ActorPixels
 from ._camera import RenderedCamera as RenderedCamera
 from ._camera import RenderedFrame as RenderedFrame
 from ._camera import actors_in as actors_in
-from ._camera import lens_of as lens_of
 from ._camera import open_camera as open_camera
 from ._camera import pose_of as pose_of
 from ._camera import stage_of as stage_of
-from ._canvas import undistort as undistort
 from ._conditions import Conditions as Conditions
 from ._conditions import Exposure as Exposure
 from ._conditions import conditions_of as conditions_of

@@ -11,7 +11,6 @@ from scipy.ndimage import find_objects
 
 from bench.arrays import Floats
 from bench.contracts import (
-    NO_DISTORTION,
     CameraPose,
     CastMember,
     Ground,
@@ -22,6 +21,7 @@ from bench.contracts import (
     Stage,
     VehicleState,
     cast_of,
+    lens_of,
 )
 from bench.simspec import Camera, Seeds, SimSpec, generator
 
@@ -52,7 +52,7 @@ class ActorPixels:
 class RenderedFrame:
     """One frame as the camera sends it, and what it shows.
 
-    `state.frozen`: `bgr` is an older picture, and so is `picture`, which holds the truth about the pixels.
+    `state.shown` is the frame whose picture `bgr` is, and `picture` holds the truth about the pixels of that one.
     """
 
     state: FrameState
@@ -64,11 +64,17 @@ class RenderedCamera:
     """Pictures of one SimSpec from one camera. Each depends on its arguments alone: frames may be left out."""
 
     def __init__(
-        self, stage: Stage, conditions: Conditions, seeds: Seeds, open_renderer: OpenRenderer
+        self,
+        stage: Stage,
+        conditions: Conditions,
+        seeds: Seeds,
+        open_renderer: OpenRenderer,
+        number: int = 0,
     ) -> None:
+        """`number` is the camera's among those of its vehicle: each has noise and faults of its own."""
         self.stage = stage
         self.conditions = conditions
-        self.sensor = Sensor(stage.lens, conditions, seeds)
+        self.sensor = Sensor(stage.lens, conditions, seeds, number)
         self._renderer = open_renderer(stage)
         self._last: RenderedFrame | None = None
 
@@ -77,18 +83,23 @@ class RenderedCamera:
     ) -> RenderedFrame | None:
         """Frame `number` of the camera; None when the camera loses it.
 
-        A frozen camera repeats the picture that it sent last. A caller that leaves out frames must still capture the
-        frame that a freeze repeats (`sensor.state(number).shown`), or it gets the present picture.
+        A frozen camera repeats the picture that it sent last, and the frame's `state.shown` says which. If the caller
+        left that one out, nothing can be repeated: the frame shows the present, and freezes repeat it from then on.
         """
         state = self.sensor.state(number)
         if state.shown is None:
             return None
-        if state.frozen and self._last is not None:
-            return replace(self._last, state=state)
+        if state.frozen and self._last is not None and self._repeats(self._last.state.number, state.shown):
+            return replace(self._last, state=replace(state, shown=self._last.state.number))
         picture = self._renderer.render(pose, positions_enu_m, headings_rad)
         bgr = self.sensor.expose(picture.bgr, pose, axis_distance_m(pose), number)
-        self._last = RenderedFrame(state, bgr, picture)
+        self._last = RenderedFrame(replace(state, shown=number), bgr, picture)
         return self._last
+
+    def _repeats(self, last: int, shown: int) -> bool:
+        """Whether the camera has sent no picture from frame `last`, not included, to frame `shown`."""
+        between = (self.sensor.state(number) for number in range(last + 1, shown + 1))
+        return not any(state.shown == state.number for state in between)
 
 
 def open_camera(
@@ -97,18 +108,25 @@ def open_camera(
     *,
     conditions: Conditions | None = None,
     ground: GroundType | None = None,
-    distortion: tuple[float, float, float, float, float] = NO_DISTORTION,
     open_renderer: OpenRenderer = open_opencv_renderer,
+    world: Stage | None = None,
 ) -> RenderedCamera:
-    """The camera of a realized SimSpec; `camera`, `conditions` and `ground` default to the SimSpec's own.
+    """A camera of a realized SimSpec; `camera`, `conditions` and `ground` default to the SimSpec's own.
 
-    Raises SetupError for an asset without a look, and for a distortion that cannot be drawn.
+    `world` is the stage of another camera of the same SimSpec, whose ground and looks are shared. Raises SetupError for
+    an asset without a look, and for a distortion that cannot be drawn.
     """
     camera = camera or simspec.vehicle.camera
     conditions = conditions or conditions_of(simspec, camera)
-    lens = replace(lens_of(camera), distortion=distortion)
-    stage = stage_of(simspec, lens, conditions, ground or GroundType(simspec.world.ground))
-    return RenderedCamera(stage, conditions, simspec.seeds, open_renderer)
+    lens = lens_of(camera)
+    if world is None:
+        stage = stage_of(simspec, lens, conditions, ground or GroundType(simspec.world.ground))
+    else:
+        stage = replace(world, lens=lens, light=light_of_conditions(conditions))
+    # A camera that is not in the SimSpec stands in for its main one.
+    names = [each.name for each in simspec.vehicle.cameras]
+    number = names.index(camera.name) if camera.name in names else 0
+    return RenderedCamera(stage, conditions, simspec.seeds, open_renderer, number)
 
 
 def stage_of(
@@ -143,22 +161,13 @@ def stage_of(
     return Stage(lens, ground, light_of_conditions(conditions), looks)
 
 
-def lens_of(camera: Camera) -> Lens:
-    """The lens of a SimSpec's camera: square pixels, axis through the middle, no distortion."""
-    focal_px = camera.width_px / 2.0 / math.tan(math.radians(camera.horizontal_fov_deg) / 2.0)
-    return Lens(
-        camera.name,
-        camera.width_px,
-        camera.height_px,
-        focal_px,
-        focal_px,
-        camera.width_px / 2.0,
-        camera.height_px / 2.0,
-    )
+def pose_of(state: VehicleState, axes_enu: Floats, *, stabilized: bool = False) -> CameraPose:
+    """The pose of a camera with these axes on a vehicle, at the vehicle's position.
 
-
-def pose_of(state: VehicleState, axes_enu: Floats) -> CameraPose:
-    """The pose of a camera with these axes on a vehicle, at the vehicle's position, turning as its body does."""
+    It turns as the vehicle's body does; on a stabilized mount as the heading alone. A gimbal's own turning is left out.
+    """
+    if stabilized:
+        state = _level_motion(state)
     roll, pitch, yaw = state.roll_rad, state.pitch_rad, state.yaw_rad
     sr, cr, sp, cp, sy, cy = (
         math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch), math.sin(yaw), math.cos(yaw),
@@ -179,6 +188,15 @@ def pose_of(state: VehicleState, axes_enu: Floats) -> CameraPose:
         np.array(state.velocity_enu_mps, dtype=np.float64),
         axes_enu @ rates_enu,
     )
+
+
+def _level_motion(state: VehicleState) -> VehicleState:
+    """The attitude and turning of a mount that follows heading alone."""
+    _, pitch_radps, yaw_radps = state.rates_body_radps
+    roll, pitch = state.roll_rad, state.pitch_rad
+    # The rate of the Euler angle yaw. No multicopter flies at a pitch near 90 degrees; the bound keeps it finite.
+    turning = (pitch_radps * math.sin(roll) + yaw_radps * math.cos(roll)) / max(0.1, math.cos(pitch))
+    return replace(state, roll_rad=0.0, pitch_rad=0.0, rates_body_radps=(0.0, 0.0, turning))
 
 
 def axis_distance_m(pose: CameraPose) -> float:

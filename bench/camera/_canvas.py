@@ -10,36 +10,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.arrays import Floats
-from bench.contracts import NO_DISTORTION, Lens
+from bench.contracts import NO_DISTORTION, Lens, distortion_faults
 from bench.errors import Fault, SetupError
 
 P = TypeVar("P", np.uint8, np.uint16, np.float32)
 
-_ITERATIONS = 30
-_TOLERANCE = 1e-6
 MAX_ENLARGEMENT = 2.5
 """A canvas this many times wider or higher than the picture costs its square: a fisheye lens needs another renderer."""
-
-
-def undistort(lens: Lens, rays: Floats) -> Floats:
-    """(..., 2) the rays (x/z, y/z) that the lens puts at `rays`. Raises SetupError where the model has no inverse."""
-    undistorted = rays.copy()
-    for _ in range(_ITERATIONS):
-        # Fixed point: what distortion adds changes slowly over the picture.
-        undistorted -= lens.distort(undistorted) - rays
-        # Where there is no inverse the steps grow without bound; ten focal lengths are beyond any lens.
-        np.clip(undistorted, -10.0, 10.0, out=undistorted)
-    worst = float(np.abs(lens.distort(undistorted) - rays).max())
-    if not worst < _TOLERANCE:
-        raise SetupError(
-            Fault(
-                f"camera {lens.name}: distortion",
-                f"the model folds over inside the picture (k1, k2, p1, p2, k3 = {lens.distortion})",
-                "give coefficients that were calibrated for this field of view, or a narrower one",
-            )
-        )
-    return undistorted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,12 +29,14 @@ class Canvas:
 
     @classmethod
     def of(cls, lens: Lens) -> Self:
-        """The canvas of a lens."""
+        """The canvas of a lens. Raises SetupError for a distortion that folds over or needs too large a canvas."""
         if lens.distortion == NO_DISTORTION:
             return cls(lens, None, None)
+        if faults := distortion_faults(lens):
+            raise SetupError(faults)
         columns, rows = np.meshgrid(np.arange(lens.width_px) + 0.5, np.arange(lens.height_px) + 0.5)
         distorted = np.stack(((columns - lens.cx) / lens.fx, (rows - lens.cy) / lens.fy), axis=-1)
-        rays = undistort(lens, distorted)
+        rays = lens.undistort(distorted)
         # A margin of two pixels lets interpolation at the border find neighbours.
         left = max(0, math.ceil(float((-rays[..., 0]).max()) * lens.fx - lens.cx) + 2)
         right = max(0, math.ceil(float(rays[..., 0].max()) * lens.fx + lens.cx - lens.width_px) + 2)

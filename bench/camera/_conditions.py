@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.arrays import Floats
 from bench.contracts import Light
-from bench.simspec import Camera, SimSpec, sun_of
+from bench.simspec import DUST_EXTINCTION_PER_M, Camera, SimSpec, sun_of
 
 _CLEAR_EXTINCTION_PER_M = 1.5e-4
 """A meteorological range of 26 km, a clear day; the detection model's clear air absorbs nothing at all."""
@@ -32,16 +32,13 @@ _DARKNESS_KEPT = 0.1
 _WHITE_BALANCE = 0.35
 """The share of the light's colour that the camera takes out, as a power (assumed)."""
 
-_DUST_EXTINCTION_PER_M = 2.4e-4
-"""For each level squared: a range of 200 m at level 9 (assumed)."""
-
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
     """All that changes a picture beside the scene. Levels go from 0 (none) to 9 (the worst), shares from 0 to 1.
 
-    `extinction_per_m` is that of fog and rain, to which clear air and dust are added. `shutter_s` None: the camera
-    chooses. A frame is lost with probability `dropped_share`; with `frozen_share` the camera repeats its last picture,
+    `extinction_per_m` is that of fog and rain, to which clear air and dust are added, and `dust_extinction_per_m` that
+    of dust at level 1, which grows as the level squared. `shutter_s` None: the camera chooses. A frame is lost with probability `dropped_share`; with `frozen_share` the camera repeats its last picture,
     in stretches of `frozen_frames` on average.
     """
 
@@ -51,6 +48,7 @@ class Conditions:
     rain_level: float = 0.0
     fog_level: float = 0.0
     dust_level: float = 0.0
+    dust_extinction_per_m: float = DUST_EXTINCTION_PER_M
     exposure_ev: float = 0.0
     shutter_s: float | None = None
     noise: float = 1.0
@@ -61,19 +59,22 @@ class Conditions:
 
 
 def conditions_of(simspec: SimSpec, camera: Camera | None = None) -> Conditions:
-    """What a SimSpec states: sun, fog and rain, with the extinction of its detection model, and the camera's own state.
-
-    `camera` defaults to the vehicle's. Dust has no field in a SimSpec.
+    """What a SimSpec states: sun, fog, rain and dust, with the extinction of its detection model, and the camera's own
+    state. `camera` defaults to the vehicle's main one.
     """
     sun, camera = sun_of(simspec), camera or simspec.vehicle.camera
     weather, model = simspec.environment, simspec.perception.model
     return Conditions(
         sun.elevation_rad,
         sun.azimuth_rad,
-        # The same air for pixels as for simulated detections (docs/detection.md).
-        model.fog_extinction_per_m * weather.fog_level**2 + model.rain_extinction_per_m * weather.rain_level,
+        # The same air for pixels as for simulated detections (docs/detection.md). Dust is added apart: it is brown.
+        model.extinction_per_m(weather.model_copy(update={"dust_level": 0.0})),
         weather.rain_level,
         weather.fog_level,
+        weather.dust_level,
+        model.dust_extinction_per_m,
+        exposure_ev=camera.exposure_ev,
+        shutter_s=camera.shutter_s,
         noise=camera.noise,
         lens_dirt=camera.lens_dirt,
         dropped_share=camera.dropped_share,
@@ -175,6 +176,6 @@ def _sun_and_sky(elevation_rad: float, cloud: float) -> tuple[Floats, Floats]:
 
 def _air(conditions: Conditions) -> tuple[float, float]:
     """Extinction per metre of all there is in the air, and the share of dust in it."""
-    dust = _DUST_EXTINCTION_PER_M * conditions.dust_level**2
+    dust = conditions.dust_extinction_per_m * conditions.dust_level**2
     total = _CLEAR_EXTINCTION_PER_M + conditions.extinction_per_m + dust
     return total, dust / total

@@ -21,11 +21,9 @@ from ._conditions import Conditions, exposure_of
 CAMERA_PATH = 2
 """The camera's path in the random stream `perception`; the detector has 0 and 1 (docs/detection.md)."""
 
-_FRAME, _STAGE, _FREEZE = (
-    0,
-    1,
-    2,
-)  # what a generator is for: one frame, the whole session, one stretch of frames
+# What a generator is for: one frame, the whole session, one stretch of frames. 3 and 4 are the ground and the looks.
+_FRAME, _STAGE, _FREEZE = 0, 1, 2
+_FURTHER_CAMERA = 5
 
 _SPARE_PX = 128
 """Tiles of noise and rain are larger than the picture by this much, and lie at another offset in each frame."""
@@ -52,10 +50,12 @@ class FrameState:
 class Sensor:
     """Effects on pictures, from conditions and seeds."""
 
-    def __init__(self, lens: Lens, conditions: Conditions, seeds: Seeds) -> None:
+    def __init__(self, lens: Lens, conditions: Conditions, seeds: Seeds, number: int = 0) -> None:
+        """`number`: the place of the camera among those of its vehicle, of which each draws for itself."""
         self._lens, self._conditions, self._seeds = lens, conditions, seeds
+        self._path = (CAMERA_PATH,) if number == 0 else (CAMERA_PATH, _FURTHER_CAMERA, number)
         self.exposure = exposure_of(conditions)
-        random = generator(seeds, "perception", CAMERA_PATH, _STAGE)
+        random = self._random(_STAGE)
         size = (lens.height_px + _SPARE_PX, lens.width_px + _SPARE_PX)
         self._noise = self._noise_tiles(size, random)
         self._rain = _rain_tile(size, conditions.rain_level, random) if conditions.rain_level else None
@@ -89,7 +89,7 @@ class Sensor:
         return image
 
     def _random(self, *path: int) -> np.random.Generator:
-        return generator(self._seeds, "perception", CAMERA_PATH, *path)
+        return generator(self._seeds, "perception", *self._path, *path)
 
     def _last_live(self, number: int) -> int:
         """The latest frame up to `number` that the camera did not freeze.

@@ -93,6 +93,8 @@ from ._rendering import Picture as Picture
 from ._rendering import Pixels as Pixels
 from ._rendering import Renderer as Renderer
 from ._rendering import Stage as Stage
+from ._rendering import distortion_faults as distortion_faults
+from ._rendering import lens_of as lens_of
 from ._scene import CameraFrame as CameraFrame
 from ._scene import Detection as Detection
 from ._scene import DetectionFrame as DetectionFrame

@@ -10,6 +10,7 @@ i and row j covers [i, i + 1] x [j, j + 1].
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -18,11 +19,18 @@ from numpy.typing import NDArray
 
 from bench.arrays import Bools, Counts, Floats, Narrow
 from bench.clock import SimTime
+from bench.errors import Fault
+from bench.simspec import Camera
 
 Pixels = NDArray[np.uint8]
 Labels = NDArray[np.uint16]
 
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+_UNDISTORTION_STEPS = 30
+_UNDISTORTION_TOLERANCE = 1e-6
+_BORDER_POINTS = 33
+"""On each side of the picture: a side of a distorted picture bends at most a few times."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +66,30 @@ class Lens:
             axis=-1,
         )
 
+    def undistort(self, rays: Floats) -> Floats:
+        """(..., 2) the rays (x/z, y/z) that the lens puts at `rays`; NaN where the model has no inverse."""
+        undistorted = np.array(rays, dtype=np.float64)
+        if self.distortion == NO_DISTORTION:
+            return undistorted
+        for _ in range(_UNDISTORTION_STEPS):
+            # Fixed point: what distortion adds changes slowly over the picture.
+            undistorted -= self.distort(undistorted) - rays
+            # Where there is no inverse the steps grow without bound; ten focal lengths are beyond any lens.
+            np.clip(undistorted, -10.0, 10.0, out=undistorted)
+        wrong = np.abs(self.distort(undistorted) - rays).max(axis=-1) >= _UNDISTORTION_TOLERANCE
+        undistorted[wrong] = np.nan
+        return undistorted
+
+    def border_rays(self) -> Floats:
+        """(n, 2) rays (x/z, y/z) around the border of the picture; NaN where the distortion has no inverse."""
+        share = np.linspace(0.0, 1.0, _BORDER_POINTS)
+        low, high = np.zeros_like(share), np.ones_like(share)
+        along = np.stack(
+            (np.concatenate((share, share, low, high)), np.concatenate((low, high, share, share)))
+        )
+        pixels = along.T * (self.width_px, self.height_px)
+        return self.undistort((pixels - (self.cx, self.cy)) / (self.fx, self.fy))
+
     def project(self, points_optical_m: Floats) -> Floats:
         """(..., 2) pixels of (..., 3) points in the optical frame; NaN for what is not in front of the camera."""
         points = np.asarray(points_optical_m, dtype=np.float64)
@@ -65,6 +97,34 @@ class Lens:
         depth = np.where(points[..., 2] > 0.0, points[..., 2], np.nan)
         rays = self.distort(points[..., :2] / depth[..., None])
         return np.stack((self.cx + self.fx * rays[..., 0], self.cy + self.fy * rays[..., 1]), axis=-1)
+
+
+def lens_of(camera: Camera) -> Lens:
+    """The lens of a SimSpec's camera: square pixels, axis through the middle."""
+    focal_px = camera.width_px / 2.0 / math.tan(math.radians(camera.horizontal_fov_deg) / 2.0)
+    return Lens(
+        camera.name,
+        camera.width_px,
+        camera.height_px,
+        focal_px,
+        focal_px,
+        camera.width_px / 2.0,
+        camera.height_px / 2.0,
+        camera.distortion.coefficients,
+    )
+
+
+def distortion_faults(lens: Lens) -> list[Fault]:
+    """A fault if the distortion folds over inside the picture, so that two points of the world share a pixel."""
+    if not np.isnan(lens.border_rays()).any():
+        return []
+    return [
+        Fault(
+            f"camera {lens.name}: distortion",
+            f"the model folds over inside the picture (k1, k2, p1, p2, k3 = {lens.distortion})",
+            "give coefficients that were calibrated for this field of view, or a narrower one",
+        )
+    ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

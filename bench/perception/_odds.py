@@ -32,13 +32,8 @@ class DetectionOdds:
     @classmethod
     def of(cls, simspec: SimSpec) -> DetectionOdds:
         """The odds in the weather and light of a SimSpec; light is that of its start."""
-        model, weather = simspec.perception.model, simspec.environment
-        # Fog counts with its square: the default levels then span the meteorological ranges of
-        # docs/detection.md, 1300 m at level 5 and 400 m at level 9.
-        extinction = (
-            model.fog_extinction_per_m * weather.fog_level**2
-            + model.rain_extinction_per_m * weather.rain_level
-        )
+        model = simspec.perception.model
+        extinction = model.extinction_per_m(simspec.environment)
         return cls(model, extinction, light_of(sun_of(simspec).elevation_rad, model.night_contrast))
 
     def clarity(self, sighting: Sighting, concealment: float) -> Clarity:

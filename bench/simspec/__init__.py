@@ -52,6 +52,7 @@ from ._ground import Polygon as Polygon
 from ._ground import Road as Road
 from ._ground import World as World
 from ._perception import CLASS_LABELS as CLASS_LABELS
+from ._perception import DUST_EXTINCTION_PER_M as DUST_EXTINCTION_PER_M
 from ._perception import DetectionModel as DetectionModel
 from ._perception import Perception as Perception
 from ._perception import PerceptionSource as PerceptionSource
@@ -83,6 +84,7 @@ from ._sun import sun_at as sun_at
 from ._sun import sun_of as sun_of
 from ._vehicle import Battery as Battery
 from ._vehicle import Camera as Camera
+from ._vehicle import Distortion as Distortion
 from ._vehicle import Failure as Failure
 from ._vehicle import Gps as Gps
 from ._vehicle import OutsideLink as OutsideLink

@@ -10,6 +10,10 @@ from bench.documents import Document
 
 from ._assets import ASSETS
 from ._quantities import Fraction, NotNegative, Positive
+from ._weather import Environment
+
+DUST_EXTINCTION_PER_M = 0.00024
+"""Assumed: a meteorological range of 200 m at level 9."""
 
 CLASS_LABELS = tuple(sorted({asset.class_label for asset in ASSETS.values()}))
 """Every class label of the asset catalogue."""
@@ -40,6 +44,13 @@ class DetectionModel(Document):
     rain_extinction_per_m: Annotated[
         NotNegative, Field(description="Extinction per metre for each rain level.")
     ] = 0.0002
+    dust_extinction_per_m: Annotated[
+        NotNegative,
+        Field(
+            exclude_if=lambda extinction: extinction == DUST_EXTINCTION_PER_M,
+            description="Extinction per metre at dust level 1; grows as the level squared.",
+        ),
+    ] = DUST_EXTINCTION_PER_M
     night_contrast: Annotated[
         Fraction, Field(description="Remaining contrast when the sun is 6 degrees below the horizon.")
     ] = 0.25
@@ -123,6 +134,16 @@ class DetectionModel(Document):
             if sum(row.values()) > 1.0 + 1e-9:
                 raise ValueError(f"confusion[{label}]: the probabilities add up to more than 1")
         return self
+
+    def extinction_per_m(self, weather: Environment) -> float:
+        """Extinction by all that the weather puts into the air."""
+        # Fog and dust count with their square: the default levels of fog then span the meteorological ranges of
+        # docs/detection.md, 1300 m at level 5 and 400 m at level 9.
+        return (
+            self.fog_extinction_per_m * weather.fog_level**2
+            + self.rain_extinction_per_m * weather.rain_level
+            + self.dust_extinction_per_m * weather.dust_level**2
+        )
 
     @property
     def longest_latency_s(self) -> float:

@@ -16,6 +16,10 @@ def _is_zero(value: float) -> bool:
     return value == 0.0
 
 
+def _is_absent(value: object) -> bool:
+    return value is None
+
+
 class Gps(Document):
     """Error of satellite navigation: a slow second-order Gauss-Markov error, and white noise of each fix."""
 
@@ -35,6 +39,31 @@ class Gps(Document):
     ] = 0.05
 
 
+Coefficient = Annotated[float, Field(ge=-10.0, le=10.0)]
+
+
+class Distortion(Document):
+    """Distortion of a lens: the coefficients of Brown's model, which ROS calls `plumb_bob`.
+
+    k1, k2 and k3 are radial, p1 and p2 tangential, as OpenCV's calibration gives them. `horizontal_fov_deg` is the
+    field of view of the lens without its distortion.
+    """
+
+    k1: Coefficient = 0.0
+    k2: Coefficient = 0.0
+    p1: Coefficient = 0.0
+    p2: Coefficient = 0.0
+    k3: Coefficient = 0.0
+
+    @property
+    def coefficients(self) -> tuple[float, float, float, float, float]:
+        """In the order of sensor_msgs/CameraInfo: k1, k2, p1, p2, k3."""
+        return self.k1, self.k2, self.p1, self.p2, self.k3
+
+
+NO_LENS_DISTORTION = Distortion()
+
+
 class Camera(Document):
     """One camera. When `stabilized`, its mount keeps roll and pitch level."""
 
@@ -50,6 +79,14 @@ class Camera(Document):
     ] = 60.0
     stabilized: bool = True
     rate_hz: Annotated[float, Field(gt=0.0, le=50.0)] = 5.0
+    # Fields that came later are left out at their defaults, so that digests of published SimSpecs stay.
+    distortion: Annotated[
+        Distortion,
+        Field(
+            exclude_if=lambda distortion: distortion == NO_LENS_DISTORTION,
+            description="Distortion of the lens, in pictures, camera_info and the boxes of detections.",
+        ),
+    ] = NO_LENS_DISTORTION
     gimbal: Annotated[
         bool,
         Field(description="Whether MAVLink (gimbal protocol v2) can turn the mount. It starts at tilt_deg."),
@@ -101,6 +138,27 @@ class Camera(Document):
             description="Share of the frames in which the camera repeats its last picture, some five in a row.",
         ),
     ] = 0.0
+    exposure_ev: Annotated[
+        float,
+        Field(
+            ge=-5.0,
+            le=5.0,
+            exclude_if=_is_zero,
+            description="Exposure of the pictures against the automatic one, in stops: +1 is twice as bright.",
+        ),
+    ] = 0.0
+    shutter_s: Annotated[
+        float | None,
+        Field(
+            ge=1e-5,
+            le=1.0,
+            exclude_if=_is_absent,
+            description=(
+                "Time for which the shutter is open, which blurs what moves; when absent the camera chooses 1/2000 s to "
+                "1/60 s by the light."
+            ),
+        ),
+    ] = None
 
     @model_validator(mode="after")
     def _gimbal_is_level(self) -> Self:
@@ -208,7 +266,21 @@ class VehicleSpec(Document):
     name: Annotated[RosName, Field(description="Namespace of the vehicle's topics.")] = "vehicle_1"
     home: Home = Home(east_m=0.0, north_m=0.0)
     gps: Gps = Gps()
-    camera: Camera = Camera()
+    camera: Annotated[
+        Camera,
+        Field(
+            description="The main camera: detections, sightings and the MAVLink camera and gimbal are its own."
+        ),
+    ] = Camera()
+    more_cameras: Annotated[
+        tuple[Camera, ...],
+        Field(
+            max_length=7,
+            # Digests of SimSpecs with one camera stay as they were published.
+            exclude_if=lambda cameras: not cameras,
+            description="Further cameras, which give pictures alone. With `gimbal`, one hangs on the main camera's gimbal.",
+        ),
+    ] = ()
     battery: Battery = Battery()
     ground_truth: Annotated[
         bool,
@@ -244,3 +316,34 @@ class VehicleSpec(Document):
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise ValueError(f"outside_links: the name {twice[0]!r} stands twice; give each link its own")
         return self
+
+    @model_validator(mode="after")
+    def _cameras_fit_together(self) -> Self:
+        names = [camera.name for camera in self.cameras]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(
+                f"more_cameras: the name {twice[0]!r} stands twice; give each camera its own name (vehicle.camera has "
+                f"{self.camera.name!r})"
+            )
+        for index, camera in enumerate(self.more_cameras):
+            if camera.mavlink:
+                raise ValueError(
+                    f"more_cameras[{index}].mavlink: only the main camera answers on MAVLink; set mavlink of "
+                    "vehicle.camera instead"
+                )
+            if camera.gimbal and not self.camera.gimbal:
+                raise ValueError(
+                    f"more_cameras[{index}].gimbal: the gimbal is the main camera's; set gimbal of vehicle.camera to true too"
+                )
+            # One gimbal has one direction: another tilt would be ignored without a word.
+            if camera.gimbal and camera.tilt_deg != self.camera.tilt_deg:
+                raise ValueError(
+                    f"more_cameras[{index}].tilt_deg: cameras on one gimbal look the same way; give it the tilt_deg of "
+                    f"vehicle.camera, {self.camera.tilt_deg:g}"
+                )
+        return self
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """Every camera of the vehicle, the main one first."""
+        return self.camera, *self.more_cameras

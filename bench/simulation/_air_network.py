@@ -93,6 +93,20 @@ class RecordedPublisher:
         return self.publisher.sequence if self.publisher is not None else 0
 
 
+@dataclass(frozen=True, slots=True)
+class CameraPublishers:
+    """The topics of one camera."""
+
+    info: RecordedPublisher
+    raw: RecordedPublisher
+    compressed: RecordedPublisher
+
+    @property
+    def all(self) -> tuple[RecordedPublisher, ...]:
+        """In the order in which they are advertised."""
+        return self.info, self.raw, self.compressed
+
+
 class AirNetwork:
     """Publishers and subscriptions of one session.
 
@@ -133,13 +147,18 @@ class AirNetwork:
         self.orders = recorded(topics.orders, String, depth=32)
         self.consents = recorded(topics.consents, String, depth=32)
         self.operator_link = recorded(topics.operator_link, String, depth=1)
-        self.camera_info = recorded(topics.camera_info(simspec.vehicle.camera.name), CameraInfo, SENSOR_DATA)
         self.detections = recorded(topics.detections, Detection2DArray, SENSOR_DATA)
-        camera = simspec.vehicle.camera
-        self.image_raw = recorded(topics.image_raw(camera.name), Image, SENSOR_DATA)
-        self.image_compressed = recorded(topics.image_compressed(camera.name), CompressedImage, SENSOR_DATA)
-        # A minute of raw pictures is 276 MB; their digests are in the recording, and JPEG when it is asked for.
-        self.image_raw.recorded, self.image_compressed.recorded = False, camera.record_frames
+        self.cameras = tuple(
+            CameraPublishers(
+                recorded(topics.camera_info(camera.name), CameraInfo, SENSOR_DATA),
+                recorded(topics.image_raw(camera.name), Image, SENSOR_DATA),
+                recorded(topics.image_compressed(camera.name), CompressedImage, SENSOR_DATA),
+            )
+            for camera in simspec.vehicle.cameras
+        )
+        for camera, publishers in zip(simspec.vehicle.cameras, self.cameras, strict=True):
+            # A minute of raw pictures is 276 MB; their digests are in the recording, and JPEG when it is asked for.
+            publishers.raw.recorded, publishers.compressed.recorded = False, camera.record_frames
         self._publishers = (
             self.clock,
             self.tf,
@@ -149,10 +168,8 @@ class AirNetwork:
             self.orders,
             self.consents,
             self.operator_link,
-            self.camera_info,
             self.detections,
-            self.image_raw,
-            self.image_compressed,
+            *(publisher for publishers in self.cameras for publisher in publishers.all),
         )
         # Sorted, because the order in which topics are read is the order of their records within a moment.
         names = sorted(topics.from_agent) if node else ()
@@ -185,8 +202,8 @@ class AirNetwork:
         for recorded in self._publishers:
             recorded.opened = True
         # In lockstep the hello alone decides: what the network knows at a moment depends on the host.
-        for pictures in (self.image_raw, self.image_compressed):
-            pictures.while_matched = True
+        for publishers in self.cameras:
+            publishers.raw.while_matched = publishers.compressed.while_matched = True
 
     def sent(self) -> dict[str, int]:
         """Samples published so far on every topic that the agent subscribes to."""
@@ -295,7 +312,6 @@ def open_air_network(
 ) -> Generator[AirNetwork]:
     """The air network of one session: an embedded router with one credential, on which truth never is."""
     topics = VehicleTopics(simspec.vehicle.name)
-    camera = simspec.vehicle.camera.name
     plan = AirPlan(
         domain=DOMAIN,
         agent_reads=(
@@ -307,10 +323,16 @@ def open_air_network(
             (topics.orders, String.TYPE),
             (topics.consents, String.TYPE),
             (topics.operator_link, String.TYPE),
-            (topics.camera_info(camera), CameraInfo.TYPE),
             (topics.detections, Detection2DArray.TYPE),
-            (topics.image_raw(camera), Image.TYPE),
-            (topics.image_compressed(camera), CompressedImage.TYPE),
+            *(
+                grant
+                for camera in simspec.vehicle.cameras
+                for grant in (
+                    (topics.camera_info(camera.name), CameraInfo.TYPE),
+                    (topics.image_raw(camera.name), Image.TYPE),
+                    (topics.image_compressed(camera.name), CompressedImage.TYPE),
+                )
+            ),
         ),
         agent_writes=tuple((topic, String.TYPE) for topic in topics.from_agent),
         agent_limit_bytes=MAX_DOCUMENT_BYTES,

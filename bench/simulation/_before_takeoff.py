@@ -11,6 +11,8 @@ from bench.contracts import (
     OpenVehicle,
     Vehicle,
     VehiclePlan,
+    distortion_faults,
+    lens_of,
     load_plugin,
 )
 from bench.errors import Fault, SetupError
@@ -33,6 +35,7 @@ def session_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
         *link_faults(spec, manifest),
         *pace_faults(spec, manifest),
         *service_faults(spec.agent.services),
+        *camera_faults(spec),
     ]
     try:
         load_plugin("rebar.scenes", spec.world.scene)
@@ -57,6 +60,11 @@ def session_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
         except SetupError as error:
             faults += error.faults
     return faults
+
+
+def camera_faults(spec: SimSpec) -> list[Fault]:
+    """Faults of cameras that cannot be drawn."""
+    return [fault for camera in spec.vehicle.cameras for fault in distortion_faults(lens_of(camera))]
 
 
 def link_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:

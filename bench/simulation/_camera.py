@@ -1,9 +1,9 @@
-"""The pinhole camera that a SimSpec describes, on the vehicle.
+"""A camera that a SimSpec describes, on the vehicle.
 
 Pixels are continuous: the picture spans [0, width] x [0, height] from its top left corner, and the axis meets
 its middle. Camera coordinates are ROS's optical frame (REP 103): x right, y down, z forward. The camera sits
 at the vehicle's position, without a lever arm. A stabilized mount takes roll and pitch out, so that only yaw
-turns the camera; on a gimbal the state's pan and tilt turn it further.
+turns the camera; on the gimbal the state's pan and tilt turn it further.
 """
 
 from __future__ import annotations
@@ -15,13 +15,15 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.contracts import VehicleState
+from bench.arrays import Floats
+from bench.contracts import NO_DISTORTION, Lens, VehicleState, distortion_faults, lens_of
+from bench.errors import SetupError
 from bench.simspec import Camera
 
 
 @dataclass(frozen=True, slots=True)
 class CameraNumbers:
-    """What sensor_msgs/CameraInfo holds: row-major matrices, and no distortion."""
+    """What sensor_msgs/CameraInfo holds: row-major matrices and the distortion."""
 
     width: int
     height: int
@@ -34,35 +36,39 @@ class CameraNumbers:
 
 @dataclass(frozen=True, slots=True)
 class PinholeCamera:
-    """Focal lengths `fx`, `fy` and principal point `cx`, `cy` in pixels, and the tilt of the axis below the
-    horizon, in radians.
+    """Lens, tilt of the axis below the horizon in radians, and mount of a camera.
+
+    `half_view` are the largest x/z and y/z of the rays that the picture shows, `view_radius` the largest root of the sum
+    of their squares.
     """
 
-    name: str
-    width_px: int
-    height_px: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
+    lens: Lens
     tilt_rad: float
     stabilized: bool
+    gimbal: bool
+    half_view: tuple[float, float]
+    view_radius: float
 
     @classmethod
     def of(cls, camera: Camera) -> Self:
-        """The camera of a SimSpec: square pixels, axis through the middle."""
-        focal_px = camera.width_px / 2.0 / math.tan(math.radians(camera.horizontal_fov_deg) / 2.0)
-        return cls(
-            camera.name,
-            camera.width_px,
-            camera.height_px,
-            focal_px,
-            focal_px,
-            camera.width_px / 2.0,
-            camera.height_px / 2.0,
-            math.radians(camera.tilt_deg),
-            camera.stabilized,
-        )
+        """The camera of a SimSpec: square pixels, axis through the middle.
+
+        Raises SetupError for a distortion that folds over inside the picture.
+        """
+        lens = lens_of(camera)
+        if faults := distortion_faults(lens):
+            raise SetupError(faults)
+        half_view = (lens.width_px / (2.0 * lens.fx), lens.height_px / (2.0 * lens.fy))
+        if lens.distortion != NO_DISTORTION:
+            across, down = np.abs(lens.border_rays()).max(axis=0).tolist()
+            half_view = (across, down)
+        radius = float(np.sqrt((lens.border_rays() ** 2).sum(axis=1)).max())
+        return cls(lens, math.radians(camera.tilt_deg), camera.stabilized, camera.gimbal, half_view, radius)
+
+    @property
+    def name(self) -> str:
+        """The camera's name in the SimSpec."""
+        return self.lens.name
 
     def axes_enu(self, state: VehicleState) -> NDArray[np.float64]:
         """(3, 3) the camera's right, down and forward axes as rows of ENU; takes ENU differences to camera
@@ -72,14 +78,16 @@ class PinholeCamera:
         # camera.
         roll, pitch = (0.0, 0.0) if self.stabilized else (state.roll_rad, state.pitch_rad)
         sr, cr, sp, cp = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
-        yaw = state.yaw_rad + (state.camera_pan_rad or 0.0)
+        # A fixed camera beside one on the gimbal keeps its direction.
+        yaw = state.yaw_rad + ((state.camera_pan_rad or 0.0) if self.gimbal else 0.0)
         sy, cy = math.sin(yaw), math.cos(yaw)
         # Body axes in ENU: columns of the usual yaw-pitch-roll matrix, with north and east swapped and down
         # turned up.
         ahead = (cp * sy, cp * cy, sp)
         right = (sr * sp * sy + cr * cy, sr * sp * cy - cr * sy, -sr * cp)
         below = (cr * sp * sy - sr * cy, cr * sp * cy + sr * sy, -cr * cp)
-        tilt = self.tilt_rad if state.camera_tilt_rad is None else state.camera_tilt_rad
+        turned = self.gimbal and state.camera_tilt_rad is not None
+        tilt = state.camera_tilt_rad if turned and state.camera_tilt_rad is not None else self.tilt_rad
         st, ct = math.sin(tilt), math.cos(tilt)
         down = [ct * b - st * a for a, b in zip(ahead, below, strict=True)]
         forward = [ct * a + st * b for a, b in zip(ahead, below, strict=True)]
@@ -94,22 +102,35 @@ class PinholeCamera:
         # comparison
         # false.
         depth = np.where(in_camera[..., 2] > 0.0, in_camera[..., 2], np.nan)
-        pixels: NDArray[np.float64] = np.stack(
-            (self.cx + self.fx * in_camera[..., 0] / depth, self.cy + self.fy * in_camera[..., 1] / depth),
-            axis=-1,
-        )
+        return self.pixels(in_camera[..., :2] / depth[..., None])
+
+    def pixels(self, rays: Floats) -> Floats:
+        """(..., 2) pixels of rays (x/z, y/z).
+
+        Beyond what the picture shows, the distortion at its border goes on: the model would fold over there, and bring
+        what is far outside back into the picture.
+        """
+        lens = self.lens
+        if lens.distortion != NO_DISTORTION:
+            radius = np.sqrt((rays * rays).sum(axis=-1, keepdims=True))
+            stretch = np.maximum(1.0, radius / self.view_radius)
+            rays = lens.distort(rays / stretch) * stretch
+        pixels: Floats = rays * (lens.fx, lens.fy) + (lens.cx, lens.cy)
         return pixels
 
     def camera_info(self) -> CameraNumbers:
         """The numbers of the camera's CameraInfo message."""
-        fx, fy, cx, cy = self.fx, self.fy, self.cx, self.cy
+        lens = self.lens
+        # ROS and OpenCV count from the middle of the first pixel, which would make both smaller by one half. Recordings
+        # of published SimSpecs are compared byte for byte, so they stay (docs/camera.md).
+        fx, fy, cx, cy = lens.fx, lens.fy, lens.cx, lens.cy
         return CameraNumbers(
-            width=self.width_px,
-            height=self.height_px,
+            width=lens.width_px,
+            height=lens.height_px,
             # sensor_msgs/CameraInfo has no model without distortion: plumb_bob with five zeros states the
             # same.
             distortion_model="plumb_bob",
-            d=(0.0,) * 5,
+            d=lens.distortion,
             k=(fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0),
             r=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
             p=(fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0),

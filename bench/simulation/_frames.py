@@ -5,13 +5,23 @@ from __future__ import annotations
 import math
 
 from bench.contracts import VehicleState
-from bench.simspec import SimSpec
+from bench.simspec import Camera, SimSpec
 from bench.streams import Quaternion
 
 
-def optical_frame(simspec: SimSpec) -> str:
-    """The camera's frame: x right, y down, z forward."""
-    return f"{simspec.vehicle.name}/camera_{simspec.vehicle.camera.name}_optical"
+def base_frame(simspec: SimSpec) -> str:
+    """The vehicle's body: x forward, y left, z up."""
+    return f"{simspec.vehicle.name}/base_link"
+
+
+def level_frame(simspec: SimSpec) -> str:
+    """Position and yaw of the body, without its roll and pitch."""
+    return f"{simspec.vehicle.name}/base_level"
+
+
+def optical_frame(simspec: SimSpec, camera: Camera) -> str:
+    """A camera's frame: x right, y down, z forward."""
+    return f"{simspec.vehicle.name}/camera_{camera.name}_optical"
 
 
 def body_in_map(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:

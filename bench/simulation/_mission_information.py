@@ -38,7 +38,6 @@ from bench.simspec import (
 )
 from bench.streams import (
     BoundingBox2D,
-    CameraInfo,
     Clock,
     Detection2D,
     Detection2DArray,
@@ -61,9 +60,9 @@ from bench.streams import (
 )
 
 from ._air_network import AirNetwork
-from ._camera import PinholeCamera
+from ._camera_messages import CameraMessages
 from ._consents import OperatorConsents
-from ._frames import body_in_map, optical_frame
+from ._frames import base_frame, body_in_map, level_frame
 
 # Sub-stream of the perception seed; the detector has 0 and 1.
 _LOSS_DRAWS = 2
@@ -81,13 +80,12 @@ class MissionInformation:
 
     def __init__(self, simspec: SimSpec, air: AirNetwork, scene: Scene) -> None:
         self._air = air
-        self._base = f"{simspec.vehicle.name}/base_link"
-        self._optical = optical_frame(simspec)
-        self._camera = PinholeCamera.of(simspec.vehicle.camera)
-        self._gimbal = simspec.vehicle.camera.gimbal
-        # A mount that keeps level does not sit on base_link but on a frame that shares only its place and
-        # yaw.
-        self._carrier = f"{simspec.vehicle.name}/base_level" if self._camera.stabilized else self._base
+        self._base, self._level = base_frame(simspec), level_frame(simspec)
+        cameras = [CameraMessages.of(simspec, camera) for camera in simspec.vehicle.cameras]
+        self._main = cameras[0]
+        self._fixed = [messages for messages in cameras if not messages.camera.gimbal]
+        self._turning = [messages for messages in cameras if messages.camera.gimbal]
+        self._any_level = any(messages.camera.stabilized for messages in cameras)
         self._order = mission_order(simspec)
         self._intelligence = deque(sorted(intelligence(simspec), key=lambda pair: (pair[0], pair[1].id)))
         self._orders = deque(orders(simspec))
@@ -126,13 +124,15 @@ class MissionInformation:
         air.clock.publish(now, Clock(clock=Time.of(now.ns)))
         if not self._mission_published:
             self._mission_published = True
-            if not self._gimbal:
-                air.tf_static.publish(now, TFMessage(transforms=(self._mount(now),)))
+            if self._fixed:
+                # In one message: the topic is latched with a depth of one.
+                mounts = tuple(messages.mount(now) for messages in self._fixed)
+                air.tf_static.publish(now, TFMessage(transforms=mounts))
             air.mission.publish_document(now, self._order)
         air.tf.publish(now, self._pose(now, vehicle.estimate()))
         self._publish_operator_messages(now)
         while self._exposures:
-            air.camera_info.publish(now, self._camera_info(self._exposures.popleft()))
+            air.cameras[0].info.publish(now, self._main.camera_info(self._exposures.popleft()))
         silent = self._in_outage("detections", now)
         for frame in detector.due(now):
             # A result that came out during an outage is lost, also when the tick comes after the outage.
@@ -194,37 +194,14 @@ class MissionInformation:
         poses: tuple[TransformStamped, ...] = (
             TransformStamped(header=header, child_frame_id=self._base, transform=transform),
         )
-        if self._carrier != self._base:
+        if self._any_level:
             level = Transform(translation=translation, rotation=body_in_map(0.0, 0.0, state.yaw_rad))
-            poses = (*poses, TransformStamped(header=header, child_frame_id=self._carrier, transform=level))
-        if self._gimbal:
-            poses = (*poses, self._mount(now, state.camera_pan_rad or 0.0, state.camera_tilt_rad))
-        return TFMessage(transforms=poses)
-
-    def _mount(self, now: SimTime, pan_rad: float = 0.0, tilt_rad: float | None = None) -> TransformStamped:
-        """The transform from the camera's carrier to its optical frame: fixed, or as the gimbal holds it."""
-        x, y, z, w = self._camera.mount_quaternion(pan_rad, tilt_rad)
-        transform = Transform(
-            translation=Vector3(x=0.0, y=0.0, z=0.0), rotation=Quaternion(x=x, y=y, z=z, w=w)
-        )
-        header = Header(stamp=Time.of(now.ns), frame_id=self._carrier)
-        return TransformStamped(header=header, child_frame_id=self._optical, transform=transform)
-
-    def _camera_info(self, exposed: SimTime) -> CameraInfo:
-        numbers = self._camera.camera_info()
-        return CameraInfo(
-            header=Header(stamp=Time.of(exposed.ns), frame_id=self._optical),
-            height=numbers.height,
-            width=numbers.width,
-            distortion_model=numbers.distortion_model,
-            d=numbers.d,
-            k=numbers.k,
-            r=numbers.r,
-            p=numbers.p,
-        )
+            poses = (*poses, TransformStamped(header=header, child_frame_id=self._level, transform=level))
+        mounts = (messages.mount(now, state) for messages in self._turning)
+        return TFMessage(transforms=(*poses, *mounts))
 
     def _detections(self, frame: DetectionFrame) -> Detection2DArray:
-        header = Header(stamp=Time.of(frame.exposed.ns), frame_id=self._optical)
+        header = Header(stamp=Time.of(frame.exposed.ns), frame_id=self._main.optical)
         return Detection2DArray(
             header=header, detections=tuple(_detection(header, detection) for detection in frame.detections)
         )

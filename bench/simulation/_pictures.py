@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bench.contracts import (
@@ -16,13 +15,14 @@ from bench.contracts import (
     Pixels,
     Scene,
     SimTime,
+    Stage,
     VehicleState,
     load_plugin,
 )
-from bench.simspec import SimSpec
+from bench.simspec import Camera, SimSpec
 from bench.streams import CompressedImage, Header, Image, Time
 
-from ._air_network import AirNetwork
+from ._air_network import AirNetwork, CameraPublishers
 from ._camera import PinholeCamera
 from ._frames import optical_frame
 from ._truth import TruthRecorder
@@ -39,24 +39,49 @@ class _ExposedPicture:
     bgr: Pixels
 
 
-class SessionPictures:
-    """Renders the frames of one session's camera, records their digests, and publishes them with the next tick.
+@dataclass(slots=True)
+class _DrawnWorld:
+    """The stage of the camera that was opened first: ground and looks cost most, and all cameras share them."""
+
+    stage: Stage | None = None
+
+
+def camera_pictures(
+    simspec: SimSpec, air: AirNetwork, truth: TruthRecorder, open_renderer: OpenRenderer | None
+) -> list[CameraPictures]:
+    """The pictures of each camera of a session, the main one first."""
+    world = _DrawnWorld()
+    return [
+        CameraPictures(simspec, camera, publishers, truth, open_renderer, world)
+        for camera, publishers in zip(simspec.vehicle.cameras, air.cameras, strict=True)
+    ]
+
+
+class CameraPictures:
+    """Renders the frames of one camera, records their digests, and publishes them with the next tick.
 
     Until a picture is wanted for the first time, nothing is opened and OpenCV is not even imported.
     """
 
     def __init__(
-        self, simspec: SimSpec, air: AirNetwork, truth: TruthRecorder, open_renderer: OpenRenderer | None
+        self,
+        simspec: SimSpec,
+        camera: Camera,
+        publishers: CameraPublishers,
+        truth: TruthRecorder,
+        open_renderer: OpenRenderer | None,
+        world: _DrawnWorld,
     ) -> None:
         self._spec = simspec
-        self._settings = simspec.vehicle.camera
-        self._lens = PinholeCamera.of(self._settings)
-        self._optical = optical_frame(simspec)
-        self._raw, self._compressed = air.image_raw, air.image_compressed
+        self._settings = camera
+        self._is_main = camera is simspec.vehicle.camera
+        self._mount = PinholeCamera.of(camera)
+        self._optical = optical_frame(simspec, camera)
+        self._raw, self._compressed = publishers.raw, publishers.compressed
         self._truth = truth
         self._open_renderer = open_renderer
+        self._world = world
         self._camera: RenderedCamera | None = None
-        self._drawn = -1
         self._pending: deque[_ExposedPicture] = deque()
 
     @property
@@ -65,8 +90,9 @@ class SessionPictures:
         agent listens.
         """
         settings = self._settings
-        by_simspec = settings.record_frames or settings.record_boxes or self._spec.perception.on_pixels
-        return by_simspec or self._raw.listened or self._compressed.listened
+        recorded = settings.record_frames or settings.record_boxes
+        detected = self._is_main and self._spec.perception.on_pixels
+        return recorded or detected or self._raw.listened or self._compressed.listened
 
     def capture(self, state: VehicleState, scene: Scene, number: int, now: SimTime) -> Pixels | None:
         """Render frame `number` from where the vehicle is; None when the camera loses it."""
@@ -75,7 +101,7 @@ class SessionPictures:
 
         if self._camera is None:
             self._camera = self._open(now)
-        pose = pose_of(_carrier_motion(state, self._lens.stabilized), self._lens.axes_enu(state))
+        pose = pose_of(state, self._mount.axes_enu(state), stabilized=self._mount.stabilized)
         frame = self._camera.capture(pose, scene.positions(), scene.headings(), number)
         self._truth.write_picture(now, self._document(number, frame))
         if frame is None:
@@ -98,21 +124,22 @@ class SessionPictures:
 
         use_one_thread()
         open_renderer: OpenRenderer = self._open_renderer or load_plugin("rebar.renderers", RENDERER)
-        camera = open_camera(self._spec, open_renderer=open_renderer)
-        self._truth.write_event(now, CAMERA_OPENED, opencv_build())
+        camera = open_camera(self._spec, self._settings, open_renderer=open_renderer, world=self._world.stage)
+        self._world.stage = camera.stage
+        build = opencv_build()
+        self._truth.write_event(
+            now, CAMERA_OPENED, build if self._is_main else f"{self._settings.name}: {build}"
+        )
         return camera
 
     def _document(self, number: int, frame: RenderedFrame | None) -> PictureDocument:
         name = self._settings.name
         if frame is None:
             return PictureDocument(frame=number, camera=name, shown=None, sha256=None)
-        # A camera that freezes while it loses frames repeats the last picture that it had.
-        if not frame.state.frozen or self._drawn < 0:
-            self._drawn = number
         return PictureDocument(
             frame=number,
             camera=name,
-            shown=self._drawn,
+            shown=frame.state.shown,
             sha256=hashlib.sha256(frame.bgr.tobytes()).hexdigest(),
             actors=_actor_pixels(frame) if self._settings.record_boxes else None,
         )
@@ -130,17 +157,6 @@ def _actor_pixels(frame: RenderedFrame) -> tuple[ActorPixelsDocument, ...]:
         )
         for actor in actors_in(frame.picture)
     )
-
-
-def _carrier_motion(state: VehicleState, stabilized: bool) -> VehicleState:
-    """The attitude and turning of what carries the camera: a stabilized mount follows heading alone."""
-    if not stabilized:
-        return state
-    _, pitch_radps, yaw_radps = state.rates_body_radps
-    roll, pitch = state.roll_rad, state.pitch_rad
-    # The rate of the Euler angle yaw. No multicopter flies at a pitch near 90 degrees; the bound keeps it finite.
-    turning = (pitch_radps * math.sin(roll) + yaw_radps * math.cos(roll)) / max(0.1, math.cos(pitch))
-    return replace(state, roll_rad=0.0, pitch_rad=0.0, rates_body_radps=(0.0, 0.0, turning))
 
 
 def _raw_image(header: Header, bgr: Pixels) -> Image:

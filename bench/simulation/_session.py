@@ -54,12 +54,13 @@ from bench.simspec import SimSpec
 from ._agent_time import AgentTime
 from ._air_network import AirNetwork, open_air_network
 from ._before_takeoff import link_faults, pace_faults, tick_faults
+from ._further_cameras import FurtherCameras
 from ._host_clock import HOST_CLOCK, HostClock
 from ._host_memory import count_memory_kills
 from ._mission_information import MissionInformation
 from ._operator_pilot import OperatorPilot, open_operator_pilot, operator_links
 from ._outside_links import outside_links, recorded_links
-from ._pictures import SessionPictures
+from ._pictures import camera_pictures
 from ._ports import reserved_udp_port
 from ._services import Services, open_services
 from ._stop_session import StopSession
@@ -184,7 +185,8 @@ class Session:
         self._operator = operator
         self._topics = VehicleTopics(plan.simspec.vehicle.name)
         self._information = MissionInformation(plan.simspec, air, scene)
-        self._pictures = SessionPictures(plan.simspec, air, truth, plan.open_renderer)
+        self._pictures, *further = camera_pictures(plan.simspec, air, truth, plan.open_renderer)
+        self._further_cameras = FurtherCameras(plan.simspec, air, tuple(further))
         self._agent: AgentProcess | None = None
         self._ticks: TickServer | None = None
         self._carries_camera = vehicle if isinstance(vehicle, CarriesCamera) else None
@@ -238,6 +240,7 @@ class Session:
             now = self._progress.now
             self._information.publish(now, self._vehicle, self._detector)
             self._pictures.publish(now)
+            self._further_cameras.publish(now)
             self._fly_handed_over(now)
             tick = Tick(number=number, time_ns=now.ns, topics=self._air.sent(), links=self._sent_to_agent())
             with self._agent_time.waiting():
@@ -256,6 +259,7 @@ class Session:
             self._check_agent()
             self._information.publish(now, self._vehicle, self._detector)
             self._pictures.publish(now)
+            self._further_cameras.publish(now)
             self._fly_handed_over(now)
             # Counted from the start: rounding and late wake-ups do not add up.
             ahead_s = now.s - (self._clock.now() - started_s)
@@ -302,6 +306,9 @@ class Session:
                 )
             if now.ns >= self._next_frame_ns:
                 self._capture_frame(now)
+            if self._further_cameras.due(now):
+                self._scene.advance(now)
+                self._further_cameras.capture(self._vehicle.truth(), self._scene, now)
             self._truth.write_due(now, self._vehicle, self._scene)
         self._check_end()
 

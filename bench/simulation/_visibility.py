@@ -7,6 +7,7 @@ hide others.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.arrays import Floats
-from bench.contracts import CastMember, Sighting, VehicleState
+from bench.contracts import NO_DISTORTION, CastMember, Sighting, VehicleState
 from bench.simspec import ASSETS
 
 from ._box_intersection import crosses_box
@@ -35,6 +36,14 @@ _ROWS = 128
 """Bodies checked for occlusion at a time, which bounds the memory of a crowded picture."""
 
 _CORNERS = np.array([(a, b, c) for a in (-1.0, 1.0) for b in (-1.0, 1.0) for c in (-1.0, 1.0)])
+# A lens with distortion bends edges, so that a box may touch them between two corners.
+_EDGE_POINTS = np.array(
+    [
+        point
+        for point in itertools.product((-1.0, -0.5, 0.0, 0.5, 1.0), repeat=3)
+        if sum(abs(coordinate) == 1.0 for coordinate in point) >= 2
+    ]
+)
 _SAMPLES = (
     np.array([(across, down) for across in (-1.0, 0.0, 1.0) for down in (-1.0, 0.0, 1.0)]) * SAMPLE_SPREAD
 )
@@ -100,7 +109,7 @@ def sightings(
     )
     whole = _boxes(camera, posed)
     size = whole[:, 2:] - whole[:, :2]
-    limit = (camera.width_px, camera.height_px)
+    limit = (camera.lens.width_px, camera.lens.height_px)
     clipped = np.concatenate((np.clip(whole[:, :2], 0.0, limit), np.clip(whole[:, 2:], 0.0, limit)), axis=1)
     # The floor only avoids a division by zero: a box of no area has no share inside either.
     inside_share = (clipped[:, 2:] - clipped[:, :2]).prod(axis=1) / np.maximum(size.prod(axis=1), 1e-9)
@@ -129,8 +138,7 @@ def sightings(
 def _may_be_in_sight(camera: PinholeCamera, centre: Floats, radius_m: Floats) -> NDArray[np.bool_]:
     """Whether the sphere round each body meets the frustum (or nearly so: its corners are rounded)."""
     x, y, z = centre.T
-    half_width = camera.width_px / (2.0 * camera.fx)
-    half_height = camera.height_px / (2.0 * camera.fy)
+    half_width, half_height = camera.half_view
     # Spheres are cheap and never cull too much; the exact corners follow for the few that remain.
     may: NDArray[np.bool_] = (z > LEAST_DEPTH_M - radius_m) & ((x * x + y * y + z * z) < MAX_RANGE_M**2)
     may &= np.abs(x) - z * half_width < radius_m * np.sqrt(1.0 + half_width * half_width)
@@ -148,15 +156,16 @@ def _body_axes(camera_axes: Floats, headings_rad: Floats) -> Floats:
 
 
 def _boxes(camera: PinholeCamera, posed: _Posed) -> Floats:
-    """(k, 4) left, top, right, bottom round the corners' pixels.
+    """(k, 4) left, top, right, bottom round the corners' pixels; through a distorting lens, round points on the edges.
 
     What reaches behind the camera is cut just before it.
     """
-    corners = posed.centre[:, None, :] + _CORNERS @ (posed.axes * posed.half[:, :, None])
+    outline = _CORNERS if camera.lens.distortion == NO_DISTORTION else _EDGE_POINTS
+    corners = posed.centre[:, None, :] + outline @ (posed.axes * posed.half[:, :, None])
     # A corner behind the camera has no pixel. Cut just before it, its box reaches beyond the border, as it
     # should.
     depth = np.maximum(corners[..., 2:], LEAST_DEPTH_M)
-    pixels = corners[..., :2] / depth * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    pixels = camera.pixels(corners[..., :2] / depth)
     return np.concatenate((pixels.min(axis=1), pixels.max(axis=1)), axis=1)
 
 

@@ -11,8 +11,8 @@ from bench.contracts import START, MavlinkTap, SimTime, VehicleCondition, Vehicl
 
 
 class StillVehicle:
-    """Stays at home, disarmed, `STILL_UP_M` above it and turning at `STILL_TURN_DEGPS`: parameters of the SimSpec, both 0
-    when absent.
+    """Stays at home, disarmed, `STILL_UP_M` above it and turning at `STILL_TURN_DEGPS`, with its gimbal turned to
+    `STILL_PAN_DEG`, if it has one: parameters of the SimSpec, all 0 when absent.
 
     It has no socket, so messages that an agent claims to have sent never arrive.
     """
@@ -47,6 +47,7 @@ class StillVehicle:
     def truth(self) -> VehicleState:
         vehicle = self._plan.simspec.vehicle
         home, turn_degps = vehicle.home, vehicle.parameters.get("STILL_TURN_DEGPS", 0.0)
+        pan_deg = vehicle.parameters.get("STILL_PAN_DEG", 0.0)
         return VehicleState(
             time=self._time,
             position_enu_m=(home.east_m, home.north_m, vehicle.parameters.get("STILL_UP_M", 0.0)),
@@ -55,6 +56,8 @@ class StillVehicle:
             pitch_rad=0.0,
             yaw_rad=math.radians(home.heading_deg + turn_degps * self._time.s),
             rates_body_radps=(0.0, 0.0, math.radians(turn_degps)),
+            camera_pan_rad=math.radians(pan_deg) if vehicle.camera.gimbal else None,
+            camera_tilt_rad=math.radians(vehicle.camera.tilt_deg) if vehicle.camera.gimbal else None,
         )
 
     def estimate(self) -> VehicleState:

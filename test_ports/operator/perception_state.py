@@ -235,7 +235,8 @@ def _is_false(decision: Timed[Decision], spans: list[FaultSpan], simspec: SimSpe
 
 def _is_bad_weather(simspec: SimSpec) -> bool:
     weather = simspec.environment
-    return max(weather.fog_level, weather.rain_level) >= BAD_LEVEL or sun_of(simspec).elevation_rad < 0.0
+    worst = max(weather.fog_level, weather.rain_level, weather.dust_level)
+    return worst >= BAD_LEVEL or sun_of(simspec).elevation_rad < 0.0
 
 
 def _out_before(tape: Tape, simspec: SimSpec, time_s: float) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import hashlib
+import itertools
 import math
 from dataclasses import replace
 
@@ -18,11 +19,13 @@ from bench.camera import (
     RenderedCamera,
     conditions_of,
     exposure_of,
+    light_of_conditions,
     open_camera,
     open_opencv_renderer,
 )
 from bench.camera.sheet import SceneActor, simspec_with
 from bench.contracts import CameraPose, Picture
+from bench.perception._odds import DetectionOdds
 from bench.simspec import Camera, Environment, Point, Road, Seeds, SimSpec
 
 SMALL = Camera(width_px=160, height_px=120)
@@ -224,3 +227,69 @@ def test_frames_are_lost_and_frozen_at_their_rates() -> None:
     assert (repeated.bgr == live.bgr).all()
     assert repeated.state.frozen
     assert (moved.bgr != live.bgr).any()
+
+
+def test_a_freeze_that_cannot_repeat_its_picture_shows_the_present() -> None:
+    """A caller that begins to listen within a freeze gets a live picture and its number, and repeats of that one."""
+    scene, positions, headings = stage([("van", 2.0, 8.0, 40.0)])
+    faulty = replace(NOON, frozen_share=0.4, frozen_frames=4.0)
+    sensor = RenderedCamera(scene, faulty, Seeds(root=1), open_opencv_renderer).sensor
+    states = [sensor.state(number) for number in range(200)]
+    # Two frames of one freeze, and the live frame that it repeats.
+    first, second = next(
+        (state, after)
+        for state, after in itertools.pairwise(states)
+        if state.frozen and after.frozen and state.shown == after.shown and (state.shown or 0) > 20
+    )
+    assert first.shown is not None
+    camera = RenderedCamera(scene, faulty, Seeds(root=1), open_opencv_renderer)
+    views = [replace(DOWN, position_enu_m=DOWN.position_enu_m + shift) for shift in (0.0, 5.0, 9.0)]
+    numbers = (first.shown - 20, first.number, second.number)
+    frames = [
+        camera.capture(view, positions, headings, number) for view, number in zip(views, numbers, strict=True)
+    ]
+    _, present, repeated = frames
+
+    assert present is not None
+    assert repeated is not None
+    assert (present.state.shown, repeated.state.shown) == (first.number, first.number)
+    assert (repeated.bgr == present.bgr).all()
+    assert repeated.state.frozen
+
+
+def test_a_simspec_states_dust_exposure_and_shutter() -> None:
+    """Dust is in the air of pixels and of simulated detections alike; its extinction is the model's."""
+    spec = village()
+    dusty = spec.model_copy(update={"environment": Environment(dust_level=4.0, fog_level=2.0)})
+    conditions = conditions_of(dusty, Camera(exposure_ev=-1.0, shutter_s=0.02))
+
+    assert (conditions.dust_level, conditions.exposure_ev, conditions.shutter_s) == (4.0, -1.0, 0.02)
+    model = dusty.perception.model
+    assert conditions.extinction_per_m == model.fog_extinction_per_m * 4.0
+    assert DetectionOdds.of(dusty).extinction_per_m == pytest.approx(
+        conditions.extinction_per_m + conditions.dust_extinction_per_m * 16.0
+    )
+    assert light_of_conditions(conditions).extinction_per_m == pytest.approx(
+        DetectionOdds.of(dusty).extinction_per_m + 1.5e-4
+    )
+    assert exposure_of(conditions).shutter_s == 0.02
+
+
+def test_cameras_of_one_vehicle_share_the_world_and_have_noise_of_their_own() -> None:
+    spec = village()
+    vehicle = spec.vehicle.model_copy(
+        update={"camera": SMALL, "more_cameras": (SMALL.model_copy(update={"name": "b"}),)}
+    )
+    spec = spec.model_copy(update={"vehicle": vehicle})
+    first = open_camera(spec)
+    second = open_camera(spec, vehicle.more_cameras[0], world=first.stage)
+    alone = open_camera(spec, vehicle.more_cameras[0])
+    positions, headings = np.array(((3.0, 0.0, 0.0), (-4.0, 6.0, 0.0))), np.radians((80.0, 10.0))
+    frames = [camera.capture(DOWN, positions, headings, 3) for camera in (first, second, alone)]
+    pictures = [frame.picture.bgr for frame in frames if frame is not None]
+    sent = [frame.bgr for frame in frames if frame is not None]
+
+    assert second.stage.ground is first.stage.ground
+    assert (pictures[0] == pictures[1]).all()
+    assert (sent[0] != sent[1]).mean() > 0.3
+    assert (sent[1] == sent[2]).all()

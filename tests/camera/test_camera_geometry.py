@@ -12,7 +12,7 @@ from camera_stages import Placement, cast_rays, lens, pose, stage
 from scipy.ndimage import binary_erosion
 
 from bench.arrays import Floats
-from bench.camera import Conditions, actors_in, open_opencv_renderer, pose_of, undistort
+from bench.camera import Conditions, actors_in, open_opencv_renderer, pose_of
 from bench.clock import START
 from bench.contracts import CameraPose, Lens, VehicleState
 from bench.errors import SetupError
@@ -64,7 +64,7 @@ def test_undistortion_is_the_inverse_of_distortion(
     camera = replace(lens(), distortion=distortion)
     rays = np.random.default_rng(2).uniform(-0.5, 0.5, (200, 2))
 
-    assert undistort(camera, camera.distort(rays)) == pytest.approx(rays, abs=1e-6)
+    assert camera.undistort(camera.distort(rays)) == pytest.approx(rays, abs=1e-6)
 
 
 def test_a_distortion_that_folds_over_is_refused() -> None:
@@ -79,7 +79,7 @@ def test_axes_are_those_of_the_session_camera() -> None:
     state = VehicleState(START, (3.0, -4.0, 50.0), (5.0, 1.0, 0.0), 0.2, -0.1, 1.1, (0.1, 0.3, -0.2))
     pinhole = PinholeCamera.of(Camera(stabilized=False))
     view = pose_of(state, pinhole.axes_enu(state))
-    camera = Lens("c", 1280, 720, pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy)
+    camera = pinhole.lens
     points = np.random.default_rng(3).uniform((-30, -30, 0), (30, 30, 5), (40, 3))
     ahead = view.to_optical(points)[:, 2] > 0
 

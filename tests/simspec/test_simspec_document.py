@@ -366,6 +366,27 @@ def test_failures_have_the_fields_of_their_kind() -> None:
     )
 
 
+def test_further_cameras_fit_the_main_one() -> None:
+    """Each fault names the field and the fix; without further cameras nothing of them is written."""
+    two = "vehicle: {camera: {gimbal: true}, more_cameras: [{name: down, tilt_deg: 90}, {name: zoom, gimbal: true}]}\n"
+    spec = read_document(f"name: a\n{SQUARE}{two}", SimSpec)
+    assert [camera.name for camera in spec.vehicle.cameras] == ["front", "down", "zoom"]
+    assert SimSpec.model_validate_json(spec.model_dump_json()) == spec
+    for wrong, words in (
+        ("{}", "the name 'front' stands twice; give each camera its own name"),
+        ("{name: b, mavlink: true}", "more_cameras[0].mavlink: only the main camera answers on MAVLink"),
+        ("{name: b, gimbal: true}", "set gimbal of vehicle.camera to true too"),
+    ):
+        assert words in faults(f"name: a\n{SQUARE}vehicle: {{more_cameras: [{wrong}]}}\n")[0]
+    tilted = "vehicle: {camera: {gimbal: true}, more_cameras: [{name: b, gimbal: true, tilt_deg: 20}]}\n"
+    assert "give it the tilt_deg of vehicle.camera, 60" in faults(f"name: a\n{SQUARE}{tilted}")[0]
+    plain = read_document(f"name: a\n{SQUARE}", SimSpec).model_dump(mode="json")
+    assert "more_cameras" not in plain["vehicle"]
+    assert not {"distortion", "exposure_ev", "shutter_s"} & plain["vehicle"]["camera"].keys()
+    assert "dust_level" not in plain["environment"]
+    assert "dust_extinction_per_m" not in plain["perception"]["model"]
+
+
 @pytest.mark.parametrize("moment", ["0001-01-01T00:00:00Z", "1980-12-31T23:59:59Z", "2100-01-01T00:00:00Z"])
 def test_start_outside_gps_years_is_refused(tmp_path: Path, moment: str) -> None:
     """Years before 1981 and after 2099 are refused when the file is read, not during the flight."""

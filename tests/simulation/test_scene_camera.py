@@ -5,18 +5,21 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from scene_simspecs import hovering
 
-from bench.simspec import Camera
+from bench.contracts import CastMember
+from bench.simspec import ActorGroup, Camera, Distortion, Role
 from bench.simulation import PinholeCamera
+from bench.simulation._visibility import Bodies, sightings
 
 FOCAL_PX = 640.0 / math.tan(math.radians(35.0))
 
 
-def camera(tilt_deg: float, stabilized: bool = True) -> PinholeCamera:
-    return PinholeCamera.of(Camera(tilt_deg=tilt_deg, stabilized=stabilized))
+def camera(tilt_deg: float, stabilized: bool = True, gimbal: bool = False) -> PinholeCamera:
+    return PinholeCamera.of(Camera(tilt_deg=tilt_deg, stabilized=stabilized, gimbal=gimbal))
 
 
 def test_a_nadir_camera_projects_the_point_below_to_the_image_centre() -> None:
@@ -108,7 +111,7 @@ def test_a_gimbal_turns_the_projection_and_the_mount_quaternion_alike(
     """Pan adds to the heading, tilt replaces the SimSpec's tilt; /tf carries the rotation that the projection
     uses.
     """
-    pinhole, plain = camera(60.0), hovering(0, 0, 10, math.pi / 2)
+    pinhole, plain = camera(60.0, gimbal=True), hovering(0, 0, 10, math.pi / 2)
     turned = replace(plain, camera_pan_rad=pan_rad, camera_tilt_rad=tilt_rad)
     x, y, z, w = pinhole.mount_quaternion(pan_rad, tilt_rad)
     forward = np.array([2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)])
@@ -117,7 +120,9 @@ def test_a_gimbal_turns_the_projection_and_the_mount_quaternion_alike(
     axes = pinhole.axes_enu(turned)
     assert axes[2] == pytest.approx(forward, abs=1e-12)
     assert axes[0] == pytest.approx(right, abs=1e-12)
-    same = camera(0.0).axes_enu(
+    # A fixed camera beside it stays where it is.
+    assert camera(60.0).axes_enu(turned) == pytest.approx(camera(60.0).axes_enu(plain), abs=1e-12)
+    same = camera(0.0, gimbal=True).axes_enu(
         replace(hovering(0, 0, 10, math.pi / 2 + pan_rad), camera_pan_rad=0.0, camera_tilt_rad=tilt_rad)
     )
     assert axes == pytest.approx(same, abs=1e-12)
@@ -133,3 +138,55 @@ def test_camera_info_holds_the_intrinsics_of_the_projection() -> None:
         tuple(pinhole.project(np.array([3.0, 2.0, 0.0]), hovering(0, 0, 50)))
     )
     assert (info.width, info.height, len(info.p)) == (1280, 720, 12)
+
+
+@pytest.mark.parametrize(
+    "distortion",
+    [
+        Distortion(k1=-0.25, k2=0.07, p1=0.001, p2=-0.0008, k3=-0.006),
+        Distortion(k1=0.12, k2=0.02, p1=-0.001, k3=0.003),
+    ],
+)
+def test_sightings_through_a_lens_are_those_of_opencv(distortion: Distortion) -> None:
+    """Boxes of random cuboids hold the edges as cv2.projectPoints bends them, clipped to the picture."""
+    random = np.random.default_rng(5)
+    settings = Camera(horizontal_fov_deg=85.0, tilt_deg=55.0, distortion=distortion)
+    pinhole, state = PinholeCamera.of(settings), hovering(2.0, -3.0, 22.0, 0.6)
+    lens, axes = pinhole.lens, pinhole.axes_enu(state)
+    matrix = np.array(((lens.fx, 0.0, lens.cx), (0.0, lens.fy, lens.cy), (0.0, 0.0, 1.0)))
+    edges = np.array([p for p in np.ndindex(21, 21, 21) if sum(c in (0, 20) for c in p) >= 2]) / 10.0 - 1.0
+    members = tuple(
+        CastMember.of(f"a-{number}", ActorGroup(id="g", asset=asset, role=Role.CLUTTER, count=1))
+        for number, asset in enumerate(("bus", "civilian-car", "crate", "van") * 12)
+    )
+    bodies = Bodies.of(members)
+    places = np.concatenate((random.uniform(-20.0, 40.0, (len(members), 2)), np.zeros((48, 1))), axis=1)
+    headings = random.uniform(0.0, 6.28, len(members))
+    seen = sightings(pinhole, state, bodies, places, headings)
+    bent = 0
+    for sighting in seen:
+        sine, cosine = math.sin(headings[sighting.actor]), math.cos(headings[sighting.actor])
+        turn = np.array(((sine, cosine, 0.0), (-cosine, sine, 0.0), (0.0, 0.0, 1.0)))
+        half = bodies.half_m[sighting.actor]
+        points = (edges * half) @ turn + places[sighting.actor] + (0.0, 0.0, half[2])
+        optical = (points - state.position_enu_m) @ axes.T
+        # cv2 folds what lies beyond the lens's own field of view back into the picture.
+        if (np.abs(optical[:, :2]) > 0.9 * optical[:, 2:]).any():
+            continue
+        pixels, _ = cv2.projectPoints(optical, np.zeros(3), np.zeros(3), matrix, np.array(lens.distortion))
+        left, top = pixels[:, 0].min(axis=0).clip(0.0, (1280.0, 720.0))
+        right, bottom = pixels[:, 0].max(axis=0).clip(0.0, (1280.0, 720.0))
+        assert sighting.box == pytest.approx((left, top, right, bottom), abs=1.5)
+        bent += 1
+    assert bent >= 8
+
+
+def test_what_is_far_outside_stays_outside_of_a_distorted_picture() -> None:
+    """The model of a barrel lens folds over beyond the picture; a point there must not come back into it."""
+    pinhole = PinholeCamera.of(Camera(horizontal_fov_deg=80.0, distortion=Distortion(k1=-0.28, k2=0.06)))
+    rays = np.stack((np.linspace(1.4, 60.0, 400), np.linspace(-0.8, 25.0, 400)), axis=-1)
+    border = pinhole.pixels(pinhole.lens.border_rays())
+
+    assert (pinhole.pixels(rays)[:, 0] > pinhole.lens.width_px).all()
+    assert border[:, 0].max() == pytest.approx(1280.0, abs=1e-3)
+    assert border[:, 1].min() == pytest.approx(0.0, abs=1e-3)

@@ -124,10 +124,10 @@ class FlownSession:
         return [record for record in self.records if record.topic == topic]
 
     def pictures(self) -> list[PictureDocument]:
-        return [_document(PictureDocument, record) for record in self.on(TRUTH_PICTURES)]
+        return [document(PictureDocument, record) for record in self.on(TRUTH_PICTURES)]
 
 
-def _document(kind: type[D], record: Record) -> D:
+def document(kind: type[D], record: Record) -> D:
     message = decode(String, record.data)
     assert message is not None
     return kind.model_validate_json(message.data)
@@ -253,7 +253,7 @@ def test_two_flights_have_equal_pixels_and_the_build_is_recorded(
     assert first.records == second.records
     opened = [
         event.text
-        for event in (_document(EventDocument, record) for record in first.on(SESSION_EVENTS))
+        for event in (document(EventDocument, record) for record in first.on(SESSION_EVENTS))
         if event.name == "camera opened"
     ]
     assert len(opened) == 1
@@ -307,19 +307,19 @@ def test_in_real_time_pictures_are_for_whoever_subscribes_just_now() -> None:
 
     def settled(expected: bool) -> bool:
         deadline_s = time.monotonic() + 10.0
-        while air.image_compressed.listened is not expected and time.monotonic() < deadline_s:
+        while air.cameras[0].compressed.listened is not expected and time.monotonic() < deadline_s:
             time.sleep(0.01)
-        return air.image_compressed.listened is expected
+        return air.cameras[0].compressed.listened is expected
 
     with open_air_network(watched_simspec(), lambda record: None, zenoh=True) as air:
         air.open_for_all()
-        assert air.camera_info.listened
+        assert air.cameras[0].info.listened
         assert settled(False)
         assert air.access is not None
         with open_client(air.access, "viewer") as node:
             node.subscribe(JPEG, CompressedImage)
             assert settled(True)
-            assert not air.image_raw.listened
+            assert not air.cameras[0].raw.listened
         assert settled(False)
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.contracts import NO_DISTORTION, Lens
 from bench.streams import CameraInfo, Quaternion
 
 from ._pose import VehiclePose
@@ -22,18 +23,13 @@ _OPTICAL_IN_FORWARD = (-0.5, 0.5, -0.5, 0.5)
 
 @dataclass(frozen=True, slots=True)
 class GroundCamera:
-    """A pinhole camera on the vehicle: pixels to places on the ground, and places to pixels.
+    """A camera on the vehicle: pixels to places on the ground, and places to pixels.
 
     `axes` is the rotation from the optical frame (z forward, x right, y down) to the body (x forward, y left,
     z up), row by row. A `level` mount keeps roll and pitch out of the view, so that only yaw turns it.
     """
 
-    width_px: int
-    height_px: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
+    lens: Lens
     axes: tuple[tuple[float, float, float], ...]
     level: bool
 
@@ -41,7 +37,11 @@ class GroundCamera:
     def of(info: CameraInfo, mount: Quaternion, *, level: bool) -> GroundCamera:
         """The camera that these messages describe."""
         axes = _matrix(mount.x, mount.y, mount.z, mount.w)
-        return GroundCamera(info.width, info.height, info.k[0], info.k[4], info.k[2], info.k[5], axes, level)
+        fx, fy, cx, cy = info.k[0], info.k[4], info.k[2], info.k[5]
+        # Another model than plumb_bob has other numbers of coefficients, and is taken for a lens without distortion.
+        k1, k2, p1, p2, k3 = info.d if len(info.d) == len(NO_DISTORTION) else NO_DISTORTION
+        lens = Lens("", info.width, info.height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
+        return GroundCamera(lens, axes, level)
 
     def ground_point(
         self, u_px: float, v_px: float, pose: VehiclePose, height_m: float = 0.0
@@ -49,7 +49,14 @@ class GroundCamera:
         """East and north of what is seen at a pixel, `height_m` above the ground; None at or above the
         horizon, or too far.
         """
-        ray = ((u_px - self.cx) / self.fx, (v_px - self.cy) / self.fy, 1.0)
+        lens = self.lens
+        ray = ((u_px - lens.cx) / lens.fx, (v_px - lens.cy) / lens.fy, 1.0)
+        if lens.distortion != NO_DISTORTION:
+            x, y = lens.undistort(np.array(ray[:2])).tolist()
+            # Beyond the picture the distortion may have no inverse: nothing is known of what is there.
+            if math.isnan(x):
+                return None
+            ray = (x, y, 1.0)
         forward, leftward, up = (row[0] * ray[0] + row[1] * ray[1] + row[2] for row in self.axes)
         if not self.level:
             forward, leftward, up = _untilted(forward, leftward, up, pose)
@@ -79,9 +86,11 @@ class GroundCamera:
         x, y, z = (a[0][i] * forward + a[1][i] * leftward + a[2][i] * up for i in range(3))
         # Places behind the camera are masked below; the floor only keeps their division finite.
         depth = np.maximum(z, 1e-6)
-        u, v = self.fx * x / depth + self.cx, self.fy * y / depth + self.cy
+        lens = self.lens
+        u, v = lens.fx * x / depth + lens.cx, lens.fy * y / depth + lens.cy
+        # Without distortion: what lies at the very border decides no search.
         inside: NDArray[np.bool_] = (
-            (z > 0.0) & (u >= 0) & (u < self.width_px) & (v >= 0) & (v < self.height_px)
+            (z > 0.0) & (u >= 0) & (u < lens.width_px) & (v >= 0) & (v < lens.height_px)
         )
         return inside
 
@@ -91,7 +100,7 @@ class GroundCamera:
         """
         pose = VehiclePose(0.0, 0.0, 0.0, height_m, 0.0, 0.0, 0.0)
         lower_edge, middle, far = (
-            self.ground_point(self.cx, v, pose) for v in (self.height_px, self.cy, 0.0)
+            self.ground_point(self.lens.cx, v, pose) for v in (self.lens.height_px, self.lens.cy, 0.0)
         )
         near_m, middle_m = (point[1] if point else 0.0 for point in (lower_edge, middle))
         return near_m, middle_m, far[1] if far else MAX_RANGE_M
@@ -99,7 +108,9 @@ class GroundCamera:
     def swath_m(self, height_m: float) -> float:
         """Width of the ground seen across the middle of the image."""
         pose = VehiclePose(0.0, 0.0, 0.0, height_m, 0.0, 0.0, 0.0)
-        left_edge, right_edge = (self.ground_point(u, self.cy, pose) for u in (0.0, float(self.width_px)))
+        left_edge, right_edge = (
+            self.ground_point(u, self.lens.cy, pose) for u in (0.0, float(self.lens.width_px))
+        )
         return right_edge[0] - left_edge[0] if left_edge and right_edge else height_m
 
 

@@ -8,11 +8,11 @@ from bench.agents import load_manifest, program_faults, rung_of
 from bench.contracts import AgentManifest
 from bench.documents import dump_json
 from bench.errors import Fault, SetupError
-from bench.simspec import SimSpec
-from bench.simulation import session_faults
+from bench.simspec import Camera, SimSpec
+from bench.simulation import camera_faults, session_faults
 
 # Of a vehicle, what its opening does not check: factors often vary these, and one look is enough for all.
-_VARIED_VEHICLE_FIELDS = frozenset({"home", "gps", "camera", "battery", "name"})
+_VARIED_VEHICLE_FIELDS = frozenset({"home", "gps", "camera", "more_cameras", "battery", "name"})
 
 
 def takeoff_faults(simspecs: Iterable[SimSpec]) -> list[Fault]:
@@ -23,7 +23,11 @@ def takeoff_faults(simspecs: Iterable[SimSpec]) -> list[Fault]:
     """
     faults: dict[str, Fault] = {}
     keys: set[str] = set()
+    cameras: set[tuple[Camera, ...]] = set()
     for simspec in simspecs:
+        if simspec.vehicle.cameras not in cameras:
+            cameras.add(simspec.vehicle.cameras)
+            faults |= {str(fault): fault for fault in camera_faults(simspec)}
         vehicle = simspec.vehicle.model_dump_json(exclude=set(_VARIED_VEHICLE_FIELDS))
         # The parameters of the error model have nothing to be opened.
         perception = simspec.perception.model_dump_json(exclude={"model"})

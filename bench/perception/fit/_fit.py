@@ -30,7 +30,13 @@ MIN_CONFUSABLE = 20.0
 BANDS_PX = (0.0, 8.0, 12.0, 16.0, 24.0, 32.0, 64.0, 96.0, float(2**20))
 """Borders of the size bands; 32 and 96 pixels are those of COCO's small, medium and large objects."""
 
-CARRIED_PARAMETERS = ("fog_extinction_per_m", "rain_extinction_per_m", "night_contrast", "concealment_weight")
+CARRIED_PARAMETERS = (
+    "fog_extinction_per_m",
+    "rain_extinction_per_m",
+    "dust_extinction_per_m",
+    "night_contrast",
+    "concealment_weight",
+)
 """Recordings in one weather cannot show these: the fit takes them from the SimSpecs, as given."""
 
 

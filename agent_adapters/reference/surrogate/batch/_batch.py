@@ -277,9 +277,6 @@ def _row(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> dict[str, An
     about_adversary = [groups[task.about].role is Role.ADVERSARY for task in tasks]
     flight_limits = limits(simspec, careful=BYSTANDER_AWARE[simspec.agent.label])
     link_down = link_down_spans(simspec.outages)
-    extinction = (
-        model.fog_extinction_per_m * weather.fog_level**2 + model.rain_extinction_per_m * weather.rain_level
-    )
     return {
         "seeds": np.uint64(seed_of(simspec.seeds, "perception")),
         "bystander_aware": BYSTANDER_AWARE[simspec.agent.label],
@@ -296,7 +293,7 @@ def _row(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> dict[str, An
         "tilt_rad": tilt_rad,
         "near_edge": _ahead(tilt_rad + half_rad),
         "far_edge": _ahead(tilt_rad - half_rad),
-        "extinction_per_m": extinction,
+        "extinction_per_m": model.extinction_per_m(weather),
         "light": light_of(sun_of(simspec).elevation_rad, model.night_contrast),
         "half_height_px": model.half_height_px,
         "slope": model.slope,

@@ -1,0 +1,168 @@
+"""Several cameras in a session: the main one on the gimbal, one fixed that looks down through a distorting lens."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from test_session_pictures import TOPICS, FlownSession, document, fly, watched_simspec
+
+from bench.arrays import Floats
+from bench.contracts import (
+    SESSION_EVENTS,
+    TF,
+    TF_STATIC,
+    TRUTH_PICTURES,
+    TRUTH_VIEW,
+    EventDocument,
+    Outcome,
+    PictureDocument,
+    Record,
+    ViewDocument,
+)
+from bench.errors import SetupError
+from bench.simspec import Camera, Distortion, Mission, SimSpec
+from bench.simulation import PinholeCamera, camera_faults
+from bench.streams import CameraInfo, TFMessage, TransformStamped, decode
+
+BARREL = Distortion(k1=-0.25, k2=0.06, p1=0.001, p2=-0.0008, k3=-0.004)
+DOWN = Camera(
+    name="down",
+    width_px=200,
+    height_px=160,
+    horizontal_fov_deg=90.0,
+    tilt_deg=90.0,
+    rate_hz=2.5,
+    distortion=BARREL,
+    record_boxes=True,
+)
+FRAMES = {"front": 11, "down": 6}
+
+
+def two_cameras() -> SimSpec:
+    """Two people below a vehicle whose gimbal is turned, so that only its fixed camera looks ahead."""
+    spec = watched_simspec(gimbal=True, record_boxes=True)
+    parameters = {**spec.vehicle.parameters, "STILL_PAN_DEG": 100.0}
+    vehicle = spec.vehicle.model_copy(update={"parameters": parameters, "more_cameras": (DOWN,)})
+    agent = spec.agent.model_copy(update={"options": {"cameras": "down"}})
+    return spec.model_copy(update={"vehicle": vehicle, "agent": agent, "mission": Mission(time_limit_s=2.0)})
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[FlownSession, FlownSession]:
+    """Flown twice, with an agent that listens to the camera `down` alone."""
+    first, second = (fly(tmp_path_factory.mktemp("cameras"), two_cameras(), watched=True) for _ in range(2))
+    return first, second
+
+
+def pictures_of(session: FlownSession, camera: str) -> list[tuple[Record, PictureDocument]]:
+    both = ((record, document(PictureDocument, record)) for record in session.on(TRUTH_PICTURES))
+    return [(record, picture) for record, picture in both if picture.camera == camera]
+
+
+def transforms(records: list[Record]) -> dict[int, dict[str, TransformStamped]]:
+    """By time and child frame."""
+    messages = {record.time.ns: decode(TFMessage, record.data) for record in records}
+    return {
+        time_ns: {item.child_frame_id: item for item in message.transforms}
+        for time_ns, message in messages.items()
+        if message is not None
+    }
+
+
+def matrix_of(transform: TransformStamped) -> Floats:
+    """(4, 4) from the child frame to its parent."""
+    place, turn = transform.transform.translation, transform.transform.rotation
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_quat((turn.x, turn.y, turn.z, turn.w)).as_matrix()
+    matrix[:3, 3] = (place.x, place.y, place.z)
+    return matrix
+
+
+def test_each_camera_has_its_rate_its_digests_and_its_topics(
+    flown: tuple[FlownSession, FlownSession],
+) -> None:
+    """Frames are numbered camera by camera, the agent gets those of its topics, and two flights are equal."""
+    session, again = flown
+    assert session.end.outcome is Outcome.TIME_LIMIT, session.end.reason + session.end.traceback
+    assert session.records == again.records
+    for camera, count in FRAMES.items():
+        pictures = [picture for _, picture in pictures_of(session, camera)]
+        assert [picture.frame for picture in pictures] == list(range(count))
+        assert len({picture.sha256 for picture in pictures}) == count
+        # What is exposed at the end of the session has no tick after it.
+        assert len(session.on(TOPICS.camera_info(camera))) == count - 1
+    assert session.renderer.opened == 2
+    raw = [line for line in session.lines if line["topic"] == TOPICS.image_raw("down")]
+    assert [line["sha256"] for line in raw] == [
+        picture.sha256 for _, picture in pictures_of(session, "down")[:-1]
+    ]
+    assert {(line["width"], line["height"], line["frame"]) for line in raw} == {
+        (200, 160, "vehicle_1/camera_down_optical")
+    }
+    assert {str(line["topic"]).split("/")[3] for line in session.lines} == {"down"}
+    opened = [document(EventDocument, record) for record in session.on(SESSION_EVENTS)]
+    builds = [event.text for event in opened if event.name == "camera opened"]
+    assert builds == [builds[0], f"down: {builds[0]}"]
+
+
+def test_sightings_are_those_of_the_main_camera(flown: tuple[FlownSession, FlownSession]) -> None:
+    """A second camera changes nothing about what the detector gets."""
+    views = [document(ViewDocument, record) for record in flown[0].on(TRUTH_VIEW)]
+    assert [view.frame for view in views] == list(range(FRAMES["front"]))
+    assert {view.camera for view in views} == {"front"}
+
+
+def test_people_are_where_camera_info_and_tf_of_each_camera_say(
+    flown: tuple[FlownSession, FlownSession],
+) -> None:
+    """A person's waist by cv2.projectPoints, with the distortion of camera_info, lies in the box of its pixels."""
+    session, _ = flown
+    (fixed,) = transforms(session.on(TF_STATIC)).values()
+    assert set(fixed) == {"vehicle_1/camera_down_optical"}
+    moving = transforms(session.on(TF))
+    realized = two_cameras().realized
+    assert realized is not None
+    waists = np.array([(actor.east_m, actor.north_m, 0.9) for actor in realized.actors])
+    checked = dict.fromkeys(FRAMES, 0)
+    for camera in FRAMES:
+        infos = [decode(CameraInfo, record.data) for record in session.on(TOPICS.camera_info(camera))]
+        by_stamp = {info.header.stamp.ns: info for info in infos if info is not None}
+        for record, picture in pictures_of(session, camera):
+            at = record.time.ns
+            # The first frame lies between two ticks, and the last one after them.
+            if at not in moving or at not in by_stamp:
+                continue
+            frames = {**moving[at], **fixed}
+            mount = frames[f"vehicle_1/camera_{camera}_optical"]
+            to_map = matrix_of(frames[mount.header.frame_id]) @ matrix_of(mount)
+            to_camera = np.linalg.inv(to_map)
+            info = by_stamp[at]
+            pixels, _ = cv2.projectPoints(
+                waists,
+                cv2.Rodrigues(to_camera[:3, :3])[0],
+                to_camera[:3, 3],
+                np.array(info.k).reshape(3, 3),
+                np.array(info.d),
+            )
+            assert picture.actors is not None
+            assert [actor.actor for actor in picture.actors] == [0, 1]
+            for actor, (column, row) in zip(picture.actors, pixels[:, 0].tolist(), strict=True):
+                left, top, right, bottom = actor.box
+                assert left - 1 <= column <= right + 1, (camera, at, actor)
+                assert top - 1 <= row <= bottom + 1, (camera, at, actor)
+                checked[camera] += 1
+    assert checked["front"] >= 12
+    assert checked["down"] >= 4
+
+
+def test_a_distortion_that_folds_over_is_refused_before_the_flight() -> None:
+    """With the camera's name: as a fault of the campaign, and by whatever opens the camera."""
+    spec = two_cameras()
+    folded = DOWN.model_copy(update={"distortion": Distortion(k1=-0.9)})
+    spec = spec.model_copy(update={"vehicle": spec.vehicle.model_copy(update={"more_cameras": (folded,)})})
+    (fault,) = camera_faults(spec)
+    assert "camera down: distortion" in str(fault)
+    with pytest.raises(SetupError, match=r"camera down: distortion.*folds over"):
+        PinholeCamera.of(folded)
