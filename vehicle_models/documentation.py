@@ -61,8 +61,7 @@ NOT_SHOWN = "not shown"
 """In the last column of a parameter that no test proves."""
 
 _PARAMETER_ROW = re.compile(r"\| `(\w+)` \| .* \| (\S+|not shown) \|")
-# Values of every parameter of a command with which its answer is tried. Policies compare with 0 and 1 (off,
-# on) and with
+# Values of every parameter of a command with which its answer is tried. Policies compare with 0 and 1 (off, on) and with
 # kinds of calibration (1, 2, 4); 1 is a servo channel in use and 5 a free one.
 _TRIED_VALUES = (0.0, 1.0, 2.0, 4.0, 5.0)
 

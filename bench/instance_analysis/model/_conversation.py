@@ -129,8 +129,7 @@ async def _run(
     judge: Judge,
 ) -> Conversation:
     # A schema in the prompt is the one form that every model understands: output tools need a model trained
-    # for tools, and
-    # servers differ in which `response_format` they refuse.
+    # for tools, and servers differ in which `response_format` they refuse.
     agent = Agent(
         model,
         name="prose",

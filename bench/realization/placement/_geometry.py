@@ -31,9 +31,8 @@ _CIRCUMSCRIBED = 1.0 / cos(pi / (4 * QUARTER_SEGMENTS))
 EVERYWHERE = shapely.box(-3e5, -3e5, 3e5, 3e5)
 
 
-# Extra width left when ground shrinks, so that what fits exactly survives: GEOS drops slivers thinner than
-# about 5e-5
-# of the distance by which it shrinks a polygon.
+# Extra width left when ground shrinks, so that what fits exactly survives: GEOS drops slivers thinner than about
+# 5e-5 of the distance by which it shrinks a polygon.
 MARGIN_M = 1e-3
 
 

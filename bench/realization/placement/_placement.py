@@ -40,8 +40,7 @@ from .search._anchors import anchor_grounds
 from .search._sampling import Placed, SamplingBudget, SamplingStalled, fixed_places, sample_placement
 
 # Share of an intelligence report's uncertainty within which its error is drawn, so that the true place lies
-# well
-# inside.
+# well inside.
 REPORT_ERROR_SHARE = 0.8
 
 

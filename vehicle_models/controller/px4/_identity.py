@@ -10,8 +10,7 @@ from ..telemetry._texts import CRITICAL, INFO, FlightEvent
 from ._parameters import PARAMETERS
 
 # The beginning of a text, and the event that goes with it. The names imitate PX4's; the file that we serve as
-# metadata
-# explains exactly these.
+# metadata explains exactly these.
 EVENTS = tuple(
     EventName(text, name)
     for text, name in (
