@@ -6,6 +6,7 @@ out. So a fault in one clause costs that clause and what depends on it, and neve
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -18,7 +19,7 @@ from .language._phrases import Phrase, phrases_of, with_quantities
 from .language._tokens import Span, Word, headings_of, words_of
 from .language._vocabulary import Vocabulary
 from .ledger._clauses import Clause, clauses_of, is_stop
-from .ledger._ledger import Ledger, LedgerEntry, marked
+from .ledger._ledger import UNUSED_WORD, Ledger, LedgerEntry, marked
 from .ledger._loaded_words import loaded_words
 from .readers._reader import TextReader
 from .readers._statements import statements_in
@@ -36,6 +37,10 @@ def read_prose(text: str, vocabulary: Vocabulary, answers: Sequence[int] = ()) -
     text without a word or of more than 20,000 characters, and for an answer that is no reading.
     """
     return Reading(text, vocabulary, answers).result()
+
+
+_FIELD = re.compile(r"[a-z_0-9]+(?:(?:\.[a-z_0-9]+|\[[^]]*\])*(?:\.[a-z_0-9]+|\[[^]]*\]))")
+"""A field as a fault names it: `rules.max_altitude_m`, `actors[truck].count`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +153,8 @@ class Reading:
             self._entries += out
         for entry in sorted([*self._entries, *standing], key=lambda entry: entry.span.start):
             draft.ask(entry.span, entry.ask, entry.readings)
+        for word in self._ledger.unused_words(draft, self.words, self.vocabulary.unused):
+            draft.leave_out(word.span, UNUSED_WORD)
         return draft
 
     def _cuts_of_units(self) -> list[Cut]:
@@ -166,7 +173,7 @@ class Reading:
         draft = Draft(self.text, answers)
         draft.used_words += self._headings
         self._gone = marked(len(self.text), [cut.span for cut in self.cuts])
-        reader = TextReader(draft, self.vocabulary)
+        reader = TextReader(draft, self.vocabulary, [cut.span for cut in self.cuts])
         reader.read([item for item in self.items if is_stop(item) or not self._is_cut(item.span)])
         draft.put(("name",), "prose", None)
         draft.describe()
@@ -194,7 +201,7 @@ class Reading:
             draft.checked()
         except SetupError as error:
             fault = error.faults[0]
-            candidates = self._clauses_that_set(draft, fault.where)
+            candidates = self._clauses_that_set(draft, f"{fault.where} {fault.what}")
             if not candidates:
                 raise
             if len(self.cuts) > MAX_SINGLE_CUTS:
@@ -215,11 +222,12 @@ class Reading:
         ]
 
     def _clauses_that_set(self, draft: Draft, where: str) -> list[Clause]:
-        """The clauses that set fields; first those of the field at fault, from the last to the first."""
+        """The clauses that set fields; first those of the fields that a fault names, from the last to the first."""
+        blamed_fields = [name for name in (where.split(" ")[0], *_FIELD.findall(where)) if name]
         blamed = [
             entry.span or entry.beside
             for path, entry in draft.entries.items()
-            if where and (dotted(path).startswith(where.split(" ")[0]) or where.startswith(dotted(path)))
+            if any(dotted(path).startswith(name) or name.startswith(dotted(path)) for name in blamed_fields)
         ]
         setting = [
             clause

@@ -199,6 +199,10 @@ class VocabularyDocument(Document):
     strangers: Annotated[
         Words, Field(description="Words known for none of these: always listed, never mended.")
     ] = ()
+    unused: Annotated[
+        Words,
+        Field(description="Words that tell something which no field holds: listed where nothing reads them."),
+    ] = ()
     fillers: Annotated[Words, Field(description="Words that change nothing.")] = ()
 
 
@@ -235,9 +239,10 @@ class Vocabulary:
         signs = {name: pattern for source in reversed(documents) for name, pattern in source.signs.items()}
         self.rules = tuple(_compiled(form, signs) for source in documents for form in source.rules)
         self.events = tuple(_compiled(form, signs) for source in documents for form in source.events)
-        fillers = {word.lower() for source in documents for word in source.fillers}
+        fillers = {word.lower() for source in documents for word in (*source.fillers, *source.unused)}
         # A user's vocabulary may give a meaning to a word that the bench ignores.
         self.fillers = frozenset(fillers - set(self.meanings))
+        self.unused = self.fillers & {word.lower() for source in documents for word in source.unused}
         self.longest = max(len(phrase.split()) for phrase in (*self.meanings, *self.fillers))
         self.single = frozenset(word for phrase in self.meanings for word in phrase.split() if word.isalpha())
         others = [*self.fillers, *(word.lower() for source in documents for word in source.strangers)]

@@ -15,7 +15,7 @@ from typing import Any
 
 from .._draft import Draft, dotted
 from ..language._phrases import Part, Phrase, Quantity
-from ..language._tokens import Span
+from ..language._tokens import Span, Word
 from ._clauses import Clause
 from ._loaded_words import LEFT_OUT, Load, LoadedWord
 
@@ -34,6 +34,33 @@ UNTRACED_RULES = frozenset(
 """Rules whose numbers are combined to others: corners, routes, members of an area."""
 
 UNKNOWN_WORD = "unknown word"
+UNUSED_WORD = "nothing is read from it"
+CLAIMING_RULES = frozenset(["rule", "event"])
+"""Phrases that hold every word between their signs."""
+NOUN_KINDS = frozenset(["ASSET", "AMBIGUOUS"])
+TELLING_KINDS = frozenset(
+    [
+        *(
+            "AWAY",
+            "PART",
+            "UNTIL",
+            "AFTER",
+            "BEFORE",
+            "ALONG",
+            "SEEN",
+            "ONAVERAGE",
+            "CORNERS",
+            "ROUTE",
+            "AXIS",
+        ),
+        *("RUNS", "NTH", "MIDDLE", "GROUND", "NAMED", "WIDE", "OFTHEM", "OVER"),
+    ]
+)
+"""Kinds of words that the reader passes over outside of phrases, although they tell something."""
+JOINING_KINDS = frozenset(["AFTER", "BEFORE", "UNTIL", "AWAY", "OVER", "RUNS", "CORNERS", "ONAVERAGE"])
+"""Kinds of words that belong to the quantity beside them."""
+MERE_PARTICLES = frozenset(["on", "out", "over", "off"])
+"""Words of these kinds that often tell nothing: `on Monday`, `out there`."""
 BARE_VALUES = frozenset(["altitude", "speed", "limit", "radius", "field"])
 """Phrases whose value goes to what was spoken of before, or to a word that names many things (`before`, `radius`)."""
 _OF_THE_FLIGHT = re.compile(
@@ -150,6 +177,37 @@ class Ledger:
             if phrase.rule in CONDITIONAL_RULES and any(effect[phrase.span.start : phrase.span.end]):
                 _mark_conditions(read, self._text, phrase)
         return read
+
+    def unused_words(self, draft: Draft, words: Sequence[Word], telling: frozenset[str]) -> Iterator[Word]:
+        """Every known word that tells something, and that no reader has used or listed, in order.
+
+        A phrase goes on past such words. It uses those between its parts, as `the wind comes from`, but not what
+        stands beside a thing, as `passing` in `two passing cars`.
+        """
+        listed = (*draft.not_understood, *draft.not_expressible)
+        used = [Span(passage.start, passage.end) for passage in listed]
+        used += [*draft.used_words, *(span for span, _ in draft.faults)]
+        effects = [span for _, _, span in draft.statements] + draft.acknowledged
+        for phrase in self._phrases:
+            if phrase.rule in CLAIMING_RULES or not any(leaf.kind in NOUN_KINDS for leaf in phrase.leaves):
+                used += (
+                    [phrase.span]
+                    if any(_within(phrase.span, span) or _within(span, phrase.span) for span in effects)
+                    else []
+                )
+        marks = marked(len(self._text), used)
+        alone = {item.span for clause in self._clauses for item in clause.items if isinstance(item, Word)}
+        read = self.read_characters(draft)
+        beside = [*words[1:], *words[-1:]]
+        for previous, word, following in zip([*words[:1], *words[:-1]], words, beside, strict=True):
+            kinds = {meaning.kind for meaning in word.meanings}
+            # `after 60 s` where the time is read: its reader has looked at the word before it.
+            joined = bool(kinds & JOINING_KINDS) and (read[previous.span.start] or read[following.span.start])
+            passed_over = bool(kinds & TELLING_KINDS) and word.text.lower() not in MERE_PARTICLES
+            tells = word.span in alone and passed_over and not joined
+            tells = word.text.lower() in telling if word.filler else tells
+            if tells and not any(marks[word.span.start : word.span.end]):
+                yield word
 
     def _listed_characters(self, draft: Draft) -> bytearray:
         """For each character, whether it belongs to a phrase that its reader has listed as a whole."""

@@ -151,7 +151,12 @@ class FlightReader:
             if isinstance(part, Part) and part.kind in ("WITHIN", "ATLEAST"):
                 bound = part.kind
                 part.used = bound in names
-            elif isinstance(part, Part) and bound in names and isinstance(part.value, Quantity):
+            elif (
+                isinstance(part, Part)
+                and bound in names
+                and isinstance(part.value, Quantity)
+                and part.value.kind in (field.kind, "COUNT")
+            ):
                 unit = UNIT_NAMES.get(field.kind)
                 self._draft.vary(
                     ("rules", names[bound]), part.value.low, part.value.high, phrase.span, unit=unit

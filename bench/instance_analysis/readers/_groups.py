@@ -13,6 +13,7 @@ from ..language._phrases import Part, Phrase, Quantity
 from ..language._tokens import Span
 from ..language._vocabulary import Meaning, Vocabulary
 from ._traits import PERSONS, ROOFED, VEHICLES, put_motion
+from ._unread_subjects import UnreadSubjects
 
 PLURALS = frozenset(
     [
@@ -43,8 +44,11 @@ class GroupRegister:
     named them.
     """
 
-    def __init__(self, draft: Draft, vocabulary: Vocabulary) -> None:
+    def __init__(self, draft: Draft, vocabulary: Vocabulary, unread: UnreadSubjects) -> None:
         self.draft, self.vocabulary = draft, vocabulary
+        self._unread = unread
+        self._mentions: dict[str, Span] = {}
+        """Where the text has last mentioned each group, by a name or a pronoun."""
         self.kinds: dict[str, str] = {}
         """Ids of the groups, and the vocabulary's name of each."""
         self.plural: set[str] = set()
@@ -138,7 +142,29 @@ class GroupRegister:
         """The group or groups that a phrase names: known ones, or a new one."""
         groups = self._groups_named(phrase)
         self.mentioned += groups
+        self.mention(groups, phrase.span)
         return groups
+
+    def mention(self, groups: Sequence[str], span: Span) -> None:
+        """Note where the text speaks of groups."""
+        self._mentions |= dict.fromkeys(groups, span)
+
+    def mentioned_at(self, groups: Sequence[str]) -> Span:
+        """Where the text has last spoken of one of the groups; its beginning where it has not."""
+        spans = (self._mentions.get(group, Span(0, 0)) for group in groups)
+        return max(spans, key=lambda span: span.end, default=Span(0, 0))
+
+    def is_meant(self, groups: Sequence[str], pronoun: Span) -> bool:
+        """Whether a pronoun means groups, although the text has spoken of something unread after them."""
+        if self._unread.since(self.mentioned_at(groups).end, pronoun.start) is None:
+            self.mention(groups, pronoun)
+            return True
+        readings = [", ".join(groups), "what is not read: leave it out"]
+        if self.draft.ask(pronoun, f"who is {self.draft.quote(pronoun)!r}?", readings) == 0:
+            self.mention(groups, pronoun)
+            return True
+        self.draft.unread(pronoun, "it is something that is not read", expressible=True)
+        return False
 
     def _groups_named(self, phrase: Phrase) -> list[str]:
         name, span = self._thing(phrase)
@@ -444,8 +470,13 @@ class GroupRegister:
         if pronoun in ("they", "them", "these", "those") and len(family) > len(self.subject):
             readings = [", ".join(family), ", ".join(self.subject)]
             self.subject = [family, self.subject][self.draft.ask(span, "of whom is this said?", readings)]
-        if pronoun not in SINGULAR_PRONOUNS or not self.subject:
-            return
+        if pronoun in SINGULAR_PRONOUNS and self.subject:
+            self._choose_single(pronoun, span)
+        if self.subject and not self.is_meant(self.subject, span):
+            self.subject = []
+
+    def _choose_single(self, pronoun: str, span: Span) -> None:
+        """Make a group of one member the subject, where there is one that `it` may mean."""
         fitting = [
             group
             for group, name in self.kinds.items()
@@ -566,7 +597,8 @@ class GroupRegister:
             return []
         # A group of the same sentence goes before all earlier ones.
         recent = [group for group in fitting if group in self.mentioned]
-        return recent if len(recent) == 1 else self.choose_one(fitting, span)
+        groups = recent if len(recent) == 1 else self.choose_one(fitting, span)
+        return groups if self.is_meant(groups, span) else []
 
     def _new_target(self, span: Span) -> str:
         adversaries = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import re
 from collections.abc import Callable, Sequence
 
@@ -10,6 +11,7 @@ from ..language._phrases import Part, Phrase, Quantity
 from ..language._sentences import sentences_of
 from ..language._tokens import Span, Word
 from ..language._vocabulary import MotionWords, Vocabulary
+from ..ledger._clauses import is_stop
 from ..ledger._ledger import marked
 from ._escort import EscortReader
 from ._events import EventReader
@@ -23,6 +25,7 @@ from ._roads import RoadReader
 from ._rules import RuleReader
 from ._shares import ShareReader
 from ._traits import IMMOVABLE, PERSONS, TraitReader, length_of
+from ._unread_subjects import UnreadSubjects
 from ._weather import WeatherReader
 
 INSIGNIFICANT_KINDS = frozenset(
@@ -64,9 +67,10 @@ RULES_FOR_ALL_GROUPS = frozenset(["road", "spread"])
 class TextReader:
     """Reads the phrases of a text into a draft, sentence by sentence."""
 
-    def __init__(self, draft: Draft, vocabulary: Vocabulary) -> None:
+    def __init__(self, draft: Draft, vocabulary: Vocabulary, left_out: Sequence[Span] = ()) -> None:
         self.draft, self.vocabulary = draft, vocabulary
-        self.groups = GroupRegister(draft, vocabulary)
+        self.unread = UnreadSubjects(draft.text, left_out)
+        self.groups = GroupRegister(draft, vocabulary, self.unread)
         self.joined: list[str] = []
         self.waiting: list[Phrase] = []
         self.topic = ""
@@ -95,6 +99,8 @@ class TextReader:
     def read(self, items: Sequence[Phrase | Word]) -> None:
         """Read all phrases and words into the draft."""
         self._origin_and_home([item for item in items if isinstance(item, Phrase)])
+        self.unread.note([item for item in items if isinstance(item, Word)])
+        self._stops = [0, *(item.span.end for item in items if is_stop(item))]
         for sentence in sentences_of(items, self.draft):
             self._sentence(sentence)
         self.finish()
@@ -139,7 +145,8 @@ class TextReader:
             "",
         )
         self.flight.subject = ""
-        self._sentence_start, self._sized_until = sentence[0].span.start, 0
+        begins = bisect.bisect_right(self._stops, sentence[0].span.start) - 1
+        self._sentence_start, self._sized_until = self._stops[begins], 0
         """Where the sentence begins, and where it has last given the size of an area."""
         self._stranger = False
         """Whether this sentence has spoken of something else, which may be its subject."""
@@ -208,7 +215,12 @@ class TextReader:
             self.before, self.topic, self.last = self.last, "group", "group"
             self.joined = [*previous, *self.groups.subject]
             for waiting in self.waiting:
-                self._of_group(waiting)
+                if self.unread.since(self._sentence_start, waiting.span.start, subjects=True) is None or (
+                    self._is_said_of(
+                        self.groups.subject, waiting, first=waiting.rule not in TraitReader.RULES
+                    )
+                ):
+                    self._of_group(waiting)
             self.waiting = []
             return
         if phrase.rule in ("share", "rest"):
@@ -620,6 +632,8 @@ class TextReader:
             return
         if not self.groups.in_sentence and not self._still_about(subject, phrase):
             return
+        if self.groups.in_sentence and not self._is_nearest(subject, phrase):
+            return
         subject = self._described(subject, phrase)
         joined = [item for item in self.joined if not (phrase.refs and item in self.groups.ref(phrase))]
         if len(joined) > 1 and phrase.rule not in RULES_FOR_ALL_GROUPS and joined[-1:] == subject[-1:]:
@@ -685,6 +699,25 @@ class TextReader:
         if answers[self.draft.ask(phrase.span, "of whom is this said?", [name for name, _ in answers])][1]:
             return True
         self.draft.unread(phrase.span, "it is not said of whom", expressible=True)
+        return False
+
+    def _is_nearest(self, subject: Sequence[str], phrase: Phrase) -> bool:
+        """Whether a phrase is about the subject, although the text has spoken of something unread after it."""
+        mention = self.groups.mentioned_at(subject)
+        # `a tank, hidden near trees, in the north`: the sentence is not about the trees.
+        begin = self._sentence_start if self.unread.is_object(mention) else mention.end
+        if self.unread.since(begin, phrase.span.start, subjects=True) is None:
+            return True
+        return self._is_said_of(subject, phrase, first=True)
+
+    def _is_said_of(self, subject: Sequence[str], phrase: Phrase, *, first: bool) -> bool:
+        """Ask whether a phrase is about a group or about something unread; without an answer the former if `first`."""
+        answers = [(", ".join(subject), True), ("what is not read: leave it out", False)]
+        if not first:
+            answers.reverse()
+        if answers[self.draft.ask(phrase.span, "of whom is this said?", [name for name, _ in answers])][1]:
+            return True
+        self.draft.unread(phrase.span, "it is said of something that is not read", expressible=True)
         return False
 
     def _patrols(self, group: str, phrase: Phrase) -> None:
