@@ -75,7 +75,7 @@ class RenderedCamera:
         self.stage = stage
         self.conditions = conditions
         self.sensor = Sensor(stage.lens, conditions, seeds, number)
-        self._renderer = open_renderer(stage)
+        self.renderer = open_renderer(stage)
         self._last: RenderedFrame | None = None
 
     def capture(
@@ -91,7 +91,7 @@ class RenderedCamera:
             return None
         if state.frozen and self._last is not None and self._repeats(self._last.state.number, state.shown):
             return replace(self._last, state=replace(state, shown=self._last.state.number))
-        picture = self._renderer.render(pose, positions_enu_m, headings_rad)
+        picture = self.renderer.render(pose, positions_enu_m, headings_rad)
         bgr = self.sensor.expose(picture.bgr, pose, axis_distance_m(pose), number)
         self._last = RenderedFrame(replace(state, shown=number), bgr, picture)
         return self._last

@@ -87,6 +87,7 @@ class _Drawn:
     polygons: list[NDArray[np.int32]]
     actors: Counts  # (p,) place in the cast
     planes: Floats  # (p, 3) n / (n . p) in the optical frame: one over the depth along a ray is their product
+    inverse_depths: Floats  # (p, 2) one over the depth of the farthest and of the nearest corner
 
 
 class OpenCvRenderer:
@@ -173,7 +174,8 @@ class OpenCvRenderer:
             fill(image, polygon, colours[index], smooth_edges, _SHIFT)
             polygons.append(polygon)
             rows.append(index)
-        return _Drawn(polygons, actors[rows], planes[rows])
+        inverse_depths = 1.0 / np.stack((depth.max(axis=1), depth.min(axis=1)), axis=-1)
+        return _Drawn(polygons, actors[rows], planes[rows], inverse_depths[rows])
 
     def _visible_faces(
         self, pose: CameraPose, positions_enu_m: Floats, axes: Floats
@@ -500,8 +502,12 @@ class _OpenCvPicture:
         inverse = ground[0] * x + (ground[1] * y + ground[2])[:, None]
         numbers = self._numbers()
         rows, columns = np.nonzero(numbers)
-        plane = self._drawn.planes.astype(np.float32)[numbers[rows, columns] - 1]
-        inverse[rows, columns] = plane[:, 0] * x[columns] + plane[:, 1] * y[rows] + plane[:, 2]
+        polygons = numbers[rows, columns] - 1
+        plane = self._drawn.planes.astype(np.float32)[polygons]
+        on_plane = plane[:, 0] * x[columns] + plane[:, 1] * y[rows] + plane[:, 2]
+        # A pixel on the outline of a steep face has its middle beside it, where the plane is far from the face.
+        farthest, nearest = self._drawn.inverse_depths.astype(np.float32)[polygons].T
+        inverse[rows, columns] = np.clip(on_plane, farthest, nearest)
         depth: Narrow = np.full(inverse.shape, np.inf, np.float32)
         np.divide(np.float32(1.0), inverse, out=depth, where=inverse > 1e-6)
         return self._canvas.exact(depth)

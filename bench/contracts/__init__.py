@@ -82,12 +82,14 @@ from ._record import Record as Record
 from ._record import Tap as Tap
 from ._rendering import NO_DISTORTION as NO_DISTORTION
 from ._rendering import CameraPose as CameraPose
+from ._rendering import ChecksHost as ChecksHost
 from ._rendering import Geometry as Geometry
 from ._rendering import Ground as Ground
 from ._rendering import Labels as Labels
 from ._rendering import Lens as Lens
 from ._rendering import Light as Light
 from ._rendering import Look as Look
+from ._rendering import NamesBuild as NamesBuild
 from ._rendering import OpenRenderer as OpenRenderer
 from ._rendering import Picture as Picture
 from ._rendering import Pixels as Pixels
@@ -133,6 +135,8 @@ from ._topics import TRUTH_VIEW as TRUTH_VIEW
 from ._topics import VehicleTopics as VehicleTopics
 from ._topics import is_mavlink_from_agent as is_mavlink_from_agent
 from ._topics import mavlink_topic as mavlink_topic
+from ._topics import truth_depth_topic as truth_depth_topic
+from ._topics import truth_mask_topic as truth_mask_topic
 from ._vehicle import CarriesCamera as CarriesCamera
 from ._vehicle import LinkSpec as LinkSpec
 from ._vehicle import MavlinkTap as MavlinkTap

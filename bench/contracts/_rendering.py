@@ -11,8 +11,9 @@ i and row j covers [i, i + 1] x [j, j + 1].
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -248,7 +249,25 @@ class Renderer(Protocol):
         """
 
 
+@runtime_checkable
+class NamesBuild(Protocol):
+    """What a renderer offers beside `Renderer` when its pixels depend on more than its package's version."""
+
+    @property
+    def build(self) -> str:
+        """On what the pixels rest, such as a driver and its version: equal only where this is equal."""
+
+
 class OpenRenderer(Protocol):
     """The entry point of group `rebar.renderers`."""
 
-    def __call__(self, stage: Stage) -> Renderer: ...
+    def __call__(self, stage: Stage) -> Renderer:
+        """The renderer of a stage. Raises SetupError for a stage or on a host where it cannot draw."""
+
+
+@runtime_checkable
+class ChecksHost(Protocol):
+    """What an entry point offers beside `OpenRenderer` when it cannot draw on every host."""
+
+    def host_faults(self) -> Sequence[Fault]:
+        """Why it cannot draw on this one; asked before a session or campaign starts. `where` is left empty."""

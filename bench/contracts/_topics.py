@@ -122,6 +122,23 @@ class VehicleTopics:
         )
 
 
+def truth_mask_topic(camera: str) -> str:
+    """Bench-network topic of a camera's instance masks.
+
+    sensor_msgs/msg/CompressedImage, format `mono16; png compressed`: 1 + the actor's place in the cast, 0 for none.
+    """
+    return f"/truth/{camera}/mask"
+
+
+def truth_depth_topic(camera: str) -> str:
+    """Bench-network topic of a camera's depths.
+
+    sensor_msgs/msg/CompressedImage, format `32FC1; tiff compressed`: metres along the optical axis, exact, infinite in the
+    sky (REP 117, REP 118).
+    """
+    return f"/truth/{camera}/depth"
+
+
 def mavlink_topic(link: str, direction: str) -> str:
     """Bench-network topic (std_msgs/msg/UInt8MultiArray) of the raw MAVLink bytes of one step.
 
@@ -136,7 +153,7 @@ OPERATOR_LINK = "operator_station"
 OPERATOR_TAKES, OPERATOR_GIVES_BACK = "operator takes the vehicle", "operator gives the vehicle back"
 
 
-# Name of the event in /session/events whose text is the build of OpenCV that draws the camera's pictures.
+# Name of the event in /session/events whose text is what draws a camera's pictures: renderer and build of OpenCV.
 CAMERA_OPENED = "camera opened"
 # Name of the event whose text says which detector works on the pictures.
 DETECTOR_OPENED = "detector opened"

@@ -82,6 +82,7 @@ from ._services import OutsideService as OutsideService
 from ._sun import Sun as Sun
 from ._sun import sun_at as sun_at
 from ._sun import sun_of as sun_of
+from ._vehicle import DEFAULT_RENDERER as DEFAULT_RENDERER
 from ._vehicle import Battery as Battery
 from ._vehicle import Camera as Camera
 from ._vehicle import Distortion as Distortion

@@ -63,6 +63,9 @@ class Distortion(Document):
 
 NO_LENS_DISTORTION = Distortion()
 
+DEFAULT_RENDERER = "opencv"
+"""The renderer that every installation has."""
+
 
 class Camera(Document):
     """One camera. When `stabilized`, its mount keeps roll and pitch level."""
@@ -112,6 +115,27 @@ class Camera(Document):
             ),
         ),
     ] = False
+    record_masks: Annotated[
+        bool,
+        Field(
+            exclude_if=lambda recorded: not recorded,
+            description="Whether every picture is rendered, and recorded which actor each of its pixels shows.",
+        ),
+    ] = False
+    record_depth: Annotated[
+        bool,
+        Field(
+            exclude_if=lambda recorded: not recorded,
+            description="Whether every picture is rendered, and the depth of each of its pixels recorded.",
+        ),
+    ] = False
+    renderer: Annotated[
+        Identifier,
+        Field(
+            exclude_if=lambda name: name == DEFAULT_RENDERER,
+            description="What draws the pictures: an entry point of group rebar.renderers.",
+        ),
+    ] = DEFAULT_RENDERER
 
     # What the camera does to its pictures. Detections from the truth know nothing of it.
     noise: Annotated[
@@ -159,6 +183,11 @@ class Camera(Document):
             ),
         ),
     ] = None
+
+    @property
+    def draws_for_the_recording(self) -> bool:
+        """Whether every picture is rendered, also when nobody listens."""
+        return self.record_frames or self.record_boxes or self.record_masks or self.record_depth
 
     @model_validator(mode="after")
     def _gimbal_is_level(self) -> Self:

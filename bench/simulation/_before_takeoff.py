@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from bench.contracts import (
     OPERATOR_LINK,
     AgentManifest,
+    ChecksHost,
     LinkSpec,
     OpenVehicle,
     Vehicle,
@@ -14,10 +15,11 @@ from bench.contracts import (
     distortion_faults,
     lens_of,
     load_plugin,
+    plugins,
 )
 from bench.errors import Fault, SetupError
 from bench.perception import open_detector
-from bench.simspec import SimSpec
+from bench.simspec import DEFAULT_RENDERER, SimSpec
 
 from ._services import service_faults
 
@@ -63,8 +65,25 @@ def session_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
 
 
 def camera_faults(spec: SimSpec) -> list[Fault]:
-    """Faults of cameras that cannot be drawn."""
-    return [fault for camera in spec.vehicle.cameras for fault in distortion_faults(lens_of(camera))]
+    """Faults of cameras that cannot be drawn: lenses, and renderers that are not installed or do not work here."""
+    faults = [fault for camera in spec.vehicle.cameras for fault in distortion_faults(lens_of(camera))]
+    fields = [f"vehicle.more_cameras[{index}].renderer" for index in range(len(spec.vehicle.more_cameras))]
+    for field, camera in zip(("vehicle.camera.renderer", *fields), spec.vehicle.cameras, strict=True):
+        # The default comes with the bench, and is not imported until somebody wants a picture.
+        if camera.renderer != DEFAULT_RENDERER:
+            faults += _renderer_faults(field, camera.renderer)
+    return faults
+
+
+def _renderer_faults(field: str, name: str) -> list[Fault]:
+    installed = plugins("rebar.renderers")
+    if name not in installed:
+        known = ", ".join(sorted(installed)) or "none"
+        return [Fault(field, f"there is no renderer {name!r}", f"installed: {known}; or install its package")]
+    renderer = load_plugin("rebar.renderers", name)
+    if not isinstance(renderer, ChecksHost):
+        return []
+    return [Fault(field, fault.what, fault.remedy) for fault in renderer.host_faults()]
 
 
 def link_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:

@@ -10,16 +10,21 @@ from typing import TYPE_CHECKING
 from bench.contracts import (
     CAMERA_OPENED,
     ActorPixelsDocument,
+    NamesBuild,
     OpenRenderer,
     PictureDocument,
     Pixels,
+    Renderer,
     Scene,
     SimTime,
     Stage,
     VehicleState,
     load_plugin,
+    plugins,
+    truth_depth_topic,
+    truth_mask_topic,
 )
-from bench.simspec import Camera, SimSpec
+from bench.simspec import DEFAULT_RENDERER, Camera, SimSpec
 from bench.streams import CompressedImage, Header, Image, Time
 
 from ._air_network import AirNetwork, CameraPublishers
@@ -29,8 +34,6 @@ from ._truth import TruthRecorder
 
 if TYPE_CHECKING:
     from bench.camera import RenderedCamera, RenderedFrame
-
-RENDERER = "opencv"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,10 +92,9 @@ class CameraPictures:
         """Whether the next picture is for anything: the SimSpec asks for it, its detector works on pictures, or the
         agent listens.
         """
-        settings = self._settings
-        recorded = settings.record_frames or settings.record_boxes
         detected = self._is_main and self._spec.perception.on_pixels
-        return recorded or detected or self._raw.listened or self._compressed.listened
+        listened = self._raw.listened or self._compressed.listened
+        return self._settings.draws_for_the_recording or detected or listened
 
     def capture(self, state: VehicleState, scene: Scene, number: int, now: SimTime) -> Pixels | None:
         """Render frame `number` from where the vehicle is; None when the camera loses it."""
@@ -106,6 +108,7 @@ class CameraPictures:
         self._truth.write_picture(now, self._document(number, frame))
         if frame is None:
             return None
+        self._record_truth(now, frame)
         self._pending.append(_ExposedPicture(now, frame.bgr))
         return frame.bgr
 
@@ -123,14 +126,31 @@ class CameraPictures:
         from bench.camera import open_camera, opencv_build, use_one_thread
 
         use_one_thread()
-        open_renderer: OpenRenderer = self._open_renderer or load_plugin("rebar.renderers", RENDERER)
+        name = self._settings.renderer
+        open_renderer: OpenRenderer = self._open_renderer or load_plugin("rebar.renderers", name)
         camera = open_camera(self._spec, self._settings, open_renderer=open_renderer, world=self._world.stage)
         self._world.stage = camera.stage
         build = opencv_build()
+        if name != DEFAULT_RENDERER:
+            build = f"{name}, {_build_of(camera.renderer, name)}; {build}"
         self._truth.write_event(
             now, CAMERA_OPENED, build if self._is_main else f"{self._settings.name}: {build}"
         )
         return camera
+
+    def _record_truth(self, now: SimTime, frame: RenderedFrame) -> None:
+        """Record what the pixels show, as far as the SimSpec asks for it; of a frozen frame, that of its picture."""
+        from bench.camera import encode_depth, encode_mask
+
+        header, name = Header(stamp=Time.of(now.ns), frame_id=self._optical), self._settings.name
+        if self._settings.record_masks:
+            data = encode_mask(frame.picture.instances())
+            mask = CompressedImage(header, format="mono16; png compressed", data=data)
+            self._truth.write_pixels(now, truth_mask_topic(name), mask)
+        if self._settings.record_depth:
+            data = encode_depth(frame.picture.depth_m())
+            depth = CompressedImage(header, format="32FC1; tiff compressed", data=data)
+            self._truth.write_pixels(now, truth_depth_topic(name), depth)
 
     def _document(self, number: int, frame: RenderedFrame | None) -> PictureDocument:
         name = self._settings.name
@@ -143,6 +163,14 @@ class CameraPictures:
             sha256=hashlib.sha256(frame.bgr.tobytes()).hexdigest(),
             actors=_actor_pixels(frame) if self._settings.record_boxes else None,
         )
+
+
+def _build_of(renderer: Renderer, name: str) -> str:
+    """What a renderer's pixels rest on: what it says itself, else the version of its package."""
+    if isinstance(renderer, NamesBuild):
+        return renderer.build
+    package = plugins("rebar.renderers")[name].dist
+    return f"{package.name} {package.version}" if package is not None else "unknown version"
 
 
 def _actor_pixels(frame: RenderedFrame) -> tuple[ActorPixelsDocument, ...]:

@@ -53,7 +53,7 @@ from bench.simspec import SimSpec
 
 from ._agent_time import AgentTime
 from ._air_network import AirNetwork, open_air_network
-from ._before_takeoff import link_faults, pace_faults, tick_faults
+from ._before_takeoff import camera_faults, link_faults, pace_faults, tick_faults
 from ._further_cameras import FurtherCameras
 from ._host_clock import HOST_CLOCK, HostClock
 from ._host_memory import count_memory_kills
@@ -81,7 +81,7 @@ class SessionPlan:
 
     `scratch` is an empty folder for the agent, `tap` receives every record, and budgets are measured by
     `clock`. `memory_kills` counts the processes that the kernel killed for want of memory. The agent reads
-    no file in `hidden`. `open_renderer` draws the camera's pictures; None: the plug-in `opencv`. `open_on_pixels` is the
+    no file in `hidden`. `open_renderer` draws the pictures of every camera; None: the plug-in that each one names. `open_on_pixels` is the
     detector on them; None: the plug-in that the SimSpec names.
     """
 
@@ -426,7 +426,7 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
     spec, manifest = plan.simspec, plan.manifest
     progress = progress or SessionProgress()
     realized_of(spec)  # before anything is opened: a session without places has nothing to fly over
-    if faults := [*link_faults(spec, manifest), *pace_faults(spec, manifest)]:
+    if faults := [*link_faults(spec, manifest), *pace_faults(spec, manifest), *camera_faults(spec)]:
         raise SetupError(faults)
     open_vehicle: OpenVehicle = load_plugin("rebar.vehicles", spec.vehicle.model)
     open_scene: OpenScene = load_plugin("rebar.scenes", spec.world.scene)

@@ -35,6 +35,7 @@ from bench.contracts import (
 from bench.documents import Document
 from bench.simspec import SimSpec
 from bench.streams import (
+    CompressedImage,
     Header,
     MultiArrayLayout,
     Odometry,
@@ -136,6 +137,10 @@ class TruthRecorder:
     def write_picture(self, exposed: SimTime, picture: PictureDocument) -> None:
         """Write which pixels one exposure gave."""
         self._document(exposed, TRUTH_PICTURES, picture)
+
+    def write_pixels(self, exposed: SimTime, topic: str, pixels: CompressedImage) -> None:
+        """Write the truth about the pixels of one exposure: a mask, or depths."""
+        self._tap(Record(exposed, topic, CompressedImage.TYPE, encode(pixels)))
 
     def keep_mavlink(self, link: str, direction: str, frames: bytes) -> None:
         """Keep raw MAVLink of the present step for `write_mavlink`."""

@@ -371,3 +371,16 @@ def test_another_build_of_opencv_is_other_software(tmp_path: Path) -> None:
     old, new, none = paths
     assert _other_versions(old, new) == ["OpenCV 4.10.0, build a (here OpenCV 4.12.0, build b)"]
     assert _other_versions(old, old) == _other_versions(old, none) == []
+
+
+def test_another_renderer_of_a_further_camera_is_other_software(tmp_path: Path) -> None:
+    """Cameras are compared one by one, in the order in which they were opened."""
+    simspec, paths = load_simspec(ROOT / "examples" / "two_cameras.yaml"), []
+    for number, second in enumerate(("OpenCV 4.12.0, build b", "moderngl, Mesa 22; OpenCV 4.12.0, build b")):
+        paths.append(tmp_path / f"{number}.mcap")
+        with open_recording(paths[-1], simspec=simspec, versions=versions()) as recorder:
+            for text in ("OpenCV 4.12.0, build b", f"down: {second}"):
+                document = EventDocument(name=CAMERA_OPENED, text=text).model_dump_json()
+                recorder(Record(START, SESSION_EVENTS, String.TYPE, encode(String(document))))
+    (difference,) = _other_versions(*paths)
+    assert difference.startswith("down: OpenCV 4.12.0, build b (here down: moderngl, Mesa 22;")

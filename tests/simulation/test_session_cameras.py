@@ -2,29 +2,42 @@
 
 from __future__ import annotations
 
+from importlib.metadata import version
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from test_session_pictures import TOPICS, FlownSession, document, fly, watched_simspec
 
+from bench.agents import open_agent
 from bench.arrays import Floats
+from bench.camera import decode_depth, decode_mask, open_camera
 from bench.contracts import (
     SESSION_EVENTS,
     TF,
     TF_STATIC,
     TRUTH_PICTURES,
     TRUTH_VIEW,
+    CameraPose,
     EventDocument,
     Outcome,
+    Picture,
     PictureDocument,
     Record,
     ViewDocument,
+    truth_depth_topic,
+    truth_mask_topic,
 )
 from bench.errors import SetupError
+from bench.recording import TapeBuilder, open_recording, read_records
+from bench.recording.viewers import export_for_viewers
 from bench.simspec import Camera, Distortion, Mission, SimSpec
-from bench.simulation import PinholeCamera, camera_faults
-from bench.streams import CameraInfo, TFMessage, TransformStamped, decode
+from bench.simulation import PinholeCamera, SessionPlan, camera_faults, run_session
+from bench.simulation._pictures import _build_of
+from bench.streams import CameraInfo, CompressedImage, TFMessage, TransformStamped, decode
+from bench.testing import agent_manifest
 
 BARREL = Distortion(k1=-0.25, k2=0.06, p1=0.001, p2=-0.0008, k3=-0.004)
 DOWN = Camera(
@@ -36,6 +49,8 @@ DOWN = Camera(
     rate_hz=2.5,
     distortion=BARREL,
     record_boxes=True,
+    record_masks=True,
+    record_depth=True,
 )
 FRAMES = {"front": 11, "down": 6}
 
@@ -155,6 +170,85 @@ def test_people_are_where_camera_info_and_tf_of_each_camera_say(
                 checked[camera] += 1
     assert checked["front"] >= 12
     assert checked["down"] >= 4
+
+
+def test_masks_and_depths_are_recorded_and_agree_with_boxes_and_geometry(
+    flown: tuple[FlownSession, FlownSession],
+) -> None:
+    """Of the camera that asks for them: exact masks, depths in metres to the ground 30 m below and to heads above it."""
+    session, _ = flown
+    assert not session.on(truth_mask_topic("front"))
+    assert not session.on(truth_depth_topic("front"))
+    masks, depths = (session.on(topic("down")) for topic in (truth_mask_topic, truth_depth_topic))
+    pictures = pictures_of(session, "down")
+    assert len(masks) == len(depths) == len(pictures) == FRAMES["down"]
+    for mask, depth, (record, picture) in zip(masks, depths, pictures, strict=True):
+        assert mask.time == depth.time == record.time
+        mask_image, depth_image = (decode(CompressedImage, each.data) for each in (mask, depth))
+        assert mask_image is not None
+        assert depth_image is not None
+        assert (mask_image.format, depth_image.format) == ("mono16; png compressed", "32FC1; tiff compressed")
+        assert mask_image.header.frame_id == depth_image.header.frame_id == "vehicle_1/camera_down_optical"
+        assert mask_image.header.stamp.ns == depth_image.header.stamp.ns == record.time.ns
+        labels, metres = decode_mask(mask_image.data), decode_depth(depth_image.data)
+        assert labels.shape == metres.shape == (160, 200)
+        assert picture.actors is not None
+        for actor in picture.actors:
+            rows, columns = np.nonzero(labels == actor.actor + 1)
+            assert len(rows) == actor.visible_px
+            assert (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1) == actor.box
+            # Between the head of a person of at most 1.9 m and the ground, 30 m below.
+            on_person = metres[labels == actor.actor + 1]
+            assert 28.1 < on_person.min() < 28.6
+            assert on_person.max() <= 30.0
+        assert metres[labels == 0] == pytest.approx(30.0, abs=1e-3)
+
+
+def test_an_export_takes_no_mask_for_a_picture(
+    flown: tuple[FlownSession, FlownSession], tmp_path: Path
+) -> None:
+    """Boxes still get an empty picture below them, and the tape is whole."""
+    source = tmp_path / "recording.mcap"
+    builder = TapeBuilder(two_cameras())
+    with open_recording(source, simspec=two_cameras(), versions={}) as recorder:
+        for record in flown[0].records:
+            recorder(record)
+            builder(record)
+    assert not builder.tape().malformed
+    result = export_for_viewers(source, tmp_path / "viewers.mcap")
+    assert (result.cut, dict(result.malformed), result.pictures) == (None, {}, False)
+    topics = {record.topic for record in read_records(tmp_path / "viewers.mcap")}
+    assert {"/viewer/empty_picture", truth_mask_topic("down"), truth_depth_topic("down")} <= topics
+
+
+def test_a_renderer_that_is_not_installed_is_refused_with_those_that_are() -> None:
+    """By the field that names it, before anything is opened."""
+    spec = two_cameras()
+    cameras = (DOWN, DOWN.model_copy(update={"name": "other", "renderer": "crayons"}))
+    spec = spec.model_copy(update={"vehicle": spec.vehicle.model_copy(update={"more_cameras": cameras})})
+    (fault,) = camera_faults(spec)
+    assert str(fault).startswith(
+        "vehicle.more_cameras[1].renderer: there is no renderer 'crayons' (installed: "
+    )
+    assert "opencv" in fault.remedy
+    plan = SessionPlan(spec, agent_manifest("idle"), Path(), open_agent, Path(), lambda record: None)
+    end = run_session(plan)
+    assert end.outcome is Outcome.SETUP_INVALID
+    assert "vehicle.more_cameras[1].renderer" in end.reason
+
+
+def test_a_recording_says_what_a_renderer_rests_on() -> None:
+    """What it says itself, else its package's version."""
+
+    class Crayons:
+        build = "wax 3, yellow"
+
+        def render(self, pose: CameraPose, positions_enu_m: Floats, headings_rad: Floats) -> Picture:
+            raise NotImplementedError
+
+    assert _build_of(Crayons(), "opencv") == "wax 3, yellow"
+    silent = open_camera(two_cameras()).renderer
+    assert _build_of(silent, "opencv") == f"rebar-bench {version('rebar-bench')}"
 
 
 def test_a_distortion_that_folds_over_is_refused_before_the_flight() -> None:

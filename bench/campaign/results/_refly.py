@@ -204,25 +204,29 @@ def _different_fields(result: SessionResult, reflown: SessionResult) -> list[str
 
 
 def _other_versions(recording: Path, reflown: Path) -> list[str]:
-    """Each package of which another version wrote the recording, with both versions; another build of OpenCV too."""
+    """Each package of which another version wrote the recording, with both versions; other builds of renderers and OpenCV too."""
     written, here = read_metadata(recording).get("rebar.versions", {}), versions()
-    builds = _opencv_build(recording), _opencv_build(reflown)
-    camera = [f"{builds[0]} (here {builds[1]})"] if all(builds) and builds[0] != builds[1] else []
-    return camera + [
+    cameras = [
+        f"{old} (here {new})"
+        for old, new in zip(_camera_builds(recording), _camera_builds(reflown), strict=False)
+        if old != new
+    ]
+    return cameras + [
         f"{name} {written.get(name, 'unknown')} (here {here.get(name, 'not installed')})"
         for name in sorted(written.keys() | here.keys())
         if written.get(name) != here.get(name)
     ]
 
 
-def _opencv_build(recording: Path) -> str:
-    """The build that drew the camera's pictures; empty if none were drawn."""
+def _camera_builds(recording: Path) -> list[str]:
+    """What drew the pictures of each camera, in the order in which they were opened; empty if none were drawn."""
+    builds = []
     for record in read_records(recording):
         message = decode(String, record.data) if record.topic == SESSION_EVENTS else None
         event = parse_document(EventDocument, message.data) if message is not None else None
         if event is not None and event.name == CAMERA_OPENED:
-            return event.text
-    return ""
+            builds.append(event.text)
+    return builds
 
 
 def _brief(reason: str) -> str:

@@ -21,6 +21,7 @@ from .._recorder import CHUNK_BYTES, LIBRARY, PROFILE
 from ._deriver import VIEWER_PREFIX, Derived, ViewerDeriver
 
 _PICTURES = frozenset({CompressedImage.TYPE, Image.TYPE})
+_TRUTH_PREFIX = "/truth/"
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +77,8 @@ def _has_pictures(source: Path) -> bool:
                     "give the recording.mcap of a run",
                 )
             )
-        pictures = pictures or record.type_name in _PICTURES
+        # Masks and depths are no picture that boxes can be seen on.
+        pictures = pictures or (record.type_name in _PICTURES and not record.topic.startswith(_TRUTH_PREFIX))
     return pictures
 
 
