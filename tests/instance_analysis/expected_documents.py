@@ -16,6 +16,8 @@ GROUPS = {
     "shed": ("shed", "clutter"),
     "tree": ("tree", "clutter"),
     "crate": ("crate", "clutter"),
+    "sheep": ("sheep", "clutter"),
+    "dog": ("dog", "clutter"),
 }
 SHORT = {
     "alt": "mission.altitude_m",

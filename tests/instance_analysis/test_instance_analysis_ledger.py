@@ -56,7 +56,7 @@ BESIDE = ("each", "7", "seven", "at least", "twice", "per", "2.5")
 """Inserts that nobody can use where they stand."""
 BEFORE_DRONE = {"mission.altitude_m": 60.0, "mission.speed_mps": 12.0, "mission.time_limit_s": 300.0}
 SOMEBODY_ELSES_NUMBERS = [
-    "A fence of 45 m.", "Somebody has 25 dogs.", "The river is 15 m deep.", "They arrived 300 s ago, perhaps.",
+    "A fence of 45 m.", "Somebody has 25 goats.", "The river is 15 m deep.", "They arrived 300 s ago, perhaps.",
     "The gate opens for 90 s.", "A flag at 33 m.", "The crowd moves with 17 m/s of joy.", "A bus, 12 minutes late.",
     "The radar hums, at 37 m.", "Trucks weigh 8 tonnes; within 400 s nothing happens.",
 ]  # fmt: skip

@@ -197,6 +197,9 @@ def _times(text: str, run: Run, *, is_order: bool, clocks: bool = True) -> list[
         span = Span(part.span.start, part.span.end + length)
         if name == "until" and is_order and _BACK.search(before):
             name = "at"
+        if name == "lasting" and is_order and _LATER.match(text, part.span.end):
+            # `and allows them again 80 seconds later`.
+            name = "later"
         if not time.single and name == "at":
             ends = [Quantity("TIME", end, end) for end in (time.low, time.high)]
             times += [("at", (ends[0], span)), ("until", (ends[1], span))]
@@ -282,6 +285,7 @@ _SUBJECT = re.compile(
 )
 _MINUTES = re.compile(r"\d{1,2}:\d\d\s*")
 """Minutes and seconds; a time of day has a zone or a part of the day."""
+_LATER = re.compile(r"\s*(?:later|afterwards)\b", re.IGNORECASE)
 _BACK = re.compile(r"\b(?:back|again|restored|returns?|available|recovers?|up)\b[^\d]*$", re.IGNORECASE)
 
 

@@ -27,6 +27,8 @@ _STILL_OF_IT = re.compile(
 )
 """What may stand between an area and its times: its own sentence, or one about `it`."""
 _OF_GROUND = re.compile(r"\s+of\s+(?:an?|the|this|that|our)\s+", re.IGNORECASE)
+EAST_WEST = 90.0
+"""The value of an axis from east to west."""
 CORNERS_OF_A_CIRCLE = 16
 MIDDLE_SHARE = 1 / 3
 
@@ -380,13 +382,16 @@ def _box(outline: list[Point]) -> tuple[float, float, float, float]:
 def _by_axes(phrase: Phrase) -> Part:
     """The size of `700 m from west to east and 500 m from south to north`."""
     sides: dict[object, float] = {}
-    for length, axis in zip(phrase.every("LENGTH"), phrase.every("AXIS"), strict=True):
+    axes = [axis.value for axis in phrase.every("AXIS")]
+    # `120 m long east-west and 90 m deep`: the other side runs across.
+    axes += [0.0 if axes[0] == EAST_WEST else EAST_WEST] if len(axes) == 1 else []
+    for length, axis in zip(phrase.every("LENGTH"), axes, strict=True):
         assert isinstance(length.value, Quantity)
-        sides[axis.value] = length.value.low
-    east = sides.get(90.0, 0.0)
+        sides[axis] = length.value.low
+    east = sides.get(EAST_WEST, 0.0)
     return Part(
         "DIM",
-        Quantity("DIM", east, next((m for axis, m in sides.items() if axis != 90.0), east)),
+        Quantity("DIM", east, next((m for axis, m in sides.items() if axis != EAST_WEST), east)),
         phrase.span,
     )
 

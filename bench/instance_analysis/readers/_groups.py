@@ -196,6 +196,7 @@ class GroupRegister:
             # `near a crate`, where the text has crates, means near some member of that group.
             if several:
                 self.draft.acknowledge(count.span)
+                phrase.every("ATLEAST")
                 return self.choose_one(several, span)
         if none or (count and isinstance(count.value, Quantity) and count.value.high == 0):
             self._absent(phrase, name)
@@ -354,7 +355,9 @@ class GroupRegister:
         """Take a number of members out of a group, as a group with all that was said of it so far."""
         path: FieldPath = ("actors", group, "count")
         before = self.draft.entries[path]
-        asset = phrase.first("ASSET") if phrase.has("THEM") else None
+        # `two of them children`, `two of the residents are children`.
+        assets = phrase.every("ASSET")
+        asset = assets[-1] if assets and (len(assets) > 1 or phrase.has("THEM", "OFTHEM")) else None
         name = self.kinds[group] if asset is None else str(asset.value)
         part = self._new(
             Phrase("ref", (), phrase.span),
@@ -556,6 +559,9 @@ class GroupRegister:
         if ref.first("ORIGIN"):
             return [Coordinates(0.0, 0.0)]
         if ref.first("HOME"):
+            return [HOME]
+        if us := ref.first("US"):
+            self.draft.remark(us.span, "read as the start of the drone")
             return [HOME]
         if convoy := ref.first("CONVOY"):
             if not self.convoys:

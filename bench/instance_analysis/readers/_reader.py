@@ -34,7 +34,20 @@ INSIGNIFICANT_KINDS = frozenset(
         *("COMMA", "DASH", "STOP", "ABOUT", "OVER", "BY", "AWAY", "PART", "FLY", "UNTIL"),
         *("AFTER", "BEFORE", "SQUARE", "DENSITYOF", "KEEP", "AREAWORD", "INTEL", "TARGET", "LBR", "RBR"),
         *("ALONG", "SEEN", "ONAVERAGE", "AGL", "ORIGIN", "LAUNCH", "CORNERS", "ROUTE", "AXIS"),
-        *("RUNS", "NTH", "MIDDLE", "CONVOY", "GROUND", "NAMED", "WIDE", "OFTHEM"),
+        *(
+            "RUNS",
+            "NTH",
+            "MIDDLE",
+            "CONVOY",
+            "US",
+            "BODY",
+            "NEXTTO",
+            "DEEP",
+            "GROUND",
+            "NAMED",
+            "WIDE",
+            "OFTHEM",
+        ),
     ]
 )
 
@@ -53,6 +66,12 @@ _SAYS_HOW_MANY = re.compile(
     re.IGNORECASE,
 )
 """What makes the number after it a number of members."""
+_VERB = re.compile(
+    r"\b(?:stands?|stood|are|is|were|was|lies?|sits?|waits?|shall|must|remains?|stays?|walks?|drives?|moves?)\b",
+    re.IGNORECASE,
+)
+"""What makes `four rescuers with two dogs stand by the house` a statement about all of them."""
+_WITH = re.compile(r"\bwith (?:an?|the)? ?$", re.IGNORECASE)
 _RIGHT_AFTER = re.compile(r"[\s,]*(?:\([^()]*\)[\s,]*)?")
 _CENTRED = ("centred", "centered", "around", "right around", "exactly around")
 RELATIONS_TO_IT = frozenset(["near", "exact", "within", "atleast", "bearing"])
@@ -158,8 +177,12 @@ class TextReader:
             isinstance(item, Word) and item.text.lower().startswith("report") for item in sentence
         )
         joins = False
+        self._company: list[str] = []
+        """The groups before and after `with`: `four rescuers with two dogs`."""
         for index, item in enumerate(sentence):
             if isinstance(item, Word):
+                if item.text.lower() == "with" and index and _is_group(sentence[index - 1]):
+                    self._company = [*self.groups.subject]
                 # After a comma, `and` begins another clause.
                 joins = (not item.comma and any(m.kind == "AND" for m in item.meanings)) or (
                     joins and item.filler
@@ -212,6 +235,14 @@ class TextReader:
             self._just_named = []
             previous = self.joined if joins else []
             self.groups.introduce(phrase)
+            if (
+                self._company
+                and len(self._company) == 1
+                and _WITH.search(self.draft.text[: phrase.span.start])
+            ):
+                self._company += self.groups.subject
+            else:
+                self._company = []
             self.before, self.topic, self.last = self.last, "group", "group"
             self.joined = [*previous, *self.groups.subject]
             for waiting in self.waiting:
@@ -635,6 +666,12 @@ class TextReader:
         if self.groups.in_sentence and not self._is_nearest(subject, phrase):
             return
         subject = self._described(subject, phrase)
+        if len(self._company) > 1 and self._is_predicate(phrase):
+            members = [self._company, self._company[:1], self._company[1:]]
+            names = [", ".join(groups) for groups in members]
+            subject = members[self.draft.ask(phrase.span, "which groups does this describe?", names)]
+            # A group has no distance from itself.
+            subject = [group for group in subject if not phrase.refs or group not in self.groups.ref(phrase)]
         joined = [item for item in self.joined if not (phrase.refs and item in self.groups.ref(phrase))]
         if len(joined) > 1 and phrase.rule not in RULES_FOR_ALL_GROUPS and joined[-1:] == subject[-1:]:
             readings = [", ".join(subject), ", ".join(joined)]
@@ -669,6 +706,12 @@ class TextReader:
         motion = phrase.first("MOTION")
         moves = motion is not None and isinstance(motion.value, MotionWords) and motion.value.kind != "still"
         return moves and self.groups.asset(group) in IMMOVABLE
+
+    def _is_predicate(self, phrase: Phrase) -> bool:
+        """Whether a verb stands between the groups of the sentence and what is said of them."""
+        entry = self.draft.entries.get(("actors", self._company[-1], "id"))
+        start = entry.span.end if entry is not None and entry.span is not None else phrase.span.start
+        return _VERB.search(self.draft.text, start, phrase.span.end) is not None
 
     def _described(self, subject: list[str], phrase: Phrase) -> list[str]:
         """The groups that a phrase describes after a relation to another group that the sentence has just named.
@@ -753,7 +796,7 @@ class TextReader:
         if self.groups.in_sentence and self.groups.subject and not self.groups.subject_is_mission:
             read = (
                 self.relations.atleast
-                if phrase.first("ATLEAST") or phrase.first("APPROACH")
+                if any(map(phrase.first, ("ATLEAST", "APPROACH", "ORMORE")))
                 else self.relations.exact
             )
             for group in self.groups.subject:
@@ -776,6 +819,10 @@ class TextReader:
         self.places.finish(self.roads.laid_out, self.ground.box)
         self.escort.finish()
         self.rules.finish()
+
+
+def _is_group(item: Phrase | Word) -> bool:
+    return isinstance(item, Phrase) and item.rule == "group"
 
 
 def _speaks_of_intelligence(item: Phrase | Word) -> bool:

@@ -16,6 +16,8 @@ from ._ground import GroundReader
 from ._places import PlaceReader
 from ._traits import DIRECTIONS, PERSONS, length_of
 
+MAX_WORDS_TO_DISTANCE = 3
+"""Words between `beside the road` and a distance without an origin at most. Chosen."""
 NO_OWN_DISTANCE = "a group has no distance to itself"
 
 
@@ -162,11 +164,32 @@ class RelationReader:
         self._away(group, low, length.high, span, "")
 
     def _away(self, group: str, low: float, high: float, span: Span, note: str) -> None:
+        if self._off_the_road(group, low, high, span):
+            return
         others: list[str] = [other for other in self._groups.kinds if other != group]
         if not others:
             self._draft.unread(span, "the text does not say from what", expressible=True)
             return
         self._keep(group, self._distance_origin(group, span), span, low, high, every=False, note=note)
+
+    def _off_the_road(self, group: str, low: float, high: float, span: Span) -> bool:
+        """Read `beside the road, no more than 12 m off`; whether the distance follows such words."""
+        base: FieldPath = ("actors", group, "placement", "along")
+        where = self._draft.entries.get((*base, "where"))
+        if (
+            where is None
+            or where.value != "beside"
+            or where.span is None
+            or (*base, "within_m") in self._draft.entries
+        ):
+            return False
+        between = self._draft.text[where.span.end : span.start]
+        if len(between.split()) > MAX_WORDS_TO_DISTANCE or not {".", ";"}.isdisjoint(between):
+            return False
+        self._draft.put((*base, "within_m"), high, span)
+        if low:
+            self._draft.put((*base, "at_least_m"), low, span)
+        return True
 
     def _distance_origin(self, group: str, span: Span) -> str:
         """The origin of a distance without one: the only other group, or home; with several groups, ask."""
@@ -365,6 +388,13 @@ class RelationReader:
 
     def apart(self, group: str, phrase: Phrase) -> None:
         length = length_of(self._draft, phrase)
+        if phrase.refs:
+            # `between the houses is always more than 25 m` names its own subject.
+            named = [target for target in self._groups.ref(phrase) if isinstance(target, str)]
+            if len(named) != 1 or named[0] not in self._groups.plural:
+                self._draft.unread(phrase.span, "a least distance between members is of one group of several")
+                return
+            [group] = named
         self._draft.vary(
             ("actors", group, "placement", "spread_m"), length.low, length.high, phrase.span, unit="m"
         )

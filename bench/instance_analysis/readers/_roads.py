@@ -211,7 +211,8 @@ class RoadReader:
         self._draft.put((*base, "where"), where, span)
 
     def roadgap(self, group: str, phrase: Phrase) -> None:
-        roads = self.current or self.roads if phrase.has("EDGE") else self._roads_named(phrase)
+        of_the_last = phrase.has("EDGE") or not phrase.has("ROAD")
+        roads = self.current or self.roads if of_the_last else self._roads_named(phrase)
         if not roads:
             self._draft.unread(phrase.span, "the text does not say of which road", expressible=True)
             return

@@ -102,6 +102,7 @@ class TraitReader:
     def concealment(self, group: str, phrase: Phrase) -> None:
         path: FieldPath = ("actors", group, "concealment")
         given = phrase.first("PERCENT") or phrase.first("COUNT")
+        fraction = phrase.first("FRACTION")
         before = self._draft.entries.get(path)
         if given is not None and isinstance(given.value, Quantity):
             if (
@@ -112,6 +113,8 @@ class TraitReader:
                 # A number replaces a word: `hidden so well that its concealment is 0.8`.
                 self._draft.forget(path)
             self._draft.vary(path, given.value.low, given.value.high, phrase.span, unit=None)
+        elif fraction is not None and isinstance(fraction.value, float):
+            self._draft.put(path, round(fraction.value, 3), phrase.span)
         elif word := phrase.first("CONCEAL"):
             self._draft.put(path, word.value, phrase.span)
 
