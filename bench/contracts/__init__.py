@@ -98,6 +98,7 @@ from ._rendering import Stage as Stage
 from ._rendering import distortion_faults as distortion_faults
 from ._rendering import lens_of as lens_of
 from ._scene import CameraFrame as CameraFrame
+from ._scene import CameraPicture as CameraPicture
 from ._scene import Detection as Detection
 from ._scene import DetectionFrame as DetectionFrame
 from ._scene import Detector as Detector

@@ -9,12 +9,13 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.arrays import Floats
 from bench.clock import SimTime
 from bench.simspec import SimSpec
 
 from ._documents import CastMember
 from ._rendering import Pixels
-from ._vehicle import VehicleState
+from ._vehicle import Vector, VehicleState
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +41,18 @@ class CameraFrame:
     camera: str
     exposed: SimTime
     sightings: tuple[Sighting, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraPicture:
+    """The pixels of one exposure, and the camera's pose by the vehicle's own estimate: all that a tracker on board has.
+
+    `axes_enu` (3, 3) has the camera's right, down and forward axes as rows.
+    """
+
+    bgr: Pixels
+    axes_enu: Floats
+    position_enu_m: Vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +109,7 @@ class OpenScene(Protocol):
 class Detector(Protocol):
     """Turns frames into detections, with the delays of its model."""
 
-    def process(self, frame: CameraFrame, bgr: Pixels | None = None) -> None:
+    def process(self, frame: CameraFrame, picture: CameraPicture | None = None) -> None:
         """Take in one exposure and its picture, None where there is none; draws all that is random about it."""
 
     # Apart from `process`, because a detection is published later than its frame was exposed.

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from bench.contracts import (
     CameraFrame,
+    CameraPicture,
     CastMember,
     Detection,
     DetectionFrame,
     Detector,
     OpenPixelDetector,
-    Pixels,
     Sighting,
     SimTime,
 )
@@ -71,7 +71,7 @@ def open_detector(
 class NoDetector:
     """Publishes nothing: the agent has a perception of its own."""
 
-    def process(self, frame: CameraFrame, bgr: Pixels | None = None) -> None:
+    def process(self, frame: CameraFrame, picture: CameraPicture | None = None) -> None:
         pass
 
     def due(self, now: SimTime) -> Sequence[DetectionFrame]:
@@ -86,7 +86,7 @@ class TruthDetector:
         self._tracks = TrackNames()
         self._results = DelayedResults()
 
-    def process(self, frame: CameraFrame, bgr: Pixels | None = None) -> None:
+    def process(self, frame: CameraFrame, picture: CameraPicture | None = None) -> None:
         detections = [
             UntrackedDetection(
                 Detection(self._cast[sighting.actor].class_label, 1.0, sighting.box), sighting.actor
@@ -122,7 +122,7 @@ class SimulatedDetector:
         self._latency = FrameLatency.of(simspec)
         self._results = DelayedResults()
 
-    def process(self, frame: CameraFrame, bgr: Pixels | None = None) -> None:
+    def process(self, frame: CameraFrame, picture: CameraPicture | None = None) -> None:
         draws = self._block(FRAME_DRAWS, frame.number, _DRAWS)
         self._noise.advance(frame.exposed, draws[:, :3])
         more = np.zeros((0, 0))

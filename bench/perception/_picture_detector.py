@@ -5,8 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
+from bench.arrays import Floats
 from bench.contracts import (
     CameraFrame,
+    CameraPicture,
     Detection,
     DetectionFrame,
     OpenPixelDetector,
@@ -14,14 +18,16 @@ from bench.contracts import (
     Pixels,
     SimTime,
     VersionedDetector,
+    lens_of,
     load_plugin,
     plugins,
 )
 from bench.errors import DetectorFault, Fault, SetupError
 from bench.simspec import CLASS_LABELS, SimSpec
 
-from ._boxes import Box, PictureSize
+from ._boxes import PictureSize
 from ._delays import DelayedResults, FrameLatency
+from ._tracker import KalmanTracker, ground_homography, ground_warp
 
 
 def open_picture_detector(
@@ -71,19 +77,31 @@ class PictureDetector:
         self.description = f"{origin}: {version}" if version else origin
         camera = simspec.vehicle.camera
         self._picture = PictureSize(float(camera.width_px), float(camera.height_px))
-        self._tracks = NearestBoxes(camera.width_px / 10.0)
+        self._lens = lens_of(camera)
+        self._tracks = KalmanTracker(self._lens.fx)
+        self._ground: Floats | None = None
         self._latency = FrameLatency.of(simspec)
         self._results = DelayedResults()
 
-    def process(self, frame: CameraFrame, bgr: Pixels | None = None) -> None:
+    def process(self, frame: CameraFrame, picture: CameraPicture | None = None) -> None:
         # A frame that the camera lost has no result: its pixels never reached the detector.
-        if bgr is None:
+        if picture is None:
             return
-        detections = self._tracks.name(self._detect(frame.number, bgr), frame.exposed)
+        detections = self._tracks.name(
+            self._detect(frame.number, picture.bgr), frame.exposed, self._warp(picture)
+        )
         self._results.put(frame.exposed, self._latency.of_frame(frame.number), detections)
 
     def due(self, now: SimTime) -> Sequence[DetectionFrame]:
         return self._results.due(now)
+
+    def _warp(self, picture: CameraPicture) -> Floats | None:
+        """From the picture before to this one, over the ground; None for the first. A lens's distortion is left out."""
+        lens, before = self._lens, self._ground
+        self._ground = ground_homography(
+            (lens.fx, lens.fy), (lens.cx, lens.cy), picture.axes_enu, np.array(picture.position_enu_m)
+        )
+        return None if before is None else ground_warp(before, self._ground)
 
     def _detect(self, number: int, bgr: Pixels) -> list[Detection]:
         where = f"detector {self._name!r} in the picture of frame {number}"
@@ -117,28 +135,3 @@ class PictureDetector:
                 f"its opposite, and touch the picture of {self._picture.width_px:g} x {self._picture.height_px:g} pixels"
             )
         return Detection(detection.class_label, score, self._picture.fitted(left, top, right, bottom))
-
-
-class NearestBoxes:
-    """Names a detection as the nearest one of the picture before, at most `reach_px` away."""
-
-    def __init__(self, reach_px: float) -> None:
-        self._reach_px = reach_px
-        self._last: dict[str, Box] = {}
-        self._count = 0
-
-    def name(self, detections: Sequence[Detection], exposed: SimTime) -> tuple[Detection, ...]:
-        """The detections, surest first, each with its track."""
-        free, self._last = self._last, {}
-        named = []
-        for detection in sorted(detections, key=lambda detection: (-detection.score, detection.box)):
-            box = detection.box
-            near = min(free, key=lambda track: math.dist(free[track], box), default=None)
-            if near is None or math.dist(free[near], box) > self._reach_px:
-                self._count += 1
-                near = f"t{self._count}"
-            else:
-                del free[near]
-            self._last[near] = box
-            named.append(Detection(detection.class_label, detection.score, box, near))
-        return tuple(named)

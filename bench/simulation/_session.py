@@ -23,6 +23,7 @@ from bench.contracts import (
     AgentProcess,
     AgentStatus,
     AgentUsage,
+    CameraPicture,
     CarriesCamera,
     ConsentRequest,
     Detector,
@@ -42,6 +43,7 @@ from bench.contracts import (
     Tick,
     Vehicle,
     VehiclePlan,
+    VehicleState,
     VehicleTopics,
     load_plugin,
     parse_document,
@@ -54,6 +56,7 @@ from bench.simspec import SimSpec
 from ._agent_time import AgentTime
 from ._air_network import AirNetwork, open_air_network
 from ._before_takeoff import camera_faults, link_faults, pace_faults, tick_faults
+from ._camera import PinholeCamera
 from ._further_cameras import FurtherCameras
 from ._host_clock import HOST_CLOCK, HostClock
 from ._host_memory import count_memory_kills
@@ -187,6 +190,7 @@ class Session:
         self._information = MissionInformation(plan.simspec, air, scene)
         self._pictures, *further = camera_pictures(plan.simspec, air, truth, plan.open_renderer)
         self._further_cameras = FurtherCameras(plan.simspec, air, tuple(further))
+        self._mount = PinholeCamera.of(plan.simspec.vehicle.camera)
         self._agent: AgentProcess | None = None
         self._ticks: TickServer | None = None
         self._carries_camera = vehicle if isinstance(vehicle, CarriesCamera) else None
@@ -320,12 +324,19 @@ class Session:
         frame = self._scene.observe(state, self._frame)
         self._frame += 1
         self._truth.write_frame(frame)
-        wanted = self._pictures.wanted
-        bgr = self._pictures.capture(state, self._scene, frame.number, now) if wanted else None
+        picture = self._picture(state, frame.number, now) if self._pictures.wanted else None
         if self._carries_camera is not None:
             self._carries_camera.record_exposure(frame.number, now)
         self._information.record_exposure(now)
-        self._detector.process(frame, bgr)
+        self._detector.process(frame, picture)
+
+    def _picture(self, state: VehicleState, number: int, now: SimTime) -> CameraPicture | None:
+        """The picture of a frame, with the pose that the vehicle believes to have; None when the camera loses it."""
+        bgr = self._pictures.capture(state, self._scene, number, now)
+        if bgr is None:
+            return None
+        estimate = self._vehicle.estimate()
+        return CameraPicture(bgr, self._mount.axes_enu(estimate), estimate.position_enu_m)
 
     def _check_end(self) -> None:
         condition = self._vehicle.condition()

@@ -19,6 +19,7 @@ from bench.contracts import (
     SESSION_EVENTS,
     TRUTH_PICTURES,
     TRUTH_VIEW,
+    CameraPicture,
     Detection,
     DetectionFrame,
     Detector,
@@ -230,12 +231,19 @@ def test_delays_are_those_of_the_simulated_detector() -> None:
 
     def published(detector: Detector) -> list[SimTime]:
         for number in range(20):
-            detector.process(camera_frame(number, 2), bgr)
+            detector.process(camera_frame(number, 2), picture_of(bgr))
         return [result.published for result in detector.due(SimTime(10**12))]
 
     times = published(open_detector(pixels, cast_of(pixels), lambda _: MeanDetector()))
     assert times == published(open_detector(simulated, cast_of(simulated)))
     assert len(set(times)) > 10
+
+
+def picture_of(bgr: Pixels) -> CameraPicture:
+    """Straight down from 30 m, north up."""
+    return CameraPicture(
+        bgr, np.array(((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))), (0.0, 0.0, 30.0)
+    )
 
 
 def _boxed(*edges: float) -> Detection:
@@ -266,7 +274,7 @@ def test_nonsense_of_a_detector_is_named_with_frame_and_detector(
     spec = pixels_simspec()
     detector = open_detector(spec, cast_of(spec), lambda _: FaultyDetector())
     with pytest.raises(DetectorFault) as caught:
-        detector.process(camera_frame(7, 2), np.zeros((240, 320, 3), dtype=np.uint8))
+        detector.process(camera_frame(7, 2), picture_of(np.zeros((240, 320, 3), dtype=np.uint8)))
     assert "detector 'blobs' in the picture of frame 7: " in str(caught.value)
     assert complaint in str(caught.value)
 
@@ -285,12 +293,12 @@ def test_boxes_end_at_the_border_and_pictures_are_not_to_be_changed() -> None:
             return []
 
     wide = open_detector(spec, cast_of(spec), lambda _: WideDetector())
-    wide.process(camera_frame(0, 2), bgr)
+    wide.process(camera_frame(0, 2), picture_of(bgr))
     results: Sequence[DetectionFrame] = wide.due(SimTime(10**12))
     assert results[0].detections[0].box == (0.0, 10.0, 320.0, 240.0)
     painting = open_detector(spec, cast_of(spec), lambda _: PaintingDetector())
     with pytest.raises(DetectorFault, match="read-only"):
-        painting.process(camera_frame(0, 2), bgr)
+        painting.process(camera_frame(0, 2), picture_of(bgr))
     assert not bgr.any()
 
 

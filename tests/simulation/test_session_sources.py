@@ -9,10 +9,10 @@ from test_scene_detector import camera_frame
 
 from bench.contracts import (
     CameraFrame,
+    CameraPicture,
     Detection,
     DetectionFrame,
     Detector,
-    Pixels,
     Record,
     SimTime,
     VehiclePlan,
@@ -42,7 +42,7 @@ class PixelDetector:
     def __init__(self) -> None:
         self._results: list[DetectionFrame] = []
 
-    def process(self, frame: CameraFrame, bgr: Pixels | None = None) -> None:
+    def process(self, frame: CameraFrame, picture: CameraPicture | None = None) -> None:
         found = Detection("crate", 0.51, (3.25, 4.5, 40.75, 61.0), f"t{frame.number + 1}")
         self._results.append(DetectionFrame(frame.exposed, frame.exposed, (found,) * ACTORS))
 
