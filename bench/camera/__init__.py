@@ -23,11 +23,13 @@ from ._conditions import conditions_of as conditions_of
 from ._conditions import exposure_of as exposure_of
 from ._conditions import light_of_conditions as light_of_conditions
 from ._encoding import decode_depth as decode_depth
+from ._encoding import decode_jpeg as decode_jpeg
 from ._encoding import decode_mask as decode_mask
 from ._encoding import encode_depth as encode_depth
 from ._encoding import encode_jpeg as encode_jpeg
 from ._encoding import encode_mask as encode_mask
 from ._encoding import opencv_build as opencv_build
+from ._encoding import small_jpeg as small_jpeg
 from ._encoding import use_one_thread as use_one_thread
 from ._ground import GroundType as GroundType
 from ._looks import look_of as look_of

@@ -13,6 +13,8 @@ from bench.contracts import Labels, Pixels
 
 # The default of ROS's compressed_image_transport.
 JPEG_QUALITY = 95
+# Chosen: noise costs most of the bytes, and nothing shows of it on a page.
+PAGE_JPEG_QUALITY = 80
 
 _TIFF_DEFLATE, _TIFF_FLOAT_PREDICTOR = 8, 3
 
@@ -61,6 +63,22 @@ def decode_depth(data: bytes) -> Narrow:
 def _decoded(data: bytes) -> NDArray[np.generic] | None:
     decoded: NDArray[np.generic] | None = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     return decoded
+
+
+def small_jpeg(bgr: Pixels, max_width_px: int) -> bytes:
+    """The picture for a page: at most so wide, and in the quality of pages."""
+    height_px, width_px = bgr.shape[:2]
+    if width_px > max_width_px:
+        size = (max_width_px, max(1, round(height_px * max_width_px / width_px)))
+        bgr = cv2.resize(bgr, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+    _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, PAGE_JPEG_QUALITY])
+    return data.tobytes()
+
+
+def decode_jpeg(data: bytes) -> Pixels | None:
+    """The pixels of a JPEG; None where it is none."""
+    bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
+    return None if bgr is None else bgr.astype(np.uint8, copy=False)
 
 
 def opencv_build() -> str:

@@ -32,6 +32,7 @@ from .figures._factor_effects import factor_effects_figure
 from .figures._style import agent_styles
 from .map._run_choice import choose_runs
 from .map._run_map import RunMap, build_run_map
+from .pictures._worst_pictures import MAX_PICTURES, PICTURE_KEY, WorstPicture, worst_pictures
 from .statistics._design_quality import campaign_design_quality
 from .statistics._factor_effects import factor_effects
 from .statistics._trials import trials_of
@@ -71,19 +72,28 @@ def write_report(folder: Path, *, runs_on_map: int = 6) -> Path:
     Raises SetupError when `folder` holds no campaign. The report names what is missing or damaged in it.
     """
     data = load_report_data(folder)
+    charts, map_notes = _charts(data, runs_on_map)
+    pictures, picture_notes = worst_pictures(data)
     path = folder / "report.html"
     # Hidden and with this ending, as the campaign's other files are while they are written: verification passes over it.
     draft = folder / ".report.html.part"
-    draft.write_text(render_report(data, *_charts(data, runs_on_map)), encoding="utf-8")
+    draft.write_text(render_report(data, charts, map_notes, pictures, picture_notes), encoding="utf-8")
     # Renamed at the end: a reader, or a browser that reloads, never gets half a page.
     draft.replace(path)
     return path
 
 
-def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Sequence[str] = ()) -> str:
+def render_report(
+    data: ReportData,
+    charts: Sequence[RunMap] = (),
+    map_notes: Sequence[str] = (),
+    pictures: Sequence[WorstPicture] = (),
+    picture_notes: Sequence[str] = (),
+) -> str:
     """The page as text.
 
-    `charts` are the runs to show from above, `map_notes` what to say of runs that cannot be shown.
+    `charts` are the runs to show from above, `pictures` the frames in which a detector failed; the notes say what cannot
+    be shown.
     """
     figures = PageFigures()
     comparisons = agent_pairs(data, figures)
@@ -120,6 +130,10 @@ def render_report(data: ReportData, charts: Sequence[RunMap] = (), map_notes: Se
         "detectors": detector_sentences(simspec.perception for simspec in data.simspecs.values()),
         "maps": [map_section(chart, place, figures) for place, chart in enumerate(charts, start=1)],
         "map_notes": map_notes,
+        "pictures": pictures,
+        "picture_notes": picture_notes,
+        "picture_key": PICTURE_KEY,
+        "max_pictures": MAX_PICTURES,
         "comparisons": comparisons,
         "matter": matter,
         "factors_id": figures.add("factors-1", factor_effects_figure(matter)) if matter.tables else "",

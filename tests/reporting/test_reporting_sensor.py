@@ -74,7 +74,7 @@ def test_only_whole_observables_are_left_to_the_sensor(folder: Path) -> None:
 
 def test_campaign_without_such_observables_says_so(tmp_path: Path) -> None:
     page, _ = page_of(make_campaign(tmp_path / "c", Made(scenes=1)))
-    assert "No observable of this decomposition measures the detector that the bench simulates." in page.text
+    assert "No observable of this decomposition measures the detector of the bench." in page.text
     assert "sensor-table" not in page.tables
 
 

@@ -1,0 +1,1 @@
+"""Pictures of the frames in which a detector failed worst."""

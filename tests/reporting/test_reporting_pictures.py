@@ -1,0 +1,419 @@
+"""Pictures of the frames in which a detector failed: which frame, which boxes, and whose pixels."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import made_run
+import numpy as np
+import polars as pl
+import pytest
+from made_campaign import Made, make_campaign
+from made_run import at_s
+
+from bench.agents import open_agent
+from bench.camera import decode_jpeg
+from bench.contracts import (
+    TF,
+    TRUTH_ODOMETRY,
+    TRUTH_PICTURES,
+    CameraFrame,
+    Detection,
+    DetectionFrame,
+    Outcome,
+    PictureDocument,
+    Pixels,
+    Record,
+    Sighting,
+    SimTime,
+    VehicleState,
+)
+from bench.recording import open_recording, read_records
+from bench.reporting._campaign_data import ReportData, Run
+from bench.reporting._campaign_folder import load_report_data
+from bench.reporting._page import render_report
+from bench.reporting.pictures._frame_pixels import DRAWN_AGAIN, RECORDED, frame_pixels
+from bench.reporting.pictures._recorded_state import RecordedStates
+from bench.reporting.pictures._verdicts import Verdict, judge, worst_frame
+from bench.reporting.pictures._worst_pictures import MAX_PICTURES, WorstPicture, worst_pictures
+from bench.simspec import (
+    ActorGroup,
+    Environment,
+    Outage,
+    Perception,
+    PlacedActor,
+    Point,
+    Polygon,
+    Realized,
+    Role,
+    SimSpec,
+    VehicleSpec,
+    World,
+)
+from bench.simulation import PinholeCamera, SessionPlan, run_session
+from bench.simulation._frames import body_in_map, velocity_in_body
+from bench.streams import (
+    Header,
+    Odometry,
+    Pose,
+    PoseWithCovariance,
+    Quaternion,
+    String,
+    TFMessage,
+    Time,
+    Transform,
+    TransformStamped,
+    Twist,
+    TwistWithCovariance,
+    Vector3,
+    decode,
+    encode,
+)
+from bench.streams import Point as RosPoint
+from bench.testing import agent_manifest
+
+Box = tuple[float, float, float, float]
+LEFT: Box = (0.0, 0.0, 20.0, 40.0)
+RIGHT: Box = (100.0, 0.0, 120.0, 40.0)
+FAR: Box = (200.0, 0.0, 210.0, 10.0)
+
+
+def seen(*sightings: tuple[int, Box, float, float], number: int = 0) -> CameraFrame:
+    """Actor, box, height and visible share of each."""
+    rows = tuple(
+        Sighting(actor, 60.0, height_px, visible, box) for actor, box, height_px, visible in sightings
+    )
+    return CameraFrame(number, "front", at_s(0.2 * number), rows)
+
+
+def answer(number: int, *detections: Detection) -> DetectionFrame:
+    return DetectionFrame(at_s(0.2 * number), at_s(0.2 * number + 0.1), detections)
+
+
+@pytest.mark.parametrize(
+    ("detections", "expected"),
+    [
+        ((), [Verdict.MISSED, Verdict.MISSED, Verdict.UNCLEAR, Verdict.UNCLEAR]),
+        (
+            (Detection("civilian", 0.9, LEFT), Detection("mobile_radar", 0.9, RIGHT)),
+            [
+                Verdict.TRUTH,
+                Verdict.TRUTH,
+                Verdict.UNCLEAR,
+                Verdict.UNCLEAR,
+                Verdict.HIT,
+                Verdict.MISLABELLED,
+            ],
+        ),
+        (
+            # Too unsure to count; beside everything; on what need not be seen.
+            (
+                Detection("civilian", 0.3, LEFT),
+                Detection("civilian", 0.9, (50.0, 50.0, 70.0, 90.0)),
+                Detection("civilian", 0.4, FAR),
+            ),
+            [Verdict.MISSED, Verdict.MISSED, Verdict.TRUTH, Verdict.UNCLEAR, Verdict.FALSE, Verdict.HIT],
+        ),
+    ],
+)
+def test_boxes_are_judged_as_the_measures_do(
+    detections: Sequence[Detection], expected: Sequence[Verdict]
+) -> None:
+    cast = made_run.cast(made_run.simspec())
+    people = [index for index, member in enumerate(cast) if member.class_label == "civilian"]
+    frame = seen(
+        (people[0], LEFT, 40.0, 1.0),
+        (people[1], RIGHT, 40.0, 0.6),
+        (people[0], FAR, 10.0, 1.0),
+        (people[1], (300.0, 0.0, 320.0, 40.0), 40.0, 0.4),
+    )
+    judged = judge(cast, frame, detections)
+    assert [box.verdict for box in judged.boxes] == expected
+    errors = (Verdict.MISSED, Verdict.MISLABELLED, Verdict.FALSE)
+    assert judged.errors == sum(verdict in errors for verdict in expected)
+
+
+def test_the_worst_frame_has_the_most_errors_outside_outages() -> None:
+    spec = made_run.simspec().model_copy(
+        update={"outages": (Outage(kind="detections_degraded", at_s=0.6, duration_s=0.2, lost_share=0.5),)}
+    )
+    people = [i for i, member in enumerate(made_run.cast(spec)) if member.class_label == "civilian"]
+    both = [(people[0], LEFT, 40.0, 1.0), (people[1], RIGHT, 40.0, 1.0)]
+    hit, missing = Detection("civilian", 0.9, LEFT), Detection("crate", 0.9, (50.0, 50.0, 60.0, 60.0))
+    frames = tuple(seen(*both, number=number) for number in range(7))
+    other = replace(seen(*both, number=7), camera="rear")
+    answers = (
+        answer(0, hit),
+        answer(2, hit, missing),  # two errors
+        answer(3, missing, missing),  # four, but in the degradation
+        answer(4, hit, missing),  # two again: the first counts
+        answer(7, missing, missing),  # of another camera
+    )
+    tape = made_run.tape(spec, frames=(*frames, other), detections=answers)
+    worst = worst_frame(spec, tape)
+    assert worst is not None
+    assert (worst.number, worst.errors, worst.counts[Verdict.HIT]) == (2, 2, 1)
+    assert worst_frame(spec, made_run.tape(spec, frames=frames, detections=answers[:0])) is None
+
+
+def test_states_come_back_from_their_records() -> None:
+    """Attitude, velocity, rates and gimbal as the session recorded them; halfway between, half the way."""
+    spec = made_run.simspec()
+    camera = spec.vehicle.camera.model_copy(update={"gimbal": True})
+    spec = spec.model_copy(update={"vehicle": spec.vehicle.model_copy(update={"camera": camera})})
+    random = np.random.default_rng(5)
+    mount = PinholeCamera.of(camera)
+    states = [_random_state(random, at_s(0.1 * step)) for step in range(30)]
+    recorded = RecordedStates(spec)
+    for state in states:
+        recorded.take(_odometry_record(state))
+        recorded.take(_mount_record(mount, state, f"vehicle_1/camera_{camera.name}_optical"))
+    for state in states:
+        again = recorded.at(state.time)
+        assert again is not None
+        assert _numbers(again) == pytest.approx(_numbers(state), abs=1e-9)
+    between = recorded.at(SimTime((states[3].time.ns + states[4].time.ns) // 2))
+    assert between is not None
+    middle = np.mean([states[3].position_enu_m, states[4].position_enu_m], axis=0)
+    assert between.position_enu_m == pytest.approx(tuple(middle))
+    assert recorded.at(at_s(99.0)) is None
+
+
+def _random_state(random: np.random.Generator, time: SimTime) -> VehicleState:
+    place, velocity, rates = random.normal(0.0, 20.0, (3, 3)).tolist()
+    roll, pitch = random.uniform(-0.6, 0.6, 2).tolist()
+    return VehicleState(
+        time,
+        tuple(place),
+        tuple(velocity),
+        roll,
+        pitch,
+        float(random.uniform(-1.5, 4.5)),
+        tuple(rates),
+        float(random.uniform(-2.0, 2.0)),
+        float(random.uniform(0.0, 1.5)),
+    )
+
+
+def _numbers(state: VehicleState) -> list[float]:
+    angles = (state.roll_rad, state.pitch_rad, state.camera_pan_rad or 0.0, state.camera_tilt_rad or 0.0)
+    turned = (float(np.cos(state.yaw_rad)), float(np.sin(state.yaw_rad)))
+    return [*state.position_enu_m, *state.velocity_enu_mps, *angles, *turned, *state.rates_body_radps]
+
+
+def _odometry_record(state: VehicleState) -> Record:
+    ahead, left, up = velocity_in_body(state)
+    roll, pitch, yaw = state.rates_body_radps
+    message = Odometry(
+        Header(Time.of(state.time.ns), "map"),
+        "vehicle_1/base_link",
+        PoseWithCovariance(
+            Pose(RosPoint(*state.position_enu_m), body_in_map(state.roll_rad, state.pitch_rad, state.yaw_rad))
+        ),
+        TwistWithCovariance(Twist(Vector3(ahead, left, up), Vector3(roll, -pitch, -yaw))),
+    )
+    return Record(state.time, TRUTH_ODOMETRY, Odometry.TYPE, encode(message))
+
+
+def _mount_record(mount: PinholeCamera, state: VehicleState, frame: str) -> Record:
+    assert state.camera_pan_rad is not None
+    rotation = mount.mount_quaternion(state.camera_pan_rad, state.camera_tilt_rad)
+    transform = TransformStamped(
+        Header(Time.of(state.time.ns), "vehicle_1/base_link"),
+        frame,
+        Transform(Vector3(), Quaternion(*rotation)),
+    )
+    return Record(state.time, TF, TFMessage.TYPE, encode(TFMessage((transform,))))
+
+
+@dataclass(frozen=True)
+class CrateDetector:
+    """Always the same crate, where none is."""
+
+    box: Box
+
+    def detect(self, bgr: Pixels) -> Sequence[Detection]:
+        return [Detection("crate", 0.8, self.box)]
+
+
+SQUARE = Polygon(
+    corners=tuple(Point(east_m=x, north_m=y) for x, y in ((0.0, 0.0), (60.0, 0.0), (60.0, 60.0), (0.0, 60.0)))
+)
+
+
+def watched(*, gimbal: bool = False, **camera: object) -> SimSpec:
+    """Two people below a vehicle that turns in the wind; frames may freeze."""
+    people = (("man", 29.0, 31.0), ("woman", 31.0, 29.0))
+    return SimSpec(
+        name="watched",
+        world=World(area=SQUARE),
+        environment=Environment(rain_level=3.0),
+        perception=Perception(source="detector", detector="crates"),
+        vehicle=VehicleSpec.model_validate(
+            {
+                "model": "still",
+                "home": {"east_m": 30.0, "north_m": 30.0, "heading_deg": 20.0},
+                "parameters": {"STILL_UP_M": 14.0, "STILL_TURN_DEGPS": 30.0, "STILL_PAN_DEG": 15.0},
+                "camera": {"tilt_deg": 80.0, "gimbal": gimbal, **camera},
+            }
+        ),
+        mission={"time_limit_s": 1.6},
+        actors=tuple(
+            ActorGroup(id=asset, asset=asset, role=Role.BYSTANDER, count=1) for asset, _, _ in people
+        ),
+        realized=Realized(
+            actors=tuple(
+                PlacedActor(id=f"{asset}-1", group=asset, east_m=east, north_m=north, heading_deg=40.0)
+                for asset, east, north in people
+            )
+        ),
+    )
+
+
+def flown(folder: Path, spec: SimSpec) -> Path:
+    folder.mkdir()
+    path = folder / "recording.mcap"
+    with open_recording(path, simspec=spec, versions={}) as recording:
+        end = run_session(
+            SessionPlan(
+                spec,
+                agent_manifest("idle"),
+                folder,
+                open_agent,
+                folder / "scratch",
+                recording,
+                open_on_pixels=lambda _: CrateDetector((5.0, 5.0, 45.0, 35.0)),
+            )
+        )
+    assert end.outcome is Outcome.TIME_LIMIT, end.reason + end.traceback
+    return path
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[SimSpec, Path]]:
+    """Frames that were not recorded, of a camera that freezes and of one on a gimbal; and frames that were."""
+    root = tmp_path_factory.mktemp("pictures")
+    specs = {
+        "frozen": watched(width_px=640, height_px=480, frozen_share=0.5),
+        "gimbal": watched(width_px=400, height_px=300, gimbal=True),
+        "kept": watched(width_px=1200, height_px=400, record_frames=True),
+    }
+    return {name: (spec, flown(root / name, spec)) for name, spec in specs.items()}
+
+
+def pictures_of(recording: Path) -> list[tuple[SimTime, PictureDocument]]:
+    documents = []
+    for record in read_records(recording):
+        if record.topic == TRUTH_PICTURES:
+            message = decode(String, record.data)
+            assert message is not None
+            documents.append((record.time, PictureDocument.model_validate_json(message.data)))
+    return documents
+
+
+@pytest.mark.parametrize("name", ["frozen", "gimbal"])
+def test_frames_are_drawn_again_to_the_pixel(recordings: dict[str, tuple[SimSpec, Path]], name: str) -> None:
+    """By the recorded digest: also frozen ones, which show the picture of an older frame."""
+    spec, recording = recordings[name]
+    pictures = pictures_of(recording)
+    frozen = [number for number, (_, picture) in enumerate(pictures) if picture.shown != picture.frame]
+    assert bool(frozen) == (name == "frozen")
+    for number in (*frozen[:1], 5):
+        exposed, picture = pictures[number]
+        pixels = frame_pixels(recording, spec, picture.frame, exposed)
+        assert pixels is not None
+        assert hashlib.sha256(pixels.bgr.tobytes()).hexdigest() == picture.sha256
+        assert pixels.origin == DRAWN_AGAIN
+
+
+def test_recorded_frames_are_taken_as_they_are(recordings: dict[str, tuple[SimSpec, Path]]) -> None:
+    spec, recording = recordings["kept"]
+    exposed, picture = pictures_of(recording)[2]
+    kept = frame_pixels(recording, spec, picture.frame, exposed)
+    other = frame_pixels(recording, spec, picture.frame + 1, pictures_of(recording)[3][0])
+    assert kept is not None
+    assert other is not None
+    assert (kept.origin, kept.bgr.shape) == (RECORDED, (400, 1200, 3))
+    # The vehicle turns: another frame is another picture.
+    assert float(np.abs(kept.bgr.astype(float) - other.bgr).mean()) > 3.0
+
+
+def made_data(folder: Path, recordings: dict[str, tuple[SimSpec, Path]], copies: int = 1) -> ReportData:
+    """A campaign's data whose runs are these, each `copies` times."""
+    data = load_report_data(make_campaign(folder, Made(scenes=1)))
+    runs = [
+        Run(f"{name}-{copy}", name, copy, data.agents[0], None, Outcome.TIME_LIMIT, recording=path)
+        for copy in range(copies)
+        for name, (_, path) in recordings.items()
+    ]
+    specs = {run.realization: recordings[run.design_point][0] for run in runs}
+    return replace(data, runs=tuple(runs), simspecs=specs)
+
+
+@pytest.fixture(scope="module")
+def shown(
+    tmp_path_factory: pytest.TempPathFactory, recordings: dict[str, tuple[SimSpec, Path]]
+) -> tuple[ReportData, list[WorstPicture]]:
+    data = made_data(tmp_path_factory.mktemp("shown") / "c", recordings)
+    pictures, notes = worst_pictures(data)
+    assert not notes
+    return data, pictures
+
+
+def test_the_page_shows_the_picture_with_its_boxes(shown: tuple[ReportData, list[WorstPicture]]) -> None:
+    """One for each run, scaled, with two missed people and a false crate in the worst frame."""
+    data, pictures = shown
+    assert sorted(picture.run.design_point for picture in pictures) == ["frozen", "gimbal", "kept"]
+    page = render_report(data, pictures=pictures)
+    assert page.count("data:image/jpeg;base64,") == 3
+    assert 'href="#sensor"' in page
+    assert page.index('id="sensor"') < page.index('id="pictures"') < page.index('id="configurations"')
+    for picture in pictures:
+        jpeg = decode_jpeg(base64.b64decode(picture.jpeg))
+        assert jpeg is not None
+        width_px = (picture.run.design_point == "kept" and 960) or picture.width_px
+        assert jpeg.shape[:2] == (round(picture.height_px * width_px / picture.width_px), width_px)
+        assert picture.summary == "2 missed and 1 false"
+        assert "<title>false: crate 0.80</title>" in page
+        assert len(picture.labels) == 3
+    assert page.count("<title>missed: man-1 (civilian)") == 3
+    # 1.5 MB are the library for the figures.
+    assert len(page) < 3e6
+
+
+def test_few_runs_are_shown_and_a_damaged_recording_is_named(
+    tmp_path: Path, recordings: dict[str, tuple[SimSpec, Path]]
+) -> None:
+    """At most four pictures, of the runs with the lowest shares; runs without pictures have none."""
+    small = {"gimbal": recordings["gimbal"]}
+    data = made_data(tmp_path / "c", small, copies=MAX_PICTURES + 2)
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(b"no recording")
+    runs = (replace(data.runs[0], recording=damaged), *data.runs[1:])
+    scores = data.scores.clear().select(pl.all())
+    rows = [
+        {
+            "realization": run.realization,
+            "agent": run.agent,
+            "node": "OBS-9",
+            "standing": "configured sensor",
+            "considered": 1,
+            "achieved": 0,
+            "x": 0.1 * place,
+        }
+        for place, run in enumerate(runs)
+    ]
+    scores = pl.concat([scores, pl.DataFrame(rows)], how="diagonal_relaxed")
+    simulated = watched().model_copy(update={"perception": Perception()})
+    specs = {**data.simspecs, runs[2].realization: simulated}
+    pictures, notes = worst_pictures(replace(data, runs=runs, scores=scores, simspecs=specs))
+    assert [picture.run.realization for picture in pictures] == [
+        runs[place].realization for place in (1, 3, 4, 5)
+    ]
+    assert pictures[0].failed == "OBS-9"
+    assert len(notes) == 1
+    assert notes[0].startswith(f"No picture of {runs[0].realization}: ")
