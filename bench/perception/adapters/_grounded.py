@@ -1,0 +1,258 @@
+"""Grounding DINO, which finds what a text names, and SAM, which outlines it, through transformers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from bench.arrays import Bools, Floats
+from bench.contracts import Detection, Pixels
+from bench.documents import Document
+from bench.errors import Fault, SetupError
+from bench.simspec import SimSpec
+
+from ._options import file_digest, option_fault, read_options, require_class_labels, surest_detections
+from ._prompts import Prompt, default_prompts, phrase_of_pieces, phrase_scores
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+_INSTALL = "install them (pip install 'rebar-bench[grounded]'), or name another detector"
+
+
+class GroundedOptions(Document):
+    """`perception.detector_options` of the detector `grounded`."""
+
+    model: Annotated[
+        str,
+        Field(
+            min_length=1,
+            description="Grounding DINO: a folder with a model of transformers, or a name on the Hugging Face hub.",
+        ),
+    ] = "IDEA-Research/grounding-dino-tiny"
+    sam: Annotated[
+        str | None,
+        Field(
+            min_length=1,
+            description="SAM, likewise: boxes become those of its masks. null: boxes stay as Grounding DINO gives them.",
+        ),
+    ] = None
+    prompts: Annotated[
+        dict[str, tuple[Annotated[str, Field(min_length=1, max_length=80)], ...]],
+        Field(
+            min_length=1,
+            description="Phrases by class label of the catalogue, in lower case. Default: the names of its assets.",
+        ),
+    ] = Field(default_factory=default_prompts)
+    min_score: Annotated[float, Field(gt=0.0, lt=1.0, description="Least score of a detection.")] = 0.3
+    most_overlap: Annotated[
+        float | None,
+        Field(
+            gt=0.0,
+            le=1.0,
+            description="Of two boxes of one label that share more (intersection over union) the surer stays; null: both.",
+        ),
+    ] = 0.7
+    max_detections: Annotated[int, Field(ge=1, le=900, description="The surest so many of a picture.")] = 100
+    device: Annotated[Literal["cpu", "cuda"], Field(description="Where the networks are computed.")] = "cpu"
+
+    @field_validator("prompts")
+    @classmethod
+    def _prompts_can_be_told_apart(cls, prompts: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+        require_class_labels(prompts)
+        first: dict[str, str] = {}
+        for label, phrases in prompts.items():
+            for phrase in phrases:
+                if phrase != phrase.strip().lower() or "." in phrase:
+                    raise ValueError(
+                        f"{phrase!r}: write phrases in lower case, without a full stop or space around"
+                    )
+                if phrase in first:
+                    raise ValueError(f"{phrase!r} stands for {first[phrase]} and {label}: keep one of them")
+                first[phrase] = label
+        return prompts
+
+
+@dataclass(frozen=True, slots=True)
+class _Outlines:
+    """SAM and what prepares its input."""
+
+    processor: Any
+    model: Any
+
+
+class GroundedDetector:
+    """Both networks, loaded."""
+
+    def __init__(
+        self,
+        options: GroundedOptions,
+        torch: ModuleType,
+        finder: tuple[Any, Any],
+        outlines: _Outlines | None,
+        version: str,
+    ) -> None:
+        self._options, self._torch = options, torch
+        self._processor, self._model = finder
+        self._outlines = outlines
+        self.version = version
+        self._prompt = Prompt.of(options.prompts)
+        self._phrase_numbers = _phrase_numbers(self._processor.tokenizer, self._prompt, self._model)
+        labels = sorted(set(self._prompt.labels))
+        self._labels = labels
+        self._of_label = [
+            [number for number, phrase_label in enumerate(self._prompt.labels) if phrase_label == label]
+            for label in labels
+        ]
+
+    def detect(self, bgr: Pixels) -> tuple[Detection, ...]:
+        """What is in the picture, surest first. A score is that of the label's best phrase."""
+        rgb = np.ascontiguousarray(bgr[..., ::-1])
+        size_px = (bgr.shape[1], bgr.shape[0])
+        inputs = self._processor(images=rgb, text=self._prompt.text, return_tensors="pt")
+        with self._torch.inference_mode():
+            outputs = self._model(**inputs.to(self._options.device))
+        # What lies beyond the text is minus infinity, which the sigmoid takes to 0.
+        pieces: Floats = outputs.logits[0].sigmoid().cpu().numpy().astype(np.float64)
+        scores = phrase_scores(pieces, self._phrase_numbers, len(self._prompt.phrases))
+        by_label = np.stack([scores[:, numbers].max(axis=1) for numbers in self._of_label], axis=1)
+        best = by_label.argmax(axis=1)
+        score: Floats = by_label[np.arange(len(best)), best]
+        sure = score >= self._options.min_score
+        shares = outputs.pred_boxes[0].cpu().numpy().astype(np.float64)[sure]
+        half = shares[:, 2:] / 2.0
+        boxes = np.concatenate([shares[:, :2] - half, shares[:, :2] + half], axis=1) * np.array(size_px * 2)
+        detections = surest_detections(
+            [self._labels[number] for number in best[sure].tolist()],
+            score[sure],
+            boxes,
+            size_px,
+            self._options.most_overlap,
+            self._options.max_detections,
+        )
+        return detections if self._outlines is None or not detections else self._outlined(rgb, detections)
+
+    def _outlined(self, rgb: Pixels, detections: tuple[Detection, ...]) -> tuple[Detection, ...]:
+        """The detections with the boxes of SAM's masks, one mask for each."""
+        assert self._outlines is not None
+        processor, model = self._outlines.processor, self._outlines.model
+        prompts = [[list(detection.box) for detection in detections]]
+        inputs = processor(rgb, input_boxes=prompts, return_tensors="pt")
+        sizes = inputs["original_sizes"], inputs["reshaped_input_sizes"]
+        with self._torch.inference_mode():
+            outputs = model(**inputs.to(self._options.device))
+        (masks,) = processor.image_processor.post_process_masks(
+            outputs.pred_masks.cpu(), *(size.cpu() for size in sizes)
+        )
+        best = outputs.iou_scores[0].argmax(dim=1).tolist()
+        return tuple(
+            Detection(
+                detection.class_label,
+                detection.score,
+                box_of_mask(np.asarray(masks[number, best[number]].numpy(), np.bool_), detection.box),
+            )
+            for number, detection in enumerate(detections)
+        )
+
+
+def box_of_mask(mask: Bools, given: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """The box of a mask (h, w); the given one where the mask is empty."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return given
+    return float(columns[0]), float(rows[0]), float(columns[-1] + 1), float(rows[-1] + 1)
+
+
+def open_grounded_detector(simspec: SimSpec) -> GroundedDetector:
+    """The entry point `grounded` of group `rebar.detectors`.
+
+    Raises SetupError for options that it does not know, libraries that are not installed, models that cannot be loaded
+    or are of another kind, and a device that is not there.
+    """
+    options = read_options(simspec, GroundedOptions)
+    try:
+        import torch
+        import transformers
+    except ImportError as error:
+        raise SetupError(
+            Fault("perception.detector", f"grounded needs torch and transformers: {error}", _INSTALL)
+        ) from error
+    if options.device == "cuda" and not torch.cuda.is_available():
+        raise option_fault("device", "torch finds no CUDA device", "set device: cpu")
+    # Its bars would go to the standard error of every worker.
+    transformers.utils.logging.disable_progress_bar()
+    processor = _load(transformers.AutoProcessor, "model", options.model)
+    model = _load(
+        transformers.AutoModelForZeroShotObjectDetection, "model", options.model, use_safetensors=True
+    )
+    if not isinstance(model, transformers.GroundingDinoForObjectDetection):
+        raise option_fault(
+            "model", f"{options.model} is a {type(model).__name__}", "name a Grounding DINO model"
+        )
+    versions = [_version_of("Grounding DINO", options.model, model)]
+    outlines = None
+    if options.sam is not None:
+        sam = _load(transformers.SamModel, "sam", options.sam, use_safetensors=True)
+        outlines = _Outlines(
+            _load(transformers.SamProcessor, "sam", options.sam), sam.to(options.device).eval()
+        )
+        versions.append(_version_of("SAM", options.sam, sam))
+    versions += [f"transformers {transformers.__version__}", f"torch {torch.__version__}"]
+    return GroundedDetector(
+        options, torch, (processor, model.to(options.device).eval()), outlines, ", ".join(versions)
+    )
+
+
+def _load(kind: Any, field: str, name: str, **parameters: bool) -> Any:
+    """A part of a model, from a folder or from the hub. Raises SetupError.
+
+    Weights are read as safetensors: the older format is a pickle, which can run code.
+    """
+    try:
+        return kind.from_pretrained(name, **parameters)
+    # transformers raises OSError for what is missing, and errors of all kinds for what is broken.
+    except Exception as error:
+        reason = str(error).strip().splitlines() or [type(error).__name__]
+        raise option_fault(
+            field,
+            f"{kind.__name__} cannot load {name!r}: {reason[0][:300]}",
+            "give a folder that save_pretrained wrote (model and processor), or fetch it from the hub first: "
+            f"hf download {name}",
+        ) from error
+
+
+def _phrase_numbers(tokenizer: Any, prompt: Prompt, model: Any) -> list[int]:
+    """The phrase of each piece of the text. Raises SetupError when the text is longer than the network reads."""
+    input_ids: list[int] = tokenizer(prompt.text)["input_ids"]
+    most = int(model.config.max_text_len)
+    if len(input_ids) > most:
+        raise option_fault(
+            "prompts",
+            f"the text has {len(input_ids)} pieces, and the network reads {most}",
+            "name fewer or shorter phrases",
+        )
+    numbers = phrase_of_pieces(
+        input_ids, tokenizer.convert_tokens_to_ids("."), frozenset(tokenizer.all_special_ids)
+    )
+    silent = sorted(set(range(len(prompt.phrases))) - set(numbers))
+    if silent:
+        raise option_fault(
+            "prompts",
+            f"the tokenizer of the model knows no piece of {', '.join(repr(prompt.phrases[number]) for number in silent)}",
+            "name phrases in words that it knows",
+        )
+    return numbers
+
+
+def _version_of(kind: str, name: str, model: Any) -> str:
+    """The network's name, and the digest of its weights, or the hub's revision."""
+    folder = Path(name)
+    files = sorted(folder.glob("*.safetensors")) if folder.is_dir() else []
+    if files:
+        return f"{kind} {folder.name}, SHA-256 {' '.join(file_digest(file)[:12] for file in files)}"
+    revision = getattr(model.config, "_commit_hash", None)
+    return f"{kind} {name}, revision {revision[:12]}" if revision else f"{kind} {name}"
