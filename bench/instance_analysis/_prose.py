@@ -153,8 +153,8 @@ class Reading:
             self._entries += out
         for entry in sorted([*self._entries, *standing], key=lambda entry: entry.span.start):
             draft.ask(entry.span, entry.ask, entry.readings)
-        for word in self._ledger.unused_words(draft, self.words, self.vocabulary.unused):
-            draft.leave_out(word.span, UNUSED_WORD)
+        for span in list(self._ledger.unused(draft, self.words, self.vocabulary.unused)):
+            draft.leave_out(span, UNUSED_WORD)
         return draft
 
     def _cuts_of_units(self) -> list[Cut]:

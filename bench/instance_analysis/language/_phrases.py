@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -401,6 +402,9 @@ def _unfit(tree: Tree[Token], words: Sequence[Word]) -> bool:
     quantity = _meaning(first, words).value
     if field is None or not isinstance(quantity, Quantity):
         return False
+    if _LEADING.search(words[int(str(field).split(":")[0])].text):
+        # `30 m below them` is no ceiling.
+        return True
     kinds = {
         token.value.kind
         for token in words[int(str(field).split(":")[0])].meanings
@@ -410,6 +414,8 @@ def _unfit(tree: Tree[Token], words: Sequence[Word]) -> bool:
 
 
 _COUNTED = {"ASSET", "AMBIGUOUS"}
+_LEADING = re.compile(r"(?:below|above|under|than|within|exceed)$", re.IGNORECASE)
+"""Ends of words that a number follows, and never goes before."""
 
 
 def _far_off(field: Token, rest: Sequence[Token], words: Sequence[Word]) -> bool:

@@ -37,7 +37,8 @@ SPOKEN_TIME = rf"(?:(?:half|quarter)\s+(?:past|to)\s+{_HOUR}|{_HOUR}\s+o['’]cl
 _PATTERN = re.compile(
     rf"""(?P<iso>\d{{4}}-\d\d-\d\d)
     |(?P<date>\d{{1,2}}(?:st|nd|rd|th)?\s+(?:of\s+)?(?:{_MONTH})\s+\d{{4}}|the\s+(?:{"|".join(DAYS)})\s+of\s+(?:{_MONTH}),?\s+\d{{4}}|(?:{_MONTH})\s+\d{{1,2}}(?:st|nd|rd|th)?,?\s+\d{{4}})\b
-    |(?P<clock>\d{{1,2}}:\d\d\s*(?:z\b|utc\b|gmt\b|\(utc\)|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|am\b|pm\b|a\.m\.|p\.m\.)?|\d{{4}}\s*(?:z\b|utc\b|gmt\b|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|hours\b|hrs\b)|\d{{1,2}}\s*(?:am\b|pm\b|a\.m\.|p\.m\.))
+    |(?P<span>\d{{1,2}}:\d\d(?=\s*(?:min|mins|minutes)\b))
+    |(?P<clock>\d{{1,2}}:\d\d\s*(?:(?:local(?:\s+time)?\s*)?\(?(?:utc|gmt)\s?[+-]\s?\d{{1,2}}(?::00)?\b\)?|z\b|utc\b|gmt\b|\(utc\)|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|am\b|pm\b|a\.m\.|p\.m\.)?|\d{{4}}\s*(?:z\b|utc\b|gmt\b|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|hours\b|hrs\b)|\d{{1,2}}\s*(?:am\b|pm\b|a\.m\.|p\.m\.))
     |(?P<told>{SPOKEN_TIME})
     |(?P<short>(?:mil|approx|max|min|alt|incl|batt|nr|ca|no|resp|temp)\.(?=\s{{0,2}}(?-i:[a-z0-9.]))|(?:mr|ms|mrs|dr|st)\.(?=\s))
     |(?P<heading>\b(?:exercise|scenario|test\s+case|test|case|problem|step|phase|variant|figure|section|chapter|task|example|run|ticket|question|log|entry|item|card|report)\s+\d+(?:\.\d)?[a-z]?\b(?=\s*[.:(,;)])(?!:\d)|(?-i:\b[A-Z]{{2,6}}-\d+\b)|(?:(?<=\n)|(?<=[.!?]\s)|^)(?:\d{{1,2}}\.|[a-z]\))(?=\s(?-i:[A-Z])))
@@ -170,6 +171,10 @@ def _meanings_of(match: re.Match[str]) -> tuple[Meaning, ...]:
             # `1,200` is a thousand and more, `3,5 m` a decimal comma.
             decimal = re.fullmatch(r"\d+,\d{1,2}", text) is not None
             return (Meaning("NUM", float(text.replace(",", "." if decimal else ""))),)
+        case "span":
+            # `8:30 min` is eight and a half minutes.
+            minutes, seconds = text.split(":")
+            return (Meaning("NUM", int(minutes) + int(seconds) / 60),)
         case "clock" | "told":
             clock = _clock(text) if match.lastgroup == "clock" else _spoken_time(text)
             return (Meaning("CLOCK", clock),) if clock else ()
@@ -204,8 +209,10 @@ def _clock(text: str) -> TimeOfDay | None:
         hour = 0
     try:
         ahead = next((hours for zone, hours in ZONES_H.items() if lower.endswith(zone)), 0)
+        if offset := re.search(r"(?:utc|gmt)\s?([+-])\s?(\d+)", lower):
+            ahead = int(f"{offset[1]}{offset[2]}")
         return TimeOfDay(
-            dt.time(hour, minute), ahead > 0 or any(zone in lower for zone in ("z", "utc", "gmt")), ahead
+            dt.time(hour, minute), ahead != 0 or any(zone in lower for zone in ("z", "utc", "gmt")), ahead
         )
     except ValueError:
         return None

@@ -66,6 +66,10 @@ BARE_VALUES = frozenset(["altitude", "speed", "limit", "radius", "field"])
 _OF_THE_FLIGHT = re.compile(
     r"(?:mission|intelligence|seeds|rules\.report_deadline_s)\b|actors\[.*\]\.motion\.radius_m"
 )
+_OF_THE_WHOLE = re.compile(r"mission|vehicle|environment")
+"""Fields that hold from the start to the end."""
+_OF_ONE_THING = re.compile(r"environment\.start_utc|vehicle\.battery\.initial_fraction")
+"""Fields that other things have too: times of day, charges."""
 _CLAIM = re.compile(
     r"""\b(?:drone|uav|uas|rpas|aircraft|quad\w*|copter|mission|flight|fl(?:y|ies|ying|ew|own)|search\w*|cruis\w+|altitude|height
     |speed|limit|battery|charge|reserve|camera|gps|gnss|ceiling|floor|report\w*|intel\w*|sighting|tip|information|deliver\w*
@@ -135,13 +139,48 @@ class Ledger:
             longer = marked(len(self._text), [word.span for word in unread if " " in word.text])
             single = [word for word in unread if " " in word.text or not longer[word.span.start]]
             entries += self._entries(index, single)
-        return [*entries, *self._unclaimed(draft, gone)]
+        return [*entries, *self._unclaimed(draft, gone), *self._doubtful(draft, gone)]
+
+    def _doubtful(self, draft: Draft, gone: bytearray) -> Iterator[LedgerEntry]:
+        """Values of the whole mission beside an unread time, and a start or a charge beside unknown words.
+
+        `after 3 minutes the battery has only 30 %`, `a hiker phoned at 16:10`: they are kept, and visible.
+        """
+        unread = {(item.start, item.end): item.why for item in draft.not_understood}
+        for clause in self._clauses:
+            claims = [
+                item.span
+                for item in clause.items
+                if isinstance(item, Phrase) and item.rule not in CLAIMING_RULES and not gone[item.span.start]
+            ]
+            paths = [
+                dotted(path)
+                for path, value, span in draft.statements
+                if any(_within(span, claim) for claim in claims) and _stands(draft, path, value)
+            ]
+            words = []
+            for item in clause.items:
+                why = unread.get((item.span.start, item.span.end))
+                if why is None or (isinstance(item, Phrase) and item.rule != "when"):
+                    continue
+                timed = isinstance(item, Phrase) or any(meaning.kind == "TIME" for meaning in item.meanings)
+                if (timed and any(map(_OF_THE_WHOLE.match, paths))) or (
+                    why == UNKNOWN_WORD and any(map(_OF_ONE_THING.match, paths))
+                ):
+                    load = Load.MOMENT if timed else Load.STRANGER
+                    words.append(LoadedWord(load, self._text[item.span.start : item.span.end], item.span))
+            if words:
+                yield LedgerEntry(clause.span, tuple(words[:MAX_NAMED_WORDS]), left_out=False)
 
     def _unclaimed(self, draft: Draft, gone: bytearray) -> Iterator[LedgerEntry]:
         """Bare values in clauses with unread words: whose they are is in those words, so they set nothing."""
         strange = {(item.start, item.end) for item in draft.not_understood if item.why == UNKNOWN_WORD}
-        for clause in self._clauses:
-            unread = [item for item in clause.items if (item.span.start, item.span.end) in strange]
+        for index, clause in enumerate(self._clauses):
+            beside = list(clause.items)
+            if len(beside) == 1 and index and self._clauses[index - 1].sentence == clause.sentence:
+                # `the radio is disturbed, lasts 40 s`: its subject stands in the clause before it.
+                beside += self._clauses[index - 1].items if _is_field(beside[0]) else ()
+            unread = [item for item in beside if (item.span.start, item.span.end) in strange]
             quote = self._text[clause.span.start : clause.span.end]
             if not unread or _CLAIM.search(quote):
                 continue
@@ -178,8 +217,8 @@ class Ledger:
                 _mark_conditions(read, self._text, phrase)
         return read
 
-    def unused_words(self, draft: Draft, words: Sequence[Word], telling: frozenset[str]) -> Iterator[Word]:
-        """Every known word that tells something, and that no reader has used or listed, in order.
+    def unused(self, draft: Draft, words: Sequence[Word], telling: frozenset[str]) -> Iterator[Span]:
+        """Every known word that tells something, and that no reader has used or listed.
 
         A phrase goes on past such words. It uses those between its parts, as `the wind comes from`, but not what
         stands beside a thing, as `passing` in `two passing cars`.
@@ -207,7 +246,16 @@ class Ledger:
             tells = word.span in alone and passed_over and not joined
             tells = word.text.lower() in telling if word.filler else tells
             if tells and not any(marks[word.span.start : word.span.end]):
-                yield word
+                yield word.span
+        yield from self._idle_references(draft)
+
+    def _idle_references(self, draft: Draft) -> Iterator[Span]:
+        """Groups that a limit names without being about them: `not lower than 15 m over people`."""
+        for clause in self._clauses:
+            limits = [item for item in clause.items if isinstance(item, Phrase) and item.rule == "field"]
+            paths = [path for path, _, span in draft.statements if _within(span, clause.span)]
+            if limits and all(path[0] == "rules" for path in paths):
+                yield from (span for span in draft.references if _within(span, clause.span))
 
     def _listed_characters(self, draft: Draft) -> bytearray:
         """For each character, whether it belongs to a phrase that its reader has listed as a whole."""
@@ -263,6 +311,10 @@ class Ledger:
             return clause.span
         start = sentence[0].span.start if at and not before else clause.span.start
         return Span(start, sentence[-1].span.end)
+
+
+def _is_field(item: Phrase | Word) -> bool:
+    return isinstance(item, Phrase) and item.rule == "field"
 
 
 def marked(length: int, spans: Sequence[Span]) -> bytearray:

@@ -26,6 +26,7 @@ class Load(StrEnum):
     BOUND = "it is a bound, and only the number is read"
     QUANTIFIER = "it says for how many something holds"
     STRANGER = "it is not known, and may say whose the value is"
+    MOMENT = "it gives a time, and the value is read as that of the whole mission"
     NUMBER = "the number belongs to nothing that is read here"
 
 

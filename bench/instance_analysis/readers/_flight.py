@@ -95,6 +95,9 @@ class FlightReader:
         if field.path.startswith("intelligence."):
             self._intelligence.field(field.path.split(".")[1], quantity, phrase.span)
             return
+        if field.kind == "SPEED" and self._of_the_wind(word.span):
+            self._draft.unread(phrase.span, "it is said of the wind", expressible=True)
+            return
         if self._bounds(field, phrase):
             return
         if (
@@ -116,6 +119,11 @@ class FlightReader:
         self._draft.vary(
             tuple(field.path.split(".")), quantity.low, quantity.high, phrase.span, unit=unit, integer=whole
         )
+
+    def _of_the_wind(self, word: Span) -> bool:
+        """Whether the clause of a speed has the wind as its subject: `the wind speed shall not exceed 4 m/s`."""
+        clause = re.split(r"[,;.\n]|\band\b", self._draft.text[: word.start])[-1]
+        return re.search(r"\b(?:winds?|gusts?|breezes?)\b", clause, re.IGNORECASE) is not None
 
     def _usual_unit(self, kind: str, span: Span) -> str | None:
         """The unit of all other numbers of a kind in the text; None when there is none, or more than one."""

@@ -585,13 +585,14 @@ class GroupRegister:
             ):
                 # `inside one of them`: any member.
                 self.draft.acknowledge(portion.span)
-            return [*self._them(them.span, indoors=indoors)]
+            return [*self.them(them.span, indoors=indoors)]
         groups = self.named(ref)
         for group in groups:
             self._adjectives(group, ref)
         return [*groups]
 
-    def _them(self, span: Span, *, indoors: bool = False) -> list[str]:
+    def them(self, span: Span, *, indoors: bool = False) -> list[str]:
+        """The groups beside the subject that a pronoun means."""
         others = [group for group in self.kinds if group not in self.subject]
         # `it` means a group of one member, `them` one of several, where such groups exist.
         single = self.draft.quote(span).lower() in SINGULAR_PRONOUNS

@@ -6,6 +6,8 @@ import bisect
 import re
 from collections.abc import Callable, Sequence
 
+from bench.simspec import Role
+
 from .._draft import Draft
 from ..language._phrases import Part, Phrase, Quantity
 from ..language._sentences import sentences_of
@@ -74,6 +76,13 @@ _VERB = re.compile(
 _WITH = re.compile(r"\bwith (?:an?|the)? ?$", re.IGNORECASE)
 _RIGHT_AFTER = re.compile(r"[\s,]*(?:\([^()]*\)[\s,]*)?")
 _CENTRED = ("centred", "centered", "around", "right around", "exactly around")
+POSSESSIVES = ("his", "her", "its", "their")
+_LOOKED_FOR = re.compile(
+    r"\b(?:(?:look|search|hunt)(?:s|ed|ing|es)?\s+(?:everywhere\s+)?for|find|locate)\s+(?:the\s+|our\s+)?$",
+    re.IGNORECASE,
+)
+"""What makes the person after it the one who is sought."""
+_ANYBODY = ("pax", "person", "persons", "people", "men", "individuals", "adults")
 RELATIONS_TO_IT = frozenset(["near", "exact", "within", "atleast", "bearing"])
 """Relations to what `it` is, which may be a road."""
 GROUP_RULES = RelationReader.RULES | TraitReader.RULES | RoadReader.RULES
@@ -185,7 +194,7 @@ class TextReader:
                     self._company = [*self.groups.subject]
                 # After a comma, `and` begins another clause.
                 joins = (not item.comma and any(m.kind == "AND" for m in item.meanings)) or (
-                    joins and item.filler
+                    joins and (item.filler or item.text.lower() in POSSESSIVES)
                 )
                 self._relative(item, sentence[:index])
                 late = self._late_count(item, sentence[index - 1] if index else None)
@@ -230,11 +239,14 @@ class TextReader:
             phrase = Phrase("group", phrase.parts[1:], phrase.span)
         if phrase.rule == "group" and self._counts_again(phrase):
             return
+        if phrase.rule == "group" and self._is_in_brackets_of_unread(phrase):
+            return
         if phrase.rule == "group":
             self.flight.subject = "group"
             self._just_named = []
             previous = self.joined if joins else []
             self.groups.introduce(phrase)
+            self._seek(self.groups.subject, phrase.span)
             if (
                 self._company
                 and len(self._company) == 1
@@ -279,6 +291,28 @@ class TextReader:
             if phrase.rule == "extent":
                 self._sized_until = phrase.span.end
         self.joined = []
+
+    def _seek(self, groups: Sequence[str], span: Span) -> None:
+        """Make the persons sought of whom the text says that somebody looks for them."""
+        match = _LOOKED_FOR.search(self.draft.text[: span.start])
+        for group in groups if match else ():
+            if match and self.groups.asset(group) in PERSONS and self.groups.role(group) is Role.BYSTANDER:
+                self.groups.seek(group, Span(match.start(), span.end))
+
+    def _is_in_brackets_of_unread(self, phrase: Phrase) -> bool:
+        """Whether a group in brackets only tells who the unread thing before them is: `mortar team (3 pax)`."""
+        head = self.draft.text[: phrase.span.start].rstrip()
+        named = self.unread.named_in_clause_before(len(head) - 1) if head.endswith("(") else None
+        if named is None or self.groups.mentioned_at([*self.groups.kinds]).end > named.start:
+            return False
+        answers = [("a group of its own", False), ("what is not read: leave it out", True)]
+        asset = phrase.first("ASSET")
+        if asset is not None and self.draft.quote(asset.span).lower() in _ANYBODY:
+            answers.reverse()
+        left_out = answers[self.draft.ask(phrase.span, "who is this?", [name for name, _ in answers])][1]
+        if left_out:
+            self.draft.unread(phrase.span, "it is said of something that is not read", expressible=True)
+        return left_out
 
     def _counts_again(self, phrase: Phrase) -> bool:
         """`the aid workers, seven persons`: whether a phrase gives the number of the group just named."""
@@ -601,6 +635,8 @@ class TextReader:
             )
         elif "THEM" in kinds and self.topic == "" and self.last in ("ground", "road"):
             self.topic = self.last
+        elif "THEM" in kinds and _LOOKED_FOR.search(self.draft.text[: word.span.start]):
+            self._seek(groups.them(word.span), word.span)
         elif "THEM" in kinds and groups.subject:
             groups.them_as_subject(word.span)
             groups.in_sentence, self.topic = True, "group"

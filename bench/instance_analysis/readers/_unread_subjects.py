@@ -27,14 +27,15 @@ class UnreadSubjects:
 
     def __init__(self, text: str, left_out: Sequence[Span]) -> None:
         self._text, self._left_out = text, left_out
+        self._unknown: list[Span] = []
         self._things: list[Span] = []
 
     def note(self, words: Sequence[Word]) -> None:
         """Take the unknown words of a text, of which those after an article or a number are things."""
-        unknown = [
+        self._unknown = [
             word.span for word in words if not word.meanings and not word.filler and word.text.isalpha()
         ]
-        self._things = [span for span in unknown if _ARTICLE.search(self._text[: span.start])]
+        self._things = [span for span in self._unknown if _ARTICLE.search(self._text[: span.start])]
 
     def since(self, begin: int, end: int, *, subjects: bool = False) -> Span | None:
         """The first unread thing between two places of the text, or only one that is a subject; None without one.
@@ -45,6 +46,13 @@ class UnreadSubjects:
         if subjects:
             spans = [span for span in spans if not self.is_object(span)]
         return next((span for span in spans if _BREAK.search(self._text[begin:end])), None)
+
+    def named_in_clause_before(self, end: int) -> Span | None:
+        """The last unknown word, or clause left out, in the clause that ends at a place; None without one."""
+        breaks = [match.end() for match in _BREAK.finditer(self._text, 0, end)]
+        begin = breaks[-1] if breaks else 0
+        spans = [span for span in (*self._unknown, *self._left_out) if begin < span.end <= end]
+        return spans[-1] if spans else None
 
     def is_object(self, thing: Span) -> bool:
         """Whether a preposition stands before a thing, so that a sentence is not about it."""

@@ -155,13 +155,13 @@ class WeatherReader:
             self._draft.vary((*base, "speed_mps"), speed.value.low, speed.value.high, phrase.span, unit="m/s")
         elif (word := phrase.first("WINDS")) and isinstance(word.value, float | int):
             self._draft.put((*base, "speed_mps"), float(word.value), phrase.span)
-        elif (
-            len(phrase.parts) == 2
-            and (none := phrase.first("COUNT"))
-            and isinstance(none.value, Quantity)
-            and not none.value.high
-        ):
-            self._draft.put((*base, "speed_mps"), 0.0, phrase.span)
+        elif len(phrase.parts) == 2 and (bare := phrase.first("COUNT")) and isinstance(bare.value, Quantity):
+            if bare.value.high:
+                # `wind 5 Bft`: neither a speed in a known unit nor a direction.
+                bare.disown()
+                self._draft.unread(phrase.span, "the number has no unit", expressible=True)
+            else:
+                self._draft.put((*base, "speed_mps"), 0.0, phrase.span)
             return
         else:
             self._winds_without_speed.append(phrase.span)
