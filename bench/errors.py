@@ -61,5 +61,9 @@ class VehicleFault(RebarError):
     """The simulated vehicle left the range in which its model means anything (NaN, runaway state)."""
 
 
+class FirmwareFault(RebarError):
+    """The program of a real autopilot ended, hung, or sent what it never sends; or its port was taken."""
+
+
 class DetectorFault(RebarError):
     """A detector on pictures failed, or reported what no detector can: an unknown label, a box without numbers."""

@@ -13,12 +13,13 @@ from bench.contracts import (
     MavlinkTap,
     SimTime,
     Vector,
+    Vehicle,
     VehicleCondition,
     VehiclePlan,
     VehicleState,
 )
 from bench.errors import Fault, SetupError
-from bench.simspec import generator
+from bench.simspec import RealAutopilot, generator
 
 from ._battery import BatteryModel
 from ._failures import Failures
@@ -43,27 +44,31 @@ from .controller import (
     attitude_quaternion,
     open_links,
 )
-from .x500 import FULL_THRUST_N, HOVER_THRUST, ROTORS, X500Plant
+from .x500 import FULL_THRUST_N, HOVER_THRUST, ROTORS, X500Plant, has_crashed
 
 _YAW_MAX_RADPS = 1.0
 # What the airframe can do, regardless of parameters; chosen, not measured.
 _SPEED_MAX_MPS, _CLIMB_MAX_MPS, _DESCENT_MAX_MPS = 18.0, 6.0, 3.0
 # Bounds of attitudes and rates that a client commands.
 _TILT_MAX_RAD, _RATE_MAX_RADPS = math.radians(45.0), 4.0
-_CRASH_MPS = 3.0
-_CRASH_TILT_RAD = math.radians(70.0)
-_NEAR_GROUND_M = 0.5
 _TOUCH_M = 0.02
 # Far more than anything falls in a step of 40 ms.
 _SPEED_MATTERS_BELOW_M = 50.0
 
 
 @contextmanager
-def open_x500(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[X500]:
-    """Yield an X500 standing at home, its links open.
+def open_x500(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[Vehicle]:
+    """Yield an X500 standing at home, its links open; where the SimSpec names a firmware, a real autopilot flies it.
 
     Raises SetupError for a link that cannot be opened or an unknown parameter.
     """
+    if isinstance(plan.simspec.vehicle.autopilot, RealAutopilot):
+        # Imported only now: most sessions need neither processes nor a magnetic field.
+        from .firmware import open_firmware_x500
+
+        with open_firmware_x500(plan, tap) as vehicle:
+            yield vehicle
+        return
     with open_links(plan.links) as links:
         yield X500(plan, links, tap)
 
@@ -431,7 +436,13 @@ class Aircraft(ABC):
         it.
         """
 
-    def _find_autopilot(self, name: str) -> Autopilot:
+    def _find_autopilot(self, name: str | RealAutopilot) -> Autopilot:
+        if isinstance(name, RealAutopilot):
+            raise SetupError(
+                Fault(
+                    "vehicle.autopilot", "real autopilots fly the model x500 alone", "use it, or an imitation"
+                )
+            )
         try:
             return self.autopilots[name]
         except KeyError:
@@ -514,13 +525,7 @@ class X500(Aircraft):
         battery.drain(self._x500.thrust_n(), self.step_s)
 
     def _crashed(self, speed_before_mps: float) -> bool:
-        """Hitting the ground at more than 3 m/s, or lying on its side near it."""
-        motion = self._plant.motion
-        if motion.up_m > _NEAR_GROUND_M:
-            return False
-        # The angle between the body's down axis and the vertical, from roll and pitch.
-        tilt = math.acos(min(max(math.cos(motion.roll_rad) * math.cos(motion.pitch_rad), -1.0), 1.0))
-        return tilt > _CRASH_TILT_RAD or (motion.up_m < _TOUCH_M and speed_before_mps > _CRASH_MPS)
+        return has_crashed(self._plant.motion, speed_before_mps)
 
 
 def _clipped(value: float, limit: float) -> float:

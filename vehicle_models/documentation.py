@@ -20,7 +20,7 @@ from pathlib import Path
 from bench.contracts import LinkSpec, VehiclePlan
 from bench.simspec import SimSpec
 
-from ._vehicle import open_x500
+from ._vehicle import X500, open_x500
 from .controller import AUTOPILOTS, WING_AUTOPILOTS, Autopilot, FlightState, ReferencePoint, open_links
 from .controller._service import Command, CommandResult, MessageSender
 from .controller.links._enums import MAV_CMD
@@ -95,6 +95,7 @@ def _built_commands(autopilot: str, vehicle: Mapping[str, object]) -> frozenset[
         "vehicle": {"autopilot": autopilot, **vehicle},
     }
     with open_x500(VehiclePlan(SimSpec.model_validate(document), ())) as opened:
+        assert isinstance(opened, X500)
         return opened.commands()
 
 

@@ -57,6 +57,7 @@ from ._measure import Option as Option
 from ._measure import Tape as Tape
 from ._measure import Timed as Timed
 from ._outcome import DETECTOR as DETECTOR
+from ._outcome import FIRMWARE as FIRMWARE
 from ._outcome import LEAVES_OPEN as LEAVES_OPEN
 from ._outcome import PROBES as PROBES
 from ._outcome import SAW_TRUTH as SAW_TRUTH
@@ -121,6 +122,7 @@ from ._tick import read_line as read_line
 from ._tick import write_line as write_line
 from ._topics import CAMERA_OPENED as CAMERA_OPENED
 from ._topics import DETECTOR_OPENED as DETECTOR_OPENED
+from ._topics import FIRMWARE_BOOTED as FIRMWARE_BOOTED
 from ._topics import OPERATOR_GIVES_BACK as OPERATOR_GIVES_BACK
 from ._topics import OPERATOR_LINK as OPERATOR_LINK
 from ._topics import OPERATOR_TAKES as OPERATOR_TAKES
@@ -138,6 +140,7 @@ from ._topics import is_mavlink_from_agent as is_mavlink_from_agent
 from ._topics import mavlink_topic as mavlink_topic
 from ._topics import truth_depth_topic as truth_depth_topic
 from ._topics import truth_mask_topic as truth_mask_topic
+from ._vehicle import BootsFirmware as BootsFirmware
 from ._vehicle import CarriesCamera as CarriesCamera
 from ._vehicle import LinkSpec as LinkSpec
 from ._vehicle import MavlinkTap as MavlinkTap

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, ValidationError
 
 from bench.documents import Document
-from bench.errors import DetectorFault, PlacementInfeasible, SetupError, VehicleFault
+from bench.errors import DetectorFault, FirmwareFault, PlacementInfeasible, SetupError, VehicleFault
 
 
 class Blame(StrEnum):
@@ -154,6 +154,9 @@ def truth_sightings_of(details: Mapping[str, object]) -> tuple[str, ...]:
 DETECTOR = "detector"
 """In `SessionResult.details`: which detector worked on the pictures, with its version as far as it tells."""
 
+FIRMWARE = "firmware"
+"""In `SessionResult.details`: the real autopilot that flew, with version, digest and pace; absent where one is imitated."""
+
 LEAVES_OPEN = "leaves_open"
 """In `SessionResult.details`: names of walls that the agent's rung did not hold on the host of the session."""
 
@@ -250,6 +253,9 @@ class SessionFailure:
                 # The model's numbers ran away: the text says which, and the frames of our stack would say
                 # nothing more.
                 return cls(Outcome.BENCH_ERROR, f"the vehicle model failed: {error}")
+            case FirmwareFault():
+                # Its own words are in the text; our frames only say who was waiting for it.
+                return cls(Outcome.BENCH_ERROR, f"the autopilot's firmware failed: {error}")
             case DetectorFault():
                 # A plug-in's: its own frames say where it failed.
                 text = "".join(traceback.format_exception(error))

@@ -157,6 +157,8 @@ OPERATOR_TAKES, OPERATOR_GIVES_BACK = "operator takes the vehicle", "operator gi
 CAMERA_OPENED = "camera opened"
 # Name of the event whose text says which detector works on the pictures.
 DETECTOR_OPENED = "detector opened"
+# Name of the event whose text says which real autopilot flies, with version, digest and pace.
+FIRMWARE_BOOTED = "firmware booted"
 
 
 def is_mavlink_from_agent(topic: str) -> bool:

@@ -6,6 +6,7 @@ import socket
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal, Protocol, runtime_checkable
 
 from bench.clock import SimTime
@@ -83,11 +84,15 @@ class LinkSpec:
 
 @dataclass(frozen=True, slots=True)
 class VehiclePlan:
-    """All that a vehicle needs to be built: the SimSpec it flies in and the links it opens."""
+    """All that a vehicle needs to be built: the SimSpec it flies in and the links it opens.
+
+    `artefacts` is where a real autopilot's console and logs are left; None: they are discarded.
+    """
 
     simspec: SimSpec
     links: tuple[LinkSpec, ...]
     controller_hz: int = 50
+    artefacts: Path | None = None
 
 
 MavlinkTap = Callable[[str, str, bytes], None]
@@ -147,6 +152,16 @@ class CarriesCamera(Protocol):
 
     def record_exposure(self, frame: int, time: SimTime) -> None:
         """The scene has made frame number `frame` of the vehicle's camera at `time`."""
+
+
+@runtime_checkable
+class BootsFirmware(Protocol):
+    """What a vehicle promises beside `Vehicle` when a real autopilot flies it."""
+
+    def boot(self) -> str:
+        """Start the autopilot's program and let it run until it can fly, before the first step; the simulated moment
+        stays as it is. Returns name, version, digest and pace for the recording. Raises FirmwareFault.
+        """
 
 
 class OpenVehicle(Protocol):

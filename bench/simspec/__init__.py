@@ -89,6 +89,7 @@ from ._vehicle import Distortion as Distortion
 from ._vehicle import Failure as Failure
 from ._vehicle import Gps as Gps
 from ._vehicle import OutsideLink as OutsideLink
+from ._vehicle import RealAutopilot as RealAutopilot
 from ._vehicle import VehicleSpec as VehicleSpec
 from ._weather import Environment as Environment
 from ._weather import Wind as Wind

@@ -277,6 +277,52 @@ class OutsideLink(Document):
     ] = False
 
 
+class RealAutopilot(Document):
+    """A real autopilot: its own program flies, and the bench is its physics (docs/real-autopilots.md)."""
+
+    kind: Literal["px4", "ardupilot"]
+    firmware: Annotated[
+        str,
+        Field(
+            min_length=1,
+            description="PX4: the folder that holds bin/px4 and etc/. ArduPilot: the program arducopter. Relative to the "
+            "current folder.",
+        ),
+    ]
+    parameters: Annotated[
+        dict[str, float],
+        Field(
+            description="Set before the start, behind those of the airframe and those of vehicle.parameters."
+        ),
+    ] = {}
+    boot_s: Annotated[
+        float | None,
+        Field(
+            ge=0.0,
+            le=600.0,
+            description="Simulated seconds on the ground before the session begins, until the autopilot can be armed; 15 "
+            "for px4 and 50 for ardupilot when absent.",
+        ),
+    ] = None
+    pace: Annotated[
+        Literal["free", "one_core", "quiet"],
+        Field(
+            description="`one_core`: autopilot and physics take turns on one core, which is fastest. `quiet`: as well, each "
+            "sample waits until every thread of the autopilot sleeps, so that PX4 repeats. `free`: wherever the system "
+            "puts them."
+        ),
+    ] = "one_core"
+    log: Annotated[
+        bool,
+        Field(
+            description="Whether the autopilot writes its log, some 0.3 MB a second; it is kept with the run."
+        ),
+    ] = False
+
+    def __str__(self) -> str:
+        return f"{self.kind} (real)"
+
+
 class VehicleSpec(Document):
     """The aircraft, the autopilot it carries, and its sensors."""
 
@@ -284,7 +330,10 @@ class VehicleSpec(Document):
         Identifier, Field(description="Name of the vehicle in the entry-point group rebar.vehicles.")
     ] = "x500"
     autopilot: Annotated[
-        Literal["px4", "ardupilot"], Field(description="The autopilot that the flight controller imitates.")
+        Literal["px4", "ardupilot"] | RealAutopilot,
+        Field(
+            description="The autopilot that the flight controller imitates, or a real one with its firmware."
+        ),
     ] = "px4"
     parameters: Annotated[
         dict[str, float],

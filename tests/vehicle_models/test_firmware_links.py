@@ -14,7 +14,7 @@ import pymap3d
 import pytest
 from pymavlink.dialects.v20 import common
 
-from bench.errors import VehicleFault
+from bench.errors import FirmwareFault
 from vehicle_models.firmware._ardupilot_link import (
     ArduPilotLink,
     ArduPilotMetres,
@@ -132,38 +132,38 @@ def test_a_px4_that_fails_is_named_with_what_it_did(stack: ExitStack) -> None:
     silent, px4 = connected(stack, answer_s=0.05)
     px4.answer(4000)
     assert silent.exchange(4000, b"") is not None
-    with pytest.raises(VehicleFault, match=r"PX4 has not answered the sample of 0\.008 s for 0\.05 s"):
+    with pytest.raises(FirmwareFault, match=r"PX4 has not answered the sample of 0\.008 s for 0\.05 s"):
         silent.exchange(8000, b"")
 
     ahead, px4 = connected(stack)
     px4.answer(99000)
-    with pytest.raises(VehicleFault, match="PX4 answered a sample of 99000 us, but the last is of 4000 us"):
+    with pytest.raises(FirmwareFault, match="PX4 answered a sample of 99000 us, but the last is of 4000 us"):
         ahead.exchange(4000, b"")
 
     stranger, px4 = connected(stack)
     px4.socket.sendall(b"GET / HTTP/1.0\r\n\r\n" * 8)
-    with pytest.raises(VehicleFault, match="does not speak MAVLink"):
+    with pytest.raises(FirmwareFault, match="does not speak MAVLink"):
         stranger.exchange(4000, b"")
 
     gone, px4 = connected(stack)
     px4.socket.close()
-    with pytest.raises(VehicleFault, match="PX4 closed the simulator link"):
+    with pytest.raises(FirmwareFault, match="PX4 closed the simulator link"):
         gone.exchange(4000, HilEncoder().sensor(4000, IMU))
 
     unborn = stack.enter_context(closing(Px4Link(0, check_alive=alive, connect_s=0.01)))
-    with pytest.raises(VehicleFault, match=r"PX4 did not connect to TCP port \d+ within 0\.01 s"):
+    with pytest.raises(FirmwareFault, match=r"PX4 did not connect to TCP port \d+ within 0\.01 s"):
         unborn.connect()
 
 
 def test_a_dead_program_is_told_before_anything_else(stack: ExitStack) -> None:
     def dead() -> None:
-        raise VehicleFault("the program ended with exit code 3")
+        raise FirmwareFault("the program ended with exit code 3")
 
     link = stack.enter_context(closing(Px4Link(0, check_alive=dead)))
-    with pytest.raises(VehicleFault, match="exit code 3"):
+    with pytest.raises(FirmwareFault, match="exit code 3"):
         link.connect()
     physics = stack.enter_context(closing(ArduPilotLink(0, check_alive=dead)))
-    with pytest.raises(VehicleFault, match="exit code 3"):
+    with pytest.raises(FirmwareFault, match="exit code 3"):
         physics.receive()
 
 
@@ -239,18 +239,18 @@ def test_the_answer_is_one_line_that_ardupilot_can_search() -> None:
 
 def test_an_ardupilot_that_fails_is_named_with_what_it_did(stack: ExitStack) -> None:
     link, ardupilot = physics(stack, connect_s=0.01, answer_s=0.01)
-    with pytest.raises(VehicleFault, match=r"ArduPilot sent nothing to UDP port \d+ within 0\.01 s"):
+    with pytest.raises(FirmwareFault, match=r"ArduPilot sent nothing to UDP port \d+ within 0\.01 s"):
         link.receive()
     ardupilot.send(5)
     link.receive()
-    with pytest.raises(VehicleFault, match=r"no packet after frame 5 for 0\.01 s"):
+    with pytest.raises(FirmwareFault, match=r"no packet after frame 5 for 0\.01 s"):
         link.receive()
     ardupilot.send(7)
-    with pytest.raises(VehicleFault, match="frame 7 came after frame 5"):
+    with pytest.raises(FirmwareFault, match="frame 7 came after frame 5"):
         link.receive()
     for nonsense in (b"x", b"\x1a\x48" + bytes(10), struct.pack("<HHI16H", 4711, 800, 6, *[1000] * 16)):
         ardupilot.socket.send(nonsense)
-        with pytest.raises(VehicleFault, match=f"{len(nonsense)} bytes that are no packet"):
+        with pytest.raises(FirmwareFault, match=f"{len(nonsense)} bytes that are no packet"):
             link.receive()
 
 

@@ -9,7 +9,7 @@ import time
 from dataclasses import dataclass
 
 from bench.contracts import Vector
-from bench.errors import VehicleFault
+from bench.errors import FirmwareFault
 
 from ._px4_link import ANSWER_S, CONNECT_S, CheckAlive
 
@@ -57,7 +57,7 @@ class PhysicsState:
 class ArduPilotLink:
     """The physics' end: `receive` the pulses of the next step, make it, `answer`.
 
-    Both raise VehicleFault, which names ArduPilot, when it ends, hangs or sends something else.
+    Both raise FirmwareFault, which names ArduPilot, when it ends, hangs or sends something else.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class ArduPilotLink:
             except TimeoutError:
                 self._check_alive()
                 if time.monotonic() > deadline_s:
-                    raise VehicleFault(self._silence(patience_s)) from None
+                    raise FirmwareFault(self._silence(patience_s)) from None
                 continue
             except OSError:  # an ICMP answer to what was sent to a program that has ended
                 self._check_alive()
@@ -116,7 +116,7 @@ class ArduPilotLink:
     def _take(self, data: bytes, peer: tuple[str, int]) -> tuple[int, ...] | None:
         layout = _LAYOUTS.get(_MAGIC.unpack_from(data)[0]) if len(data) >= _MAGIC.size else None
         if layout is None or len(data) != layout.size:
-            raise VehicleFault(
+            raise FirmwareFault(
                 f"UDP port {self.port} got {len(data)} bytes that are no packet of ArduPilot's JSON physics"
             )
         _, _, count, *pulses = layout.unpack(data)
@@ -127,7 +127,7 @@ class ArduPilotLink:
             return None
         if self._count is not None and count != self._count + 1:
             if count > self._count:
-                raise VehicleFault(f"ArduPilot's frame {count} came after frame {self._count}")
+                raise FirmwareFault(f"ArduPilot's frame {count} came after frame {self._count}")
             self.restarts += 1
         self._count = count
         self._answer = b""

@@ -5,8 +5,9 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Callable
+from typing import NoReturn
 
-from bench.errors import VehicleFault
+from bench.errors import FirmwareFault
 
 from ..controller.links._frames import FrameReader, message_id
 from ._hil import (
@@ -24,16 +25,27 @@ CONNECT_S, ANSWER_S = 60.0, 30.0
 _UNANSWERED_S = 0.02
 _MAX_UNANSWERED = 2000
 _POLL_S = 0.1
+_DYING_S = 1.0
 _READ_BYTES = 65536
 
 CheckAlive = Callable[[], None]
-"""Raises VehicleFault when the firmware's program has ended."""
+"""Raises FirmwareFault when the firmware's program has ended."""
+
+
+def report_closed(text: str, check_alive: CheckAlive) -> NoReturn:
+    """Raise FirmwareFault: with how the program ended, if it ends in a moment, else with `text`."""
+    # The kernel closes the sockets of a dying process some moments before its end can be asked for.
+    deadline_s = time.monotonic() + _DYING_S
+    while time.monotonic() < deadline_s:
+        check_alive()
+        time.sleep(0.005)
+    raise FirmwareFault(text)
 
 
 class Px4Link:
     """One connection. `connect` first, then `exchange` for each sample; `close` at the end.
 
-    All raise VehicleFault, which names PX4, when it ends, hangs or sends what is not MAVLink.
+    All raise FirmwareFault, which names PX4, when it ends, hangs or sends what is not MAVLink.
     """
 
     def __init__(
@@ -72,7 +84,7 @@ class Px4Link:
                 self._connection, _ = self._server.accept()
             except TimeoutError:
                 if time.monotonic() > deadline_s:
-                    raise VehicleFault(
+                    raise FirmwareFault(
                         f"PX4 did not connect to TCP port {self.port} within {self._connect_s:g} s"
                     ) from None
         # Nobody else may take the place of PX4, and a sample is one small write that must not wait.
@@ -87,9 +99,8 @@ class Px4Link:
         connection = self._connected()
         try:
             connection.sendall(frames)
-        except OSError as error:
-            self._check_alive()
-            raise VehicleFault(f"PX4 closed the simulator link: {error.strerror}") from error
+        except OSError:
+            self._report_closed()
         deadline_s = time.monotonic() + (self._answer_s if self._answered else _UNANSWERED_S)
         while True:
             controls = self._receive(connection, deadline_s, time_us)
@@ -97,7 +108,7 @@ class Px4Link:
                 self._answered = True
                 return controls
             if controls is not None and controls.time_us > time_us:
-                raise VehicleFault(
+                raise FirmwareFault(
                     f"PX4 answered a sample of {controls.time_us} us, but the last is of {time_us} us"
                 )
             if controls is None and not self._answered and time.monotonic() >= deadline_s:
@@ -114,11 +125,14 @@ class Px4Link:
             raise AssertionError("connect() comes before exchange()")
         return self._connection
 
+    def _report_closed(self) -> NoReturn:
+        report_closed("PX4 closed the simulator link", self._check_alive)
+
     def _pass_unanswered(self) -> None:
         self._check_alive()
         self.unanswered += 1
         if self.unanswered > _MAX_UNANSWERED:
-            raise VehicleFault(
+            raise FirmwareFault(
                 f"PX4 answered none of {self.unanswered} samples; its actuator outputs do not run (does its airframe set "
                 "PWM_MAIN_FUNC1 to 4?)"
             )
@@ -132,16 +146,14 @@ class Px4Link:
         except TimeoutError:
             self._check_alive()
             if self._answered and remaining_s <= 0.0:
-                raise VehicleFault(
+                raise FirmwareFault(
                     f"PX4 has not answered the sample of {time_us / 1e6:.3f} s for {self._answer_s:g} s"
                 ) from None
             return None
-        except OSError as error:
-            self._check_alive()
-            raise VehicleFault(f"PX4 closed the simulator link: {error.strerror}") from error
+        except OSError:
+            self._report_closed()
         if not data:
-            self._check_alive()
-            raise VehicleFault("PX4 closed the simulator link")
+            self._report_closed()
         latest = None
         for frame in self._reader.feed(data):
             number = message_id(frame)
@@ -150,5 +162,5 @@ class Px4Link:
             elif number == COMMAND_LONG and (interval_us := truth_interval_us(frame)) is not None:
                 self.truth_interval_us = interval_us
         if self._reader.garbage_bytes:
-            raise VehicleFault("what connected to the simulator link does not speak MAVLink")
+            raise FirmwareFault("what connected to the simulator link does not speak MAVLink")
         return latest

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from .._jsbsim import JsbsimPlant, StartPose
 
 _FT = 0.3048
@@ -13,6 +15,8 @@ _MAX_THRUST_N = 8.5486
 FULL_THRUST_N = 4.0 * _MAX_THRUST_N
 # Share of full thrust that carries the vehicle.
 HOVER_THRUST = 2.0643 * 9.81 / FULL_THRUST_N
+# Of each rotor from the hub along each axis, and its torque for each newton of thrust; as in x500.xml.
+ROTOR_ARM_M, ROTOR_TORQUE_M = 0.174, 0.016
 # PX4's order, motors 1 to 4.
 ROTORS = ("front-right", "rear-left", "front-left", "rear-right")
 
@@ -102,6 +106,11 @@ class X500Plant(JsbsimPlant):
     def rotor_commands(self) -> list[float]:
         """Speed of each rotor as a share of its greatest, 0 to 1."""
         return [get() for get in self._motors]
+
+    def turn_rotors(self, speeds: Sequence[float]) -> None:
+        """Command the speed of each rotor as a share of its greatest, past the cascade, which stays disarmed."""
+        for name, speed in zip(ROTORS, speeds, strict=True):
+            self.write(f"test-{name}", speed)
 
     def set_works(self, number: int, works: bool) -> None:
         """Let a rotor (by its index in ROTORS) turn as commanded, or stop it."""

@@ -1,0 +1,236 @@
+"""Vehicles under real autopilots, with strict stand-ins in the autopilots' place: whole flights, failures, leftovers."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Generator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import firmware_stand_in as stand_in
+import pytest
+from vehicle_client import Client, mavlink, simspec
+
+from bench.contracts import LinkSpec, VehiclePlan
+from bench.errors import FirmwareFault
+from vehicle_models.firmware import Budgets, FirmwareX500, open_firmware_x500
+
+pytestmark = [pytest.mark.process, pytest.mark.flight]
+SOURCE = Path(stand_in.__file__).read_text(encoding="utf-8")
+
+
+def installed(folder: Path, kind: str) -> Path:
+    """The firmware as a user would name it: PX4's folder, ArduPilot's program."""
+    program = folder / "bin" / "px4" if kind == "px4" else folder / "arducopter"
+    program.parent.mkdir(parents=True)
+    program.write_text(f"#!{sys.executable} -IS\n{SOURCE}", encoding="utf-8")
+    program.chmod(0o755)
+    if kind == "ardupilot":
+        return program
+    script = folder / "etc" / "init.d-posix" / "rcS"
+    script.parent.mkdir(parents=True)
+    script.touch()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def firmware(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    return {
+        kind: installed(tmp_path_factory.mktemp(kind) / "firmware", kind) for kind in ("px4", "ardupilot")
+    }
+
+
+def traces() -> set[str]:
+    """What a session could leave behind: folders, locks, processes of this test."""
+    left = {path.name for path in Path(tempfile.gettempdir()).glob("rebar-autopilot-*")}
+    left |= {path.name for path in Path("/tmp").glob("px4_lock-*")}
+    for entry in os.scandir("/proc"):
+        if entry.name.isdigit():
+            try:
+                command = Path(entry.path, "cmdline").read_bytes().decode(errors="replace")
+            except OSError:
+                continue
+            if "bin/px4" in command or "arducopter" in command:
+                left.add(f"process {command}")
+    return left
+
+
+@contextmanager
+def opened(
+    kind: str,
+    firmware: Path,
+    *,
+    parameters: Mapping[str, float] | None = None,
+    budgets: Budgets | None = None,
+    artefacts: Path | None = None,
+    client: Client | None = None,
+    boot_s: float = 3.2,
+    pace: str = "one_core",
+    log: bool = False,
+    **vehicle: Any,
+) -> Generator[FirmwareX500]:
+    autopilot = {
+        "kind": kind,
+        "firmware": str(firmware),
+        "parameters": dict(parameters or {}),
+        "boot_s": boot_s,
+        "pace": pace,
+        "log": log,
+    }
+    vehicle = {
+        "simulation_control": False,
+        "home": {"east_m": 20.0, "north_m": 30.0, "heading_deg": 40.0},
+        **vehicle,
+    }
+    spec = simspec(autopilot, vehicle=vehicle)  # type: ignore[arg-type]
+    links = (LinkSpec("onboard", "udp_out", port=client.port),) if client else ()
+    with open_firmware_x500(VehiclePlan(spec, links, artefacts=artefacts), budgets=budgets) as flown:
+        if client:
+            client.vehicle = flown
+        yield flown
+
+
+def flown_up(client: Client, kind: str) -> FirmwareX500:
+    """Armed and at 10 m."""
+    vehicle = client.vehicle
+    assert isinstance(vehicle, FirmwareX500)
+    # Of ArduPilot there are heartbeats alone, once a second.
+    client.fly(1.1)
+    client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    client.fly(0.1)
+    height = 10.0
+    if kind == "px4":
+        # Above mean sea level.
+        height += client_altitude(vehicle)
+    client.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, math.nan, math.nan, math.nan, height)
+    return vehicle
+
+
+def client_altitude(vehicle: FirmwareX500) -> float:
+    return vehicle._plan.simspec.world.origin.altitude_m
+
+
+@pytest.mark.parametrize("kind", ["px4", "ardupilot"])
+def test_a_stand_in_takes_off_to_ten_metres_and_lands(
+    kind: str, firmware: dict[str, Path], tmp_path: Path
+) -> None:
+    before = traces()
+    client = Client()
+    with opened(kind, firmware[kind], client=client, artefacts=tmp_path / "kept", log=True) as vehicle:
+        description = vehicle.boot()
+        assert vehicle.time.ns == 0
+        assert re.fullmatch(
+            rf"{'PX4' if kind == 'px4' else 'ArduPilot'} 1\.2\.3 \(\w+\), (px4|arducopter) sha256:[0-9a-f]{{64}}, pace one_core",
+            description,
+        )
+        assert vehicle.condition().landed
+        assert not vehicle.condition().armed
+        flown_up(client, kind)
+        client.fly(6.5)
+        truth = vehicle.truth()
+        east, north, up = truth.position_enu_m
+        assert up == pytest.approx(10.0, abs=0.3)
+        # It stands over its home, with the heading of its home: rotors, frames and signs are right.
+        assert (east, north) == pytest.approx((20.0, 30.0), abs=0.5)
+        assert math.degrees(truth.yaw_rad) == pytest.approx(40.0, abs=3.0)
+        estimate = vehicle.estimate()
+        assert estimate.position_enu_m == pytest.approx(truth.position_enu_m, abs=0.15)
+        assert estimate.yaw_rad == pytest.approx(truth.yaw_rad, abs=0.05)
+        condition = vehicle.condition()
+        assert condition.armed
+        assert not condition.landed
+        assert 0.9 < condition.battery_fraction < 1.0
+        client.command(mavlink.MAV_CMD_NAV_LAND)
+        client.fly(11.5)
+        assert vehicle.condition().landed
+        assert not vehicle.condition().armed
+        assert not vehicle.condition().crashed
+        acknowledged = [message.command for message in client.received if message.get_type() == "COMMAND_ACK"]
+        assert {400, 22, 21} <= set(acknowledged)
+        assert vehicle.sent()["onboard"] == len(client.received)
+    kept = {path.name for path in (tmp_path / "kept").iterdir()}
+    assert kept == {"console.log", "10_00_00.ulg" if kind == "px4" else "00000001.BIN"}
+    assert (tmp_path / "kept" / "console.log").read_text() == ""
+    assert traces() == before
+    client.socket.close()
+
+
+@pytest.mark.parametrize("kind", ["px4", "ardupilot"])
+def test_two_at_once_and_two_in_a_row_do_not_meet(kind: str, firmware: dict[str, Path]) -> None:
+    before = traces()
+    for _ in range(2):
+        with ExitStack() as stack:
+            pair = [stack.enter_context(opened(kind, firmware[kind], boot_s=0.2)) for _ in range(2)]
+            for vehicle in pair:
+                vehicle.boot()
+            for _ in range(10):
+                for vehicle in pair:
+                    vehicle.step()
+            assert [vehicle.time.s for vehicle in pair] == [0.2, 0.2]
+            folders = {name for name in traces() - before if name.startswith("rebar-autopilot-")}
+            assert len(folders) == 4  # a folder and a lock each
+        assert traces() == before
+
+
+FAULTS = {
+    stand_in.DIES: r"ended with SIGSEGV; its console ends with: out of memory in the mixer",
+    stand_in.HANGS: r"for 0\.5 s",
+    stand_in.TALKS_NONSENSE: r"does not speak MAVLink|bytes that are no packet",
+}
+
+
+@pytest.mark.parametrize("kind", ["px4", "ardupilot"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_an_autopilot_that_fails_in_the_air_is_the_fault_of_its_firmware(
+    kind: str, fault: int, firmware: dict[str, Path]
+) -> None:
+    before = traces()
+    client = Client()
+    budgets = Budgets(connect_s=60.0, answer_s=0.5 if fault == stand_in.HANGS else 30.0)
+    with opened(
+        kind, firmware[kind], client=client, parameters={"STAND_IN_FAULT": fault}, budgets=budgets, boot_s=0.2
+    ) as vehicle:
+        vehicle.boot()
+        flown_up(client, kind)
+        with pytest.raises(FirmwareFault, match=FAULTS[fault]):
+            client.fly(8.0)
+        assert vehicle.truth().position_enu_m[2] == pytest.approx(stand_in.FAULT_HEIGHT_M, abs=0.2)
+    assert traces() == before
+    client.socket.close()
+
+
+@pytest.mark.parametrize("kind", ["px4", "ardupilot"])
+def test_an_autopilot_that_does_not_start_says_why(kind: str, firmware: dict[str, Path]) -> None:
+    before = traces()
+    ending = {"STAND_IN_FAULT": stand_in.ENDS_AT_ONCE}
+    words = "exit code 7; its console ends with: no airframe of this name"
+    with (
+        opened(kind, firmware[kind], parameters=ending) as vehicle,
+        pytest.raises(FirmwareFault, match=words),
+    ):
+        vehicle.boot()
+    silent = {"STAND_IN_FAULT": stand_in.NEVER_CONNECTS}
+    patience = Budgets(connect_s=0.6)
+    words = r"did not (connect|listen).* within 0\.6 s"
+    with (
+        opened(kind, firmware[kind], parameters=silent, budgets=patience) as vehicle,
+        pytest.raises(FirmwareFault, match=words),
+    ):
+        vehicle.boot()
+    assert traces() == before
+
+
+@pytest.mark.parametrize("fault", [stand_in.IGNORES_SIGTERM, stand_in.LEAVES_CHILD])
+def test_the_program_is_killed_with_all_that_it_started(fault: int, firmware: dict[str, Path]) -> None:
+    before = traces()
+    with opened(
+        "ardupilot", firmware["ardupilot"], parameters={"STAND_IN_FAULT": fault}, boot_s=0.1
+    ) as vehicle:
+        vehicle.boot()
+        assert any(name.startswith("process") for name in traces() - before)
+    assert traces() == before

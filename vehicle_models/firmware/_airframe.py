@@ -1,0 +1,49 @@
+"""What an autopilot is told of the aircraft, so that nobody tunes it by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ..x500 import HOVER_THRUST, ROTOR_ARM_M, ROTOR_TORQUE_M
+
+# Signs along x (forward) and y (right) and of the torque, of motors 1 to 4: front right and rear left turn against the
+# clock and push the nose right.
+_QUAD_X = ((1, 1, 1), (-1, -1, 1), (1, -1, -1), (-1, 1, -1))
+# Two digits, as in the flights of docs/real-autopilots.md; both autopilots learn the rest in the air.
+_HOVER = round(HOVER_THRUST, 2)
+
+
+def px4_parameters(*, log: bool) -> dict[str, float]:
+    """PX4's parameters of the X500. Its motors follow the command with the square: THR_MDL_FAC 1."""
+    geometry: dict[str, float] = {}
+    for number, (x, y, torque) in enumerate(_QUAD_X):
+        geometry |= {
+            f"CA_ROTOR{number}_PX": x * ROTOR_ARM_M,
+            f"CA_ROTOR{number}_PY": y * ROTOR_ARM_M,
+            f"CA_ROTOR{number}_KM": torque * ROTOR_TORQUE_M,
+        }
+    # With -i N PX4 takes the system id N + 1: clients expect 1.
+    rest = {"THR_MDL_FAC": 1, "MPC_THR_HOVER": _HOVER, "MAV_SYS_ID": 1, "SDLOG_BACKEND": 1 if log else 0}
+    return geometry | rest
+
+
+def ardupilot_parameters(*, log: bool, samples_hz: int) -> dict[str, float]:
+    """ArduCopter's parameters of the X500: quad X (class 1, type 1), thrust with the square of the command."""
+    return {
+        "FRAME_CLASS": 1,
+        "FRAME_TYPE": 1,
+        "MOT_THST_EXPO": 1,
+        "MOT_THST_HOVER": _HOVER,
+        "LOG_BACKEND_TYPE": 1 if log else 0,
+        "SIM_RATE_HZ": samples_hz,
+    }
+
+
+def parameter_text(value: float) -> str:
+    """A value as both start scripts take it: whole numbers without a point, as integers need."""
+    return str(int(value)) if float(value).is_integer() else repr(value)
+
+
+def merged(*parts: Mapping[str, float]) -> dict[str, str]:
+    """Names in order with the text of their last value."""
+    return {name: parameter_text(value) for part in parts for name, value in part.items()}

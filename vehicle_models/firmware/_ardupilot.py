@@ -1,0 +1,188 @@
+"""Real ArduPilot: JSON over UDP for the physics, TCP for its clients."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from bench.contracts import LinkSpec
+from bench.errors import Fault
+from bench.simspec import Failure, RealAutopilot, SimSpec
+
+from ..x500 import ROTORS
+from ._airframe import ardupilot_parameters, merged
+from ._ardupilot_link import PHYSICS_PORT, ArduPilotLink, ArduPilotMetres, PhysicsState, rotor_share
+from ._body import Body
+from ._firmware import Budgets, program_faults
+from ._instances import claimed_instance
+from ._mavlink_ports import MavlinkPort, TcpPort
+from ._pace import core_of
+from ._program import FirmwareProgram, open_program
+
+# Of instance N: all + 10 N.
+_SERIAL0_PORT, _SERIAL1_PORT, _SERIAL2_PORT = 5760, 5762, 5763
+_PORTS_PER_INSTANCE = 10
+_DEFAULTS_FILE = "rebar.parm"
+# It waits for nobody: the bench's answers are its clock.
+_SPEEDUP = 1000
+
+
+class ArduPilotKind:
+    """How to start ArduCopter."""
+
+    name = "ArduPilot"
+    # With a main loop of 400 Hz it refuses to arm below 720 Hz.
+    samples_hz = 800
+    boot_s = 50.0
+    estimate_hz: float | None = 50.0
+    logs: Sequence[str] = ("logs/*.BIN",)
+
+    def program(self, firmware: Path) -> Path:
+        return firmware
+
+    def faults(self, firmware: Path, failures: Sequence[Failure]) -> list[Fault]:
+        return [*program_faults(self.program(firmware), []), *_failure_faults(failures)]
+
+    @contextmanager
+    def open(
+        self,
+        simspec: SimSpec,
+        autopilot: RealAutopilot,
+        body: Body,
+        links: Sequence[LinkSpec],
+        folder: Path,
+        budgets: Budgets,
+    ) -> Generator[RunningArduPilot]:
+        with ExitStack() as stack:
+            physics = _Physics(budgets)
+            stack.callback(physics.close)
+            instance = stack.enter_context(claimed_instance(physics.open))
+            cores = frozenset() if autopilot.pace == "free" else frozenset({core_of(instance)})
+            parameters = merged(
+                ardupilot_parameters(log=autopilot.log, samples_hz=body.samples_hz),
+                simspec.vehicle.parameters,
+                autopilot.parameters,
+            )
+            lines = [f"{name} {text}\n" for name, text in parameters.items()]
+            (folder / _DEFAULTS_FILE).write_text("".join(lines))
+            latitude_e7, longitude_e7 = body.home_e7
+            home = f"{latitude_e7 / 1e7:.7f},{longitude_e7 / 1e7:.7f},{body.ground_m:g},{body.heading_deg:g}"
+            program_path = self.program(Path(autopilot.firmware).resolve())
+            command = [str(program_path), "--model", "JSON", "--speedup", str(_SPEEDUP), "--home", home]
+            command += ["--defaults", _DEFAULTS_FILE, f"-I{instance}"]
+            environment = {"PATH": "/usr/bin:/bin"}
+            program = stack.enter_context(open_program(self.name, command, folder, environment, cores))
+            physics.program = program
+
+            def connect(port: int) -> TcpPort:
+                tcp_port = TcpPort(
+                    port + _PORTS_PER_INSTANCE * instance, program.check_alive, budgets.connect_s
+                )
+                stack.callback(tcp_port.close)
+                return tcp_port
+
+            # Nothing of it runs before its first port has a client.
+            first = connect(_SERIAL0_PORT)
+            running = RunningArduPilot(body, program, physics.link, cores)
+            # The first of the vehicle's links has SERIAL0 as with the SITL, the others share SERIAL1; the bench reads the
+            # estimate on SERIAL2, where its requests change no client's streams.
+            second = connect(_SERIAL1_PORT) if len(links) > 1 else first
+            running.ports = {link.name: first if number == 0 else second for number, link in enumerate(links)}
+            running.estimate_port = connect(_SERIAL2_PORT)
+            running.connections = list(
+                {id(port): port for port in (first, second, running.estimate_port)}.values()
+            )
+            yield running
+
+
+class _Physics:
+    """The physics' port, bound before ArduPilot starts."""
+
+    link: ArduPilotLink
+
+    def __init__(self, budgets: Budgets) -> None:
+        self._budgets = budgets
+        self._stack = ExitStack()
+        self.program: FirmwareProgram | None = None
+
+    def open(self, instance: int) -> bool:
+        """Bind the port of this number; False where it is taken."""
+        try:
+            self.link = ArduPilotLink(
+                PHYSICS_PORT + _PORTS_PER_INSTANCE * instance,
+                check_alive=self._check_alive,
+                connect_s=self._budgets.connect_s,
+                answer_s=self._budgets.answer_s,
+            )
+        except OSError:
+            return False
+        self._stack.callback(self.link.close)
+        return True
+
+    def close(self) -> None:
+        self._stack.close()
+
+    def _check_alive(self) -> None:
+        if self.program is not None:
+            self.program.check_alive()
+
+
+class RunningArduPilot:
+    """ArduPilot on its links. It makes its sensors from the truth, which carries the error of the receiver's position."""
+
+    estimate_port: MavlinkPort
+    ports: Mapping[str, MavlinkPort]
+    connections: Sequence[MavlinkPort]
+
+    def __init__(
+        self, body: Body, program: FirmwareProgram, link: ArduPilotLink, cores: frozenset[int]
+    ) -> None:
+        self.program = program
+        self.cores = cores
+        self.armed: bool | None = None
+        self._body, self._link = body, link
+        self._metres = ArduPilotMetres(*body.home_e7)
+        self._samples = 0
+        # The pulses of the next step. Received before the present step ends, so that all that ArduPilot has sent in it
+        # on its MAVLink ports lies there when they are read.
+        self._pulses = link.receive()
+
+    def fly_sample(self, *, new_fix: bool) -> None:
+        body, plant = self._body, self._body.plant
+        plant.turn_rotors([rotor_share(pulse_us) for pulse_us in self._pulses[: len(ROTORS)]])
+        plant.advance()
+        self._samples += 1
+        # Horizontal places go to its receiver alone, so the receiver's error is put there. The barometer is made from
+        # the height, which stays the truth.
+        north_m, east_m = self._metres.north_east_m(*body.seen_latitude_longitude_deg())
+        self._link.answer(
+            PhysicsState(
+                self._samples / body.samples_hz,
+                body.rates_radps(),
+                plant.specific_force_mps2(),
+                (north_m, east_m, -plant.motion.up_m),
+                body.attitude(),
+                body.velocity_ned_mps(),
+            )
+        )
+        self._pulses = self._link.receive()
+
+    def counters(self) -> Mapping[str, int]:
+        return {"firmware_repeated": self._link.repeated, "firmware_restarts": self._link.restarts}
+
+
+def _failure_faults(failures: Sequence[Failure]) -> list[Fault]:
+    remedies = {
+        "gps_off": "leave it out, or set SIM_GPS_DISABLE by a client with vehicle.simulation_control",
+        "battery_drop": "set SIM_BATT_VOLTAGE under vehicle.autopilot.parameters",
+    }
+    return [
+        Fault(
+            f"vehicle.failures[{index}].kind",
+            f"{failure.kind} does not reach a real ArduPilot, which simulates that part itself",
+            remedies[failure.kind],
+        )
+        for index, failure in enumerate(failures)
+        if failure.kind in remedies
+    ]

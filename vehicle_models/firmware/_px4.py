@@ -1,0 +1,239 @@
+"""Real PX4: MAVLink over TCP for the physics, UDP for its clients."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+from bench.contracts import LinkSpec
+from bench.errors import Fault, SetupError
+from bench.simspec import Failure, RealAutopilot, SimSpec, generator
+
+from ..x500 import ROTORS
+from ._airframe import merged, px4_parameters
+from ._body import Body
+from ._firmware import Budgets, program_faults
+from ._hil import HilEncoder
+from ._instances import claimed_instance
+from ._magnetic_field import magnetic_field_ned_gauss
+from ._mavlink_ports import MavlinkPort, UdpPort
+from ._pace import ThreadWatch, core_of
+from ._program import FirmwareProgram, open_program
+from ._px4_link import PHYSICS_PORT, Px4Link
+from ._sensors import Sensors
+
+_ONBOARD_PORT, _ONBOARD_PEER = 14540, 14580
+_GCS_PORT, _GCS_PEER = 14550, 18570
+# The airframe with four motors on outputs 1 to 4 whose start script begins without a simulator of its own.
+_AIRFRAME = "none_iris"
+_START_SCRIPT = "etc/init.d-posix/rcS"
+# Magnetometer and barometer: every fourth sample, 50 Hz.
+_SLOW_EVERY = 4
+# The start script has ended by then.
+_STARTING_US = 5_000_000
+
+
+class Px4Kind:
+    """How to start PX4."""
+
+    name = "PX4"
+    samples_hz = 200
+    boot_s = 15.0
+    estimate_hz: float | None = None
+    logs: Sequence[str] = ("log/**/*.ulg",)
+
+    def program(self, firmware: Path) -> Path:
+        return firmware / "bin" / "px4"
+
+    def faults(self, firmware: Path, failures: Sequence[Failure]) -> list[Fault]:
+        faults = program_faults(self.program(firmware), [firmware / _START_SCRIPT])
+        return [*faults, *_failure_faults(failures)]
+
+    @contextmanager
+    def open(
+        self,
+        simspec: SimSpec,
+        autopilot: RealAutopilot,
+        body: Body,
+        links: Sequence[LinkSpec],
+        folder: Path,
+        budgets: Budgets,
+    ) -> Generator[RunningPx4]:
+        firmware = Path(autopilot.firmware).resolve()
+        with ExitStack() as stack:
+            sockets = _Sockets(budgets)
+            stack.callback(sockets.close)
+            instance = stack.enter_context(claimed_instance(sockets.open))
+            stack.callback(_remove_traces, instance)
+            ports = sockets.ports(links)
+            cores = frozenset() if autopilot.pace == "free" else frozenset({core_of(instance)})
+            (folder / "etc").symlink_to(firmware / "etc")
+            parameters = merged(
+                px4_parameters(log=autopilot.log), simspec.vehicle.parameters, autopilot.parameters
+            )
+            environment = {
+                "PATH": f"{firmware}/bin:/usr/bin:/bin",
+                "PX4_SIM_MODEL": _AIRFRAME,
+                **{f"PX4_PARAM_{name}": text for name, text in parameters.items()},
+            }
+            command = [str(self.program(firmware)), "-d", "-i", str(instance), "-s", _START_SCRIPT]
+            program = stack.enter_context(open_program(self.name, command, folder, environment, cores))
+            sockets.program = program
+            watch = ThreadWatch(program.pid, program.check_alive) if autopilot.pace == "quiet" else None
+            if watch:
+                stack.callback(watch.close)
+            sockets.link.connect()
+            yield RunningPx4(simspec, body, program, sockets, ports, cores, watch)
+
+
+class _Sockets:
+    """Everything that the bench binds for one PX4, before it starts: what it finds free is its alone."""
+
+    link: Px4Link
+    onboard: UdpPort
+
+    def __init__(self, budgets: Budgets) -> None:
+        self._budgets = budgets
+        self._stack = ExitStack()
+        self._gcs: UdpPort | None = None
+        self.program: FirmwareProgram | None = None
+
+    def open(self, instance: int) -> bool:
+        """Bind the ports of this number; False, and nothing bound, where one of them is taken."""
+        with ExitStack() as stack:
+            try:
+                self.link = Px4Link(
+                    PHYSICS_PORT + instance,
+                    check_alive=self._check_alive,
+                    connect_s=self._budgets.connect_s,
+                    answer_s=self._budgets.answer_s,
+                )
+                stack.callback(self.link.close)
+                self.onboard = UdpPort(_ONBOARD_PORT + instance, _ONBOARD_PEER + instance)
+                stack.callback(self.onboard.close)
+            except OSError:
+                return False
+            # One port for all instances: on a network that sessions share, the first has it.
+            with suppress(OSError):
+                self._gcs = UdpPort(_GCS_PORT, _GCS_PEER + instance)
+                stack.callback(self._gcs.close)
+            self._stack = stack.pop_all()
+            return True
+
+    def ports(self, links: Sequence[LinkSpec]) -> dict[str, UdpPort]:
+        """The connection of each link: links for a ground station have PX4's, all others the onboard computer's."""
+        if self._gcs is None and any(link.streams == "gcs" for link in links):
+            raise SetupError(
+                Fault(
+                    f"UDP port {_GCS_PORT}",
+                    "another program has it, and PX4 sends there whatever its number",
+                    "end the other program, or fly where sessions have networks of their own (rebar doctor)",
+                )
+            )
+        gcs = self._gcs or self.onboard
+        return {link.name: gcs if link.streams == "gcs" else self.onboard for link in links}
+
+    def connections(self) -> list[UdpPort]:
+        return [self.onboard, *([self._gcs] if self._gcs else [])]
+
+    def close(self) -> None:
+        self._stack.close()
+
+    def _check_alive(self) -> None:
+        if self.program is not None:
+            self.program.check_alive()
+
+
+class RunningPx4:
+    """PX4 on its links, with the sensors that the bench simulates for it."""
+
+    def __init__(
+        self,
+        simspec: SimSpec,
+        body: Body,
+        program: FirmwareProgram,
+        sockets: _Sockets,
+        ports: Mapping[str, UdpPort],
+        cores: frozenset[int],
+        watch: ThreadWatch | None,
+    ) -> None:
+        self.program = program
+        self.estimate_port: MavlinkPort = sockets.onboard
+        self.ports: Mapping[str, MavlinkPort] = ports
+        self.connections: Sequence[MavlinkPort] = sockets.connections()
+        self.cores = cores
+        self.armed: bool | None = False
+        self._body, self._link, self._watch = body, sockets.link, watch
+        origin = simspec.world.origin
+        field = magnetic_field_ned_gauss(
+            origin.latitude_deg, origin.longitude_deg, origin.altitude_m, simspec.environment.start_utc
+        )
+        # A stream of its own beside that of the receiver's error: neither depends on the rate of the other.
+        self._sensors = Sensors(field, generator(simspec.seeds, "sensors", 1))
+        self._encoder = HilEncoder()
+        self._samples = 0
+        self._sample_us = 1_000_000 // body.samples_hz
+        self._next_truth_us = 0
+
+    def fly_sample(self, *, new_fix: bool) -> None:
+        plant = self._body.plant
+        plant.advance()
+        self._samples += 1
+        time_us = self._samples * self._sample_us
+        frames = self._sample(time_us, new_fix)
+        if self._watch:
+            self._watch.wait(starting=time_us < _STARTING_US)
+        controls = self._link.exchange(time_us, frames)
+        if controls is None:
+            return
+        self.armed = controls.armed
+        # NaN stands for an output that is stopped.
+        plant.turn_rotors([0.0 if math.isnan(share) else share for share in controls.outputs[: len(ROTORS)]])
+
+    def counters(self) -> Mapping[str, int]:
+        return {"firmware_unanswered": self._link.unanswered}
+
+    def _sample(self, time_us: int, new_fix: bool) -> bytes:
+        """The messages of one moment. HIL_SENSOR is last: it moves PX4's clock, and what follows would race with it."""
+        body, sensors = self._body, self._sensors
+        force = body.plant.specific_force_mps2()
+        attitude = body.attitude()
+        imu = sensors.read_imu(force, body.rates_radps())
+        frames = b""
+        if new_fix:
+            frames += self._encoder.gps(time_us, body.fix())
+        interval_us = self._link.truth_interval_us
+        if interval_us is not None and time_us >= self._next_truth_us:
+            self._next_truth_us = time_us + max(interval_us, self._sample_us)
+            airspeed_mps = body.plant.motion.airspeed_mps
+            frames += self._encoder.state(
+                time_us, attitude, body.rates_radps(), body.place(), airspeed_mps, force
+            )
+        if self._samples % _SLOW_EVERY:
+            return frames + self._encoder.sensor(time_us, imu)
+        magnetometer = sensors.read_magnetometer(attitude)
+        return frames + self._encoder.sensor(
+            time_us, imu, magnetometer, sensors.read_barometer(body.altitude_m())
+        )
+
+
+def _failure_faults(failures: Sequence[Failure]) -> list[Fault]:
+    return [
+        Fault(
+            f"vehicle.failures[{index}].kind",
+            f"{failure.kind} does not reach a real PX4, which simulates its battery itself",
+            "set SIM_BAT_DRAIN and SIM_BAT_MIN_PCT under vehicle.autopilot.parameters",
+        )
+        for index, failure in enumerate(failures)
+        if failure.kind == "battery_drop"
+    ]
+
+
+def _remove_traces(instance: int) -> None:
+    """What a PX4 that was killed leaves in /tmp."""
+    for name in (f"px4_lock-{instance}", f"px4-sock-{instance}"):
+        with suppress(OSError):
+            os.unlink(f"/tmp/{name}")

@@ -1,0 +1,95 @@
+"""What the bench reads of the autopilot's own MAVLink: its estimate, mode, and version."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from bench.contracts import Vector
+
+from ..controller.links._frames import Packer, message_id, sender
+
+_HEARTBEAT, _ATTITUDE, _GLOBAL_POSITION_INT, _COMMAND_LONG, _AUTOPILOT_VERSION = 0, 30, 33, 76, 148
+_SET_MESSAGE_INTERVAL, _REQUEST_MESSAGE = 511, 512
+_AUTOPILOT_COMPONENT = 1
+_ARMED = 0x80
+_LAYOUTS = {
+    _HEARTBEAT: struct.Struct("<IBBBBB"),
+    _ATTITUDE: struct.Struct("<I6f"),
+    _GLOBAL_POSITION_INT: struct.Struct("<IiiiihhhH"),
+    _AUTOPILOT_VERSION: struct.Struct("<QQIIIIHH8s8s8s"),
+}
+# The bench as a client: not 255, which both autopilots take for the ground station.
+_SYSTEM, _COMPONENT = 254, 191
+
+
+@dataclass(slots=True)
+class Telemetry:
+    """The last values heard, None or 0 until the autopilot has said something."""
+
+    custom_mode: int = 0
+    armed: bool = False
+    system: int = 1
+    latitude_e7: int | None = None
+    longitude_e7: int = 0
+    altitude_m: float = 0.0
+    velocity_ned_mps: Vector = (0.0, 0.0, 0.0)
+    attitude_rad: Vector | None = None
+    rates_radps: Vector = (0.0, 0.0, 0.0)
+    version: str = ""
+    heartbeats: int = 0
+    _packer: Packer = field(default_factory=lambda: Packer(_SYSTEM, _COMPONENT))
+    _sequence: int = 0
+
+    def take(self, frames: Sequence[bytes]) -> None:
+        """Read what the autopilot says of itself; other messages are passed over."""
+        for frame in frames:
+            number = message_id(frame)
+            layout = _LAYOUTS.get(number)
+            if layout is None or frame[0] != 0xFD or sender(frame)[1] != _AUTOPILOT_COMPONENT:
+                continue
+            values = layout.unpack(frame[10 : 10 + frame[1]][: layout.size].ljust(layout.size, b"\0"))
+            if number == _HEARTBEAT:
+                self.custom_mode, self.armed = values[0], bool(values[3] & _ARMED)
+                self.system = sender(frame)[0]
+                self.heartbeats += 1
+            elif number == _ATTITUDE:
+                self.attitude_rad, self.rates_radps = values[1:4], values[4:7]
+            elif number == _GLOBAL_POSITION_INT:
+                self.latitude_e7, self.longitude_e7 = values[1], values[2]
+                self.altitude_m = values[3] / 1000.0
+                self.velocity_ned_mps = (values[5] / 100.0, values[6] / 100.0, values[7] / 100.0)
+            else:
+                self.version = _version_text(values[2], values[8])
+
+    def requests(self, rate_hz: float | None) -> list[bytes]:
+        """Commands that ask for the version, and for the estimate at `rate_hz` where one is given."""
+        commands = [(_REQUEST_MESSAGE, float(_AUTOPILOT_VERSION), 0.0)]
+        if rate_hz is not None:
+            commands += [
+                (_SET_MESSAGE_INTERVAL, float(number), 1e6 / rate_hz)
+                for number in (_ATTITUDE, _GLOBAL_POSITION_INT)
+            ]
+        return [self._command(*command) for command in commands]
+
+    def _command(self, number: int, first: float, second: float) -> bytes:
+        values = (first, second, 0.0, 0.0, 0.0, 0.0, 0.0, number, self.system, _AUTOPILOT_COMPONENT, 0)
+        frame = self._packer.pack(_COMMAND_LONG, self._sequence, values)
+        self._sequence = (self._sequence + 1) & 0xFF
+        return frame
+
+
+# FIRMWARE_VERSION_TYPE by its least value.
+_TYPES = ((255, ""), (192, "rc"), (128, "beta"), (64, "alpha"), (0, "dev"))
+
+
+def _version_text(packed: int, commit: bytes) -> str:
+    """AUTOPILOT_VERSION in words: major, minor, patch and type in four bytes, then the first bytes of the commit."""
+    major, minor, patch, kind = packed.to_bytes(4, "big")
+    number = f"{major}.{minor}.{patch}{next(text for least, text in _TYPES if kind >= least)}"
+    if not any(commit):
+        return number
+    # ArduPilot sends the text of the commit, PX4 its number with the last byte first.
+    is_text = all(chr(byte).isalnum() and byte < 128 for byte in commit.rstrip(b"\0"))
+    return f"{number} ({commit.rstrip(bytes(1)).decode() if is_text else commit[::-1].hex()})"

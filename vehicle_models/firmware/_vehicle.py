@@ -1,0 +1,312 @@
+"""A simulated X500 that a real autopilot flies, as a `Vehicle`: physics, links and failures as with the imitated one."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from bench.contracts import (
+    START,
+    MavlinkTap,
+    SimTime,
+    VehicleCondition,
+    VehiclePlan,
+    VehicleState,
+)
+from bench.errors import Fault, FirmwareFault, SetupError
+from bench.simspec import RealAutopilot, generator
+
+from .._battery import BatteryModel
+from .._failures import Failures
+from .._gusts import Gusts, mean_wind_ned_mps
+from ..controller import AUTOPILOTS, Link, open_links
+from ..controller.links._radio import MESSAGES_PER_STEP
+from ..x500 import ROTORS, has_crashed
+from ._ardupilot import ArduPilotKind
+from ._body import Body
+from ._firmware import Budgets, FirmwareKind, RunningFirmware
+from ._gate import Gate
+from ._pace import held_on
+from ._program import CONSOLE_FILE
+from ._px4 import Px4Kind
+from ._telemetry import Telemetry
+
+KINDS: Mapping[str, FirmwareKind] = {"px4": Px4Kind(), "ardupilot": ArduPilotKind()}
+# Standing: the feet touch, and nothing moves.
+_TOUCH_M, _STANDING_MPS = 0.02, 0.2
+# When the bench asks for version and estimate, and again until it gets them: the autopilot hears nothing before.
+_REQUEST_S, _REQUEST_EVERY_S = 3.0, 5.0
+_SPEED_MATTERS_BELOW_M = 50.0
+
+
+@contextmanager
+def open_firmware_x500(
+    plan: VehiclePlan, tap: MavlinkTap | None = None, budgets: Budgets | None = None
+) -> Iterator[FirmwareX500]:
+    """Yield an X500 standing at home, whose autopilot starts with `boot` or with the first step; leaving the block ends it.
+
+    Raises SetupError for a link that cannot be opened, a firmware that is not there, or what it cannot do.
+    """
+    with open_links(plan.links) as links, ExitStack() as stack:
+        yield FirmwareX500(plan, links, stack, tap, budgets or Budgets())
+
+
+class FirmwareX500:
+    """The quadrotor under a real autopilot."""
+
+    def __init__(
+        self,
+        plan: VehiclePlan,
+        links: list[Link],
+        stack: ExitStack,
+        tap: MavlinkTap | None,
+        budgets: Budgets,
+    ) -> None:
+        simspec = plan.simspec
+        autopilot = simspec.vehicle.autopilot
+        assert isinstance(autopilot, RealAutopilot)
+        self._plan, self._autopilot, self._budgets = plan, autopilot, budgets
+        self._kind = KINDS[autopilot.kind]
+        self._check()
+        self.step_s = 1.0 / plan.controller_hz
+        self._step_ns = round(1e9 / plan.controller_hz)
+        self._samples_per_step = self._kind.samples_hz // plan.controller_hz
+        self.time = START
+        self._body = Body(simspec, self._kind.samples_hz, plan.controller_hz)
+        wind = simspec.environment.wind
+        self._body.plant.set_wind_ned_mps(mean_wind_ned_mps(wind))
+        self._gusts = Gusts(wind, self.step_s, generator(simspec.seeds, "gusts"))
+        self._battery = BatteryModel(simspec.vehicle.battery)
+        self._links, self._stack, self._tap = links, stack, tap
+        self._failures = Failures(
+            simspec.vehicle.failures,
+            self._body.navigation,
+            self._battery,
+            len(ROTORS),
+            self._body.plant.set_works,
+            [link.spec.name for link in links],
+            self._silence,
+        )
+        self._telemetry = Telemetry()
+        self._gate = Gate(simspec.vehicle.simulation_control)
+        self._modes = AUTOPILOTS[autopilot.kind].modes
+        self._running: RunningFirmware | None = None
+        self._crashed = False
+        self._fixes = 0
+        self._flown_steps = 0
+        self._next_request_s = _REQUEST_S
+
+    def boot(self) -> str:
+        """Start the autopilot and let it run on the ground. What it sends meanwhile is discarded: nobody is there yet."""
+        running = self._start()
+        boot_s = self._kind.boot_s if self._autopilot.boot_s is None else self._autopilot.boot_s
+        for _ in range(round(boot_s / self.step_s)):
+            self._advance(running)
+            for port in running.connections:
+                frames = port.read()
+                if port is running.estimate_port:
+                    self._telemetry.take(frames)
+        if boot_s > _REQUEST_S and not self._telemetry.heartbeats:
+            raise FirmwareFault(
+                f"{self._kind.name} has sent no MAVLink heartbeat in {boot_s:g} s{running.program.last_words()}"
+            )
+        return self._description(running)
+
+    def endpoints(self) -> Mapping[str, str]:
+        return {link.spec.name: link.endpoint for link in self._links}
+
+    def receive(self) -> Mapping[str, int]:
+        for link in self._links:
+            link.poll()
+        return {link.spec.name: link.received for link in self._links}
+
+    def sent(self) -> Mapping[str, int]:
+        return {link.spec.name: link.sent for link in self._links}
+
+    def step(self) -> None:
+        running = self._running or self._start()
+        self._failures.apply(self.time.ns)
+        self._take_from_clients(running)
+        motion = self._body.plant.motion
+        # What hits the ground within this step is near it now.
+        falling_mps = (
+            math.hypot(*self._body.velocity_ned_mps()) if motion.up_m < _SPEED_MATTERS_BELOW_M else 0.0
+        )
+        self._advance(running)
+        self.time = SimTime(self.time.ns + self._step_ns)
+        if has_crashed(self._body.plant.motion, falling_mps) and not self._crashed:
+            self._crashed = True
+            self._stop_rotors()
+        self._give_to_clients(running)
+
+    def truth(self) -> VehicleState:
+        body, motion = self._body, self._body.plant.motion
+        north_mps, east_mps, down_mps = body.velocity_ned_mps()
+        return VehicleState(
+            self.time,
+            (motion.east_m, motion.north_m, motion.up_m),
+            (east_mps, north_mps, -down_mps),
+            motion.roll_rad,
+            motion.pitch_rad,
+            math.remainder(motion.yaw_rad, 2.0 * math.pi),
+            body.rates_radps(),
+        )
+
+    def estimate(self) -> VehicleState:
+        """What the autopilot last said of itself; the truth until it has said something."""
+        told, truth = self._telemetry, self.truth()
+        if told.latitude_e7 is None or told.attitude_rad is None:
+            return truth
+        east_m, north_m = self._body.plane.east_north_m(
+            math.radians(told.latitude_e7 * 1e-7), math.radians(told.longitude_e7 * 1e-7)
+        )
+        north_mps, east_mps, down_mps = told.velocity_ned_mps
+        return VehicleState(
+            self.time,
+            (east_m, north_m, told.altitude_m - self._body.ground_m),
+            (east_mps, north_mps, -down_mps),
+            *told.attitude_rad,
+            told.rates_radps,
+        )
+
+    def condition(self) -> VehicleCondition:
+        motion, running = self._body.plant.motion, self._running
+        armed = running.armed if running and running.armed is not None else self._telemetry.armed
+        mode = self._modes.numbered(self._telemetry.custom_mode)
+        moving = math.hypot(*self._body.velocity_ned_mps()) > _STANDING_MPS
+        return VehicleCondition(
+            armed,
+            motion.up_m < _TOUCH_M and not moving,
+            self._crashed,
+            mode.name if mode else str(self._telemetry.custom_mode),
+            self._battery.fraction,
+            failures=self._failures.active,
+        )
+
+    def counters(self) -> Mapping[str, int]:
+        return {
+            "mavlink_garbage_bytes": sum(link.garbage_bytes for link in self._links),
+            "mavlink_dropped": sum(link.dropped for link in self._links),
+            "simulation_refused": self._gate.refused,
+            **(self._running.counters() if self._running else {}),
+        }
+
+    def _start(self) -> RunningFirmware:
+        # Outermost, so that it is removed last: the program writes here until it is killed.
+        folder = Path(tempfile.mkdtemp(prefix="rebar-autopilot-")).resolve()
+        self._stack.callback(self._keep_artefacts, folder)
+        specs = [link.spec for link in self._links]
+        self._running = self._stack.enter_context(
+            self._kind.open(self._plan.simspec, self._autopilot, self._body, specs, folder, self._budgets)
+        )
+        return self._running
+
+    def _advance(self, running: RunningFirmware) -> None:
+        """One step of physics and autopilot, without what clients and failures do."""
+        navigation, plant = self._body.navigation, self._body.plant
+        if not self._gusts.calm:
+            plant.set_gust_ned_mps(self._gusts.step(plant.motion.up_m, plant.motion.airspeed_mps))
+        new_fix = navigation.fixes != self._fixes and not navigation.off
+        self._fixes = navigation.fixes
+        with held_on(running.cores):
+            for number in range(self._samples_per_step):
+                running.fly_sample(new_fix=new_fix and number == 0)
+        self._flown_steps += 1
+        self._request(running)
+        self._battery.drain(plant.thrust_n(), self.step_s)
+        if self._battery.fraction <= 0.0:
+            self._stop_rotors()
+        navigation.step()
+
+    def _request(self, running: RunningFirmware) -> None:
+        now_s = self._flown_steps * self.step_s
+        if now_s < self._next_request_s:
+            return
+        self._next_request_s = now_s + _REQUEST_EVERY_S
+        if not self._telemetry.version or self._telemetry.latitude_e7 is None:
+            running.estimate_port.send(self._telemetry.requests(self._kind.estimate_hz))
+
+    def _take_from_clients(self, running: RunningFirmware) -> None:
+        for link in self._links:
+            if link.silenced:
+                # Lost, not delayed.
+                link.inbox.clear()
+                continue
+            frames = link.inbox.take(MESSAGES_PER_STEP)
+            if not frames:
+                continue
+            if self._tap:
+                self._tap(link.spec.name, "from_agent", b"".join(frames))
+            running.ports[link.spec.name].send([frame for frame in frames if self._gate.admits(frame)])
+
+    def _give_to_clients(self, running: RunningFirmware) -> None:
+        for port in running.connections:
+            frames = port.read()
+            if port is running.estimate_port:
+                self._telemetry.take(frames)
+            if not frames:
+                continue
+            for link in self._links:
+                if running.ports[link.spec.name] is not port or link.silenced or not link.connected():
+                    continue
+                link.sent += len(frames)
+                if self._tap:
+                    self._tap(link.spec.name, "to_agent", b"".join(frames))
+                link.send(frames)
+
+    def _silence(self, name: str, lost: bool) -> None:
+        for link in self._links:
+            if link.spec.name == name:
+                link.silenced = lost
+
+    def _stop_rotors(self) -> None:
+        for rotor in range(len(ROTORS)):
+            self._body.plant.set_works(rotor, False)
+
+    def _check(self) -> None:
+        """Raise SetupError with everything that this autopilot cannot do."""
+        vehicle = self._plan.simspec.vehicle
+        faults = self._kind.faults(Path(self._autopilot.firmware), vehicle.failures)
+        imitated = "fly the imitated autopilot, or leave it out"
+        wishes = {
+            "vehicle.camera.gimbal": vehicle.camera.gimbal,
+            "vehicle.camera.mavlink": vehicle.camera.mavlink,
+            "vehicle.ground_truth": vehicle.ground_truth,
+        }
+        faults += [
+            Fault(field, "a real autopilot does not have it", imitated)
+            for field, wish in wishes.items()
+            if wish
+        ]
+        faults += [
+            Fault(f"link {link.name}", "messages of a real autopilot are not signed", imitated)
+            for link in self._plan.links
+            if link.signing_key
+        ]
+        if self._kind.samples_hz % self._plan.controller_hz:
+            rates = "use 25, 50, 100 or 200"
+            faults.append(Fault("controller_hz", f"{self._plan.controller_hz} Hz does not divide", rates))
+        if faults:
+            raise SetupError(faults)
+
+    def _description(self, running: RunningFirmware) -> str:
+        program = self._kind.program(Path(self._autopilot.firmware))
+        digest = hashlib.sha256(program.read_bytes()).hexdigest()
+        version = self._telemetry.version or "of a version that it does not tell"
+        return f"{self._kind.name} {version}, {program.name} sha256:{digest}, pace {self._autopilot.pace}"
+
+    def _keep_artefacts(self, folder: Path) -> None:
+        """Keep console and logs with the run, and remove the folder."""
+        target = self._plan.artefacts
+        if target is not None:
+            target.mkdir(parents=True, exist_ok=True)
+            for pattern in (CONSOLE_FILE, *self._kind.logs):
+                for path in sorted(folder.glob(pattern)):
+                    if path.is_file() and not path.is_symlink():
+                        shutil.copyfile(path, target / path.name)
+        shutil.rmtree(folder, ignore_errors=True)
