@@ -20,7 +20,7 @@ from .language._tokens import Span, Word, headings_of, words_of
 from .language._vocabulary import Vocabulary
 from .ledger._clauses import Clause, clauses_of, is_stop
 from .ledger._ledger import UNUSED_WORD, Ledger, LedgerEntry, marked
-from .ledger._loaded_words import loaded_words
+from .ledger._loaded_words import hostile_words, loaded_words
 from .readers._reader import TextReader
 from .readers._statements import statements_in
 
@@ -63,7 +63,7 @@ class Reading:
         self.items: list[Phrase | Word] = self._items()
         self.clauses: list[Clause] = clauses_of(text, self.items)
         self._headings = headings_of(text)
-        self._ledger = Ledger(text, loaded_words(text), self.clauses)
+        self._ledger = Ledger(text, [*loaded_words(text), *hostile_words(text)], self.clauses)
         self.cuts: list[Cut] = []
         self._entries: list[LedgerEntry] = []
         self.draft = self._answered(answers)

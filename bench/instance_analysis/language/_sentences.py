@@ -10,7 +10,7 @@ from ._phrases import Phrase
 from ._tokens import Word
 
 _QUESTION_START = re.compile(
-    r"(?:and |but |so |then )?(?:how|which|why|who|whose|where|when|may|does|did|is|are|was|were|has|have|will the|what(?! if))\b",
+    r"(?:\w+:\s*)?(?:and |but |so |then )?(?:how|which|why|who|whose|where|when|may|does|did|is|are|was|were|has|have|will the|what(?! if))\b",
     re.IGNORECASE,
 )
 

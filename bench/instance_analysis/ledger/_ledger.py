@@ -68,8 +68,9 @@ _OF_THE_FLIGHT = re.compile(
 )
 _OF_THE_WHOLE = re.compile(r"mission|vehicle|environment")
 """Fields that hold from the start to the end."""
-_OF_ONE_THING = re.compile(r"environment\.start_utc|vehicle\.battery\.initial_fraction")
-"""Fields that other things have too: times of day, charges."""
+_OF_ONE_THING = re.compile(r"environment\.|vehicle\.battery\.initial_fraction")
+"""Fields that other things have too, or that an unknown verb turns around: `drop the fog`."""
+_START = "environment.start_utc"
 _CLAIM = re.compile(
     r"""\b(?:drone|uav|uas|rpas|aircraft|quad\w*|copter|mission|flight|fl(?:y|ies|ying|ew|own)|search\w*|cruis\w+|altitude|height
     |speed|limit|battery|charge|reserve|camera|gps|gnss|ceiling|floor|report\w*|intel\w*|sighting|tip|information|deliver\w*
@@ -161,11 +162,15 @@ class Ledger:
             words = []
             for item in clause.items:
                 why = unread.get((item.span.start, item.span.end))
-                if why is None or (isinstance(item, Phrase) and item.rule != "when"):
+                if why is None:
                     continue
-                timed = isinstance(item, Phrase) or any(meaning.kind == "TIME" for meaning in item.meanings)
-                if (timed and any(map(_OF_THE_WHOLE.match, paths))) or (
-                    why == UNKNOWN_WORD and any(map(_OF_ONE_THING.match, paths))
+                timed = (isinstance(item, Phrase) and item.rule == "when") or (
+                    isinstance(item, Word) and any(meaning.kind == "TIME" for meaning in item.meanings)
+                )
+                if (
+                    (timed and any(map(_OF_THE_WHOLE.match, paths)))
+                    or (why == UNKNOWN_WORD and any(map(_OF_ONE_THING.match, paths)))
+                    or _START in paths
                 ):
                     load = Load.MOMENT if timed else Load.STRANGER
                     words.append(LoadedWord(load, self._text[item.span.start : item.span.end], item.span))
@@ -384,12 +389,33 @@ BESIDE_ONE = re.compile(
 _BEFORE_THE_GROUP = frozenset(["", "of", "the", "of the", "these", "those", "of these", "of those"])
 
 
+_OF_THE_HOSTILE = re.compile(
+    r"(?:[\s:(,-]|\b(?:armed|\d+\s?x?|an?|one|two|three|four|five|six)\b)*", re.IGNORECASE
+)
+
+
+def _is_hostile(word: LoadedWord, draft: Draft) -> bool:
+    """Whether a word that makes an enemy stands before one, or before nobody that is known."""
+    after = [
+        draft.entries["actors", path[1], "role"].value
+        for path, _, span in draft.statements
+        if path[0] == "actors"
+        and path[-1] == "asset"
+        and span.start >= word.span.end
+        and _OF_THE_HOSTILE.fullmatch(draft.text, word.span.end, span.start)
+        and ("actors", path[1], "role") in draft.entries
+    ]
+    return all(role == "adversary" for role in after)
+
+
 def _is_harmless(word: LoadedWord, draft: Draft) -> bool:
     """Whether what a word says is true of the document as it is.
 
     `all the civilians`, where the text has civilians: whoever is meant, it is the whole group. `near one of
     the houses`: that is what a distance to a group means.
     """
+    if word.load is Load.HOSTILE:
+        return _is_hostile(word, draft)
     if word.load is Load.SHARE:
         return word.text.lower().startswith("one of") and bool(
             BESIDE_ONE.search(draft.text[: word.span.start])

@@ -26,6 +26,7 @@ class Load(StrEnum):
     BOUND = "it is a bound, and only the number is read"
     QUANTIFIER = "it says for how many something holds"
     STRANGER = "it is not known, and may say whose the value is"
+    HOSTILE = "it makes somebody an enemy who is none in the asset catalogue"
     MOMENT = "it gives a time, and the value is read as that of the whole mission"
     NUMBER = "the number belongs to nothing that is read here"
 
@@ -63,7 +64,7 @@ _MEMBERS = r"(?:the|these|those|them|which|whom|us|its|their|our|his|her)\b"
 _WORDS: dict[Load, str] = {
     Load.NEGATION: r"""no|not|nor|never|none|neither|without|nobody|nothing|nowhere|cannot|\w+n['’]t|no-one|nil
         |lacks?|lacking|absent|free\s+of|devoid|minus|negative|false|wrong|denied|denies
-        |except|excluding|excludes?|instead|rather|other\s+than|apart\s+from|all\s+but
+        |except|exclud\w+|ruled\s+out|instead|rather|other\s+than|apart\s+from|all\s+but
         |forbid\w*|forbade|prohibit\w*|disallow\w*|ban|banned|avoid\w*|refrain\w*|withhold\w*|withheld|off-limits
         |disregard\w*|ignor\w*|cancel\w*|correction|sorry|scratch\s+that|i\s+mean|hardly|barely|outside""",
     Load.CONDITION: rf"""(?<!what\s)if|when|whenever|unless|until(?!\s+then|{_MOMENT}|\s+(?:it|the\s+link|contact)\s+(?:comes|is|returns)\b)|till(?!{_MOMENT})|(?<!at\s)once|provided|in\s+case|in\s+the\s+event|upon
@@ -101,6 +102,15 @@ _WHILE_OF_A_RULE = re.compile(
 """`while a person is near` after something forbidden is a condition, and places nobody."""
 
 
+_SIGNS = re.compile(r"(?<![-=])[<>≤≥]=?(?=\s?\d)")
+_HOSTILE = re.compile(r"\b(?:enem(?:y|ies)|hostiles?|adversar\w+|opfor|suspected|suspects?)\b", re.IGNORECASE)
+
+
+def hostile_words(text: str) -> list[LoadedWord]:
+    """Every word that makes an enemy of what follows it."""
+    return [LoadedWord(Load.HOSTILE, match.group(), Span(*match.span())) for match in _HOSTILE.finditer(text)]
+
+
 def loaded_words(text: str) -> list[LoadedWord]:
     """Every loaded word of a text, in order. One place may carry several loads."""
     words = [
@@ -112,4 +122,5 @@ def loaded_words(text: str) -> list[LoadedWord]:
         LoadedWord(Load.CONDITION, match.group(1), Span(*match.span(1)))
         for match in _WHILE_OF_A_RULE.finditer(text)
     ]
+    words += [LoadedWord(Load.BOUND, match.group(), Span(*match.span())) for match in _SIGNS.finditer(text)]
     return sorted(words, key=lambda word: word.span.start)

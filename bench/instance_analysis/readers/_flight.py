@@ -170,6 +170,8 @@ class FlightReader:
                     ("rules", names[bound]), part.value.low, part.value.high, phrase.span, unit=unit
                 )
                 taken = True
+            elif isinstance(part, Part) and bound in names and isinstance(part.value, Quantity):
+                part.disown()
         return taken
 
     def altitude(self, phrase: Phrase) -> None:

@@ -28,6 +28,8 @@ COLLECTIVES = frozenset(
     ["squad", "platoon", "section", "family", "team", "crew", "group", "class", "patrol", "party", "infantry"]
 )
 """Whom `of nine` counts."""
+_NOT_THE_SAME = re.compile(r"\b(?:our|my|your|local|other|more)\s+$", re.IGNORECASE)
+"""What makes a noun after it no mention of whom the text has named by another word."""
 SINGULAR_PRONOUNS = ("it", "he", "she", "him", "her")
 
 
@@ -186,6 +188,8 @@ class GroupRegister:
             if count is not None and len(known) == 1 and known[0] in self._uncounted:
                 # `aid workers ...; the 6 aid workers`.
                 self._recount(known[0], phrase, count, span)
+            if not self._is_same(known, phrase, span):
+                return [self._new(phrase, name, span, count)]
             self.draft.references.append(phrase.span)
             groups = self.choose_one(known, span)
             if count is not None and not self._is_number_of(groups, count):
@@ -215,6 +219,17 @@ class GroupRegister:
                 self._recount(earlier, phrase, count, span)
                 return [earlier]
         return [self._new(phrase, name, span, count)]
+
+    def _is_same(self, known: Sequence[str], phrase: Phrase, span: Span) -> bool:
+        """Whether `our people` means a group that was named by another word, as `two hostages`."""
+        if phrase.rule != "group" or not _NOT_THE_SAME.search(self.draft.text[: span.start]):
+            return True
+        word = _stem(self.draft.quote(span))
+        names = [entry.span for group in known if (entry := self.draft.entries.get(("actors", group, "id")))]
+        if any(name is None or _stem(self.draft.quote(name)) == word for name in names):
+            return True
+        readings = [f"the same as {known[0]!r} before", "others"]
+        return self.draft.ask(span, "who is this?", readings) == 0
 
     def _number_in(self, phrase: Phrase) -> Part | None:
         """The number of members that a phrase gives: the last one, as in `a squad of nine`."""
@@ -630,6 +645,10 @@ class GroupRegister:
         if ref.first("THEM"):
             return bool(self.subject) and all(self.role(group) in PROTECTED_ROLES for group in self.subject)
         return False
+
+
+def _stem(noun: str) -> str:
+    return noun.lower().split()[-1].removesuffix("s")
 
 
 def _range_of(phrase: Phrase, counts: Sequence[Part]) -> Part:

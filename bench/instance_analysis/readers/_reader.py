@@ -609,6 +609,9 @@ class TextReader:
         if entry is None or entry.span is None:
             return False
         between = text[entry.span.end : number.start]
+        if re.search(r"\d|[(,]\s*(?:was|were)\b", between):
+            # `the number of kids to 4 (was 6)`.
+            return False
         if group not in self.groups.plural:
             # `truck: 2`, and `radar 1`, which is no name of it.
             return between.strip(" :=x") == "" and (":" in between or text[number.start : number.end] == "1")

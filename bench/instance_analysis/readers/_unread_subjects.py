@@ -13,6 +13,8 @@ _ARTICLE = re.compile(
     re.IGNORECASE,
 )
 """What makes the unknown word after it a thing: `an old tank`, `2x BMP`."""
+_NAME = re.compile(r"(?<=[a-z,] )[A-Z][a-z]")
+"""A name within a sentence."""
 _PREPOSITION = re.compile(
     r"\b(?:on|in|at|of|by|with|near|under|from|to|behind|beside|below|above|over|inside|within|between|along)\s+"
     r"(?:(?:an?|the|some|his|her|its|their|[a-z]+ing)\s+)?(?:[\w-]+\s+){0,1}$",
@@ -35,7 +37,11 @@ class UnreadSubjects:
         self._unknown = [
             word.span for word in words if not word.meanings and not word.filler and word.text.isalpha()
         ]
-        self._things = [span for span in self._unknown if _ARTICLE.search(self._text[: span.start])]
+        self._things = [
+            span
+            for span in self._unknown
+            if _ARTICLE.search(self._text[: span.start]) or _NAME.match(self._text, span.start)
+        ]
 
     def since(self, begin: int, end: int, *, subjects: bool = False) -> Span | None:
         """The first unread thing between two places of the text, or only one that is a subject; None without one.

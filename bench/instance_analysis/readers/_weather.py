@@ -19,6 +19,10 @@ from ._sun_times import sun_moment
 _MINUTES = re.compile(r"(at\s+)?[0-5]:\d\d", re.IGNORECASE)
 
 
+_START = re.compile(r"\b(?:starts?|begins?|h-hour|t-?0|20\d\d)\b", re.IGNORECASE)
+"""What stands beside the time of the start."""
+
+
 class WeatherReader:
     """Reads weather and light into a draft. `finish` sets the start time once the whole text is read."""
 
@@ -217,7 +221,24 @@ class WeatherReader:
             readings = ["a time of day", "minutes and seconds after the start: leave it out"]
             if self._draft.ask(phrase.span, "is this a time of day?", readings):
                 return
+        if self._stated_time is not None and self._stated_time[0] != part.value:
+            # A log has many times, of which none may be the start.
+            times = [self._stated_time, (part.value, phrase.span)]
+            if self._begins(times[1]) > self._begins(times[0]):
+                times.reverse()
+            for _, where in times:
+                self._draft.acknowledge(where)
+            readings = [self._draft.quote(where) for _, where in times]
+            ask = "several times of day are given; when does it start?"
+            self._stated_time = times[self._draft.ask(phrase.span, ask, readings)]
+            return
         self._stated_time = (part.value, phrase.span)
+
+    def _begins(self, time: tuple[TimeOfDay, Span]) -> int:
+        """How much speaks for a time as that of the start: a zone, a date or a start beside it."""
+        clause = re.split(r"[.;\n]", self._draft.text[: time[1].start])[-1][-40:]
+        rest = re.split(r"[.;\n]", self._draft.text[time[1].end :])[0][:40]
+        return time[0].zoned + len(_START.findall(clause + rest))
 
     def date(self, phrase: Phrase) -> None:
         part = phrase.first("DATE")
