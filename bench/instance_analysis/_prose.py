@@ -232,7 +232,7 @@ class Reading:
         setting = [
             clause
             for clause in reversed(self.clauses)
-            if not self._is_cut(clause.span)
+            if not all(self._gone[clause.span.start : clause.span.end])
             and any(
                 span.start < clause.span.end and clause.span.start < span.end
                 for path, _, span in draft.statements

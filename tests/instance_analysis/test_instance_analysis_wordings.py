@@ -82,3 +82,167 @@ def test_near_misses_are_listed(text: str, quote: str) -> None:
 def test_every_asset_word_is_in_the_catalogue() -> None:
     """Each group of the vocabulary stands for an asset that a SimSpec may have."""
     assert {words.asset for words in VOCABULARY.assets.values()} <= set(ASSETS)
+
+
+def corners(result: BaseSimSpec) -> tuple[float, float, float, float]:
+    """West, south, east and north of the area of interest."""
+    points = result.simspec.world.area.corners
+    east, north = [point.east_m for point in points], [point.north_m for point in points]
+    return min(east), min(north), max(east), max(north)
+
+
+@pytest.mark.parametrize(
+    ("text", "box"),
+    [
+        (
+            "The area shall measure 300 m by 200 m, its south-west corner being the take-off point.",
+            (0, 0, 300, 200),
+        ),
+        (
+            "The zone is 300 by 200 m, and the drone stays in the middle of the south end.",
+            (-150, 0, 150, 200),
+        ),
+        ("Home is at (50, 10). The area is 300 by 200 m, we launch from its middle.", (-100, -90, 200, 110)),
+        ("The area is 300 by 200 m. A truck stands in its south-west corner.", (-150, -100, 150, 100)),
+    ],
+)
+def test_where_the_drone_starts_in_the_area(text: str, box: tuple[float, float, float, float]) -> None:
+    """Its corner, a side, or its middle; a truck there moves no area."""
+    assert corners(read_prose(text, VOCABULARY)) == box
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "A truck 60 to 120 m west of the car park where the drone starts.",
+        "A truck 60 to 120 m west of our jetty, which is the take-off point.",
+        "A truck 60 to 120 m west of the jetty. The drone takes off from the jetty.",
+    ],
+)
+def test_a_place_of_the_start_is_home(text: str) -> None:
+    """The text says that the drone starts there."""
+    near = read_prose(text, VOCABULARY).simspec.actors[0].placement.near
+    assert near is not None
+    assert (near.of, near.min_m, near.max_m) == ("home", 60, 120)
+
+
+def test_another_place_is_not_home() -> None:
+    """Nobody starts from this jetty."""
+    result = read_prose(
+        "A truck 60 to 120 m west of the jetty. The drone takes off from the road.", VOCABULARY
+    )
+    assert result.simspec.actors[0].placement.near is None
+    assert "jetty" in listed(result)
+
+
+@pytest.mark.parametrize(
+    ("text", "fields"),
+    [
+        (
+            "Two frightened hikers near a ruined house.",
+            {"civilian.count": 2, "house.count": 1, "civilian.placement.near.of": "house"},
+        ),
+        ("A rusty truck. Ten dozing soldiers.", {"truck.count": 1, "soldier.count": 10}),
+    ],
+)
+def test_an_unknown_adjective_leaves_the_group(text: str, fields: dict[str, Any]) -> None:
+    """Number and relation stay; the word is listed."""
+    result = read_prose(text, VOCABULARY)
+    read = values(result)
+    assert {path: read.get(f"actors[{path.replace('.', '].', 1)}") for path in fields} == fields
+    assert {"in part", "understood"} >= {
+        clause.status for clause in result.clauses if "." not in clause.quote
+    } - {"default"}
+    assert listed(result)
+
+
+def test_an_unknown_word_before_a_comma_is_no_adjective() -> None:
+    """`two, dozing, soldiers` counts nobody."""
+    assert "Two" in listed(read_prose("Two, dozing, soldiers.", VOCABULARY))
+
+
+@pytest.mark.parametrize(
+    ("text", "path", "value"),
+    [
+        ("A girl. No faster than 6 m/s until she is found or 15 minutes are over.", "rules.max_speed_mps", 6),
+        ("Stay below 50 m unless ordered otherwise.", "rules.max_altitude_m", 50),
+        ("Unless it rains, stay below 50 m.", "rules.max_altitude_m", None),
+        ("If it rains, stay below 50 m until noon.", "rules.max_altitude_m", None),
+    ],
+)
+def test_what_stands_before_an_exception_holds(text: str, path: str, value: float | None) -> None:
+    """`until` and `unless` end what stands before them; a condition that begins takes all with it."""
+    result = read_prose(text, VOCABULARY)
+    assert values(result).get(path) == value
+    assert result.choices
+
+
+@pytest.mark.parametrize(
+    ("text", "path", "value"),
+    [
+        ("Stay below 50 m.", "mission.altitude_m", 50),
+        ("The drone must not fly below 80 m.", "mission.altitude_m", 80),
+        ("GPS jammed at 320 s for 20 s.", "mission.time_limit_s", 420),
+        ("Stay below 100 m. GPS jammed at 120 s for 20 s.", "mission.altitude_m", 60),
+    ],
+)
+def test_defaults_fit_what_is_stated(text: str, path: str, value: float) -> None:
+    """The usual height breaks no rule of the text, and nothing happens after the end; both are shown."""
+    [receipt] = [receipt for receipt in read_prose(text, VOCABULARY).receipts if receipt.path == path]
+    assert (receipt.value, receipt.source) == (value, "default")
+
+
+@pytest.mark.parametrize(
+    ("text", "stamp"),
+    [
+        ("Time is about 18 o'clock UTC.", "2026-06-21T18:00:00"),
+        ("Start at noon UTC.", "2026-06-21T12:00:00"),
+        ("Half past four in the afternoon UTC.", "2026-06-21T16:30:00"),
+    ],
+)
+def test_times_of_day_in_words(text: str, stamp: str) -> None:
+    """With a zone they are no moment of the sun."""
+    assert read_prose(text, VOCABULARY).simspec.environment.start_utc.strftime("%Y-%m-%dT%H:%M:%S") == stamp
+
+
+def test_a_direction_by_the_clock_is_no_time_of_day() -> None:
+    """It depends on where the drone looks."""
+    result = read_prose("A truck at two o'clock, 150 m.", VOCABULARY)
+    assert "environment.start_utc" not in values(result)
+    assert "two o'clock" in listed(result)
+
+
+def test_a_fence_around_home() -> None:
+    """The drone stays within a distance of home, and a group does too."""
+    result = read_prose("The drone must stay within 200 m of home. A truck within 100 m of home.", VOCABULARY)
+    fence = result.simspec.rules.geofence
+    assert fence is not None
+    assert all(200 <= (point.east_m**2 + point.north_m**2) ** 0.5 < 205 for point in fence.corners)
+    assert result.simspec.actors[0].placement.near is not None
+
+
+def test_a_road_of_a_length_lies_in_the_middle() -> None:
+    """Its course and length are stated, not its place."""
+    result = read_prose("A straight road of 400 m from south to north, 6 m wide.", VOCABULARY)
+    [road] = result.simspec.world.roads
+    assert sorted((point.east_m, point.north_m) for point in road.points) == [(0, -200), (0, 200)]
+    assert road.width_m == 6
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["Nobody is to be marked without our approval.", "Consent is a must.", "A radar. Requests concerning the radar are never answered."],
+)  # fmt: skip
+def test_marks_need_consent(text: str) -> None:
+    """Also where the text only tells how requests are answered."""
+    assert read_prose(text, VOCABULARY).simspec.rules.mark_consent
+
+
+@pytest.mark.parametrize(
+    "text", ["Consent is not required.", "No marking within 30 m of people without consent."]
+)
+def test_marks_need_no_consent(text: str) -> None:
+    """A denial, and a rule about something else besides."""
+    result = read_prose(text, VOCABULARY)
+    assert not result.simspec.rules.mark_consent
+    assert listed(result)

@@ -64,6 +64,7 @@ _NOT_AFTER_COMMA = {
 """What does not follow a comma inside a phrase; COUNT in all others."""
 
 
+_COUNTED = frozenset(["ASSET", "AMBIGUOUS"])
 _VERBS = frozenset(["is", "are", "was", "were", "there", "i", "we", "you"])
 _NOT_AFTER = {
     "ASSET": frozenset(["says", "said", "say", "asks", "tells"]),
@@ -150,6 +151,18 @@ def _skipped(word: Word) -> bool:
     return word.text.isalpha() and word.text.lower() not in DENIALS
 
 
+def is_adjective(words: Sequence[Word], at: int) -> bool:
+    """Whether an unknown word stands right before a thing, as in `two frightened hikers`. It is listed all the same."""
+    following = next((word for word in words[at + 1 : at + 3] if word.meanings), None)
+    between = words[at : at + 2 if following is not None and words[at + 1] is following else at + 3]
+    things = following is not None and any(meaning.kind in _COUNTED for meaning in following.meanings)
+    unknown = [word for word in between if word is not following]
+    return things and all(
+        not word.meanings and not word.filler and _skipped(word) and not words[at + 1].comma
+        for word in unknown
+    )
+
+
 @cache
 def _grammar() -> Lark:
     text = resources.files(__package__).joinpath("grammar.lark").read_text(encoding="utf-8")
@@ -194,6 +207,14 @@ def longest_match(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[To
                 # In `six, by our count - 25 m away` nothing is 6 to 25, nor is anything up to one in `the system
                 # under test has one radar`.
                 break
+            continue
+        if (
+            rule != "quantity"
+            and index > begin
+            and unknown < MAX_UNKNOWN_WORDS
+            and is_adjective(words, index)
+        ):
+            unknown += 1
             continue
         if not word.meanings and rule in TOLERANT_RULES and unknown < MAX_UNKNOWN_WORDS and _skipped(word):
             unknown += 1
@@ -413,7 +434,6 @@ def _unfit(tree: Tree[Token], words: Sequence[Word]) -> bool:
     return not kinds & {quantity.kind, "NUMBER" if quantity.kind in ("COUNT", "PERCENT") else quantity.kind}
 
 
-_COUNTED = {"ASSET", "AMBIGUOUS"}
 _LEADING = re.compile(r"(?:below|above|under|than|within|exceed)$", re.IGNORECASE)
 """Ends of words that a number follows, and never goes before."""
 

@@ -32,7 +32,7 @@ DAYS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eigh
 HOURS = ("one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 _HOUR = rf"(?:{'|'.join(HOURS)}|1[0-2]|[1-9])"
 _DAYPART = r"\s+(?:in\s+the\s+(?:morning|afternoon|evening)|at\s+night)"
-SPOKEN_TIME = rf"(?:(?:half|quarter)\s+(?:past|to)\s+{_HOUR}|{_HOUR}\s+o['’]clock|{_HOUR}(?={_DAYPART}))\b(?:{_DAYPART})?(?:,?\s+(?:utc|gmt|zulu)\b)?"
+SPOKEN_TIME = rf"(?:(?:half|quarter)\s+(?:past|to)\s+{_HOUR}|(?:1[3-9]|2[0-3]|{_HOUR})\s+o['’]clock|(?:12\s+)?(?:noon|midday|midnight)(?=\s+(?:utc|gmt|zulu)\b)|{_HOUR}(?={_DAYPART}))\b(?:{_DAYPART})?(?:,?\s+(?:utc|gmt|zulu)\b)?"
 """A time of day in words."""
 _PATTERN = re.compile(
     rf"""(?P<iso>\d{{4}}-\d\d-\d\d)
@@ -60,8 +60,24 @@ _ITEM = re.compile(r"\s*(?:[-*•–]\s|\d+[.)]\s)")
 _NAME = re.compile(r"[A-Z]{3,}")
 _NAMED_ROADS = frozenset(["road", "route", "street", "highway", "msr", "track"])
 """What a name in capital letters may follow."""
+_WHERE_IT_STARTS = re.compile(
+    r",?\s+(?:where (?:the )?(?:drone|uav|uas|aircraft|it|we) (?:starts?|takes? off|launch(?:es)?|begins?)"
+    r"|(?:which|that) is (?:also )?(?:the|our|its) (?:take-?off|launch|start\w*)(?: (?:point|site|position|place|pad))?)\b",
+    re.IGNORECASE,
+)
+"""What makes the noun before it the start of the drone."""
+_STARTS = (
+    re.compile(rf"\b(?P<name>[a-z-]{{2,20}})(?={_WHERE_IT_STARTS.pattern})", re.IGNORECASE),
+    re.compile(
+        r"\b(?:drone|uav|uas|aircraft|we)\s+(?:(?:shall|will|must)\s+)?(?:takes?\s+off|launch(?:es)?|starts?)\s+(?:from|at)\s+(?:the\s+|an?\s+|our\s+|its\s+)?(?P<name>[a-z-]{2,20})(?=\s*[.,;]|$)",
+        re.IGNORECASE,
+    ),
+)
+_NAMES_OF_HOME = frozenset(["GROUND", "AMBIGUOUS"])
+"""Kinds of words that may name the start of the drone; words that nobody knows may too."""
 PHRASE_GROUPS = ("word", "unit", "times", "short")
 """What phrases of the vocabulary are made of."""
+ZONES_OF_UTC = ("utc", "gmt", "zulu")
 ZONES_H = {"cest": 2, "cet": 1, "bst": 1, "eest": 3, "eet": 2, "msk": 3}
 
 
@@ -127,7 +143,8 @@ def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
             word, used = Word(match.group(), span, _meanings_of(match)), 1
         words.append(replace(word, comma=comma))
         comma, index = False, index + used
-    return list(_articles(list(_ranges(_repeated(_named_roads(words, vocabulary), text)))))
+    words = _names_of_home(_named_roads(words, vocabulary), text, vocabulary)
+    return list(_articles(list(_ranges(_repeated(words, text)))))
 
 
 def headings_of(text: str) -> list[Span]:
@@ -221,6 +238,10 @@ def _clock(text: str) -> TimeOfDay | None:
 def _spoken_time(text: str) -> TimeOfDay:
     """Read `half past five in the morning, UTC`. Without a part of the day the time is before noon."""
     lower = text.lower()
+    if special := re.search(r"\b(?:noon|midday|midnight)", lower):
+        return TimeOfDay(dt.time(0 if special.group() == "midnight" else 12), zoned=True)
+    if late_hour := re.match(r"1[3-9]|2[0-3]", lower):
+        return TimeOfDay(dt.time(int(late_hour.group())), any(zone in lower for zone in ZONES_OF_UTC))
     hour = next(
         number for number, name in enumerate(HOURS, start=1) if re.search(rf"\b({name}|{number})\b", lower)
     )
@@ -230,7 +251,7 @@ def _spoken_time(text: str) -> TimeOfDay:
     hour = hour % 12 + (12 if (late and hour < 12) or (hour == 12 and not early) else 0)
     before = re.search(r"\bto\b", lower) is not None
     at = (hour * 60 + (-minute if before else minute)) % (24 * 60)
-    return TimeOfDay(dt.time(at // 60, at % 60), any(zone in lower for zone in ("utc", "gmt", "zulu")))
+    return TimeOfDay(dt.time(at // 60, at % 60), any(zone in lower for zone in ZONES_OF_UTC))
 
 
 def _date(text: str) -> dt.date | None:
@@ -299,6 +320,24 @@ def _named_roads(words: list[Word], vocabulary: Vocabulary) -> list[Word]:
     return named
 
 
+def _names_of_home(words: list[Word], text: str, vocabulary: Vocabulary) -> list[Word]:
+    """What the text says that the drone starts from, as home: `the car park where the drone starts`."""
+    names = {match["name"].lower() for pattern in _STARTS for match in pattern.finditer(text)}
+    of_home = tuple(meaning for meaning in vocabulary.meanings.get("home", ()) if meaning.kind == "HOME")
+    named: list[Word] = []
+    for word in words:
+        last = word.text.lower().rsplit(maxsplit=1)[-1:]
+        kinds = {meaning.kind for meaning in word.meanings}
+        fits = names.issuperset(last) and bool(last) and not word.filler and kinds <= _NAMES_OF_HOME
+        if fits and (relative := _WHERE_IT_STARTS.match(text, word.span.end)):
+            named.append(replace(word, meanings=of_home, span=Span(word.span.start, relative.end())))
+        elif fits:
+            named.append(replace(word, meanings=of_home))
+        elif not named or word.span.start >= named[-1].span.end:
+            named.append(word)
+    return named
+
+
 def _number(word: Word) -> float | None:
     return next((float(str(meaning.value)) for meaning in word.meanings if meaning.kind == "NUM"), None)
 
@@ -338,6 +377,17 @@ MAX_WORDS_TO_NOUN = 8
 _COUNTED = {"ASSET", "AMBIGUOUS", "UNIT", "CONCEAL", "MOTION", "TARGET", "SOUGHT"}
 
 
+def _noun_after(words: list[Word], article: int) -> Word | None:
+    """The first word after an article that means something; unknown adjectives may stand before it."""
+    for word in words[article + 1 : article + 1 + MAX_WORDS_TO_NOUN]:
+        if word.meanings or not (word.filler or word.text.isalpha()):
+            return word
+        if "of" in word.text.split():
+            # `an unknown number of displaced persons` is not one person.
+            return None
+    return None
+
+
 def _articles(words: list[Word]) -> Iterator[Word]:
     """Turn `a` before a countable noun into the number 1; drop other articles."""
     for index, word in enumerate(words):
@@ -355,14 +405,7 @@ def _articles(words: list[Word]) -> Iterator[Word]:
             yield replace(word, meanings=(), filler=True)
             continue
         if word.text in ("a", "an"):
-            following = next(
-                (
-                    meaning
-                    for meaning in words[index + 1 : index + 1 + MAX_WORDS_TO_NOUN]
-                    if not meaning.filler
-                ),
-                None,
-            )
+            following = _noun_after(words, index)
             if following is not None and any(meaning.kind in _COUNTED for meaning in following.meanings):
                 yield replace(word, meanings=(Meaning("NUM", 1.0),), filler=False)
                 continue

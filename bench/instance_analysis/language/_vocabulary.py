@@ -103,8 +103,8 @@ class RuleForm(Document):
     )
     remark: Annotated[str, Field(description="Said of what is read differently from how it is written.")] = ""
     of: Annotated[
-        Literal["bystanders", "nobody", "escort"],
-        Field(description="Whom the clause must speak of; a clause of an escort may speak of anybody."),
+        Literal["bystanders", "nobody", "anybody"],
+        Field(description="Whom the clause must speak of; with `anybody`, whom it may."),
     ] = "nobody"
     all: Words
     also: Annotated[

@@ -29,7 +29,19 @@ CONDITIONAL_RULES = frozenset(["standoff"])
 """Phrases that are rules, so that a condition inside them is read."""
 TRACED_KINDS = frozenset(["COUNT", "SPEED", "PERCENT", "LENGTH"])
 UNTRACED_RULES = frozenset(
-    ["place", "stretch", "area", "extent", "loop", "between", "density", "group", "polar", "midpoint"]
+    [
+        "place",
+        "stretch",
+        "area",
+        "extent",
+        "loop",
+        "between",
+        "density",
+        "group",
+        "polar",
+        "midpoint",
+        "course",
+    ]
 )
 """Rules whose numbers are combined to others: corners, routes, members of an area."""
 
@@ -78,6 +90,8 @@ _CLAIM = re.compile(
     re.IGNORECASE | re.VERBOSE,
 )
 """Words that say whose a value is."""
+EXCEPTIONS = frozenset(["until", "till", "unless"])
+"""Conditions that end what stands before them, and do not make it depend on them."""
 MAX_NAMED_WORDS = 6
 """Words that a choice names at most, so that it stays one line. Chosen."""
 
@@ -310,6 +324,14 @@ class Ledger:
             subject_alone = ordinal and not any(isinstance(item, Phrase) for item in clause.items)
             return clause.span.joined(sentence[-1].span) if subject_alone else clause.span
         before = self._text[clause.span.start : word.span.start].lower().split()
+        main = [
+            item for item in clause.items if isinstance(item, Phrase) and item.span.end <= word.span.start
+        ]
+        # `there are four children unless it rains` places nobody for sure.
+        placed = word.text.lower() == "unless" and any(item.rule == "group" for item in main)
+        if word.text.lower() in EXCEPTIONS and main and not placed:
+            # `no faster than 6 m/s until she is found`: what stands before it holds all the same, until then.
+            return Span(word.span.start, clause.span.end)
         # `hold when it rains`: the clause itself. `when it rains, hold`: what follows too. `and when it rains, hold`:
         # nothing before. `hold, when it rains`: what stands before it too.
         if any(part not in ("and", "but", "then", "only", "so", "even", "except") for part in before):

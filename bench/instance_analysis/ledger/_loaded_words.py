@@ -81,7 +81,7 @@ _WORDS: dict[Load, str] = {
         |(?:say\s+)?(?:hello|hi)\s+to|greet\w*\s+(?:the|to|from)|regards\s+to|give\s+my|love\s+to|thank\w*\s+to""",
     Load.INSTRUCTION: r"""forget|(?:message|note)\s+to\s+(?:the\s+)?(?:computer|reader|machine|parser|program\w*|model|software)
         |(?:who|whoever|whatever)\s+(?:or\s+what\w*\s+)?(?:reads?|process\w*)""",
-    Load.SUBORDINATE: r"(?<!\bfrom\s)where(?=\s+(?:the|these|those|they)\b(?!\s+\w+\s+(?:was|were|is|are|been)\s+(?:last\s+)?(?:seen|spotted|sighted)))",
+    Load.SUBORDINATE: r"(?<!\bfrom\s)where(?!\s+the\s+(?:drone|uav|uas|aircraft)\s+(?:starts?|takes?\s+off|launch(?:es)?|begins?)\b)(?=\s+(?:the|these|those|they)\b(?!\s+\w+\s+(?:was|were|is|are|been)\s+(?:last\s+)?(?:seen|spotted|sighted)))",
     Load.ALTERNATIVE: r"or|either|and/or|alternatively|versus|vs",
     Load.BOUND: rf"""at\s+least|at\s+most|(?:more|less|fewer|lower|higher|closer|nearer|farther|further)\s+than|up\s+to
         |(?:over|under|above|below|beyond|within)(?=\s+(?:{_COUNT}|an?\s+(?:hundred|dozen|minute|hour|kilomet)))

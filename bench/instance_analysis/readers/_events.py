@@ -84,7 +84,10 @@ class EventReader:
         self._happens(part.value, phrase, when, when.at_s)
 
     def finish(self) -> None:
-        """Ask for the time of every event that has none anywhere in the text."""
+        """Ask for the time of every event that has none anywhere in the text. Whoever is asked must consent."""
+        rule: FieldPath = ("rules", "mark_consent")
+        if "consents" in self._numbers and rule not in self._draft.entries:
+            self._draft.put(rule, True, None, "the text tells how requests are answered")
         for event, phrase in self._timeless:
             # A phrase without a time repeats an event of its kind that has one elsewhere in the text.
             if (event.part, event.kind) not in self._timed:

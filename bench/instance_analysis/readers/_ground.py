@@ -231,6 +231,21 @@ class GroundReader:
         if phrase.has("DIM", "AREA", "LENGTH"):
             self.extent(phrase)
 
+    def anchor(self, direction: float | None, span: Span) -> None:
+        """Lay the area of interest out so that home is at its middle, at a corner, or in the middle of a side."""
+        assert self.world.size_m
+        east, north = self.world.size_m
+        to_east, to_north = (0, 0) if direction is None else _halves(direction)
+        home = self._places.home
+        middle = _moved(home, -to_east * east / 2, -to_north * north / 2)
+        self.current = self.world
+        self.middle(Coordinates(middle["east_m"], middle["north_m"]), span)
+
+    def fence_around_home(self, radius: Quantity, span: Span) -> None:
+        """Let the drone stay within a distance of home."""
+        fence = GroundPiece("FENCE", "geofence", span, radius_m=radius.high, middle=HOME, extent=span)
+        self.pieces.setdefault("geofence", fence)
+
     # At the end.
 
     @property

@@ -17,6 +17,7 @@ from ..ledger._clauses import is_stop
 from ..ledger._ledger import marked
 from ._escort import EscortReader
 from ._events import EventReader
+from ._fitting_defaults import fit_defaults
 from ._flight import FlightReader
 from ._ground import KINDS, GroundReader
 from ._groups import GroupRegister
@@ -56,6 +57,10 @@ INSIGNIFICANT_KINDS = frozenset(
 
 MAX_WORDS_TO_DIRECTION = 2
 """Words between a motion and its direction at most. Chosen."""
+_START_OF_THE_DRONE = re.compile(
+    r"\b(?:take-?off|takes? off|launch\w*|home|lz|start\w*|begins?|base|helipad)\b|\b(?:drone|uav|uas)\s+(?:is|stays|sits|stands)\b",
+    re.IGNORECASE,
+)
 _AGE = re.compile(r"[\s-]*(?:years?|yrs?|months?|y/?o|already|o['’]clock)\b", re.IGNORECASE)
 """What makes the number before it an age or an hour."""
 _EVERYONE = re.compile(r"\b(?:all|every(?:one|body)|both)\b[^,.;:!?]{0,20}$", re.IGNORECASE)
@@ -180,7 +185,7 @@ class TextReader:
         """Whether this sentence has spoken of something else, which may be its subject."""
         self._rule_groups: set[Span] = set()
         self._just_named: list[str] = []
-        self._named_until = self._moved_until = 0
+        self._named_until = self._moved_until = self._anchored_until = 0
         self.intelligence_reader.spoken_of = any(_speaks_of_intelligence(item) for item in sentence)
         self.flight.reporting = any(
             isinstance(item, Word) and item.text.lower().startswith("report") for item in sentence
@@ -687,7 +692,9 @@ class TextReader:
         if phrase.rule in ("place", "stretch") or count_places(phrase) > 1:
             self._figures(phrase, later=False)
             return
-        if self._of_the_drone() and self.escort.read(phrase):
+        if self._of_the_drone() and (self._is_fence(phrase) or self.escort.read(phrase)):
+            return
+        if phrase.rule == "part" and not self.groups.in_sentence and self._anchors_the_area(phrase):
             return
         subject = self._everyone(self.groups.subject, phrase)
         if not subject:
@@ -729,6 +736,34 @@ class TextReader:
             if phrase.rule in ("motion", "travel"):
                 self._patrols(group, phrase)
                 self._moved_until = phrase.span.end
+
+    def _anchors_the_area(self, phrase: Phrase) -> bool:
+        """Read `its south-west corner being the take-off point`, `we launch from its middle`; whether it is that."""
+        text = self.draft.text
+        begin = max(text.rfind(mark, 0, phrase.span.start) for mark in ",;.\n(")
+        end = min(
+            at for mark in ",;.\n)" if (at := text.find(mark, phrase.span.end)) >= 0 or (at := len(text))
+        )
+        if not self.ground.world.size_m or not _START_OF_THE_DRONE.search(text[begin + 1 : end]):
+            return False
+        direction = phrase.first("DIR")
+        value = direction.value if direction is not None else None
+        if direction is None and self._anchored_until > self._sentence_start:
+            # `in the south end, middle`.
+            self.draft.acknowledge(phrase.span)
+            return True
+        self._anchored_until = phrase.span.end
+        self.ground.anchor(float(value) if isinstance(value, int | float) else None, phrase.span)
+        return True
+
+    def _is_fence(self, phrase: Phrase) -> bool:
+        """Read `the drone stays within 200 m of home`; whether the phrase says that."""
+        of_home = phrase.rule == "within" and bool(phrase.refs) and phrase.refs[0].has("HOME", "US")
+        if not of_home or not self.groups.subject_is_mission:
+            return False
+        self.groups.ref(phrase)
+        self.ground.fence_around_home(length_of(self.draft, phrase), phrase.span)
+        return True
 
     def _of_the_drone(self) -> bool:
         """Whether the drone is the subject, or nobody, as of an order to the drone."""
@@ -858,6 +893,7 @@ class TextReader:
         self.places.finish(self.roads.laid_out, self.ground.box)
         self.escort.finish()
         self.rules.finish()
+        fit_defaults(self.draft)
 
 
 def _is_group(item: Phrase | Word) -> bool:

@@ -29,6 +29,7 @@ class RoadDraft:
     points: list[Point] = field(default_factory=list)
     points_span: Span | None = None
     width: tuple[float, Span] | None = None
+    length: tuple[float, Span] | None = None
 
 
 class RoadReader:
@@ -166,6 +167,9 @@ class RoadReader:
         length, start = length_of(self._draft, phrase), phrase.first("POINT")
         direction = phrase.first("DIR") or phrase.first("DUE")
         free = [road for road in self.current if not road.points]
+        if free and direction is None and start is None and length.single:
+            free[0].length = (length.low, phrase.span)
+            return
         if not free or direction is None or start is None or not isinstance(start.value, Coordinates):
             self._draft.unread(
                 phrase.span, "a road is given by two points, or by one, a length and a direction"
@@ -292,7 +296,10 @@ class RoadReader:
         through = "" if road.points else "through the middle of the area"
         note = through if road.points or road.axis_span else f"{through}, {_named(road.axis)}"
         self._draft.put(
-            (*base, "points"), road.points or self._line(road), road.points_span or road.axis_span, note
+            (*base, "points"),
+            road.points or self._line(road),
+            road.points_span or road.axis_span or (road.length[1] if road.length else None),
+            note,
         )
         width, span = road.width or (self._defaults.road_width_m, None)
         self._draft.put((*base, "width_m"), width, span)
@@ -301,7 +308,21 @@ class RoadReader:
         """A straight line from edge to edge through the centre of the area."""
         degrees = WEST_TO_EAST if road.axis is None else road.axis
         # A road runs from west to east, and one without a side to either from north to south.
-        return across(self._ground.box, degrees or 180.0)
+        line = across(self._ground.box, degrees or 180.0)
+        if road.length is None:
+            return line
+        length_m, span = road.length
+        self._draft.acknowledge(span)
+        self._draft.remark(
+            span, "its middle is the middle of the area: the text does not say where it begins"
+        )
+        whole_m = math.dist(line[0].values(), line[1].values())
+        middle = {axis: (line[0][axis] + line[1][axis]) / 2 for axis in line[0]}
+        share = length_m / whole_m
+        return [
+            {axis: round(middle[axis] + (end[axis] - middle[axis]) * share, 3) for axis in end}
+            for end in line
+        ]
 
 
 def _named(axis: float | None) -> str:

@@ -88,7 +88,7 @@ def _rule(sentence: SentenceRuns, run: Run) -> Phrase | None:
         # A target is only spoken of where it may be marked.
         marking = "rules.no_mark_within_m" in rule.sets
         things = roles - {Role.BYSTANDER} - ({Role.ADVERSARY} if marking else set())
-        speaks_of = rule.of == "escort" or (rule.of == about and not things)
+        speaks_of = rule.of == "anybody" or (rule.of == about and not things)
         fits = speaks_of and "DIR" not in kinds and rule.takes(numbers)
         if not fits or (excepted and not _HEIGHTS & set(rule.sets)):
             continue
@@ -115,7 +115,11 @@ def _phrase(sentence: SentenceRuns, run: Run, rule: RuleForm, signs: list[Span])
     excepted = [
         Span(*match.span()) for match in EXCEPTION.finditer(sentence.text, run.span.start, run.span.end)
     ]
-    others = [*signs, *known, *(word.span for word in run.loaded), *excepted]
+    people = [
+        Span(match.start() + run.span.start, match.end() + run.span.start)
+        for match in _PERSONS.finditer(run.plain)
+    ]
+    others = [*signs, *known, *people, *(word.span for word in run.loaded), *excepted]
     head = Part("WINDOW" if rule.window else "RULE", rule, signs[0])
     return Phrase("rule", (head, *run.quantities, *(Part("SIGN", None, span) for span in others)), run.span)
 
@@ -152,7 +156,7 @@ def _is_accounted_for(run: Run, rule: RuleForm, signs: list[Span]) -> bool:
         others = [word for word in others if not _is_a_situation(word, run) and word.text.lower() != "one"]
     if rule.loose:
         # `any hostile is reported before ...`: an escort is warned of everybody.
-        loads = {Load.NEGATION, Load.CONDITION} | ({Load.QUANTIFIER} if rule.of == "escort" else set())
+        loads = {Load.NEGATION, Load.CONDITION} | ({Load.QUANTIFIER} if rule.of == "anybody" else set())
         return {word.load for word in others} <= loads
     denials = [word for word in run.loaded if word.load is Load.NEGATION]
     conditions = [word for word in run.loaded if word.load is Load.CONDITION]

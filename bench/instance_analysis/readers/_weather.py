@@ -10,7 +10,7 @@ from bench.simspec import Environment
 from .._draft import Draft, FieldPath
 from .._result import VariedField
 from ..language._phrases import Part, Phrase, Quantity
-from ..language._tokens import Span, TimeOfDay
+from ..language._tokens import ZONES_OF_UTC, Span, TimeOfDay
 from ..language._vocabulary import WeatherWords
 from ._places import PlaceReader
 from ._sun_times import sun_moment
@@ -21,6 +21,10 @@ _MINUTES = re.compile(r"(at\s+)?[0-5]:\d\d", re.IGNORECASE)
 
 _START = re.compile(r"\b(?:starts?|begins?|h-hour|t-?0|20\d\d)\b", re.IGNORECASE)
 """What stands beside the time of the start."""
+_DISTANCE_BEFORE = re.compile(r"\d\s*(?:m|k?met(?:re|er)s?|km)\b[^.;\n]{0,15}$", re.IGNORECASE)
+_DISTANCE_AFTER = re.compile(r"[^.;\n]{0,15}?\d\s*(?:m|k?met(?:re|er)s?|km)\b", re.IGNORECASE)
+REACH_OF_A_DISTANCE = 30
+"""Characters around a clock direction among which its distance is looked for. Chosen."""
 
 
 class WeatherReader:
@@ -217,6 +221,11 @@ class WeatherReader:
         part = phrase.first("CLOCK")
         assert part is not None
         assert isinstance(part.value, TimeOfDay)
+        if self._is_a_direction(phrase.span):
+            self._draft.unread(
+                phrase.span, "a direction by the clock: write it by the compass", expressible=True
+            )
+            return
         if _MINUTES.fullmatch(self._draft.quote(phrase.span)):
             readings = ["a time of day", "minutes and seconds after the start: leave it out"]
             if self._draft.ask(phrase.span, "is this a time of day?", readings):
@@ -239,6 +248,16 @@ class WeatherReader:
         clause = re.split(r"[.;\n]", self._draft.text[: time[1].start])[-1][-40:]
         rest = re.split(r"[.;\n]", self._draft.text[time[1].end :])[0][:40]
         return time[0].zoned + len(_START.findall(clause + rest))
+
+    def _is_a_direction(self, span: Span) -> bool:
+        """Whether `two o'clock` stands beside a distance: `a truck at two o'clock, 150 m`."""
+        text, quote = self._draft.text, self._draft.quote(span).lower()
+        around = (
+            text[max(0, span.start - REACH_OF_A_DISTANCE) : span.start],
+            text[span.end : span.end + REACH_OF_A_DISTANCE],
+        )
+        beside = _DISTANCE_BEFORE.search(around[0]) or _DISTANCE_AFTER.match(around[1])
+        return "clock" in quote and not any(zone in quote for zone in ZONES_OF_UTC) and beside is not None
 
     def date(self, phrase: Phrase) -> None:
         part = phrase.first("DATE")
