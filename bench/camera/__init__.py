@@ -5,7 +5,7 @@ camera = open_camera(simspec)
 frame = camera.capture(pose_of(state, axes_enu), scene.positions(), scene.headings(), number=0)
 boxes = actors_in(frame.picture)
 
-The only room that imports cv2: import it where pixels are wanted, and nowhere else.
+This room and bench.perception.pixels import cv2: import them where pixels are wanted, and nowhere else.
 """
 
 from __future__ import annotations

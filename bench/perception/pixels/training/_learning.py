@@ -1,0 +1,170 @@
+"""Training: batches of samples, the loss, and Adam with a falling rate, in one thread and from one seed."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from torch.nn import functional
+
+from .._decoding import CELL_PX, FIRST_BOX, FIRST_LABEL, OBJECT, SUBCELLS, cells_of
+from ._network import Layer, Weights, apply, initial_weights, is_learned
+from ._samples import Sample, SampleStore
+from ._targets import Targets, targets_of
+
+# CenterNet's exponents (Zhou et al. 2019): hard cells count more, cells beside a centre less.
+_HARD, _SOFT = 2.0, 4.0
+_LABEL_WEIGHT, _BOX_WEIGHT = 0.5, 1.0
+_MOST_MIDDLE_CELLS = 8.0
+"""An object counts as often as it has cells in its middle, up to this."""
+_MAX_GRADIENT = 10.0
+_WEIGHT_DECAY = 1e-4
+_WARM_UP_SHARE = 0.03
+_LEAST_RATE_SHARE = 0.01
+_REPORT_STEPS = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How long and how fast.
+
+    In each cycle of so many steps the rate falls from `rate` to almost nothing, and the weights at its end are of use
+    (SGDR: Loshchilov and Hutter 2017). `averaged_steps` is the memory of the weights kept.
+    """
+
+    cycles: tuple[int, ...]
+    batch: int = 8
+    rate: float = 3e-3
+    averaged_steps: int = 150
+
+
+def train(
+    layers: tuple[Layer, ...],
+    samples: SampleStore,
+    plan: Plan,
+    random: np.random.Generator,
+    report: Callable[[str], None],
+) -> Iterator[Weights]:
+    """The averaged weights at the end of each cycle.
+
+    Equal arguments give equal weights, to the bit, on one kind of processor with one build of torch.
+    """
+    torch.set_num_threads(1)
+    torch.use_deterministic_algorithms(True)
+    weights = initial_weights(layers, random)
+    learned = [name for name in weights if is_learned(name)]
+    for name in learned:
+        weights[name].requires_grad_(True)
+    averaged = {name: tensor.detach().clone() for name, tensor in weights.items()}
+    optimizer = torch.optim.AdamW(
+        [
+            {"params": [weights[n] for n in learned if n.endswith("weight")], "weight_decay": _WEIGHT_DECAY},
+            {"params": [weights[n] for n in learned if not n.endswith("weight")], "weight_decay": 0.0},
+        ],
+        lr=plan.rate,
+    )
+    order = np.zeros(0, np.int64)
+    losses: list[list[float]] = []
+    began_s = time.monotonic()
+    schedule = [(cycle, step / length) for cycle, length in enumerate(plan.cycles) for step in range(length)]
+    for step, (cycle, progress) in enumerate(schedule):
+        if len(order) < plan.batch:
+            order = np.concatenate((order, random.permutation(len(samples))))
+        batch = [_turned(samples.sample(int(number)), random) for number in order[: plan.batch]]
+        order = order[plan.batch :]
+        for group in optimizer.param_groups:
+            group["lr"] = plan.rate * _rate_share(progress)
+        cells = torch.from_numpy(np.concatenate([cells_of(sample.bgr, CELL_PX * 8) for sample in batch]))
+        numbers = apply(layers, weights, cells.contiguous(memory_format=torch.channels_last), learning=True)
+        parts = _loss(numbers, targets_of(batch))
+        optimizer.zero_grad(set_to_none=True)
+        sum(parts).backward()
+        torch.nn.utils.clip_grad_norm_([weights[name] for name in learned], _MAX_GRADIENT)
+        optimizer.step()
+        # A young average would remember the start for longer than there were steps.
+        share = max(1.0 / (step + 1), 1.0 / plan.averaged_steps)
+        with torch.no_grad():
+            for name, tensor in weights.items():
+                averaged[name].lerp_(tensor, share)
+        losses.append([part.item() for part in parts])
+        last_of_cycle = step + 1 == len(schedule) or schedule[step + 1][0] > cycle
+        if (step + 1) % _REPORT_STEPS == 0 or last_of_cycle:
+            objects, boxes, labels = np.mean(losses[-_REPORT_STEPS:], axis=0)
+            report(
+                f"step {step + 1} of {len(schedule)}: objects {objects:.3f}, boxes {boxes:.3f}, labels {labels:.3f}, "
+                f"{time.monotonic() - began_s:.0f} s"
+            )
+        if last_of_cycle:
+            yield {name: tensor.clone() for name, tensor in averaged.items()}
+
+
+def _rate_share(progress: float) -> float:
+    """A short rise, then half a cosine."""
+    if progress < _WARM_UP_SHARE:
+        return (progress + 1e-3) / (_WARM_UP_SHARE + 1e-3)
+    along = (progress - _WARM_UP_SHARE) / (1.0 - _WARM_UP_SHARE)
+    return _LEAST_RATE_SHARE + (1.0 - _LEAST_RATE_SHARE) * 0.5 * (1.0 + math.cos(math.pi * along))
+
+
+def _turned(sample: Sample, random: np.random.Generator) -> Sample:
+    """The sample or its mirror image, a little brighter or darker in each channel."""
+    bgr, boxes = sample.bgr, sample.boxes_px
+    if random.random() < 0.5:
+        width = bgr.shape[1]
+        bgr = bgr[:, ::-1]
+        boxes = np.stack((width - boxes[:, 2], boxes[:, 1], width - boxes[:, 0], boxes[:, 3]), axis=1)
+    factors = np.exp(random.normal(0.0, 0.1) + random.normal(0.0, 0.03, 3))
+    table = np.clip(np.arange(256)[:, None] * factors, 0, 255).astype(np.uint8)
+    shaded = cv2.LUT(np.ascontiguousarray(bgr), table[None])
+    return replace(sample, bgr=np.asarray(shaded, np.uint8), boxes_px=boxes)
+
+
+def _loss(numbers: Any, targets: Targets) -> tuple[Any, Any, Any]:
+    """Loss of the object map, of the boxes and of the labels, each for an object on average."""
+    count, channels, rows, columns = numbers.shape
+    # (n, numbers of a cell, 2 h, 2 w): the 2 x 2 cells of a position in their places.
+    split = numbers.reshape(count, 2, 2, channels // SUBCELLS, rows, columns)
+    per_cell = split.permute(0, 3, 4, 1, 5, 2).reshape(count, channels // SUBCELLS, 2 * rows, 2 * columns)
+    objects = max(1.0, float(targets.shares.sum()))
+    logits = per_cell[:, OBJECT].float()
+    peaks, weights = torch.from_numpy(targets.peaks), torch.from_numpy(targets.weights)
+    likely = torch.sigmoid(logits)
+    sample, row, column = torch.from_numpy(targets.cells).unbind(1)
+    shares = torch.from_numpy(targets.shares)
+    middles = torch.zeros_like(peaks)
+    # The few middle cells of a large object stand against hundreds of others in it that look much the same.
+    middles[sample, row, column] = (_MOST_MIDDLE_CELLS * shares).clamp(max=1.0)
+    missed = middles * (1.0 - likely) ** _HARD * functional.softplus(-logits)
+    invented = (middles == 0.0) * (1.0 - peaks) ** _SOFT * likely**_HARD * functional.softplus(logits)
+    object_loss = (weights * (missed + invented)).sum() / objects
+    at_cells = per_cell[sample, :, row, column]
+    box_loss = (shares * _box_loss(at_cells[:, FIRST_BOX:FIRST_LABEL], row, column, targets)).sum() / objects
+    label_losses = functional.cross_entropy(
+        at_cells[:, FIRST_LABEL:], torch.from_numpy(targets.labels), reduction="none"
+    )
+    return object_loss, _BOX_WEIGHT * box_loss, _LABEL_WEIGHT * (shares * label_losses).sum() / objects
+
+
+def _box_loss(numbers: Any, row: Any, column: Any, targets: Targets) -> Any:
+    """1 - GIoU (Rezatofighi et al. 2019) of each box, and the error of the logarithm of its sides."""
+    true = torch.from_numpy(targets.boxes_px) / CELL_PX
+    cell = torch.stack((column, row), dim=1).float() + 0.5
+    middle = cell + numbers[:, :2]
+    log_sides = numbers[:, 2:].clamp(max=7.0)
+    sides = log_sides.exp()
+    low, high = middle - sides / 2, middle + sides / 2
+    true_low, true_high = true[:, :2] - true[:, 2:] / 2, true[:, :2] + true[:, 2:] / 2
+    shared = (torch.minimum(high, true_high) - torch.maximum(low, true_low)).clamp(min=0.0).prod(dim=1)
+    union = sides.prod(dim=1) + true[:, 2:].prod(dim=1) - shared
+    hull = (torch.maximum(high, true_high) - torch.minimum(low, true_low)).prod(dim=1)
+    overlap = shared / union - (hull - union) / hull
+    size_error = functional.smooth_l1_loss(log_sides, true[:, 2:].log(), reduction="none", beta=0.1).sum(
+        dim=1
+    )
+    return 1.0 - overlap + 0.3 * size_error
