@@ -51,11 +51,19 @@ def register(app: typer.Typer) -> None:
     app.command()(doctor)
 
 
-def doctor(as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False) -> None:
+def doctor(
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
+    firmware: Annotated[
+        str,
+        typer.Option(help="Start this real autopilot too: PX4's folder, or ArduPilot's program"),
+    ] = "",
+) -> None:
     """Check this machine: Python, packages, plug-ins, JSBSim, Zenoh, loopback, free space, confinement of agents. Example: rebar
     doctor
     """
     checks = [_try(name, check) for name, check in CHECKS.items()]
+    if firmware:
+        checks.append(_try("firmware", partial(_firmware, firmware)))
     if as_json:
         print(
             json.dumps(
@@ -119,6 +127,19 @@ def _vehicle() -> str:
         for _ in range(50):
             vehicle.step()
         return f"{spec.vehicle.model} stepped from {START.s:g} to {vehicle.time.s:g} simulated seconds"
+
+
+def _firmware(path: str) -> str:
+    """Start a real autopilot for some simulated seconds; its kind is known by what the path is."""
+    from bench.contracts import BootsFirmware, VehiclePlan, load_plugin
+    from bench.simulation import DEFAULT_HOME, standalone_simspec
+
+    # PX4 is a folder of program and start scripts, ArduPilot one executable.
+    kind = "px4" if Path(path).is_dir() else "ardupilot"
+    spec = standalone_simspec(kind, DEFAULT_HOME, {}, firmware=path)
+    with load_plugin("rebar.vehicles", spec.vehicle.model)(VehiclePlan(spec, ())) as vehicle:
+        assert isinstance(vehicle, BootsFirmware)
+        return vehicle.boot()
 
 
 def _streams() -> str:

@@ -56,6 +56,7 @@ class Run:
     network: str | None = None
     open_walls: tuple[str, ...] | None = None
     services: tuple[ServiceUse, ...] = ()
+    firmware: str | None = None
 
     @property
     def scene(self) -> tuple[str, int]:

@@ -15,6 +15,7 @@ from typing import Any
 import polars as pl
 
 from bench.contracts import (
+    FIRMWARE,
     Outcome,
     SessionResult,
     open_walls_of,
@@ -278,6 +279,7 @@ def _run(
         network=_detail(result, "network"),
         services=services_of(result.details) if result else (),
         open_walls=open_walls_of(result.details) if result else None,
+        firmware=_detail(result, FIRMWARE),
         after_stop=early_stopping and not row and result is not None and result.outcome.counts,
     )
 

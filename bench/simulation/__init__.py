@@ -15,6 +15,7 @@ from ._session import SessionEnd as SessionEnd
 from ._session import SessionPlan as SessionPlan
 from ._session import open_session as open_session
 from ._session import run_session as run_session
+from ._standalone import DEFAULT_HOME as DEFAULT_HOME
 from ._standalone import DEFAULT_LINKS as DEFAULT_LINKS
 from ._standalone import fly as fly
 from ._standalone import run_standalone as run_standalone

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from bench.contracts import (
     DETECTOR_OPENED,
+    FIRMWARE_BOOTED,
     OPERATOR_LINK,
     START,
     AgentEndpoints,
@@ -23,6 +24,7 @@ from bench.contracts import (
     AgentProcess,
     AgentStatus,
     AgentUsage,
+    BootsFirmware,
     CameraPicture,
     CarriesCamera,
     ConsentRequest,
@@ -85,7 +87,8 @@ class SessionPlan:
     `scratch` is an empty folder for the agent, `tap` receives every record, and budgets are measured by
     `clock`. `memory_kills` counts the processes that the kernel killed for want of memory. The agent reads
     no file in `hidden`. `open_renderer` draws the pictures of every camera; None: the plug-in that each one names. `open_on_pixels` is the
-    detector on them; None: the plug-in that the SimSpec names.
+    detector on them; None: the plug-in that the SimSpec names. `artefacts` is where a real autopilot's console and logs
+    are left; None: they are discarded.
     """
 
     simspec: SimSpec
@@ -99,6 +102,7 @@ class SessionPlan:
     hidden: tuple[Path, ...] = ()
     open_renderer: OpenRenderer | None = None
     open_on_pixels: OpenPixelDetector | None = None
+    artefacts: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +119,7 @@ class SessionEnd:
     traceback: str = ""
     services: tuple[ServiceUse, ...] = ()
     detector: str = ""
+    firmware: str = ""
 
 
 def run_session(plan: SessionPlan) -> SessionEnd:
@@ -143,6 +148,7 @@ def run_session(plan: SessionPlan) -> SessionEnd:
         traceback=failure.traceback,
         services=progress.services.uses,
         detector=progress.detector,
+        firmware=progress.firmware,
     )
 
 
@@ -156,6 +162,8 @@ class SessionProgress:
     services: Services = field(default_factory=Services)
     detector: str = ""
     """Which detector works on the pictures, where one does."""
+    firmware: str = ""
+    """Which real autopilot flies, where one does."""
 
 
 class Session:
@@ -214,6 +222,8 @@ class Session:
         self._truth.write_event(self._progress.now, "started", self._spec.name)
         if self._progress.detector:
             self._truth.write_event(self._progress.now, DETECTOR_OPENED, self._progress.detector)
+        if self._progress.firmware:
+            self._truth.write_event(self._progress.now, FIRMWARE_BOOTED, self._progress.firmware)
         if self._plan.manifest.truth:
             self._truth.write_event(self._progress.now, "truth given", self._plan.manifest.name)
         self._truth.write_cast(self._progress.now, self._scene)
@@ -454,9 +464,13 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
         detector = open_detector(spec, scene.cast, plan.open_on_pixels)
         if isinstance(detector, PictureDetector):
             progress.detector = detector.description
-        vehicle = stack.enter_context(open_vehicle(VehiclePlan(spec, links), recorded_links(spec, truth)))
+        vehicle_plan = VehiclePlan(spec, links, artefacts=plan.artefacts)
+        vehicle = stack.enter_context(open_vehicle(vehicle_plan, recorded_links(spec, truth)))
         if faults := tick_faults(spec, vehicle):
             raise SetupError(faults)
+        if isinstance(vehicle, BootsFirmware):
+            # Before the agent starts and its budgets begin: a real autopilot takes a minute until it can be armed.
+            progress.firmware = vehicle.boot()
         air = stack.enter_context(
             open_air_network(
                 spec,

@@ -9,7 +9,16 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from bench.contracts import CarriesCamera, LinkSpec, OpenVehicle, SimTime, Vehicle, VehiclePlan, load_plugin
+from bench.contracts import (
+    BootsFirmware,
+    CarriesCamera,
+    LinkSpec,
+    OpenVehicle,
+    SimTime,
+    Vehicle,
+    VehiclePlan,
+    load_plugin,
+)
 from bench.documents import validate_document
 from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
@@ -25,15 +34,18 @@ DEFAULT_LINKS: Mapping[str, tuple[LinkSpec, ...]] = {
         LinkSpec(f"serial{number}", "tcp_in", port=port) for number, port in enumerate((5760, 5762, 5763))
     ),
 }
+DEFAULT_HOME = (47.3977, 8.5456, 488.0, 0.0)
 # A host that is behind by more than this drops the lost time instead of flying it in a burst. Chosen, not
 # measured.
 _LATE_S = 0.25
+# Until a real autopilot has told its version; the rest of its start is flown before the eyes of its clients.
+_HELLO_S = 4.0
 
 
 def run_standalone(
     autopilot: str = "px4",
     links: Sequence[LinkSpec] = (),
-    home: tuple[float, float, float, float] = (47.3977, 8.5456, 488.0, 0.0),
+    home: tuple[float, float, float, float] = DEFAULT_HOME,
     speed: float = 1.0,
     parameters: Mapping[str, float] | None = None,
     duration_s: float | None = None,
@@ -42,6 +54,7 @@ def run_standalone(
     parameter_file: Path | None = None,
     model: str = "x500",
     camera: bool = False,
+    firmware: str = "",
 ) -> None:
     """Fly until `stop` is set, `duration_s` simulated seconds are over, or the user interrupts.
 
@@ -50,15 +63,20 @@ def run_standalone(
     5763 for ardupilot. `say` gets a line for each link. `parameter_file` saves what differs from the defaults
     from one start to the next. `model` is a vehicle of group rebar.vehicles. Raises SetupError for anything
     that cannot be opened or does not exist. `camera` adds a camera on a gimbal, both on the links. True
-    motion is sent on request, and clients may set parameters of the simulation, as with a SITL.
+    motion is sent on request, and clients may set parameters of the simulation, as with a SITL. With a `firmware` the
+    real autopilot flies, which sends no true motion.
     """
     file = ParameterFile(parameter_file) if parameter_file else None
     saved = file.load() if file else {}
-    simspec = standalone_simspec(autopilot, home, {**saved, **(parameters or {})}, model, camera)
+    simspec = standalone_simspec(autopilot, home, {**saved, **(parameters or {})}, model, camera, firmware)
     open_vehicle: OpenVehicle = load_plugin("rebar.vehicles", model)
     plan = VehiclePlan(simspec, tuple(links) or DEFAULT_LINKS[autopilot])
     with ExitStack() as stack:
         vehicle = stack.enter_context(open_vehicle(plan))
+        if isinstance(vehicle, BootsFirmware):
+            description = vehicle.boot()
+            if say:
+                say(description)
         for name, endpoint in vehicle.endpoints().items():
             if say:
                 say(f"{autopilot} on {name}: connect to {endpoint}")
@@ -102,6 +120,7 @@ def standalone_simspec(
     parameters: Mapping[str, float],
     model: str = "x500",
     camera: bool = False,
+    firmware: str = "",
 ) -> SimSpec:
     """A SimSpec from a home place alone: still air, a square kilometre of nothing, the vehicle in its
     middle.
@@ -123,9 +142,11 @@ def standalone_simspec(
         },
         "vehicle": {
             "model": model,
-            "autopilot": autopilot,
+            "autopilot": {"kind": autopilot, "firmware": firmware, "boot_s": _HELLO_S}
+            if firmware
+            else autopilot,
             "parameters": dict(parameters),
-            "ground_truth": True,
+            "ground_truth": not firmware,
             "simulation_control": True,
             "camera": {"gimbal": camera, "mavlink": camera},
             "home": {"east_m": 0.0, "north_m": 0.0, "heading_deg": math.fmod(heading, 360.0) % 360.0},

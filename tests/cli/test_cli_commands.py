@@ -85,6 +85,7 @@ def test_every_command_has_help_with_an_example(line: list[str], capsys: pytest.
         (["fly", "--autopilot", "inav"], "px4 or ardupilot"),
         (["fly", "--home", "here"], "LAT,LON,ALT,HDG"),
         (["fly", "--mavlink", "smoke"], "is not a link"),
+        (["fly", "--firmware", "px4", "--params", "kept.json"], "leave out --params"),
         (["prose", "..."], ""),
         (["prose", str(EXAMPLE)], "is a file"),
         (["no-such-command"], ""),

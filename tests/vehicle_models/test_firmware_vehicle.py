@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import sys
 import tempfile
 from collections.abc import Generator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -14,6 +13,7 @@ from typing import Any
 
 import firmware_stand_in as stand_in
 import pytest
+from firmware_files import install_firmware
 from vehicle_client import Client, mavlink, simspec
 
 from bench.contracts import LinkSpec, VehiclePlan
@@ -21,27 +21,13 @@ from bench.errors import FirmwareFault
 from vehicle_models.firmware import Budgets, FirmwareX500, open_firmware_x500
 
 pytestmark = [pytest.mark.process, pytest.mark.flight]
-SOURCE = Path(stand_in.__file__).read_text(encoding="utf-8")
-
-
-def installed(folder: Path, kind: str) -> Path:
-    """The firmware as a user would name it: PX4's folder, ArduPilot's program."""
-    program = folder / "bin" / "px4" if kind == "px4" else folder / "arducopter"
-    program.parent.mkdir(parents=True)
-    program.write_text(f"#!{sys.executable} -IS\n{SOURCE}", encoding="utf-8")
-    program.chmod(0o755)
-    if kind == "ardupilot":
-        return program
-    script = folder / "etc" / "init.d-posix" / "rcS"
-    script.parent.mkdir(parents=True)
-    script.touch()
-    return folder
 
 
 @pytest.fixture(scope="module")
 def firmware(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {
-        kind: installed(tmp_path_factory.mktemp(kind) / "firmware", kind) for kind in ("px4", "ardupilot")
+        kind: install_firmware(tmp_path_factory.mktemp(kind) / "firmware", kind)
+        for kind in ("px4", "ardupilot")
     }
 
 

@@ -17,6 +17,7 @@ from bench.agents import LocalProcess, load_manifest, open_agent, program_faults
 from bench.agents.confinement import wall_name
 from bench.contracts import (
     DETECTOR,
+    FIRMWARE,
     LEAVES_OPEN,
     SERVICES,
     AgentManifest,
@@ -46,6 +47,8 @@ from ..storage._folder import RECORDING
 
 SIMSPEC = "simspec.json"
 AGENT_LOG = "agent.log"
+# Of a real autopilot: its console, and its logs where the SimSpec asks for them.
+AUTOPILOT_LOGS = "autopilot"
 
 
 def fly_realization(
@@ -116,7 +119,14 @@ def _fly(
             tape(record)
 
         plan = SessionPlan(
-            placed, manifest, manifest_folder, starter.open, Path(scratch), tap, hidden=(folder.resolve(),)
+            placed,
+            manifest,
+            manifest_folder,
+            starter.open,
+            Path(scratch),
+            tap,
+            hidden=(folder.resolve(),),
+            artefacts=folder / AUTOPILOT_LOGS,
         )
         end = _without_host_faults(run_session(plan), plan)
         log = Path(scratch, AGENT_LOG)
@@ -133,6 +143,7 @@ def _fly(
         **starter.details,
         **_services(end),
         **({DETECTOR: end.detector} if end.detector else {}),
+        **({FIRMWARE: end.firmware} if end.firmware else {}),
     }
     return result.model_copy(update={"details": details})
 

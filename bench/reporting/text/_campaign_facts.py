@@ -65,6 +65,7 @@ def campaign_facts(data: ReportData) -> list[Fact]:
         Fact("Under study", ", ".join(data.study) or "nothing"),
         Fact("Design", _design(data)),
         *_pace_override(data),
+        *_firmware(data),
     ]
     specs = list(data.simspecs.values())
     if not specs:
@@ -84,6 +85,12 @@ def _pace_override(data: ReportData) -> list[Fact]:
         return []
     repeats = "" if pace == "lockstep" else "; at this pace a run does not repeat bit for bit"
     return [Fact("Pace override", f"all runs at {pace}, in place of the pace of the situations{repeats}")]
+
+
+def _firmware(data: ReportData) -> list[Fact]:
+    """The real autopilots that flew; nothing where all were imitated."""
+    texts = [run.firmware for run in data.runs if run.firmware]
+    return [_fact_over_runs("Autopilot firmware", texts)] if texts else []
 
 
 def _design(data: ReportData) -> str:
