@@ -21,12 +21,12 @@ SEEN, MARKED = OBSERVABLES["KA-05"][0], OBSERVABLES["KA-18"][1]
 SCENES = 12
 
 
-def flown_with(folder: Path, source: str, failed: dict[str, set[int]]) -> Path:
+def flown_with(folder: Path, source: str, failed: dict[str, set[int]], detector: str | None = None) -> Path:
     """The made campaign with a source of perception; observables fail in these scenes and pass in all others."""
     make_campaign(folder, Made(scenes=SCENES, agents=(AGENT,)))
     for path in (folder / "simspecs").glob("*.json"):
         document = json.loads(path.read_text())
-        document["perception"]["source"] = source
+        document["perception"] |= {"source": source, "detector": detector}
         path.write_text(SimSpec.model_validate(document).model_dump_json())
     scene = pl.col("design_point").str.slice(1).cast(pl.Int64)
     scores = pl.read_parquet(folder / "scores.parquet")
@@ -86,3 +86,22 @@ def test_equal_scenes_are_compared_as_before(sources: tuple[Path, Path], tmp_pat
     comparison = compare_campaigns((sources[1], again))
     assert comparison.perceptions is None
     assert [node.node for node in comparison.nodes] == list(STUDY)
+
+
+def test_every_source_and_every_detector_can_be_compared(sources: tuple[Path, Path], tmp_path: Path) -> None:
+    """Pixels against the truth, two detectors with one another, and an agent's own perception."""
+    small = flown_with(tmp_path / "small", "detector", {SEEN: set(range(10))})
+    other = flown_with(tmp_path / "other", "detector", {SEEN: {0, 1}}, detector="other")
+    own = flown_with(tmp_path / "own", "agent", {MARKED: {1}})
+    named = {
+        (first, second): compare_campaigns((first, second)).perceptions
+        for first, second in ((small, sources[1]), (small, other), (own, other))
+    }
+    assert list(named.values()) == [
+        ("detector small", "truth"),
+        ("detector small", "detector other"),
+        ("agent", "detector other"),
+    ]
+    counts = {node.node: node.counts for node in compare_campaigns((small, other)).nodes}
+    seen = counts[SEEN]
+    assert (seen.both, seen.only_first, seen.only_second, seen.neither) == (2, 0, 8, 2)

@@ -20,11 +20,13 @@ from decompositions import read_decomposition
 
 square = Polygon(corners=tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (90, 0), (90, 90), (0, 90))))
 spec = SimSpec(name="outside", world=World(area=square, scene="outside_empty"), vehicle=VehicleSpec(model="outside_still"),
+               perception=Perception(source="detector", detector="outside_detector"),
                agent=AgentSpec(manifest="outside_agent"))
 decomposition = read_decomposition(Path(sys.argv[1]).read_text())
 result = fly_realization(spec, decomposition, Path(sys.argv[2]), "outside")
-(predicted,) = fly_overhead([spec], ["outside"], decomposition)
-print(json.dumps({"predicted": [o.model_dump(mode="json") for o in predicted.observations], "outcome": result.outcome, "reason": result.reason, "observations": [o.model_dump(mode="json") for o in result.observations]}))
+simulated = spec.model_copy(update={"perception": Perception()})
+(predicted,) = fly_overhead([simulated], ["outside"], decomposition)
+print(json.dumps({"predicted": [o.model_dump(mode="json") for o in predicted.observations], "outcome": result.outcome, "detector": result.details["detector"], "reason": result.reason, "observations": [o.model_dump(mode="json") for o in result.observations]}))
 """
 
 DECOMPOSITION = """
@@ -82,3 +84,4 @@ def test_an_outside_package_joins_every_family(tmp_path: Path) -> None:
     assert result["outcome"] == "completed", result["reason"]
     assert result["observations"] == [{"observable": "OBS-1", "considered": True, "x": 0.0, "evidence": []}]
     assert result["predicted"] == result["observations"]
+    assert result["detector"] == "outside_detector (rebar-outside 0.0.1): sky 3"

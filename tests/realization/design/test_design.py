@@ -61,6 +61,23 @@ def test_levels_reach_their_fields() -> None:
     assert all(plan.simspec.mission == BASE.mission and plan.simspec.name == plan.id for plan in plans)
 
 
+def test_a_source_of_perception_is_a_factor() -> None:
+    """All four of them, and options of the detector on pictures."""
+    source = {
+        "name": "source",
+        "levels": ["truth", "simulated", "detector", "agent"],
+        "sets": ["perception.source"],
+    }
+    floor = {"name": "floor", "levels": [0.3, 0.5], "sets": ["perception.detector_options.floor"]}
+    given = BASE.perception.model_copy(update={"detector_options": {"floor": 0.1}})
+    base = BASE.model_copy(update={"perception": given})
+    plans = realize(base, design(source, floor), AGENTS[:1])
+
+    flown = [plan.simspec.perception for plan in plans]
+    assert [perception.source for perception in flown[::2]] == source["levels"]
+    assert [perception.detector_options for perception in flown[:2]] == [{"floor": 0.3}, {"floor": 0.5}]
+
+
 def test_agents_share_their_scene() -> None:
     """All agents of one design point and replicate have the same seeds; other replicates have others."""
     plans = realize(BASE, design(FOG, replicates=2), AGENTS)

@@ -7,8 +7,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from bench.contracts import MeasureRequest, Observation, Prediction, Tape
-from bench.errors import Fault
+from bench.contracts import Detection, MeasureRequest, Observation, Pixels, Prediction, Tape
+from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
 from bench.simulation import open_plain_scene as open_scene  # noqa: F401
 from bench.testing import open_still_vehicle as open_vehicle  # noqa: F401
@@ -43,3 +43,20 @@ class StaysOnTheGround:
 
 
 surrogate = StaysOnTheGround()
+
+
+class SeesSky:
+    """A detector on pictures: one tree, as wide as the picture."""
+
+    version = "sky 3"
+
+    def detect(self, bgr: Pixels) -> Sequence[Detection]:
+        return [Detection("tree", 0.5, (0.0, 0.0, float(bgr.shape[1]), 9.0))]
+
+
+def open_detector(simspec: SimSpec) -> SeesSky:
+    """Takes no options."""
+    if simspec.perception.detector_options:
+        fault = Fault("perception.detector_options", "outside_detector has none", "leave it out")
+        raise SetupError(fault)
+    return SeesSky()
