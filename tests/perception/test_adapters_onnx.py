@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, get_args
@@ -267,3 +268,114 @@ def test_a_network_that_changes_its_mind_is_a_fault_of_the_detector() -> None:
     detector.try_out()
     with pytest.raises(DetectorFault, match="looks like"):
         detector.detect(np.zeros((64, 96, 3), np.uint8))
+
+
+needs_exporters = pytest.mark.skipif(
+    not all(
+        importlib.util.find_spec(name)
+        for name in ("torch", "torchvision", "transformers", "onnx", "onnxruntime")
+    ),
+    reason="torch, torchvision, transformers, onnx and onnxruntime are not installed",
+)
+
+
+def noise(width: int, height: int) -> Pixels:
+    return np.random.default_rng(4).integers(0, 256, (height, width, 3), dtype=np.uint8)
+
+
+def export(network: Any, example: Any, path: Path, names: list[str]) -> Path:
+    import torch
+
+    with warnings.catch_warnings():
+        # The exporter warns of itself, and of every size that it takes to be fixed.
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            network,
+            (example,),
+            str(path),
+            input_names=["picture"],
+            output_names=names,
+            opset_version=14,
+            dynamo=False,
+        )
+    return path
+
+
+@needs_exporters
+def test_an_export_of_torchvision_gives_its_boxes(tmp_path: Path) -> None:
+    """SSDlite with random weights, which does all of its own preparation and suppression, and has no axis for the batch."""
+    import onnxruntime
+    import torch
+    import torchvision
+
+    torch.manual_seed(0)
+    network = torchvision.models.detection.ssdlite320_mobilenet_v3_large(
+        weights=None, weights_backbone=None, num_classes=3, score_thresh=0.02
+    ).eval()
+    picture = noise(320, 320)
+    tensor = torch.from_numpy(picture[..., ::-1].transpose(2, 0, 1).copy()).float() / 255.0
+    weights = export(network, [tensor], tmp_path / "ssd.onnx", ["boxes", "scores", "labels"])
+    labels = {"1": "combatant", "2": "civilian_vehicle"}
+    options: dict[str, Any] = {
+        "weights": str(weights),
+        "labels": labels,
+        "layout": "boxes-scores-labels",
+        "input_px": [320, 320],
+    }
+    options |= {"runtime": "onnxruntime", "min_score": 0.02, "most_overlap": None}
+    detections = open_onnx_detector(simspec_with(options)).detect(picture)
+    # Not against torch: with random weights many scores are equal, and each library keeps others of equals.
+    results = onnxruntime.InferenceSession(weights).run(None, {"picture": tensor.numpy()})
+    boxes, scores, class_ids = (np.asarray(result) for result in results)
+    shown = (scores >= 0.02) & (boxes[:, 2:] > boxes[:, :2]).all(axis=1)
+    expected = zip(boxes[shown].tolist(), scores[shown].tolist(), class_ids[shown].tolist(), strict=True)
+    assert len(detections) == np.count_nonzero(shown) > 5
+    assert sorted((found.box, found.class_label) for found in detections) == sorted(
+        (tuple(box), labels[str(class_id)]) for box, _, class_id in expected
+    )
+
+
+@needs_exporters
+@pytest.mark.parametrize("runtime", RUNTIMES)
+def test_a_detr_gives_the_boxes_of_the_original(tmp_path: Path, runtime: str) -> None:
+    import torch
+    import transformers
+
+    torch.manual_seed(0)
+    network = transformers.DetrForObjectDetection(
+        transformers.DetrConfig(
+            use_timm_backbone=False, use_pretrained_backbone=False, backbone=None, d_model=32, encoder_layers=1,
+            backbone_config=transformers.ResNetConfig(
+                embedding_size=8, hidden_sizes=[8, 8, 8, 16], depths=[1, 1, 1, 1], out_features=["stage4"]
+            ),
+            decoder_layers=1, encoder_attention_heads=2, decoder_attention_heads=2, encoder_ffn_dim=32,
+            decoder_ffn_dim=32, num_queries=10, num_labels=3,
+        )
+    ).eval()  # fmt: skip
+
+    class Results(torch.nn.Module):  # type: ignore[misc]
+        def __init__(self) -> None:
+            super().__init__()
+            self.network = network
+
+        def forward(self, pixels: Any) -> Any:
+            results = self.network(pixel_values=pixels)
+            return results.logits, results.pred_boxes
+
+    picture = noise(128, 96)
+    tensor = torch.from_numpy(picture[..., ::-1].transpose(2, 0, 1)[None].copy()).float() / 255.0
+    weights = export(Results().eval(), tensor, tmp_path / "detr.onnx", ["logits", "pred_boxes"])
+    options: dict[str, Any] = {"weights": str(weights), "layout": "detr", "input_px": [128, 96]}
+    options["labels"] = {"0": "tree", "1": "crate", "2": "tent"}
+    options |= {"min_score": 0.05, "most_overlap": None, "runtime": runtime}
+    detections = open_onnx_detector(simspec_with(options)).detect(picture)
+    with torch.inference_mode():
+        results = network(pixel_values=tensor)
+    shares = results.logits.softmax(-1)[0, :, :-1]
+    scores, order = shares.max(-1).values.sort(descending=True)
+    assert len(detections) == 10
+    assert [detection.score for detection in detections] == pytest.approx(scores.tolist(), abs=1e-4)
+    for detection, place in zip(detections, order.tolist(), strict=True):
+        x, y, width, height = (results.pred_boxes[0, place] * torch.tensor([128, 96, 128, 96])).tolist()
+        expected = (x - width / 2, y - height / 2, x + width / 2, y + height / 2)
+        assert detection.box == pytest.approx(np.clip(expected, 0, [128, 96, 128, 96]), abs=0.02)

@@ -89,20 +89,22 @@ class OnnxRuntime:
                 f"onnxruntime cannot read {weights}: {_first_line(error)}",
                 "give an ONNX file with its weights inside",
             ) from error
-        inputs = [put.name for put in self._session.get_inputs()]
+        inputs = self._session.get_inputs()
         if len(inputs) != 1:
             raise option_fault(
                 "weights",
-                f"the network reads {len(inputs)} inputs ({', '.join(inputs)})",
+                f"the network reads {len(inputs)} inputs ({', '.join(put.name for put in inputs)})",
                 "export it with the picture as its only input",
             )
-        self._input = inputs[0]
+        self._input = inputs[0].name
+        # torchvision's detectors take a list of pictures, so an export of one has no axis for the batch.
+        self._single = len(inputs[0].shape) == 3
         self._names = [output.name for output in self._session.get_outputs()]
         self.version = f"onnxruntime {onnxruntime.__version__}"
 
     def run(self, pictures: Narrow) -> dict[str, Narrow]:
         try:
-            results = self._session.run(None, {self._input: pictures})
+            results = self._session.run(None, {self._input: pictures[0] if self._single else pictures})
         except Exception as error:  # as above
             raise DetectorFault(
                 f"onnxruntime cannot compute the network for an input of {pictures.shape}: {_first_line(error)}"
