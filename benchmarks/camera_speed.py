@@ -1,16 +1,18 @@
 """CPU milliseconds of a rendered frame on one core, and how many plain warps of the same size that is.
 
-python benchmarks/camera_speed.py
+python benchmarks/camera_speed.py [RENDERER]
 
 The scene is a village with about 350 visible faces, seen obliquely from 38 m, in clear light with shadows. A plain warp is
 one `cv2.warpPerspective` of a colour texture to the size of the picture, in the same run: milliseconds depend on the
-machine and on what else runs on it, the ratio hardly does.
+machine and on what else runs on it, the ratio hardly does. RENDERER is an entry point of rebar.renderers, `opencv` when
+absent; CPU time counts all threads of a driver.
 """
 
 from __future__ import annotations
 
 import math
 import statistics
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,7 +22,8 @@ import numpy as np
 
 from bench.camera import Conditions, RenderedFrame, actors_in, open_camera
 from bench.camera.sheet import DAY, VILLAGE, VILLAGE_ROADS, pose_towards, simspec_with
-from bench.simspec import Camera
+from bench.contracts import OpenRenderer, load_plugin
+from bench.simspec import DEFAULT_RENDERER, Camera
 
 REPEATS, FRAMES = 15, 10
 # What the renderer may cost for this scene on one core of the development machine, and what that is in plain warps.
@@ -47,11 +50,21 @@ def cpu_ms(work: Callable[[int], object], plain: Callable[[], object]) -> tuple[
 
 
 def measure(
-    width_px: int, height_px: int, conditions: Conditions, truth: str, plain: Callable[[], object]
+    width_px: int,
+    height_px: int,
+    conditions: Conditions,
+    truth: str,
+    plain: Callable[[], object],
+    open_renderer: OpenRenderer,
 ) -> tuple[float, float, int]:
     """Milliseconds of a frame, its ratio to a plain warp, and its visible faces."""
     simspec = simspec_with(VILLAGE[:10], VILLAGE_ROADS)
-    camera = open_camera(simspec, Camera(width_px=width_px, height_px=height_px), conditions=conditions)
+    camera = open_camera(
+        simspec,
+        Camera(width_px=width_px, height_px=height_px),
+        conditions=conditions,
+        open_renderer=open_renderer,
+    )
     assert simspec.realized is not None
     actors = simspec.realized.actors
     positions = np.array([(actor.east_m, actor.north_m, 0.0) for actor in actors])
@@ -77,10 +90,13 @@ def measure(
 def main() -> None:
     """Print the table."""
     cv2.setNumThreads(1)
+    name = sys.argv[1] if len(sys.argv) > 1 else DEFAULT_RENDERER
+    open_renderer: OpenRenderer = load_plugin("rebar.renderers", name)
     texture = np.random.default_rng(0).integers(0, 255, (2048, 2048, 3), np.uint8)
     oblique = np.array(((0.6, 0.15, 20.0), (0.02, 0.4, 30.0), (1e-5, 2e-4, 1.0)))
     for size, limit_ms in LIMIT_MS.items():
-        print(f"{size[0]}x{size[1]}, at most {limit_ms:g} ms")
+        limit = f", at most {limit_ms:g} ms" if name == DEFAULT_RENDERER else ""
+        print(f"{name}, {size[0]}x{size[1]}{limit}")
 
         def plain(size: tuple[int, int] = size) -> object:
             return cv2.warpPerspective(texture, oblique, size)
@@ -95,7 +111,7 @@ def main() -> None:
                 "",
             ),
         ):
-            ms, ratio, faces = measure(*size, conditions, truth, plain)
+            ms, ratio, faces = measure(*size, conditions, truth, plain, open_renderer)
             print(f"  {label:28s} {ms:6.2f} ms {ratio:6.2f} plain warps {faces:5d} faces")
 
 

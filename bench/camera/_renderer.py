@@ -20,6 +20,7 @@ from bench.contracts import CameraPose, Geometry, Labels, Lens, Light, Picture, 
 
 from ._canvas import Canvas
 from ._painter_order import SolidOrder, body_edges, far_to_near
+from ._view import LEAST_BODY_PX, NEAR_M, actor_axes, in_view
 
 _MAP_SCALE = 8
 """Light and haze are smooth, so their maps have an eighth of the resolution (4 ms less for 640x480)."""
@@ -34,14 +35,6 @@ _MAP_ONE = 128.0
 _SHIFT = 4
 """Fractional bits of polygon corners: a sixteenth of a pixel."""
 
-NEAR_M = 0.2
-"""Faces are cut this far in front of the camera, which is inside any vehicle's own body."""
-
-_LEAST_BODY_PX = 0.8
-"""Smaller bodies and solids are not drawn: anti-aliased they would not change a pixel visibly."""
-
-_FARTHEST_M = 4000.0
-_LEAST_CONTRAST = 0.02  # Koschmieder's threshold, as in docs/detection.md
 _FAR_CORNER_PX = 30000.0  # fillConvexPoly counts sixteenths of pixels in 32 bits, with products of two
 _GAMMA = 1.0 / 2.2
 _SHADOW_STEPS = 720
@@ -186,7 +179,8 @@ class OpenCvRenderer:
             return nothing
         halves = self._halves_m[self._kind_of]
         centres = positions_enu_m + np.einsum("nij,ni->nj", axes, self._middles_m[self._kind_of])
-        index = self._in_view(pose, centres, np.sqrt((halves * halves).sum(axis=1)))
+        lens = self._canvas.lens
+        index = in_view(lens, self._stage.light, pose, centres, np.sqrt((halves * halves).sum(axis=1)))
         if not len(index):
             return nothing
         centres, halves, frame = centres[index], halves[index], axes[index]
@@ -198,35 +192,16 @@ class OpenCvRenderer:
         )
         local = np.einsum("nij,nj->ni", frame, pose.position_enu_m - positions_enu_m[index])
         ranges = np.sqrt((local * local).sum(axis=1))
-        focal = self._canvas.lens.fx
         actors, faces = [], []
         for place in order:
             kind = self._kinds[self._kind_of[index[place]]]
             front: Bools = kind.normals @ local[place] > kind.offsets
             visible = kind.order.faces(front)
-            visible = visible[kind.solid_size_m[visible] * focal > _LEAST_BODY_PX * ranges[place]]
+            visible = visible[kind.solid_size_m[visible] * lens.fx > LEAST_BODY_PX * ranges[place]]
             actors.append(np.full(len(visible), place))
             faces.append(visible + kind.first_face)
         rows = np.concatenate(actors)
         return index[rows], np.concatenate(faces), ranges[rows]
-
-    def _in_view(self, pose: CameraPose, centres: Floats, radii: Floats) -> Counts:
-        """(k,) indices of the spheres that touch the view and are large and clear enough to be visible."""
-        lens = self._canvas.lens
-        x, y, z = pose.to_optical(centres).T
-        distance = np.sqrt(x * x + y * y + z * z)
-        reach = min(_FARTHEST_M, -math.log(_LEAST_CONTRAST) / self._stage.light.extinction_per_m)
-        visible = (distance - radii < reach) & (z + radii > NEAR_M)
-        visible &= 2.0 * radii * lens.fx > _LEAST_BODY_PX * distance
-        # Signed distances to the four sides of the view.
-        for along, across, focal, middle, size in (
-            (z, x, lens.fx, lens.cx, lens.width_px),
-            (z, y, lens.fy, lens.cy, lens.height_px),
-        ):
-            lower, upper = middle / focal, (size - middle) / focal
-            visible &= (across + along * lower) / math.hypot(1.0, lower) > -radii
-            visible &= (along * upper - across) / math.hypot(1.0, upper) > -radii
-        return np.flatnonzero(visible)
 
     def _windows(self, pose: CameraPose, centres: Floats, frame: Floats, halves: Floats) -> Floats:
         """(k, 4) left, top, right, bottom of boxes in the picture; all of it for boxes that reach behind the camera."""
@@ -273,7 +248,7 @@ class OpenCvRenderer:
         # The sphere holds the body and the far end of its shadow.
         radii = np.sqrt((halves * halves).sum(axis=1)) + 2.0 * halves[:, 2] * stretch
         polygons = [nothing]
-        for actor in self._in_view(pose, positions_enu_m, radii).tolist():
+        for actor in in_view(self._canvas.lens, light, pose, positions_enu_m, radii).tolist():
             step = round(float(headings_rad[actor]) / (2.0 * math.pi) * _SHADOW_STEPS) % _SHADOW_STEPS
             key = (int(self._kind_of[actor]), step)
             if key not in self._shadows:
@@ -540,16 +515,6 @@ class _OpenCvPicture:
                 cv2.fillConvexPoly(numbers, polygon, (index + 1,), cv2.LINE_8, _SHIFT)
             self._polygon_numbers = numbers
         return self._polygon_numbers
-
-
-def actor_axes(headings_rad: Floats) -> Floats:
-    """(n, 3, 3) the actors' axes ahead, left and up as rows of ENU."""
-    sine, cosine = np.sin(headings_rad), np.cos(headings_rad)
-    axes = np.zeros((len(headings_rad), 3, 3))
-    axes[:, 0, 0], axes[:, 0, 1] = sine, cosine
-    axes[:, 1, 0], axes[:, 1, 1] = -cosine, sine
-    axes[:, 2, 2] = 1.0
-    return axes
 
 
 def _kind(geometry: Geometry, first_face: int) -> _Kind:

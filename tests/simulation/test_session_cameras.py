@@ -14,6 +14,7 @@ from test_session_pictures import TOPICS, FlownSession, document, fly, watched_s
 from bench.agents import open_agent
 from bench.arrays import Floats
 from bench.camera import decode_depth, decode_mask, open_camera
+from bench.camera.gl import open_moderngl_renderer
 from bench.contracts import (
     SESSION_EVENTS,
     TF,
@@ -249,6 +250,39 @@ def test_a_recording_says_what_a_renderer_rests_on() -> None:
     assert _build_of(Crayons(), "opencv") == "wax 3, yellow"
     silent = open_camera(two_cameras()).renderer
     assert _build_of(silent, "opencv") == f"rebar-bench {version('rebar-bench')}"
+
+
+@pytest.mark.skipif(
+    bool(open_moderngl_renderer.host_faults()), reason="needs the extra [gl] and a driver for EGL"
+)
+def test_a_session_flies_with_another_renderer_for_one_of_its_cameras(tmp_path: Path) -> None:
+    """The recording names renderer and driver, and both cameras see the same people in the same places."""
+    spec = two_cameras()
+    front = spec.vehicle.camera.model_copy(update={"renderer": "moderngl", "gimbal": False})
+    twin = front.model_copy(update={"name": "twin", "renderer": "opencv"})
+    vehicle = spec.vehicle.model_copy(update={"camera": front, "more_cameras": (twin,)})
+    spec = spec.model_copy(update={"vehicle": vehicle, "mission": Mission(time_limit_s=1.0)})
+    records: list[Record] = []
+    (tmp_path / "scratch").mkdir()
+    plan = SessionPlan(
+        spec, agent_manifest("idle"), tmp_path, open_agent, tmp_path / "scratch", records.append
+    )
+    end = run_session(plan)
+    assert end.outcome is Outcome.TIME_LIMIT, end.reason + end.traceback
+    session = FlownSession(end, records, [])
+    events = [document(EventDocument, record) for record in session.on(SESSION_EVENTS)]
+    first, second = (event.text for event in events if event.name == "camera opened")
+    assert first.startswith("moderngl, moderngl ")
+    assert first.endswith(f"; OpenCV {second.removeprefix('twin: OpenCV ')}")
+    for (_, ours), (_, default) in zip(
+        pictures_of(session, "front"), pictures_of(session, "twin"), strict=True
+    ):
+        assert ours.sha256 != default.sha256
+        assert ours.actors is not None
+        assert default.actors is not None
+        for mine, theirs in zip(ours.actors, default.actors, strict=True):
+            assert mine.actor == theirs.actor
+            assert mine.box == pytest.approx(theirs.box, abs=1.3)
 
 
 def test_a_distortion_that_folds_over_is_refused_before_the_flight() -> None:

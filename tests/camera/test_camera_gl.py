@@ -1,0 +1,274 @@
+"""The renderer `moderngl`, compared with ray casting and with the default renderer. Without OpenGL most of it is skipped."""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from camera_stages import NOON, Placement, cast_rays, lens, pose, stage
+from scipy.ndimage import binary_erosion, minimum_filter
+
+from bench.arrays import Bools, Floats
+from bench.camera import Conditions, actors_in, open_opencv_renderer
+from bench.camera.gl import open_moderngl_renderer
+from bench.camera.sheet import SceneActor, simspec_with
+from bench.contracts import CameraPose, ChecksHost, Labels, NamesBuild, Picture, Stage, plugins
+from bench.errors import SetupError
+from bench.simulation import camera_faults
+
+needs_gl = pytest.mark.skipif(
+    bool(open_moderngl_renderer.host_faults()), reason="needs the extra [gl] and a driver for EGL"
+)
+
+VILLAGE: list[Placement] = [
+    ("house", 0.0, 14.0, 20.0),
+    ("apartment-block", -22.0, 26.0, 100.0),
+    ("civilian-car", 4.0, 3.0, 70.0),
+    ("radar-vehicle", -9.0, 0.0, 10.0),
+    ("tree", 9.0, 6.0, 0.0),
+    ("bus", 12.0, -8.0, 160.0),
+    # Halfway inside the bus: no order of faces draws both.
+    ("crate-stack", 12.5, -6.0, 30.0),
+    ("man", -1.0, 6.5, 0.0),
+    ("tent", -13.0, -11.0, 120.0),
+]
+VIEWS = [
+    pose((-3.0, -40.0, 20.0), 4.0, 28.0),
+    pose((35.0, 25.0, 14.0), 240.0, 22.0, 12.0),
+    pose((2.0, -16.0, 3.0), 350.0, 5.0, -8.0),
+    pose((1.0, 1.0, 40.0), 30.0, 90.0),
+]
+BARREL = (-0.21, 0.06, 0.0012, -0.0009, -0.004)
+
+
+def drawn(scene: Stage, view: CameraPose, positions: Floats, headings: Floats) -> Picture:
+    return open_moderngl_renderer(scene).render(view, positions, headings)
+
+
+def inner(labels: Labels) -> Bools:
+    """Pixels whose neighbours show the same actor."""
+    return np.asarray(minimum_filter(labels, 3) == -minimum_filter(-labels.astype(int), 3), np.bool_)
+
+
+@needs_gl
+def test_masks_and_depths_are_those_of_ray_casting() -> None:
+    """Pixel by pixel, also where two solids run into each other: a pixel belongs to whom its middle shows."""
+    scene, positions, headings = stage(VILLAGE, camera=lens(160, 120, 150.0))
+    renderer = open_moderngl_renderer(scene)
+    for view in VIEWS:
+        picture = renderer.render(view, positions, headings)
+        labels, depths = cast_rays(scene, view, positions, headings)
+        same = picture.instances() == labels
+        finite = same & np.isfinite(depths) & (depths < 500.0)
+        wrong_m = np.abs(picture.depth_m()[finite] - depths[finite])
+
+        assert len(np.unique(labels)) >= 7
+        assert same.mean() > 0.9995
+        # The rays know nothing of windows, which lie up to some centimetres before their wall.
+        assert (wrong_m < 1e-3 * depths[finite]).mean() > 0.99
+        assert (wrong_m < 0.02 * depths[finite]).mean() > 0.9999
+        assert np.isinf(picture.depth_m()[np.isinf(depths) & same]).all()
+
+
+@needs_gl
+def test_it_draws_what_the_default_renderer_draws() -> None:
+    """The same village: masks agree away from outlines, and colours are close where shadows do not differ."""
+    conditions = Conditions(math.radians(75.0), math.radians(200.0))
+    apart = [actor for actor in VILLAGE if actor[0] != "crate-stack"]
+    scene, positions, headings = stage(apart, conditions, lens(320, 240, 300.0))
+    renderers = open_moderngl_renderer(scene), open_opencv_renderer(scene)
+    checked = 0
+    for view in VIEWS:
+        ours, default = (renderer.render(view, positions, headings) for renderer in renderers)
+        labels = default.instances()
+        away = inner(labels) & inner(ours.instances())
+        assert (ours.instances() == labels)[away].mean() > 0.99
+        difference = np.abs(ours.bgr.astype(int) - default.bgr).max(axis=-1)
+        ground = away & (labels == 0)
+        assert (difference[ground] <= 6).mean() > 0.9
+        for actor in actors_in(default):
+            inside = binary_erosion(labels == actor.actor + 1, iterations=2)
+            if inside.sum() > 60:
+                checked += 1
+                # Objects shade themselves and each other here, so only the larger part of each is alike.
+                assert np.median(difference[inside]) <= 12, (actor.actor, np.median(difference[inside]))
+        assert {actor.actor for actor in actors_in(ours)} <= {actor.actor for actor in actors_in(default)}
+    assert checked >= 12
+
+
+@needs_gl
+def test_equal_arguments_give_equal_pixels_whatever_was_drawn_before() -> None:
+    scene, positions, headings = stage(VILLAGE, camera=lens(200, 150, 190.0))
+    first, second = (open_moderngl_renderer(scene) for _ in range(2))
+    early = second.render(VIEWS[1], positions, headings)
+    pictures = [renderer.render(VIEWS[0], positions, headings) for renderer in (first, second)]
+
+    assert (pictures[0].bgr == pictures[1].bgr).all()
+    assert (pictures[0].instances() == pictures[1].instances()).all()
+    assert (pictures[0].depth_m() == pictures[1].depth_m()).all()
+    # The truth of an earlier picture is still its own after another one was drawn and everybody moved.
+    again = drawn(scene, VIEWS[1], positions, headings)
+    positions += 3.0
+    assert (early.instances() == again.instances()).all()
+    assert (early.bgr == again.bgr).all()
+
+
+@needs_gl
+def test_the_visible_share_is_that_of_the_silhouette() -> None:
+    view = pose((0.0, -20.0, 6.0), 0.0, 15.0)
+    pair: list[Placement] = [("crate", 0.8, 3.0, 0.0), ("crate", 0.0, 0.0, 0.0), ("crate", 0.0, -40.0, 0.0)]
+    scene, positions, headings = stage(pair)
+    alone, alone_at, alone_heading = stage(pair[:1])
+    both, _ = cast_rays(scene, view, positions, headings)
+    single, _ = cast_rays(alone, view, alone_at, alone_heading)
+    picture = drawn(scene, view, positions, headings)
+    farther, nearer = actors_in(picture)
+
+    assert picture.silhouette_px(0) == pytest.approx((single == 1).sum(), abs=2)
+    assert picture.silhouette_px(1) == (picture.instances() == 2).sum()
+    assert farther.visible == pytest.approx((both == 1).sum() / (single == 1).sum(), abs=0.01)
+    assert 0.1 < farther.visible < 0.9
+    assert nearer.visible == 1.0
+    # The third one is behind the camera.
+    assert picture.silhouette_px(2) == 0
+
+
+@needs_gl
+def test_shadows_fall_on_the_ground_as_far_as_they_must_and_on_objects() -> None:
+    """Under a sun at 30 degrees in the south, a house's shadow darkens the northern neighbour's lower part alone."""
+    sun = Conditions(math.radians(30.0), math.radians(180.0))
+    view = pose((16.0, -2.0, 12.0), 290.0, 25.0)
+    camera = lens(320, 240, 260.0)
+    # The block is three storeys high, and 12 m away from the white wall that it shades.
+    pair: list[Placement] = [("van", 0.0, 6.0, 90.0), ("apartment-block", 0.0, -16.0, 90.0)]
+    scene, positions, headings = stage(pair, sun, camera)
+    shaded = drawn(scene, view, positions, headings)
+    far = positions.copy()
+    far[1] = (0.0, -400.0, 0.0)
+    lit = drawn(scene, view, far, headings)
+    van = binary_erosion((shaded.instances() == 1) & (lit.instances() == 1), iterations=2)
+    darker = (lit.bgr.astype(int) - shaded.bgr).mean(axis=-1)
+
+    assert van.sum() > 150
+    assert (darker[van] > 15).mean() > 0.3
+    default = [
+        open_opencv_renderer(scene).render(view, place, headings).bgr.astype(int)
+        for place in (positions, far)
+    ]
+    assert np.abs(default[0] - default[1])[van].max() <= 2, "the default renderer shades the ground alone"
+
+
+@needs_gl
+def test_the_tip_of_a_shadow_lies_where_the_sun_puts_it() -> None:
+    sun = Conditions(math.radians(45.0), math.radians(225.0))
+    camera, view = lens(), pose((0, 0, 40), 0.0, 90.0)
+    scene, positions, headings = stage([("man", 0.0, 0.0, 0.0)], sun, camera)
+    picture = drawn(scene, view, positions, headings)
+    empty = drawn(replace(scene, looks=()), view, positions[:0], headings[:0])
+    dark = (empty.bgr.astype(int) - picture.bgr).mean(axis=-1) > 15
+    rows, columns = np.nonzero(dark & (picture.instances() == 0))
+    height_m = float(scene.looks[0].geometry.corners_m[..., 2].max())
+    tip = camera.project(view.to_optical(np.array((height_m, height_m, 0.0)) / math.sqrt(2.0)))
+
+    assert columns.max() == pytest.approx(tip[0], abs=2.5)
+    assert rows.min() == pytest.approx(tip[1], abs=2.5)
+
+
+@needs_gl
+def test_a_distorted_picture_has_its_actors_where_the_lens_puts_them() -> None:
+    camera = replace(lens(), distortion=BARREL)
+    scene, positions, headings = stage([("crate", 6.0, 9.0, 30.0), ("van", -8.0, 14.0, 0.0)], camera=camera)
+    view = pose((0.0, -4.0, 22.0), 10.0, 55.0)
+    picture = drawn(scene, view, positions, headings)
+    for actor, default in zip(
+        actors_in(picture),
+        actors_in(open_opencv_renderer(scene).render(view, positions, headings)),
+        strict=True,
+    ):
+        assert actor.box == pytest.approx(default.box, abs=1.3)
+        assert actor.visible == 1.0
+
+
+@needs_gl
+def test_the_ground_texture_lies_where_the_world_has_it() -> None:
+    """A white square of the texture appears where its corners project, also far from the world's origin."""
+    camera, east_m = lens(), 40000.0
+    view = pose((east_m + 2.0, -6.0, 40.0), 25.0, 70.0, 5.0)
+    scene, positions, headings = stage([], camera=camera)
+    texture = np.zeros((400, 400, 3), np.uint8)
+    texture[190:210, 210:220] = 255  # 0.1 m texels from (-20, 20): east 1 to 2, north -1 to 1
+    ground = replace(scene.ground, texture=texture, texel_m=0.1, west_m=east_m - 20.0, north_m=20.0)
+    picture = drawn(replace(scene, ground=ground), view, positions, headings)
+    rows, columns = np.nonzero(picture.bgr.max(axis=-1) > 100)
+    corners = np.array(((1, -1, 0), (2, -1, 0), (2, 1, 0), (1, 1, 0)), float)
+    corners[:, 0] += east_m
+    pixels = camera.project(view.to_optical(corners))
+
+    assert len(rows) > 40
+    assert columns.mean() + 0.5 == pytest.approx(pixels[:, 0].mean(), abs=0.3)
+    assert rows.mean() + 0.5 == pytest.approx(pixels[:, 1].mean(), abs=0.3)
+
+
+@needs_gl
+def test_night_and_fog_are_those_of_the_light() -> None:
+    """At night windows shine and nothing throws a shadow; in fog only the haze is left far away."""
+    night = Conditions(math.radians(-20.0), 0.0)
+    fog = Conditions(math.radians(40.0), 0.0, extinction_per_m=0.2, fog_level=9.0)
+    view = VIEWS[0]
+    for conditions in (night, fog):
+        scene, positions, headings = stage(VILLAGE, conditions, lens(200, 150, 190.0))
+        picture = drawn(scene, view, positions, headings)
+        default = open_opencv_renderer(scene).render(view, positions, headings)
+        assert np.abs(picture.bgr.astype(int) - default.bgr).mean() < 5.0
+        if conditions is fog:
+            assert np.abs(picture.bgr.astype(int) - scene.light.haze_bgr).max() <= 2.0
+            assert not picture.instances().any()
+
+
+@needs_gl
+def test_it_names_the_driver_on_which_its_pixels_rest() -> None:
+    scene, _, _ = stage([])
+    renderer = open_moderngl_renderer(scene)
+    assert isinstance(renderer, NamesBuild)
+    assert renderer.build.startswith("moderngl ")
+    assert "OpenGL" in renderer.build
+
+
+class _NoDriver:
+    """The package where there is no EGL."""
+
+    @staticmethod
+    def create_standalone_context(**settings: object) -> None:
+        raise Exception("libEGL.so not loaded\nmore lines")
+
+
+def gl_faults() -> list[str]:
+    """The faults of a SimSpec whose camera wants the renderer."""
+    spec = simspec_with([SceneActor("van", 0.0, 0.0, 0.0)], ())
+    camera = spec.vehicle.camera.model_copy(update={"renderer": "moderngl"})
+    vehicle = spec.vehicle.model_copy(update={"camera": camera})
+    return [str(fault) for fault in camera_faults(spec.model_copy(update={"vehicle": vehicle}))]
+
+
+def test_without_opengl_the_field_and_the_fix_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the package is missing, and where it finds no driver; the entry point itself imports neither."""
+    assert plugins("rebar.renderers")["moderngl"].load() is open_moderngl_renderer
+    assert isinstance(open_moderngl_renderer, ChecksHost)
+    scene, _, _ = stage([], NOON)
+    monkeypatch.setitem(sys.modules, "moderngl", None)
+    with pytest.raises(
+        SetupError, match=r"moderngl is not installed \(pip install 'rebar-bench\[gl\]', or leave"
+    ):
+        open_moderngl_renderer(scene)
+    faults = gl_faults()
+    assert len(faults) == 1
+    assert faults[0].startswith("vehicle.camera.renderer: the package moderngl is not installed (")
+    assert "opencv draws" in faults[0]
+    monkeypatch.setitem(sys.modules, "moderngl", _NoDriver)
+    (fault,) = gl_faults()
+    assert fault.startswith(
+        "vehicle.camera.renderer: OpenGL 4.3 cannot be opened through EGL (libEGL.so not loaded"
+    )
