@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import tempfile
 from collections.abc import Generator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -31,19 +30,36 @@ def firmware(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     }
 
 
-def traces() -> set[str]:
-    """What a session could leave behind: folders, locks, processes of this test."""
-    left = {path.name for path in Path(tempfile.gettempdir()).glob("rebar-autopilot-*")}
-    left |= {path.name for path in Path("/tmp").glob("px4_lock-*")}
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Temporary files of this test alone: others fly at the same time."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    return tmp_path / "temporary"
+
+
+def programs(folder: Path) -> list[str]:
+    """Command lines of the processes that autopilots of this test started: their HOME is in its folder."""
+    commands = []
     for entry in os.scandir("/proc"):
         if entry.name.isdigit():
             try:
-                command = Path(entry.path, "cmdline").read_bytes().decode(errors="replace")
+                if f"HOME={folder}".encode() in Path(entry.path, "environ").read_bytes():
+                    commands.append(Path(entry.path, "cmdline").read_bytes().replace(b"\0", b" ").decode())
             except OSError:
                 continue
-            if "bin/px4" in command or "arducopter" in command:
-                left.add(f"process {command}")
-    return left
+    return commands
+
+
+def px4_lock(folder: Path) -> Path:
+    """The lock of the one PX4 that runs."""
+    (number,) = {match[1] for command in programs(folder) if (match := re.search(r"px4 -d -i (\d)", command))}
+    return Path(f"/tmp/px4_lock-{number}")
+
+
+def assert_nothing_left(folder: Path) -> None:
+    assert programs(folder) == []
+    assert list(folder.iterdir()) == []
 
 
 @contextmanager
@@ -58,6 +74,7 @@ def opened(
     boot_s: float = 3.2,
     pace: str = "one_core",
     log: bool = False,
+    seed: int = 0,
     **vehicle: Any,
 ) -> Generator[FirmwareX500]:
     autopilot = {
@@ -73,7 +90,8 @@ def opened(
         "home": {"east_m": 20.0, "north_m": 30.0, "heading_deg": 40.0},
         **vehicle,
     }
-    spec = simspec(autopilot, vehicle=vehicle)  # type: ignore[arg-type]
+    gusts = {"wind": {"speed_mps": 2.0, "turbulence_mps": 2.0}} if seed else {}
+    spec = simspec(vehicle={**vehicle, "autopilot": autopilot}, environment=gusts, seeds={"root": seed})
     links = (LinkSpec("onboard", "udp_out", port=client.port),) if client else ()
     with open_firmware_x500(VehiclePlan(spec, links, artefacts=artefacts), budgets=budgets) as flown:
         if client:
@@ -103,9 +121,8 @@ def client_altitude(vehicle: FirmwareX500) -> float:
 
 @pytest.mark.parametrize("kind", ["px4", "ardupilot"])
 def test_a_stand_in_takes_off_to_ten_metres_and_lands(
-    kind: str, firmware: dict[str, Path], tmp_path: Path
+    kind: str, firmware: dict[str, Path], folder: Path, tmp_path: Path
 ) -> None:
-    before = traces()
     client = Client()
     with opened(kind, firmware[kind], client=client, artefacts=tmp_path / "kept", log=True) as vehicle:
         description = vehicle.boot()
@@ -116,6 +133,9 @@ def test_a_stand_in_takes_off_to_ten_metres_and_lands(
         )
         assert vehicle.condition().landed
         assert not vehicle.condition().armed
+        if kind == "px4":
+            lock = px4_lock(folder)
+            assert lock.exists()
         flown_up(client, kind)
         client.fly(6.5)
         truth = vehicle.truth()
@@ -142,13 +162,13 @@ def test_a_stand_in_takes_off_to_ten_metres_and_lands(
     kept = {path.name for path in (tmp_path / "kept").iterdir()}
     assert kept == {"console.log", "10_00_00.ulg" if kind == "px4" else "00000001.BIN"}
     assert (tmp_path / "kept" / "console.log").read_text() == ""
-    assert traces() == before
+    assert kind == "ardupilot" or not lock.exists()
+    assert_nothing_left(folder)
     client.socket.close()
 
 
 @pytest.mark.parametrize("kind", ["px4", "ardupilot"])
-def test_two_at_once_and_two_in_a_row_do_not_meet(kind: str, firmware: dict[str, Path]) -> None:
-    before = traces()
+def test_two_at_once_and_two_in_a_row_do_not_meet(kind: str, firmware: dict[str, Path], folder: Path) -> None:
     for _ in range(2):
         with ExitStack() as stack:
             pair = [stack.enter_context(opened(kind, firmware[kind], boot_s=0.2)) for _ in range(2)]
@@ -158,9 +178,8 @@ def test_two_at_once_and_two_in_a_row_do_not_meet(kind: str, firmware: dict[str,
                 for vehicle in pair:
                     vehicle.step()
             assert [vehicle.time.s for vehicle in pair] == [0.2, 0.2]
-            folders = {name for name in traces() - before if name.startswith("rebar-autopilot-")}
-            assert len(folders) == 4  # a folder and a lock each
-        assert traces() == before
+            assert len(list(folder.iterdir())) == len(programs(folder)) == 2
+        assert_nothing_left(folder)
 
 
 FAULTS = {
@@ -173,9 +192,8 @@ FAULTS = {
 @pytest.mark.parametrize("kind", ["px4", "ardupilot"])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_an_autopilot_that_fails_in_the_air_is_the_fault_of_its_firmware(
-    kind: str, fault: int, firmware: dict[str, Path]
+    kind: str, fault: int, firmware: dict[str, Path], folder: Path
 ) -> None:
-    before = traces()
     client = Client()
     budgets = Budgets(connect_s=60.0, answer_s=0.5 if fault == stand_in.HANGS else 30.0)
     with opened(
@@ -186,13 +204,14 @@ def test_an_autopilot_that_fails_in_the_air_is_the_fault_of_its_firmware(
         with pytest.raises(FirmwareFault, match=FAULTS[fault]):
             client.fly(8.0)
         assert vehicle.truth().position_enu_m[2] == pytest.approx(stand_in.FAULT_HEIGHT_M, abs=0.2)
-    assert traces() == before
+    assert_nothing_left(folder)
     client.socket.close()
 
 
 @pytest.mark.parametrize("kind", ["px4", "ardupilot"])
-def test_an_autopilot_that_does_not_start_says_why(kind: str, firmware: dict[str, Path]) -> None:
-    before = traces()
+def test_an_autopilot_that_does_not_start_says_why(
+    kind: str, firmware: dict[str, Path], folder: Path
+) -> None:
     ending = {"STAND_IN_FAULT": stand_in.ENDS_AT_ONCE}
     words = "exit code 7; its console ends with: no airframe of this name"
     with (
@@ -208,15 +227,37 @@ def test_an_autopilot_that_does_not_start_says_why(kind: str, firmware: dict[str
         pytest.raises(FirmwareFault, match=words),
     ):
         vehicle.boot()
-    assert traces() == before
+    assert_nothing_left(folder)
 
 
 @pytest.mark.parametrize("fault", [stand_in.IGNORES_SIGTERM, stand_in.LEAVES_CHILD])
-def test_the_program_is_killed_with_all_that_it_started(fault: int, firmware: dict[str, Path]) -> None:
-    before = traces()
+def test_the_program_is_killed_with_all_that_it_started(
+    fault: int, firmware: dict[str, Path], folder: Path
+) -> None:
     with opened(
         "ardupilot", firmware["ardupilot"], parameters={"STAND_IN_FAULT": fault}, boot_s=0.1
     ) as vehicle:
         vehicle.boot()
-        assert any(name.startswith("process") for name in traces() - before)
-    assert traces() == before
+        assert len(programs(folder)) == (2 if fault == stand_in.LEAVES_CHILD else 1)
+    assert_nothing_left(folder)
+
+
+@pytest.mark.parametrize(("kind", "pace"), [("px4", "quiet"), ("ardupilot", "one_core")])
+def test_the_same_commands_at_the_same_moments_give_the_same_flight(
+    kind: str, pace: str, firmware: dict[str, Path]
+) -> None:
+    """To the last bit with one seed, and another flight with another seed: wind and receiver's error reach it."""
+    flights = []
+    for root in (1, 1, 2):
+        client = Client()
+        with opened(
+            kind, firmware[kind], client=client, boot_s=0.2, pace=pace, gps={"wander_m": 1.0}, seed=root
+        ) as vehicle:
+            vehicle.boot()
+            flown_up(client, kind)
+            client.fly(1.5)
+            flights.append((vehicle.truth(), vehicle.condition().battery_fraction))
+        client.socket.close()
+    assert flights[0] == flights[1]
+    assert flights[0][0].position_enu_m[2] > 0.5
+    assert flights[0] != flights[2]

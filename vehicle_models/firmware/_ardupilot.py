@@ -6,15 +6,14 @@ from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from bench.contracts import LinkSpec
 from bench.errors import Fault
-from bench.simspec import Failure, RealAutopilot, SimSpec
+from bench.simspec import Failure
 
 from ..x500 import ROTORS
 from ._airframe import ardupilot_parameters, merged
 from ._ardupilot_link import PHYSICS_PORT, ArduPilotLink, ArduPilotMetres, PhysicsState, rotor_share
 from ._body import Body
-from ._firmware import Budgets, program_faults
+from ._firmware import Budgets, FirmwarePlan, program_faults
 from ._instances import claimed_instance
 from ._mavlink_ports import MavlinkPort, TcpPort
 from ._pace import core_of
@@ -45,39 +44,32 @@ class ArduPilotKind:
         return [*program_faults(self.program(firmware), []), *_failure_faults(failures)]
 
     @contextmanager
-    def open(
-        self,
-        simspec: SimSpec,
-        autopilot: RealAutopilot,
-        body: Body,
-        links: Sequence[LinkSpec],
-        folder: Path,
-        budgets: Budgets,
-    ) -> Generator[RunningArduPilot]:
+    def open(self, plan: FirmwarePlan) -> Generator[RunningArduPilot]:
+        autopilot, body, links = plan.autopilot, plan.body, plan.links
         with ExitStack() as stack:
-            physics = _Physics(budgets)
+            physics = _Physics(plan.budgets)
             stack.callback(physics.close)
             instance = stack.enter_context(claimed_instance(physics.open))
             cores = frozenset() if autopilot.pace == "free" else frozenset({core_of(instance)})
             parameters = merged(
                 ardupilot_parameters(log=autopilot.log, samples_hz=body.samples_hz),
-                simspec.vehicle.parameters,
+                plan.simspec.vehicle.parameters,
                 autopilot.parameters,
             )
             lines = [f"{name} {text}\n" for name, text in parameters.items()]
-            (folder / _DEFAULTS_FILE).write_text("".join(lines))
+            (plan.folder / _DEFAULTS_FILE).write_text("".join(lines))
             latitude_e7, longitude_e7 = body.home_e7
             home = f"{latitude_e7 / 1e7:.7f},{longitude_e7 / 1e7:.7f},{body.ground_m:g},{body.heading_deg:g}"
             program_path = self.program(Path(autopilot.firmware).resolve())
             command = [str(program_path), "--model", "JSON", "--speedup", str(_SPEEDUP), "--home", home]
             command += ["--defaults", _DEFAULTS_FILE, f"-I{instance}"]
             environment = {"PATH": "/usr/bin:/bin"}
-            program = stack.enter_context(open_program(self.name, command, folder, environment, cores))
+            program = stack.enter_context(open_program(self.name, command, plan.folder, environment, cores))
             physics.program = program
 
             def connect(port: int) -> TcpPort:
                 tcp_port = TcpPort(
-                    port + _PORTS_PER_INSTANCE * instance, program.check_alive, budgets.connect_s
+                    port + _PORTS_PER_INSTANCE * instance, program.check_alive, plan.budgets.connect_s
                 )
                 stack.callback(tcp_port.close)
                 return tcp_port

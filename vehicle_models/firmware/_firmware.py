@@ -28,6 +28,18 @@ class Budgets:
     answer_s: float = 30.0
 
 
+@dataclass(frozen=True, slots=True)
+class FirmwarePlan:
+    """All that one autopilot needs to be started: `folder` is its own, and empty."""
+
+    simspec: SimSpec
+    autopilot: RealAutopilot
+    body: Body
+    links: Sequence[LinkSpec]
+    folder: Path
+    budgets: Budgets
+
+
 class RunningFirmware(Protocol):
     """A started autopilot on its links."""
 
@@ -67,15 +79,7 @@ class FirmwareKind(Protocol):
     def faults(self, firmware: Path, failures: Sequence[Failure]) -> list[Fault]:
         """Why this firmware or these failures cannot be flown."""
 
-    def open(
-        self,
-        simspec: SimSpec,
-        autopilot: RealAutopilot,
-        body: Body,
-        links: Sequence[LinkSpec],
-        folder: Path,
-        budgets: Budgets,
-    ) -> AbstractContextManager[RunningFirmware]:
+    def open(self, plan: FirmwarePlan) -> AbstractContextManager[RunningFirmware]:
         """Start it and connect to it; leaving the block ends it."""
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import tempfile
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -15,25 +14,35 @@ from bench.errors import Fault, SetupError
 INSTANCES = range(10)
 
 
+# Where PX4 keeps its own lock: a fixed place, because workers of a campaign have temporary folders of their own.
+_LOCKS = Path("/tmp")
+
+
 @contextmanager
-def claimed_instance(is_free: Callable[[int], bool]) -> Generator[int]:
+def claimed_instance(is_free: Callable[[int], bool], locks: Path = _LOCKS) -> Generator[int]:
     """The first number that nobody has on this machine and for which `is_free` holds.
 
     Sessions in network namespaces of their own need different numbers too: PX4 keeps a lock and a socket in /tmp.
     Raises SetupError when all ten are taken.
     """
     for number in INSTANCES:
-        path = Path(tempfile.gettempdir(), f"rebar-autopilot-{os.getuid()}-{number}.lock")
-        handle = os.open(path, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
+        path = locks / f"rebar-autopilot-{number}.lock"
         try:
-            if not _locked(handle, path) or _has_px4(number) or not is_free(number):
+            handle = os.open(path, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
+        except PermissionError:
+            # Another user's.
+            continue
+        try:
+            if not _locked(handle, path):
                 continue
             try:
+                if _has_px4(number) or not is_free(number):
+                    continue
                 yield number
+                return
             finally:
                 # Nobody else may remove it: a stranger's lock on a file that is gone protects nothing.
                 path.unlink()
-            return
         finally:
             os.close(handle)
     raise SetupError(
@@ -60,8 +69,11 @@ def _has_px4(number: int) -> bool:
     """Whether a PX4 that is not the bench's runs under this number: it holds /tmp/px4_lock-N."""
     try:
         handle = os.open(f"/tmp/px4_lock-{number}", os.O_RDWR | os.O_CLOEXEC)
-    except OSError:
+    except FileNotFoundError:
         return False
+    except OSError:
+        # Another user's.
+        return True
     try:
         # Both kinds of lock, since only one of them shows the other's owner.
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -10,12 +10,12 @@ from pathlib import Path
 
 from bench.contracts import LinkSpec
 from bench.errors import Fault, SetupError
-from bench.simspec import Failure, RealAutopilot, SimSpec, generator
+from bench.simspec import Failure, SimSpec, generator
 
 from ..x500 import ROTORS
 from ._airframe import merged, px4_parameters
 from ._body import Body
-from ._firmware import Budgets, program_faults
+from ._firmware import Budgets, FirmwarePlan, program_faults
 from ._hil import HilEncoder
 from ._instances import claimed_instance
 from ._magnetic_field import magnetic_field_ned_gauss
@@ -53,26 +53,19 @@ class Px4Kind:
         return [*faults, *_failure_faults(failures)]
 
     @contextmanager
-    def open(
-        self,
-        simspec: SimSpec,
-        autopilot: RealAutopilot,
-        body: Body,
-        links: Sequence[LinkSpec],
-        folder: Path,
-        budgets: Budgets,
-    ) -> Generator[RunningPx4]:
+    def open(self, plan: FirmwarePlan) -> Generator[RunningPx4]:
+        autopilot, body, links = plan.autopilot, plan.body, plan.links
         firmware = Path(autopilot.firmware).resolve()
         with ExitStack() as stack:
-            sockets = _Sockets(budgets)
+            sockets = _Sockets(plan.budgets)
             stack.callback(sockets.close)
             instance = stack.enter_context(claimed_instance(sockets.open))
             stack.callback(_remove_traces, instance)
             ports = sockets.ports(links)
             cores = frozenset() if autopilot.pace == "free" else frozenset({core_of(instance)})
-            (folder / "etc").symlink_to(firmware / "etc")
+            (plan.folder / "etc").symlink_to(firmware / "etc")
             parameters = merged(
-                px4_parameters(log=autopilot.log), simspec.vehicle.parameters, autopilot.parameters
+                px4_parameters(log=autopilot.log), plan.simspec.vehicle.parameters, autopilot.parameters
             )
             environment = {
                 "PATH": f"{firmware}/bin:/usr/bin:/bin",
@@ -80,13 +73,13 @@ class Px4Kind:
                 **{f"PX4_PARAM_{name}": text for name, text in parameters.items()},
             }
             command = [str(self.program(firmware)), "-d", "-i", str(instance), "-s", _START_SCRIPT]
-            program = stack.enter_context(open_program(self.name, command, folder, environment, cores))
+            program = stack.enter_context(open_program(self.name, command, plan.folder, environment, cores))
             sockets.program = program
             watch = ThreadWatch(program.pid, program.check_alive) if autopilot.pace == "quiet" else None
             if watch:
                 stack.callback(watch.close)
             sockets.link.connect()
-            yield RunningPx4(simspec, body, program, sockets, ports, cores, watch)
+            yield RunningPx4(plan.simspec, body, program, sockets, ports, cores, watch)
 
 
 class _Sockets:

@@ -29,7 +29,7 @@ from ..controller.links._radio import MESSAGES_PER_STEP
 from ..x500 import ROTORS, has_crashed
 from ._ardupilot import ArduPilotKind
 from ._body import Body
-from ._firmware import Budgets, FirmwareKind, RunningFirmware
+from ._firmware import Budgets, FirmwareKind, FirmwarePlan, RunningFirmware
 from ._gate import Gate
 from ._pace import held_on
 from ._program import CONSOLE_FILE
@@ -200,10 +200,15 @@ class FirmwareX500:
         # Outermost, so that it is removed last: the program writes here until it is killed.
         folder = Path(tempfile.mkdtemp(prefix="rebar-autopilot-")).resolve()
         self._stack.callback(self._keep_artefacts, folder)
-        specs = [link.spec for link in self._links]
-        self._running = self._stack.enter_context(
-            self._kind.open(self._plan.simspec, self._autopilot, self._body, specs, folder, self._budgets)
+        plan = FirmwarePlan(
+            self._plan.simspec,
+            self._autopilot,
+            self._body,
+            [link.spec for link in self._links],
+            folder,
+            self._budgets,
         )
+        self._running = self._stack.enter_context(self._kind.open(plan))
         return self._running
 
     def _advance(self, running: RunningFirmware) -> None:

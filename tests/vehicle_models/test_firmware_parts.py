@@ -1,0 +1,260 @@
+"""Parts of the vehicle under a real autopilot: airframe, gate, telemetry, instances, pace."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from contextlib import ExitStack
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from vehicle_client import simspec
+
+from bench.contracts import VehiclePlan
+from bench.errors import FirmwareFault, SetupError
+from bench.simspec import RealAutopilot, SimSpec, VehicleSpec
+from vehicle_models import open_wing, open_x500
+from vehicle_models.firmware._airframe import ardupilot_parameters, merged, px4_parameters
+from vehicle_models.firmware._body import Body
+from vehicle_models.firmware._gate import Gate
+from vehicle_models.firmware._instances import claimed_instance
+from vehicle_models.firmware._pace import ThreadWatch, held_on
+from vehicle_models.firmware._telemetry import Telemetry
+from vehicle_models.x500 import ROTORS
+
+PACKER: Any = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+
+
+def frame(message: Any) -> bytes:
+    return bytes(message.pack(PACKER))
+
+
+def test_the_autopilot_is_told_the_geometry_of_the_aircraft_file() -> None:
+    """Places and torques of x500.xml, whose x points back; FRD for PX4."""
+    root = ET.parse(str(files("vehicle_models") / "x500" / "x500.xml")).getroot()
+    forces = {force.get("name"): force for force in root.iter("force")}
+    parameters = px4_parameters(log=False)
+    for number, name in enumerate(ROTORS):
+        location = forces[name].find("location")
+        assert location is not None
+        x, y = (float(location.findtext(axis) or "nan") for axis in "xy")
+        assert parameters[f"CA_ROTOR{number}_PX"] == pytest.approx(-x)
+        assert parameters[f"CA_ROTOR{number}_PY"] == pytest.approx(y)
+    thrust_lbs = [
+        float(value.text or "nan")
+        for value in root.findall(".//function[@name='rotor/front-right-lbs']//value")
+    ]
+    torque_lbft = [
+        float(value.text or "nan") for value in root.findall(".//function[@name='rotor/yaw-ftlb']//value")
+    ]
+    ratio_m = torque_lbft[0] / thrust_lbs[0] * 0.3048
+    assert parameters["CA_ROTOR0_KM"] == parameters["CA_ROTOR1_KM"] == pytest.approx(ratio_m, rel=1e-3)
+    assert parameters["CA_ROTOR2_KM"] == parameters["CA_ROTOR3_KM"] == pytest.approx(-ratio_m, rel=1e-3)
+    assert (
+        parameters["MPC_THR_HOVER"]
+        == ardupilot_parameters(log=False, samples_hz=800)["MOT_THST_HOVER"]
+        == 0.59
+    )
+
+
+def test_later_parameters_win_and_whole_numbers_have_no_point() -> None:
+    texts = merged({"A": 1.0, "B": 0.174}, {"B": 2}, {"C": -0.5})
+    assert texts == {"A": "1", "B": "2", "C": "-0.5"}
+
+
+def test_rotors_turned_at_the_hover_speed_of_the_measured_flights_carry_the_aircraft() -> None:
+    """Rotor speeds of the hold at 10 m of the flights with real PX4 (docs/real-autopilots.md): 0.769 of the greatest."""
+    body = Body(simspec(), 200, 50)
+    assert body.plant.motion.up_m == pytest.approx(0.0, abs=0.003)
+    assert body.plant.specific_force_mps2() == pytest.approx((0.0, 0.0, -9.81), abs=0.02)
+    body.plant.turn_rotors([0.80] * 4)
+    for _ in range(200):
+        body.plant.advance()
+    climbing = body.plant.motion.vd_mps
+    body.plant.turn_rotors([0.769] * 4)
+    for _ in range(100):
+        body.plant.advance()
+    assert climbing < -0.5
+    # Between the two speeds lies the weight: the climb goes on, neither faster nor slower.
+    assert body.plant.motion.vd_mps == pytest.approx(climbing, abs=0.06)
+
+
+def test_the_gate_withholds_what_changes_the_simulation_or_ends_the_program() -> None:
+    command = mavlink.MAVLink_command_long_message
+    reboot = frame(command(1, 1, mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 0, 1, 0, 0, 0, 0, 0, 0))
+    reboot_int = frame(
+        mavlink.MAVLink_command_int_message(
+            1, 1, 0, mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 0, 0, 1, 0, 0, 0, 0, 0, 0
+        )
+    )
+    shell = frame(mavlink.MAVLink_serial_control_message(10, 0, 0, 0, 8, [0] * 70))
+    failure = frame(command(1, 1, mavlink.MAV_CMD_INJECT_FAILURE, 0, 0, 1, 0, 0, 0, 0, 0))
+    wind = frame(mavlink.MAVLink_param_set_message(1, 1, b"SIM_WIND_SPD", 5.0, 9))
+    sensors = frame(mavlink.MAVLink_hil_gps_message(0, 3, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 9))
+    arm = frame(command(1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0))
+    speed = frame(mavlink.MAVLink_param_set_message(1, 1, b"MPC_XY_CRUISE", 5.0, 9))
+    beat = frame(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    everything = (reboot, reboot_int, shell, failure, wind, sensors, arm, speed, beat)
+    strict, open_to_clients = Gate(simulation_control=False), Gate(simulation_control=True)
+    assert [strict.admits(one) for one in everything] == [False] * 6 + [True] * 3
+    assert [open_to_clients.admits(one) for one in everything] == [False] * 3 + [True] * 6
+    assert (strict.refused, open_to_clients.refused) == (6, 3)
+    # MAVLink 1 too, whose header is shorter.
+    first = mavlink.MAVLink_command_long_message(
+        1, 1, mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 0, 1, 0, 0, 0, 0, 0, 0
+    )
+    assert not strict.admits(bytes(first.pack(PACKER, force_mavlink1=True)))
+
+
+def test_the_estimate_is_what_the_autopilot_says_of_itself() -> None:
+    telemetry = Telemetry()
+    telemetry.take(
+        [
+            frame(mavlink.MAVLink_heartbeat_message(2, 12, 209, 0x03040000, 4, 3)),
+            frame(mavlink.MAVLink_attitude_message(1, 0.1, -0.2, 0.3, 0.4, 0.5, 0.6)),
+            frame(
+                mavlink.MAVLink_global_position_int_message(
+                    1, 473977420, 85455940, 498123, 10000, 120, -240, 60, 0
+                )
+            ),
+            frame(
+                mavlink.MAVLink_autopilot_version_message(
+                    0, 0x011100FF, 0, 0, 0, list(range(1, 9)), [0] * 8, [0] * 8, 0, 0, 0
+                )
+            ),
+            frame(mavlink.MAVLink_statustext_message(6, b"of no interest")),
+        ]
+    )
+    assert (telemetry.armed, telemetry.custom_mode, telemetry.heartbeats) == (True, 0x03040000, 1)
+    assert telemetry.attitude_rad == pytest.approx((0.1, -0.2, 0.3))
+    assert telemetry.rates_radps == pytest.approx((0.4, 0.5, 0.6))
+    assert (telemetry.latitude_e7, telemetry.longitude_e7, telemetry.altitude_m) == (
+        473977420,
+        85455940,
+        498.123,
+    )
+    assert telemetry.velocity_ned_mps == (1.2, -2.4, 0.6)
+    assert telemetry.version == "1.17.0 (0807060504030201)"
+    other = mavlink.MAVLink(None, srcSystem=1, srcComponent=mavlink.MAV_COMP_ID_CAMERA)
+    telemetry.take([bytes(mavlink.MAVLink_heartbeat_message(30, 8, 0, 0, 4, 3).pack(other))])
+    assert telemetry.armed
+    parser: Any = mavlink.MAVLink(None)
+    requests = [parser.parse_buffer(bytearray(data))[0] for data in telemetry.requests(50.0)]
+    assert [(one.command, one.param1, one.param2) for one in requests] == [
+        (512, 148.0, 0.0),
+        (511, 30.0, 20000.0),
+        (511, 33.0, 20000.0),
+    ]
+
+
+def test_numbers_of_autopilots_are_held_until_given_back(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with ExitStack() as stack:
+        first = stack.enter_context(claimed_instance(lambda number: number > 2, tmp_path))
+        second = stack.enter_context(claimed_instance(lambda number: number > 2, tmp_path))
+        assert first > 2
+        assert second > first
+        assert len(list(tmp_path.iterdir())) == 2
+    assert list(tmp_path.iterdir()) == []
+    with (
+        pytest.raises(SetupError, match="10 autopilots run on this machine already"),
+        claimed_instance(lambda _: False, tmp_path),
+    ):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_thread_is_held_on_its_core_and_let_go() -> None:
+    before = os.sched_getaffinity(0)
+    core = max(before)
+    with held_on(frozenset({core})):
+        assert os.sched_getaffinity(0) == {core}
+    assert os.sched_getaffinity(0) == before
+    with held_on(frozenset()):
+        assert os.sched_getaffinity(0) == before
+
+
+@pytest.mark.process
+def test_the_watch_waits_for_threads_that_run() -> None:
+    def alive() -> None:
+        """It lives."""
+
+    sleeper = [sys.executable, "-IS", "-c", "import sys, time; print(flush=True); sys.stdin.read()"]
+    runner = [sys.executable, "-IS", "-c", "print(flush=True)\nwhile True: pass"]
+    for command, sleeps in ((sleeper, True), (runner, False)):
+        with subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+        ) as process:
+            assert process.stdout
+            process.stdout.readline()
+            watch = ThreadWatch(process.pid, alive, patience_s=60.0 if sleeps else 0.2)
+            try:
+                if sleeps:
+                    watch.wait(starting=True)
+                else:
+                    with pytest.raises(FirmwareFault, match=r"have not slept for 0\.2 s"):
+                        watch.wait(starting=False)
+            finally:
+                watch.close()
+                process.kill()
+
+
+def test_a_simspec_names_an_imitation_or_a_firmware() -> None:
+    assert VehicleSpec().model_dump()["autopilot"] == "px4"
+    document = {"kind": "ardupilot", "firmware": "arducopter", "parameters": {"WPNAV_SPEED": 500}}
+    spec = VehicleSpec.model_validate({"autopilot": document})
+    assert isinstance(spec.autopilot, RealAutopilot)
+    assert (spec.autopilot.pace, spec.autopilot.log, str(spec.autopilot)) == (
+        "one_core",
+        False,
+        "ardupilot (real)",
+    )
+    with pytest.raises(ValidationError, match="firmware"):
+        VehicleSpec.model_validate({"autopilot": {"kind": "px4"}})
+
+
+def test_what_a_real_autopilot_cannot_do_is_refused(tmp_path: Path) -> None:
+    program = tmp_path / "arducopter"
+    program.touch(mode=0o755)
+
+    def refused(**vehicle: Any) -> str:
+        autopilot = {"kind": "ardupilot", "firmware": str(program)}
+        spec = simspec(vehicle={"autopilot": autopilot, **vehicle})
+        with pytest.raises(SetupError) as raised, open_x500(VehiclePlan(spec, ())):
+            pass
+        return str(raised.value)
+
+    failures = [{"at_s": 1.0, "kind": "gps_off"}, {"at_s": 2.0, "kind": "gps_drift", "drift_mps": 1.0}]
+    text = refused(failures=failures, camera={"gimbal": True}, ground_truth=True)
+    assert [line.split(":")[0] for line in text.splitlines()] == [
+        "vehicle.failures[0].kind",
+        "vehicle.camera.gimbal",
+        "vehicle.ground_truth",
+    ]
+    wing = simspec(vehicle={"autopilot": {"kind": "px4", "firmware": str(tmp_path)}, "model": "wing"})
+    with (
+        pytest.raises(SetupError, match="real autopilots fly the model x500 alone"),
+        open_wing(VehiclePlan(wing, ())),
+    ):
+        pass
+
+
+def test_the_receivers_error_is_in_what_the_autopilot_gets() -> None:
+    spec: SimSpec = simspec(vehicle={"gps": {"wander_m": 8.0, "noise_m": 0.5}})
+    body = Body(spec, 200, 50)
+    east_m, north_m, up_m = body.navigation.fix_error_enu_m
+    assert math.hypot(east_m, north_m) > 0.5
+    truth, fix = body.place(), body.fix()
+    # A degree of latitude at 47 degrees north.
+    assert (fix.latitude_e7 - truth.latitude_e7) / 1e7 * 111170.0 == pytest.approx(north_m, abs=0.05)
+    assert fix.altitude_m - truth.altitude_m == pytest.approx(up_m, abs=1e-6)
+    latitude_deg, longitude_deg = body.seen_latitude_longitude_deg()
+    assert (round(latitude_deg * 1e7), round(longitude_deg * 1e7)) == (fix.latitude_e7, fix.longitude_e7)
