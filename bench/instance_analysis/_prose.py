@@ -223,12 +223,11 @@ class Reading:
 
     def _clauses_that_set(self, draft: Draft, where: str) -> list[Clause]:
         """The clauses that set fields; first those of the fields that a fault names, from the last to the first."""
-        blamed_fields = [name for name in (where.split(" ")[0], *_FIELD.findall(where)) if name]
-        blamed = [
-            entry.span or entry.beside
-            for path, entry in draft.entries.items()
-            if any(dotted(path).startswith(name) or name.startswith(dotted(path)) for name in blamed_fields)
-        ]
+        names = [name for name in (where.split(" ")[0], *_FIELD.findall(where)) if name]
+        # A list is named by numbers there and by ids here.
+        blamed = _spans_of(draft, names) or _spans_of(
+            draft, [re.sub(r"\[\d+\].*", "", name) for name in names]
+        )
         setting = [
             clause
             for clause in reversed(self.clauses)
@@ -248,6 +247,15 @@ class Reading:
                 )
             ),
         )
+
+
+def _spans_of(draft: Draft, names: Sequence[str]) -> list[Span | None]:
+    """Where the text states fields, the parts of them, or what they are parts of."""
+    return [
+        entry.span or entry.beside
+        for path, entry in draft.entries.items()
+        if any(dotted(path).startswith(name) or name.startswith(dotted(path)) for name in names)
+    ]
 
 
 def _key(choice: Choice) -> ChoiceKey:

@@ -49,6 +49,8 @@ UNKNOWN_WORD = "unknown word"
 UNUSED_WORD = "nothing is read from it"
 CLAIMING_RULES = frozenset(["rule", "event"])
 """Phrases that hold every word between their signs."""
+_THERE = re.compile(r"(?<!out )(?<!over )\bthere(?=\s*(?:[.,;:!?)]|$|and\b))", re.IGNORECASE)
+"""A place that was named before: `an old woman lives there`."""
 NOUN_KINDS = frozenset(["ASSET", "AMBIGUOUS"])
 TELLING_KINDS = frozenset(
     [
@@ -267,6 +269,7 @@ class Ledger:
             if tells and not any(marks[word.span.start : word.span.end]):
                 yield word.span
         yield from self._idle_references(draft)
+        yield from (Span(*match.span()) for match in _THERE.finditer(self._text) if not marks[match.start()])
 
     def _idle_references(self, draft: Draft) -> Iterator[Span]:
         """Groups that a limit names without being about them: `not lower than 15 m over people`."""
@@ -412,22 +415,28 @@ _BEFORE_THE_GROUP = frozenset(["", "of", "the", "of the", "these", "those", "of 
 
 
 _OF_THE_HOSTILE = re.compile(
-    r"(?:[\s:(,-]|\b(?:armed|\d+\s?x?|an?|one|two|three|four|five|six)\b)*", re.IGNORECASE
+    r"(?:[\s:(,-]|\b(?:\d+\s?x?|an?|one|two|three|four|five|six)\b)*(?:\w+\s)?", re.IGNORECASE
 )
+"""What may stand between a word for enemies and what it makes an enemy."""
+_WITHOUT_STOP = re.compile(r"[^,.;:!?\n]{0,40}")
 
 
 def _is_hostile(word: LoadedWord, draft: Draft) -> bool:
-    """Whether a word that makes an enemy stands before one, or before nobody that is known."""
-    after = [
-        draft.entries["actors", path[1], "role"].value
-        for path, _, span in draft.statements
-        if path[0] == "actors"
-        and path[-1] == "asset"
-        and span.start >= word.span.end
-        and _OF_THE_HOSTILE.fullmatch(draft.text, word.span.end, span.start)
-        and ("actors", path[1], "role") in draft.entries
-    ]
-    return all(role == "adversary" for role in after)
+    """Whether the thing beside a word that makes an enemy is one, or nothing that is known."""
+    roles = []
+    for path, _, span in draft.statements:
+        if path[0] != "actors" or path[-1] != "asset" or ("actors", path[1], "role") not in draft.entries:
+            continue
+        if word.load is Load.HOSTILE:
+            beside = _OF_THE_HOSTILE.fullmatch(draft.text, word.span.end, max(word.span.end, span.start))
+            near = span.start >= word.span.end and beside is not None
+        else:
+            near = span.end <= word.span.start and bool(
+                _WITHOUT_STOP.fullmatch(draft.text, span.end, word.span.start)
+            )
+        if near:
+            roles.append(draft.entries["actors", path[1], "role"].value)
+    return all(role == "adversary" for role in roles)
 
 
 def _is_harmless(word: LoadedWord, draft: Draft) -> bool:
@@ -436,7 +445,7 @@ def _is_harmless(word: LoadedWord, draft: Draft) -> bool:
     `all the civilians`, where the text has civilians: whoever is meant, it is the whole group. `near one of
     the houses`: that is what a distance to a group means.
     """
-    if word.load is Load.HOSTILE:
+    if word.load in (Load.HOSTILE, Load.ARMED):
         return _is_hostile(word, draft)
     if word.load is Load.SHARE:
         return word.text.lower().startswith("one of") and bool(

@@ -27,6 +27,7 @@ class Load(StrEnum):
     QUANTIFIER = "it says for how many something holds"
     STRANGER = "it is not known, and may say whose the value is"
     HOSTILE = "it makes somebody an enemy who is none in the asset catalogue"
+    ARMED = "it arms somebody who is no enemy in the asset catalogue"
     MOMENT = "it gives a time, and the value is read as that of the whole mission"
     NUMBER = "the number belongs to nothing that is read here"
 
@@ -78,6 +79,7 @@ _WORDS: dict[Load, str] = {
         |a\s+(?:second|third)(?=,?\s+[a-z])|the\s+(?:others?(?!\s+side\b)|rest(?!:)|remaining|remainder|former|latter|last|first(?!\s+(?:{_COUNT})\s*-?(?:s|seconds?|min|minutes?)\b)|second(?!\s+(?:scenario|test|run|variant))|fourth)|others|alternat\w+|includ\w+""",
     Load.ASIDE: r"""(?:last|next|another|previous|earlier)\s+(?:time|year|month|week|night|run|flight|sortie|mission|exercise)
         |the\s+(?:day|week|year)\s+before|yesterday|previously|formerly|back\s+then|in\s+the\s+past|used\s+to
+        |(?:had|was|were)\s+(?:originally\s+)?(?:planned|intended|meant)|originally
         |(?:say\s+)?(?:hello|hi)\s+to|greet\w*\s+(?:the|to|from)|regards\s+to|give\s+my|love\s+to|thank\w*\s+to""",
     Load.INSTRUCTION: r"""forget|(?:message|note)\s+to\s+(?:the\s+)?(?:computer|reader|machine|parser|program\w*|model|software)
         |(?:who|whoever|whatever)\s+(?:or\s+what\w*\s+)?(?:reads?|process\w*)""",
@@ -103,12 +105,24 @@ _WHILE_OF_A_RULE = re.compile(
 
 
 _SIGNS = re.compile(r"(?<![-=])[<>≤≥]=?(?=\s?\d)")
-_HOSTILE = re.compile(r"\b(?:enem(?:y|ies)|hostiles?|adversar\w+|opfor|suspected|suspects?)\b", re.IGNORECASE)
+_HOSTILE = re.compile(
+    r"\b(?:enem(?:y|ies)|hostiles?|adversar\w+|opfor|suspected|suspects?|targets?)\b", re.IGNORECASE
+)
+
+
+_ARMED = re.compile(
+    r"\b(?:armed|(?:with|has|have|carr(?:y|ies|ying))\s+(?:an?\s+)?(?:pistols?|rifles?|guns?|knife|knives|weapons?))\b",
+    re.IGNORECASE,
+)
 
 
 def hostile_words(text: str) -> list[LoadedWord]:
-    """Every word that makes an enemy of what follows it."""
-    return [LoadedWord(Load.HOSTILE, match.group(), Span(*match.span())) for match in _HOSTILE.finditer(text)]
+    """Every word that makes an enemy of what follows it, and every weapon of what stands before it."""
+    before, after = _HOSTILE.finditer(text), _ARMED.finditer(text)
+    return [
+        *(LoadedWord(Load.HOSTILE, match.group(), Span(*match.span())) for match in before),
+        *(LoadedWord(Load.ARMED, match.group(), Span(*match.span())) for match in after),
+    ]
 
 
 def loaded_words(text: str) -> list[LoadedWord]:

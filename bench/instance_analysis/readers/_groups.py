@@ -30,6 +30,14 @@ COLLECTIVES = frozenset(
 """Whom `of nine` counts."""
 _NOT_THE_SAME = re.compile(r"\b(?:our|my|your|local|other|more)\s+$", re.IGNORECASE)
 """What makes a noun after it no mention of whom the text has named by another word."""
+_OF_ANY = re.compile(r"\b(?:each|every|any|no|per|an?|single)\s+$", re.IGNORECASE)
+GENERIC_PERSONS = frozenset(
+    [
+        "pax", "person", "persons", "people", "men", "individual", "individuals", "adult", "adults", "ppl", "human",
+        "humans", "civilian", "bystander", "in all",
+    ]
+)  # fmt: skip
+"""Words for anybody, which tell nothing of who is meant."""
 SINGULAR_PRONOUNS = ("it", "he", "she", "him", "her")
 
 
@@ -138,7 +146,7 @@ class GroupRegister:
 
     def _is_plural(self, span: Span) -> bool:
         last = self.draft.quote(span).lower().split()[-1]
-        return last in PLURALS or (last.endswith("s") and not last.endswith("ss"))
+        return last in PLURALS or (last.endswith("s") and not last.endswith(("ss", "us")))
 
     def named(self, phrase: Phrase) -> list[str]:
         """The group or groups that a phrase names: known ones, or a new one."""
@@ -221,15 +229,27 @@ class GroupRegister:
         return [self._new(phrase, name, span, count)]
 
     def _is_same(self, known: Sequence[str], phrase: Phrase, span: Span) -> bool:
-        """Whether `our people` means a group that was named by another word, as `two hostages`."""
-        if phrase.rule != "group" or not _NOT_THE_SAME.search(self.draft.text[: span.start]):
+        """Whether a noun means a group that was named by another word.
+
+        `our people` and `two hostages`, `the driver` and `twenty passengers` need not be the same.
+        """
+        before = self.draft.text[: span.start]
+        one_of_many = (
+            self.draft.quote(span).lower() not in GENERIC_PERSONS
+            and not self._is_plural(span)
+            and all(group in self.plural for group in known)
+            and not _OF_ANY.search(before)
+        )
+        if phrase.rule != "group" or phrase.has("COUNT") or not (one_of_many or _NOT_THE_SAME.search(before)):
             return True
         word = _stem(self.draft.quote(span))
         names = [entry.span for group in known if (entry := self.draft.entries.get(("actors", group, "id")))]
         if any(name is None or _stem(self.draft.quote(name)) == word for name in names):
             return True
-        readings = [f"the same as {known[0]!r} before", "others"]
-        return self.draft.ask(span, "who is this?", readings) == 0
+        readings = [(f"the same as {known[0]!r} before", True), ("others", False)]
+        if one_of_many:
+            readings.reverse()
+        return readings[self.draft.ask(span, "who is this?", [name for name, _ in readings])][1]
 
     def _number_in(self, phrase: Phrase) -> Part | None:
         """The number of members that a phrase gives: the last one, as in `a squad of nine`."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from bench.simspec import Role
 
 from .._draft import Draft, FieldPath
@@ -10,6 +12,16 @@ from ..language._tokens import Span
 from ._groups import GroupRegister
 
 UNITS = {"latency_s": "s", "delivered_s": "s", "uncertainty_m": "m"}
+
+
+_ACTIVE = re.compile(
+    r"(?<!was )(?<!were )(?<!been )(?<!last )\b(?:seen|spotted|sighted|observed|reported)$", re.IGNORECASE
+)
+_OBJECT = re.compile(
+    r"\s+(?:the|an?|some|two|three|\d+)\s+(?!(?:minutes?|min|seconds?|s|hours?|h|few|m|metres?|meters?|km)\b)[a-z]",
+    re.IGNORECASE,
+)
+"""What follows a verb whose subject has seen, and was not seen."""
 
 
 class IntelligenceReader:
@@ -59,6 +71,14 @@ class IntelligenceReader:
         return cast.subject[0]
 
     def intelligence(self, phrase: Phrase) -> None:
+        if (
+            phrase.has("SEEN")
+            and _ACTIVE.search(self._draft.quote(phrase.span))
+            and _OBJECT.match(self._draft.text, phrase.span.end)
+        ):
+            # `two scouts spotted the truck` is a report on the truck, if on anybody.
+            self._draft.unread(phrase.span, "it does not tell of whom the report is", expressible=True)
+            return
         them = phrase.refs[0].first("THEM")
         if them is not None:
             self._groups.them_as_subject(them.span)

@@ -20,7 +20,7 @@ from ._events import EventReader
 from ._fitting_defaults import fit_defaults
 from ._flight import FlightReader
 from ._ground import KINDS, GroundReader
-from ._groups import GroupRegister
+from ._groups import GENERIC_PERSONS, GroupRegister
 from ._intelligence import IntelligenceReader
 from ._places import PlaceReader, count_places, places_in
 from ._relations import RelationReader
@@ -87,7 +87,6 @@ _LOOKED_FOR = re.compile(
     re.IGNORECASE,
 )
 """What makes the person after it the one who is sought."""
-_ANYBODY = ("pax", "person", "persons", "people", "men", "individuals", "adults")
 RELATIONS_TO_IT = frozenset(["near", "exact", "within", "atleast", "bearing"])
 """Relations to what `it` is, which may be a road."""
 GROUP_RULES = RelationReader.RULES | TraitReader.RULES | RoadReader.RULES
@@ -312,7 +311,7 @@ class TextReader:
             return False
         answers = [("a group of its own", False), ("what is not read: leave it out", True)]
         asset = phrase.first("ASSET")
-        if asset is not None and self.draft.quote(asset.span).lower() in _ANYBODY:
+        if asset is not None and self.draft.quote(asset.span).lower() in GENERIC_PERSONS:
             answers.reverse()
         left_out = answers[self.draft.ask(phrase.span, "who is this?", [name for name, _ in answers])][1]
         if left_out:
@@ -325,14 +324,7 @@ class TextReader:
         before = self.draft.text[: phrase.span.start].rstrip()
         if count is None or asset is None or len(phrase.parts) > 2 or not before.endswith((",", "(", ":")):
             return False
-        generic = self.draft.quote(asset.span).lower() in (
-            "persons",
-            "people",
-            "men",
-            "adults",
-            "individuals",
-            "in all",
-        )
+        generic = self.draft.quote(asset.span).lower() in GENERIC_PERSONS
         named = self.groups.subject if self.groups.in_sentence and not self.waiting else []
         if not generic or len(named) != 1 or not isinstance(count.value, Quantity):
             return False

@@ -154,6 +154,10 @@ class WeatherReader:
         return path, level, level
 
     def clear(self, phrase: Phrase) -> None:
+        if self._draft.text[phrase.span.end :].lstrip().lower().startswith("of "):
+            # `keep well clear of the children`.
+            self._draft.unread(phrase.span, "it is not said of the weather", expressible=True)
+            return
         self._draft.put(("environment", "rain_level"), 0.0, phrase.span)
         self._draft.put(("environment", "fog_level"), 0.0, phrase.span)
 
