@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -91,6 +92,19 @@ class Lens:
         pixels = along.T * (self.width_px, self.height_px)
         return self.undistort((pixels - (self.cx, self.cy)) / (self.fx, self.fy))
 
+    def pixels(self, rays: Floats) -> Floats:
+        """(..., 2) pixels of rays (x/z, y/z).
+
+        Beyond what the picture shows, the distortion at its border goes on: the model would fold over there, and bring
+        what is far outside back into the picture.
+        """
+        if self.distortion != NO_DISTORTION:
+            radius = np.sqrt((rays * rays).sum(axis=-1, keepdims=True))
+            stretch = np.maximum(1.0, radius / _view_radius(self))
+            rays = self.distort(rays / stretch) * stretch
+        pixels: Floats = rays * (self.fx, self.fy) + (self.cx, self.cy)
+        return pixels
+
     def project(self, points_optical_m: Floats) -> Floats:
         """(..., 2) pixels of (..., 3) points in the optical frame; NaN for what is not in front of the camera."""
         points = np.asarray(points_optical_m, dtype=np.float64)
@@ -98,6 +112,13 @@ class Lens:
         depth = np.where(points[..., 2] > 0.0, points[..., 2], np.nan)
         rays = self.distort(points[..., :2] / depth[..., None])
         return np.stack((self.cx + self.fx * rays[..., 0], self.cy + self.fy * rays[..., 1]), axis=-1)
+
+
+# Undistorting the border takes a millisecond, and a session has few lenses.
+@lru_cache(maxsize=64)
+def _view_radius(lens: Lens) -> float:
+    """The largest root of (x/z)^2 + (y/z)^2 that the picture shows."""
+    return float(np.sqrt((lens.border_rays() ** 2).sum(axis=1)).max())
 
 
 def lens_of(camera: Camera) -> Lens:

@@ -15,7 +15,6 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.arrays import Floats
 from bench.contracts import NO_DISTORTION, Lens, VehicleState, distortion_faults, lens_of
 from bench.errors import SetupError
 from bench.simspec import Camera
@@ -38,8 +37,7 @@ class CameraNumbers:
 class PinholeCamera:
     """Lens, tilt of the axis below the horizon in radians, and mount of a camera.
 
-    `half_view` are the largest x/z and y/z of the rays that the picture shows, `view_radius` the largest root of the sum
-    of their squares.
+    `half_view` are the largest x/z and y/z of the rays that the picture shows.
     """
 
     lens: Lens
@@ -47,7 +45,6 @@ class PinholeCamera:
     stabilized: bool
     gimbal: bool
     half_view: tuple[float, float]
-    view_radius: float
 
     @classmethod
     def of(cls, camera: Camera) -> Self:
@@ -62,8 +59,7 @@ class PinholeCamera:
         if lens.distortion != NO_DISTORTION:
             across, down = np.abs(lens.border_rays()).max(axis=0).tolist()
             half_view = (across, down)
-        radius = float(np.sqrt((lens.border_rays() ** 2).sum(axis=1)).max())
-        return cls(lens, math.radians(camera.tilt_deg), camera.stabilized, camera.gimbal, half_view, radius)
+        return cls(lens, math.radians(camera.tilt_deg), camera.stabilized, camera.gimbal, half_view)
 
     @property
     def name(self) -> str:
@@ -102,21 +98,7 @@ class PinholeCamera:
         # comparison
         # false.
         depth = np.where(in_camera[..., 2] > 0.0, in_camera[..., 2], np.nan)
-        return self.pixels(in_camera[..., :2] / depth[..., None])
-
-    def pixels(self, rays: Floats) -> Floats:
-        """(..., 2) pixels of rays (x/z, y/z).
-
-        Beyond what the picture shows, the distortion at its border goes on: the model would fold over there, and bring
-        what is far outside back into the picture.
-        """
-        lens = self.lens
-        if lens.distortion != NO_DISTORTION:
-            radius = np.sqrt((rays * rays).sum(axis=-1, keepdims=True))
-            stretch = np.maximum(1.0, radius / self.view_radius)
-            rays = lens.distort(rays / stretch) * stretch
-        pixels: Floats = rays * (lens.fx, lens.fy) + (lens.cx, lens.cy)
-        return pixels
+        return self.lens.pixels(in_camera[..., :2] / depth[..., None])
 
     def camera_info(self) -> CameraNumbers:
         """The numbers of the camera's CameraInfo message."""

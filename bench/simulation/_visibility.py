@@ -165,7 +165,7 @@ def _boxes(camera: PinholeCamera, posed: _Posed) -> Floats:
     # A corner behind the camera has no pixel. Cut just before it, its box reaches beyond the border, as it
     # should.
     depth = np.maximum(corners[..., 2:], LEAST_DEPTH_M)
-    pixels = camera.pixels(corners[..., :2] / depth)
+    pixels = camera.lens.pixels(corners[..., :2] / depth)
     return np.concatenate((pixels.min(axis=1), pixels.max(axis=1)), axis=1)
 
 

@@ -5,7 +5,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+import cv2
+import numpy as np
 import pymap3d
 import pytest
 from agent_fakes import (
@@ -103,6 +106,26 @@ def test_projection_and_its_inverse_agree(place: tuple[float, float], yaw_deg: f
     assert pixel is not None
     at = pose(east_m=3.0, north_m=-8.0, yaw_rad=vehicle.yaw_rad)
     assert camera().ground_point(*pixel, at, 0.9) == pytest.approx((east, north), abs=1e-6)
+
+
+def test_a_distorting_lens_is_taken_into_account() -> None:
+    """Pixels by cv2.projectPoints lead back to the ground they show, and what the picture shows is in view."""
+    d = (-0.22, 0.06, 0.0012, -0.0009, -0.004)
+    bent = GroundCamera.of(replace(camera_info(), d=d), mount_quaternion(), level=True)
+    axes, lens = np.array(bent.axes).T, bent.lens
+    matrix = np.array(((lens.fx, 0.0, lens.cx), (0.0, lens.fy, lens.cy), (0.0, 0.0, 1.0)))
+    places = np.array(
+        [(east, north) for east in (-45.0, -20.0, 0.0, 30.0, 50.0) for north in (8.0, 35.0, 80.0)]
+    )
+    # The body looks north: x is north, y is west, z is up.
+    offsets = np.stack((places[:, 1], -places[:, 0], np.full(len(places), -60.0)), axis=-1)
+    projected, _ = cv2.projectPoints(offsets @ axes.T, np.zeros(3), np.zeros(3), matrix, np.array(d))
+    pixels = projected[:, 0]
+    inside = ((pixels >= 0.0) & (pixels < (WIDTH_PX, HEIGHT_PX))).all(axis=1)
+    assert 4 <= inside.sum() < len(places)
+    for place, (u_px, v_px) in zip(places[inside], pixels[inside].tolist(), strict=True):
+        assert bent.ground_point(u_px, v_px, pose()) == pytest.approx(tuple(place), abs=1e-2)
+    assert bent.in_view(places, np.array(((0.0, 0.0, 60.0, 0.0),)))[0].tolist() == inside.tolist()
 
 
 def test_pose_between_samples() -> None:

@@ -185,8 +185,8 @@ def test_what_is_far_outside_stays_outside_of_a_distorted_picture() -> None:
     """The model of a barrel lens folds over beyond the picture; a point there must not come back into it."""
     pinhole = PinholeCamera.of(Camera(horizontal_fov_deg=80.0, distortion=Distortion(k1=-0.28, k2=0.06)))
     rays = np.stack((np.linspace(1.4, 60.0, 400), np.linspace(-0.8, 25.0, 400)), axis=-1)
-    border = pinhole.pixels(pinhole.lens.border_rays())
+    border = pinhole.lens.pixels(pinhole.lens.border_rays())
 
-    assert (pinhole.pixels(rays)[:, 0] > pinhole.lens.width_px).all()
+    assert (pinhole.lens.pixels(rays)[:, 0] > pinhole.lens.width_px).all()
     assert border[:, 0].max() == pytest.approx(1280.0, abs=1e-3)
     assert border[:, 1].min() == pytest.approx(0.0, abs=1e-3)

@@ -88,7 +88,7 @@ D = TypeVar("D", bound=Document)
 class ViewerDeriver:
     """Call it with each record in order of time; it gives the messages that viewers show from then on.
 
-    `pictures` says whether the recording has pictures; if not, each frame gets an empty one. What cannot be decoded is
+    `pictures` says whether the recording has pictures of the main camera; if not, each frame gets an empty one. What cannot be decoded is
     counted by topic in `malformed` and left out. The memory that it needs does not grow with the recording.
     """
 
@@ -126,7 +126,9 @@ class ViewerDeriver:
             topics.consents: self._from_consent,
             topics.operator_link: self._from_operator_link,
         }
-        self._pictures = pictures
+        if not pictures:
+            # Of the main camera alone: the boxes are in its frames.
+            self._derivations[topics.camera_info(simspec.vehicle.camera.name)] = self._from_camera_info
 
     def ground(self, time: Time) -> Iterator[Derived]:
         """What never moves, once and first."""
@@ -136,8 +138,6 @@ class ViewerDeriver:
     def __call__(self, record: Record) -> Iterator[Derived]:
         """The messages that follow from one record, all of its time."""
         derive = self._derivations.get(record.topic)
-        if derive is None and record.type_name == CameraInfo.TYPE and not self._pictures:
-            derive = self._from_camera_info
         if derive is None:
             return
         derived = derive(record)

@@ -10,18 +10,16 @@ from pathlib import Path
 from mcap.records import Channel, Message, Schema
 from mcap.writer import CompressionType, Writer
 
-from bench.contracts import Record, SimTime
+from bench.contracts import Record, SimTime, VehicleTopics
 from bench.errors import Fault, SetupError
-from bench.streams import CompressedImage, Image, RosMessage, Time, encode, schema_text_of
+from bench.simspec import SimSpec
+from bench.streams import RosMessage, Time, encode, schema_text_of
 
 from .._container import Container
 from .._copy import ItemCopy
 from .._reader import read_records, read_simspec
 from .._recorder import CHUNK_BYTES, LIBRARY, PROFILE
 from ._deriver import VIEWER_PREFIX, Derived, ViewerDeriver
-
-_PICTURES = frozenset({CompressedImage.TYPE, Image.TYPE})
-_TRUTH_PREFIX = "/truth/"
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +45,7 @@ def export_for_viewers(source: Path | str, target: Path | str) -> ExportResult:
     """
     source, target = Path(source), Path(target)
     simspec = read_simspec(source)
-    pictures = _has_pictures(source)
+    pictures = _has_pictures(source, simspec)
     deriver = ViewerDeriver(simspec, pictures=pictures)
     if target.exists():
         raise SetupError(Fault(str(target), "exists already", "give another name with --out, or delete it"))
@@ -65,8 +63,13 @@ def export_for_viewers(source: Path | str, target: Path | str) -> ExportResult:
     return result
 
 
-def _has_pictures(source: Path) -> bool:
-    """Whether the recording holds pictures. Reads it once, which also finds whatever makes it unreadable."""
+def _has_pictures(source: Path, simspec: SimSpec) -> bool:
+    """Whether the recording holds pictures of the main camera, whose boxes are drawn.
+
+    Reads it once, which also finds whatever makes it unreadable.
+    """
+    topics, camera = VehicleTopics(simspec.vehicle.name), simspec.vehicle.camera.name
+    picture_topics = {topics.image_raw(camera), topics.image_compressed(camera)}
     pictures = False
     for record in read_records(source):
         if record.topic.startswith(VIEWER_PREFIX):
@@ -77,8 +80,7 @@ def _has_pictures(source: Path) -> bool:
                     "give the recording.mcap of a run",
                 )
             )
-        # Masks and depths are no picture that boxes can be seen on.
-        pictures = pictures or (record.type_name in _PICTURES and not record.topic.startswith(_TRUTH_PREFIX))
+        pictures = pictures or record.topic in picture_topics
     return pictures
 
 
