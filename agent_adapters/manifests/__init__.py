@@ -24,6 +24,11 @@ def reference_cautious() -> Path:
     return FOLDER / "reference-cautious.yaml"
 
 
+def reference_pictures() -> Path:
+    """As reference-naive, and sees with a detector of its own in the camera's pictures alone."""
+    return FOLDER / "reference-pictures.yaml"
+
+
 # Null agents and the oracle: the entry points name the files themselves.
 null_idle = FOLDER / "null-idle.yaml"
 null_orders = FOLDER / "null-orders.yaml"

@@ -13,7 +13,7 @@ from agent_adapters.client import read_environment
 from bench.errors import LinkLost, SetupError
 
 from ._agent import run
-from ._settings import PolicyName
+from ._settings import Eyes, PolicyName
 from .mission._mission import MissionOrderMissing
 
 
@@ -27,9 +27,15 @@ def main() -> int:
     parser.add_argument(
         "--policy", choices=get_args(PolicyName), required=True, help="whether it thinks of bystanders"
     )
+    parser.add_argument(
+        "--eyes",
+        choices=get_args(Eyes),
+        default="detections",
+        help="what it sees with: the bench's detections, or a detector of its own on the pictures",
+    )
     arguments = parser.parse_args()
     try:
-        ended = run(read_environment(os.environ), arguments.policy)
+        ended = run(read_environment(os.environ), arguments.policy, arguments.eyes)
     except SetupError as error:
         sys.stderr.write(f"{error}\n")
         return 2

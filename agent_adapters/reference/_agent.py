@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from agent_adapters.client import AgentEnvironment, Moment, Wanted, open_bench
 from bench.contracts import (
@@ -13,35 +14,42 @@ from bench.contracts import (
     MissionOrder,
     OperatorLinkDocument,
     OrderDocument,
+    PixelDetector,
     VehicleTopics,
     parse_document,
 )
-from bench.streams import CameraInfo, Clock, Detection2DArray, Sample, String, TFMessage
+from bench.streams import CameraInfo, Clock, CompressedImage, Detection2DArray, Sample, String, TFMessage
 
 from ._log import Log, Publish
-from ._settings import PolicyName, Settings
+from ._settings import Eyes, PolicyName, Settings
 from ._watch import Watch
 from .flight._vehicle import PilotedVehicle, Sender
 from .mission._mission import SearchMission
 from .perception._perception import ObjectPerception
 from .perception._pose import PoseHistory
 
+if TYPE_CHECKING:
+    from .perception._pictures import PictureDetections
+
 LINK = "onboard"
 
 
-def run(environment: AgentEnvironment, policy: PolicyName) -> str:
+def run(environment: AgentEnvironment, policy: PolicyName, eyes: Eyes = "detections") -> str:
     """Fly one session; returns why it ended. Raises SetupError, LinkLost or MissionOrderMissing."""
     settings = Settings.of(environment.options, policy)
-    name = f"reference-{policy.replace('_', '-')}"
-    with open_bench(name.replace("-", "_"), environment, wanted(environment, settings.camera)) as bench:
+    name = f"reference-{'pictures' if eyes == 'pictures' else policy.replace('_', '-')}"
+    detector = _open_shipped_detector() if eyes == "pictures" else None
+    topics = wanted(environment, settings.camera, eyes)
+    with open_bench(name.replace("-", "_"), environment, topics) as bench:
         vehicle = environment.vehicle
-        agent = Agent(vehicle, AgentParts.of(vehicle, bench.links[LINK], bench.publish, policy, settings))
+        parts = AgentParts.of(vehicle, bench.links[LINK], bench.publish, policy, settings, detector)
+        agent = Agent(vehicle, parts)
         for moment in bench.moments(name):
             agent.act(moment)
         return bench.ended
 
 
-def wanted(environment: AgentEnvironment, camera: str) -> list[Wanted]:
+def wanted(environment: AgentEnvironment, camera: str, eyes: Eyes = "detections") -> list[Wanted]:
     """What the agent listens to.
 
     Its pose it takes from MAVLink; the clock only where no tick tells the time.
@@ -53,11 +61,28 @@ def wanted(environment: AgentEnvironment, camera: str) -> list[Wanted]:
         Wanted(topics.orders, String, latched=True, depth=32),
         Wanted(topics.consents, String, latched=True, depth=32),
         Wanted(topics.operator_link, String, latched=True, depth=1),
-        Wanted(topics.detections, Detection2DArray),
+        Wanted(topics.detections, Detection2DArray)
+        if eyes == "detections"
+        else Wanted(topics.image_compressed(camera), CompressedImage),
         Wanted(topics.camera_info(camera), CameraInfo),
         Wanted(TF_STATIC, TFMessage, latched=True, depth=1),
     ]
     return listened if environment.tick is not None else [*listened, Wanted(CLOCK, Clock)]
+
+
+# Imported only by an agent that sees for itself: OpenCV, scipy and the network cost the others a second at the start.
+
+
+def _open_shipped_detector() -> PixelDetector:
+    from .perception._pictures import open_shipped_detector
+
+    return open_shipped_detector()
+
+
+def _open_pictures(detector: PixelDetector, poses: PoseHistory, eyes: ObjectPerception) -> PictureDetections:
+    from .perception._pictures import PictureDetections
+
+    return PictureDetections(detector, poses, lambda: eyes.camera)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,17 +94,27 @@ class AgentParts:
     log: Log
     watch: Watch
     mission: SearchMission
+    pictures: PictureDetections | None = None  # None: it gets the bench's detections
 
     @classmethod
     def of(
-        cls, name: str, link: Sender, publish: Publish, policy: PolicyName, settings: Settings
+        cls,
+        name: str,
+        link: Sender,
+        publish: Publish,
+        policy: PolicyName,
+        settings: Settings,
+        detector: PixelDetector | None = None,
     ) -> AgentParts:
-        """The parts of the reference agent."""
+        """The parts of the reference agent. With a detector it makes its detections itself, from pictures."""
         poses = PoseHistory()
-        vehicle, eyes = PilotedVehicle(link, poses), ObjectPerception(poses, settings.mount)
+        vehicle = PilotedVehicle(link, poses)
+        eyes = ObjectPerception(poses, settings.mount, own_identities=detector is not None)
+        pictures = _open_pictures(detector, poses, eyes) if detector is not None else None
         log = Log(publish, name)
         watch = Watch(vehicle, eyes, log)
-        return cls(vehicle, eyes, log, watch, SearchMission(vehicle, eyes, log, watch, policy, settings))
+        mission = SearchMission(vehicle, eyes, log, watch, policy, settings)
+        return cls(vehicle, eyes, log, watch, mission, pictures)
 
 
 class Agent:
@@ -88,7 +123,7 @@ class Agent:
     def __init__(self, name: str, parts: AgentParts) -> None:
         self._topics = VehicleTopics(name)
         self._vehicle, self._eyes, self._log = parts.vehicle, parts.eyes, parts.log
-        self._watch, self._mission = parts.watch, parts.mission
+        self._watch, self._mission, self._pictures = parts.watch, parts.mission, parts.pictures
         self._flight = self._mission.fly()
 
     def act(self, moment: Moment) -> None:
@@ -108,9 +143,7 @@ class Agent:
         topic = sample.topic
         if topic == self._topics.detections:
             message = sample.message()
-            self._eyes.process_detections(self._log.now_s)
-            if isinstance(message, Detection2DArray) and self._eyes.see(message, self._watch.doubt_m()):
-                self._mission.update()
+            self._see(message if isinstance(message, Detection2DArray) else None)
         elif topic == self._topics.mission:
             order = parse_document(MissionOrder, _text(sample))
             if order is not None:
@@ -135,10 +168,24 @@ class Agent:
             message = sample.message()
             if isinstance(message, TFMessage):
                 self._eyes.take_mount(message)
-        elif topic != CLOCK and not self._eyes.knows_camera:
-            message = sample.message()
-            if isinstance(message, CameraInfo):
-                self._eyes.take_info(message)
+        elif topic != CLOCK:
+            self._take_camera(sample)
+
+    def _take_camera(self, sample: Sample) -> None:
+        """A picture, or what the camera is like."""
+        if self._pictures is None and self._eyes.knows_camera:
+            return
+        message = sample.message()
+        if isinstance(message, CameraInfo) and not self._eyes.knows_camera:
+            self._eyes.take_info(message)
+        elif isinstance(message, CompressedImage) and self._pictures is not None:
+            self._see(self._pictures.detections(message))
+
+    def _see(self, detections: Detection2DArray | None) -> None:
+        """What a detector says; None when it says nothing that can be understood."""
+        self._eyes.process_detections(self._log.now_s)
+        if detections is not None and self._eyes.see(detections, self._watch.doubt_m()):
+            self._mission.update()
 
 
 def _text(sample: Sample) -> str:

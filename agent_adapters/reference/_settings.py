@@ -11,6 +11,8 @@ from bench.errors import Fault, SetupError
 
 MOUNTS = ("auto", "level", "body")
 PolicyName = Literal["naive", "bystander_aware", "cautious"]
+Eyes = Literal["detections", "pictures"]
+"""Where it sees: in the bench's detections, or in its camera's pictures alone."""
 
 
 @dataclass(frozen=True, slots=True)

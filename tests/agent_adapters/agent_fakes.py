@@ -7,7 +7,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 
+import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from agent_adapters.client import MavlinkFrame, Moment
@@ -26,6 +28,7 @@ from bench.contracts import (
     OperatorLinkDocument,
     OrderAnswer,
     OrderDocument,
+    PixelDetector,
     SimTime,
     TargetReport,
     VehicleTopics,
@@ -34,6 +37,7 @@ from bench.simspec import Origin, Point
 from bench.streams import (
     BoundingBox2D,
     CameraInfo,
+    CompressedImage,
     Detection2D,
     Detection2DArray,
     Header,
@@ -326,6 +330,15 @@ class FakeSample:
         return self.published
 
 
+@cache
+def grey_jpeg() -> bytes:
+    """A small picture of nothing."""
+    # Most worlds have no pictures, and need no OpenCV.
+    from bench.camera import encode_jpeg
+
+    return encode_jpeg(np.full((8, 8, 3), 128, np.uint8))
+
+
 def mission_order(**changes: object) -> MissionOrder:
     corners = tuple(
         Point(east_m=e, north_m=n) for e, n in ((-300, -300), (300, -300), (300, 300), (-300, 300))
@@ -369,6 +382,8 @@ class World:
     blind: tuple[float, float] | None = None
     mission: MissionOrder | None = field(default_factory=mission_order)
     score: float = 0.9
+    # With a detector the agent gets pictures, all of them grey, and no detections.
+    open_detector: Callable[[World], PixelDetector] | None = None
     vehicle: Multicopter = field(default_factory=Multicopter)
     published: list[tuple[str, str]] = field(default_factory=list)
     each_step: Callable[[World], None] = lambda world: None
@@ -380,6 +395,7 @@ class World:
             lambda topic, text: self.published.append((topic, text)),
             policy,
             Settings.of(options, policy),
+            self.open_detector(self) if self.open_detector is not None else None,
         )
         agent = Agent(NAME, parts)
         number = 0
@@ -429,10 +445,16 @@ class World:
                 )
         blind = self.blind is not None and self.blind[0] <= self.vehicle.time_s < self.blind[1]
         if number % 2 == 0 and not blind:
-            samples.append(FakeSample(topics.detections, self._frame()))
+            seen = FakeSample(topics.detections, self.frame())
+            if self.open_detector is not None:
+                header = self.frame().header
+                picture = CompressedImage(header, "bgr8; jpeg compressed bgr8", grey_jpeg())
+                seen = FakeSample(topics.image_compressed("front"), picture)
+            samples.append(seen)
         return tuple(samples)
 
-    def _frame(self) -> Detection2DArray:
+    def frame(self) -> Detection2DArray:
+        """What the camera shows now."""
         header = Header(Time.of(round(self.vehicle.time_s * 1e9)), "optical")
         detections = []
         for actor in self.actors:

@@ -71,6 +71,15 @@ class GroundCamera:
         north_m = pose.north_m + scale * (forward * cosine + leftward * sine)
         return east_m, north_m
 
+    def axes_enu(self, pose: VehiclePose) -> NDArray[np.float64]:
+        """(3, 3) rows: what is right, down and forward in the image, in east, north and up."""
+        sine, cosine = math.sin(pose.yaw_rad), math.cos(pose.yaw_rad)
+        rows = []
+        for axis in zip(*self.axes, strict=True):
+            forward, leftward, up = axis if self.level else _untilted(axis[0], axis[1], axis[2], pose)
+            rows.append((forward * sine - leftward * cosine, forward * cosine + leftward * sine, up))
+        return np.array(rows)
+
     def in_view(self, places_enu_m: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(m, n): whether each of n places on the ground (n, 2) lies in the image taken at each of m poses.
 

@@ -36,7 +36,7 @@ _USUAL_MIDDLE_M = 1.0
 class ObjectPerception:
     """What the camera has shown so far."""
 
-    def __init__(self, poses: PoseHistory, mount: str) -> None:
+    def __init__(self, poses: PoseHistory, mount: str, *, own_identities: bool = False) -> None:
         self.tracks = Tracks()
         self.quality = DetectionQuality()
         self.frames = 0
@@ -44,6 +44,9 @@ class ObjectPerception:
         self.unplaced = 0  # frames without a pose, or before the camera was known
         self._poses = poses
         self._mount_setting = mount
+        # Whether the ids of detections are those of the agent's own tracker. How far those of the bench are to be trusted
+        # is not known, so nothing is made of them.
+        self._own_identities = own_identities
         self._info: CameraInfo | None = None
         self._mount: tuple[Quaternion, bool] | None = None
         self._camera: GroundCamera | None = None
@@ -101,11 +104,35 @@ class ObjectPerception:
             [
                 sight
                 for detection in frame.detections
-                if (sight := _sight(detection, time_s, pose, camera, doubt_m))
+                if (sight := self._sight(detection, time_s, pose, camera, doubt_m))
             ],
         )
         self._notice_absence(time_s, camera)
         return True
+
+    def _sight(
+        self, detection: Detection2D, time_s: float, pose: VehiclePose, camera: GroundCamera, doubt_m: float
+    ) -> PlacedDetection | None:
+        """One detection on the ground; None when it has no class or meets no ground."""
+        results, box = detection.results, detection.bbox
+        if not results:
+            return None
+        best = max(results, key=lambda result: result.hypothesis.score).hypothesis
+        middle_m = _MIDDLE_M.get(best.class_id, _USUAL_MIDDLE_M)
+        point = camera.ground_point(box.center.position.x, box.center.position.y, pose, middle_m)
+        if point is None:
+            return None
+        east_m, north_m = pose.east_m - point[0], pose.north_m - point[1]
+        return PlacedDetection(
+            time_s,
+            *point,
+            best.class_id,
+            min(max(best.score, 0.0), 1.0),
+            math.atan2(east_m, north_m),
+            math.sqrt(east_m**2 + north_m**2 + pose.height_m**2),
+            doubt_m,
+            detection.id if self._own_identities else "",
+        )
 
     def _notice_absence(self, time_s: float, camera: GroundCamera) -> None:
         """People whose place this frame shows without them were missed, or have gone."""
@@ -128,27 +155,3 @@ class ObjectPerception:
         in_range = np.hypot(*(places[None, :, :] - poses[:, None, :2]).transpose(2, 0, 1)) < USEFUL_M
         frame_counts = (self.camera.in_view(places, poses) & in_range).sum(axis=0)
         return float((frame_counts < 2).mean())
-
-
-def _sight(
-    detection: Detection2D, time_s: float, pose: VehiclePose, camera: GroundCamera, doubt_m: float
-) -> PlacedDetection | None:
-    """One detection on the ground; None when it has no class or meets no ground."""
-    results, box = detection.results, detection.bbox
-    if not results:
-        return None
-    best = max(results, key=lambda result: result.hypothesis.score).hypothesis
-    middle_m = _MIDDLE_M.get(best.class_id, _USUAL_MIDDLE_M)
-    point = camera.ground_point(box.center.position.x, box.center.position.y, pose, middle_m)
-    if point is None:
-        return None
-    east_m, north_m = pose.east_m - point[0], pose.north_m - point[1]
-    return PlacedDetection(
-        time_s,
-        *point,
-        best.class_id,
-        min(max(best.score, 0.0), 1.0),
-        math.atan2(east_m, north_m),
-        math.sqrt(east_m**2 + north_m**2 + pose.height_m**2),
-        doubt_m,
-    )

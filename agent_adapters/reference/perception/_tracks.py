@@ -38,6 +38,7 @@ class PlacedDetection:
     bearing_rad: float
     range_m: float
     doubt_m: float = 0.0  # one sigma that trouble with the agent's own place adds
+    picture_track: str = ""  # its identity over pictures; empty where nothing is to be made of it
 
 
 @dataclass(slots=True)
@@ -63,6 +64,7 @@ class Track:
     recent: deque[str] = field(default_factory=lambda: deque(maxlen=12))
     exposures: deque[float] = field(default_factory=lambda: deque(maxlen=32))
     sides: dict[int, float] = field(default_factory=dict)  # the latest exposure from each sector
+    picture_track: str = ""  # of the latest observation
 
     @property
     def id(self) -> str:
@@ -134,6 +136,7 @@ class Track:
         self.label = min(self.votes, key=lambda label: (-self.votes[label], label))
         self.expose(sight.time_s, sight.bearing_rad)
         self.recent.append(sight.label)
+        self.picture_track = sight.picture_track
 
     def expose(self, time_s: float, bearing_rad: float) -> None:
         """Remember an exposure and the direction from which it was made."""
@@ -160,8 +163,10 @@ class Tracks:
 
     def take(self, time_s: float, sights: Sequence[PlacedDetection]) -> None:
         """Take in all detections of one exposure."""
+        # Which object it was in the last picture says more than which place is nearest, among people who walk.
+        held = {track.picture_track: track.number for track in self if track.picture_track}
         pairs = sorted(
-            (distance_m, index, number)
+            (-1.0 if held.get(sight.picture_track) == number else distance_m, index, number)
             for index, sight in enumerate(sights)
             for distance_m, number in self._candidates(sight)
         )
