@@ -69,6 +69,7 @@ def _rows(fit: DetectorFit) -> Iterator[tuple[str, str, str]]:
         "correlation_s": f"{counts.both_detected} of {counts.frame_pairs} pairs detected twice",
         "mislabel": f"{wrong} of {labelled} labels wrong",
         "jitter_px": f"{counts.boxes} boxes",
+        "jitter_share": f"{counts.boxes} boxes",
         "drift_px": f"{counts.boxes} boxes",
         "drift_s": f"{counts.box_pairs} pairs of boxes",
         "false_per_frame": f"{counts.false_detections} in {counts.frames} frames",
@@ -88,7 +89,16 @@ def _rows(fit: DetectorFit) -> Iterator[tuple[str, str, str]]:
 def _closing(fit: DetectorFit, out: Path | None) -> Iterator[str]:
     from bench.perception.fit import CARRIED_PARAMETERS
 
-    for true, row in fit.perception.model.confusion.items():
+    model = fit.perception.model
+    if model.size_curve:
+        yield "no curve of the stated form fits: size_curve takes the place of half_height_px, slope and ceiling"
+        points = ", ".join(f"{point.px:.3g} px {point.detected:.3g}" for point in model.size_curve)
+        yield f"size_curve (effective size and probability of detection): {points}"
+        yield f"class_factors: {', '.join(f'{label} {factor:g}' for label, factor in model.class_factors.items())}"
+    if model.false_labels:
+        shares = ", ".join(f"{label} {share:g}" for label, share in model.false_labels.items())
+        yield f"false_labels: {shares}; false_score {model.false_score:g}"
+    for true, row in model.confusion.items():
         text = ", ".join(f"{label} {share:g}" for label, share in row.items()) or "never wrong"
         yield f"confusion of {true}: {text} (from {fit.evidence.labels[true].detections} detections)"
     yield f"as in the recordings' SimSpecs: {', '.join(CARRIED_PARAMETERS)}"

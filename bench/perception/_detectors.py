@@ -156,18 +156,25 @@ class SimulatedDetector:
         actor = sighting.actor
         member, labels = self._cast[actor], self._labels[actor]
         clarity = self._odds.clarity(sighting, member.concealment)
-        if self._noise.uniform(_SEEN, actor) >= clarity.detection:
+        factor = self._model.class_factors.get(member.class_label, 1.0)
+        if self._noise.uniform(_SEEN, actor) >= min(1.0, factor * clarity.detection):
             return None
         mislabel = labels.probability(clarity.share)
         wrong = self._noise.uniform(_CONFUSED, actor) < mislabel
         label = labels.wrong_label(self._noise.uniform(_CHOICE, actor)) if wrong else member.class_label
         score = posterior_score(mislabel, wrong, float(draws[_EVIDENCE]))
-        box = self._picture.displaced(sighting.box, self._displacement_px(actor, draws[_BOX:]))
+        box = self._picture.displaced(sighting.box, self._displacement_px(actor, sighting.box, draws[_BOX:]))
         return UntrackedDetection(Detection(label, score, box), actor)
 
-    def _displacement_px(self, actor: int, draws: NDArray[np.float64]) -> list[float]:
+    def _displacement_px(
+        self, actor: int, box: tuple[float, float, float, float], draws: NDArray[np.float64]
+    ) -> list[float]:
         """Of the four edges."""
-        edges: list[float] = (self._model.jitter_px * draws).tolist()
+        deviation: NDArray[np.float64] | float = self._model.jitter_px
+        if self._model.jitter_share > 0.0:
+            sides = np.array((box[2] - box[0], box[3] - box[1]) * 2)
+            deviation = np.hypot(self._model.jitter_px, self._model.jitter_share * sides)
+        edges: list[float] = (deviation * draws).tolist()
         if self._model.drift_px == 0.0:
             return edges
         right, down = (

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.contracts import FALSE_SCORE, Detection, SimTime
-from bench.simspec import DetectionModel, Seeds, generator
+from bench.simspec import FALSE_SCORE_MEAN, DetectionModel, Seeds, generator
 
 from ._boxes import Box, PictureSize
 from ._draws import FALSE_DRAWS, SURVIVAL_DRAWS
@@ -32,7 +32,16 @@ class FalseAlarms:
 
     def __init__(self, model: DetectionModel, seeds: Seeds, picture: PictureSize) -> None:
         self._model, self._seeds, self._picture = model, seeds, picture
-        self._labels = false_labels()
+        shares = model.false_labels or dict.fromkeys(false_labels(), 1.0)
+        self._labels = [label for label, share in shares.items() if share > 0.0]
+        self._reached = np.cumsum([share for share in shares.values() if share > 0.0])
+        # The parameters add up to 7, as those of FALSE_SCORE do.
+        total = sum(FALSE_SCORE)
+        self._beta = (
+            FALSE_SCORE
+            if model.false_score == FALSE_SCORE_MEAN
+            else (total * model.false_score, total * (1.0 - model.false_score))
+        )
         self._alive: list[FalseAlarm] = []
         self._count = 0
         self._moment: SimTime | None = None
@@ -63,13 +72,20 @@ class FalseAlarms:
 
     def _seen_again(self, alarm: FalseAlarm, rng: np.random.Generator) -> FalseAlarm:
         box = self._picture.displaced(alarm.box, (self._model.jitter_px * rng.standard_normal(4)).tolist())
-        score = float(rng.beta(*FALSE_SCORE))
+        score = float(rng.beta(*self._beta))
         return replace(alarm, detection=replace(alarm.detection, box=box, score=score))
 
     def _appear(self, rng: np.random.Generator) -> FalseAlarm:
         width, height = np.exp(rng.uniform(math.log(LEAST_FALSE_PX), math.log(MOST_FALSE_PX), 2)).tolist()
         x, y = (rng.random(2) * (self._picture.width_px, self._picture.height_px)).tolist()
         box = self._picture.fitted(x - width / 2.0, y - height / 2.0, x + width / 2.0, y + height / 2.0)
-        label = self._labels[int(rng.integers(len(self._labels)))]
+        label = self._label(rng)
         self._count += 1
-        return FalseAlarm(self._count, Detection(label, float(rng.beta(*FALSE_SCORE)), box), box)
+        return FalseAlarm(self._count, Detection(label, float(rng.beta(*self._beta)), box), box)
+
+    def _label(self, rng: np.random.Generator) -> str:
+        # All alike are drawn as they always were: recordings rest on it.
+        if not self._model.false_labels:
+            return self._labels[int(rng.integers(len(self._labels)))]
+        place = int(np.searchsorted(self._reached, rng.random() * self._reached[-1], side="right"))
+        return self._labels[min(place, len(self._labels) - 1)]

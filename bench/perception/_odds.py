@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
 
 from bench.contracts import THRESHOLD_CONTRAST, Sighting, light_of
@@ -39,13 +40,31 @@ class DetectionOdds:
     def clarity(self, sighting: Sighting, concealment: float) -> Clarity:
         """The clarity of one sighting of an actor with that concealment."""
         contrast = self._contrast(sighting, concealment)
+        size_px = self._effective_px(sighting, contrast)
+        if self.model.size_curve:
+            detected, doubt = self.at_point(size_px)
+            share = 1.0 - doubt / 2.0
+            return Clarity(contrast, detected, mislabel_probability(self.model.mislabel, share), share)
         # Form of the target transfer probability function used with Johnson's criteria (1958), with a fixed
         # exponent.
-        share = _logistic(
-            self._effective_px(sighting, contrast) / self.model.half_height_px, self.model.slope
-        )
+        share = _logistic(size_px / self.model.half_height_px, self.model.slope)
         return Clarity(
             contrast, self.model.ceiling * share, mislabel_probability(self.model.mislabel, share), share
+        )
+
+    def at_point(self, size_px: float) -> tuple[float, float]:
+        """Probability of detection, and doubt, on the model's `size_curve`."""
+        points = self.model.size_curve
+        place = bisect_right(points, size_px, key=lambda point: point.px)
+        # Constant beyond both ends; there a size of 0 needs no logarithm.
+        if place in (0, len(points)):
+            end = points[min(place, len(points) - 1)]
+            return end.detected, end.doubt
+        low, high = points[place - 1], points[place]
+        share = math.log(size_px / low.px) / math.log(high.px / low.px)
+        return (
+            low.detected + share * (high.detected - low.detected),
+            low.doubt + share * (high.doubt - low.doubt),
         )
 
     def effective_px(self, sighting: Sighting, concealment: float) -> float:

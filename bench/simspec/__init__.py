@@ -53,9 +53,11 @@ from ._ground import Road as Road
 from ._ground import World as World
 from ._perception import CLASS_LABELS as CLASS_LABELS
 from ._perception import DUST_EXTINCTION_PER_M as DUST_EXTINCTION_PER_M
+from ._perception import FALSE_SCORE_MEAN as FALSE_SCORE_MEAN
 from ._perception import DetectionModel as DetectionModel
 from ._perception import Perception as Perception
 from ._perception import PerceptionSource as PerceptionSource
+from ._perception import SizePoint as SizePoint
 from ._placement import HOME as HOME
 from ._placement import Along as Along
 from ._placement import AreaCount as AreaCount

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, JsonValue, model_validator
@@ -15,12 +16,24 @@ from ._weather import Environment
 DUST_EXTINCTION_PER_M = 0.00024
 """Assumed: a meteorological range of 200 m at level 9."""
 
+FALSE_SCORE_MEAN = 2.0 / 7.0
+
 CLASS_LABELS = tuple(sorted({asset.class_label for asset in ASSETS.values()}))
 """Every class label of the asset catalogue."""
 
 
 def _is_zero(value: float) -> bool:
     return value == 0.0
+
+
+class SizePoint(Document):
+    """What a detector does with objects of one effective size."""
+
+    px: Annotated[Positive, Field(description="Apparent height times contrast times visible share.")]
+    detected: Annotated[Fraction, Field(description="Probability of detection.")]
+    doubt: Annotated[
+        NotNegative, Field(description="Factor on `mislabel` and on the rows of `confusion`; they end at 1.")
+    ] = 1.0
 
 
 class DetectionModel(Document):
@@ -38,6 +51,23 @@ class DetectionModel(Document):
         Field(description="Steepness of the detection probability over the logarithm of apparent height."),
     ] = 3.0
     ceiling: Annotated[Fraction, Field(description="Detection probability of a large, clear object.")] = 0.98
+    size_curve: Annotated[
+        tuple[SizePoint, ...],
+        Field(
+            exclude_if=lambda points: not points,
+            description=(
+                "Replaces half_height_px, slope and ceiling: straight lines over the logarithm of the size between these "
+                "points, constant beyond them. In order of size."
+            ),
+        ),
+    ] = ()
+    class_factors: Annotated[
+        dict[str, NotNegative],
+        Field(
+            exclude_if=lambda factors: not factors,
+            description="Factor on the probability of detection by true label, 1 where none is given; the product ends at 1.",
+        ),
+    ] = {}
     fog_extinction_per_m: Annotated[
         NotNegative, Field(description="Extinction per metre at fog level 1; grows as the level squared.")
     ] = 0.00012
@@ -80,6 +110,13 @@ class DetectionModel(Document):
     jitter_px: Annotated[
         NotNegative, Field(description="Standard deviation of the edges of a bounding box.")
     ] = 1.5
+    jitter_share: Annotated[
+        Fraction,
+        Field(
+            exclude_if=_is_zero,
+            description="The same as a share of the box's width or height, added in squares.",
+        ),
+    ] = 0.0
     drift_px: Annotated[
         NotNegative,
         Field(
@@ -103,6 +140,22 @@ class DetectionModel(Document):
             description="Mean time for which a false detection stays in the picture; 0: a single frame.",
         ),
     ] = 0.0
+    false_labels: Annotated[
+        dict[str, Fraction],
+        Field(
+            exclude_if=lambda shares: not shares,
+            description="Share of each label among false detections; none: every label that can be one, as often.",
+        ),
+    ] = {}
+    false_score: Annotated[
+        float,
+        Field(
+            gt=0.0,
+            lt=1.0,
+            exclude_if=lambda mean: mean == FALSE_SCORE_MEAN,
+            description="Mean score of false detections: a beta distribution whose parameters add up to 7.",
+        ),
+    ] = FALSE_SCORE_MEAN
     latency_s: Annotated[NotNegative, Field(le=5.0, description="Delay from exposure to publication.")] = 0.1
     latency_jitter_s: Annotated[
         NotNegative,
@@ -119,6 +172,23 @@ class DetectionModel(Document):
             description="Rate at which the track id of a detected object changes.",
         ),
     ] = 0.0
+
+    @model_validator(mode="after")
+    def _points_are_in_order(self) -> Self:
+        sizes = [point.px for point in self.size_curve]
+        if any(later <= earlier for earlier, later in itertools.pairwise(sizes)):
+            raise ValueError(
+                f"size_curve: sizes must grow, and are {', '.join(f'{px:g}' for px in sizes)} px"
+            )
+        for field, labels in (("false_labels", self.false_labels), ("class_factors", self.class_factors)):
+            for label in labels:
+                if label not in CLASS_LABELS:
+                    raise ValueError(
+                        f"{field}: {label!r} is no class label; known: {', '.join(CLASS_LABELS)}"
+                    )
+        if self.false_labels and not sum(self.false_labels.values()) > 0.0:
+            raise ValueError("false_labels: all shares are 0; leave the field out for all labels alike")
+        return self
 
     @model_validator(mode="after")
     def _confusion_is_about_known_labels(self) -> Self:

@@ -16,7 +16,7 @@ from bench.contracts import CameraFrame, Detection, DetectionFrame, Sighting, Si
 from bench.errors import SetupError
 from bench.perception.fit import DetectorFit, fit_detector
 from bench.perception.fit._curve import _both, solve_rate
-from bench.simspec import Outage, Seeds, SimSpec
+from bench.simspec import DetectionModel, Outage, Seeds, SimSpec
 
 ASSETS = ["soldier", "civilian", "radar-vehicle"] * 20
 FRAMES = 500
@@ -179,6 +179,78 @@ def test_parameters_come_back(case: Case) -> None:
     if "drift_px" not in model:
         assert (fitted.drift_px, fitted.false_persistence_s, fitted.id_switches_per_s) == (0.0, 0.0, 0.0)
         assert fitted.latency_jitter_s == 0.0
+
+
+# A detector that no stated form fits: blind to large objects, poor at one class, boxes that err with their size, false
+# detections of two kinds, and sure of them.
+UNLIKE: dict[str, Any] = {
+    "size_curve": [
+        {"px": 6.0, "detected": 0.1, "doubt": 0.5},
+        {"px": 18.0, "detected": 0.8, "doubt": 1.0},
+        {"px": 60.0, "detected": 0.15, "doubt": 2.0},
+    ],
+    "class_factors": {"civilian": 0.5},
+    "correlation_s": 0.3,
+    "mislabel": 0.3,
+    "confusion": {"combatant": {"civilian": 0.4}, "mobile_radar": {"crate": 0.1}, "civilian": {"tree": 0.2}},
+    "jitter_px": 0.5,
+    "jitter_share": 0.06,
+    "false_per_frame": 1.5,
+    "false_labels": {"tree": 0.75, "animal": 0.25},
+    "false_score": 0.6,
+}
+
+
+@pytest.fixture(scope="module")
+def unlike() -> Case:
+    spec = made_spec(ASSETS, UNLIKE)
+    tape = made_tape(spec, breathing_frames(FRAMES, len(ASSETS)))
+    return UNLIKE, spec, tape, fit_detector([(spec, tape)])
+
+
+def shares(tape: Tape, results: Iterable[DetectionFrame]) -> dict[tuple[str, str], list[float]]:
+    """By class and by size: the share of sightings detected, and the share of labels that are wrong."""
+    hits: dict[tuple[str, str], list[bool]] = {}
+    wrong: dict[tuple[str, str], list[bool]] = {}
+    for frame, result in zip(tape.frames, results, strict=True):
+        for sighting, item in _nearest(frame, result):
+            size = (
+                "small" if sighting.height_px < 11.0 else "large" if sighting.height_px > 33.0 else "middle"
+            )
+            for group in (("size", size), ("class", _label(sighting.actor))):
+                hits.setdefault(group, []).append(item is not None)
+                if item is not None:
+                    wrong.setdefault(group, []).append(item.class_label != _label(sighting.actor))
+    return {group: [float(np.mean(hits[group])), float(np.mean(wrong[group]))] for group in hits}
+
+
+def test_a_detector_unlike_the_stated_form_is_reproduced_too(unlike: Case) -> None:
+    """By size and by class, within 5 % and what chance leaves of 10,000 correlated sightings; false ones in kind and score."""
+    model, spec, tape, fit = unlike
+    fitted = fit.perception.model
+    assert len(fitted.size_curve) >= 6
+    other = spec.model_copy(update={"perception": fit.perception, "seeds": Seeds(root=99)})
+    results = detections_of(other, tape.frames)
+    before, after = shares(tape, tape.detections), shares(tape, results)
+    assert set(before) == set(after)
+    for group, (detected, wrong) in before.items():
+        assert after[group][0] == pytest.approx(detected, rel=0.05, abs=0.01), group
+        assert after[group][1] == pytest.approx(wrong, rel=0.05, abs=0.03), group
+    assert before["size", "large"][0] < 0.6 * before["size", "middle"][0]
+    assert before["class", "civilian"][0] < 0.6 * before["class", "combatant"][0]
+    assert fitted.jitter_px == pytest.approx(0.5, abs=0.3)
+    assert fitted.jitter_share == pytest.approx(0.06, rel=0.1)
+    assert fitted.false_per_frame == pytest.approx(
+        rates(tape.frames, tape.detections)["false a frame"], rel=0.05
+    )
+    assert fitted.false_labels == pytest.approx(model["false_labels"], abs=0.08)
+    assert fitted.false_score == pytest.approx(0.6, abs=0.05)
+
+
+def test_what_fits_the_stated_form_keeps_it(case: Case) -> None:
+    fitted = case[3].perception.model
+    assert (fitted.size_curve, fitted.class_factors, fitted.jitter_share) == ((), {}, 0.0)
+    assert (fitted.false_labels, fitted.false_score) == ({}, DetectionModel().false_score)
 
 
 def test_two_recordings_count_together_and_outages_do_not() -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import pytest
+from pydantic import ValidationError
 from scene_simspecs import scene_simspec
 from test_scene_detector import camera_frame
 
@@ -21,7 +23,7 @@ from bench.contracts import (
 )
 from bench.documents import read_document
 from bench.perception import open_detector
-from bench.simspec import DetectionModel, Perception, PerceptionSource, SimSpec
+from bench.simspec import DetectionModel, Perception, PerceptionSource, SimSpec, SizePoint
 from bench.simulation import HostClock, open_plain_scene
 from bench.simulation._air_network import open_air_network
 from bench.simulation._mission_information import MissionInformation
@@ -134,3 +136,23 @@ def test_new_fields_leave_the_document_as_it_was() -> None:
     assert len(DetectionModel().model_dump(mode="json")) == 12
     changed = DetectionModel(drift_px=1.0, confusion={"combatant": {"civilian": 0.2}}, id_switches_per_s=0.1)
     assert DetectionModel.model_validate_json(changed.model_dump_json()) == changed
+    points = (SizePoint(px=5.0, detected=0.1), SizePoint(px=9.0, detected=0.4, doubt=0.5))
+    by_size = DetectionModel(
+        size_curve=points, class_factors={"tree": 0.5}, jitter_share=0.1, false_score=0.5
+    )
+    assert DetectionModel.model_validate_json(by_size.model_dump_json()) == by_size
+
+
+@pytest.mark.parametrize(
+    ("fields", "complaint"),
+    [
+        ({"size_curve": [{"px": 9, "detected": 0.1}, {"px": 9, "detected": 0.2}]}, "sizes must grow"),
+        ({"class_factors": {"dragon": 0.5}}, "class_factors: 'dragon' is no class label"),
+        ({"false_labels": {"dragon": 0.5}}, "false_labels: 'dragon' is no class label"),
+        ({"false_labels": {"tree": 0.0}}, "all shares are 0"),
+        ({"false_score": 1.0}, "false_score"),
+    ],
+)
+def test_a_curve_and_labels_that_cannot_be_are_refused(fields: dict[str, object], complaint: str) -> None:
+    with pytest.raises(ValidationError, match=complaint):
+        DetectionModel.model_validate(fields)

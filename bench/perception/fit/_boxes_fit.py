@@ -22,6 +22,9 @@ LEAST_SIDE_PX = 10.0
 SIGNIFICANT = 5.0
 """Standard errors by which drift must differ from none; chosen, so that none is found where there is none."""
 
+MIN_EDGES = 100
+"""Fewer edges show no share of the size; chosen."""
+
 LONGEST_DRIFT_S = 60.0
 
 
@@ -30,6 +33,7 @@ class BoxFit:
     """Standard deviations in pixels, the correlation time (None: nothing lasts), and the counts behind them."""
 
     jitter_px: float | None
+    jitter_share: float  # of the sides, beside jitter_px; 0 where size makes no difference
     drift_px: float
     drift_s: float | None
     boxes: int
@@ -38,28 +42,50 @@ class BoxFit:
 
 def fit_boxes(runs: Sequence[MatchedRun], longest_gap_s: float) -> BoxFit:
     """From two opposite edges: what they share is drift, what they do not is jitter."""
-    edges, successive = [], []
+    edges, sides, successive = [], [], []
     for run in runs:
         last: dict[int, tuple[float, Floats]] = {}
         for frame in run.frames:
-            for actor, displaced in _displacements(run, frame):
+            for actor, displaced, side_px in _displacements(run, frame):
                 edges.append(displaced)
+                sides.append(side_px)
                 previous = last.get(actor)
                 if previous is not None and frame.exposed.s - previous[0] <= longest_gap_s:
                     successive.append((frame.exposed.s - previous[0], previous[1], displaced))
                 last[actor] = (frame.exposed.s, displaced)
     if len(edges) < 2:
-        return BoxFit(None, 0.0, None, len(edges), 0)
+        return BoxFit(None, 0.0, 0.0, None, len(edges), 0)
     table: Floats = np.array(edges)  # left, top, right, bottom
     leading, trailing = table[:, :2], table[:, 2:]
     jitter2 = float(((trailing - leading) ** 2).mean()) / 2.0
     drift2 = float((leading * trailing).mean())
     # Without drift the product of two edges has the deviation jitter^2, over two axes.
     if drift2 <= SIGNIFICANT * jitter2 / math.sqrt(2.0 * len(table)):
-        return BoxFit(math.sqrt(jitter2 + max(0.0, drift2)), 0.0, None, len(table), len(successive))
+        jitter_px, share = _by_size(((leading**2 + trailing**2) / 2.0).ravel(), np.array(sides).ravel())
+        return BoxFit(jitter_px, share, 0.0, None, len(table), len(successive))
+    jitter_px, share = _by_size(((trailing - leading) ** 2).ravel() / 2.0, np.array(sides).ravel())
     return BoxFit(
-        math.sqrt(jitter2), math.sqrt(drift2), _drift_s(successive, drift2), len(table), len(successive)
+        jitter_px, share, math.sqrt(drift2), _drift_s(successive, drift2), len(table), len(successive)
     )
+
+
+def _by_size(squares: Floats, side_px: Floats) -> tuple[float, float]:
+    """Deviations in pixels and as a share of the side, whose squares add up to these squares of displacements."""
+    mean = float(squares.mean())
+    areas: Floats = side_px**2
+    spread = float(((areas - areas.mean()) ** 2).sum())
+    if spread <= 0.0 or len(squares) < MIN_EDGES:
+        return math.sqrt(mean), 0.0
+    slope = float(((areas - areas.mean()) * (squares - mean)).sum()) / spread
+    # The square of a normal has the deviation sqrt(2) of its mean.
+    error = math.sqrt(2.0) * mean / math.sqrt(spread)
+    if slope <= SIGNIFICANT * error:
+        return math.sqrt(mean), 0.0
+    rest = mean - slope * float(areas.mean())
+    # No part in pixels: the share alone explains the mean.
+    if rest <= 0.0:
+        return 0.0, math.sqrt(mean / float(areas.mean()))
+    return math.sqrt(rest), math.sqrt(slope)
 
 
 def _drift_s(successive: Sequence[tuple[float, Floats, Floats]], drift2: float) -> float | None:
@@ -80,8 +106,8 @@ def _drift_s(successive: Sequence[tuple[float, Floats, Floats]], drift2: float) 
     return LONGEST_DRIFT_S if excess(high) <= 0.0 else math.exp(float(brentq(excess, low, high, xtol=1e-4)))
 
 
-def _displacements(run: MatchedRun, frame: MatchedFrame) -> Iterator[tuple[int, Floats]]:
-    """Of the four edges of each detected actor that lies well inside the picture."""
+def _displacements(run: MatchedRun, frame: MatchedFrame) -> Iterator[tuple[int, Floats, Floats]]:
+    """Of the four edges of each detected actor that lies well inside the picture, and its width and height."""
     camera = run.simspec.vehicle.camera
     for matched in frame.sightings:
         box = matched.sighting.box
@@ -92,4 +118,5 @@ def _displacements(run: MatchedRun, frame: MatchedFrame) -> Iterator[tuple[int, 
         )
         wide = min(box[2] - box[0], box[3] - box[1]) >= LEAST_SIDE_PX
         if matched.detection is not None and inside and wide:
-            yield matched.sighting.actor, np.subtract(matched.detection.box, box)
+            sides = np.array((box[2] - box[0], box[3] - box[1]))
+            yield matched.sighting.actor, np.subtract(matched.detection.box, box), sides

@@ -9,12 +9,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
 
 from bench.arrays import Bools, Counts, Floats
 from bench.contracts import Tape
 from bench.errors import Fault, SetupError
-from bench.simspec import ASSETS, CLASS_LABELS, DetectionModel, Perception, SimSpec
+from bench.simspec import ASSETS, CLASS_LABELS, DetectionModel, Perception, SimSpec, SizePoint
 
 from .._odds import DetectionOdds
 from .._tracks import TRACK_GAP_S
@@ -22,6 +21,7 @@ from ._boxes_fit import BoxFit, fit_boxes
 from ._curve import SizeCurve, fit_correlation_s, fit_curve, solve_rate
 from ._document import DetectorFit, FitEvidence, LabelCounts, SizeBand
 from ._matching import MatchedRun, match_runs
+from ._points import at_threshold, fit_doubts, fit_points, misfits
 from ._timing import FalseFit, LatencyFit, fit_false, fit_latency
 
 MIN_CONFUSABLE = 20.0
@@ -70,19 +70,21 @@ def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
             )
         )
     unfitted = list(CARRIED_PARAMETERS)
-    curve = fit_curve(rows.size_px, rows.hit, SizeCurve(given.half_height_px, given.slope, given.ceiling))
-    if curve is None:
+    form = fit_curve(rows.size_px, rows.hit, SizeCurve(given.half_height_px, given.slope, given.ceiling))
+    if form is None:
         unfitted += ["half_height_px", "slope", "ceiling"]
-        curve = SizeCurve(given.half_height_px, given.slope, given.ceiling)
+    views = _views(rows, form or SizeCurve(given.half_height_px, given.slope, given.ceiling))
+    if form is not None and _does_not_fit(rows, views):
+        views = _views_by_points(rows, form)
+    p = views.probability
     pairs = _frame_pairs(rows)
-    p = curve.probability(rows.size_px)
     both = int((rows.hit[pairs.first] & rows.hit[pairs.second]).sum())
     correlation_s = given.correlation_s
     if len(pairs.first):
         correlation_s = fit_correlation_s(p[pairs.first], p[pairs.second], pairs.span_s, both)
     else:
         unfitted.append("correlation_s")
-    labels = _fit_labels(rows, curve)
+    labels = _fit_labels(rows, views.doubt)
     boxes = fit_boxes(matched, TRACK_GAP_S)
     latency, false = fit_latency(matched), fit_false(matched)
     tracks = _track_changes(matched)
@@ -90,9 +92,11 @@ def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
     unfitted += [] if labels.mislabel is not None else ["mislabel"]
     model = given.model_copy(
         update={
-            "half_height_px": round(curve.half_px, 4),
-            "slope": round(curve.slope, 4),
-            "ceiling": round(curve.ceiling, 5),
+            "half_height_px": round(views.form.half_px, 4),
+            "slope": round(views.form.slope, 4),
+            "ceiling": round(views.form.ceiling, 5),
+            "size_curve": views.points,
+            "class_factors": {label: round(factor, 5) for label, factor in sorted(views.factors.items())},
             "correlation_s": round(correlation_s, 4),
             "mislabel": given.mislabel if labels.mislabel is None else round(labels.mislabel, 5),
             "confusion": labels.confusion,
@@ -182,6 +186,63 @@ class _FramePairs:
     span_s: Floats
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Views:
+    """What a curve says of each sighting: the probability of detection, and the doubt about its label."""
+
+    form: SizeCurve
+    points: tuple[SizePoint, ...]
+    factors: dict[str, float]  # by true label
+    probability: Floats
+    doubt: Floats
+
+
+def _views(rows: _Sightings, form: SizeCurve) -> _Views:
+    return _Views(form, (), {}, form.probability(rows.size_px), 2.0 * (1.0 - form.share(rows.size_px)))
+
+
+def _does_not_fit(rows: _Sightings, views: _Views) -> bool:
+    """Whether sizes show other shares of detections, or of wrong labels, than the stated form."""
+    known, wrong = _labelled(rows)
+    labels = _fit_labels(rows, views.doubt)
+    rate = np.array(
+        [
+            sum(labels.confusion[true].values()) if true in labels.confusion else labels.mislabel or 0.0
+            for true in rows.true_label
+        ]
+    )
+    bands = np.digitize(rows.size_px, BANDS_PX[1:-1])
+    _, classes = np.unique(np.array(rows.true_label), return_inverse=True)
+    expected_wrong = np.where(known, np.minimum(1.0, rate * views.doubt), 0.0)
+    return any(
+        misfits(groups, observed, expected)
+        for groups, observed, expected in (
+            (bands, rows.hit, views.probability),
+            (classes, rows.hit, views.probability),
+            (bands, wrong, expected_wrong),
+        )
+    )
+
+
+def _views_by_points(rows: _Sightings, form: SizeCurve) -> _Views:
+    known, wrong = _labelled(rows)
+    curve, factors = fit_points(rows.size_px, rows.hit, rows.true_label)
+    groups = [rows.true_label[row] for row in np.flatnonzero(known)]
+    curve = fit_doubts(curve, rows.size_px[known], wrong[known], groups)
+    factor = np.array([factors[true] for true in rows.true_label])
+    probability: Floats = np.minimum(1.0, factor * curve.probability(rows.size_px))
+    return _Views(form, curve.points(), factors, probability, curve.doubt_at(rows.size_px))
+
+
+def _labelled(rows: _Sightings) -> tuple[Bools, Bools]:
+    """The sightings that were detected with a label of the catalogue, and those of them with a wrong one."""
+    known = rows.hit & np.array([name in CLASS_LABELS for name in rows.label], dtype=np.bool_)
+    wrong = known & np.array(
+        [name != true for name, true in zip(rows.label, rows.true_label, strict=True)], dtype=np.bool_
+    )
+    return known, wrong
+
+
 def _frame_pairs(rows: _Sightings) -> _FramePairs:
     last: dict[tuple[int, int], int] = {}
     pairs = []
@@ -203,13 +264,9 @@ class _LabelFit:
     unknown: int
 
 
-def _fit_labels(rows: _Sightings, curve: SizeCurve) -> _LabelFit:
+def _fit_labels(rows: _Sightings, doubt: Floats) -> _LabelFit:
     """The probability of a wrong label at the threshold, for every class that was seen unclearly enough."""
-    doubt = 2.0 * (1.0 - curve.share(rows.size_px))
-    known = rows.hit & np.array([name in CLASS_LABELS for name in rows.label], dtype=np.bool_)
-    wrong = known & np.array(
-        [name != true for name, true in zip(rows.label, rows.true_label, strict=True)], dtype=np.bool_
-    )
+    known, wrong = _labelled(rows)
     true = np.array(rows.true_label)
     confusion, counts = {}, {}
     for label in sorted(set(true[known])):
@@ -218,11 +275,11 @@ def _fit_labels(rows: _Sightings, curve: SizeCurve) -> _LabelFit:
         counts[str(label)] = LabelCounts(
             detections=label_counts.total(), labels=dict(sorted(label_counts.items()))
         )
-        at_threshold = _at_threshold(doubt[chosen], int(wrong[chosen].sum()))
-        if at_threshold is not None:
+        probability = _at_threshold(doubt[chosen], int(wrong[chosen].sum()))
+        if probability is not None:
             total = sum(count for name, count in label_counts.items() if name != label)
             confusion[str(label)] = {
-                name: round(at_threshold * count / total, 5)
+                name: round(probability * count / total, 5)
                 for name, count in sorted(label_counts.items())
                 if name != label
             }
@@ -240,10 +297,7 @@ def _at_threshold(doubt: Floats, wrong: int) -> float | None:
     if float(np.minimum(1.0, doubt).sum()) < MIN_CONFUSABLE:
         return None
 
-    def excess(probability: float) -> float:
-        return float(np.minimum(1.0, probability * doubt).sum()) - wrong
-
-    return 1.0 if excess(1.0) <= 0.0 else float(brentq(excess, 0.0, 1.0))
+    return at_threshold(doubt, wrong)
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,6 +326,7 @@ def _track_changes(matched: Sequence[MatchedRun]) -> _TrackChanges:
 def _box_parameters(boxes: BoxFit, given: DetectionModel) -> Mapping[str, Any]:
     return {
         "jitter_px": given.jitter_px if boxes.jitter_px is None else round(boxes.jitter_px, 4),
+        "jitter_share": round(boxes.jitter_share, 5),
         "drift_px": round(boxes.drift_px, 4),
         "drift_s": 2.0 if boxes.drift_s is None else round(boxes.drift_s, 4),
     }
@@ -283,6 +338,8 @@ def _timing_parameters(latency: LatencyFit, false: FalseFit) -> Mapping[str, Any
         "latency_jitter_s": round(latency.jitter_s, 6),
         "false_per_frame": round(false.per_frame, 6),
         "false_persistence_s": round(false.persistence_s, 4),
+        "false_labels": false.labels,
+        "false_score": false.score,
     }
 
 

@@ -15,11 +15,31 @@ from bench.simspec import SimSpec
 from .._boxes import Box
 
 WIDE_GATE_PX = 20.0
-"""Edges farther than this from those of an actor, on average, are not a detection of it, in the first pass. Chosen."""
+WIDE_GATE_SHARE = 0.4
+"""Edges farther than this from those of an actor, or than this share of its sides, on average, are not a detection of it,
+in the first pass. Chosen."""
 
 LEAST_GATE_PX = 3.0
 DEVIATIONS_IN_GATE = 4.0
 """Of the mean displacement of four edges, in the second pass: beyond lies less than one right match in 10,000."""
+
+MIN_MATCHES_BY_SIZE = 40
+"""With fewer matches, one gate holds for all sizes. Chosen."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """How far the edges of a detection may be from those of an actor, on average, by the mean of the actor's sides."""
+
+    least_px: float
+    share: float
+
+    def at(self, side_px: Floats) -> Floats:
+        """In pixels, for each side."""
+        return np.maximum(self.least_px, self.share * side_px)
+
+
+WIDE_GATE = Gate(WIDE_GATE_PX, WIDE_GATE_SHARE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,27 +72,45 @@ class MatchedRun:
 
 def match_runs(runs: Sequence[tuple[SimSpec, Tape]]) -> list[MatchedRun]:
     """Match all runs twice: with a wide gate, and with one from the displacements that the first pass found."""
-    wide = [_matched(simspec, tape, WIDE_GATE_PX) for simspec, tape in runs]
-    apart_px = np.array([apart for run in wide for apart in _apart_px(run)])
-    if not len(apart_px):
+    wide = [_matched(simspec, tape, WIDE_GATE) for simspec, tape in runs]
+    table: Floats = np.array([row for run in wide for row in _apart(run)]).reshape(-1, 2)
+    if not len(table):
         return wide
-    # The median, because a few wrong matches lie far off.
-    gate_px = min(WIDE_GATE_PX, max(LEAST_GATE_PX, DEVIATIONS_IN_GATE * float(np.median(apart_px))))
-    return [_matched(simspec, tape, gate_px) for simspec, tape in runs]
+    gate = _gate(*table.T)
+    return [_matched(simspec, tape, gate) for simspec, tape in runs]
 
 
-def _apart_px(run: MatchedRun) -> Iterator[float]:
+def _gate(apart_px: Floats, side_px: Floats) -> Gate:
+    """From the medians, because a few wrong matches lie far off."""
+    least_px = DEVIATIONS_IN_GATE * float(np.median(apart_px))
+    share = 0.0
+    if len(apart_px) >= MIN_MATCHES_BY_SIZE:
+        # Boxes of a network err by a share of their size: the smaller half says what is left of it, the larger half the share.
+        large = side_px > np.median(side_px)
+        if large.any():
+            least_px = DEVIATIONS_IN_GATE * float(np.median(apart_px[~large]))
+            share = DEVIATIONS_IN_GATE * float(np.median(apart_px[large] / side_px[large]))
+    return Gate(min(WIDE_GATE_PX, max(LEAST_GATE_PX, least_px)), min(WIDE_GATE_SHARE, share))
+
+
+def _apart(run: MatchedRun) -> Iterator[tuple[float, float]]:
+    """Mean distance of the edges, and mean side, of each match."""
     for frame in run.frames:
         for matched in frame.sightings:
             if matched.detection is not None:
-                yield _mean_edge_distance_px(matched.detection.box, matched.sighting.box)
+                box = matched.sighting.box
+                yield _mean_edge_distance_px(matched.detection.box, box), _mean_side_px(box)
 
 
 def _mean_edge_distance_px(box: Box, other: Box) -> float:
     return float(np.mean(np.abs(np.subtract(box, other))))
 
 
-def _matched(simspec: SimSpec, tape: Tape, gate_px: float) -> MatchedRun:
+def _mean_side_px(box: Box) -> float:
+    return (box[2] - box[0] + box[3] - box[1]) / 2.0
+
+
+def _matched(simspec: SimSpec, tape: Tape, gate: Gate) -> MatchedRun:
     answers = {answer.exposed.ns: answer for answer in tape.detections}
     last: dict[int, str] = {}
     frames = []
@@ -82,7 +120,7 @@ def _matched(simspec: SimSpec, tape: Tape, gate_px: float) -> MatchedRun:
         if answer is None:
             unanswered += 1
         elif not _in_outage(simspec, answer):
-            frames.append(_matched_frame(frame.sightings, answer, gate_px, last))
+            frames.append(_matched_frame(frame.sightings, answer, gate, last))
     return MatchedRun(simspec, tape, tuple(frames), unanswered)
 
 
@@ -97,10 +135,10 @@ def _in_outage(simspec: SimSpec, answer: DetectionFrame) -> bool:
 
 
 def _matched_frame(
-    sightings: Sequence[Sighting], answer: DetectionFrame, gate_px: float, last: dict[int, str]
+    sightings: Sequence[Sighting], answer: DetectionFrame, gate: Gate, last: dict[int, str]
 ) -> MatchedFrame:
     """`last` has the track that each actor was matched with before; it is updated."""
-    chosen = dict(_pairs(sightings, answer.detections, gate_px, last))
+    chosen = dict(_pairs(sightings, answer.detections, gate, last))
     matched = tuple(
         MatchedSighting(sighting, answer.detections[chosen[row]] if row in chosen else None)
         for row, sighting in enumerate(sightings)
@@ -114,7 +152,7 @@ def _matched_frame(
 
 
 def _pairs(
-    sightings: Sequence[Sighting], detections: Sequence[Detection], gate_px: float, last: dict[int, str]
+    sightings: Sequence[Sighting], detections: Sequence[Detection], gate: Gate, last: dict[int, str]
 ) -> Iterable[tuple[int, int]]:
     """Rows of sightings and columns of detections that belong together: the assignment of the least distance."""
     if not sightings or not detections:
@@ -122,6 +160,7 @@ def _pairs(
     actual: Floats = np.array([sighting.box for sighting in sightings], dtype=np.float64)
     reported: Floats = np.array([detection.box for detection in detections], dtype=np.float64)
     apart_px = np.abs(actual[:, None, :] - reported[None, :, :]).mean(axis=2)
+    gate_px = gate.at(np.array([_mean_side_px(sighting.box) for sighting in sightings]))[:, None]
     possible = apart_px <= gate_px
     # As in the CLEAR MOT metrics (Bernardin and Stiefelhagen 2008), a correspondence that still holds is kept before a
     # nearer one is made, so that two actors who pass each other do not look like a switch.
@@ -131,7 +170,8 @@ def _pairs(
             for sighting in sightings
         ]
     )
-    cost = np.where(possible, apart_px - np.where(continued, gate_px, 0.0), 1e3 * gate_px)
+    # In shares of the gate: a large object must not take a small one's detection for being nearer to it in pixels.
+    cost = np.where(possible, apart_px / gate_px - np.where(continued, 1.0, 0.0), 1e3)
     rows, columns = linear_sum_assignment(cost)
     return [
         (int(row), int(column)) for row, column in zip(rows, columns, strict=True) if possible[row, column]

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 from bench.contracts import Detection
+from bench.simspec import CLASS_LABELS, FALSE_SCORE_MEAN
 
+from .._labels import false_labels
 from ._matching import MatchedRun
+
+MIN_FALSE = 50
+"""Fewer false detections show neither labels nor scores; chosen."""
 
 MAX_LATENCY_S = 5.0
 """The most that a model can state."""
@@ -52,10 +58,14 @@ def _on_ticks(runs: Sequence[MatchedRun], tick_s: float) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class FalseFit:
-    """Mean number in a frame, and mean time that they stay; of `followed` ones, `continued` stayed."""
+    """Mean number in a frame, mean time that they stay, share of each label and mean score; of `followed` ones, `continued`
+    stayed. No labels, and the stated score, where the detections do not show other ones.
+    """
 
     per_frame: float
     persistence_s: float
+    labels: dict[str, float]
+    score: float
     detections: int
     continued: int
     followed: int
@@ -73,11 +83,33 @@ def fit_false(runs: Sequence[MatchedRun]) -> FalseFit:
             continued += sum(_is_again(detection, after.false) for detection in before.false)
             span_s += len(before.false) * (after.exposed.s - before.exposed.s)
     per_frame = detections / frames if frames else 0.0
+    labels, score = _labels_and_score([item for run in runs for frame in run.frames for item in frame.false])
     if not continued:
-        return FalseFit(per_frame, 0.0, detections, 0, followed)
+        return FalseFit(per_frame, 0.0, labels, score, detections, 0, followed)
     # All that stayed to the end: as if half of one had not, so that the time stays finite.
     share = min(continued / followed, 1.0 - 0.5 / followed)
-    return FalseFit(per_frame, -span_s / followed / math.log(share), detections, continued, followed)
+    return FalseFit(
+        per_frame, -span_s / followed / math.log(share), labels, score, detections, continued, followed
+    )
+
+
+def _labels_and_score(detections: Sequence[Detection]) -> tuple[dict[str, float], float]:
+    """The share of each label, and the mean score, where they differ from the stated ones by more than chance."""
+    known = [item for item in detections if item.class_label in CLASS_LABELS]
+    if len(known) < MIN_FALSE:
+        return {}, FALSE_SCORE_MEAN
+    scores = [item.score for item in known]
+    mean = math.fsum(scores) / len(scores)
+    # The deviation of Beta(2, 5) is 0.16; detections of one persistent alarm are alike, so five standard errors.
+    score = mean if abs(mean - FALSE_SCORE_MEAN) > 5.0 * 0.16 / math.sqrt(len(scores)) else FALSE_SCORE_MEAN
+    counts = Counter(item.class_label for item in known)
+    stated = false_labels()
+    expected = len(known) / len(stated)
+    alike = set(counts) <= set(stated) and all(
+        abs(counts[label] - expected) <= 6.0 * math.sqrt(expected) for label in stated
+    )
+    labels = {} if alike else {label: round(count / len(known), 5) for label, count in sorted(counts.items())}
+    return labels, round(min(0.99, max(0.01, score)), 4) if score != FALSE_SCORE_MEAN else score
 
 
 def _is_again(detection: Detection, later: Sequence[Detection]) -> bool:

@@ -116,6 +116,11 @@ def _detector_sentence(perception: Perception) -> str:
         return f"The detector {perception.detector_name} on the pictures, {perception.model.latency_s:g} s after the exposure."
     if perception.error_free:
         return "Without errors: it detects every object in view with the right class, and nothing else."
+    if model.size_curve:
+        return (
+            f"With errors as fitted by size at {len(model.size_curve)} points, {100 * model.mislabel:g} % wrong classes, "
+            f"{model.false_per_frame:g} false detections a frame; it answers {model.latency_s:g} s after the exposure."
+        )
     return (
         f"With errors: it detects at most {100 * model.ceiling:g} % of the clear views of a large object, and half as many "
         f"of one {model.half_height_px:g} pixels high; {100 * model.mislabel:g} % of the latter get a wrong class. "

@@ -171,7 +171,17 @@ def unfit(simspec: SimSpec) -> list[Fault]:
         "vehicle.model": simspec.vehicle.model not in VEHICLE_MODELS,
         "agent.options": simspec.agent.options,
         f"perception.source: {simspec.perception.source}": simspec.perception.source in ("agent", "detector"),
-        "perception.model.confusion": simspec.perception.model.confusion,
+        **{
+            f"perception.model.{name}": name in simspec.perception.model.model_dump()
+            for name in (
+                "confusion",
+                "size_curve",
+                "class_factors",
+                "jitter_share",
+                "false_labels",
+                "false_score",
+            )
+        },
         # The surrogates know three roles: whoever is sought is a target and protected, which none of them is.
         "role: sought": any(group.role is Role.SOUGHT for group in simspec.actors),
     }
