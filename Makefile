@@ -12,7 +12,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # imported (half of its CPU time); Python compiles at the first import.
 PIP_INSTALL := install --quiet --disable-pip-version-check --no-compile
 
-.PHONY: demo test quick slow clients mutants check lock lock-check clean
+.PHONY: demo test quick slow clients real mutants check lock lock-check clean
 
 demo: $(VENV)/.run
 	$(BIN)/rebar demo
@@ -36,6 +36,10 @@ slow: $(VENV)/.dev
 # Whole flights of MAVSDK, mavsdk-grpc, pymavlink, MAVProxy and DroneKit; `test` has a short form of each.
 clients: $(VENV)/.dev $(CLIENTS)/.built
 	$(BIN)/python -m pytest -m clients
+
+# Flies real autopilots: REBAR_PX4=FOLDER REBAR_ARDUCOPTER=PROGRAM make real. See docs/real-autopilots.md.
+real: $(VENV)/.dev
+	$(BIN)/python -m pytest -m real
 
 # Plants 300 faults, one at a time, and counts how many the tests notice; some forty minutes. See docs/mutants.md.
 mutants: $(VENV)/.mutants

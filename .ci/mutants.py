@@ -197,7 +197,7 @@ class SoundCodeFails(Exception):
 
 
 # Without the tests that `make test` leaves out or that take minutes.
-PYTEST_ARGUMENTS = ("-q", "-p", "no:cacheprovider", "-m", "not clients and not slow")
+PYTEST_ARGUMENTS = ("-q", "-p", "no:cacheprovider", "-m", "not clients and not slow and not real")
 
 
 def environment_of(folder: Path) -> dict[str, str]:

@@ -21,7 +21,7 @@ BIN = Path(sys.executable).parent
 RUFF, MYPY = str(BIN / "ruff"), str(BIN / "mypy")
 FAMILIES = ("vehicle_models", "test_ports", "agent_adapters", "decompositions")
 PACKAGES = ("bench", *FAMILIES)
-FAST = "not slow and not flight and not process and not clients"
+FAST = "not slow and not flight and not process and not clients and not real"
 BUDGET_S = 60.0
 
 

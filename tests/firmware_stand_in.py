@@ -146,7 +146,7 @@ class Pilot:
     def __init__(self, arm_m: float, torque_m: float) -> None:
         self.arm_m, self.torque_m = arm_m, torque_m
         self.armed = False
-        self.landing = False
+        self.landing = self.returning = False
         self.target: Vector | None = None
         self.highest_m = 0.0
         self.heading_rad = 0.0
@@ -160,6 +160,8 @@ class Pilot:
             return [0.0] * 4
         if self.target is None:
             return [0.1] * 4
+        if self.returning and math.hypot(north, east) < 0.3:
+            self.returning, self.landing = False, True
         if self.landing and -down < 0.03 and abs(state.velocity[2]) < 0.05:
             self.armed, self.landing, self.target = False, False, None
             return [0.0] * 4
@@ -231,6 +233,10 @@ class Clients:
             pilot.target = (*state.position[:2], -height_m)
         elif command == 21:
             pilot.target, pilot.landing = state.position, True
+        elif command == 20:
+            pilot.target, pilot.returning = (0.0, 0.0, min(state.position[2], -5.0)), True
+        elif command == 176:
+            accepted = True
         elif command == 192:
             latitude, longitude, altitude = self._home()
             north = (params[4] - latitude) * 111194.0

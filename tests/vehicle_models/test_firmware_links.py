@@ -215,6 +215,13 @@ def test_ardupilot_gets_one_answer_for_a_packet_and_the_same_again_for_a_repeate
     ardupilot.send(0, 1300)
     assert link.receive()[0] == 1300
     assert (link.repeated, link.restarts) == (2, 1)
+    stranger = ArduPilot(link.port)
+    stack.enter_context(stranger.socket)
+    stranger.send(7, 2000)
+    stranger.socket.send(b"nonsense")
+    ardupilot.send(1, 1400)
+    assert link.receive()[0] == 1400
+    assert link.strangers == 2
     link.answer(state(0.0025))
     assert json.loads(ardupilot.answer())["timestamp"] == 0.0025
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import math
 import os
 import subprocess
@@ -69,21 +70,37 @@ def test_later_parameters_win_and_whole_numbers_have_no_point() -> None:
     assert texts == {"A": "1", "B": "2", "C": "-0.5"}
 
 
-def test_rotors_turned_at_the_hover_speed_of_the_measured_flights_carry_the_aircraft() -> None:
-    """Rotor speeds of the hold at 10 m of the flights with real PX4 (docs/real-autopilots.md): 0.769 of the greatest."""
-    body = Body(simspec(), 200, 50)
+@pytest.mark.parametrize(("autopilot", "samples_hz"), [("px4", 200), ("ardupilot", 800)])
+def test_rotors_turned_as_in_a_real_climb_give_that_climb(autopilot: str, samples_hz: int) -> None:
+    """Takeoffs of real PX4 and ArduCopter (docs/real-autopilots.md), flown again by their rotor speeds alone.
+
+    `rotors` is the root mean square of the four speeds, ten a second; between two of them the thrust is interpolated.
+    """
+    with (Path(__file__).parent / "real_climbs.csv").open(encoding="utf-8") as file:
+        rows = [
+            [float(row[name]) for name in ("time_s", "rotors", "height_m", "climb_mps")]
+            for row in csv.DictReader(file)
+            if row["autopilot"] == autopilot
+        ]
+    body = Body(simspec(), samples_hz, 50)
     assert body.plant.motion.up_m == pytest.approx(0.0, abs=0.003)
     assert body.plant.specific_force_mps2() == pytest.approx((0.0, 0.0, -9.81), abs=0.02)
-    body.plant.turn_rotors([0.80] * 4)
-    for _ in range(200):
-        body.plant.advance()
-    climbing = body.plant.motion.vd_mps
-    body.plant.turn_rotors([0.769] * 4)
-    for _ in range(100):
-        body.plant.advance()
-    assert climbing < -0.5
-    # Between the two speeds lies the weight: the climb goes on, neither faster nor slower.
-    assert body.plant.motion.vd_mps == pytest.approx(climbing, abs=0.06)
+    times, rotors, _, _ = zip(*rows, strict=True)
+    thrusts = [speed * speed for speed in rotors]
+    apart = []
+    for number, (time_s, _, _, climb_mps) in enumerate(rows[1:], start=1):
+        samples = round((time_s - times[number - 1]) * samples_hz)
+        for sample in range(samples):
+            share = sample / samples
+            body.plant.turn_rotors(
+                [math.sqrt(thrusts[number - 1] * (1 - share) + thrusts[number] * share)] * 4
+            )
+            body.plant.advance()
+        apart.append(abs(-body.plant.motion.vd_mps - climb_mps))
+    assert rows[-1][2] > 7.0
+    # Ten samples a second lose what the controller did between them: 0.1 m/s after seven seconds without feedback.
+    assert max(apart) < 0.11
+    assert body.plant.motion.up_m == pytest.approx(rows[-1][2], rel=0.06)
 
 
 def test_the_gate_withholds_what_changes_the_simulation_or_ends_the_program() -> None:

@@ -79,7 +79,8 @@ class ArduPilotKind:
             running = RunningArduPilot(body, program, physics.link, cores)
             # The first of the vehicle's links has SERIAL0 as with the SITL, the others share SERIAL1; the bench reads the
             # estimate on SERIAL2, where its requests change no client's streams.
-            second = connect(_SERIAL1_PORT) if len(links) > 1 else first
+            # All are taken, also where no link needs one: an agent in the same network must find no free one.
+            second = connect(_SERIAL1_PORT)
             running.ports = {link.name: first if number == 0 else second for number, link in enumerate(links)}
             running.estimate_port = connect(_SERIAL2_PORT)
             running.connections = list(
@@ -161,7 +162,12 @@ class RunningArduPilot:
         self._pulses = self._link.receive()
 
     def counters(self) -> Mapping[str, int]:
-        return {"firmware_repeated": self._link.repeated, "firmware_restarts": self._link.restarts}
+        link = self._link
+        return {
+            "firmware_repeated": link.repeated,
+            "firmware_restarts": link.restarts,
+            "firmware_strangers": link.strangers,
+        }
 
 
 def _failure_faults(failures: Sequence[Failure]) -> list[Fault]:

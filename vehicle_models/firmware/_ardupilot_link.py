@@ -83,6 +83,8 @@ class ArduPilotLink:
         self._answer: bytes = b""
         self.repeated = 0
         """Packets that came again, because an answer was late."""
+        self.strangers = 0
+        """Datagrams from somebody else than who sent the first packet; they are passed over."""
         self.restarts = 0
         """How often the count of frames began anew: ArduPilot restarts on MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN."""
 
@@ -100,6 +102,10 @@ class ArduPilotLink:
                 continue
             except OSError:  # an ICMP answer to what was sent to a program that has ended
                 self._check_alive()
+                continue
+            if self._peer is not None and peer != self._peer:
+                # An agent in the same network must not be able to end the session by a datagram.
+                self.strangers += 1
                 continue
             pulses = self._take(data, peer)
             if pulses is not None:
