@@ -12,7 +12,7 @@ import numpy as np
 
 from bench.arrays import Floats
 from bench.clock import START
-from bench.contracts import CameraPose, Ground, Lens, Pixels
+from bench.contracts import CameraPose, Ground, Lens, OpenRenderer, Pixels
 from bench.simspec import (
     ASSETS,
     ActorGroup,
@@ -97,12 +97,14 @@ def pose_towards(position_enu_m: Floats, target_enu_m: Floats) -> CameraPose:
     return CameraPose(START, position_enu_m, axes, np.zeros(3), np.zeros(3))
 
 
-def draw_sheet() -> Pixels:
+def draw_sheet(open_renderer: OpenRenderer = open_opencv_renderer) -> Pixels:
     """Every asset, then one scene under every condition, on every ground, and with every degree of concealment."""
-    return np.concatenate((asset_sheet(), condition_sheet()))
+    return np.concatenate((asset_sheet(open_renderer=open_renderer), condition_sheet(open_renderer)))
 
 
-def asset_sheet(names: Sequence[str] = tuple(ASSETS)) -> Pixels:
+def asset_sheet(
+    names: Sequence[str] = tuple(ASSETS), open_renderer: OpenRenderer = open_opencv_renderer
+) -> Pixels:
     """Assets of the catalogue, each twice, seen obliquely from above: from in front and from behind."""
     cells = []
     for name in names:
@@ -121,13 +123,14 @@ def asset_sheet(names: Sequence[str] = tuple(ASSETS)) -> Pixels:
             replace(DAY, noise=0.0),
             GroundType.GRAVEL,
             pose_towards(middle + offset, middle),
+            open_renderer,
             2,
         )
         cells.append(_labelled(picture, f"{name} ({asset.class_label})"))
     return _grid(cells)
 
 
-def condition_sheet() -> Pixels:
+def condition_sheet(open_renderer: OpenRenderer = open_opencv_renderer) -> Pixels:
     """One village under every condition and on every ground, and four actors at every degree of concealment."""
     pose = pose_towards(np.array((-26.0, -54.0, 34.0)), np.array((1.0, 3.0, 0.0)))
     # For the cells that show blur: 12 m/s ahead, and a turn of a fifth of a radian in a second.
@@ -137,12 +140,22 @@ def condition_sheet() -> Pixels:
     village = simspec_with(VILLAGE, VILLAGE_ROADS)
     cells = [
         _labelled(
-            _shot(village, _SCENE_PX, conditions, GroundType.GRASS, moving if "blur" in label else pose),
+            _shot(
+                village,
+                _SCENE_PX,
+                conditions,
+                GroundType.GRASS,
+                moving if "blur" in label else pose,
+                open_renderer,
+            ),
             label,
         )
         for label, conditions in _CONDITIONS
     ]
-    cells += [_labelled(_shot(village, _SCENE_PX, DAY, kind, pose), f"ground: {kind}") for kind in GroundType]
+    cells += [
+        _labelled(_shot(village, _SCENE_PX, DAY, kind, pose, open_renderer), f"ground: {kind}")
+        for kind in GroundType
+    ]
     close_by = pose_towards(np.array((-8.0, -26.0, 17.0)), np.array((1.0, 0.0, 0.0)))
     for level in (0.0, 0.25, 0.5, 0.75, 1.0):
         hidden = simspec_with(
@@ -154,7 +167,10 @@ def condition_sheet() -> Pixels:
             ]
         )
         cells.append(
-            _labelled(_shot(hidden, _SCENE_PX, DAY, GroundType.GRASS, close_by, 2), f"concealment {level:g}")
+            _labelled(
+                _shot(hidden, _SCENE_PX, DAY, GroundType.GRASS, close_by, open_renderer, 2),
+                f"concealment {level:g}",
+            )
         )
     return _grid(cells)
 
@@ -165,6 +181,7 @@ def _shot(
     conditions: Conditions,
     kind: GroundType,
     pose: CameraPose,
+    open_renderer: OpenRenderer,
     finer: int = 1,
 ) -> Pixels:
     """One picture. What is about shapes is drawn `finer` and shrunk; noise, rain and blur are shown as they are."""
@@ -172,7 +189,7 @@ def _shot(
     focal_px = width_px / 2.0 / math.tan(_FIELD_OF_VIEW / 2.0)
     lens = Lens("sheet", width_px, height_px, focal_px, focal_px, width_px / 2.0, height_px / 2.0)
     stage = stage_of(simspec, lens, conditions, ground=_ground(kind, simspec.world.area, simspec.world.roads))
-    camera = RenderedCamera(stage, conditions, simspec.seeds, open_opencv_renderer)
+    camera = RenderedCamera(stage, conditions, simspec.seeds, open_renderer)
     assert simspec.realized is not None
     actors = simspec.realized.actors
     positions = np.array([(actor.east_m, actor.north_m, 0.0) for actor in actors]).reshape(-1, 3)

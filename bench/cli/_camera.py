@@ -27,6 +27,7 @@ def sheet(
     out: Annotated[Path, typer.Option(help=f"The picture to write: {', '.join(SUFFIXES)}")] = Path(
         "camera-sheet.webp"
     ),
+    renderer: Annotated[str, typer.Option(help="What draws: an entry point of rebar.renderers")] = "opencv",
 ) -> None:
     """Draw every asset, and one scene under every condition, on one sheet to look at.
 
@@ -40,6 +41,11 @@ def sheet(
                 f"use {', '.join(SUFFIXES)}",
             )
         )
+    from bench.contracts import load_plugin
+    from bench.simulation import renderer_faults
+
+    if faults := renderer_faults("--renderer", renderer):
+        raise SetupError(faults)
     # OpenCV takes a tenth of a second to import, which no other command needs.
     import cv2
 
@@ -51,7 +57,9 @@ def sheet(
         ".webp": [cv2.IMWRITE_WEBP_QUALITY, _QUALITY],
     }
     # Encoded in memory, because cv2.imwrite tells no more than that a file could not be written.
-    _, encoded = cv2.imencode(out.suffix, draw_sheet(), options[out.suffix])
+    _, encoded = cv2.imencode(
+        out.suffix, draw_sheet(load_plugin("rebar.renderers", renderer)), options[out.suffix]
+    )
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(encoded.tobytes())
     print(out)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ._before_takeoff import camera_faults as camera_faults
+from ._before_takeoff import renderer_faults as renderer_faults
 from ._before_takeoff import session_faults as session_faults
 from ._camera import CameraNumbers as CameraNumbers
 from ._camera import PinholeCamera as PinholeCamera

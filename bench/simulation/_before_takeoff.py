@@ -71,11 +71,12 @@ def camera_faults(spec: SimSpec) -> list[Fault]:
     for field, camera in zip(("vehicle.camera.renderer", *fields), spec.vehicle.cameras, strict=True):
         # The default comes with the bench, and is not imported until somebody wants a picture.
         if camera.renderer != DEFAULT_RENDERER:
-            faults += _renderer_faults(field, camera.renderer)
+            faults += renderer_faults(field, camera.renderer)
     return faults
 
 
-def _renderer_faults(field: str, name: str) -> list[Fault]:
+def renderer_faults(field: str, name: str) -> list[Fault]:
+    """Why a renderer cannot draw here: it is not installed, or says so itself. `field` is what names it."""
     installed = plugins("rebar.renderers")
     if name not in installed:
         known = ", ".join(sorted(installed)) or "none"

@@ -28,3 +28,14 @@ def test_a_picture_of_an_unknown_kind_is_refused_before_anything_is_drawn(
     assert run(["camera", "sheet", "--out", str(tmp_path / "sheet.gif")]) == 2
     assert "--out: cannot write pictures as .gif (use .png, .jpg, .webp)" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_a_renderer_that_is_not_installed_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The error names the option and what there is."""
+    assert run(["camera", "sheet", "--out", str(tmp_path / "sheet.png"), "--renderer", "crayons"]) == 2
+    error = capsys.readouterr().err
+    assert "--renderer: there is no renderer 'crayons' (installed: " in error
+    assert "opencv" in error
+    assert not list(tmp_path.iterdir())

@@ -273,12 +273,14 @@ class ModernGlRenderer:
         for buffer, texture, each, unit in zip(
             self._map_buffers, self._maps, maps, (_NEAR_MAP_UNIT, _FAR_MAP_UNIT), strict=True
         ):
+            texture.use(unit)
+            if not len(each.actors):
+                # Nothing lies inside of such a map, and to clear it takes milliseconds on a CPU.
+                continue
             buffer.use()
             buffer.clear(depth=1.0)
-            if len(each.actors):
-                self._set({"sun": each.from_optical})
-                self._render(self._shading, self._mesh.plain[each.actors])
-            texture.use(unit)
+            self._set({"sun": each.from_optical})
+            self._render(self._shading, self._mesh.plain[each.actors])
         return maps
 
     def _draw_actors(self, array: Any, actors: Counts) -> None:
