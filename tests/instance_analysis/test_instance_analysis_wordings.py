@@ -246,3 +246,90 @@ def test_marks_need_no_consent(text: str) -> None:
     result = read_prose(text, VOCABULARY)
     assert not result.simspec.rules.mark_consent
     assert listed(result)
+
+
+@pytest.mark.parametrize(
+    ("text", "fields"),
+    [
+        ("C2 link lost more than 15 s: RTB.", {"rules.link_lost": "return", "rules.link_lost_after_s": 15}),
+        ("Wind 090/12 kts.", {"environment.wind.from_deg": 90, "environment.wind.speed_mps": 6.173333333}),
+        ("No mark w/i 40 m of civs. Bingo 25 pct.", {"rules.no_mark_within_m": 40, "rules.battery_reserve_fraction": 0.25}),
+        ("Report NLT 90 s after tip.", {"rules.report_deadline_s": 90}),
+        ("The report deadline shall be 60 s from delivery.", {"rules.report_deadline_s": 60}),
+        ("Reports with a confidence below 0.7 shall be withheld.", {"rules.min_report_confidence": 0.7}),
+        ("The operator shall order a hold at 50 s; the agent shall comply within 4 s. The order shall be lifted at 70 s.", {"orders[hold-1].within_s": 4, "orders[resume-2].at_s": 70}),
+        ("Let's kill the link at 1:40 for half a minute.", {"outages[0].at_s": 100, "outages[0].duration_s": 30}),
+        ("Give it six minutes tops.", {"mission.time_limit_s": 360}),
+        ("The GPS is off by 3 m or so.", {"vehicle.gps.wander_m": 3}),
+        ("A camouflaged radar (c = 0.8). Consent is granted 12 s after each request.", {"actors[radar].concealment": 0.8, "consents[0].after_s": 12}),
+        ("A radar. Tip at H+40, 5 min old.", {"intelligence[radar-sighting].delivered_s": 40, "intelligence[radar-sighting].latency_s": 300}),
+        ("Ten people walk around the house within 30 m of it.", {"actors[civilian].placement.near.of": "house", "actors[house].placement.near.of": None}),
+    ],
+)  # fmt: skip
+def test_short_forms_of_rules_and_orders(text: str, fields: dict[str, Any]) -> None:
+    """As they stand in orders, requirements and notes."""
+    read = values(read_prose(text, VOCABULARY))
+    assert {path: read.get(path) for path in fields} == fields
+
+
+@pytest.mark.parametrize(
+    ("text", "quote"),
+    [
+        ("The agent shall comply within 4 s.", "comply within 4 s"),
+        ("A street with eight houses either side.", "either side"),
+        ("A letter c 3 stands on it.", "3"),
+        ("A boat 20/40 m away. A tip.", "20/40"),
+    ],
+)
+def test_short_forms_of_something_else_are_listed(text: str, quote: str) -> None:
+    """A deadline of no order, houses to each side, a letter, a fraction."""
+    assert quote in listed(read_prose(text, VOCABULARY))
+
+
+FIRST_REPORT = "A radar and a truck. A report on the radar is 60 s old."
+
+
+@pytest.mark.parametrize(
+    ("second", "about"),
+    [
+        ("A second report on the truck arrives at 40 s.", "truck"),
+        ("Another, newer report on the radar arrives at 40 s.", "radar"),
+    ],
+)
+def test_two_reports(second: str, about: str) -> None:
+    """Each keeps its own numbers, whether they are on one group or two; an order means the first one."""
+    order = "At 90 s the operator orders to mark the radar."
+    simspec = read_prose(f"{FIRST_REPORT} {second} {order}", VOCABULARY).simspec
+    told = [(report.about, report.latency_s, report.delivered_s) for report in simspec.intelligence]
+    assert told == [("radar", 60, 0), (about, 0, 40)]
+    assert simspec.orders[0].intelligence == simspec.intelligence[0].id
+
+
+def test_reports_without_a_name_are_on_the_only_target() -> None:
+    """Both are choices."""
+    text = "A radar. First report is 25 minutes old, priority 1. A second, vaguer one is good to 200 m only."
+    result = read_prose(text, VOCABULARY)
+    told = [
+        (report.latency_s, report.priority, report.uncertainty_m) for report in result.simspec.intelligence
+    ]
+    assert told[0][:2] == (1500, 1)
+    assert told[1][2] == 200
+    assert len([choice for choice in result.choices if "about whom" in choice.ask]) == 2
+
+
+def test_reports_that_are_only_counted() -> None:
+    """`the first`, `the second`: what stands before the group of a report belongs to it."""
+    text = (
+        "Intelligence: the first (priority 2) concerns a radar and has a radius of 100 m, the second (priority 1) "
+        "concerns a truck and is delivered at 90 s."
+    )
+    simspec = read_prose(text, VOCABULARY).simspec
+    told = [(report.about, report.priority, report.delivered_s) for report in simspec.intelligence]
+    assert told == [("radar", 2, 0), ("truck", 1, 90)]
+    assert simspec.intelligence[0].uncertainty_m == 100
+
+
+def test_the_first_person_is_no_report() -> None:
+    """Where a report was spoken of, `the first` may be somebody."""
+    result = read_prose("A report is due. The first is a nurse, the second is a doctor.", VOCABULARY)
+    assert "The first" in listed(result)

@@ -19,7 +19,7 @@ PLACE = rf"""\({_S}{_NUMBER}{_M}{_S}[,;/]{_S}{_NUMBER}{_M}{_S}\)
     |\b(?:coordinates|coords){_SS}{_NUMBER}{_M}{_S}[,;/]{_S}{_NUMBER}\b
     |\b(?:position|grid|point){_SS}{_NUMBER}{_M}{_S}[,;/]{_S}{_NUMBER}(?![\d.,]*\s?[a-z%°])
     |(?<![\d/.]){_NUMBER}{_S}(?:east|west){_S},?{_S}{_NUMBER}{_S}(?:north|south)\b
-    |(?<![\w/.])[-−]?\d{{2,5}}(?:\.\d{{1,3}})?/[-−]?\d{{2,5}}(?:\.\d{{1,3}})?(?![\w/]|\s?(?:%|km|m\b))
+    |(?<![\w/.])[-−]?\d{{2,5}}(?:\.\d{{1,3}})?/[-−]?\d{{2,5}}(?:\.\d{{1,3}})?(?![\w/]|\s?(?:%|km|m\b|kn|kt|m/s|mps))
     |\bx{_S}[=:]?{_S}{_NUMBER}{_M}{_TO}y{_S}[=:]?{_S}{_NUMBER}{_M}
     |\beast(?:ing)?{_S}[=:]?{_S}{_NUMBER}{_M}{_TO}north(?:ing)?{_S}[=:]?{_S}{_NUMBER}{_M}
     |\be{_S}=?{_S}{_NUMBER}{_M}{_S}[,;/]?{_S}n{_S}=?{_S}{_NUMBER}{_M}

@@ -19,7 +19,7 @@ from ._tokens import Span, Word
 from ._vocabulary import FieldWords, Meaning
 
 PHRASES = (
-    "standoff", "intelligence", "known",
+    "standoff", "intelligence", "known", "comply",
     "field", "mean", "polar", "midpoint", "bearing", "within", "atleast", "exact", "away", "near", "road", "roadgap", "parallel",
     "inside", "behind", "facing", "hidden", "visible", "between", "apart",
     "spread", "part", "group", "share", "rest", "density", "concealment", "sought", "motion", "travel", "depart", "halt", "nonstop", "radius", "place", "stretch",

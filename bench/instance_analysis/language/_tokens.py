@@ -47,7 +47,7 @@ _PATTERN = re.compile(
     |(?P<ordinal>\d+(?:st|nd|rd|th)\b)
     |(?P<number>\d{{1,3}}(?:,\d{{3}})+(?:\.\d+)?(?![\d,])|\d+,\d{{1,2}}(?=\s?(?:k?m\b|m/s|km/h|kn|s\b|min|%|°|deg|met))|\d*\.\d+|\d+)
     |(?P<unit>km²|m²|/\s*km²|/\s*km2|/\s*sq\.?\s+km|m/s|km/h|ft/s|km2\b|m2\b|[%°&@≥≤]|[<>]=?)
-    |(?P<word>x500\b|h\s?\+(?=\s?\d)|[a-z]+(?:['’-][a-z]+)*\d?)
+    |(?P<word>x500\b|w/in?\b|h\s?\+(?=\s?\d)|[a-z]+(?:['’-][a-z]+)*\d?)
     |(?P<left>\[)|(?P<right>\])|(?P<comma>,)|(?P<dash>[-–—]|\.\.+)|(?P<times>[×])|(?P<stop>[.;\n!?])""",
     re.VERBOSE | re.IGNORECASE,
 )
@@ -60,6 +60,15 @@ _ITEM = re.compile(r"\s*(?:[-*•–]\s|\d+[.)]\s)")
 _NAME = re.compile(r"[A-Z]{3,}")
 _NAMED_ROADS = frozenset(["road", "route", "street", "highway", "msr", "track"])
 """What a name in capital letters may follow."""
+_REPORT_NUMBERS = {
+    "first": 1, "the first": 1, "a first": 1, "second": 2, "a second": 2, "the second": 2, "another": 2, "a further": 2,
+    "the other": 2, "third": 3, "a third": 3, "the third": 3,
+}  # fmt: skip
+_REPORT_NOUNS = frozenset(
+    ["report", "reports", "tip", "tips", "tip-off", "sighting", "message", "cue", "intelligence", "intel"]
+)
+_AFTER_A_REPORT = frozenset(["one", "priority", "prio", "concerns", "regards", "arrives", "comes", "reaches"])
+"""What follows a number that stands for a report of which the text has spoken."""
 _WHERE_IT_STARTS = re.compile(
     r",?\s+(?:where (?:the )?(?:drone|uav|uas|aircraft|it|we) (?:starts?|takes? off|launch(?:es)?|begins?)"
     r"|(?:which|that) is (?:also )?(?:the|our|its) (?:take-?off|launch|start\w*)(?: (?:point|site|position|place|pad))?)\b",
@@ -143,6 +152,7 @@ def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
             word, used = Word(match.group(), span, _meanings_of(match)), 1
         words.append(replace(word, comma=comma))
         comma, index = False, index + used
+    words = _counted_reports(words)
     words = _names_of_home(_named_roads(words, vocabulary), text, vocabulary)
     return list(_articles(list(_ranges(_repeated(words, text)))))
 
@@ -318,6 +328,42 @@ def _named_roads(words: list[Word], vocabulary: Vocabulary) -> list[Word]:
     for at in names:
         named[at - 1] = replace(words[at - 1], meanings=road, filler=False)
     return named
+
+
+def _counted_reports(words: list[Word]) -> list[Word]:
+    """`a second report`, `the other one`: which of several reports is spoken of. What reports are called stays."""
+    counted: list[Word] = []
+    at, known = 0, False
+    while at < len(words):
+        number = _REPORT_NUMBERS.get(words[at].text.lower())
+        after = at + 1
+        if (
+            number
+            and after < len(words)
+            and words[after].text.lower().endswith("er")
+            and not words[after].meanings
+        ):
+            # `a second, vaguer one`.
+            after += 1
+        following = words[after].text.lower().split()[:1] if number and after < len(words) else []
+        known = known or not _REPORT_NOUNS.isdisjoint(words[at].text.lower().split())
+        if (
+            number
+            and (_REPORT_NOUNS.issuperset(following) or (known and _AFTER_A_REPORT.issuperset(following)))
+            and following
+        ):
+            end = after + (following == ["one"])
+            span = words[at].span.joined(words[end - 1].span)
+            if counted and counted[-1].text.lower() == "the":
+                span = counted.pop().span.joined(span)
+            counted.append(
+                replace(words[at], span=span, meanings=(Meaning("REPORTNO", number),), filler=False)
+            )
+            at = end
+            continue
+        counted.append(words[at])
+        at += 1
+    return counted
 
 
 def _names_of_home(words: list[Word], text: str, vocabulary: Vocabulary) -> list[Word]:

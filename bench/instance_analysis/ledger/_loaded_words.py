@@ -67,7 +67,7 @@ _WORDS: dict[Load, str] = {
         |lacks?|lacking|absent|free\s+of|devoid|minus|negative|false|wrong|denied|denies
         |except|exclud\w+|ruled\s+out|instead|rather|other\s+than|apart\s+from|all\s+but
         |forbid\w*|forbade|prohibit\w*|disallow\w*|ban|banned|avoid\w*|refrain\w*|withhold\w*|withheld|off-limits
-        |disregard\w*|ignor\w*|cancel\w*|correction|sorry|scratch\s+that|i\s+mean|hardly|barely|outside""",
+        |disregard\w*|ignor\w*|cancel\w*|correction|sorry|scratch\s+that|i\s+mean|hardly|barely|outside(?!\s*(?:$|[,.;]))""",
     Load.CONDITION: rf"""(?<!what\s)if|when|whenever|unless|until(?!\s+then|{_MOMENT}|\s+(?:it|the\s+link|contact)\s+(?:comes|is|returns)\b)|till(?!{_MOMENT})|(?<!at\s)once|provided|in\s+case|in\s+the\s+event|upon
         |after(?!{_MOMENT})|before(?!{_MOMENT}|\s+that\b)|whil(?:e|st)(?!\s+(?:the\s+)?(?:{_COUNT}|an?\b|some|several|others?|rest|remaining|flying\s+(?:at\s+)?(?:{_COUNT}))\b)|as\s+soon\s+as|as\s+long\s+as
         |(?<=,\s)otherwise|depending|assuming|whether|by\s+the\s+time
@@ -75,7 +75,7 @@ _WORDS: dict[Load, str] = {
     Load.SHARE: rf"""(?:{_COUNT}|some|most|many|few|several|any|the\s+rest|majority|a\s+couple|a\s+few
         |each|either|both)\s+(?:of|among)\s+{_MEMBERS}|(?:of|among)\s+(?:which|whom)|(?:^|(?<=[.,;:]\s))of\s+(?:the|these|those)(?=\s+(?:{_COUNT}))
         |(?:{_COUNT})(?=\s+(?:is|are|was|were|has|have)\b)
-        |half|halves|thirds?|quarters?|fifths?|tenths?|majority|(?<!at\s)(?<!\sthe\s)most|respectively|twice|thrice|double|triple|as\s+(?:many|few)
+        |half(?!\s+an?\s+(?:minute|hour|second|metre|meter|kilomet\w+|mile)\b)|halves|thirds?|quarters?|fifths?|tenths?|majority|(?<!at\s)(?<!\sthe\s)most|respectively|twice|thrice|double|triple|as\s+(?:many|few)
         |a\s+(?:second|third)(?=,?\s+[a-z])|the\s+(?:others?(?!\s+side\b)|rest(?!:)|remaining|remainder|former|latter|last|first(?!\s+(?:{_COUNT})\s*-?(?:s|seconds?|min|minutes?)\b)|second(?!\s+(?:scenario|test|run|variant))|fourth)|others|alternat\w+|includ\w+""",
     Load.ASIDE: r"""(?:last|next|another|previous|earlier)\s+(?:time|year|month|week|night|run|flight|sortie|mission|exercise)
         |the\s+(?:day|week|year)\s+before|yesterday|previously|formerly|back\s+then|in\s+the\s+past|used\s+to
@@ -84,7 +84,7 @@ _WORDS: dict[Load, str] = {
     Load.INSTRUCTION: r"""forget|(?:message|note)\s+to\s+(?:the\s+)?(?:computer|reader|machine|parser|program\w*|model|software)
         |(?:who|whoever|whatever)\s+(?:or\s+what\w*\s+)?(?:reads?|process\w*)""",
     Load.SUBORDINATE: r"(?<!\bfrom\s)where(?!\s+the\s+(?:drone|uav|uas|aircraft)\s+(?:starts?|takes?\s+off|launch(?:es)?|begins?)\b)(?=\s+(?:the|these|those|they)\b(?!\s+\w+\s+(?:was|were|is|are|been)\s+(?:last\s+)?(?:seen|spotted|sighted)))",
-    Load.ALTERNATIVE: r"or|either|and/or|alternatively|versus|vs",
+    Load.ALTERNATIVE: r"or(?!\s+so\b)|either|and/or|alternatively|versus|vs",
     Load.BOUND: rf"""at\s+least|at\s+most|(?:more|less|fewer|lower|higher|closer|nearer|farther|further)\s+than|up\s+to
         |(?:over|under|above|below|beyond|within)(?=\s+(?:{_COUNT}|an?\s+(?:hundred|dozen|minute|hour|kilomet)))
         |exceed\w*|maximum|minimum|max|min(?=\.|imum)|at\s+the\s+most|or\s+(?:more|less|fewer)""",

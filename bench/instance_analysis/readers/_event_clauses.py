@@ -318,7 +318,7 @@ _ROLES = (
     _role("until", before=rf"\b(?:back|again|restored|returns?|available|recovers?|up)\b(?:\s+\w+){{0,2}}\s+(?:at|after){_T}"),
     _role("lasting", before=rf"\b(?:for|lasting|lasts?|of|during|takes){_ABOUT}"),
     _role("lasting", before=r"\bis\s+", after=r"away|long"),
-    _role("answer", after=r"after\s+(?:the\s+|a\s+|its\s+)?(?:request|question|asking)"),
+    _role("answer", after=r"after\s+(?:the\s+|a\s+|its\s+|each\s+|every\s+)?(?:request|question|asking)"),
     _role("at"),
 )  # fmt: skip
 """What a time says, by the words before and after it; the first that fits. Without any of these it is when it happens."""

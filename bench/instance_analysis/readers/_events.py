@@ -49,6 +49,7 @@ class EventReader:
         self._draft, self._groups, self._intelligence = draft, cast, reports
         self._numbers: dict[str, int] = {}
         self._last = ""
+        self._last_order: FieldPath = ()
         self._last_at_s: float | None = None
         self._timeless: list[tuple[EventForm, Phrase]] = []
         self._timed: set[tuple[str, str]] = set()
@@ -112,6 +113,21 @@ class EventReader:
             self._draft.put((*base, "duration_s"), lasting, phrase.span)
         self._values(base, kind, phrase)
 
+    def comply(self, phrase: Phrase) -> None:
+        """Set the deadline of the order before it: `the agent shall comply within 4 s`."""
+        part = phrase.first("TIME")
+        deadline: FieldPath = (*self._last_order, "within_s")
+        if (
+            part is None
+            or not isinstance(part.value, Quantity)
+            or not self._last_order
+            or deadline in self._draft.entries
+        ):
+            self._draft.unread(phrase.span, "the text does not say with which order", expressible=True)
+            return
+        phrase.every("WITHIN")
+        self._draft.put(deadline, part.value.low, phrase.span)
+
     def _consent(self, answer: str, phrase: Phrase, when: EventTiming) -> None:
         """Read how the operator answers requests about one report."""
         number = self._numbers["consents"] = self._numbers.get("consents", -1) + 1
@@ -136,6 +152,8 @@ class EventReader:
         # Orders have ids, because an agent answers them by id; failures and outages are plain lists.
         key: str | int = f"{kind.replace('_', '-')}-{number + 1}" if part == "orders" else number
         base: FieldPath = (*part.split("."), key)
+        if part == "orders":
+            self._last_order = base
         self._last, self._last_at_s = kind, at_s
         if part == "orders":
             self._draft.put((*base, "id"), key, phrase.span)

@@ -61,6 +61,13 @@ _START_OF_THE_DRONE = re.compile(
     r"\b(?:take-?off|takes? off|launch\w*|home|lz|start\w*|begins?|base|helipad)\b|\b(?:drone|uav|uas)\s+(?:is|stays|sits|stands)\b",
     re.IGNORECASE,
 )
+_TIP_AT = re.compile(
+    r"\b(?:tip|intel|intelligence|report|sighting|message)\s+(?:at\s+)?(?:[th]\s*[+=]\s*)?\d+\s*(?:s|sec|seconds?|min|minutes?)?$",
+    re.IGNORECASE,
+)
+"""When a report comes in, in as few words as possible."""
+_ABOUT = re.compile(r"\b(?:about|concerns?|concerning|regards?|regarding) (?:an? |the )?$", re.IGNORECASE)
+"""What stands between a report and whom it is about."""
 _AGE = re.compile(r"[\s-]*(?:years?|yrs?|months?|y/?o|already|o['’]clock)\b", re.IGNORECASE)
 """What makes the number before it an age or an hour."""
 _EVERYONE = re.compile(r"\b(?:all|every(?:one|body)|both)\b[^,.;:!?]{0,20}$", re.IGNORECASE)
@@ -185,7 +192,7 @@ class TextReader:
         self._rule_groups: set[Span] = set()
         self._just_named: list[str] = []
         self._named_until = self._moved_until = self._anchored_until = 0
-        self.intelligence_reader.spoken_of = any(_speaks_of_intelligence(item) for item in sentence)
+        self.intelligence_reader.begin_sentence(spoken_of=any(map(_speaks_of_intelligence, sentence)))
         self.flight.reporting = any(
             isinstance(item, Word) and item.text.lower().startswith("report") for item in sentence
         )
@@ -241,7 +248,7 @@ class TextReader:
         if phrase.rule == "rest" and self.groups.divided is None and phrase.has("ASSET"):
             # `The rest: two radar vehicles`.
             phrase = Phrase("group", phrase.parts[1:], phrase.span)
-        if phrase.rule == "group" and self._counts_again(phrase):
+        if phrase.rule == "group" and (self._counts_again(phrase) or self._is_walked_around(phrase)):
             return
         if phrase.rule == "group" and self._is_in_brackets_of_unread(phrase):
             return
@@ -259,6 +266,8 @@ class TextReader:
                 self._company += self.groups.subject
             else:
                 self._company = []
+            if _ABOUT.search(self.draft.text[: phrase.span.start]):
+                self.intelligence_reader.about(self.groups.subject, phrase.span)
             self.before, self.topic, self.last = self.last, "group", "group"
             self.joined = [*previous, *self.groups.subject]
             for waiting in self.waiting:
@@ -330,6 +339,21 @@ class TextReader:
             return False
         person = self.groups.asset(named[0]) in PERSONS
         return person and self.groups.count_later(named[0], count.value, phrase.span)
+
+    def _is_walked_around(self, phrase: Phrase) -> bool:
+        """Whether a group is what the subject moves around, as in `ten people walk around the house`."""
+        between = self.draft.text[self._moved_until : phrase.span.start]
+        around = self.draft.text[: self._moved_until].lower().endswith((" around", " past", " through"))
+        alone = not phrase.has("COUNT", "NONE") and between.strip().lower() in ("", "the")
+        if not (around and alone and self._moved_until > self._sentence_start and self.groups.in_sentence):
+            return False
+        subject = self.groups.subject
+        self.groups.named(phrase)
+        self.groups.subject = subject
+        self.draft.unread(
+            phrase.span, "moving around something is no relation: give a distance", expressible=True
+        )
+        return True
 
     def _about_groups(self, phrase: Phrase) -> list[Phrase]:
         """The phrase when it describes a group; nothing when it describes ground or the vehicle's home."""
@@ -511,7 +535,7 @@ class TextReader:
             (self.flight, FlightReader.RULES),
             (self.ground, frozenset(["extent", "overfly", "stayin"])),
             (self.roads, frozenset(["axis", "width", "course"])),
-            (self.events, frozenset(["event"])),
+            (self.events, frozenset(["event", "comply"])),
             (self.intelligence_reader, frozenset(["intelligence", "known"])),
         ]
         self.flight.of_ground = self.topic == "ground"
@@ -656,6 +680,11 @@ class TextReader:
             groups.subject_is_mission = True
         if kinds & {"FLY", "HOME", "LIMIT"}:
             self.flight.subject = "drone"
+        number = next((meaning.value for meaning in word.meanings if meaning.kind == "REPORTNO"), None)
+        if isinstance(number, int):
+            self.draft.used_words.append(word.span)
+            self.intelligence_reader.count(number)
+            return
         length = next((meaning.value for meaning in word.meanings if meaning.kind == "LENGTH"), None)
         if (
             isinstance(length, Quantity)
@@ -856,6 +885,17 @@ class TextReader:
         self.topic = self.last = self.before = "road"
 
     def _when(self, phrase: Phrase) -> None:
+        time = phrase.first("TIME")
+        # `Tip at H+40, 5 min old.`
+        if (
+            self.intelligence_reader.spoken_of
+            and not self.groups.in_sentence
+            and time is not None
+            and isinstance(time.value, Quantity)
+            and _TIP_AT.search(self.draft.text[: phrase.span.end])
+        ):
+            self.intelligence_reader.field("delivered_s", time.value, phrase.span)
+            return
         self.ground.when(phrase, of_ground=self.topic == "ground")
 
     def _standoff(self, phrase: Phrase) -> None:
