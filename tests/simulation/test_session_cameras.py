@@ -20,6 +20,7 @@ from bench.camera import decode_depth, decode_mask, open_camera
 from bench.camera.gl import open_moderngl_renderer
 from bench.contracts import (
     SESSION_EVENTS,
+    START,
     TF,
     TF_STATIC,
     TRUTH_PICTURES,
@@ -30,6 +31,7 @@ from bench.contracts import (
     Picture,
     PictureDocument,
     Record,
+    VehicleState,
     ViewDocument,
     truth_depth_topic,
     truth_mask_topic,
@@ -39,6 +41,7 @@ from bench.recording import TapeBuilder, open_recording, read_records
 from bench.recording.viewers import export_for_viewers
 from bench.simspec import Camera, Distortion, Mission, SimSpec
 from bench.simulation import PinholeCamera, SessionPlan, camera_faults, run_session
+from bench.simulation._camera_messages import CameraMessages
 from bench.simulation._pictures import _build_of
 from bench.streams import CameraInfo, CompressedImage, TFMessage, TransformStamped, decode
 from bench.testing import agent_manifest
@@ -328,3 +331,19 @@ def test_a_distortion_that_folds_over_is_refused_before_the_flight() -> None:
     assert "camera down: distortion" in str(fault)
     with pytest.raises(SetupError, match=r"camera down: distortion.*folds over"):
         PinholeCamera.of(folded)
+
+
+def test_cameras_on_one_gimbal_turn_together() -> None:
+    """Each has a frame of its own, and both have the direction of the gimbal."""
+    spec = two_cameras()
+    zoom = spec.vehicle.camera.model_copy(update={"name": "zoom", "horizontal_fov_deg": 12.0})
+    state = VehicleState(START, (0.0, 0.0, 30.0), (0.0, 0.0, 0.0), 0.1, 0.0, 0.0, (0.0, 0.0, 0.0), 0.7, 1.1)
+    main, beside = (
+        CameraMessages.of(spec, camera).mount(START, state) for camera in (spec.vehicle.camera, zoom)
+    )
+    assert main.transform == beside.transform
+    assert main.header.frame_id == beside.header.frame_id == "vehicle_1/base_level"
+    assert (main.child_frame_id, beside.child_frame_id) == (
+        "vehicle_1/camera_front_optical",
+        "vehicle_1/camera_zoom_optical",
+    )
