@@ -59,8 +59,7 @@ def enter_network_namespace() -> str | None:
             os._exit(0)
     theirs.close()
     try:
-        _unshare()
-        _raise_loopback()
+        unshare_network()
     except OSError as error:
         ours.close()
         os.waitpid(helper, 0)
@@ -145,6 +144,12 @@ def _spawn(command: Sequence[str], descriptors: Sequence[int]) -> int:
     finally:
         for descriptor in descriptors:
             os.close(descriptor)
+
+
+def unshare_network() -> None:
+    """Give this process a network with one loopback and nothing else, and no way back. Raises OSError."""
+    _unshare()
+    _raise_loopback()
 
 
 def _unshare() -> None:

@@ -14,7 +14,6 @@ import typer
 
 from bench.contracts import LinkSpec
 from bench.errors import Fault, SetupError
-from bench.network_namespace import enter_network_namespace, outside_socket
 
 # The prefixes are those of connection strings in pymavlink.
 KINDS: dict[str, Literal["udp_out", "udp_in", "tcp_in"]] = {
@@ -65,12 +64,10 @@ def fly(
     if autopilot not in ("px4", "ardupilot"):
         raise SetupError(Fault("--autopilot", f"unknown autopilot {autopilot!r}", "give px4 or ardupilot"))
     links: Sequence[LinkSpec] = [parse_link(text, index) for index, text in enumerate(mavlink or ())]
-    if firmware:
-        if params is not None:
-            raise SetupError(
-                Fault("--params", "a real autopilot keeps its parameters itself", "leave out --params")
-            )
-        links = links_out_of(links or DEFAULT_LINKS[autopilot], given=bool(links))
+    if firmware and params is not None:
+        raise SetupError(
+            Fault("--params", "a real autopilot keeps its parameters itself", "leave out --params")
+        )
     with terminated_as_interrupted():
         run_standalone(
             autopilot,
@@ -85,25 +82,6 @@ def fly(
             model=vehicle,
             firmware=firmware,
         )
-
-
-def links_out_of(links: Sequence[LinkSpec], *, given: bool) -> list[LinkSpec]:
-    """Move this process to a network of its own, where a real autopilot binds every address; the links stay outside.
-
-    Where that is not possible, the autopilot has the usual ports itself. Raises SetupError when none others are `given`.
-    """
-    fault = enter_network_namespace()
-    if fault is None:
-        return [replace(link, open_socket=outside_socket) for link in links]
-    if not given:
-        raise SetupError(
-            Fault(
-                "--firmware",
-                f"there is no network of its own for the autopilot here ({fault}), so it has the usual ports itself",
-                "give links on other ports, for example --mavlink udpout:127.0.0.1:14600",
-            )
-        )
-    return list(links)
 
 
 @contextmanager

@@ -96,8 +96,8 @@ class Px4:
         self.send(common.MAVLink_hil_actuator_controls_message(time_us, controls, 128 if armed else 0, 1))
 
 
-def connected(stack: ExitStack, **times: float) -> tuple[Px4Link, Px4]:
-    link = stack.enter_context(closing(Px4Link(0, check_alive=alive, **times)))
+def connected(stack: ExitStack, answer_s: float = 30.0) -> tuple[Px4Link, Px4]:
+    link = stack.enter_context(closing(Px4Link(0, check_alive=alive, answer_s=answer_s)))
     px4 = Px4(link.port)
     stack.enter_context(px4.socket)
     link.connect()
@@ -184,8 +184,12 @@ class ArduPilot:
         return self.socket.recv(4096)
 
 
-def physics(stack: ExitStack, **times: float) -> tuple[ArduPilotLink, ArduPilot]:
-    link = stack.enter_context(closing(ArduPilotLink(0, check_alive=alive, **times)))
+def physics(
+    stack: ExitStack, connect_s: float = 60.0, answer_s: float = 30.0
+) -> tuple[ArduPilotLink, ArduPilot]:
+    link = stack.enter_context(
+        closing(ArduPilotLink(0, check_alive=alive, connect_s=connect_s, answer_s=answer_s))
+    )
     ardupilot = ArduPilot(link.port)
     stack.enter_context(ardupilot.socket)
     return link, ardupilot

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
+import socket
 from collections.abc import Generator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -16,7 +17,7 @@ from firmware_files import install_firmware
 from vehicle_client import Client, mavlink, simspec
 
 from bench.contracts import LinkSpec, VehiclePlan
-from bench.errors import FirmwareFault
+from bench.errors import FirmwareFault, SetupError
 from vehicle_models.firmware import Budgets, FirmwareX500, open_firmware_x500
 
 pytestmark = [pytest.mark.process, pytest.mark.flight]
@@ -255,9 +256,66 @@ def test_the_same_commands_at_the_same_moments_give_the_same_flight(
         ) as vehicle:
             vehicle.boot()
             flown_up(client, kind)
-            client.fly(1.5)
+            client.fly(0.8)
             flights.append((vehicle.truth(), vehicle.condition().battery_fraction))
         client.socket.close()
     assert flights[0] == flights[1]
-    assert flights[0][0].position_enu_m[2] > 0.5
+    assert flights[0][0].position_enu_m[2] > 0.1
     assert flights[0] != flights[2]
+
+
+@pytest.fixture
+def shared_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on a system that gives nobody a network namespace."""
+    module = tmp_path / "refusing.py"
+    module.write_text("def unshare_network():\n    raise OSError(1, 'no network for you')\n")
+    monkeypatch.setattr("bench.network_namespace.__file__", str(module))
+
+
+@pytest.mark.parametrize("kind", ["px4", "ardupilot"])
+def test_without_networks_of_their_own_numbers_keep_two_apart(
+    kind: str, firmware: dict[str, Path], folder: Path, shared_network: None
+) -> None:
+    with ExitStack() as stack:
+        pair = [stack.enter_context(opened(kind, firmware[kind], boot_s=0.1)) for _ in range(2)]
+        for vehicle in pair:
+            vehicle.boot()
+            assert vehicle._running
+            assert vehicle._running.program.network_fault == "no network for you"
+    assert_nothing_left(folder)
+
+
+def test_ports_that_px4_has_itself_are_refused_where_it_shares_the_network(
+    firmware: dict[str, Path], shared_network: None
+) -> None:
+    spec = simspec(
+        vehicle={"autopilot": {"kind": "px4", "firmware": str(firmware["px4"])}, "simulation_control": False}
+    )
+    link = LinkSpec("onboard", "udp_out", port=14540)
+    with (
+        open_firmware_x500(VehiclePlan(spec, (link,))) as vehicle,
+        pytest.raises(SetupError, match=r"PX4 itself sends to UDP port 14540.*no network for you"),
+    ):
+        vehicle.boot()
+
+
+def test_an_autopilot_in_a_network_of_its_own_leaves_the_ports_of_the_host_free(
+    firmware: dict[str, Path],
+) -> None:
+    """Nobody outside can reach it either: an agent has the vehicle's links, and no other way."""
+    with opened("px4", firmware["px4"], boot_s=0.1) as vehicle:
+        vehicle.boot()
+        assert vehicle._running
+        if fault := vehicle._running.program.network_fault:
+            pytest.skip(f"no network of its own here: {fault}")
+        (number,) = {
+            match[1] for match in re.finditer(r"px4 -d -i (\d)", " ".join(programs(vehicle_folder(vehicle))))
+        }
+        for port in (14540, 14580, 18570):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                probe.bind(("127.0.0.1", port + int(number)))
+
+
+def vehicle_folder(vehicle: FirmwareX500) -> Path:
+    assert vehicle._running
+    return vehicle._running.program.folder

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -47,7 +48,9 @@ class ArduPilotKind:
     def open(self, plan: FirmwarePlan) -> Generator[RunningArduPilot]:
         autopilot, body, links = plan.autopilot, plan.body, plan.links
         with ExitStack() as stack:
-            physics = _Physics(plan.budgets)
+            environment = {"PATH": "/usr/bin:/bin"}
+            program = stack.enter_context(open_program(self.name, plan.folder, environment, "dsss"))
+            physics = _Physics(program, plan.budgets)
             stack.callback(physics.close)
             instance = stack.enter_context(claimed_instance(physics.open))
             cores = frozenset() if autopilot.pace == "free" else frozenset({core_of(instance)})
@@ -63,14 +66,12 @@ class ArduPilotKind:
             program_path = self.program(Path(autopilot.firmware).resolve())
             command = [str(program_path), "--model", "JSON", "--speedup", str(_SPEEDUP), "--home", home]
             command += ["--defaults", _DEFAULTS_FILE, f"-I{instance}"]
-            environment = {"PATH": "/usr/bin:/bin"}
-            program = stack.enter_context(open_program(self.name, command, plan.folder, environment, cores))
-            physics.program = program
+            program.run(command, cores)
 
             def connect(port: int) -> TcpPort:
-                tcp_port = TcpPort(
-                    port + _PORTS_PER_INSTANCE * instance, program.check_alive, plan.budgets.connect_s
-                )
+                unbound = program.new_socket(socket.SOCK_STREAM)
+                number = port + _PORTS_PER_INSTANCE * instance
+                tcp_port = TcpPort(number, unbound, program.check_alive, plan.budgets.connect_s)
                 stack.callback(tcp_port.close)
                 return tcp_port
 
@@ -78,14 +79,12 @@ class ArduPilotKind:
             first = connect(_SERIAL0_PORT)
             running = RunningArduPilot(body, program, physics.link, cores)
             # The first of the vehicle's links has SERIAL0 as with the SITL, the others share SERIAL1; the bench reads the
-            # estimate on SERIAL2, where its requests change no client's streams.
-            # All are taken, also where no link needs one: an agent in the same network must find no free one.
+            # estimate on SERIAL2, where its requests change no client's streams. All are taken, also where no link needs
+            # one: on a network that they share, an agent must find no free one.
             second = connect(_SERIAL1_PORT)
             running.ports = {link.name: first if number == 0 else second for number, link in enumerate(links)}
             running.estimate_port = connect(_SERIAL2_PORT)
-            running.connections = list(
-                {id(port): port for port in (first, second, running.estimate_port)}.values()
-            )
+            running.connections = [first, second, running.estimate_port]
             yield running
 
 
@@ -94,19 +93,22 @@ class _Physics:
 
     link: ArduPilotLink
 
-    def __init__(self, budgets: Budgets) -> None:
-        self._budgets = budgets
+    def __init__(self, program: FirmwareProgram, budgets: Budgets) -> None:
+        self._program, self._budgets = program, budgets
         self._stack = ExitStack()
-        self.program: FirmwareProgram | None = None
 
     def open(self, instance: int) -> bool:
-        """Bind the port of this number; False where it is taken."""
+        """Bind the port of this number; False where it, or the first that ArduPilot needs, is taken."""
+        program, offset = self._program, _PORTS_PER_INSTANCE * instance
+        if program.network_fault and not _is_free(_SERIAL0_PORT + offset):
+            return False
         try:
             self.link = ArduPilotLink(
-                PHYSICS_PORT + _PORTS_PER_INSTANCE * instance,
-                check_alive=self._check_alive,
+                PHYSICS_PORT + offset,
+                check_alive=program.check_alive,
                 connect_s=self._budgets.connect_s,
                 answer_s=self._budgets.answer_s,
+                unbound=program.new_socket(socket.SOCK_DGRAM),
             )
         except OSError:
             return False
@@ -116,9 +118,15 @@ class _Physics:
     def close(self) -> None:
         self._stack.close()
 
-    def _check_alive(self) -> None:
-        if self.program is not None:
-            self.program.check_alive()
+
+def _is_free(port: int) -> bool:
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return False
+    return True
 
 
 class RunningArduPilot:

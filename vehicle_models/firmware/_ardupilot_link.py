@@ -55,7 +55,8 @@ class PhysicsState:
 
 
 class ArduPilotLink:
-    """The physics' end: `receive` the pulses of the next step, make it, `answer`.
+    """The physics' end: `receive` the pulses of the next step, make it, `answer`. `unbound` is a socket, of the bench's
+    network when absent.
 
     Both raise FirmwareFault, which names ArduPilot, when it ends, hangs or sends something else.
     """
@@ -67,10 +68,11 @@ class ArduPilotLink:
         check_alive: CheckAlive,
         connect_s: float = CONNECT_S,
         answer_s: float = ANSWER_S,
+        unbound: socket.socket | None = None,
     ) -> None:
         self._check_alive = check_alive
         self._connect_s, self._answer_s = connect_s, answer_s
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket = unbound or socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind(("127.0.0.1", port))
         except OSError:

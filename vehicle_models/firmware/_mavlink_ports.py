@@ -32,8 +32,8 @@ class MavlinkPort(Protocol):
 class UdpPort:
     """PX4's: it sends to `port`, and hears what comes from there to `peer_port`."""
 
-    def __init__(self, port: int, peer_port: int) -> None:
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    def __init__(self, port: int, peer_port: int, unbound: socket.socket) -> None:
+        self._socket = unbound
         try:
             self._socket.bind(("127.0.0.1", port))
         except OSError:
@@ -72,8 +72,15 @@ class UdpPort:
 class TcpPort:
     """ArduPilot's: it listens. Nothing of it runs before somebody is on its first port."""
 
-    def __init__(self, port: int, check_alive: CheckAlive, connect_s: float = CONNECT_S) -> None:
-        self._socket = _connected(port, check_alive, connect_s)
+    def __init__(
+        self, port: int, unbound: socket.socket, check_alive: CheckAlive, connect_s: float = CONNECT_S
+    ) -> None:
+        self._socket = unbound
+        try:
+            _connect(unbound, port, check_alive, connect_s)
+        except BaseException:
+            unbound.close()
+            raise
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.setblocking(False)
         self._check_alive = check_alive
@@ -109,11 +116,13 @@ class TcpPort:
         self._socket.close()
 
 
-def _connected(port: int, check_alive: CheckAlive, connect_s: float) -> socket.socket:
+def _connect(unbound: socket.socket, port: int, check_alive: CheckAlive, connect_s: float) -> None:
     deadline_s = time.monotonic() + connect_s
+    unbound.settimeout(connect_s)
     while True:
         try:
-            return socket.create_connection(("127.0.0.1", port), timeout=connect_s)
+            # Linux lets a socket that was refused try again.
+            unbound.connect(("127.0.0.1", port))
         except OSError:
             check_alive()
             if time.monotonic() > deadline_s:
@@ -121,3 +130,5 @@ def _connected(port: int, check_alive: CheckAlive, connect_s: float) -> socket.s
                     f"ArduPilot did not listen on TCP port {port} within {connect_s:g} s"
                 ) from None
             time.sleep(_RETRY_S)
+        else:
+            return

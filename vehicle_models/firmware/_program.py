@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -11,6 +13,7 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from bench import network_namespace
 from bench.errors import FirmwareFault
 
 from . import _launch
@@ -22,11 +25,33 @@ _TAIL_BYTES, _TAIL_LINES = 2000, 6
 
 
 class FirmwareProgram:
-    """One running autopilot. `folder` holds all that it writes, `console.log` what it prints."""
+    """One autopilot, which waits to be `run`. `folder` holds all that it writes, `console.log` what it prints.
 
-    def __init__(self, name: str, process: subprocess.Popen[bytes], folder: Path) -> None:
+    `network_fault` is why it shares the bench's network; empty where it has one of its own, in which `new_socket` makes
+    the bench's sockets then.
+    """
+
+    def __init__(
+        self, name: str, process: subprocess.Popen[bytes], folder: Path, launcher: socket.socket, sockets: str
+    ) -> None:
         self.name, self.folder = name, folder
-        self._process = process
+        self._process, self._launcher = process, launcher
+        message, descriptors, _, _ = socket.recv_fds(launcher, _launch.MESSAGE_BYTES, len(sockets))
+        if not message:
+            process.wait()
+            self.check_alive()
+        self.network_fault: str = json.loads(message)
+        made = [socket.socket(fileno=descriptor) for descriptor in descriptors]
+        self._sockets = {kind: [one for one in made if one.type == kind] for kind in _launch.KINDS.values()}
+
+    def new_socket(self, kind: socket.SocketKind) -> socket.socket:
+        """An unbound IPv4 socket on the autopilot's network."""
+        return socket.socket(socket.AF_INET, kind) if self.network_fault else self._sockets[kind].pop()
+
+    def run(self, command: Sequence[str], cores: frozenset[int] = frozenset()) -> None:
+        """Start the program itself, on these cores where there are some."""
+        request = {"command": list(command), "cores": sorted(cores)}
+        self._launcher.send(json.dumps(request).encode())
 
     @property
     def pid(self) -> int:
@@ -49,32 +74,43 @@ class FirmwareProgram:
                 return f"; its console ends with: {' | '.join(lines[-_TAIL_LINES:])}"
         return ""
 
+    def close(self) -> None:
+        """Close what nobody took."""
+        for one in (*self._sockets[socket.SOCK_STREAM], *self._sockets[socket.SOCK_DGRAM]):
+            one.close()
+
 
 @contextmanager
 def open_program(
-    name: str,
-    command: Sequence[str],
-    folder: Path,
-    environment: Mapping[str, str],
-    cores: frozenset[int] = frozenset(),
+    name: str, folder: Path, environment: Mapping[str, str], sockets: str
 ) -> Generator[FirmwareProgram]:
-    """Start a command in `folder`, which is its HOME too; leaving the block kills its process group and whatever left it."""
+    """Prepare a program in `folder`, which is its HOME too, with sockets for the bench (a letter each, see `_launch`).
+
+    Leaving the block kills its process group and whatever left it.
+    """
     environment = {"LANG": "C.UTF-8", **environment, "HOME": str(folder)}
-    launch = [_launch.__file__, str(os.getpid()), ",".join(map(str, sorted(cores))) or "-"]
-    with (folder / CONSOLE_FILE).open("wb") as console:
-        process = subprocess.Popen(
-            [sys.executable, "-I", "-S", *launch, *command],
-            cwd=folder,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            stdout=console,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-    try:
-        yield FirmwareProgram(name, process, folder)
-    finally:
-        _end(process, folder)
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    launch = [_launch.__file__, str(os.getpid()), str(theirs.fileno()), network_namespace.__file__, sockets]
+    with ours:
+        with theirs, (folder / CONSOLE_FILE).open("wb") as console:
+            process = subprocess.Popen(
+                [sys.executable, "-I", "-S", *launch],
+                cwd=folder,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=console,
+                stderr=subprocess.STDOUT,
+                pass_fds=(theirs.fileno(),),
+                start_new_session=True,
+            )
+        try:
+            program = FirmwareProgram(name, process, folder, ours, sockets)
+            try:
+                yield program
+            finally:
+                program.close()
+        finally:
+            _end(process, folder)
 
 
 def _end(process: subprocess.Popen[bytes], folder: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import socket
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -56,25 +57,25 @@ class Px4Kind:
     def open(self, plan: FirmwarePlan) -> Generator[RunningPx4]:
         autopilot, body, links = plan.autopilot, plan.body, plan.links
         firmware = Path(autopilot.firmware).resolve()
+        parameters = merged(
+            px4_parameters(log=autopilot.log), plan.simspec.vehicle.parameters, autopilot.parameters
+        )
+        environment = {
+            "PATH": f"{firmware}/bin:/usr/bin:/bin",
+            "PX4_SIM_MODEL": _AIRFRAME,
+            **{f"PX4_PARAM_{name}": text for name, text in parameters.items()},
+        }
         with ExitStack() as stack:
-            sockets = _Sockets(plan.budgets)
+            program = stack.enter_context(open_program(self.name, plan.folder, environment, "sdd"))
+            sockets = _Sockets(program, plan.budgets)
             stack.callback(sockets.close)
             instance = stack.enter_context(claimed_instance(sockets.open))
             stack.callback(_remove_traces, instance)
             ports = sockets.ports(links)
             cores = frozenset() if autopilot.pace == "free" else frozenset({core_of(instance)})
             (plan.folder / "etc").symlink_to(firmware / "etc")
-            parameters = merged(
-                px4_parameters(log=autopilot.log), plan.simspec.vehicle.parameters, autopilot.parameters
-            )
-            environment = {
-                "PATH": f"{firmware}/bin:/usr/bin:/bin",
-                "PX4_SIM_MODEL": _AIRFRAME,
-                **{f"PX4_PARAM_{name}": text for name, text in parameters.items()},
-            }
             command = [str(self.program(firmware)), "-d", "-i", str(instance), "-s", _START_SCRIPT]
-            program = stack.enter_context(open_program(self.name, command, plan.folder, environment, cores))
-            sockets.program = program
+            program.run(command, cores)
             watch = ThreadWatch(program.pid, program.check_alive) if autopilot.pace == "quiet" else None
             if watch:
                 stack.callback(watch.close)
@@ -88,42 +89,55 @@ class _Sockets:
     link: Px4Link
     onboard: UdpPort
 
-    def __init__(self, budgets: Budgets) -> None:
-        self._budgets = budgets
+    def __init__(self, program: FirmwareProgram, budgets: Budgets) -> None:
+        self._program, self._budgets = program, budgets
         self._stack = ExitStack()
         self._gcs: UdpPort | None = None
-        self.program: FirmwareProgram | None = None
 
     def open(self, instance: int) -> bool:
         """Bind the ports of this number; False, and nothing bound, where one of them is taken."""
+        program = self._program
         with ExitStack() as stack:
             try:
                 self.link = Px4Link(
                     PHYSICS_PORT + instance,
-                    check_alive=self._check_alive,
+                    check_alive=program.check_alive,
                     connect_s=self._budgets.connect_s,
                     answer_s=self._budgets.answer_s,
+                    server=program.new_socket(socket.SOCK_STREAM),
                 )
                 stack.callback(self.link.close)
-                self.onboard = UdpPort(_ONBOARD_PORT + instance, _ONBOARD_PEER + instance)
+                self.onboard = UdpPort(
+                    _ONBOARD_PORT + instance, _ONBOARD_PEER + instance, program.new_socket(socket.SOCK_DGRAM)
+                )
                 stack.callback(self.onboard.close)
             except OSError:
                 return False
-            # One port for all instances: on a network that sessions share, the first has it.
+            # One port for all instances: on a network that autopilots share, the first has it.
             with suppress(OSError):
-                self._gcs = UdpPort(_GCS_PORT, _GCS_PEER + instance)
+                self._gcs = UdpPort(_GCS_PORT, _GCS_PEER + instance, program.new_socket(socket.SOCK_DGRAM))
                 stack.callback(self._gcs.close)
             self._stack = stack.pop_all()
             return True
 
     def ports(self, links: Sequence[LinkSpec]) -> dict[str, UdpPort]:
         """The connection of each link: links for a ground station have PX4's, all others the onboard computer's."""
+        fault = self._program.network_fault
         if self._gcs is None and any(link.streams == "gcs" for link in links):
             raise SetupError(
                 Fault(
                     f"UDP port {_GCS_PORT}",
-                    "another program has it, and PX4 sends there whatever its number",
-                    "end the other program, or fly where sessions have networks of their own (rebar doctor)",
+                    f"another program has it, and PX4 sends there whatever its number: it has no network of its own ({fault})",
+                    "end the other program",
+                )
+            )
+        own = [_GCS_PORT, *range(_ONBOARD_PORT, _GCS_PORT)]
+        if fault and (taken := [link.port for link in links if link.kind == "udp_out" and link.port in own]):
+            raise SetupError(
+                Fault(
+                    "--mavlink",
+                    f"PX4 itself sends to UDP port {taken[0]}: it has no network of its own here ({fault})",
+                    "give links to other ports, for example --mavlink udpout:127.0.0.1:14600",
                 )
             )
         gcs = self._gcs or self.onboard
@@ -134,10 +148,6 @@ class _Sockets:
 
     def close(self) -> None:
         self._stack.close()
-
-    def _check_alive(self) -> None:
-        if self.program is not None:
-            self.program.check_alive()
 
 
 class RunningPx4:

@@ -43,7 +43,8 @@ def report_closed(text: str, check_alive: CheckAlive) -> NoReturn:
 
 
 class Px4Link:
-    """One connection. `connect` first, then `exchange` for each sample; `close` at the end.
+    """One connection. `connect` first, then `exchange` for each sample; `close` at the end. `server` is an unbound socket,
+    of the bench's network when absent.
 
     All raise FirmwareFault, which names PX4, when it ends, hangs or sends what is not MAVLink.
     """
@@ -55,10 +56,11 @@ class Px4Link:
         check_alive: CheckAlive,
         connect_s: float = CONNECT_S,
         answer_s: float = ANSWER_S,
+        server: socket.socket | None = None,
     ) -> None:
         self._check_alive = check_alive
         self._connect_s, self._answer_s = connect_s, answer_s
-        self._server = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        self._server = server or socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             self._server.bind(("127.0.0.1", port))
