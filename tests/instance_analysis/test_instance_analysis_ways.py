@@ -117,3 +117,20 @@ def test_two_names_of_roads_are_two_roads() -> None:
     """A name is passed over only where there is no other."""
     assert "SILVER" not in listed(read_prose("Two trucks on road SILVER. Road SILVER runs N-S.", VOCABULARY))
     assert "SILVER" in listed(read_prose("Two trucks on road SILVER. Road GOLD runs N-S.", VOCABULARY))
+
+
+def test_whom_the_drone_escorts_in_the_passive() -> None:
+    """The drone is no place to stand by; times of the convoy are no orders."""
+    text = "Convoy of two vans escorted by the drone, halts at t+240, 6 m/s, from (-200, 0) to (200, 0)."
+    simspec = read_prose(text, VOCABULARY).simspec
+    assert simspec.mission.escort is not None
+    assert (simspec.mission.escort.group, simspec.actors[0].motion.halt_s) == ("car", 240)
+    assert simspec.actors[0].placement.near is None
+    assert not simspec.orders
+
+
+def test_targets_are_not_escorted() -> None:
+    """Nobody accompanies an enemy."""
+    result = read_prose("Two soldiers, accompanied by the drone.", VOCABULARY)
+    assert result.simspec.mission.escort is None
+    assert "accompanied by the drone" in listed(result)

@@ -333,3 +333,27 @@ def test_the_first_person_is_no_report() -> None:
     """Where a report was spoken of, `the first` may be somebody."""
     result = read_prose("A report is due. The first is a nurse, the second is a doctor.", VOCABULARY)
     assert "The first" in listed(result)
+
+
+@pytest.mark.parametrize(
+    ("text", "fields"),
+    [
+        ("A chapel. A dog searches 50 to 90 m south of the chapel.", {"mission.altitude_m": None, "actors[dog].placement.near.max_m": 90}),
+        ("The pilot takes over at 150 s and hands back control half a minute later.", {"orders[hand-over-1].at_s": 150, "orders[take-back-2].at_s": 180}),
+        ("Two ambulances and a bus are parked beside the road.", {"actors[ambulance].placement.along.where": "beside", "actors[bus].placement.along.where": "beside"}),
+        ("Two ambulances and a bus, parked beside the road.", {"actors[ambulance].placement.along.where": None}),
+        ("The UAV shall maintain an altitude of 50 m +/- 5 m.", {"mission.altitude_m": 50}),
+        ("A tent with six people inside, 80 m or more from the radar.", {"actors[civilian].placement.distances[0].min_m": 80, "actors[civilian].placement.near.max_m": None}),
+    ],
+)  # fmt: skip
+def test_what_a_number_or_a_verb_belongs_to(text: str, fields: dict[str, Any]) -> None:
+    """A distance is no height, `takes over at` no end, a plural verb is of all that stands before it."""
+    read = values(read_prose(text, VOCABULARY))
+    assert {path: read.get(path) for path in fields} == fields
+
+
+def test_dusk_is_shown_as_sunset() -> None:
+    """Dusk has a length."""
+    result = read_prose("It is dusk.", VOCABULARY)
+    assert any("sunset" in remark.why for remark in result.remarks)
+    assert not any("sunset" in remark.why for remark in read_prose("Start at sunset.", VOCABULARY).remarks)

@@ -60,6 +60,8 @@ _NOT_AFTER_COMMA = {
     "field": {"COUNT", "FIELD"},
     "intelligence": {"COUNT", "ASSET", "AMBIGUOUS", "THEM"},
     "atleast": {"COUNT", "ASSET", "AMBIGUOUS"},
+    "within": {"COUNT", "LENGTH"},
+    "radius": {"COUNT", "LENGTH"},
 }
 """What does not follow a comma inside a phrase; COUNT in all others."""
 
@@ -402,6 +404,7 @@ def phrases_of(words: Sequence[Word]) -> Iterator[Phrase | Word]:
                 match
                 and (best is None or match[1] > best[2])
                 and not (rule == "field" and _unfit(match[0], words))
+                and not (rule == "altitude" and _is_a_distance(words, match[1]))
             ):
                 best = (rule, *match)
         if best is None:
@@ -412,6 +415,13 @@ def phrases_of(words: Sequence[Word]) -> Iterator[Phrase | Word]:
         yield _phrase(rule, tree, words)
         yield from (word for word in words[index:end] if not word.meanings and not word.filler)
         index = end
+
+
+def _is_a_distance(words: Sequence[Word], end: int) -> bool:
+    """Whether what follows a length makes it a distance: `searches 50 m south of the chapel`."""
+    following = next((word for word in words[end : end + 2] if not word.filler), None)
+    kinds = {meaning.kind for meaning in following.meanings} if following is not None else set()
+    return not kinds.isdisjoint(("DIR", "FROM", "AWAY", "NEXTTO"))
 
 
 def _unfit(tree: Tree[Token], words: Sequence[Word]) -> bool:

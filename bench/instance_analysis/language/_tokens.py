@@ -48,7 +48,7 @@ _PATTERN = re.compile(
     |(?P<number>\d{{1,3}}(?:,\d{{3}})+(?:\.\d+)?(?![\d,])|\d+,\d{{1,2}}(?=\s?(?:k?m\b|m/s|km/h|kn|s\b|min|%|°|deg|met))|\d*\.\d+|\d+)
     |(?P<unit>km²|m²|/\s*km²|/\s*km2|/\s*sq\.?\s+km|m/s|km/h|ft/s|km2\b|m2\b|[%°&@≥≤]|[<>]=?)
     |(?P<word>x500\b|w/in?\b|h\s?\+(?=\s?\d)|[a-z]+(?:['’-][a-z]+)*\d?)
-    |(?P<left>\[)|(?P<right>\])|(?P<comma>,)|(?P<dash>[-–—]|\.\.+)|(?P<times>[×])|(?P<stop>[.;\n!?])""",
+    |(?P<left>\[)|(?P<right>\])|(?P<comma>,)|(?P<dash>(?<!/)[-–—]|\.\.+)|(?P<times>[×])|(?P<stop>[.;\n!?])""",
     re.VERBOSE | re.IGNORECASE,
 )
 

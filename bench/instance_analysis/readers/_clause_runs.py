@@ -102,7 +102,10 @@ class SentenceRuns:
     @property
     def names_a_group(self) -> bool:
         """Whether the sentence speaks of people or things, which may be its subject."""
-        return any(meaning.kind in ("ASSET", "CONVOY") for word in self._words for meaning in word.meanings)
+        kinds = {meaning.kind for word in self._words for meaning in word.meanings}
+        return not kinds.isdisjoint(("ASSET", "AMBIGUOUS", "CONVOY")) or any(
+            word.filler and "convoy" in word.text.lower() for word in self._words
+        )
 
     @property
     def loaded(self) -> list[LoadedWord]:

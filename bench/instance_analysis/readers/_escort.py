@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 from bench.simspec import Role
 
@@ -15,6 +16,7 @@ from ._traits import IMMOVABLE, length_of
 ESCORT: FieldPath = ("mission", "escort")
 _ESCORTS = re.compile(r"(?:escort|accompan|protect|guard|shadow)\w*$", re.IGNORECASE)
 """What the drone does with a group that it escorts, and with nothing else."""
+_ESCORTED_BY = re.compile(rf"{_ESCORTS.pattern.removesuffix('$')}\s+by$", re.IGNORECASE)
 
 
 class EscortReader:
@@ -35,7 +37,22 @@ class EscortReader:
             return False
         if not verb and not self._is_of_the_escorted(phrase.refs[0]):
             return False
+        return self._escort(phrase, self._groups_of(phrase))
+
+    def read_passive(self, phrase: Phrase) -> bool:
+        """Read `three cars, escorted by the drone`; whether a phrase says that."""
+        part = phrase.first("NEAR")
+        passive = part is not None and _ESCORTED_BY.match(self._draft.quote(part.span)) is not None
+        if not passive or not phrase.refs or not phrase.refs[0].has("HOME"):
+            return False
+        return self._escort(phrase, self._groups.subject)
+
+    def _groups_of(self, phrase: Phrase) -> list[str]:
         groups = self._groups.convoys if phrase.refs[0].has("THEM") else self._groups.groups_in(phrase)
+        return [*groups]
+
+    def _escort(self, phrase: Phrase, groups: Sequence[str]) -> bool:
+        """Set the escorted group, and the distance where the phrase has one."""
         if len(groups) != 1 or not self._may_be_escorted(groups[0]):
             self._draft.unread(phrase.span, "an escort is of one group that moves and is no target")
             return True

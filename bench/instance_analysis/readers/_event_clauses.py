@@ -314,7 +314,7 @@ _ROLES = (
     _role("within", before=rf"\bwithin{_ABOUT}"),
     _role("within", after=r"time|to\s+(?:comply|obey|react|do)|for\s+(?:it|this|that)"),
     _role("at", after=r"(?:after|from)\s+(?:the\s+)?(?:start|launch|take-?off)|into\s+the\s+\w+"),
-    _role("until", before=rf"\b(?:until|till|to|ending\s+at|ends?\s+at|over\s+at){_T}"),
+    _role("until", before=rf"\b(?:until|till|to|ending\s+at|ends?\s+at|(?<!takes\s)(?<!take\s)(?<!took\s)(?<!hands\s)(?<!hand\s)(?<!it\s)(?<!control\s)(?<!drone\s)over\s+at){_T}"),
     _role("until", before=rf"\b(?:back|again|restored|returns?|available|recovers?|up)\b(?:\s+\w+){{0,2}}\s+(?:at|after){_T}"),
     _role("lasting", before=rf"\b(?:for|lasting|lasts?|of|during|takes){_ABOUT}"),
     _role("lasting", before=r"\bis\s+", after=r"away|long"),

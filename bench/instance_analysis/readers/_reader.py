@@ -85,6 +85,9 @@ _VERB = re.compile(
     re.IGNORECASE,
 )
 """What makes `four rescuers with two dogs stand by the house` a statement about all of them."""
+_PLURAL_VERB = re.compile(
+    r"\s+(?:are|were|stand|wait|walk|move|drive|patrol|run|sit|lie|stay|remain)\b", re.IGNORECASE
+)
 _WITH = re.compile(r"\bwith (?:an?|the)? ?$", re.IGNORECASE)
 _RIGHT_AFTER = re.compile(r"[\s,]*(?:\([^()]*\)[\s,]*)?")
 _CENTRED = ("centred", "centered", "around", "right around", "exactly around")
@@ -713,6 +716,8 @@ class TextReader:
         if phrase.rule in ("place", "stretch") or count_places(phrase) > 1:
             self._figures(phrase, later=False)
             return
+        if self.groups.in_sentence and self.escort.read_passive(phrase):
+            return
         if self._of_the_drone() and (self._is_fence(phrase) or self.escort.read(phrase)):
             return
         if phrase.rule == "part" and not self.groups.in_sentence and self._anchors_the_area(phrase):
@@ -742,7 +747,10 @@ class TextReader:
         joined = [item for item in self.joined if not (phrase.refs and item in self.groups.ref(phrase))]
         if len(joined) > 1 and phrase.rule not in RULES_FOR_ALL_GROUPS and joined[-1:] == subject[-1:]:
             readings = [", ".join(subject), ", ".join(joined)]
-            if self.draft.ask(phrase.span, "which groups does this describe?", readings) == 1:
+            if self._is_plural_verb(subject[-1], phrase):
+                # `two ambulances and a bus are parked`.
+                self.groups.subject = subject = joined
+            elif self.draft.ask(phrase.span, "which groups does this describe?", readings) == 1:
                 subject = joined
         for group in subject:
             if phrase.rule == "motion" and self._cannot_move(group, phrase):
@@ -801,6 +809,13 @@ class TextReader:
         motion = phrase.first("MOTION")
         moves = motion is not None and isinstance(motion.value, MotionWords) and motion.value.kind != "still"
         return moves and self.groups.asset(group) in IMMOVABLE
+
+    def _is_plural_verb(self, last: str, phrase: Phrase) -> bool:
+        """Whether the verb after the last group, which has one member, is that of several."""
+        entry = self.draft.entries.get(("actors", last, "id"))
+        if last in self.groups.plural or entry is None or entry.span is None:
+            return False
+        return _PLURAL_VERB.match(self.draft.text, entry.span.end, phrase.span.end) is not None
 
     def _is_predicate(self, phrase: Phrase) -> bool:
         """Whether a verb stands between the groups of the sentence and what is said of them."""

@@ -219,6 +219,8 @@ class WeatherReader:
         word, time = phrase.first("SUN"), phrase.first("TIME")
         assert word is not None
         quantity = time.value if time and isinstance(time.value, Quantity) else None
+        if self._draft.quote(word.span).lower() in ("dusk", "dawn"):
+            self._draft.remark(phrase.span, "dusk and dawn are read as sunset and sunrise")
         self._stated_sun = (str(word.value), quantity, -1 if phrase.first("BEFORE") else 1, phrase.span)
 
     def clock(self, phrase: Phrase) -> None:
