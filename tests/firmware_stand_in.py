@@ -26,6 +26,8 @@ FAULT_HEIGHT_M = 1.0
 # Host seconds without anything from the bench.
 PATIENCE_S = 60.0
 READY_S = 1.0
+# ArduPilot opens its further ports while its world moves.
+OTHER_PORTS_AT = 100
 MAX_THRUST_N, INERTIA, YAW_INERTIA = 8.5486, 0.02167, 0.04
 WEIGHT_N = 2.0643 * 9.81
 G = 9.80665
@@ -561,13 +563,10 @@ def fly_ardupilot() -> None:
     require(rate_hz >= 720, f"SIM_RATE_HZ {rate_hz}: the gyro is too slow for a main loop of 400 Hz")
     faults = Faults(int(parameters.get("STAND_IN_FAULT", 0)))
     Path("eeprom.bin").write_bytes(bytes(16))
-    servers = []
-    for port in (5760, 5762, 5763):
-        server = socket.create_server(("127.0.0.1", port + 10 * instance))
-        server.setblocking(port == 5760)
-        servers.append(server)
+    first = socket.create_server(("127.0.0.1", 5760 + 10 * instance))
+    servers: list[socket.socket] = []
     # The world begins with a client on the first port.
-    sockets = [servers[0].accept()[0]]
+    sockets = [first.accept()[0]]
     sockets[0].setblocking(False)
     if parameters["LOG_BACKEND_TYPE"]:
         Path("logs").mkdir()
@@ -593,7 +592,11 @@ def fly_ardupilot() -> None:
         count += 1
         if count == int(parameters.get("STAND_IN_RESTART", -1)):
             count = 0
-        for server in servers[1:]:
+        if count == OTHER_PORTS_AT:
+            servers = [socket.create_server(("127.0.0.1", port + 10 * instance)) for port in (5762, 5763)]
+            for server in servers:
+                server.setblocking(False)
+        for server in servers:
             try:
                 client = server.accept()[0]
             except BlockingIOError:

@@ -68,23 +68,22 @@ class ArduPilotKind:
             command += ["--defaults", _DEFAULTS_FILE, f"-I{instance}"]
             program.run(command, cores)
 
-            def connect(port: int) -> TcpPort:
-                unbound = program.new_socket(socket.SOCK_STREAM)
-                number = port + _PORTS_PER_INSTANCE * instance
-                tcp_port = TcpPort(number, unbound, program.check_alive, plan.budgets.connect_s)
+            def port(first_number: int) -> TcpPort:
+                number = first_number + _PORTS_PER_INSTANCE * instance
+                tcp_port = TcpPort(number, program.new_socket(socket.SOCK_STREAM), program.check_alive)
                 stack.callback(tcp_port.close)
                 return tcp_port
 
-            # Nothing of it runs before its first port has a client.
-            first = connect(_SERIAL0_PORT)
-            running = RunningArduPilot(body, program, physics.link, cores)
             # The first of the vehicle's links has SERIAL0 as with the SITL, the others share SERIAL1; the bench reads the
             # estimate on SERIAL2, where its requests change no client's streams. All are taken, also where no link needs
             # one: on a network that they share, an agent must find no free one.
-            second = connect(_SERIAL1_PORT)
+            first, second, third = port(_SERIAL0_PORT), port(_SERIAL1_PORT), port(_SERIAL2_PORT)
+            # Nothing of it runs before its first port has a client.
+            first.open(plan.budgets.connect_s)
+            running = RunningArduPilot(body, program, physics.link, cores)
             running.ports = {link.name: first if number == 0 else second for number, link in enumerate(links)}
-            running.estimate_port = connect(_SERIAL2_PORT)
-            running.connections = [first, second, running.estimate_port]
+            running.estimate_port = third
+            running.connections = [first, second, third]
             yield running
 
 

@@ -9,13 +9,15 @@ from typing import Protocol
 from bench.errors import FirmwareFault
 
 from ..controller.links._frames import FrameReader
-from ._px4_link import CONNECT_S, CheckAlive, report_closed
+from ._px4_link import CheckAlive, report_closed
 
 _READ_BYTES = 65536
 _SOCKET_BYTES = 4 << 20
 # More than this waits only for an autopilot that has stopped reading.
 _BACKLOG_BYTES = 1 << 20
 _RETRY_S = 0.02
+# On loopback the answer is there at once.
+_CONNECT_TRY_S = 1.0
 
 
 class MavlinkPort(Protocol):
@@ -70,27 +72,33 @@ class UdpPort:
 
 
 class TcpPort:
-    """ArduPilot's: it listens. Nothing of it runs before somebody is on its first port."""
+    """ArduPilot's: it listens. `open` waits for the port; without it, each `read` tries again until somebody listens.
 
-    def __init__(
-        self, port: int, unbound: socket.socket, check_alive: CheckAlive, connect_s: float = CONNECT_S
-    ) -> None:
+    Nothing of ArduPilot runs before somebody is on its first port, and it opens the others only when its world moves.
+    """
+
+    def __init__(self, port: int, unbound: socket.socket, check_alive: CheckAlive) -> None:
         self._socket = unbound
-        try:
-            _connect(unbound, port, check_alive, connect_s)
-        except BaseException:
-            unbound.close()
-            raise
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._socket.setblocking(False)
         self._check_alive = check_alive
         self._port = port
         self._reader = FrameReader()
         self._backlog = bytearray()
+        self._connected = False
+
+    def open(self, connect_s: float) -> None:
+        """Wait until ArduPilot listens, and connect."""
+        deadline_s = time.monotonic() + connect_s
+        while not self._connect():
+            self._check_alive()
+            if time.monotonic() > deadline_s:
+                raise FirmwareFault(
+                    f"ArduPilot did not listen on TCP port {self._port} within {connect_s:g} s"
+                )
+            time.sleep(_RETRY_S)
 
     def read(self) -> list[bytes]:
         frames: list[bytes] = []
-        while True:
+        while self._connected or self._connect():
             try:
                 data = self._socket.recv(_READ_BYTES)
             except BlockingIOError:
@@ -100,8 +108,12 @@ class TcpPort:
             if not data:
                 report_closed(f"ArduPilot closed TCP port {self._port}", self._check_alive)
             frames += self._reader.feed(data)
+        return frames
 
     def send(self, frames: list[bytes]) -> None:
+        if not self._connected:
+            # As on a line that nobody has opened yet.
+            return
         if len(self._backlog) < _BACKLOG_BYTES:
             self._backlog += b"".join(frames)
         try:
@@ -115,20 +127,14 @@ class TcpPort:
     def close(self) -> None:
         self._socket.close()
 
-
-def _connect(unbound: socket.socket, port: int, check_alive: CheckAlive, connect_s: float) -> None:
-    deadline_s = time.monotonic() + connect_s
-    unbound.settimeout(connect_s)
-    while True:
+    def _connect(self) -> bool:
+        self._socket.settimeout(_CONNECT_TRY_S)
         try:
             # Linux lets a socket that was refused try again.
-            unbound.connect(("127.0.0.1", port))
+            self._socket.connect(("127.0.0.1", self._port))
         except OSError:
-            check_alive()
-            if time.monotonic() > deadline_s:
-                raise FirmwareFault(
-                    f"ArduPilot did not listen on TCP port {port} within {connect_s:g} s"
-                ) from None
-            time.sleep(_RETRY_S)
-        else:
-            return
+            return False
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket.setblocking(False)
+        self._connected = True
+        return True

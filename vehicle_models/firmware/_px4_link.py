@@ -71,7 +71,7 @@ class Px4Link:
         self.port: int = self._server.getsockname()[1]
         self._connection: socket.socket | None = None
         self._reader = FrameReader()
-        self._answered = False
+        self._answered, self._answered_us = False, 0
         self.unanswered = 0
         self.truth_interval_us: int | None = None
         """How often PX4 wants HIL_STATE_QUATERNION; None until it has asked."""
@@ -107,7 +107,7 @@ class Px4Link:
         while True:
             controls = self._receive(connection, deadline_s, time_us)
             if controls is not None and controls.time_us == time_us:
-                self._answered = True
+                self._answered, self._answered_us = True, time_us
                 return controls
             if controls is not None and controls.time_us > time_us:
                 raise FirmwareFault(
@@ -149,7 +149,8 @@ class Px4Link:
             self._check_alive()
             if self._answered and remaining_s <= 0.0:
                 raise FirmwareFault(
-                    f"PX4 has not answered the sample of {time_us / 1e6:.3f} s for {self._answer_s:g} s"
+                    f"PX4 has not answered the sample of {time_us / 1e6:.3f} s for {self._answer_s:g} s; its last answer was "
+                    f"for {self._answered_us / 1e6:.3f} s"
                 ) from None
             return None
         except OSError:
