@@ -101,34 +101,55 @@ def test_unknown_and_impossible_options_are_all_named() -> None:
     assert "max_detections" in str(caught.value)
 
 
-@pytest.mark.parametrize(("scene", "hd"), [(0, False), (5, False)])
-def test_most_of_two_held_out_scenes_is_found_again_equally_each_time(
+@pytest.mark.parametrize(("scene", "hd"), [(2, False), (5, True)])
+def test_objects_of_two_held_out_scenes_are_found_equally_each_time(
     detector: SmallDetector, scene: int, hd: bool
 ) -> None:
     pictures = frames(scene, hd)
     counts = groups_found(detector, pictures)
     again = open_small_detector(spec_with())
 
-    assert sum(there for there, _ in counts.values()) >= 20
-    there, right = counts["person"]
-    assert right >= PERSON_RECALL_FLOOR * there, (there, right)
+    assert sum(there for there, _ in counts.values()) >= 40
+    for group, floor in RECALL_FLOORS.items():
+        there, right = counts[group]
+        assert there >= 10
+        assert right >= floor * there, (group, there, right)
     for picture in reversed(pictures):
         assert again.detect(picture.bgr) == detector.detect(picture.bgr)
 
 
-PERSON_RECALL_FLOOR = 0.15
+RECALL_FLOORS = {"person": 0.1, "vehicle": 0.4, "tree": 0.4}
 """Well below docs/pixel-detector.md: two scenes are few."""
 
 
 def test_bare_ground_gives_few_false_alarms(detector: SmallDetector) -> None:
-    pictures = frames(2, False, empty=True) + frames(3, False, "rain level 9", empty=True)
+    pictures = frames(3, False, empty=True) + frames(4, False, "rain level 9", empty=True)
     alarms = sum(len(detector.detect(picture.bgr)) for picture in pictures)
 
-    assert alarms <= 3 * len(pictures)
+    assert alarms <= 2 * len(pictures)
+
+
+def test_boxes_of_large_vehicles_fit(detector: SmallDetector) -> None:
+    """Of vehicles of 40 pixels and more that are found at all, edges are off by less than a quarter of the longest
+    side at the median.
+    """
+    errors = []
+    for picture in frames(5, True):
+        sides = (picture.boxes_px[:, 2:] - picture.boxes_px[:, :2]).max(axis=1)
+        vehicles = np.array([GROUPS[LABELS[label]] == "vehicle" for label in picture.labels.tolist()])
+        wanted = picture.counts & vehicles & (sides >= 40)
+        boxes = np.array([detection.box for detection in detector.detect(picture.bgr)])
+        overlaps = overlap(picture.boxes_px[wanted], boxes)
+        best, hit = overlaps.argmax(axis=1), overlaps.max(axis=1) >= 0.3
+        off = np.abs(boxes[best] - picture.boxes_px[wanted]).max(axis=1) / sides[wanted]
+        errors += off[hit].tolist()
+
+    assert len(errors) >= 15
+    assert np.median(errors) < 0.25
 
 
 def test_any_size_of_picture_will_do_and_boxes_stay_inside(detector: SmallDetector) -> None:
-    whole = frames(1, True)[0].bgr
+    whole = frames(5, True)[0].bgr
     for width, height in ((16, 16), (100, 33), (641, 479)):
         part = whole[:height, :width]
         for detection in detector.detect(part):
@@ -137,8 +158,20 @@ def test_any_size_of_picture_will_do_and_boxes_stay_inside(detector: SmallDetect
             assert 0.0 <= top < bottom <= height
 
 
+def test_a_moved_picture_has_moved_boxes(detector: SmallDetector) -> None:
+    """By 32 pixels, in which the network repeats itself: boxes far from edges move with the pixels."""
+    picture = frames(5, True)[0].bgr
+    first = detector.detect(picture[:480, :640])
+    second = detector.detect(picture[32:512, 32:672])
+    inner = [d for d in first if d.box[0] > 200 and d.box[2] < 440 and d.box[1] > 200 and d.box[3] < 440]
+
+    assert inner
+    moved = np.array([detection.box for detection in inner]) - 32.0
+    assert (overlap(moved, np.array([d.box for d in second])).max(axis=1) > 0.8).all()
+
+
 def test_options_change_what_is_reported(detector: SmallDetector) -> None:
-    picture = frames(0, False)[0].bgr
+    picture = frames(2, False)[0].bgr
     few = open_small_detector(spec_with(max_detections=3)).detect(picture)
     sure = open_small_detector(spec_with(min_object=0.9)).detect(picture)
     usual = detector.detect(picture)
@@ -210,9 +243,9 @@ def test_seeds_and_splits_give_scenes_of_their_own() -> None:
         generator_of(seed, split, scene).random() for seed in (1, 2) for split in Split for scene in (0, 1)
     ]
     assert len(set(draws)) == len(draws)
-    random = generator_of(SEED, Split.EVALUATION, 1)
+    random = generator_of(SEED, Split.EVALUATION, 5)
     again = next(frames_of(random, 1, HD, CONDITIONS["clear day"], empty=False))
-    first = frames(1, True)[0]
+    first = frames(5, True)[0]
     assert (again.bgr == first.bgr).all()
     assert (again.boxes_px == first.boxes_px).all()
 

@@ -69,8 +69,8 @@ class NetworkModel:
     def __init__(self, document: ModelDocument, weights: bytes) -> None:
         self.document = document
         buffer = np.frombuffer(weights, np.uint8)
-        # OpenCV 5 has two engines. On this network the older one takes 15 ms for 640x480 on a core, the newer one
-        # half as much again: it has no Winograd convolution (`benchmarks/pixel_detector.py`).
+        # OpenCV 5 has two engines. The older one, which is that of OpenCV 4, took 23 ms for 31 ms on a network with more
+        # channels; on this one both cost the same (`benchmarks/pixel_detector.py`).
         engine = getattr(cv2.dnn, "ENGINE_CLASSIC", None)
         self._net = (
             cv2.dnn.readNetFromONNX(buffer)
