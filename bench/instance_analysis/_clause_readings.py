@@ -13,6 +13,10 @@ from .language._tokens import Span
 from .ledger._clauses import Clause
 
 
+_Passage = Span | UnreadText | Choice
+"""What has a place in the text, from `start` to `end`."""
+
+
 @dataclass(slots=True)
 class _Account:
     """What the reading holds about one clause."""
@@ -55,31 +59,28 @@ def _status(clause: Clause, account: _Account) -> ClauseStatus:
 def _accounts(draft: Draft, clauses: Sequence[Clause]) -> list[_Account]:
     """What the reading holds, divided among the clauses that it touches."""
     accounts = [_Account() for _ in clauses]
-    ends = [clause.span.end for clause in clauses]
-    starts = [clause.span.start for clause in clauses]
+    starts, ends = [clause.span.start for clause in clauses], [clause.span.end for clause in clauses]
 
-    def touched(start: int, end: int) -> Iterable[_Account]:
-        return accounts[bisect.bisect_right(ends, start) : bisect.bisect_left(starts, end)]
+    def touched(item: _Passage) -> Iterable[_Account]:
+        return accounts[bisect.bisect_right(ends, item.start) : bisect.bisect_left(starts, item.end)]
 
     for path, entry in draft.entries.items():
-        if entry.span is not None and path != ("description",):
-            for account in touched(entry.span.start, entry.span.end):
-                account.fields.append(dotted(path))
-        elif entry.note and entry.beside is not None:
-            for account in touched(entry.beside.start, entry.beside.end):
-                account.defaults.append(f"{dotted(path)} = {entry.value}: {entry.note}")
-    for item in (*draft.not_understood, *draft.not_expressible):
-        for account in touched(item.start, item.end):
-            account.unread.append(item)
+        stated = entry.span if path != ("description",) else None
+        for account in touched(stated) if stated else ():
+            account.fields.append(dotted(path))
+        for account in touched(entry.beside) if entry.span is None and entry.note and entry.beside else ():
+            account.defaults.append(f"{dotted(path)} = {entry.value}: {entry.note}")
+    for passage in (*draft.not_understood, *draft.not_expressible):
+        for account in touched(passage):
+            account.unread.append(passage)
     for choice in draft.choices:
-        for account in touched(choice.start, choice.end):
+        for account in touched(choice):
             account.choices.append(choice)
     for remark in draft.remarks:
-        for account in touched(remark.start, remark.end):
+        for account in touched(remark):
             account.remarks.append(remark.why)
-    read: list[Span] = [*draft.acknowledged, *draft.references]
-    for span in read:
-        for account in touched(span.start, span.end):
+    for span in (*draft.acknowledged, *draft.references):
+        for account in touched(span):
             account.read = True
     return accounts
 

@@ -58,8 +58,8 @@ class EventReader:
         part = phrase.first("EVENT")
         assert part is not None
         assert isinstance(part.value, EventForm)
-        when = _timing_of(phrase)
-        if phrase.first("UNITLESS"):
+        when, quote = _timing_of(phrase), self._draft.quote(phrase.span)
+        if phrase.first("UNITLESS") or _WITHOUT_UNIT.search(quote):
             self._draft.remark(phrase.span, "a number without a unit is read as seconds")
         if part.value.part == "consents":
             self._consent(part.value.kind, phrase, when)
@@ -67,22 +67,18 @@ class EventReader:
         if when.at_s is None and when.later_s is not None and self._last_at_s is not None:
             self._draft.remark(phrase.span, f"read as {when.later_s:g} s after the event before it")
             when = replace(when, at_s=self._last_at_s + when.later_s)
-        if _TIME_OF_DAY.search(self._draft.quote(phrase.span)):
+        if _TIME_OF_DAY.search(quote):
             self._draft.unread(phrase.span, "write its time in seconds after the start", expressible=True)
             return
-        if _WITHOUT_UNIT.search(self._draft.quote(phrase.span)):
-            self._draft.remark(phrase.span, "a number without a unit is read as seconds")
-        if _CLOCK.search(self._draft.quote(phrase.span)):
-            self._draft.remark(
-                phrase.span, "a time without a zone is read as minutes and seconds after the start"
-            )
-        if _REVOKES.search(self._draft.quote(phrase.span)) and self._last not in ("hold", "stop_reporting"):
+        if _CLOCK.search(quote):
+            read_as = "a time without a zone is read as minutes and seconds after the start"
+            self._draft.remark(phrase.span, read_as)
+        if _REVOKES.search(quote) and self._last not in ("hold", "stop_reporting"):
             self._draft.unread(phrase.span, "only a hold and a silence can be revoked")
-            return
-        if when.at_s is None:
+        elif when.at_s is None:
             self._timeless.append((part.value, phrase))
-            return
-        self._happens(part.value, phrase, when, when.at_s)
+        else:
+            self._happens(part.value, phrase, when, when.at_s)
 
     def finish(self) -> None:
         """Ask for the time of every event that has none anywhere in the text. Whoever is asked must consent."""

@@ -59,65 +59,70 @@ class FlightReader:
     def field(self, phrase: Phrase) -> None:
         word = phrase.first("FIELD")
         given = next(
-            words for words in phrase.parts if isinstance(words, Part) and isinstance(words.value, Quantity)
+            part.value for part in phrase.parts if isinstance(part, Part) and isinstance(part.value, Quantity)
         )
         assert word is not None
         assert isinstance(word.value, tuple)
-        assert isinstance(given.value, Quantity)
-        quantity, fields = given.value, [words for words in word.value if isinstance(words, FieldWords)]
-        fitting = [words for words in fields if _fits(words, quantity)]
-        # COUNT is a number without a unit.
-        if not fitting and quantity.kind == "COUNT":
-            field = fields[0]
-            if field.kind in ("ANGLE", "PERCENT"):
-                self._plain_number(field, quantity, phrase)
-                return
-            if field.kind not in UNITS:
-                self._draft.fault(phrase.span, f"{field.path} takes a number with a unit", "write its unit")
-                return
-            units = UNITS[field.kind]
-            chosen = (
-                self._usual_unit(field.kind, phrase.span)
-                or [*units][self._draft.ask(phrase.span, "in which unit?", [*units])]
-            )
-            low, high = (round(words * units[chosen], 6) for words in (quantity.low, quantity.high))
-            quantity, fitting = Quantity(field.kind, low, high), [field]
-        if not fitting:
+        assert isinstance(given, Quantity)
+        fields = [words for words in word.value if isinstance(words, FieldWords)]
+        fitting = [words for words in fields if _fits(words, given)]
+        if fitting:
+            self._field(fitting[0], given, phrase, word.span)
+        elif given.kind == "COUNT":
+            self._without_unit(fields[0], given, phrase, word.span)
+        else:
             wanted = " or ".join(sorted({f"{words.path} is a {words.kind.lower()}" for words in fields}))
             self._draft.fault(
-                phrase.span, f"{wanted}, not a {quantity.kind.lower()}", "give it in a unit that fits"
+                phrase.span, f"{wanted}, not a {given.kind.lower()}", "give it in a unit that fits"
             )
+
+    def _without_unit(self, field: FieldWords, number: Quantity, phrase: Phrase, word: Span) -> None:
+        """Read a number in the unit of all others, or in the one that a choice names."""
+        if field.kind in ("ANGLE", "PERCENT"):
+            self._plain_number(field, number, phrase)
             return
-        field = fitting[0]
+        units = UNITS.get(field.kind)
+        if units is None:
+            self._draft.fault(phrase.span, f"{field.path} takes a number with a unit", "write its unit")
+            return
+        unit = self._usual_unit(field.kind, phrase.span)
+        unit = unit or [*units][self._draft.ask(phrase.span, "in which unit?", [*units])]
+        low, high = (round(end * units[unit], 6) for end in (number.low, number.high))
+        self._field(field, Quantity(field.kind, low, high), phrase, word)
+
+    def _field(self, field: FieldWords, quantity: Quantity, phrase: Phrase, word: Span) -> None:
+        """Set a field, or what its word means of ground, of a report, of the wind or of a group."""
         if field.path == "intelligence.uncertainty_m" and self.of_ground and not self._intelligence.spoken_of:
             self._ground.round(quantity, phrase.span)
-            return
-        if field.path.startswith("intelligence."):
+        elif field.path.startswith("intelligence."):
             self._intelligence.field(field.path.split(".")[1], quantity, phrase.span)
-            return
-        if field.kind == "SPEED" and self._of_the_wind(word.span):
+        elif field.kind == "SPEED" and self._of_the_wind(word):
             self._draft.unread(phrase.span, "it is said of the wind", expressible=True)
-            return
-        if self._bounds(field, phrase):
-            return
-        if (
-            field.path == "mission.speed_mps"
-            and self._groups.in_sentence
-            and not self._groups.subject_is_mission
-            and self._moving()
-        ):
+        elif self._bounds(field, phrase):
+            pass
+        elif field.path == "mission.speed_mps" and self._is_of_walkers():
             for group in self._groups.subject:
                 put_speed(self._draft, group, quantity, phrase.span)
-            return
+        else:
+            self._set(field, quantity, phrase)
+
+    def _is_of_walkers(self) -> bool:
+        """Whether a speed is that of the groups that the sentence is about, because they move."""
+        return self._groups.in_sentence and not self._groups.subject_is_mission and self._moving()
+
+    def _set(self, field: FieldWords, quantity: Quantity, phrase: Phrase) -> None:
         if field.path.startswith("mission."):
             self._groups.subject_is_mission, self.subject = True, "drone"
-        whole = field.path.startswith("seeds.")
-        unit = UNIT_NAMES.get(field.kind)
         if field.path.endswith(LIMITS):
             # `time limit at most 5 min`: the field is a largest value itself.
             phrase.every("WITHIN")
         self._draft.vary(
-            tuple(field.path.split(".")), quantity.low, quantity.high, phrase.span, unit=unit, integer=whole
+            tuple(field.path.split(".")),
+            quantity.low,
+            quantity.high,
+            phrase.span,
+            unit=UNIT_NAMES.get(field.kind),
+            integer=field.path.startswith("seeds."),
         )
 
     def _of_the_wind(self, word: Span) -> bool:

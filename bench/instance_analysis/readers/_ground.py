@@ -324,26 +324,25 @@ class GroundReader:
         return {"east_m": (west + east) / 2, "north_m": (south + north) / 2}
 
     def _lay_out(self, piece: GroundPiece) -> None:
-        wanted = (
-            piece.within
-            or piece.kind in ("NOFLY", "FENCE")
-            or any(piece.id == piece_id for piece_id, _ in self._over)
-        )
-        if (
-            isinstance(piece.middle, str)
-            and piece.middle != HOME
-            and self._places.fixed(piece.middle) is None
-        ):
+        at = piece.middle
+        if isinstance(at, str) and at != HOME and self._places.fixed(at) is None:
             self._draft.unread(piece.extent or piece.span, "the place at its centre has no coordinates")
-            return
-        if not (piece.corners or piece.size_m or piece.radius_m):
-            if (wanted and piece.kind in ("NOFLY", "FENCE")) or (piece.within and piece.kind == "NAMED"):
-                self._draft.unread(piece.span, "its corners or size are missing", expressible=True)
-            if piece.middle is not None and piece.extent is not None:
-                self._draft.unread(piece.extent, "its corners or size are missing", expressible=True)
-            for _, span in piece.within if piece.kind == "GROUND" else ():
-                self._draft.remark(span, "no place and no size are given: read as the whole area")
-            return
+        elif not (piece.corners or piece.size_m or piece.radius_m):
+            self._list_without_size(piece)
+        else:
+            self._put(piece)
+
+    def _list_without_size(self, piece: GroundPiece) -> None:
+        """List ground that has neither corners nor size, where something needs them."""
+        missing = "its corners or size are missing"
+        if piece.kind in ("NOFLY", "FENCE") or (piece.within and piece.kind == "NAMED"):
+            self._draft.unread(piece.span, missing, expressible=True)
+        if piece.middle is not None and piece.extent is not None:
+            self._draft.unread(piece.extent, missing, expressible=True)
+        for _, span in piece.within if piece.kind == "GROUND" else ():
+            self._draft.remark(span, "no place and no size are given: read as the whole area")
+
+    def _put(self, piece: GroundPiece) -> None:
         base: dict[str, FieldPath] = {
             "NOFLY": ("rules", "no_fly", piece.id, "area"),
             "FENCE": ("rules", "geofence"),
@@ -351,13 +350,10 @@ class GroundReader:
         where = base.get(piece.kind, ("world", "areas", piece.id))
         if piece.kind != "FENCE":
             self._draft.put((*where[:3], "id"), piece.id, piece.span)
-        placed = piece.corners or piece.middle is not None
-        notes = ["" if placed else "in the middle of the area: the text does not say where"]
-        if piece.radius_m:
-            notes.append(f"a circle, by {CORNERS_OF_A_CIRCLE} corners around it")
-        self._draft.put(
-            (*where, "corners"), self._laid_out(piece), piece.extent, "; ".join(filter(None, notes))
-        )
+        notes = [f"a circle, by {CORNERS_OF_A_CIRCLE} corners around it"] if piece.radius_m else []
+        if not piece.corners and piece.middle is None:
+            notes.insert(0, "in the middle of the area: the text does not say where")
+        self._draft.put((*where, "corners"), self._laid_out(piece), piece.extent, "; ".join(notes))
         for name, (value, span) in piece.times.items():
             self._draft.put((*where[:3], name), value, span)
         for group, span in piece.within:

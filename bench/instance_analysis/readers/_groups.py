@@ -38,6 +38,7 @@ GENERIC_PERSONS = frozenset(
     ]
 )  # fmt: skip
 """Words for anybody, which tell nothing of who is meant."""
+_ONE = ("a", "an", "one")
 SINGULAR_PRONOUNS = ("it", "he", "she", "him", "her")
 
 
@@ -187,46 +188,51 @@ class GroupRegister:
             known = [group for group in known if self.role(group) is Role.SOUGHT]
         if phrase.rule == "group" and (nth := phrase.first("NTH")):
             return self._next_one(phrase, name, nth, known)
-        if (
-            known
-            and not none
-            and (count is None or self._definite(phrase.span))
-            and phrase.first("PERAREA") is None
-        ):
-            if count is not None and len(known) == 1 and known[0] in self._uncounted:
-                # `aid workers ...; the 6 aid workers`.
-                self._recount(known[0], phrase, count, span)
-            if not self._is_same(known, phrase, span):
-                return [self._new(phrase, name, span, count)]
-            self.draft.references.append(phrase.span)
-            groups = self.choose_one(known, span)
-            if count is not None and not self._is_number_of(groups, count):
-                count.disown()
-            return groups
-        if phrase.rule == "ref" and count and self.draft.quote(count.span).lower() in ("a", "an", "one"):
-            several = [group for group in known if group in self.plural]
+        dense = phrase.first("PERAREA") is not None
+        if known and not none and not dense and (count is None or self._definite(phrase.span)):
+            return self._mentioned_again(phrase, known, count, span)
+        some_member = phrase.rule == "ref" and count and self.draft.quote(count.span).lower() in _ONE
+        if some_member and (several := [group for group in known if group in self.plural]):
             # `near a crate`, where the text has crates, means near some member of that group.
-            if several:
-                self.draft.acknowledge(count.span)
-                phrase.every("ATLEAST")
-                return self.choose_one(several, span)
+            assert count is not None
+            self.draft.acknowledge(count.span)
+            phrase.every("ATLEAST")
+            return self.choose_one(several, span)
         if none or (count and isinstance(count.value, Quantity) and count.value.high == 0):
             self._absent(phrase, name)
             return []
-        if (
-            phrase.rule == "group"
-            and count
-            and (earlier := self._not_counted(known, there=self._there_are(phrase.span)))
-            and not phrase.first("PERAREA")
-        ):
-            if earlier in self._defined or self._there_are(phrase.span):
+        return [self._counted(phrase, name, known, count, span)]
+
+    def _counted(
+        self, phrase: Phrase, name: str, known: Sequence[str], count: Part | None, span: Span
+    ) -> str:
+        """A new group, or one that was named before without the number that it gets now."""
+        if phrase.rule == "group" and count and phrase.first("PERAREA") is None:
+            earlier = self._not_counted(known, there=self._there_are(phrase.span))
+            if earlier and self._is_counted_now(earlier, phrase):
                 self._recount(earlier, phrase, count, span)
-                return [earlier]
-            readings = [f"the same as {earlier!r} before, whose number was not said", "others"]
-            if self.draft.ask(phrase.span, "who is this?", readings) == 0:
-                self._recount(earlier, phrase, count, span)
-                return [earlier]
-        return [self._new(phrase, name, span, count)]
+                return earlier
+        return self._new(phrase, name, span, count)
+
+    def _mentioned_again(self, phrase: Phrase, known: list[str], count: Part | None, span: Span) -> list[str]:
+        """The groups of a name that the text has used before; a new one where that is not meant."""
+        if count is not None and len(known) == 1 and known[0] in self._uncounted:
+            # `aid workers ...; the 6 aid workers`.
+            self._recount(known[0], phrase, count, span)
+        if not self._is_same(known, phrase, span):
+            return [self._new(phrase, self.kinds[known[0]], span, count)]
+        self.draft.references.append(phrase.span)
+        groups = self.choose_one(known, span)
+        if count is not None and not self._is_number_of(groups, count):
+            count.disown()
+        return groups
+
+    def _is_counted_now(self, earlier: str, phrase: Phrase) -> bool:
+        """Whether a number belongs to a group that was named before without one."""
+        if earlier in self._defined or self._there_are(phrase.span):
+            return True
+        readings = [f"the same as {earlier!r} before, whose number was not said", "others"]
+        return self.draft.ask(phrase.span, "who is this?", readings) == 0
 
     def _is_same(self, known: Sequence[str], phrase: Phrase, span: Span) -> bool:
         """Whether a noun means a group that was named by another word.
@@ -547,6 +553,10 @@ class GroupRegister:
         low, high = count.value.low * per.value, count.value.high * per.value
         self.draft.vary(("actors", group, "density_per_km2"), low, high, span, unit="1/km2")
 
+    def make_subject(self, groups: Sequence[str]) -> None:
+        """Make groups that are known the subject."""
+        self.subject, self.in_sentence, self.subject_is_mission = [*groups], True, False
+
     def introduce(self, phrase: Phrase) -> None:
         """Make the group that a phrase names the subject."""
         self.subject_is_mission = False
@@ -593,38 +603,35 @@ class GroupRegister:
             return [point.value]
         if ref.first("ORIGIN"):
             return [Coordinates(0.0, 0.0)]
-        if ref.first("HOME"):
-            return [HOME]
         if us := ref.first("US"):
             self.draft.remark(us.span, "read as the start of the drone")
+        if us or ref.first("HOME"):
             return [HOME]
-        if convoy := ref.first("CONVOY"):
-            if not self.convoys:
-                self.draft.unread(convoy.span, "the text does not say of what", expressible=True)
-                return []
-            return [*self.choose_one(self.convoys, convoy.span)]
-        if target := ref.first("TARGET"):
-            adversaries = [candidate for candidate in self.targets() if candidate not in self.subject]
-            return [
-                *(
-                    self.choose_one(adversaries, target.span)
-                    if adversaries
-                    else [self._new_target(target.span)]
-                )
-            ]
+        for kind, resolve in (("CONVOY", self._convoy), ("TARGET", self._target)):
+            if part := ref.first(kind):
+                return [*resolve(part.span)]
         if them := ref.first("THEM"):
-            if (
-                (portion := ref.first("COUNT"))
-                and isinstance(portion.value, Quantity)
-                and portion.value.high == 1
-            ):
-                # `inside one of them`: any member.
-                self.draft.acknowledge(portion.span)
+            self._acknowledge_one_of(ref)
             return [*self.them(them.span, indoors=indoors)]
         groups = self.named(ref)
         for group in groups:
             self._adjectives(group, ref)
         return [*groups]
+
+    def _acknowledge_one_of(self, ref: Phrase) -> None:
+        """`inside one of them`: any member."""
+        portion = ref.first("COUNT")
+        if portion and isinstance(portion.value, Quantity) and portion.value.high == 1:
+            self.draft.acknowledge(portion.span)
+
+    def _convoy(self, span: Span) -> list[str]:
+        if not self.convoys:
+            self.draft.unread(span, "the text does not say of what", expressible=True)
+        return self.choose_one(self.convoys, span) if self.convoys else []
+
+    def _target(self, span: Span) -> list[str]:
+        adversaries = [group for group in self.targets() if group not in self.subject]
+        return self.choose_one(adversaries, span) if adversaries else [self._new_target(span)]
 
     def them(self, span: Span, *, indoors: bool = False) -> list[str]:
         """The groups beside the subject that a pronoun means."""

@@ -91,6 +91,7 @@ _PLURAL_VERB = re.compile(
 _WITH = re.compile(r"\bwith (?:an?|the)? ?$", re.IGNORECASE)
 _RIGHT_AFTER = re.compile(r"[\s,]*(?:\([^()]*\)[\s,]*)?")
 _CENTRED = ("centred", "centered", "around", "right around", "exactly around")
+ARTICLES = ("a", "an", "one", "single", "a single", "another")
 POSSESSIVES = ("his", "her", "its", "their")
 _LOOKED_FOR = re.compile(
     r"\b(?:(?:look|search|hunt)(?:s|ed|ing|es)?\s+(?:everywhere\s+)?for|find|locate)\s+(?:the\s+|our\s+)?$",
@@ -251,53 +252,49 @@ class TextReader:
         if phrase.rule == "rest" and self.groups.divided is None and phrase.has("ASSET"):
             # `The rest: two radar vehicles`.
             phrase = Phrase("group", phrase.parts[1:], phrase.span)
-        if phrase.rule == "group" and (self._counts_again(phrase) or self._is_walked_around(phrase)):
-            return
-        if phrase.rule == "group" and self._is_in_brackets_of_unread(phrase):
-            return
         if phrase.rule == "group":
-            self.flight.subject = "group"
-            self._just_named = []
-            previous = self.joined if joins else []
-            self.groups.introduce(phrase)
-            self._seek(self.groups.subject, phrase.span)
-            if (
-                self._company
-                and len(self._company) == 1
-                and _WITH.search(self.draft.text[: phrase.span.start])
+            if not (
+                self._counts_again(phrase)
+                or self._is_walked_around(phrase)
+                or self._is_in_brackets_of_unread(phrase)
             ):
-                self._company += self.groups.subject
-            else:
-                self._company = []
-            if _ABOUT.search(self.draft.text[: phrase.span.start]):
-                self.intelligence_reader.about(self.groups.subject, phrase.span)
-            self.before, self.topic, self.last = self.last, "group", "group"
-            self.joined = [*previous, *self.groups.subject]
-            for waiting in self.waiting:
-                if self.unread.since(self._sentence_start, waiting.span.start, subjects=True) is None or (
-                    self._is_said_of(
-                        self.groups.subject, waiting, first=waiting.rule not in TraitReader.RULES
-                    )
-                ):
-                    self._of_group(waiting)
-            self.waiting = []
-            return
-        if phrase.rule in ("share", "rest"):
+                self._introduce(phrase, joins=joins)
+        elif phrase.rule in ("share", "rest"):
             read = getattr(self.shares, phrase.rule)(phrase)
             self.groups.in_sentence, self.topic, self.joined, self._just_named = read, "group", [], []
-            return
+        elif not (phrase.rule == "axis" and self.topic == "group" and self._moves(phrase)):
+            self._statement(phrase, later=later)
+
+    def _introduce(self, phrase: Phrase, *, joins: bool) -> None:
+        """Make the group that a phrase names the subject, and read what was waiting for it."""
+        self.flight.subject, self._just_named = "group", []
+        previous = self.joined if joins else []
+        self.groups.introduce(phrase)
+        self._seek(self.groups.subject, phrase.span)
+        accompanies = len(self._company) == 1 and _WITH.search(self.draft.text[: phrase.span.start])
+        self._company = [*self._company, *self.groups.subject] if accompanies else []
+        if _ABOUT.search(self.draft.text[: phrase.span.start]):
+            self.intelligence_reader.about(self.groups.subject, phrase.span)
+        self.before, self.topic, self.last = self.last, "group", "group"
+        self.joined = [*previous, *self.groups.subject]
+        for waiting in self.waiting:
+            unread = self.unread.since(self._sentence_start, waiting.span.start, subjects=True)
+            trait = waiting.rule in TraitReader.RULES
+            if unread is None or self._is_said_of(self.groups.subject, waiting, first=not trait):
+                self._of_group(waiting)
+        self.waiting = []
+
+    def _statement(self, phrase: Phrase, *, later: bool) -> None:
+        """Read what is said of a group, or of anything else."""
         known = set(self.groups.kinds)
-        if phrase.rule == "axis" and self.topic == "group" and self._moves(phrase):
-            return
-        for group_phrase in self._about_groups(phrase):
-            if (self.waiting or not self.groups.in_sentence) and later and group_phrase.rule != "density":
-                self.waiting.append(group_phrase)
-            else:
-                self._of_group(group_phrase)
-                self.joined = []
-                self._note_named(group_phrase, known)
-            return
-        if phrase.rule in ("place", "stretch") or (phrase.rule == "between" and count_places(phrase) == 2):
+        about = self._about_groups(phrase)
+        if about is not None:
+            if (self.waiting or not self.groups.in_sentence) and later and about.rule != "density":
+                self.waiting.append(about)
+                return
+            self._of_group(about)
+            self._note_named(about, known)
+        elif phrase.rule in ("place", "stretch") or (phrase.rule == "between" and count_places(phrase) == 2):
             self._figures(phrase, later=later)
         elif phrase.rule not in GROUP_RULES:
             self._stranger = self._stranger or phrase.rule in FlightReader.RULES
@@ -343,72 +340,70 @@ class TextReader:
         person = self.groups.asset(named[0]) in PERSONS
         return person and self.groups.count_later(named[0], count.value, phrase.span)
 
-    def _is_walked_around(self, phrase: Phrase) -> bool:
-        """Whether a group is what the subject moves around, as in `ten people walk around the house`."""
-        between = self.draft.text[self._moved_until : phrase.span.start]
-        around = self.draft.text[: self._moved_until].lower().endswith((" around", " past", " through"))
-        alone = not phrase.has("COUNT", "NONE") and between.strip().lower() in ("", "the")
-        if not (around and alone and self._moved_until > self._sentence_start and self.groups.in_sentence):
-            return False
-        subject = self.groups.subject
-        self.groups.named(phrase)
-        self.groups.subject = subject
-        self.draft.unread(
-            phrase.span, "moving around something is no relation: give a distance", expressible=True
-        )
-        return True
-
-    def _about_groups(self, phrase: Phrase) -> list[Phrase]:
-        """The phrase when it describes a group; nothing when it describes ground or the vehicle's home."""
+    def _about_groups(self, phrase: Phrase) -> Phrase | None:
+        """The phrase when it describes a group; None when it describes ground or the vehicle's home."""
         it = bool(phrase.refs and phrase.refs[0].first("THEM")) or (
             phrase.rule == "road" and phrase.has("THEM", "BESIDEIT")
         )
-        of_road = phrase.rule == "road" or (phrase.rule in RELATIONS_TO_IT and self._it_is_a_road(phrase))
-        if it and of_road and (self.roads.roads or (self.before == "road" and self.roads.known)):
-            if phrase.rule == "bearing":
-                self.draft.unread(phrase.span, "a SimSpec has no side of a road")
-                return []
-            return [self.roads.as_road_phrase(phrase)]
-        if (
-            it
-            and self.before == "ground"
-            and phrase.rule == "inside"
-            and self.ground.current not in (None, self.ground.world)
-        ):
-            return [Phrase("inside", (), phrase.span)]
-        if phrase.rule == "road" and it:
-            self.draft.unread(phrase.span, "it is not a road", expressible=True)
-            return []
+        if it and self._is_of_a_road(phrase):
+            return self._of_the_road(phrase)
+        ground = self.before == "ground" and self.ground.current not in (None, self.ground.world)
+        if it and ground and phrase.rule == "inside":
+            return Phrase("inside", (), phrase.span)
         if phrase.rule == "area" and (phrase.first("IN") or phrase.first("INSIDE")):
             self.ground.area(phrase)
             self._sized_until = phrase.span.end
             named = phrase.first("GROUND") or phrase.first("NAMED")
-            return [Phrase("inside", (named,), phrase.span)] if named else [Phrase("spread", (), phrase.span)]
+            return Phrase("inside", (named,), phrase.span) if named else Phrase("spread", (), phrase.span)
+        if self._is_of_ground(phrase) or self._is_no_motion(phrase):
+            return None
+        if phrase.rule not in GROUP_RULES or self._about_ground(phrase) or count_places(phrase) > 1:
+            return None
+        return phrase
+
+    def _is_of_a_road(self, phrase: Phrase) -> bool:
+        """Whether `it` in a phrase is a road, or should be one."""
+        of_road = phrase.rule == "road" or (phrase.rule in RELATIONS_TO_IT and self._it_is_a_road(phrase))
+        known = self.roads.roads or (self.before == "road" and self.roads.known)
+        return bool(of_road and (known or phrase.rule == "road"))
+
+    def _of_the_road(self, phrase: Phrase) -> Phrase | None:
+        """What is said of a place beside `it`, which is a road."""
+        if not (self.roads.roads or (self.before == "road" and self.roads.known)):
+            self.draft.unread(phrase.span, "it is not a road", expressible=True)
+        elif phrase.rule == "bearing":
+            self.draft.unread(phrase.span, "a SimSpec has no side of a road")
+        else:
+            return self.roads.as_road_phrase(phrase)
+        return None
+
+    def _is_of_ground(self, phrase: Phrase) -> bool:
+        """Read what is said of ground alone; whether the phrase says nothing else."""
         if (phrase.rule == "midpoint" and self._mid_of_ground(phrase)) or self._centres_ground(phrase):
-            return []
+            return True
         if phrase.rule == "landgap":
             self.ground.mention(phrase).mentioned = True
         if phrase.rule == "inside" and phrase.has("NOFLY", "FENCE"):
             self._ground(phrase)
-            return []
+            return True
         if phrase.rule == "inside" and phrase.has("GROUND", "NAMED"):
             self.ground.mention(phrase)
             self.topic = "group"
+        return False
+
+    def _is_no_motion(self, phrase: Phrase) -> bool:
+        """Whether a motion or a direction is that of a road, of ground, of the drone or of nobody."""
         if phrase.rule == "motion" and self.topic in ("ground", "road"):
             if self.topic == "road" and phrase.has("DIR"):
                 # `a road running north-east`.
                 self.roads.axis(phrase)
             # `the area runs from ... to`.
             self.draft.acknowledge(phrase.span)
-            return []
-        if phrase.rule == "motion" and not self.groups.in_sentence and self.groups.subject_is_mission:
-            return []
+            return True
         if phrase.rule == "travel" and not phrase.has("TOWARDS") and not self._goes_on_a_motion(phrase):
             self.draft.unread(phrase.span, "stands by itself", expressible=True)
-            return []
-        if phrase.rule not in GROUP_RULES or self._about_ground(phrase) or count_places(phrase) > 1:
-            return []
-        return [phrase]
+            return True
+        return phrase.rule == "motion" and not self.groups.in_sentence and self.groups.subject_is_mission
 
     def _moves(self, phrase: Phrase) -> bool:
         """Read `from west to east` of groups that travel; whether the subject does."""
@@ -493,19 +488,12 @@ class TextReader:
         if phrase.has("HOME", "LAUNCH", "ORIGIN"):
             self.topic = "home"
             return
-        patrols = any(
-            self.draft.entries.get(("actors", group_id, "motion", "kind")) is not None
-            for group_id in self.groups.subject
-            if self.groups.in_sentence
-        )
         several = count_places(phrase)
         if self.topic == "road":
             self.roads.through(phrase)
         elif phrase.first("CORNERS") or self.topic == "ground" or self.places.box(phrase):
             self.ground.corners(phrase)
-        elif phrase.first("ROUTE") or (
-            self.groups.in_sentence and several > 1 and (patrols or phrase.rule != "place")
-        ):
+        elif phrase.first("ROUTE") or (several > 1 and self._is_a_way(phrase)):
             for group in self.groups.subject:
                 self.places.walk(group, places_in(phrase), phrase.span)
         elif several > 1 and self.groups.in_sentence:
@@ -518,6 +506,13 @@ class TextReader:
             self.waiting.append(phrase)
         else:
             self._stand(phrase)
+
+    def _is_a_way(self, phrase: Phrase) -> bool:
+        """Whether several places are those of a patrol: of somebody who moves, or `from ... to`."""
+        moves = any(
+            ("actors", group, "motion", "kind") in self.draft.entries for group in self.groups.subject
+        )
+        return self.groups.in_sentence and (moves or phrase.rule != "place")
 
     def _stand(self, phrase: Phrase) -> None:
         if not self.groups.in_sentence and self.topic != "group":
@@ -647,19 +642,34 @@ class TextReader:
 
     def _word(self, word: Word) -> None:
         kinds = {meaning.kind for meaning in word.meanings}
-        groups = self.groups
         if word.text.lower() in ("start", "starts") and self.draft.text.startswith(" to ", word.span.end):
             # `the cars start to drive`.
             return
-        if "HOME" in kinds and word.text.lower().startswith("the vehicle "):
-            self.draft.remark(word.span, "the vehicle is read as the drone under test")
+        self._change_subject(word, kinds)
+        if "FLY" in kinds:
+            self.groups.subject_is_mission = True
+        if kinds & {"FLY", "HOME", "LIMIT"}:
+            self.flight.subject = "drone"
+        number = next((meaning.value for meaning in word.meanings if meaning.kind == "REPORTNO"), None)
+        if isinstance(number, int):
+            self.draft.used_words.append(word.span)
+            self.intelligence_reader.count(number)
+            return
+        if self._is_range_around(word):
+            return
+        if word.filler or kinds & INSIGNIFICANT_KINDS or word.text.lower() in ARTICLES:
+            return
+        self._stranger = True
+        self.draft.unread(word.span, "unknown word" if not kinds else "stands by itself", expressible=True)
+
+    def _change_subject(self, word: Word, kinds: set[str]) -> None:
+        """Make what a word means the subject: the drone, a road or ground, or groups."""
+        groups = self.groups
         if kinds & {"HOME", "LAUNCH"}:
-            groups.in_sentence, groups.subject_is_mission, groups.subject, self.topic = (
-                False,
-                True,
-                [],
-                "home",
-            )
+            if word.text.lower().startswith("the vehicle "):
+                self.draft.remark(word.span, "the vehicle is read as the drone under test")
+            groups.in_sentence, groups.subject_is_mission, groups.subject = False, True, []
+            self.topic = "home"
         elif "THEM" in kinds and self.topic == "" and self.last in ("ground", "road"):
             self.topic = self.last
         elif "THEM" in kinds and _LOOKED_FOR.search(self.draft.text[: word.span.start]):
@@ -668,47 +678,22 @@ class TextReader:
             groups.them_as_subject(word.span)
             groups.in_sentence, self.topic = True, "group"
         elif "CONVOY" in kinds and groups.convoys:
-            groups.subject, groups.in_sentence, groups.subject_is_mission = [*groups.convoys], True, False
+            groups.make_subject(groups.convoys)
             self.topic = self.flight.subject = "group"
-        elif "TARGET" in kinds:
-            targets = groups.targets()
-            if targets:
-                groups.subject, groups.in_sentence, groups.subject_is_mission = (
-                    groups.choose_one(targets, word.span),
-                    True,
-                    False,
-                )
-                self.topic = "group"
-        if "FLY" in kinds:
-            groups.subject_is_mission = True
-        if kinds & {"FLY", "HOME", "LIMIT"}:
-            self.flight.subject = "drone"
-        number = next((meaning.value for meaning in word.meanings if meaning.kind == "REPORTNO"), None)
-        if isinstance(number, int):
-            self.draft.used_words.append(word.span)
-            self.intelligence_reader.count(number)
-            return
+        elif "TARGET" in kinds and (targets := groups.targets()):
+            groups.make_subject(groups.choose_one(targets, word.span))
+            self.topic = "group"
+
+    def _is_range_around(self, word: Word) -> bool:
+        """Read `20 to 40 m` of the group that is spoken of; whether a word is such a range."""
         length = next((meaning.value for meaning in word.meanings if meaning.kind == "LENGTH"), None)
-        if (
-            isinstance(length, Quantity)
-            and not length.single
-            and (self.waiting or (groups.in_sentence and not groups.subject_is_mission))
-        ):
-            self.draft.used_words.append(word.span)
-            self._phrase(
-                Phrase("radius", (Part("LENGTH", length, word.span),), word.span),
-                joins=False,
-                later=bool(self.waiting),
-            )
-            return
-        if (
-            word.filler
-            or kinds & INSIGNIFICANT_KINDS
-            or word.text.lower() in ("a", "an", "one", "single", "a single", "another")
-        ):
-            return
-        self._stranger = True
-        self.draft.unread(word.span, "unknown word" if not kinds else "stands by itself", expressible=True)
+        of_group = self.waiting or (self.groups.in_sentence and not self.groups.subject_is_mission)
+        if not isinstance(length, Quantity) or length.single or not of_group:
+            return False
+        self.draft.used_words.append(word.span)
+        radius = Phrase("radius", (Part("LENGTH", length, word.span),), word.span)
+        self._phrase(radius, joins=False, later=bool(self.waiting))
+        return True
 
     # What is said of a group.
 
@@ -716,43 +701,9 @@ class TextReader:
         if phrase.rule in ("place", "stretch") or count_places(phrase) > 1:
             self._figures(phrase, later=False)
             return
-        if self.groups.in_sentence and self.escort.read_passive(phrase):
+        if self._is_of_the_drone(phrase):
             return
-        if self._of_the_drone() and (self._is_fence(phrase) or self.escort.read(phrase)):
-            return
-        if phrase.rule == "part" and not self.groups.in_sentence and self._anchors_the_area(phrase):
-            return
-        subject = self._everyone(self.groups.subject, phrase)
-        if not subject:
-            if phrase.rule != "spread" and not (phrase.rule == "inside" and not phrase.refs):
-                self.draft.unread(phrase.span, "the text does not say for whom", expressible=True)
-                for item in phrase.refs:
-                    # A group that is named exists, even if the statement about it cannot be read.
-                    self.groups.ref(item)
-            return
-        if phrase.rule == "inside" and phrase.first("AREAWORD"):
-            # The area of interest, where every group is.
-            return
-        if not self.groups.in_sentence and not self._still_about(subject, phrase):
-            return
-        if self.groups.in_sentence and not self._is_nearest(subject, phrase):
-            return
-        subject = self._described(subject, phrase)
-        if len(self._company) > 1 and self._is_predicate(phrase):
-            members = [self._company, self._company[:1], self._company[1:]]
-            names = [", ".join(groups) for groups in members]
-            subject = members[self.draft.ask(phrase.span, "which groups does this describe?", names)]
-            # A group has no distance from itself.
-            subject = [group for group in subject if not phrase.refs or group not in self.groups.ref(phrase)]
-        joined = [item for item in self.joined if not (phrase.refs and item in self.groups.ref(phrase))]
-        if len(joined) > 1 and phrase.rule not in RULES_FOR_ALL_GROUPS and joined[-1:] == subject[-1:]:
-            readings = [", ".join(subject), ", ".join(joined)]
-            if self._is_plural_verb(subject[-1], phrase):
-                # `two ambulances and a bus are parked`.
-                self.groups.subject = subject = joined
-            elif self.draft.ask(phrase.span, "which groups does this describe?", readings) == 1:
-                subject = joined
-        for group in subject:
+        for group in self._subject_of(phrase):
             if phrase.rule == "motion" and self._cannot_move(group, phrase):
                 self.draft.unread(
                     phrase.span, f"a {self.groups.kinds[group]} does not move", expressible=True
@@ -765,6 +716,49 @@ class TextReader:
             if phrase.rule in ("motion", "travel"):
                 self._patrols(group, phrase)
                 self._moved_until = phrase.span.end
+
+    def _is_of_the_drone(self, phrase: Phrase) -> bool:
+        """Read what is said of the escort, the fence and the place of the start; whether a phrase is that."""
+        if self.groups.in_sentence and self.escort.read_passive(phrase):
+            return True
+        if self._of_the_drone() and (self._is_fence(phrase) or self.escort.read(phrase)):
+            return True
+        return phrase.rule == "part" and not self.groups.in_sentence and self._anchors_the_area(phrase)
+
+    def _subject_of(self, phrase: Phrase) -> list[str]:
+        """The groups that a phrase describes; none where the text does not say, or that needs no field."""
+        subject = self._everyone(self.groups.subject, phrase)
+        if not subject:
+            if phrase.rule != "spread" and not (phrase.rule == "inside" and not phrase.refs):
+                self.draft.unread(phrase.span, "the text does not say for whom", expressible=True)
+                for item in phrase.refs:
+                    # A group that is named exists, even if the statement about it cannot be read.
+                    self.groups.ref(item)
+            return []
+        if phrase.rule == "inside" and phrase.first("AREAWORD"):
+            # The area of interest, where every group is.
+            return []
+        is_about = self._is_nearest if self.groups.in_sentence else self._still_about
+        return (
+            self._with_others(self._described(subject, phrase), phrase) if is_about(subject, phrase) else []
+        )
+
+    def _with_others(self, subject: list[str], phrase: Phrase) -> list[str]:
+        """The subject, or it and the groups that the sentence names with it, as a choice."""
+        question = "which groups does this describe?"
+        if len(self._company) > 1 and self._is_predicate(phrase):
+            members = [self._company, self._company[:1], self._company[1:]]
+            names = [", ".join(groups) for groups in members]
+            subject = self._not_itself(members[self.draft.ask(phrase.span, question, names)], phrase)
+        joined = self._not_itself(self.joined, phrase)
+        if len(joined) > 1 and phrase.rule not in RULES_FOR_ALL_GROUPS and joined[-1:] == subject[-1:]:
+            readings = [", ".join(subject), ", ".join(joined)]
+            return [subject, joined][self.draft.ask(phrase.span, question, readings)]
+        return subject
+
+    def _not_itself(self, groups: Sequence[str], phrase: Phrase) -> list[str]:
+        """The groups without those that a relation is to: a group has no distance from itself."""
+        return [group for group in groups if not phrase.refs or group not in self.groups.ref(phrase)]
 
     def _anchors_the_area(self, phrase: Phrase) -> bool:
         """Read `its south-west corner being the take-off point`, `we launch from its middle`; whether it is that."""
