@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import bisect
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from ._draft import Draft, dotted
@@ -11,7 +11,6 @@ from ._result import Choice, ClauseReading, ClauseStatus, UnreadText
 from .language._phrases import Phrase
 from .language._tokens import Span
 from .ledger._clauses import Clause
-
 
 _Passage = Span | UnreadText | Choice
 """What has a place in the text, from `start` to `end`."""
@@ -26,7 +25,7 @@ class _Account:
     unread: list[UnreadText] = field(default_factory=list)
     choices: list[Choice] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
-    read: bool = False
+    read: list[Span] = field(default_factory=list)
 
 
 def clause_readings(draft: Draft, clauses: Sequence[Clause]) -> Iterator[ClauseReading]:
@@ -60,29 +59,24 @@ def _accounts(draft: Draft, clauses: Sequence[Clause]) -> list[_Account]:
     """What the reading holds, divided among the clauses that it touches."""
     accounts = [_Account() for _ in clauses]
     starts, ends = [clause.span.start for clause in clauses], [clause.span.end for clause in clauses]
-
-    def touched(item: _Passage) -> Iterable[_Account]:
-        return accounts[bisect.bisect_right(ends, item.start) : bisect.bisect_left(starts, item.end)]
-
-    for path, entry in draft.entries.items():
-        stated = entry.span if path != ("description",) else None
-        for account in touched(stated) if stated else ():
-            account.fields.append(dotted(path))
-        for account in touched(entry.beside) if entry.span is None and entry.note and entry.beside else ():
-            account.defaults.append(f"{dotted(path)} = {entry.value}: {entry.note}")
-    for passage in (*draft.not_understood, *draft.not_expressible):
-        for account in touched(passage):
-            account.unread.append(passage)
-    for choice in draft.choices:
-        for account in touched(choice):
-            account.choices.append(choice)
-    for remark in draft.remarks:
-        for account in touched(remark):
-            account.remarks.append(remark.why)
-    for span in (*draft.acknowledged, *draft.references):
-        for account in touched(span):
-            account.read = True
+    for passage, part, item in _passages(draft):
+        first, last = bisect.bisect_right(ends, passage.start), bisect.bisect_left(starts, passage.end)
+        for account in accounts[first:last]:
+            getattr(account, part).append(item)
     return accounts
+
+
+def _passages(draft: Draft) -> Iterator[tuple[_Passage, str, object]]:
+    """Every passage that the reading holds something about, the part of an account that it is for, and the entry."""
+    for path, entry in draft.entries.items():
+        if entry.span is not None and path != ("description",):
+            yield entry.span, "fields", dotted(path)
+        elif entry.span is None and entry.note and entry.beside is not None:
+            yield entry.beside, "defaults", f"{dotted(path)} = {entry.value}: {entry.note}"
+    yield from ((item, "unread", item) for item in (*draft.not_understood, *draft.not_expressible))
+    yield from ((choice, "choices", choice) for choice in draft.choices)
+    yield from ((remark, "remarks", remark.why) for remark in draft.remarks)
+    yield from ((span, "read", span) for span in (*draft.acknowledged, *draft.references))
 
 
 def _short(quote: str) -> str:

@@ -188,74 +188,83 @@ def longest_match(rule: str, words: Sequence[Word], begin: int) -> tuple[Tree[To
         return None
     states: list[_State] = [(_grammar().parse_interactive(start=rule), ())]
     match: tuple[_Tokens, int] | None = None
-    comma, apart, unknown = False, _NOT_AFTER_COMMA.get(rule, {"COUNT"}), 0
+    comma, unknown = False, 0
     for index in range(begin, min(len(words), begin + MAX_PHRASE_WORDS)):
         word = words[index]
         comma = (comma or word.comma) and index > begin
+        if index > begin and _ends_before(rule, word, states):
+            break
         if word.filler:
-            last = {tokens[-1].type for _, tokens in states if tokens}
-            if last and all(word.text.lower() in _NOT_AFTER.get(kind, ()) for kind in last):
-                break
-            if word.text.lower() in CLAUSES and index > begin and rule not in CONDITIONAL_RULES:
-                break
-            after_bound = rule == "group" and any(
-                tokens and tokens[-1].type in ("WITHIN", "ATLEAST") for _, tokens in states
-            )
-            if (
-                (rule == "quantity" or after_bound)
-                and index > begin
-                and word.text.lower() not in QUANTITY_FILLERS
-            ):
-                # In `six, by our count - 25 m away` nothing is 6 to 25, nor is anything up to one in `the system
-                # under test has one radar`.
-                break
             continue
-        if (
-            rule != "quantity"
-            and index > begin
-            and unknown < MAX_UNKNOWN_WORDS
-            and is_adjective(words, index)
-        ):
+        if unknown < MAX_UNKNOWN_WORDS and _is_skipped(rule, words, index, begun=index > begin):
             unknown += 1
             continue
-        if not word.meanings and rule in TOLERANT_RULES and unknown < MAX_UNKNOWN_WORDS and _skipped(word):
-            unknown += 1
-            continue
-        if (
-            rule == "quantity"
-            and index > begin
-            and word.text.lower() in ("a", "an", "single", "a single", "the single")
-        ):
-            # `60 m to a radar` is no range.
+        states, comma = (
+            _following(states, index, word, _NOT_AFTER_COMMA.get(rule, {"COUNT"}) if comma else set()),
+            False,
+        )
+        if not states:
             break
-        following: list[_State] = []
-        for state, tokens in states:
-            taken = state.choices()  # type: ignore[no-untyped-call]
-            for number, meaning in enumerate(word.meanings):
-                if meaning.kind not in taken or (comma and meaning.kind in apart):
-                    continue
-                token = Token(meaning.kind, f"{index}:{number}")
-                branch = _branch(state)
-                try:
-                    branch.feed_token(token)
-                except UnexpectedInput:
-                    continue
-                following.append((branch, (*tokens, token)))
-        if not following:
-            break
-        # Each word may have several meanings, so the number of states could double with every word.
-        states, comma = following[:16], False
-        for state, tokens in states:
-            # Not the first match but the longest: the search goes on after a phrase is complete.
-            if "$END" not in state.choices():  # type: ignore[no-untyped-call]
+        # Not the first match but the longest: the search goes on after a phrase is complete.
+        complete = next((tokens for state, tokens in states if _is_complete(state)), None)
+        match = match if complete is None else (complete, index + 1)
+    return None if match is None else (_tree(rule, match[0]), match[1])
+
+
+def _is_skipped(rule: str, words: Sequence[Word], index: int, *, begun: bool) -> bool:
+    """Whether a phrase goes on past a word that nobody knows, which is listed all the same."""
+    if begun and rule != "quantity" and is_adjective(words, index):
+        return True
+    return not words[index].meanings and rule in TOLERANT_RULES and _skipped(words[index])
+
+
+def _ends_before(rule: str, word: Word, states: Sequence[_State]) -> bool:
+    """Whether a phrase that has begun cannot go on with or past a word."""
+    text = word.text.lower()
+    if not word.filler:
+        # `60 m to a radar` is no range.
+        return rule == "quantity" and text in ("a", "an", "single", "a single", "the single")
+    last = {tokens[-1].type for _, tokens in states if tokens}
+    if last and all(text in _NOT_AFTER.get(kind, ()) for kind in last):
+        return True
+    if text in CLAUSES and rule not in CONDITIONAL_RULES:
+        return True
+    # In `six, by our count - 25 m away` nothing is 6 to 25, nor is anything up to one in `the system under test
+    # has one radar`.
+    numeric = rule == "quantity" or (rule == "group" and not last.isdisjoint(("WITHIN", "ATLEAST")))
+    return numeric and text not in QUANTITY_FILLERS
+
+
+def _following(states: Sequence[_State], index: int, word: Word, barred: set[str]) -> list[_State]:
+    """The states after a word, in each of its meanings that a state takes and that is not barred.
+
+    Each word may have several meanings, so the number of states could double with every word: 16 are kept.
+    """
+    following: list[_State] = []
+    for state, tokens in states:
+        taken = state.choices()  # type: ignore[no-untyped-call]
+        for number, meaning in enumerate(word.meanings):
+            if meaning.kind not in taken or meaning.kind in barred:
                 continue
+            token = Token(meaning.kind, f"{index}:{number}")
+            branch = _branch(state)
             try:
-                _branch(state).feed_eof()  # type: ignore[no-untyped-call]
+                branch.feed_token(token)
             except UnexpectedInput:
                 continue
-            match = tokens, index + 1
-            break
-    return None if match is None else (_tree(rule, match[0]), match[1])
+            following.append((branch, (*tokens, token)))
+    return following[:16]
+
+
+def _is_complete(state: InteractiveParser) -> bool:
+    """Whether a phrase may end in a state."""
+    if "$END" not in state.choices():  # type: ignore[no-untyped-call]
+        return False
+    try:
+        _branch(state).feed_eof()  # type: ignore[no-untyped-call]
+    except UnexpectedInput:
+        return False
+    return True
 
 
 _Tokens = tuple[Token, ...]
@@ -340,47 +349,47 @@ def _no_unit(words: Sequence[Word], at: int) -> bool:
 
 
 def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:
-    numbers: list[float] = []
-    units: list[tuple[str, float] | None] = []
-    by = until = False
-    begun = sum(token.type == "ATSECOND" for token in _tokens(tree))
-    default_unit: tuple[str, float] | None = None
-    for token in _tokens(tree):
-        value = _meaning(token, words).value
-        if token.type == "VAGUE" and isinstance(value, tuple):
-            return Quantity("COUNT", float(value[0]), float(value[1]), vague=True)
-        if token.type == "NUM" and isinstance(value, float | int):
-            numbers.append(float(value))
-            units.append(default_unit)
-            default_unit = None
-        elif token.type == "HALF":
-            numbers[-1] += 0.5
-        elif token.type == "UNIT" and isinstance(value, tuple):
-            units[-1] = value
-        elif token.type == "BY":
-            by = True
-        elif token.type == "UNTIL":
-            until = True
-        elif token.type in NUMBERED:
-            default_unit = ("TIME", NUMBERED[token.type])
-    last = units[-1]
-    if begun == 2 and units[0] == ("TIME", 1.0) and last and numbers[0] < numbers[1]:
+    tokens = _tokens(tree)
+    kinds_of_tokens = {token.type for token in tokens}
+    if tokens[0].type == "VAGUE" and isinstance(ends := _meaning(tokens[0], words).value, tuple):
+        return Quantity("COUNT", float(ends[0]), float(ends[1]), vague=True)
+    figures = _figures(tokens, words)
+    last = figures[-1][1]
+    if [token.type for token in tokens].count("ATSECOND") == 2 and last and figures[0][0] < figures[1][0]:
         # `H+3 to H+4 min`: the unit stands once, for both.
-        units[0] = last
-    filled = [unit or last for unit in units]
-    kinds = {unit[0] if unit else "COUNT" for unit in filled}
-    if len(kinds) != 1 or (kinds != {"TIME"} and any(token.type in NUMBERED for token in _tokens(tree))):
+        figures[0] = (figures[0][0], last)
+    filled = [(number, unit or last) for number, unit in figures]
+    kinds = {unit[0] if unit else "COUNT" for _, unit in filled}
+    if len(kinds) != 1 or (kinds != {"TIME"} and kinds_of_tokens & NUMBERED.keys()):
         return None
-    values = [number * (unit[1] if unit else 1.0) for number, unit in zip(numbers, filled, strict=True)]
-    # `3 ft` is 0.9144 m, and not 0.9144000000000001.
-    values = [round(value, 9) for value in values]
-    if by:
-        kind = {"LENGTH": "DIM", "COUNT": "PAIR"}.get(kinds.pop())
-        return Quantity(kind, values[0], values[1]) if kind else None
-    if until and kinds == {"TIME"}:
+    [kind] = kinds
+    if kind == "TIME" and "UNTIL" in kinds_of_tokens:
         # `from 60 s until 80 s` is a beginning and an end.
         return None
-    return Quantity(kinds.pop(), values[0], values[-1])
+    # `3 ft` is 0.9144 m, and not 0.9144000000000001.
+    values = [round(number * (unit[1] if unit else 1.0), 9) for number, unit in filled]
+    if "BY" in kinds_of_tokens:
+        measured = {"LENGTH": "DIM", "COUNT": "PAIR"}.get(kind)
+        return Quantity(measured, values[0], values[1]) if measured else None
+    return Quantity(kind, values[0], values[-1])
+
+
+def _figures(tokens: Sequence[Token], words: Sequence[Word]) -> list[tuple[float, tuple[str, float] | None]]:
+    """The numbers of a quantity, each with the unit that stands beside it."""
+    figures: list[tuple[float, tuple[str, float] | None]] = []
+    unit: tuple[str, float] | None = None
+    for token in tokens:
+        value = _meaning(token, words).value
+        if token.type == "NUM" and isinstance(value, float | int):
+            figures.append((float(value), unit))
+            unit = None
+        elif token.type == "HALF":
+            figures[-1] = (figures[-1][0] + 0.5, figures[-1][1])
+        elif token.type == "UNIT" and isinstance(value, tuple):
+            figures[-1] = (figures[-1][0], value)
+        elif token.type in NUMBERED:
+            unit = ("TIME", NUMBERED[token.type])
+    return figures
 
 
 def _tokens(tree: Tree[Token]) -> list[Token]:

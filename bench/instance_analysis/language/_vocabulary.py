@@ -330,15 +330,8 @@ def _plurals(word: str) -> Iterator[str]:
 
 
 def _meanings(document: VocabularyDocument) -> Iterator[tuple[str, Meaning]]:
-    for group, asset in document.assets.items():
-        yield from (
-            (form, Meaning("ASSET", group)) for word in asset.words for form in _plurals(word.lower())
-        )
-    for word, groups in document.ambiguous.items():
-        meaning = Meaning("ASSET", groups[0]) if len(groups) == 1 else Meaning("AMBIGUOUS", groups)
-        yield from ((form, meaning) for form in _plurals(word.lower()))
-    yield from ((word, Meaning("NUM", number)) for word, number in document.numbers.items())
-    yield from ((word, Meaning("VAGUE", ends)) for word, ends in document.vague.items())
+    """Every phrase of a document with what it means, in the order in which meanings are tried."""
+    yield from _things(document)
     for kind, units in document.units.items():
         yield from ((word, Meaning("UNIT", (kind, factor))) for word, factor in units.items())
     tables: dict[str, Mapping[str, object]] = {
@@ -354,6 +347,29 @@ def _meanings(document: VocabularyDocument) -> Iterator[tuple[str, Meaning]]:
     }
     for name, table in tables.items():
         yield from ((word, Meaning(name, value)) for word, value in table.items())
+    yield from _described(document)
+    yield from _bounds(document)
+    for entry in document.fields:
+        yield from ((word.lower(), Meaning("FIELD", entry)) for word in entry.words)
+    for fixed in document.sets:
+        yield from ((word.lower(), Meaning("SET", fixed)) for word in fixed.words)
+
+
+def _things(document: VocabularyDocument) -> Iterator[tuple[str, Meaning]]:
+    """Assets and numbers."""
+    for group, asset in document.assets.items():
+        yield from (
+            (form, Meaning("ASSET", group)) for word in asset.words for form in _plurals(word.lower())
+        )
+    for word, groups in document.ambiguous.items():
+        meaning = Meaning("ASSET", groups[0]) if len(groups) == 1 else Meaning("AMBIGUOUS", groups)
+        yield from ((form, meaning) for form in _plurals(word.lower()))
+    yield from ((word, Meaning("NUM", number)) for word, number in document.numbers.items())
+    yield from ((word, Meaning("VAGUE", ends)) for word, ends in document.vague.items())
+
+
+def _described(document: VocabularyDocument) -> Iterator[tuple[str, Meaning]]:
+    """Weather, motions and the words of the grammar."""
     for weather in document.weather.values():
         yield from ((word, Meaning("WEATHER", weather)) for word in weather.words)
     for motion in document.motions.values():
@@ -364,12 +380,12 @@ def _meanings(document: VocabularyDocument) -> Iterator[tuple[str, Meaning]]:
                 yield word, Meaning("MOVING", motion)
     for name, words in document.words.items():
         yield from ((word.lower(), Meaning(name)) for word in words)
+
+
+def _bounds(document: VocabularyDocument) -> Iterator[tuple[str, Meaning]]:
+    """Comparatives, and their opposites after a denial."""
     for bound, comparatives in document.bounds.items():
         opposite = "ATLEAST" if bound == "WITHIN" else "WITHIN"
         for word in comparatives:
             yield word, Meaning(bound)
             yield from ((f"{denial} {word}", Meaning(opposite)) for denial in document.denials)
-    for field in document.fields:
-        yield from ((word.lower(), Meaning("FIELD", field)) for word in field.words)
-    for fixed in document.sets:
-        yield from ((word.lower(), Meaning("SET", fixed)) for word in fixed.words)

@@ -607,16 +607,19 @@ class GroupRegister:
             self.draft.remark(us.span, "read as the start of the drone")
         if us or ref.first("HOME"):
             return [HOME]
+        return [*self._resolve_groups(ref, indoors=indoors)]
+
+    def _resolve_groups(self, ref: Phrase, *, indoors: bool) -> list[str]:
         for kind, resolve in (("CONVOY", self._convoy), ("TARGET", self._target)):
             if part := ref.first(kind):
-                return [*resolve(part.span)]
+                return resolve(part.span)
         if them := ref.first("THEM"):
             self._acknowledge_one_of(ref)
-            return [*self.them(them.span, indoors=indoors)]
+            return self.them(them.span, indoors=indoors)
         groups = self.named(ref)
         for group in groups:
             self._adjectives(group, ref)
-        return [*groups]
+        return groups
 
     def _acknowledge_one_of(self, ref: Phrase) -> None:
         """`inside one of them`: any member."""

@@ -488,12 +488,16 @@ class TextReader:
         if phrase.has("HOME", "LAUNCH", "ORIGIN"):
             self.topic = "home"
             return
-        several = count_places(phrase)
         if self.topic == "road":
             self.roads.through(phrase)
         elif phrase.first("CORNERS") or self.topic == "ground" or self.places.box(phrase):
             self.ground.corners(phrase)
-        elif phrase.first("ROUTE") or (several > 1 and self._is_a_way(phrase)):
+        else:
+            self._figures_of_groups(phrase, later=later)
+
+    def _figures_of_groups(self, phrase: Phrase, *, later: bool) -> None:
+        several = count_places(phrase)
+        if phrase.first("ROUTE") or (several > 1 and self._is_a_way(phrase)):
             for group in self.groups.subject:
                 self.places.walk(group, places_in(phrase), phrase.span)
         elif several > 1 and self.groups.in_sentence:
