@@ -340,6 +340,21 @@ class TextReader:
         person = self.groups.asset(named[0]) in PERSONS
         return person and self.groups.count_later(named[0], count.value, phrase.span)
 
+    def _is_walked_around(self, phrase: Phrase) -> bool:
+        """Whether a group is what the subject moves around, as in `ten people walk around the house`."""
+        between = self.draft.text[self._moved_until : phrase.span.start]
+        around = self.draft.text[: self._moved_until].lower().endswith((" around", " past", " through"))
+        alone = not phrase.has("COUNT", "NONE") and between.strip().lower() in ("", "the")
+        if not (around and alone and self._moved_until > self._sentence_start and self.groups.in_sentence):
+            return False
+        subject = self.groups.subject
+        self.groups.named(phrase)
+        self.groups.subject = subject
+        self.draft.unread(
+            phrase.span, "moving around something is no relation: give a distance", expressible=True
+        )
+        return True
+
     def _about_groups(self, phrase: Phrase) -> Phrase | None:
         """The phrase when it describes a group; None when it describes ground or the vehicle's home."""
         it = bool(phrase.refs and phrase.refs[0].first("THEM")) or (
@@ -756,6 +771,10 @@ class TextReader:
             subject = self._not_itself(members[self.draft.ask(phrase.span, question, names)], phrase)
         joined = self._not_itself(self.joined, phrase)
         if len(joined) > 1 and phrase.rule not in RULES_FOR_ALL_GROUPS and joined[-1:] == subject[-1:]:
+            if self._is_plural_verb(subject[-1], phrase):
+                # `two ambulances and a bus are parked`.
+                self.groups.subject = joined
+                return joined
             readings = [", ".join(subject), ", ".join(joined)]
             return [subject, joined][self.draft.ask(phrase.span, question, readings)]
         return subject
