@@ -122,10 +122,14 @@ def _end(process: subprocess.Popen[bytes], folder: Path) -> None:
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
-    # PX4's start script and modules are one group; what made a session of its own is known by its HOME.
-    for pid in _processes_with_home(folder):
-        with suppress(ProcessLookupError, PermissionError):
-            os.kill(pid, signal.SIGKILL)
+    # PX4's start script and modules are one group; what made a session of its own is known by its HOME. Such a process is
+    # somebody else's child, so its end cannot be waited for, only looked for.
+    deadline_s = time.monotonic() + _GRACE_S
+    while (pids := list(_processes_with_home(folder))) and time.monotonic() < deadline_s:
+        for pid in pids:
+            with suppress(ProcessLookupError, PermissionError):
+                os.kill(pid, signal.SIGKILL)
+        time.sleep(0.002)
 
 
 def _processes_with_home(folder: Path) -> Iterator[int]:
