@@ -265,6 +265,7 @@ LISTS = (
     "roads",
     "areas",
     "distances",
+    "avoid",
     "no_fly",
     "report_windows",
 )

@@ -357,3 +357,35 @@ def test_dusk_is_shown_as_sunset() -> None:
     result = read_prose("It is dusk.", VOCABULARY)
     assert any("sunset" in remark.why for remark in result.remarks)
     assert not any("sunset" in remark.why for remark in read_prose("Start at sunset.", VOCABULARY).remarks)
+
+
+VILLAGE = "A village of 100 by 100 m."
+
+
+@pytest.mark.parametrize(
+    "text", [f"{VILLAGE} Three trucks outside the village.", f"Three trucks avoid the village. {VILLAGE}"]
+)
+def test_a_group_keeps_out_of_ground(text: str) -> None:
+    """Ground with a size that a group is outside of."""
+    [truck] = read_prose(text, VOCABULARY).simspec.actors
+    assert [avoid.area for avoid in truck.placement.avoid] == ["village"]
+
+
+@pytest.mark.parametrize(
+    ("text", "quote"),
+    [("Three trucks outside the village.", "outside the village"), (f"{VILLAGE} The drone is outside the village.", "outside")],
+)  # fmt: skip
+def test_ground_without_a_size_is_avoided_by_nobody(text: str, quote: str) -> None:
+    """Nor does the drone keep out of it by this."""
+    result = read_prose(text, VOCABULARY)
+    assert not any(group.placement.avoid for group in result.simspec.actors)
+    assert quote in listed(result)
+
+
+@pytest.mark.parametrize(
+    "text", ["Five crates, all within 20 m of each other.", "Five crates within 20 m of one another."]
+)
+def test_how_far_apart_members_are_at_most(text: str) -> None:
+    """The largest distance inside a group, and not the least one."""
+    [crates] = read_prose(text, VOCABULARY).simspec.actors
+    assert (crates.placement.extent_m, crates.placement.spread_m) == (20, None)

@@ -21,7 +21,7 @@ from ._vocabulary import FieldWords, Meaning
 PHRASES = (
     "standoff", "intelligence", "known", "comply",
     "field", "mean", "polar", "midpoint", "bearing", "within", "atleast", "exact", "away", "near", "road", "roadgap", "parallel",
-    "inside", "behind", "facing", "hidden", "visible", "between", "apart",
+    "inside", "behind", "facing", "hidden", "visible", "between", "apart", "together", "avoids",
     "spread", "part", "group", "share", "rest", "density", "concealment", "sought", "motion", "travel", "depart", "halt", "nonstop", "radius", "place", "stretch",
     "area", "extent", "overfly", "stayin", "landgap", "roads", "course", "axis", "width", "weather", "clear",
     "calm", "wind", "gusts", "sun", "clock", "date", "set", "limit", "altitude", "speed", "ground",

@@ -49,6 +49,7 @@ class GroundPiece:
     extent: Span | None = None
     times: dict[Literal["from_s", "until_s"], tuple[float, Span]] = field(default_factory=dict)
     within: list[tuple[str, Span]] = field(default_factory=list)
+    outside: list[tuple[str, Span]] = field(default_factory=list)
     mentioned: bool = False
     """Whether something is told from it: then it is not the area of interest."""
 
@@ -214,6 +215,10 @@ class GroundReader:
         if piece is not self.world:
             piece.within.append((group, phrase.span))
 
+    def put_outside(self, group: str, phrase: Phrase) -> None:
+        """Keep a group out of the area that a phrase names."""
+        self.mention(phrase).outside.append((group, phrase.span))
+
     def overfly(self, phrase: Phrase) -> None:
         """Read an area that must not be flown over."""
         if phrase.has("GROUND", "NAMED"):
@@ -335,6 +340,8 @@ class GroundReader:
     def _list_without_size(self, piece: GroundPiece) -> None:
         """List ground that has neither corners nor size, where something needs them."""
         missing = "its corners or size are missing"
+        for _, span in piece.outside:
+            self._draft.unread(span, missing, expressible=True)
         if piece.kind in ("NOFLY", "FENCE") or (piece.within and piece.kind == "NAMED"):
             self._draft.unread(piece.span, missing, expressible=True)
         if piece.middle is not None and piece.extent is not None:
@@ -358,6 +365,10 @@ class GroundReader:
             self._draft.put((*where[:3], name), value, span)
         for group, span in piece.within:
             self._draft.put(("actors", group, "placement", "inside", "area"), piece.id, span)
+        for group, span in piece.outside:
+            rows = ("actors", group, "placement", "avoid")
+            number = len({path[4] for path in self._draft.entries if path[:4] == rows})
+            self._draft.put((*rows, number, "area"), piece.id, span)
 
     def _rules(self) -> None:
         for name, span in self._over:

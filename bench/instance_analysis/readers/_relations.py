@@ -41,7 +41,7 @@ class RelationReader:
     RULES = frozenset(
         [
             "near", "within", "atleast", "exact", "away", "mean", "polar", "midpoint", "bearing", "part", "inside", "behind",
-            "landgap", "facing", "hidden", "visible", "between", "apart", "spread",
+            "landgap", "facing", "hidden", "visible", "between", "apart", "together", "avoids", "spread",
         ]
     )  # fmt: skip
 
@@ -398,6 +398,16 @@ class RelationReader:
         self._draft.vary(
             ("actors", group, "placement", "spread_m"), length.low, length.high, phrase.span, unit="m"
         )
+
+    def together(self, group: str, phrase: Phrase) -> None:
+        """`all within 20 m of each other`: the largest distance between two members."""
+        length = length_of(self._draft, phrase)
+        self._draft.vary(
+            ("actors", group, "placement", "extent_m"), length.high, length.high, phrase.span, unit="m"
+        )
+
+    def avoids(self, group: str, phrase: Phrase) -> None:
+        self._ground.put_outside(group, phrase)
 
     def spread(self, group: str, phrase: Phrase) -> None:
         """Spread over the area of interest (the default of a group without a relation) or over a named
