@@ -40,6 +40,8 @@ _FARTHEST_PX = 1e6
 # The search for the camera's displacement takes time with the fourth power of these.
 _VOTERS = 16
 _VOTED_BOXES = 32
+# Tracks that were lost for longer may be anywhere, and tell nothing of the camera's motion.
+_LATELY_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +50,9 @@ class TrackerSettings:
 
     confirm_hits: int = 3
     """A track of so many detections is confirmed. SORT: 3."""
-    tentative_s: float = 0.5
+    tentative_s: float = 1.0
     """A track that is not confirmed ends when it is not detected for longer. SORT ends it after a single frame without;
-    here detectors miss more often. Assumed."""
+    here detectors miss more often: with 0.5 s half as many identities again changed among the detections of `small`."""
     drop_s: float = TRACK_GAP_S
     """A confirmed track ends when it is not detected for longer: as for the simulated tracker. ByteTrack: 1 s."""
     sure_score: float = 0.6
@@ -199,8 +201,7 @@ class KalmanTracker:
         speaks how unlikely it is as such.
         """
         tracks, nothing = self._tracks, np.zeros(2)
-        # Tracks that were lost for longer may be anywhere.
-        rows = np.flatnonzero(tracks.unseen_s <= self._settings.tentative_s)[:_VOTERS]
+        rows = np.flatnonzero(tracks.unseen_s <= _LATELY_S)[:_VOTERS]
         columns = range(min(len(detections), _VOTED_BOXES))
         if not len(rows) or not columns:
             return nothing, 0
