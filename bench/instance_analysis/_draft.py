@@ -213,31 +213,18 @@ class Draft:
             entry = next((by_path[prefix] for prefix in _prefixes(where) if prefix in by_path), None)
             if entry is None:
                 yield Receipt(path=where, value=value, source="default")
-            elif entry.model or entry.span is None:
-                source: Literal["model", "default"] = "model" if entry.model else "default"
-                span = entry.span
-                quote = self.quote(span) if span else ""
-                at = (span.start, span.end) if span else (None, None)
-                yield Receipt(
-                    path=where,
-                    value=value,
-                    source=source,
-                    quote=quote,
-                    start=at[0],
-                    end=at[1],
-                    note=entry.note,
-                )
-            else:
-                quote, start, end = self.quote(entry.span), entry.span.start, entry.span.end
-                yield Receipt(
-                    path=where,
-                    value=value,
-                    source="prose",
-                    quote=quote,
-                    start=start,
-                    end=end,
-                    note=entry.note,
-                )
+                continue
+            span = entry.span
+            stated: Literal["prose", "default"] = "prose" if span else "default"
+            yield Receipt(
+                path=where,
+                value=value,
+                source="model" if entry.model else stated,
+                quote=self.quote(span) if span else "",
+                start=span.start if span else None,
+                end=span.end if span else None,
+                note=entry.note,
+            )
 
 
 def dotted(path: FieldPath) -> str:

@@ -13,19 +13,9 @@ from ._spelling import corrected_spelling
 from ._vocabulary import Meaning, Vocabulary
 
 MONTHS = (
-    "january",
-    "february",
-    "march",
-    "april",
-    "may",
-    "june",
-    "july",
-    "august",
-    "september",
-    "october",
-    "november",
+    "january", "february", "march", "april", "may", "june", "july", "august", "september", "october", "november",
     "december",
-)
+)  # fmt: skip
 _MONTH = "|".join(f"{month}|{month[:3]}" for month in MONTHS)
 DAYS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
 """Days of a month in words."""
