@@ -205,7 +205,7 @@ class Clients:
         self.pilot, self.state, self.is_px4, self.takeoff_m = pilot, state, is_px4, takeoff_m
         self.mavlink = Mavlink()
         self.readers: dict[object, Mavlink] = {}
-        self.asked: set[object] = set()
+        self.stream_clients: set[object] = set()
         self.next_beat_s = self.next_motion_s = 0.0
         self.home: tuple[float, float, float] | None = None
 
@@ -246,7 +246,7 @@ class Clients:
             height_m = params[6] - altitude if self.is_px4 else params[6]
             pilot.target = (north, east, -height_m)
         elif command == 511:
-            self.asked.add(source)
+            self.stream_clients.add(source)
         elif command == 512 and params[0] == 148:
             layout = struct.pack("<QQIIIIHH8s", 0, 0, 0x010203FF, 0, 0, 0, 0, 0, b"5tand1n\0")
             version = self.mavlink.pack(148, layout)
@@ -374,8 +374,8 @@ class SampleChecks:
                 abs(p[3] / 1000 - state.altitude_m) < 5.0,
                 f"HIL_GPS altitude {p[3]} mm at {state.altitude_m} m",
             )
-            for told, true in zip(p[7:10], state.velocity, strict=True):
-                require(abs(told / 100 - true) < 0.6, f"HIL_GPS velocity {told} cm/s at {true} m/s")
+            for reported, true in zip(p[7:10], state.velocity, strict=True):
+                require(abs(reported / 100 - true) < 0.6, f"HIL_GPS velocity {reported} cm/s at {true} m/s")
 
     def take_sensor(self, payload: bytes, armed: bool) -> None:
         p = unpacked("<Q13fIB", payload)
@@ -464,9 +464,9 @@ def fly_px4() -> None:
     faults = Faults(int(parameters.get("STAND_IN_FAULT", 0)))
     link = connected(4560 + instance)
     ports = []
-    for own, far in ((14580 + instance, 14540 + instance), (18570 + instance, 14550)):
+    for local, far in ((14580 + instance, 14540 + instance), (18570 + instance, 14550)):
         port = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        port.bind(("127.0.0.1", own))
+        port.bind(("127.0.0.1", local))
         port.setblocking(False)
         ports.append((port, ("127.0.0.1", far)))
     state = State()
@@ -608,7 +608,7 @@ def fly_ardupilot() -> None:
             answers = b""
             with contextlib.suppress(BlockingIOError):
                 answers = clients.take(client, client.recv(65536))
-            out = beat + (motion if client in clients.asked else b"") + answers
+            out = beat + (motion if client in clients.stream_clients else b"") + answers
             if out:
                 client.sendall(out)
         rotors = pilot.rotors(state)

@@ -120,8 +120,8 @@ def test_the_gate_withholds_what_changes_the_simulation_or_ends_the_program() ->
     beat = frame(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
     everything = (reboot, reboot_int, shell, failure, wind, sensors, arm, speed, beat)
     strict, open_to_clients = Gate(simulation_control=False), Gate(simulation_control=True)
-    assert [strict.admits(one) for one in everything] == [False] * 6 + [True] * 3
-    assert [open_to_clients.admits(one) for one in everything] == [False] * 3 + [True] * 6
+    assert [strict.admits(message) for message in everything] == [False] * 6 + [True] * 3
+    assert [open_to_clients.admits(message) for message in everything] == [False] * 3 + [True] * 6
     assert (strict.refused, open_to_clients.refused) == (6, 3)
     # MAVLink 1 too, whose header is shorter.
     first = mavlink.MAVLink_command_long_message(
@@ -164,7 +164,7 @@ def test_the_estimate_is_what_the_autopilot_says_of_itself() -> None:
     assert telemetry.armed
     parser: Any = mavlink.MAVLink(None)
     requests = [parser.parse_buffer(bytearray(data))[0] for data in telemetry.requests(50.0)]
-    assert [(one.command, one.param1, one.param2) for one in requests] == [
+    assert [(request.command, request.param1, request.param2) for request in requests] == [
         (512, 148.0, 0.0),
         (511, 30.0, 20000.0),
         (511, 33.0, 20000.0),

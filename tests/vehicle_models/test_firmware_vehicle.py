@@ -160,8 +160,8 @@ def test_a_stand_in_takes_off_to_ten_metres_and_lands(
         acknowledged = [message.command for message in client.received if message.get_type() == "COMMAND_ACK"]
         assert {400, 22, 21} <= set(acknowledged)
         assert vehicle.sent()["onboard"] == len(client.received)
-    kept = {path.name for path in (tmp_path / "kept").iterdir()}
-    assert kept == {"console.log", "10_00_00.ulg" if kind == "px4" else "00000001.BIN"}
+    artefacts = {path.name for path in (tmp_path / "kept").iterdir()}
+    assert artefacts == {"console.log", "10_00_00.ulg" if kind == "px4" else "00000001.BIN"}
     assert (tmp_path / "kept" / "console.log").read_text() == ""
     assert kind == "ardupilot" or not lock.exists()
     assert_nothing_left(folder)

@@ -42,7 +42,10 @@ class FirmwareProgram:
             self.check_alive()
         self.network_fault: str = json.loads(message)
         made = [socket.socket(fileno=descriptor) for descriptor in descriptors]
-        self._sockets = {kind: [one for one in made if one.type == kind] for kind in _launch.KINDS.values()}
+        self._sockets = {
+            kind: [candidate for candidate in made if candidate.type == kind]
+            for kind in _launch.KINDS.values()
+        }
 
     def new_socket(self, kind: socket.SocketKind) -> socket.socket:
         """An unbound IPv4 socket on the autopilot's network."""
@@ -76,8 +79,8 @@ class FirmwareProgram:
 
     def close(self) -> None:
         """Close what nobody took."""
-        for one in (*self._sockets[socket.SOCK_STREAM], *self._sockets[socket.SOCK_DGRAM]):
-            one.close()
+        for unused in (*self._sockets[socket.SOCK_STREAM], *self._sockets[socket.SOCK_DGRAM]):
+            unused.close()
 
 
 @contextmanager

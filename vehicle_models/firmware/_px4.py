@@ -131,8 +131,10 @@ class _Sockets:
                     "end the other program",
                 )
             )
-        own = [_GCS_PORT, *range(_ONBOARD_PORT, _GCS_PORT)]
-        if fault and (taken := [link.port for link in links if link.kind == "udp_out" and link.port in own]):
+        px4_ports = [_GCS_PORT, *range(_ONBOARD_PORT, _GCS_PORT)]
+        if fault and (
+            taken := [link.port for link in links if link.kind == "udp_out" and link.port in px4_ports]
+        ):
             raise SetupError(
                 Fault(
                     "--mavlink",

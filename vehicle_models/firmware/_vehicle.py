@@ -159,19 +159,19 @@ class FirmwareX500:
 
     def estimate(self) -> VehicleState:
         """What the autopilot last said of itself; the truth until it has said something."""
-        told, truth = self._telemetry, self.truth()
-        if told.latitude_e7 is None or told.attitude_rad is None:
+        telemetry, truth = self._telemetry, self.truth()
+        if telemetry.latitude_e7 is None or telemetry.attitude_rad is None:
             return truth
         east_m, north_m = self._body.plane.east_north_m(
-            math.radians(told.latitude_e7 * 1e-7), math.radians(told.longitude_e7 * 1e-7)
+            math.radians(telemetry.latitude_e7 * 1e-7), math.radians(telemetry.longitude_e7 * 1e-7)
         )
-        north_mps, east_mps, down_mps = told.velocity_ned_mps
+        north_mps, east_mps, down_mps = telemetry.velocity_ned_mps
         return VehicleState(
             self.time,
-            (east_m, north_m, told.altitude_m - self._body.ground_m),
+            (east_m, north_m, telemetry.altitude_m - self._body.ground_m),
             (east_mps, north_mps, -down_mps),
-            *told.attitude_rad,
-            told.rates_radps,
+            *telemetry.attitude_rad,
+            telemetry.rates_radps,
         )
 
     def condition(self) -> VehicleCondition:
