@@ -107,12 +107,19 @@ def _packages() -> str:
 
 
 def _plugins() -> str:
-    from bench.contracts import plugins
+    from bench.contracts import PluginGroup, plugins
 
     # Plug-ins are found by entry points, which exist only once the distribution is installed.
-    groups = ("rebar.vehicles", "rebar.scenes", "rebar.agents", "rebar.measures", "rebar.renderers")
-    counts = {group: len(plugins(group)) for group in (*groups, "rebar.detectors")}
-    if not all(counts[group] for group in groups):
+    groups: tuple[PluginGroup, ...] = (
+        "rebar.vehicles",
+        "rebar.scenes",
+        "rebar.agents",
+        "rebar.measures",
+        "rebar.renderers",
+        "rebar.detectors",
+    )
+    counts = {group: len(plugins(group)) for group in groups}
+    if not all(counts.values()):
         raise RuntimeError(f"a family is empty: {counts}; install the distribution (pip install -e .)")
     return ", ".join(f"{count} {group.removeprefix('rebar.')}" for group, count in counts.items())
 
