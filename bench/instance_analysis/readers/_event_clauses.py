@@ -24,6 +24,8 @@ NEUTRAL_KINDS = frozenset(
 """Kinds of words that stand around an event and say nothing by themselves."""
 MAX_GAP = 2
 """Words between the signs of an event without a time at most: `the GPS signal is lost`. Chosen."""
+MAX_ROLE_CHARACTERS = 120
+"""Characters before a time among which the words for its role are looked for. Chosen."""
 VALUELESS_KINDS = {"DIR": "DUE"}
 """`to the east` is one word of the vocabulary, and has no value itself."""
 NAMING_KINDS = frozenset(["ASSET", "TARGET"])
@@ -219,6 +221,8 @@ def _clock_times(run: Run) -> Iterator[Part]:
 
 def _role_of(before: str, after: str) -> tuple[str, int]:
     """What a time says by the words around it, and how many characters of those after it are read with it."""
+    # What a time says stands close to it: a longer search would be quadratic in the length of a clause.
+    before = before[-MAX_ROLE_CHARACTERS:]
     role = next(role for role in _ROLES if role.before.search(before) and role.after.match(after))
     match = role.after.match(after)
     return role.name, match.end() if match else 0
