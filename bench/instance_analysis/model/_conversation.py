@@ -9,7 +9,7 @@ import asyncio
 import inspect
 import re
 import warnings
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -169,14 +169,15 @@ async def _run(
         raise LinkLost(
             f"{door.description} answers in another form than it should: {_first_line(error)}"
         ) from error
-    rounds = len(_answers(messages))
-    if judged == rounds:
-        return Conversation(rounds)
-    return Conversation(
-        rounds,
-        "its last answer is not the JSON object that was asked for",
-        (_answers(messages)[-1].text or "")[:80],
-    )
+    return _ended(_answers(messages), judged)
+
+
+def _ended(answers: Sequence[ModelResponse], judged: int) -> Conversation:
+    """A conversation that ended by itself, of which the judge has seen some answers."""
+    if judged == len(answers):
+        return Conversation(len(answers))
+    broken = "its last answer is not the JSON object that was asked for"
+    return Conversation(len(answers), broken, (answers[-1].text or "")[:80])
 
 
 def _failure(
