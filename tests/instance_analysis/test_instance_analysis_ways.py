@@ -124,7 +124,7 @@ def test_whom_the_drone_escorts_in_the_passive() -> None:
     text = "Convoy of two vans escorted by the drone, halts at t+240, 6 m/s, from (-200, 0) to (200, 0)."
     simspec = read_prose(text, VOCABULARY).simspec
     assert simspec.mission.escort is not None
-    assert (simspec.mission.escort.group, simspec.actors[0].motion.halt_s) == ("car", 240)
+    assert (simspec.mission.escort.group, simspec.actors[0].motion.halt_s) == ("van", 240)
     assert simspec.actors[0].placement.near is None
     assert not simspec.orders
 

@@ -79,6 +79,21 @@ def test_near_misses_are_listed(text: str, quote: str) -> None:
     assert quote in listed(read_prose(text, VOCABULARY))
 
 
+@pytest.mark.parametrize(
+    ("text", "assets"),
+    [
+        ("A pickup, two vans and three firs.", {"pickup": 1, "van": 2, "conifer": 3}),
+        ("Four apartment blocks and a house. Two trees.", {"apartment-block": 4, "house": 1, "tree": 2}),
+        ("Two armed men and a soldier.", {"armed-person": 2, "soldier": 1}),
+        ("Three civ trucks, a truck and a radar van.", {"truck": 3, "military-truck": 1, "radar-vehicle": 1}),
+    ],
+)  # fmt: skip
+def test_a_word_gets_the_asset_that_is_meant(text: str, assets: dict[str, int]) -> None:
+    """Not a near one, where the catalogue has the thing itself."""
+    groups = read_prose(text, VOCABULARY).simspec.actors
+    assert {group.asset: group.count for group in groups} == assets
+
+
 def test_every_asset_word_is_in_the_catalogue() -> None:
     """Each group of the vocabulary stands for an asset that a SimSpec may have."""
     assert {words.asset for words in VOCABULARY.assets.values()} <= set(ASSETS)
