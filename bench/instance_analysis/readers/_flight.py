@@ -37,6 +37,19 @@ _TOLD = re.compile(
 """What makes `come back` an order at some time."""
 
 
+_PACE = re.compile(
+    r"\b(?:walking|running|driving|marching|cycling|riding|jogging)[\s-]+(?:speed|pace)\b", re.IGNORECASE
+)
+"""A speed of somebody on the ground."""
+_COMPARISON = re.compile(
+    r"(?P<negation>\b(?:not|never|no|cannot|(?:\w+n['’]t))\b(?:\s+(?!above\b|below\b|under\b|over\b)\w+){0,3}?\s+)?"
+    r"(?:(?P<much>(?:more(?:\s+\w+)?|higher|faster|quicker|greater)\s+(?:than|as)|above|over|beyond|exceeding)"
+    r"|(?P<little>(?:less(?:\s+\w+)?|lower|slower|smaller)\s+(?:than|as)|below|under))\s+(?:about\s+)?$",
+    re.IGNORECASE,
+)
+"""What makes the number after it a bound: `always more high than 30 m`."""
+
+
 class FlightReader:
     """Reads numbers and settings into a draft.
 
@@ -98,13 +111,52 @@ class FlightReader:
             self._intelligence.field(field.path.split(".")[1], quantity, phrase.span)
         elif field.kind == "SPEED" and self._of_the_wind(word):
             self._draft.unread(phrase.span, "it is said of the wind", expressible=True)
-        elif self._bounds(field, phrase):
+        elif field.path == "mission.speed_mps" and _PACE.search(self._clause_up_to(phrase.span)):
+            self._pace(quantity, phrase)
+        elif self._bounds(field, phrase) or self._compares(field.path, phrase):
             pass
         elif field.path == "mission.speed_mps" and self._is_of_walkers():
             for group in self._groups.subject:
                 put_speed(self._draft, group, quantity, phrase.span)
         else:
             self._set(field, quantity, phrase)
+
+    def _pace(self, quantity: Quantity, phrase: Phrase) -> None:
+        """Read `at a walking speed of 1.4 m/s`: it is never the drone's."""
+        if self._is_of_walkers():
+            for group in self._groups.subject:
+                put_speed(self._draft, group, quantity, phrase.span)
+            return
+        for part in phrase.leaves:
+            part.disown()
+        self._draft.unread(phrase.span, "the text does not say who moves", expressible=True)
+
+    def _clause_up_to(self, span: Span) -> str:
+        """The text from the beginning of the clause up to the end of a span; a point inside a number is no end."""
+        text = self._draft.text
+        begin = max(text.rfind(mark, 0, span.start) for mark in (",", ";", ". ", "\n", "("))
+        return text[begin + 1 : span.end]
+
+    def _compares(self, path: str, phrase: Phrase) -> bool:
+        """Read `always more high than 30 m` as the bound that it is; whether the number is compared."""
+        number = next(
+            part for part in phrase.parts if isinstance(part, Part) and isinstance(part.value, Quantity)
+        )
+        match = _COMPARISON.search(self._clause_up_to(Span(number.span.start, number.span.start)))
+        names = BOUNDS.get(path, {})
+        if match is None or not names:
+            return False
+        lower = bool(match["much"]) != bool(match["negation"])
+        name = names.get("ATLEAST" if lower else "WITHIN")
+        assert isinstance(number.value, Quantity)
+        if name is None or not number.value.single:
+            for part in phrase.leaves:
+                part.disown()
+            self._draft.unread(phrase.span, "it is a bound that a SimSpec does not have", expressible=True)
+            return True
+        unit = "m" if name.endswith("_m") else "m/s"
+        self._draft.vary(("rules", name), number.value.low, number.value.low, phrase.span, unit=unit)
+        return True
 
     def _is_of_walkers(self) -> bool:
         """Whether a speed is that of the groups that the sentence is about, because they move."""
@@ -184,6 +236,8 @@ class FlightReader:
         if not self._of_the_drone(phrase, "the height of the mission"):
             return
         self._groups.subject_is_mission = True
+        if self._compares("mission.altitude_m", phrase):
+            return
         self._draft.vary(("mission", "altitude_m"), length.low, length.high, phrase.span, unit="m")
 
     def _of_the_drone(self, phrase: Phrase, meaning: str) -> bool:
@@ -217,7 +271,11 @@ class FlightReader:
                 if ("actors", group, "motion", "route") not in self._draft.entries:
                     self._draft.put(("actors", group, "motion", "kind"), "wander", phrase.span)
                 put_speed(self._draft, group, part.value, phrase.span)
-        elif self._of_the_drone(phrase, "the speed of the mission"):
+        elif _PACE.search(self._clause_up_to(phrase.span)):
+            self._pace(part.value, phrase)
+        elif self._of_the_drone(phrase, "the speed of the mission") and not self._compares(
+            "mission.speed_mps", phrase
+        ):
             self._draft.vary(
                 ("mission", "speed_mps"), part.value.low, part.value.high, phrase.span, unit="m/s"
             )

@@ -38,6 +38,8 @@ GENERIC_PERSONS = frozenset(
     ]
 )  # fmt: skip
 """Words for anybody, which tell nothing of who is meant."""
+_ANYBODY = frozenset(["men", "man", "persons", "person", "guys", "individuals"])
+"""Nouns for persons that, with an article, mean whom the text has spoken of by another noun."""
 _ONE = ("a", "an", "one")
 SINGULAR_PRONOUNS = ("it", "he", "she", "him", "her")
 
@@ -189,6 +191,13 @@ class GroupRegister:
         if phrase.rule == "group" and (nth := phrase.first("NTH")):
             return self._next_one(phrase, name, nth, known)
         dense = phrase.first("PERAREA") is not None
+        if (
+            count is None
+            and not none
+            and not dense
+            and (meant := self._persons_meant(phrase, span)) is not None
+        ):
+            return meant
         if known and not none and not dense and (count is None or self._definite(phrase.span)):
             return self._mentioned_again(phrase, known, count, span)
         some_member = phrase.rule == "ref" and count and self.draft.quote(count.span).lower() in _ONE
@@ -214,6 +223,40 @@ class GroupRegister:
                 return earlier
         return self._new(phrase, name, span, count)
 
+    def _persons_meant(self, phrase: Phrase, span: Span) -> list[str] | None:
+        """Whom `the men` means, where it may be several groups of persons or somebody unread; None where it is plain."""
+        if (
+            phrase.rule != "group"
+            or self.draft.quote(span).lower() not in _ANYBODY
+            or not self._definite(span)
+        ):
+            return None
+        several = self._is_plural(span)
+        fitting = [
+            group
+            for group in self.kinds
+            if self.asset(group) in PERSONS and (group in self.plural) == several
+        ]
+        fitting.sort(key=lambda group: -self._mentions.get(group, Span(0, 0)).end)
+        # The noun of an unknown word may be theirs: `two smugglers load a car; the men are our targets`.
+        begin = self.mentioned_at(fitting).end
+        stranger = self._unread.since(begin, span.start, subjects=True) is not None
+        known = any(self.kinds[group] == "civilian" for group in fitting)
+        if len(fitting) + stranger < 2 and (known or not fitting) and not stranger:
+            return None
+        answers = [(f"the same as {group!r} before", [group]) for group in fitting]
+        if stranger:
+            answers.insert(0, ("what is not read: leave it out", []))
+        asked = len(answers) > 1 or not stranger
+        chosen = answers[self.draft.ask(span, "who is this?", [name for name, _ in answers]) if asked else 0][
+            1
+        ]
+        if chosen:
+            self.draft.references.append(phrase.span)
+        else:
+            self.draft.unread(span, "it is somebody who is not read", expressible=True)
+        return chosen
+
     def _mentioned_again(self, phrase: Phrase, known: list[str], count: Part | None, span: Span) -> list[str]:
         """The groups of a name that the text has used before; a new one where that is not meant."""
         if count is not None and len(known) == 1 and known[0] in self._uncounted:
@@ -229,7 +272,14 @@ class GroupRegister:
 
     def _is_counted_now(self, earlier: str, phrase: Phrase) -> bool:
         """Whether a number belongs to a group that was named before without one."""
-        if earlier in self._defined or self._there_are(phrase.span):
+        named = self.draft.entries["actors", earlier, "id"].span
+        noun = phrase.first("ASSET")
+        same = (
+            named is None
+            or noun is None
+            or _stem(self.draft.quote(named)) == _stem(self.draft.quote(noun.span))
+        )
+        if self._there_are(phrase.span) or (earlier in self._defined and same):
             return True
         readings = [f"the same as {earlier!r} before, whose number was not said", "others"]
         return self.draft.ask(phrase.span, "who is this?", readings) == 0
@@ -514,6 +564,16 @@ class GroupRegister:
         if pronoun in ("they", "them", "these", "those") and len(family) > len(self.subject):
             readings = [", ".join(family), ", ".join(self.subject)]
             self.subject = [family, self.subject][self.draft.ask(span, "of whom is this said?", readings)]
+        several = [group for group in self.kinds if group in self.plural]
+        if (
+            pronoun in ("they", "these", "those")
+            and len(self.subject) == 1
+            and several
+            and self.subject[0] not in several
+        ):
+            # `a car for the men. They stand ...`: one car is no `they`.
+            several.sort(key=lambda group: -self._mentions.get(group, Span(0, 0)).end)
+            self.subject = self.choose_one([*several, *self.subject], span)
         if pronoun in SINGULAR_PRONOUNS and self.subject:
             self._choose_single(pronoun, span)
         if self.subject and not self.is_meant(self.subject, span):

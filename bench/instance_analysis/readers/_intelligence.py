@@ -23,6 +23,16 @@ _OBJECT = re.compile(
     re.IGNORECASE,
 )
 """What follows a verb whose subject has seen, and was not seen."""
+_HOW_WELL = re.compile(
+    r"\s+(?:only\s+|very\s+|quite\s+|rather\s+)?(?:bad(?:ly)?|poor(?:ly)?|hardly|barely|well|easily|clearly|with difficulty)\b",
+    re.IGNORECASE,
+)
+_PRESENT = re.compile(r"\b(?:is|are|be)\s+(?:\w+\s+)?(?:seen|observed)$", re.IGNORECASE)
+_OF_A_REPORT = re.compile(
+    r"\d|\b(?:ago|old|last|report\w*|sighting\w*|intel\w*|tip|minutes?|hours?|yesterday|earlier|recently)\b",
+    re.IGNORECASE,
+)
+"""What makes `is seen` the message that somebody has seen them."""
 
 
 class IntelligenceReader:
@@ -114,6 +124,9 @@ class IntelligenceReader:
             # `two scouts spotted the truck` is a report on the truck, if on anybody.
             self._draft.unread(phrase.span, "it does not tell of whom the report is", expressible=True)
             return
+        if phrase.has("SEEN") and self._is_visibility(phrase.span):
+            self._draft.unread(phrase.span, "it tells of no report, and of no time", expressible=True)
+            return
         them = phrase.refs[0].first("THEM")
         if them is not None:
             self._groups.them_as_subject(them.span)
@@ -133,6 +146,16 @@ class IntelligenceReader:
             if (time := phrase.first("TIME")) and isinstance(time.value, Quantity):
                 self.field("delivered_s", time.value, phrase.span)
             self._take_pending()
+
+    def _is_visibility(self, span: Span) -> bool:
+        """Whether `seen` says how well somebody can be seen: `they are seen only badly`."""
+        text = self._draft.text
+        if _HOW_WELL.match(text, span.end):
+            return True
+        begin = max(text.rfind(mark, 0, span.start) for mark in ".;!?\n") + 1
+        end = min((at for mark in ".;!?\n" if (at := text.find(mark, span.end)) >= 0), default=len(text))
+        bare = _PRESENT.search(text[begin : span.end]) is not None
+        return bare and _OF_A_REPORT.search(text[begin:end]) is None
 
     def known(self, phrase: Phrase) -> None:
         """Read that a report is there from the start."""

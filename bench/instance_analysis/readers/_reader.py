@@ -15,6 +15,7 @@ from ..language._tokens import Span, Word
 from ..language._vocabulary import MotionWords, Vocabulary
 from ..ledger._clauses import is_stop
 from ..ledger._ledger import marked
+from ._appositions import AppositionReader
 from ._escort import EscortReader
 from ._events import EventReader
 from ._fitting_defaults import fit_defaults
@@ -27,6 +28,7 @@ from ._relations import RelationReader
 from ._roads import RoadReader
 from ._rules import RuleReader
 from ._shares import ShareReader
+from ._targets import TargetReader
 from ._traits import IMMOVABLE, PERSONS, TraitReader, length_of
 from ._unread_subjects import UnreadSubjects
 from ._weather import WeatherReader
@@ -66,6 +68,10 @@ _TIP_AT = re.compile(
     re.IGNORECASE,
 )
 """When a report comes in, in as few words as possible."""
+_ROADS = re.compile(
+    r"\b(?:\w*roads?|streets?|tracks?|paths?|lanes?|ways?|route|lines?|\w*way)\b", re.IGNORECASE
+)
+_WINDS = re.compile(r"\b(?:winds?|breezes?|gusts?|blow(?:s|ing)?|gale)\b", re.IGNORECASE)
 _ABOUT = re.compile(r"\b(?:about|concerns?|concerning|regards?|regarding) (?:an? |the )?$", re.IGNORECASE)
 """What stands between a report and whom it is about."""
 _AGE = re.compile(r"[\s-]*(?:years?|yrs?|months?|y/?o|already|o['’]clock)\b", re.IGNORECASE)
@@ -138,6 +144,8 @@ class TextReader:
         self.events = EventReader(draft, self.groups, self.intelligence_reader)
         self.rules = RuleReader(draft, self.groups)
         self.escort = EscortReader(draft, self.groups)
+        self.targets = TargetReader(draft, self.groups)
+        self.appositions = AppositionReader(draft, self.groups)
 
     def read(self, items: Sequence[Phrase | Word]) -> None:
         """Read all phrases and words into the draft."""
@@ -257,13 +265,23 @@ class TextReader:
                 self._counts_again(phrase)
                 or self._is_walked_around(phrase)
                 or self._is_in_brackets_of_unread(phrase)
+                or (not joins and not self.waiting and self._is_apposed(phrase))
             ):
                 self._introduce(phrase, joins=joins)
         elif phrase.rule in ("share", "rest"):
             read = getattr(self.shares, phrase.rule)(phrase)
             self.groups.in_sentence, self.topic, self.joined, self._just_named = read, "group", [], []
+        elif phrase.rule == "axis" and self._is_no_road(phrase):
+            pass
         elif not (phrase.rule == "axis" and self.topic == "group" and self._moves(phrase)):
             self._statement(phrase, later=later)
+
+    def _is_apposed(self, phrase: Phrase) -> bool:
+        """Whether a noun names the person before it once more, so that what follows is said of that person."""
+        apposed = self.appositions.read(phrase)
+        if apposed:
+            self.targets.introduced(self.groups.subject, phrase)
+        return apposed
 
     def _introduce(self, phrase: Phrase, *, joins: bool) -> None:
         """Make the group that a phrase names the subject, and read what was waiting for it."""
@@ -271,6 +289,7 @@ class TextReader:
         previous = self.joined if joins else []
         self.groups.introduce(phrase)
         self._seek(self.groups.subject, phrase.span)
+        self.targets.introduced(self.groups.subject, phrase)
         accompanies = len(self._company) == 1 and _WITH.search(self.draft.text[: phrase.span.start])
         self._company = [*self._company, *self.groups.subject] if accompanies else []
         if _ABOUT.search(self.draft.text[: phrase.span.start]):
@@ -419,6 +438,19 @@ class TextReader:
             self.draft.unread(phrase.span, "stands by itself", expressible=True)
             return True
         return phrase.rule == "motion" and not self.groups.in_sentence and self.groups.subject_is_mission
+
+    def _is_no_road(self, phrase: Phrase) -> bool:
+        """Read `so from the west` of the wind, or list it, where the sentence is about no road; whether it is so."""
+        sentence = self.draft.text[self._sentence_start : phrase.span.start]
+        alone = phrase.has("FROM") and not phrase.has("RUNS", "TO", "AXIS")
+        if not alone or self.topic == "road" or _ROADS.search(sentence):
+            return False
+        direction = phrase.first("DIR")
+        if direction is not None and _WINDS.search(sentence):
+            self.weather_reader.direction(direction, phrase.span)
+        else:
+            self.draft.unread(phrase.span, "it is not said of what", expressible=True)
+        return True
 
     def _moves(self, phrase: Phrase) -> bool:
         """Read `from west to east` of groups that travel; whether the subject does."""
@@ -699,9 +731,14 @@ class TextReader:
         elif "CONVOY" in kinds and groups.convoys:
             groups.make_subject(groups.convoys)
             self.topic = self.flight.subject = "group"
-        elif "TARGET" in kinds and (targets := groups.targets()):
+        elif "TARGET" in kinds and (targets := self._targets_called(word)):
             groups.make_subject(groups.choose_one(targets, word.span))
             self.topic = "group"
+
+    def _targets_called(self, word: Word) -> list[str]:
+        """The targets of the text, after the word that may have called the subject so."""
+        self.targets.called(word, self.joined or (self.groups.subject if self.groups.in_sentence else []))
+        return self.groups.targets()
 
     def _is_range_around(self, word: Word) -> bool:
         """Read `20 to 40 m` of the group that is spoken of; whether a word is such a range."""
@@ -949,6 +986,7 @@ class TextReader:
         the ceiling.
         """
         self.groups.finish()
+        self.targets.finish()
         self.events.finish()
         self.intelligence_reader.finish()
         self.weather_reader.finish()

@@ -395,13 +395,34 @@ class RelationReader:
                 self._draft.unread(phrase.span, "a least distance between members is of one group of several")
                 return
             [group] = named
-        self._draft.vary(
-            ("actors", group, "placement", "spread_m"), length.low, length.high, phrase.span, unit="m"
-        )
+        elif self._is_single(group, phrase):
+            return
+        high = length.high
+        if not length.single:
+            # The greater number of `30 to 50 m apart` may be the greatest distance, which it is not here.
+            readings = [
+                f"at least {length.low:g} m apart",
+                f"a least distance of {length.low:g} to {high:g} m",
+            ]
+            if self._draft.ask(phrase.span, "how far apart are they?", readings) == 0:
+                high = length.low
+        self._draft.vary(("actors", group, "placement", "spread_m"), length.low, high, phrase.span, unit="m")
+
+    def _is_single(self, group: str, phrase: Phrase) -> bool:
+        """Whether a distance between members is said of a group of one, and so of somebody else; it is listed then."""
+        count = self._draft.entries.get(("actors", group, "count"))
+        single = group not in self._groups.plural and count is not None and count.value == 1
+        if single:
+            self._draft.unread(
+                phrase.span, "a group of one has no distance between members", expressible=True
+            )
+        return single
 
     def together(self, group: str, phrase: Phrase) -> None:
         """`all within 20 m of each other`: the largest distance between two members."""
         length = length_of(self._draft, phrase)
+        if self._is_single(group, phrase):
+            return
         self._draft.vary(
             ("actors", group, "placement", "extent_m"), length.high, length.high, phrase.span, unit="m"
         )

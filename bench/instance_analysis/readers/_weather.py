@@ -186,6 +186,10 @@ class WeatherReader:
                 (*base, "from_deg"), figure.value.low % 360, figure.value.high, phrase.span, unit="deg"
             )
 
+    def direction(self, part: Part, span: Span) -> None:
+        """Set where the wind comes from, which a sentence about the wind says by itself."""
+        self._draft.put(("environment", "wind", "from_deg"), part.value, span)
+
     def calm(self, phrase: Phrase) -> None:
         self._draft.put(("environment", "wind", "speed_mps"), 0.0, phrase.span)
 
