@@ -8,14 +8,18 @@ from bench.simspec import Role
 
 from .._draft import Draft
 from ..language._phrases import Phrase, Quantity
+from ..language._tokens import Span
 from ._groups import GroupRegister
 from ._traits import PERSONS
+from ._unread_subjects import UnreadSubjects
 
 _PAUSES = (",", "(", ":", "-", "–", "—")
 _GENDERED = frozenset(["man", "woman", "boy", "girl", "lady", "gentleman", "male", "female"])
 """Nouns of which one person has one: `a man, a woman` are two."""
 _GOES_ON = re.compile(r"\s*(?:,?\s*and\b|,\s*(?:an?|one|two|three|four|five|\d+)\b)", re.IGNORECASE)
 """What follows a noun inside a list: `a civilian, a child and a dog`."""
+_PAIR = re.compile(r"\s+and\s+an?\s+[\w-]+(?=\s*(?:[.;:)\n]|$))", re.IGNORECASE)
+"""The rest of `a man and a woman` at the end of what is said."""
 _VERB = re.compile(
     r"\b(?:stands?|stood|is|are|was|were|lies?|sits?|waits?|shall|must|remains?|stays?|walks?|drives?|moves?|and|or|with|near)\b",
     re.IGNORECASE,
@@ -26,14 +30,50 @@ _VERB = re.compile(
 class AppositionReader:
     """Asks whether a noun after a comma names the person before it, and gives that person its asset."""
 
-    def __init__(self, draft: Draft, groups: GroupRegister) -> None:
-        self._draft, self._groups = draft, groups
+    def __init__(self, draft: Draft, groups: GroupRegister, unread: UnreadSubjects) -> None:
+        self._draft, self._groups, self._unread = draft, groups, unread
+        self._pair_until = 0
+        """Where a pair ends that was said of a group, or of something unread."""
+
+    def goes_on(self, phrase: Phrase) -> bool:
+        """Whether a phrase is the second noun of `two hikers, a man and a woman`, which make no groups."""
+        if phrase.span.end > self._pair_until:
+            return False
+        self._draft.references.append(phrase.span)
+        return True
+
+    def _is_pair(self, phrase: Phrase) -> bool:
+        """Whether `a man and a woman` tells who two persons are that the sentence has named; else it is asked."""
+        draft, groups = self._draft, self._groups
+        before = draft.text[: phrase.span.start].rstrip()
+        pair, asset = _PAIR.match(draft.text, phrase.span.end), phrase.first("ASSET")
+        if pair is None or asset is None or not before.endswith((",", ":", "(")):
+            return False
+        if groups.vocabulary.assets[str(asset.value)].asset not in PERSONS:
+            return False
+        subject = groups.subject if groups.in_sentence else []
+        two = len(subject) == 1 and groups.asset(subject[0]) in PERSONS and groups.total(subject[0]) == 2
+        unread = None if two else self._unread.named_in_clause_before(len(before) - 1)
+        if not two and unread is None:
+            return False
+        said_of = f"the same as {subject[0]!r} before" if two else "what is not read: leave it out"
+        answers = [(said_of, True), ("others", False)]
+        if not two:
+            answers.reverse()
+        span = Span(phrase.span.start, pair.end())
+        same = answers[draft.ask(span, "who is this?", [name for name, _ in answers])][1]
+        if same:
+            self._pair_until = pair.end()
+            draft.references.append(phrase.span)
+            if not two:
+                draft.unread(span, "it is said of something that is not read", expressible=True)
+        return same
 
     def read(self, phrase: Phrase) -> bool:
         """Whether a phrase names the single person that is the subject; then it makes no group."""
         head, asset = self._head_of(phrase), phrase.first("ASSET")
         if head is None or asset is None:
-            return False
+            return self._is_pair(phrase)
         answers = [(f"the same as {head!r} before", True), ("somebody else", False)]
         if _GOES_ON.match(self._draft.text, phrase.span.end):
             answers.reverse()

@@ -64,6 +64,12 @@ class EventReader:
         if part.value.part == "consents":
             self._consent(part.value.kind, phrase, when)
             return
+        if when.at_s is not None and when.later_s is not None:
+            # `after 2 minutes it stops, and one minute later it goes on`: the first time is that of another event.
+            self._draft.unread(
+                phrase.span, "it has two times, of which one is another event's", expressible=True
+            )
+            return
         if when.at_s is None and when.later_s is not None and self._last_at_s is not None:
             self._draft.remark(phrase.span, f"read as {when.later_s:g} s after the event before it")
             when = replace(when, at_s=self._last_at_s + when.later_s)

@@ -275,7 +275,10 @@ class GroundReader:
     def finish(self) -> None:
         """Put the area of interest, its parts with groups, and all other areas into the draft."""
         path: FieldPath = ("world", "area", "corners")
-        if path not in self._draft.entries:
+        if path not in self._draft.entries and (ground := self._is_the_area()) is not None:
+            assert ground.size_m
+            self._draft.put(path, _corners(*ground.size_m), ground.extent)
+        elif path not in self._draft.entries:
             piece, usual = self.world, self._defaults
             if piece.radius_m or piece.middle is not None:
                 piece.size_m = piece.size_m or (usual.area_east_m, usual.area_north_m)
@@ -298,6 +301,23 @@ class GroundReader:
         for piece in self.pieces.values():
             self._lay_out(piece)
         self._rules()
+
+    def _is_the_area(self) -> GroundPiece | None:
+        """The only ground with a size, where it reaches beyond the usual area and is to be the area of interest."""
+        sized = [piece for piece in self.pieces.values() if piece.size_m or piece.corners or piece.radius_m]
+        if len(sized) != 1 or self.world.radius_m or self.world.middle is not None:
+            return None
+        [piece] = sized
+        free = piece.kind in ("GROUND", "NAMED") and piece.middle is None and not piece.corners
+        if not free or piece.size_m is None or piece.extent is None:
+            return None
+        usual = (self._defaults.area_east_m, self._defaults.area_north_m)
+        if all(side <= most for side, most in zip(piece.size_m, usual, strict=True)):
+            return None
+        readings = ["yes", f"no, the area is the usual one, {usual[0]:g} m by {usual[1]:g} m"]
+        return (
+            piece if self._draft.ask(piece.extent, "is this the area of interest?", readings) == 0 else None
+        )
 
     def _laid_out(self, piece: GroundPiece) -> list[Point]:
         if piece.corners:

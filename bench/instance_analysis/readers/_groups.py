@@ -218,7 +218,7 @@ class GroupRegister:
         """A new group, or one that was named before without the number that it gets now."""
         if phrase.rule == "group" and count and phrase.first("PERAREA") is None:
             earlier = self._not_counted(known, there=self._there_are(phrase.span))
-            if earlier and self._is_counted_now(earlier, phrase):
+            if earlier and self._may_be(earlier, phrase, count) and self._is_counted_now(earlier, phrase):
                 self._recount(earlier, phrase, count, span)
                 return earlier
         return self._new(phrase, name, span, count)
@@ -269,6 +269,14 @@ class GroupRegister:
         if count is not None and not self._is_number_of(groups, count):
             count.disown()
         return groups
+
+    def _may_be(self, earlier: str, phrase: Phrase, count: Part) -> bool:
+        """Whether a noun with a number can name a group from before: `a grandfather` is not `five anglers`."""
+        named, noun = self.draft.entries["actors", earlier, "id"].span, phrase.first("ASSET")
+        if earlier in self.plural or named is None or noun is None or not isinstance(count.value, Quantity):
+            return True
+        same = _stem(self.draft.quote(named)) == _stem(self.draft.quote(noun.span))
+        return same or count.value.high <= 1
 
     def _is_counted_now(self, earlier: str, phrase: Phrase) -> bool:
         """Whether a number belongs to a group that was named before without one."""

@@ -145,7 +145,7 @@ class TextReader:
         self.rules = RuleReader(draft, self.groups)
         self.escort = EscortReader(draft, self.groups)
         self.targets = TargetReader(draft, self.groups)
-        self.appositions = AppositionReader(draft, self.groups)
+        self.appositions = AppositionReader(draft, self.groups, self.unread)
 
     def read(self, items: Sequence[Phrase | Word]) -> None:
         """Read all phrases and words into the draft."""
@@ -265,6 +265,7 @@ class TextReader:
                 self._counts_again(phrase)
                 or self._is_walked_around(phrase)
                 or self._is_in_brackets_of_unread(phrase)
+                or self.appositions.goes_on(phrase)
                 or (not joins and not self.waiting and self._is_apposed(phrase))
             ):
                 self._introduce(phrase, joins=joins)
