@@ -12,7 +12,7 @@ from ._ground import GroundReader
 from ._groups import GroupRegister
 from ._intelligence import IntelligenceReader
 from ._rules import UNIT_NAMES
-from ._traits import length_of, put_speed
+from ._traits import IMMOVABLE, length_of, put_speed
 
 UNITS = {
     "LENGTH": {"m": 1.0, "ft": 0.3048},
@@ -118,8 +118,28 @@ class FlightReader:
         elif field.path == "mission.speed_mps" and self._is_of_walkers():
             for group in self._groups.subject:
                 put_speed(self._draft, group, quantity, phrase.span)
+        elif field.path == "mission.speed_mps" and self._may_be_of_the_subject(phrase.span):
+            self._ask_whose_speed(field, quantity, phrase)
         else:
             self._set(field, quantity, phrase)
+
+    def _may_be_of_the_subject(self, span: Span) -> bool:
+        """Whether the clause of a speed has named a group that may move, and not the drone."""
+        groups = self._groups
+        if not groups.in_sentence or groups.subject_is_mission or len(groups.subject) != 1:
+            return False
+        begin = span.end - len(self._clause_up_to(span))
+        named = groups.mentioned_at(groups.subject)
+        return named.start >= begin and groups.asset(groups.subject[0]) not in IMMOVABLE
+
+    def _ask_whose_speed(self, field: FieldWords, quantity: Quantity, phrase: Phrase) -> None:
+        """Read `a soldier at a speed of 2 m/s`, which may be the drone's speed only if a person says so."""
+        [group] = self._groups.subject
+        if self._draft.ask(phrase.span, "whose speed is this?", [group, "the drone's"]):
+            self._set(field, quantity, phrase)
+            return
+        self._draft.put(("actors", group, "motion", "kind"), "wander", phrase.span)
+        put_speed(self._draft, group, quantity, phrase.span)
 
     def _pace(self, quantity: Quantity, phrase: Phrase) -> None:
         """Read `at a walking speed of 1.4 m/s`: it is never the drone's."""
