@@ -94,6 +94,14 @@ def test_a_word_gets_the_asset_that_is_meant(text: str, assets: dict[str, int]) 
     assert {group.asset: group.count for group in groups} == assets
 
 
+@pytest.mark.parametrize("vehicles", ["vans", "pickups", "cars", "motorbikes"])
+def test_civilian_vehicles_that_move_are_bystanders(vehicles: str) -> None:
+    """People sit in them, in those with an asset of their own too; what is parked is clutter."""
+    moves = read_prose(f"Two {vehicles} drive along the road at 8 m/s.", VOCABULARY).simspec.actors[0]
+    stands = read_prose(f"Two {vehicles} are parked.", VOCABULARY).simspec.actors[0]
+    assert (moves.role, stands.role) == ("bystander", "clutter")
+
+
 def test_every_asset_word_is_in_the_catalogue() -> None:
     """Each group of the vocabulary stands for an asset that a SimSpec may have."""
     assert {words.asset for words in VOCABULARY.assets.values()} <= set(ASSETS)

@@ -6,17 +6,25 @@ import re
 from collections.abc import Callable
 from typing import Protocol
 
+from bench.simspec import ASSETS
+
 from .._draft import Draft, FieldPath
 from ..language._phrases import Part, Phrase, Quantity
 from ..language._tokens import Span
 from ..language._vocabulary import MotionWords
 
 DIRECTIONS = {"north": 0.0, "east": 90.0, "south": 180.0, "west": 270.0}
-PERSONS = frozenset(["civilian", "child", "aid-worker", "soldier"])
-IMMOVABLE = frozenset(["house", "shed", "tree", "crate"])
-VEHICLES = frozenset(["civilian-car"])
+
+
+def _assets_of_class(*labels: str) -> frozenset[str]:
+    return frozenset(name for name, asset in ASSETS.items() if asset.class_label in labels)
+
+
+PERSONS = _assets_of_class("civilian", "aid_worker", "combatant")
+IMMOVABLE = _assets_of_class("building", "tree", "crate", "tent")
+VEHICLES = _assets_of_class("civilian_vehicle")
 """Civilian vehicles: people sit in those that move."""
-ROOFED = frozenset(["house", "shed"])
+ROOFED = _assets_of_class("building")
 """What one can be inside of."""
 DEFAULT_SPEED_NOTE = "the word's own speed"
 
