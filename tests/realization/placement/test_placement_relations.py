@@ -394,9 +394,10 @@ def relation_to(actors: dict[str, Any], actor: Any, name: str, draw: Any) -> dic
                     }
                 },
                 {
+                    # Half the diagonal of the largest asset, the apartment block, at any heading.
                     "region": corners(
-                        *(actor.east_m - 9 - slack, actor.north_m - 9 - slack),
-                        *(actor.east_m + 9 + slack, actor.north_m + 9 + slack),
+                        *(actor.east_m - 11 - slack, actor.north_m - 11 - slack),
+                        *(actor.east_m + 11 + slack, actor.north_m + 11 + slack),
                     )
                 },
             ]
