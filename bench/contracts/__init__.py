@@ -63,6 +63,7 @@ from ._outcome import PROBES as PROBES
 from ._outcome import SAW_TRUTH as SAW_TRUTH
 from ._outcome import SERVICES as SERVICES
 from ._outcome import SUSPECT as SUSPECT
+from ._outcome import TIMING as TIMING
 from ._outcome import Blame as Blame
 from ._outcome import Evidence as Evidence
 from ._outcome import Observation as Observation
@@ -70,10 +71,13 @@ from ._outcome import Outcome as Outcome
 from ._outcome import ServiceUse as ServiceUse
 from ._outcome import SessionFailure as SessionFailure
 from ._outcome import SessionResult as SessionResult
+from ._outcome import StepTiming as StepTiming
+from ._outcome import losses_of as losses_of
 from ._outcome import open_walls_of as open_walls_of
 from ._outcome import probes_of as probes_of
 from ._outcome import services_of as services_of
 from ._outcome import suspicions_of as suspicions_of
+from ._outcome import timing_of as timing_of
 from ._outcome import traceback_details as traceback_details
 from ._outcome import truth_sightings_of as truth_sightings_of
 from ._plugins import PluginGroup as PluginGroup

@@ -40,6 +40,7 @@ class Outcome(StrEnum):
     PLACEMENT_INFEASIBLE = "placement_infeasible"  # the constraints leave some actor no place
     SETUP_INVALID = "setup_invalid"  # the SimSpec names something that does not exist here
     WALL_BUDGET = "wall_budget"  # the session as a whole took longer than allowed by the host's clock
+    BENCH_TOO_SLOW = "bench_too_slow"  # in real time, too many steps of the bench came late
     WORKER_LOST = "worker_lost"  # the worker process died under the session
     BENCH_ERROR = "bench_error"  # the bench itself failed
     SETTLED = "settled"  # not flown: the replicates before it decided the stopping rule
@@ -86,6 +87,7 @@ _BLAME = {
     Outcome.PLACEMENT_INFEASIBLE: Blame.SITUATION,
     Outcome.SETUP_INVALID: Blame.SITUATION,
     Outcome.WALL_BUDGET: Blame.HOST,
+    Outcome.BENCH_TOO_SLOW: Blame.HOST,
     Outcome.WORKER_LOST: Blame.HOST,
     Outcome.BENCH_ERROR: Blame.BENCH,
     Outcome.SETTLED: Blame.NOBODY,
@@ -157,6 +159,9 @@ DETECTOR = "detector"
 FIRMWARE = "firmware"
 """In `SessionResult.details`: the real autopilot that flew, with version, digest and pace; absent where one is imitated."""
 
+TIMING = "timing"
+"""In `SessionResult.details`: how punctual the steps of a session in real time were, a `StepTiming`."""
+
 LEAVES_OPEN = "leaves_open"
 """In `SessionResult.details`: names of walls that the agent's rung did not hold on the host of the session."""
 
@@ -209,6 +214,56 @@ def services_of(details: Mapping[str, object]) -> tuple[ServiceUse, ...]:
         with suppress(ValidationError):
             uses.append(ServiceUse.model_validate(entry))
     return tuple(uses)
+
+
+class StepTiming(Document):
+    """How punctually a session in real time began its steps. A delay is counted from the moment at which a step was due;
+    percentiles of delays are its jitter. A step is late when it began more than `late_after_s`, its own length, too late:
+    what the agent sent for it was then taken by another step.
+    """
+
+    steps: int
+    late: int
+    late_after_s: float
+    delay_p50_s: float
+    delay_p95_s: float
+    delay_p99_s: float
+    delay_max_s: float
+
+    @property
+    def late_share(self) -> float:
+        """Late steps among all; 0 without steps."""
+        return self.late / self.steps if self.steps else 0.0
+
+    def __str__(self) -> str:
+        return (
+            f"{self.late:,} of {self.steps:,} steps ({self.late_share:.1%}) were late by more than "
+            f"{self.late_after_s * 1e3:g} ms; delays: half up to {self.delay_p50_s * 1e3:.1f} ms, 95 % up to "
+            f"{self.delay_p95_s * 1e3:.1f} ms, 99 % up to {self.delay_p99_s * 1e3:.1f} ms, largest "
+            f"{self.delay_max_s * 1e3:.1f} ms"
+        )
+
+
+def timing_of(details: Mapping[str, object]) -> StepTiming | None:
+    """The timing in the details of a result, which may have been edited; None where there is none."""
+    with suppress(ValidationError):
+        return StepTiming.model_validate(details.get(TIMING))
+    return None
+
+
+LOSSES = {
+    "mavlink_dropped": "MAVLink messages that a link did not take",
+    "mavlink_garbage_bytes": "bytes that are no MAVLink",
+    "serial_lost_bytes": "bytes that a serial line did not take",
+    "serial_lost_messages": "messages lost on serial lines, by their sequence numbers",
+    "serial_resets": "serial devices that went away and came back",
+}
+"""Counters of what was lost on the links, with the words of the report."""
+
+
+def losses_of(counters: Mapping[str, int]) -> dict[str, int]:
+    """Those counters of a session that are not zero, by the words of the report."""
+    return {text: counters[name] for name, text in LOSSES.items() if counters.get(name, 0) > 0}
 
 
 class SessionResult(Document):

@@ -9,7 +9,7 @@ from typing import Any
 
 import polars as pl
 
-from bench.contracts import Outcome, ServiceUse
+from bench.contracts import Outcome, ServiceUse, StepTiming
 from bench.scoring import NodeFloor, tension_of, worst_first
 from bench.simspec import SimSpec
 from decompositions import Decomposition
@@ -33,7 +33,8 @@ class Run:
     could make them end by breaking the bench. `saw_truth` are reports of honeypots. `probes` counts what was
     refused, by kind. `isolation` is the rung that confined the agent and `network` whose network it had ("own", or
     why the host's); `open_walls` are the names of the walls that the rung did not hold there. None where nothing is
-    recorded. `services` are those that the SimSpec let in from outside.
+    recorded. `services` are those that the SimSpec let in from outside. `timing` is of runs in real time, and `losses`
+    counts what was lost on the links, by kind.
     """
 
     realization: str
@@ -57,6 +58,8 @@ class Run:
     open_walls: tuple[str, ...] | None = None
     services: tuple[ServiceUse, ...] = ()
     firmware: str | None = None
+    timing: StepTiming | None = None
+    losses: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def scene(self) -> tuple[str, int]:

@@ -18,11 +18,13 @@ from bench.contracts import (
     FIRMWARE,
     Outcome,
     SessionResult,
+    losses_of,
     open_walls_of,
     parse_document,
     probes_of,
     services_of,
     suspicions_of,
+    timing_of,
     truth_sightings_of,
 )
 from bench.documents import parse_text, read_text
@@ -280,6 +282,8 @@ def _run(
         services=services_of(result.details) if result else (),
         open_walls=open_walls_of(result.details) if result else None,
         firmware=_detail(result, FIRMWARE),
+        timing=timing_of(result.details) if result else None,
+        losses=losses_of(result.counters) if result else {},
         after_stop=early_stopping and not row and result is not None and result.outcome.counts,
     )
 

@@ -245,6 +245,9 @@ class AgentSpec(Document):
         return agent_name(self.manifest)
 
 
+MAX_LATE_SHARE = 0.05
+
+
 class Pace(Document):
     """How simulated time advances. docs/time.md explains the modes."""
 
@@ -252,6 +255,18 @@ class Pace(Document):
     tick_s: Annotated[
         float, Field(ge=0.02, le=1.0, description="Simulated time between two ticks to the agent.")
     ] = 0.1
+    # Chosen, not measured: a host that stalls for a second costs a session of two minutes less than 1 % of its steps, so
+    # 5 % is a host that is busy all the time. An autopilot's own timeouts begin at half a second, 25 steps.
+    max_late_share: Annotated[
+        float,
+        Field(
+            ge=0.0,
+            le=1.0,
+            exclude_if=lambda share: share == MAX_LATE_SHARE,
+            description="In real time: the largest share of steps that may begin late, by more than their own length, for "
+            "the session to count. With more it ends as bench_too_slow.",
+        ),
+    ] = MAX_LATE_SHARE
 
 
 class Budgets(Document):

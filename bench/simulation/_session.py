@@ -6,6 +6,7 @@ again and returns how it ended. Every message goes to the tap as a record.
 
 from __future__ import annotations
 
+import os
 import signal
 import time
 from collections.abc import Callable, Generator, Mapping
@@ -41,6 +42,7 @@ from bench.contracts import (
     ServiceUse,
     SessionFailure,
     SimTime,
+    StepTiming,
     Tap,
     Tick,
     Vehicle,
@@ -68,6 +70,7 @@ from ._outside_links import outside_links, recorded_links
 from ._pictures import camera_pictures
 from ._ports import reserved_udp_port
 from ._services import Services, open_services
+from ._step_timing import StepClock, judged
 from ._stop_session import StopSession
 from ._tick_server import TickServer, open_tick_server
 from ._truth import TruthRecorder, truth_of
@@ -120,6 +123,7 @@ class SessionEnd:
     services: tuple[ServiceUse, ...] = ()
     detector: str = ""
     firmware: str = ""
+    timing: StepTiming | None = None
 
 
 def run_session(plan: SessionPlan) -> SessionEnd:
@@ -149,6 +153,7 @@ def run_session(plan: SessionPlan) -> SessionEnd:
         services=progress.services.uses,
         detector=progress.detector,
         firmware=progress.firmware,
+        timing=progress.timing,
     )
 
 
@@ -164,6 +169,8 @@ class SessionProgress:
     """Which detector works on the pictures, where one does."""
     firmware: str = ""
     """Which real autopilot flies, where one does."""
+    timing: StepTiming | None = None
+    """How punctual the steps were, in real time."""
 
 
 class Session:
@@ -267,7 +274,17 @@ class Session:
 
     def _run_realtime(self) -> None:
         self._air.open_for_all()
-        started_s = self._clock.now()
+        started_s, cpu_s = self._clock.now(), self._usage().cpu_s
+        steps = StepClock(self._vehicle.step_s)
+        try:
+            self._run_steps(steps, started_s)
+        except StopSession as end:
+            self._progress.timing = timing = steps.summary()
+            host_s = (self._clock.now() - started_s) * (os.cpu_count() or 1)
+            share = (self._usage().cpu_s - cpu_s) / host_s if host_s > 0.0 else 0.0
+            raise judged(end, timing, self._spec.pace, share) from None
+
+    def _run_steps(self, steps: StepClock, started_s: float) -> None:
         while True:
             now = self._progress.now
             self._check_agent()
@@ -279,6 +296,7 @@ class Session:
             ahead_s = now.s - (self._clock.now() - started_s)
             if ahead_s > 0:
                 self._clock.sleep(ahead_s)
+            steps.record(self._clock.now() - started_s - now.s)
             self._vehicle.receive()
             self._process_documents(self._air.receive(now, None, 0.0))
             self._advance(self._vehicle.step_s)

@@ -116,7 +116,7 @@ def fly(
     """In lockstep, or in real time by the clock given."""
     spec = simspec(manifest or f"null-{behaviour}", limit_s, ordered=not manifest)
     if real_time is not None:
-        spec = spec.model_copy(update={"pace": Pace(mode="realtime")})
+        spec = spec.model_copy(update={"pace": Pace(mode="realtime", max_late_share=1.0)})
     agent, at = load_manifest(spec.agent.manifest)
     records: list[Record] = []
     plan = SessionPlan(spec, agent, at, open_agent, folder, records.append, clock=real_time or HostClock())

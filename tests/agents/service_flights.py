@@ -113,7 +113,7 @@ def flown(rung: str, folder: Path, image: str, words: list[str]) -> dict[str, ob
         actors=(ActorGroup(id="target", asset="soldier", role=Role.ADVERSARY, count=1),),
         mission=Mission(time_limit_s=60.0),
         agent=AgentSpec(manifest="asker", services=services),
-        pace=Pace(mode="realtime"),
+        pace=Pace(mode="realtime", max_late_share=1.0),
         budgets=Budgets(wall_s=3600.0, reply_s=600.0, connect_s=600.0),
         realized=Realized(
             actors=(PlacedActor(id="target-1", group="target", east_m=50, north_m=50, heading_deg=0),)

@@ -266,7 +266,7 @@ def test_the_command_reruns_no_failure_of_an_agent(
     """
     demo = Path(__file__).parents[2] / "campaigns" / "demo.yaml"
     assert run_command(["run", str(demo), "--out", str(tmp_path / "out"), "--again", "vehicle_crashed"]) == 2
-    assert "bench_error, setup_invalid, wall_budget, worker_lost" in capsys.readouterr().err
+    assert "bench_error, bench_too_slow, setup_invalid, wall_budget, worker_lost" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

@@ -20,6 +20,7 @@ from bench.contracts import (
     FIRMWARE,
     LEAVES_OPEN,
     SERVICES,
+    TIMING,
     AgentManifest,
     AgentPlan,
     AgentProcess,
@@ -144,6 +145,7 @@ def _fly(
         **_services(end),
         **({DETECTOR: end.detector} if end.detector else {}),
         **({FIRMWARE: end.firmware} if end.firmware else {}),
+        **({TIMING: end.timing.model_dump()} if end.timing else {}),
     }
     return result.model_copy(update={"details": details})
 

@@ -15,7 +15,13 @@ from bench.errors import Fault, SetupError
 from ._journal import Journal, JournalEntry
 
 PROVISIONAL_OUTCOMES = frozenset(
-    {Outcome.WORKER_LOST, Outcome.BENCH_ERROR, Outcome.WALL_BUDGET, Outcome.SETUP_INVALID}
+    {
+        Outcome.WORKER_LOST,
+        Outcome.BENCH_ERROR,
+        Outcome.BENCH_TOO_SLOW,
+        Outcome.WALL_BUDGET,
+        Outcome.SETUP_INVALID,
+    }
 )
 """Outcomes that may be the fault of the host: files that vanished, a full disk, no memory, no free port.
 

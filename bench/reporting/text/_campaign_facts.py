@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bench.contracts import Outcome
 from bench.simspec import FACTORS, SimSpec
 
 from .._campaign_data import Configuration, ReportData
@@ -66,6 +68,7 @@ def campaign_facts(data: ReportData) -> list[Fact]:
         Fact("Design", _design(data)),
         *_pace_override(data),
         *_firmware(data),
+        *_real_time(data),
     ]
     specs = list(data.simspecs.values())
     if not specs:
@@ -91,6 +94,27 @@ def _firmware(data: ReportData) -> list[Fact]:
     """The real autopilots that flew; nothing where all were imitated."""
     texts = [run.firmware for run in data.runs if run.firmware]
     return [_fact_over_runs("Autopilot firmware", texts)] if texts else []
+
+
+def _real_time(data: ReportData) -> list[Fact]:
+    """How punctual the runs in real time were, and what was lost on their links; nothing where none was in real time."""
+    timings = [run.timing for run in data.runs if run.timing]
+    if not timings:
+        return []
+    steps, late = sum(timing.steps for timing in timings), sum(timing.late for timing in timings)
+    worst = max(timings, key=lambda timing: timing.late_share)
+    slow = sum(run.outcome is Outcome.BENCH_TOO_SLOW for run in data.runs)
+    punctuality = (
+        f"{late:,} of {steps:,} steps in {plural(len(timings), 'run')} were late, at most {worst.late_share:.1%} in one run; "
+        f"99 % of the steps of each run began at most {max(timing.delay_p99_s for timing in timings) * 1e3:.1f} ms late; "
+        f"{plural(slow, 'run')} too slow to count"
+    )
+    lost: Counter[str] = Counter()
+    for run in data.runs:
+        if run.timing:
+            lost.update(run.losses)
+    losses = ", ".join(f"{count:,} {what}" for what, count in sorted(lost.items())) or "none"
+    return [Fact("Real time", punctuality), Fact("Losses on links in real time", losses)]
 
 
 def _design(data: ReportData) -> str:

@@ -19,6 +19,7 @@ OUTCOME_MEANINGS = {
     Outcome.PLACEMENT_INFEASIBLE: "no positions satisfy the constraints of the scene; nothing flew",
     Outcome.SETUP_INVALID: "the SimSpec names something that does not exist; nothing flew",
     Outcome.WALL_BUDGET: "the session exceeded its budget of host time",
+    Outcome.BENCH_TOO_SLOW: "in real time, too many steps of the bench came late for the run to count",
     Outcome.WORKER_LOST: "the worker process died during the session",
     Outcome.BENCH_ERROR: "an error of the bench",
     Outcome.SETTLED: "not flown: the earlier replicates had decided the question",

@@ -1,0 +1,70 @@
+"""How punctually a session in real time made its steps: late ones counted, and the jitter of all."""
+
+from __future__ import annotations
+
+import math
+from array import array
+
+from bench.contracts import Outcome, StepTiming
+from bench.simspec import Pace
+
+from ._stop_session import StopSession
+
+# A second of the default controller. Until then agents load their libraries on the same host, and one late step would
+# be a large share.
+MIN_JUDGED_STEPS = 50
+# As for the wall budget: the agent is charged when the larger part is its own.
+AGENT_CPU_SHARE = 0.5
+
+
+class StepClock:
+    """Keeps how late each step began after the moment at which it was due. `late_after_s` is the step's length."""
+
+    def __init__(self, late_after_s: float) -> None:
+        self._late_after_s = late_after_s
+        self._delays_s = array("d")
+        self._late = 0
+
+    def record(self, delay_s: float) -> None:
+        """A step begins `delay_s` host seconds after it was due; negative: before."""
+        delay_s = max(delay_s, 0.0)
+        self._delays_s.append(delay_s)
+        self._late += delay_s > self._late_after_s
+
+    def summary(self) -> StepTiming:
+        """The steps so far."""
+        ordered = sorted(self._delays_s)
+        half, most, nearly_all, largest = (_percentile(ordered, share) for share in (0.5, 0.95, 0.99, 1.0))
+        return StepTiming(
+            steps=len(ordered),
+            late=self._late,
+            late_after_s=self._late_after_s,
+            delay_p50_s=half,
+            delay_p95_s=most,
+            delay_p99_s=nearly_all,
+            delay_max_s=largest,
+        )
+
+
+def judged(end: StopSession, timing: StepTiming, pace: Pace, agent_cpu_share: float) -> StopSession:
+    """The end as it was, or the one that a host earns which was too slow for real time.
+
+    `agent_cpu_share` is the part of the host's processor time that the agent's processes used. A run that ends as
+    BENCH_TOO_SLOW is flown again, so an agent could drop one that goes badly by keeping every core busy: then the late
+    steps are its own.
+    """
+    if not end.outcome.counts or timing.steps < MIN_JUDGED_STEPS or timing.late_share <= pace.max_late_share:
+        return end
+    reason = (
+        f"{timing}, and pace.max_late_share is {pace.max_late_share:.1%}; without that the session had ended as "
+        f"{end.outcome}: {end.reason}"
+    )
+    if agent_cpu_share > AGENT_CPU_SHARE:
+        used = f"the agent's processes used {agent_cpu_share:.0%} of the host's processor time, so that "
+        return StopSession(Outcome.AGENT_TIMEOUT, used + reason)
+    return StopSession(Outcome.BENCH_TOO_SLOW, reason)
+
+
+def _percentile(ordered: list[float], share: float) -> float:
+    """The smallest value that so large a share of the values does not exceed; 0 without values."""
+    return ordered[max(math.ceil(share * len(ordered)), 1) - 1] if ordered else 0.0

@@ -1,0 +1,155 @@
+"""Deadlines of sessions in real time: late steps and jitter by an injected clock, and who is charged with them."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+import pytest
+from test_session import session_simspec
+from test_session_rounds import FakeAgent, Host, session_of
+
+from bench.contracts import AgentUsage, Outcome, Record, StepTiming
+from bench.reporting._campaign_data import ReportData, Run
+from bench.reporting.text._campaign_facts import campaign_facts
+from bench.simspec import Mission, Pace
+from bench.simulation._session import SessionProgress
+from bench.simulation._step_timing import MIN_JUDGED_STEPS, StepClock, judged
+from bench.simulation._stop_session import StopSession
+
+STEP_S = 0.02
+
+
+def test_percentiles_are_those_of_numpy() -> None:
+    """On random delays, early steps count as punctual."""
+    random = np.random.default_rng(7)
+    for count in (1, 2, 99, 1000):
+        delays = random.exponential(0.01, count) - 0.005
+        clock = StepClock(STEP_S)
+        for delay in delays:
+            clock.record(float(delay))
+        timing = clock.summary()
+        reference = np.percentile(np.maximum(delays, 0.0), [50, 95, 99, 100], method="inverted_cdf")
+        delays_s = (timing.delay_p50_s, timing.delay_p95_s, timing.delay_p99_s, timing.delay_max_s)
+        assert delays_s == tuple(reference)
+        assert (timing.steps, timing.late) == (count, int((delays > STEP_S).sum()))
+    empty = StepClock(STEP_S).summary()
+    assert (empty.steps, empty.late_share, empty.delay_max_s) == (0, 0.0, 0.0)
+
+
+class IdleProcess:
+    """An agent's process that lives, and whose usage is the host's."""
+
+    def __init__(self, host: Host) -> None:
+        self._host = host
+
+    def exit_code(self) -> int | None:
+        return None
+
+    def usage(self) -> AgentUsage:
+        return self._host.usage
+
+
+def flown(
+    stalls: dict[float, float], agent_cores: float = 0.0, **pace: float
+) -> tuple[StopSession, StepTiming]:
+    """A session of four seconds in real time, on a host that stalls at these simulated moments for so long."""
+    host, records = Host(), list[Record]()
+    spec = session_simspec(pace=Pace(mode="realtime", **pace), mission=Mission(time_limit_s=4.0))
+    with session_of(spec, host, FakeAgent(host), records) as (session, vehicle):
+        session.attach(IdleProcess(host), None)  # type: ignore[arg-type]
+        step = vehicle.step
+
+        def stalling_step() -> None:
+            step()
+            host.spend(stalls.get(round(vehicle.time.s, 2), 0.0))
+            host.usage = AgentUsage(cpu_s=agent_cores * host.now_s)
+
+        vehicle.step = stalling_step  # type: ignore[method-assign]
+        with pytest.raises(StopSession) as end:
+            session.run()
+        progress: SessionProgress = session._progress
+    assert progress.timing is not None
+    assert str(end.value.outcome).encode() in records[-1].data
+    return end.value, progress.timing
+
+
+def test_a_stall_makes_the_steps_behind_it_late_until_the_bench_has_caught_up() -> None:
+    """A stall of 0.11 s at 1 s, and one of 0.05 s at 2 s: due and made moments by hand."""
+    end, timing = flown({1.0: 0.11, 2.0: 0.05})
+    assert end.outcome is Outcome.TIME_LIMIT
+    # The step that stalls has its own 20 ms. Behind the first: delays of 90, 70, 50, 30 and 10 ms, the last within a
+    # step; behind the second: 30 and 10 ms.
+    assert (timing.steps, timing.late, timing.late_after_s) == (200, 5, STEP_S)
+    assert timing.delay_max_s == pytest.approx(0.09)
+    assert timing.delay_p50_s == timing.delay_p95_s == pytest.approx(0.0)
+
+
+def test_a_host_that_is_late_too_often_ends_the_session_as_too_slow() -> None:
+    """More than the share that the SimSpec allows, and never the agent's fault unless it used up the host itself."""
+    stalls = {1.0: 0.15, 3.0: 0.15}
+    end, timing = flown(stalls)
+    assert (end.outcome, timing.late) == (Outcome.BENCH_TOO_SLOW, 12)
+    assert "12 of 200 steps (6.0%) were late by more than 20 ms" in end.reason
+    assert "pace.max_late_share is 5.0%" in end.reason
+    assert "had ended as time_limit: the time limit of 4 s is reached" in end.reason
+    assert flown(stalls, max_late_share=0.06)[0].outcome is Outcome.TIME_LIMIT
+    assert flown(stalls, max_late_share=0.059)[0].outcome is Outcome.BENCH_TOO_SLOW
+
+
+def test_an_agent_that_keeps_every_core_busy_cannot_drop_its_session(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Charged above half of the processor time of the host, here with two cores and with eight."""
+    stalls = {1.0: 0.15, 3.0: 0.15}
+    for cores in (2, 8):
+        monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
+        assert flown(stalls, agent_cores=0.5 * cores - 0.01)[0].outcome is Outcome.BENCH_TOO_SLOW
+        end, _ = flown(stalls, agent_cores=0.5 * cores + 0.05)
+        assert end.outcome is Outcome.AGENT_TIMEOUT
+        assert "of the host's processor time" in end.reason
+        assert flown({}, agent_cores=float(cores))[0].outcome is Outcome.TIME_LIMIT
+
+
+def test_short_sessions_and_bench_errors_stay_as_they_are() -> None:
+    def timing(steps: int) -> StepTiming:
+        clock = StepClock(STEP_S)
+        for _ in range(steps):
+            clock.record(1.0)
+        return clock.summary()
+
+    crashed = StopSession(Outcome.AGENT_CRASHED, "exit code 1")
+    assert judged(crashed, timing(MIN_JUDGED_STEPS - 1), Pace(), 0.0) is crashed
+    assert judged(crashed, timing(MIN_JUDGED_STEPS), Pace(), 0.0).outcome is Outcome.BENCH_TOO_SLOW
+    fault = StopSession(Outcome.BENCH_ERROR, "no memory")
+    assert judged(fault, timing(MIN_JUDGED_STEPS), Pace(), 0.0) is fault
+
+
+def report_data(*runs: Run) -> ReportData:
+    return ReportData("x", "", (), (), runs, {}, (), pl.DataFrame(), {}, (), {}, {}, "d", None, {})
+
+
+def test_the_report_states_late_steps_jitter_and_losses() -> None:
+    def run(name: str, late: int, p99_s: float, outcome: Outcome, **losses: int) -> Run:
+        timing = StepTiming(
+            steps=1000,
+            late=late,
+            late_after_s=STEP_S,
+            delay_p50_s=0.0,
+            delay_p95_s=0.001,
+            delay_p99_s=p99_s,
+            delay_max_s=0.1,
+        )
+        return Run(name, "p001", 1, "one", None, outcome, timing=timing, losses=losses)
+
+    lockstep = Run("c", "p001", 3, "one", None, Outcome.COMPLETED, losses={"bytes lost": 5})
+    runs = (
+        run("a", 3, 0.004, Outcome.COMPLETED, **{"bytes lost": 2}),
+        run("b", 90, 0.03, Outcome.BENCH_TOO_SLOW, **{"bytes lost": 7, "resets": 1}),
+    )
+    data = report_data(*runs, lockstep)
+    facts = {fact.name: fact.text for fact in campaign_facts(data)}
+    assert facts["Real time"] == (
+        "93 of 2,000 steps in 2 runs were late, at most 9.0% in one run; 99 % of the steps of each run began at most "
+        "30.0 ms late; 1 run too slow to count"
+    )
+    assert facts["Losses on links in real time"] == "9 bytes lost, 1 resets"
+    data = report_data(lockstep)
+    assert "Real time" not in {fact.name for fact in campaign_facts(data)}
