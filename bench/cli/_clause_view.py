@@ -37,6 +37,8 @@ def clause_lines(result: BaseSimSpec, columns: int) -> Iterator[str]:
         yield from _wrapped_choice(number, choice, width)
     if result.open_choices:
         yield "take other readings with --accept NUMBER, once for each choice in this order"
+    if result.unchecked:
+        yield "check: the sentence is none of the controlled language; compare the values with its words (then --checked)"
     for varied in result.ranges:
         yield f"varies: {range_text(varied)}"
     yield _total(result.clauses)

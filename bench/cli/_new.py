@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from bench.instance_analysis import BaseSimSpec, Vocabulary
+    from bench.instance_analysis import BaseSimSpec, ClauseReading, Vocabulary
 
 Prompt = Callable[[str], str]
 
@@ -55,13 +55,15 @@ class Interview:
     ) -> None:
         self._vocabulary, self._prompt, self._show = vocabulary, prompt, show
         self._answers: list[int] = []
+        self._checked = False
         self.text = text
         self.result: BaseSimSpec | None = self._read(text) if text else None
 
     def _read(self, text: str) -> BaseSimSpec:
         from bench.instance_analysis import read_prose
 
-        return read_prose(text, self._vocabulary, self._answers)
+        result = read_prose(text, self._vocabulary, self._answers)
+        return result.model_copy(update={"checked": self._checked})
 
     def decide(self) -> None:
         """Ask for every open choice of the text; an empty answer takes the first reading."""
@@ -76,6 +78,31 @@ class Interview:
                 self.result = self._read(self.text)
             else:
                 self._show(f"Answer with a number from 1 to {len(choice.readings)}.")
+
+    def check(self) -> None:
+        """Show what each clause was read as that is none of the controlled language; what is denied is left out."""
+        while self.result is not None:
+            denied = next(
+                (clause for clause in self.result.unchecked if not self._is_right(self.result, clause)), None
+            )
+            if denied is None:
+                break
+            after = self.text[denied.end :].lstrip(" .,;:")
+            self.text = f"{self.text[: denied.start].rstrip()} {after}".strip()
+            # The answers were given to the choices of another text.
+            self._answers = []
+            self.result = self._read(self.text) if any(map(str.isalnum, self.text)) else None
+            self.decide()
+        self._checked = True
+        if self.result is not None:
+            self.result = self._read(self.text)
+
+    def _is_right(self, result: BaseSimSpec, clause: ClauseReading) -> bool:
+        from ._clause_view import field_summary
+
+        summary = field_summary(clause, {receipt.path: receipt.value for receipt in result.receipts})
+        self._show(f"{clause.quote!r} is read as: {summary or 'nothing that needs a field'}")
+        return not self._prompt("Is that what it means? [yes] or no").lower().startswith("n")
 
     def ask(self, step: Step) -> None:
         """Ask one question until its answer is read, or is empty, which leaves the SimSpec's default."""
@@ -109,9 +136,11 @@ class Interview:
             if passage.end > begin
         ]
         unread += [f"{choice.quote!r}: {choice.ask}" for choice in result.open_choices if choice.end > begin]
-        if unread:
-            for reason in unread:
-                self._show(f"  not read: {reason}")
+        for reason in unread:
+            self._show(f"  not read: {reason}")
+        # What was there before is checked; what is added is compared at once.
+        free = [clause for clause in result.clauses if clause.status == "check" and clause.end > begin]
+        if unread or not all(self._is_right(result, clause) for clause in free):
             return False
         self.text, self.result = text, result
         return True
@@ -145,6 +174,7 @@ def new(
     if interview.result is not None:
         print("\n".join(clause_lines(interview.result, shutil.get_terminal_size().columns)))
     interview.decide()
+    interview.check()
     print("Press Enter to leave a question at its default.")
     interview.ask(GROUND)
     interview.ask_sentences(THINGS)

@@ -50,6 +50,12 @@ def prose(
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit with 1, and write nothing, unless all is certain")
     ] = False,
+    checked: Annotated[
+        bool,
+        typer.Option(
+            "--checked", help="You have compared the values of all `check` clauses with their words"
+        ),
+    ] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print JSON: SimSpec, ranges, receipts, clauses and choices")
     ] = False,
@@ -81,7 +87,7 @@ def prose(
     """Turn a description into a base SimSpec with ranges, and tell what became of every clause.
 
     A document is always written. What is uncertain is a choice, of which the first reading is taken; --accept
-    takes another one.
+    takes another one. A clause marked `check` is read in full, but may be read wrongly: compare its values with it.
 
     Example: rebar prose "A radar vehicle, between 5 and 10 civilians within 50 m of it, heavy rain, fly at 80 m"
     --explain
@@ -97,10 +103,13 @@ def prose(
     words = load_vocabulary(vocabulary)
     proposed: ProposedResult | None = None
     if llm is None:
-        base_simspec = read_prose(description, words, accept or [])
+        base_simspec = read_prose(description, words, accept or []).model_copy(update={"checked": checked})
     else:
         endpoint = ModelEndpoint(llm, llm_url, os.environ.get(KEY_VARIABLE))
         proposed = propose(description, words, endpoint, answers=accept or [])
+        proposed = proposed.model_copy(
+            update={"result": proposed.result.model_copy(update={"checked": checked})}
+        )
         base_simspec = proposed.result
     if as_json:
         shown = base_simspec if proposed is None else proposed

@@ -57,6 +57,8 @@ def _header(result: BaseSimSpec) -> Iterator[str]:
         )
         chosen = choice.readings[choice.chosen - 1]
         yield f"# choice: {_quoted(choice.quote)} {choice.ask} -> {chosen} (or: {others})"
+    for clause in result.unchecked:
+        yield f"# check: {_quoted(clause.quote)}"
     for passage in (*result.not_understood, *result.not_expressible):
         yield f"# not read: {_quoted(passage.quote)}: {passage.why}"
 

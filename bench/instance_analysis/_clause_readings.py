@@ -28,8 +28,13 @@ class _Account:
     read: list[Span] = field(default_factory=list)
 
 
-def clause_readings(draft: Draft, clauses: Sequence[Clause]) -> Iterator[ClauseReading]:
-    """The account of each clause, in the order of the text."""
+def clause_readings(
+    draft: Draft, clauses: Sequence[Clause], controlled: Sequence[bool]
+) -> Iterator[ClauseReading]:
+    """The account of each clause, in the order of the text.
+
+    `controlled` says for each sentence, by its number, whether it is one of the controlled language.
+    """
     for clause, account in zip(clauses, _accounts(draft, clauses), strict=True):
         notes = [f"{_short(item.quote)!r}: {item.why}" for item in account.unread]
         notes += [f"{choice.ask} Read as: {choice.readings[choice.chosen - 1]}" for choice in account.choices]
@@ -37,22 +42,25 @@ def clause_readings(draft: Draft, clauses: Sequence[Clause]) -> Iterator[ClauseR
             quote=draft.quote(clause.span),
             start=clause.span.start,
             end=clause.span.end,
-            status=_status(clause, account),
+            status=_status(clause, account, controlled=controlled[clause.sentence]),
             fields=tuple(account.fields),
             notes=tuple(dict.fromkeys([*notes, *account.remarks, *account.defaults])),
         )
 
 
-def _status(clause: Clause, account: _Account) -> ClauseStatus:
+def _status(clause: Clause, account: _Account, *, controlled: bool) -> ClauseStatus:
     if account.unread:
         return "in part" if account.fields else "not understood"
     if any(not choice.answered for choice in account.choices):
         return "choice"
-    if account.defaults or account.remarks:
-        return "default"
     # Words that set nothing and are not listed describe nothing, as `good morning`; a phrase says something.
     says_nothing = not any(isinstance(item, Phrase) for item in clause.items)
-    return "understood" if account.fields or account.read or says_nothing else "not understood"
+    told = account.fields or account.read or account.defaults or account.remarks
+    if not told:
+        return "understood" if says_nothing else "not understood"
+    if not controlled:
+        return "check"
+    return "default" if account.defaults or account.remarks else "understood"
 
 
 def _accounts(draft: Draft, clauses: Sequence[Clause]) -> list[_Account]:

@@ -13,16 +13,17 @@ from dataclasses import dataclass
 from bench.errors import Fault, SetupError
 
 from ._clause_readings import clause_readings
+from ._controlled_language import controlled
 from ._draft import ChoiceKey, Draft, dotted
+from ._items import items_of
 from ._result import BaseSimSpec, Choice
-from .language._phrases import Phrase, phrases_of, with_quantities
+from .language._phrases import Phrase, with_quantities
 from .language._tokens import Span, Word, headings_of, words_of
 from .language._vocabulary import Vocabulary
 from .ledger._clauses import Clause, clauses_of, is_stop
-from .ledger._ledger import UNUSED_WORD, Ledger, LedgerEntry, marked
+from .ledger._ledger import CLAIMING_RULES, UNUSED_WORD, Ledger, LedgerEntry, marked
 from .ledger._loaded_words import hostile_words, loaded_words
 from .readers._reader import TextReader
-from .readers._statements import statements_in
 
 MAX_CHARACTERS = 20_000
 MAX_SINGLE_CUTS = 40
@@ -60,30 +61,17 @@ class Reading:
         words = words_of(text, vocabulary)
         self.unknown_units: list[tuple[Word, Word]] = []
         self.words = with_quantities(words, self.unknown_units)
-        self.items: list[Phrase | Word] = self._items()
+        self.items = items_of(self.words, text, vocabulary)
+        claiming = [item for item in self.items if isinstance(item, Phrase) and item.rule in CLAIMING_RULES]
+        claimed = marked(len(text), [part.span for phrase in claiming for part in phrase.leaves])
+        # `rotor 3 quits`: what a statement has claimed is no unit.
+        self.unknown_units = [pair for pair in self.unknown_units if not claimed[pair[1].span.start]]
         self.clauses: list[Clause] = clauses_of(text, self.items)
         self._headings = headings_of(text)
         self._ledger = Ledger(text, [*loaded_words(text), *hostile_words(text)], self.clauses)
         self.cuts: list[Cut] = []
         self._entries: list[LedgerEntry] = []
         self.draft = self._answered(answers)
-
-    def _items(self) -> list[Phrase | Word]:
-        """The statements of the text, and the phrases and words of what they have not claimed."""
-        statements = statements_in(self.words, self.text, self.vocabulary)
-        claimed = marked(len(self.text), [part.span for phrase in statements for part in phrase.leaves])
-        items: list[Phrase | Word] = list(statements)
-        run: list[Word] = []
-        for word in self.words:
-            if any(claimed[word.span.start : word.span.end]):
-                items += phrases_of(run)
-                run = []
-            else:
-                run.append(word)
-        items += phrases_of(run)
-        # `rotor 3 quits`: what a statement has claimed is no unit.
-        self.unknown_units = [pair for pair in self.unknown_units if not claimed[pair[1].span.start]]
-        return sorted(items, key=lambda item: item.span.start)
 
     @property
     def corrected(self) -> dict[str, str]:
@@ -100,12 +88,23 @@ class Reading:
             ranges=tuple(draft.ranges),
             receipts=tuple(draft.receipts(simspec)),
             choices=tuple(draft.choices),
-            clauses=tuple(clause_readings(draft, self.clauses)),
+            clauses=tuple(clause_readings(draft, self.clauses, self._controlled())),
             not_expressible=tuple(draft.not_expressible),
             not_understood=tuple(sorted(draft.not_understood, key=lambda item: item.start)),
             remarks=tuple(draft.remarks),
             corrected=self.corrected,
         )
+
+    def _controlled(self) -> list[bool]:
+        """For each sentence, whether it is one of the controlled language, in which nothing is misspelt."""
+        mended = {
+            clause.sentence
+            for clause in self.clauses
+            for word in self.words
+            if word.mended and clause.span.start <= word.span.start < clause.span.end
+        }
+        sentences = enumerate(controlled(self.items))
+        return [known and number not in mended for number, known in sentences]
 
     def read_characters(self) -> bytearray:
         """For each character of the text, whether a reader has used it for a field of the document."""

@@ -9,7 +9,8 @@ from pydantic import Field
 from bench.documents import Document
 from bench.simspec import SimSpec
 
-ClauseStatus = Literal["understood", "in part", "default", "choice", "not understood"]
+ClauseStatus = Literal["understood", "check", "in part", "default", "choice", "not understood"]
+"""`check`: all of the clause is read, but its sentence is none of the controlled language."""
 
 
 class VariedField(Document):
@@ -76,7 +77,7 @@ class BaseSimSpec(Document):
     were not used.
     """
 
-    format: Literal["rebar.prose/2"] = "rebar.prose/2"
+    format: Literal["rebar.prose/3"] = "rebar.prose/3"
     prose: str
     simspec: SimSpec
     ranges: tuple[VariedField, ...] = ()
@@ -92,12 +93,29 @@ class BaseSimSpec(Document):
         dict[str, str], Field(description="Words taken for another that they are a letter or two off.")
     ] = {}
 
+    checked: Annotated[
+        bool,
+        Field(
+            description="Whether a person has compared the values of all `check` clauses with their words."
+        ),
+    ] = False
+
     @property
     def open_choices(self) -> tuple[Choice, ...]:
         """The choices that nobody has answered yet."""
         return tuple(choice for choice in self.choices if not choice.answered)
 
     @property
-    def certain(self) -> bool:
-        """Whether every clause is understood and every choice answered."""
+    def complete(self) -> bool:
+        """Whether every choice is answered and nothing is left out."""
         return not (self.open_choices or self.not_understood or self.not_expressible)
+
+    @property
+    def unchecked(self) -> tuple[ClauseReading, ...]:
+        """The clauses whose values a person has yet to compare with their words."""
+        return tuple(clause for clause in self.clauses if clause.status == "check" and not self.checked)
+
+    @property
+    def certain(self) -> bool:
+        """Whether the text is read in full, and every sentence is one of the controlled language or checked."""
+        return self.complete and not self.unchecked

@@ -79,6 +79,31 @@ def test_prose_fills_in_what_it_says_and_its_choices_are_asked(
     assert "exists already" in capsys.readouterr().err
 
 
+def test_what_is_read_freely_is_compared_and_what_is_denied_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of the text and of sentences that are added; the document says nothing of `check` then."""
+    out = tmp_path / "scene.yaml"
+    text = "A shed. In the north two trucks are parked. In the south stand four children. Fly at 70 m."
+    answered(
+        monkeypatch,
+        *("no", ""),  # the trucks are denied, the children are right
+        "",
+        "In the east lie three crates",
+        "no",
+        "In the east lie five crates",
+        "yes",
+        *[""] * 12,
+    )
+    assert run(["new", "--from-prose", text, "--out", str(out)]) == 0
+    shown = capsys.readouterr().out
+    groups = {group.id: group.count for group in load_simspec(out).actors}
+    assert groups == {"shed": 1, "child": 4, "crate": 5}
+    assert "'In the north two trucks are parked' is read as: [truck].count 2" in shown
+    assert "The same in words: A shed. In the south stand four children. Fly at 70 m. In the east" in shown
+    assert not [line for line in out.read_text().splitlines() if line.startswith("#")]
+
+
 def test_nothing_answered_writes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without one answer there is no situation."""
     answered(monkeypatch, *[""] * 12)

@@ -80,7 +80,7 @@ def test_a_value_without_a_subject_is_left_out(text: str) -> None:
     )
     different = {path for path, value in values(result).items() if values(before).get(path) != value}
     assert {path for path in different if path.startswith(("mission", "seeds", "intelligence"))} == set()
-    assert not result.certain
+    assert not result.complete
 
 
 @pytest.mark.parametrize(
@@ -95,7 +95,7 @@ def test_a_condition_of_a_rule_places_nobody(text: str) -> None:
     """What is said of the time in which something is forbidden is no group."""
     result = read_prose(f"A truck. {text}", VOCABULARY)
     assert {actor.role for actor in result.simspec.actors} == {"adversary"}
-    assert not result.certain or result.simspec.rules.no_mark_within_m is not None
+    assert not result.complete or result.simspec.rules.no_mark_within_m is not None
 
 
 @pytest.mark.parametrize("clause", ["where the cars drive", "where these cars walk about"])
@@ -141,7 +141,7 @@ def test_an_adjective_leaves_a_name_of_two_words_whole(text: str, kinds: dict[st
     """`enemy` before a thing of two words is no thing of its own."""
     result = read_prose(text, VOCABULARY)
     assert {actor.id: actor.count for actor in result.simspec.actors} == kinds
-    assert result.certain
+    assert result.complete
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_rules_that_go_on_are_read_one_by_one(text: str, rules: tuple[float, flo
     """After `and`, `nor` and a comma, and with the exception that every lowest height has."""
     result = read_prose(f"A radar. {text}", VOCABULARY)
     assert (result.simspec.rules.max_altitude_m, result.simspec.rules.min_altitude_m) == rules
-    assert result.certain
+    assert result.complete
 
 
 @pytest.mark.parametrize(
@@ -253,7 +253,7 @@ def test_an_order_without_its_time_is_no_setting(text: str) -> None:
     assert "mission.return_home" not in {
         receipt.path for receipt in result.receipts if receipt.source == "prose"
     }
-    assert not result.certain
+    assert not result.complete
 
 
 BOX_60_TO_120_W = [(-120, -80), (-60, -80), (-60, -20), (-120, -20)]

@@ -77,7 +77,7 @@ def visible(result: BaseSimSpec, start: int, end: int) -> bool:
 def test_the_sentences_are_read_in_full_without_an_insert(sentence: str) -> None:
     """What the random texts are made of is certain by itself."""
     result = read_prose(sentence, VOCABULARY)
-    assert result.certain
+    assert result.complete
     assert {path: values(result)[path] for path in SENTENCES[sentence]} == SENTENCES[sentence]
 
 
@@ -159,7 +159,7 @@ def test_a_number_is_used_once() -> None:
     """What repeats a number that is known is read; another number for the same group is not."""
     same = read_prose("Five trucks. The five trucks are camouflaged.", VOCABULARY)
     other = read_prose("Five trucks. The three trucks are camouflaged.", VOCABULARY)
-    assert same.certain
+    assert same.complete
     assert [choice.quote for choice in other.choices] == ["The three trucks are camouflaged"]
 
 

@@ -68,7 +68,7 @@ def test_all_faults_are_told() -> None:
 def test_a_text_about_something_else_has_a_document_of_defaults(text: str) -> None:
     """There is a document for every text; nothing of this one is in it."""
     result = read_prose(text, VOCABULARY)
-    assert not result.certain
+    assert not result.complete
     assert not [
         receipt for receipt in result.receipts if receipt.source == "prose" and receipt.path != "description"
     ]
@@ -226,12 +226,14 @@ def test_accept_takes_another_reading_and_strict_wants_all_of_them(
 
 def test_the_text_is_shown_clause_by_clause(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Each clause with its status, on few lines; the page has the same."""
-    text = "A radar, five civilians near it. Some <b>bananas</b>. If it rains, hold. Altitude 80 m."
+    text = "A radar. Five civilians near the radar. Some <b>bananas</b>. If it rains, hold. Altitude 80 m."
     page = tmp_path / "page.html"
     assert run(["prose", text, "--html", str(page)]) == 0
     shown = capsys.readouterr().err.splitlines()
     assert any(line.startswith("understood") and line.endswith("Altitude 80 m") for line in shown)
-    assert any(line.startswith("default") and line.endswith("five civilians near it") for line in shown)
+    assert any(
+        line.startswith("default") and line.endswith("Five civilians near the radar") for line in shown
+    )
     assert any(line.startswith("not understood") and "If it rains" in line for line in shown)
     assert len(shown) < 30
     assert "&lt;b&gt;" in page.read_text()

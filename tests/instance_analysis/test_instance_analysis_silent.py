@@ -12,7 +12,7 @@ from bench.instance_analysis import BaseSimSpec, load_vocabulary, read_prose
 
 VOCABULARY = load_vocabulary()
 ENTRIES: list[dict[str, Any]] = yaml.safe_load(Path(__file__).with_name("silent.yaml").read_text())
-QUIET = ("understood", "default")
+QUIET = ("understood", "default", "check")
 
 
 def is_marked(result: BaseSimSpec, words: str) -> bool:
