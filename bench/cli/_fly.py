@@ -39,6 +39,16 @@ def fly(
             help="A link: udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT, serial:PATH or serial:auto. Repeatable"
         ),
     ] = None,
+    serial: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A serial device with a companion computer, DEVICE or DEVICE:BAUD (921600). Repeatable; in real time"
+        ),
+    ] = None,
+    interface: Annotated[
+        str,
+        typer.Option(help="Listen on this network interface, such as eth0, for a companion computer"),
+    ] = "",
     speed: Annotated[float, typer.Option(min=0.1, max=1000.0, help="Simulated seconds per second")] = 1.0,
     home: Annotated[str, typer.Option(help="LAT,LON,ALT,HDG in degrees and metres")] = "47.3977,8.5456,488,0",
     signing_key: Annotated[str, typer.Option(help="Sign messages with this key, 64 hexadecimal digits")] = "",
@@ -59,11 +69,23 @@ def fly(
 
     Example: rebar fly --autopilot px4 --mavlink udpout:127.0.0.1:14540
     """
-    from bench.simulation import DEFAULT_LINKS, run_standalone
+    from bench.simulation import DEFAULT_LINKS, interface_links, run_standalone
 
     if autopilot not in ("px4", "ardupilot"):
         raise SetupError(Fault("--autopilot", f"unknown autopilot {autopilot!r}", "give px4 or ardupilot"))
-    links: Sequence[LinkSpec] = [parse_link(text, index) for index, text in enumerate(mavlink or ())]
+    links: list[LinkSpec] = [parse_link(text, index) for index, text in enumerate(mavlink or ())]
+    links += [parse_serial(text, len(links) + index) for index, text in enumerate(serial or ())]
+    if interface:
+        links += interface_links(autopilot, interface)
+    if (serial or interface) and speed != 1.0:
+        option = "--serial" if serial else "--interface"
+        raise SetupError(
+            Fault(
+                "--speed",
+                f"another computer keeps real time, and {speed:g} is not",
+                f"leave it out with {option}",
+            )
+        )
     if firmware and params is not None:
         raise SetupError(
             Fault("--params", "a real autopilot keeps its parameters itself", "leave out --params")
@@ -141,3 +163,22 @@ def parse_link(text: str, index: int) -> LinkSpec:
             )
         )
     return LinkSpec(name=f"link{index}", kind=KINDS[kind], host=host, port=int(port))
+
+
+def parse_serial(text: str, index: int) -> LinkSpec:
+    """A LinkSpec from the text of `--serial`."""
+    from bench.simspec import DEFAULT_BAUD
+
+    path, colon, baud = text.rpartition(":")
+    # Names under /dev/serial/by-path hold colons too.
+    if not (colon and baud.isdigit()) or Path(text).exists():
+        path, baud = text, str(DEFAULT_BAUD)
+    if not path or int(baud) <= 0:
+        raise SetupError(
+            Fault(
+                "--serial",
+                f"{text!r} is no device",
+                "give DEVICE or DEVICE:BAUD, such as /dev/ttyUSB0:921600",
+            )
+        )
+    return LinkSpec(name=f"serial{index}", kind="serial", path=path, baud=int(baud))

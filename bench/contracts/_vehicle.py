@@ -63,7 +63,7 @@ class LinkSpec:
     `udp_out` sends from a port of its own to host:port (as PX4 does to 14540); `udp_in` listens there;
     `tcp_in` listens and serves one or more clients (as ArduPilot does on 5760). Port 0 lets the system choose
     for the listening kinds. `serial` is a pseudo terminal, and `path` the name that its other end gets
-    (`auto`: the system's), or a serial device that exists. `streams` names the autopilot's default stream set
+    (`auto`: the system's), or a serial device that exists; with a `baud` it must be one. `streams` names the autopilot's default stream set
     of the link (`onboard`, `gcs`, `none`). With a `signing_key` (64 hexadecimal digits, the same on all of a
     vehicle's links) messages are signed, and unsigned ones are not heard where `signing` is `require`. What comes
     over a link that is not `heard` is discarded. `open_socket` makes the unbound IPv4 sockets of the link: those of
@@ -76,6 +76,7 @@ class LinkSpec:
     port: int = 0
     streams: str = "onboard"
     path: str = "auto"
+    baud: int = 0
     signing_key: str = ""
     signing: Literal["accept", "require"] = "require"
     heard: bool = True

@@ -80,10 +80,12 @@ from ._rules import TimeWindow as TimeWindow
 from ._seeds import RandomStream as RandomStream
 from ._seeds import generator as generator
 from ._seeds import seed_of as seed_of
+from ._services import OutsideAir as OutsideAir
 from ._services import OutsideService as OutsideService
 from ._sun import Sun as Sun
 from ._sun import sun_at as sun_at
 from ._sun import sun_of as sun_of
+from ._vehicle import DEFAULT_BAUD as DEFAULT_BAUD
 from ._vehicle import DEFAULT_RENDERER as DEFAULT_RENDERER
 from ._vehicle import Battery as Battery
 from ._vehicle import Camera as Camera

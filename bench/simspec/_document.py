@@ -29,7 +29,7 @@ from ._ground import World
 from ._perception import Perception
 from ._quantities import Identifier, Metres, NotNegative, Positive
 from ._rules import Rules
-from ._services import OutsideService, raise_clashes
+from ._services import OutsideAir, OutsideService, raise_clashes
 from ._vehicle import VehicleSpec
 from ._weather import Environment
 
@@ -233,6 +233,14 @@ class AgentSpec(Document):
             exclude_if=lambda services: not services,
         ),
     ] = ()
+
+    outside_air: Annotated[
+        OutsideAir | None,
+        Field(
+            description="Where an agent on another computer reaches the session's air network.",
+            exclude_if=lambda air: air is None,
+        ),
+    ] = None
 
     @model_validator(mode="after")
     def _services_differ(self) -> Self:

@@ -62,6 +62,27 @@ class OutsideService(Document):
         return LOCALHOST if self.host == "localhost" else self.host
 
 
+class OutsideAir(Document):
+    """A way into the air network (Zenoh) of the session for an agent on another computer, in real time.
+
+    The computer connects to the interface's address and `port` as user `companion`, with the text in `token_file` as its
+    password. It may read and write what an agent may. Nothing on the way is encrypted.
+    """
+
+    interface: Annotated[
+        str, Field(min_length=1, max_length=15, description="Network interface of the host, such as eth0.")
+    ]
+    port: Annotated[int, Field(ge=1, le=65535)] = 7447
+    token_file: Annotated[
+        str,
+        Field(
+            min_length=1,
+            description="File with the token, 16 characters or more, that nobody else on the host may read. The token "
+            "stands in no document.",
+        ),
+    ]
+
+
 def raise_clashes(services: tuple[OutsideService, ...]) -> None:
     """Raises ValueError where two services would have one variable, or are one address."""
     for first, second in combinations(services, 2):

@@ -255,16 +255,46 @@ class Failure(Document):
         return self
 
 
-class OutsideLink(Document):
-    """A MAVLink link that leads out of the session, to the network of the host: for a ground station that looks on.
+DEFAULT_BAUD = 921600
+"""That of PX4's second telemetry port, and the best of most USB adapters."""
 
-    `udp_out` sends to `host`:`port`; `udp_in` and `tcp_in` listen there. The agent cannot reach it. What comes over
+
+class OutsideLink(Document):
+    """A MAVLink link that leads out of the session, to the network of the host or to a serial device: for a ground station
+    that looks on, or a companion computer that flies.
+
+    `udp_out` sends to `host`:`port`; `udp_in` and `tcp_in` listen there, or on a named `interface`; `serial` is a
+    `device`. The agent cannot reach it. What comes over
     it is discarded, and what goes over it is not recorded, unless `heard`.
     """
 
     name: Annotated[Identifier, Field(description="Another name than the agent's links have.")]
-    kind: Literal["udp_out", "udp_in", "tcp_in"] = "udp_out"
+    kind: Literal["udp_out", "udp_in", "tcp_in", "serial"] = "udp_out"
     host: str = "127.0.0.1"
+    interface: Annotated[
+        str,
+        Field(
+            max_length=15,
+            exclude_if=lambda name: not name,
+            description="Network interface of the host to listen on, such as eth0, in place of `host`.",
+        ),
+    ] = ""
+    device: Annotated[
+        str,
+        Field(
+            exclude_if=lambda path: not path,
+            description="The serial device, such as /dev/serial/by-id/usb-... or /dev/ttyUSB0.",
+        ),
+    ] = ""
+    baud: Annotated[
+        int,
+        Field(
+            ge=9600,
+            le=4_000_000,
+            exclude_if=lambda baud: baud == DEFAULT_BAUD,
+            description="Speed of the serial device.",
+        ),
+    ] = DEFAULT_BAUD
     port: Annotated[int, Field(ge=1, le=65535)] = 14550
     streams: Annotated[
         Literal["onboard", "gcs", "none"], Field(description="Default stream set of the link.")
@@ -275,6 +305,14 @@ class OutsideLink(Document):
             description="Whether the vehicle obeys what comes over the link. Such a session cannot be repeated bit for bit."
         ),
     ] = False
+
+    @model_validator(mode="after")
+    def _fields_fit_the_kind(self) -> Self:
+        if (self.kind == "serial") != bool(self.device):
+            raise ValueError("a link of kind serial needs a device, and only such a link has one")
+        if self.interface and self.kind not in ("udp_in", "tcp_in"):
+            raise ValueError(f"{self.kind} does not listen: an interface is for udp_in and tcp_in")
+        return self
 
 
 class RealAutopilot(Document):

@@ -38,6 +38,7 @@ from bench.streams import (
 
 from ._allowance import MAX_DROPPED_BYTES, MAX_DROPPED_SAMPLES, TopicAllowance
 from ._host_clock import HOST_CLOCK, HostClock
+from ._outside_air import open_outside_air, read_token
 from ._stop_session import StopSession
 
 # Every session has a router of its own, so all of them may use the same ROS domain.
@@ -310,8 +311,10 @@ def open_air_network(
     clock: HostClock = HOST_CLOCK,
     on_drop: Callable[[SimTime, str], None] = lambda time, topic: None,
 ) -> Generator[AirNetwork]:
-    """The air network of one session: an embedded router with one credential, on which truth never is."""
-    topics = VehicleTopics(simspec.vehicle.name)
+    """The air network of one session: an embedded router on which truth never is, with one credential, and one more
+    where a companion computer comes from outside.
+    """
+    topics, outside = VehicleTopics(simspec.vehicle.name), simspec.agent.outside_air
     plan = AirPlan(
         domain=DOMAIN,
         agent_reads=(
@@ -338,7 +341,10 @@ def open_air_network(
         agent_limit_bytes=MAX_DOCUMENT_BYTES,
         # In lockstep the session waits for its agent anyway, and a lost picture would end it.
         large_sample_wait_s=LARGE_SAMPLE_WAIT_S if simspec.pace.mode == "lockstep" else None,
+        companion_token=read_token(outside) if outside else "",
     )
     with ExitStack() as stack:
-        router = stack.enter_context(open_router(plan)) if zenoh else None
+        router = stack.enter_context(open_router(plan)) if zenoh or outside else None
+        if router and outside:
+            stack.enter_context(open_outside_air(outside, router.access.locator))
         yield AirNetwork(simspec, router, tap, clock, on_drop)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 
 from bench.contracts import (
     OPERATOR_LINK,
@@ -21,6 +23,9 @@ from bench.errors import Fault, SetupError
 from bench.perception import open_detector
 from bench.simspec import DEFAULT_RENDERER, SimSpec
 
+from ._interface import interface_address
+from ._outside_air import read_token
+from ._outside_links import outside_links
 from ._services import service_faults
 
 DISCARD_PORT = 9
@@ -37,6 +42,7 @@ def session_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
         *link_faults(spec, manifest),
         *pace_faults(spec, manifest),
         *service_faults(spec.agent.services),
+        *outside_faults(spec),
         *camera_faults(spec),
     ]
     try:
@@ -87,6 +93,23 @@ def renderer_faults(field: str, name: str) -> list[Fault]:
     return [Fault(field, fault.what, fault.remedy) for fault in renderer.host_faults()]
 
 
+def outside_faults(spec: SimSpec) -> list[Fault]:
+    """Faults of what leads out of the session: interfaces and tokens that are missing."""
+    faults: list[Fault] = []
+    checks: list[Callable[[], object]] = [partial(outside_links, spec)]
+    if air := spec.agent.outside_air:
+        checks += [
+            partial(read_token, air),
+            partial(interface_address, air.interface, "agent.outside_air.interface"),
+        ]
+    for check in checks:
+        try:
+            check()
+        except SetupError as error:
+            faults += error.faults
+    return faults
+
+
 def link_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
     """Faults where two of the vehicle's links would have one name: the agent's, the operator's, those to outside."""
     own = {need.name for need in manifest.mavlink}
@@ -105,7 +128,10 @@ def link_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
 
 
 def pace_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
-    """A fault if the agent cannot follow the SimSpec's pace."""
+    """Faults if the agent, or a computer outside, cannot follow the SimSpec's pace."""
+    if spec.agent.outside_air and spec.pace.mode != "realtime":
+        what = f"a computer outside keeps real time, and the pace is {spec.pace.mode}"
+        return [Fault("agent.outside_air", what, "fly with --pace realtime")]
     if spec.pace.mode in manifest.pace:
         return []
     possible = " or ".join(manifest.pace)

@@ -6,6 +6,7 @@ from bench.contracts import LinkSpec, MavlinkTap
 from bench.network_namespace import outside_socket
 from bench.simspec import SimSpec
 
+from ._interface import interface_address
 from ._truth import TruthRecorder
 
 
@@ -15,9 +16,13 @@ def outside_links(simspec: SimSpec) -> tuple[LinkSpec, ...]:
         LinkSpec(
             link.name,
             link.kind,
-            link.host,
+            interface_address(link.interface, f"vehicle.outside_links[{link.name}].interface")
+            if link.interface
+            else link.host,
             link.port,
             link.streams,
+            path=link.device,
+            baud=link.baud if link.kind == "serial" else 0,
             heard=link.heard,
             open_socket=outside_socket,
         )

@@ -501,12 +501,14 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
         ticks = stack.enter_context(open_tick_server(plan.clock)) if spec.pace.mode == "lockstep" else None
         operator = stack.enter_context(open_operator_pilot(spec, vehicle))
         session = Session(plan, vehicle, scene, detector, air, truth, progress, operator)
+        # A router may be there for a companion computer alone.
+        access = air.access if manifest.zenoh else None
         endpoints = AgentEndpoints(
             mavlink={need.variable: vehicle.endpoints()[need.name] for need in manifest.mavlink},
-            zenoh_locator=air.access.locator if air.access else None,
-            zenoh_user=air.access.user if air.access else "",
-            zenoh_password=air.access.password if air.access else "",
-            domain=air.access.domain if air.access else 0,
+            zenoh_locator=access.locator if access else None,
+            zenoh_user=access.user if access else "",
+            zenoh_password=access.password if access else "",
+            domain=access.domain if access else 0,
             tick=ticks.address if ticks else None,
             tick_secret=ticks.secret if ticks else "",
             services=progress.services.endpoints,

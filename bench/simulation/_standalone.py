@@ -18,12 +18,14 @@ from bench.contracts import (
     Vehicle,
     VehiclePlan,
     load_plugin,
+    losses_of,
 )
 from bench.documents import validate_document
 from bench.errors import Fault, SetupError
 from bench.simspec import SimSpec
 
 from ._parameter_file import HasParameters, ParameterFile
+from ._step_timing import StepClock
 
 DEFAULT_LINKS: Mapping[str, tuple[LinkSpec, ...]] = {
     "px4": (
@@ -81,6 +83,8 @@ def run_standalone(
             if say:
                 say(f"{autopilot} on {name}: connect to {endpoint}")
 
+        steps = StepClock(vehicle.step_s / speed)
+
         def save() -> None:
             if file and isinstance(vehicle, HasParameters):
                 file.save(vehicle.changed_parameters())
@@ -91,11 +95,24 @@ def run_standalone(
                 if camera and isinstance(vehicle, CarriesCamera)
                 else None
             )
-            fly(vehicle, speed, duration_s, stop or threading.Event(), each_second=save, after_step=shutter)
+            fly(
+                vehicle,
+                speed,
+                duration_s,
+                stop or threading.Event(),
+                each_second=save,
+                after_step=shutter,
+                steps=steps,
+            )
         except KeyboardInterrupt:
             if say:
                 say(f"stopped after {vehicle.time.s:.1f} s")
         save()
+        timing = steps.summary()
+        if say and speed == 1.0 and timing.steps:
+            say(f"real time: {timing}")
+            if losses := losses_of(vehicle.counters()):
+                say("lost: " + ", ".join(f"{count:,} {what}" for what, count in losses.items()))
 
 
 class Shutter:
@@ -165,17 +182,21 @@ def fly(
     wait: Callable[[float], object] | None = None,
     each_second: Callable[[], None] | None = None,
     after_step: Callable[[SimTime], None] | None = None,
+    steps: StepClock | None = None,
 ) -> None:
     """Step a vehicle at `speed` times the host's clock, without drift: moments are counted from the start,
     not added up.
 
     When the host falls behind by a quarter of a second, the lost time is dropped. `clock` and `wait` are the
-    host's; `each_second` is called once each simulated second.
+    host's; `each_second` is called once each simulated second. `steps` keeps how late the steps are, by the host's clock.
     """
     pause = wait or stop.wait
     start, start_sim_s = clock(), vehicle.time.s
     next_s = start_sim_s + 1.0
+    due = start
     while not stop.is_set() and (duration_s is None or vehicle.time.s - start_sim_s < duration_s - 1e-9):
+        if steps:
+            steps.record(clock() - due)
         vehicle.receive()
         vehicle.step()
         if each_second and vehicle.time.s >= next_s:
@@ -188,4 +209,5 @@ def fly(
         if ahead_s > 0.0:
             pause(ahead_s)
         elif ahead_s < -_LATE_S:
+            # `due` stays: the step is late, whatever is dropped behind it.
             start -= ahead_s

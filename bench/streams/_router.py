@@ -15,7 +15,7 @@ import socket
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ from ._node import AirAccess, RosNode, session_settings
 from ._types import message_class, type_hash
 
 MAX_DOCUMENT_BYTES = 64 * 1024
-_AGENT = "agent"
+_AGENT, _COMPANION = "agent", "companion"
 # Chosen: a race for a free port is rare, and 16 lost in a row mean something else.
 _ATTEMPTS = 16
 
@@ -43,7 +43,8 @@ class AirPlan:
     `agent_limit_hz` caps the rate of each of the agent's topics by the wall clock: not for lockstep, whose
     count of samples must come out. A sample of the agent's over `agent_limit_bytes` is dropped at the router.
     `large_sample_wait_s`: how long the next fragment of a sample over 64 KiB waits for a slow reader before the sample is
-    dropped, and the publisher with it; Zenoh's own choice, 0.05 s, when None.
+    dropped, and the publisher with it; Zenoh's own choice, 0.05 s, when None. With a `companion_token` a second user,
+    `companion`, has the agent's rights and that password.
     """
 
     domain: int
@@ -54,6 +55,7 @@ class AirPlan:
     agent_limit_hz: float | None = None
     agent_limit_bytes: int = MAX_DOCUMENT_BYTES
     large_sample_wait_s: float | None = None
+    companion_token: str = field(default="", repr=False)
 
 
 class Router:
@@ -140,7 +142,8 @@ def _open_at(plan: AirPlan, port: int, password: str) -> zenoh.Session:
     with tempfile.TemporaryDirectory(prefix="rebar-air-") as folder:  # mode 0700
         users = Path(folder) / "users"
         users.touch(mode=0o600)
-        users.write_text(f"{_AGENT}:{password}\n")
+        companion = f"{_COMPANION}:{plan.companion_token}\n" if plan.companion_token else ""
+        users.write_text(f"{_AGENT}:{password}\n{companion}")
         return zenoh.open(zenoh.Config.from_json5(json.dumps(_router_settings(plan, port, users))))
 
 
@@ -185,7 +188,7 @@ def _access_control(plan: AirPlan) -> dict[str, Any]:
         # An allow-list: a kind of message that a later Zenoh adds is refused.
         "default_permission": "deny",
         "rules": rules,
-        "subjects": [{"id": _AGENT, "usernames": [_AGENT]}],
+        "subjects": [{"id": _AGENT, "usernames": [_AGENT, *([_COMPANION] if plan.companion_token else [])]}],
         "policies": [{"rules": [rule["id"] for rule in rules], "subjects": [_AGENT]}],
     }
 

@@ -14,14 +14,17 @@ import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 
 import pytest
+from serial_cable import Cable
 
 from bench.campaign import load_campaign, question_sha256
 from bench.cli._app import run
-from bench.cli._fly import parse_home, parse_link
+from bench.cli._fly import parse_home, parse_link, parse_serial
 from bench.errors import SetupError
+from bench.simulation import interface_links
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "search.yaml"
@@ -135,6 +138,42 @@ def test_homes_and_links_are_parsed_or_refused() -> None:
             parse_link(wrong, 0)
     with pytest.raises(SetupError):
         parse_home("95,0,0,0")
+    serial = parse_serial("/dev/serial/by-path/pci-0:1.0:115200", 3)
+    assert (serial.name, serial.kind, serial.path, serial.baud) == (
+        "serial3",
+        "serial",
+        "/dev/serial/by-path/pci-0:1.0",
+        115200,
+    )
+    assert (parse_serial("/dev/ttyACM0", 0).path, parse_serial("/dev/ttyACM0", 0).baud) == (
+        "/dev/ttyACM0",
+        921600,
+    )
+    for wrong in ("", ":57600", "/dev/ttyUSB0:0"):
+        with pytest.raises(SetupError, match="--serial"):
+            parse_serial(wrong, 0)
+
+
+def test_companions_on_serial_devices_and_interfaces_are_told_where_to_connect(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two devices in real time, at whose end lateness and losses are told; what cannot be is refused."""
+    with closing(Cable(tmp_path / "ttyUSB0")), closing(Cable(tmp_path / "ttyUSB1")):
+        devices = ["--serial", str(tmp_path / "ttyUSB0"), "--serial", f"{tmp_path / 'ttyUSB1'}:57600"]
+        assert run(["fly", *devices, "--duration", "0.1"]) == 0
+        lines = capsys.readouterr().out.splitlines()
+        assert lines[0] == f"px4 on serial0: connect to {tmp_path / 'ttyUSB0'}:921600"
+        assert lines[1] == f"px4 on serial1: connect to {tmp_path / 'ttyUSB1'}:57600"
+        assert re.match(r"real time: \d of 5 steps", lines[2])
+        assert run(["fly", *devices, "--speed", "2"]) == 2
+        assert "--speed: another computer keeps real time" in capsys.readouterr().err
+    assert run(["fly", "--serial", str(tmp_path / "ttyUSB0")]) == 2
+    assert "link serial0: there is no device" in capsys.readouterr().err
+    assert run(["fly", "--interface", "nothing0"]) == 2
+    assert "--interface: no interface 'nothing0'" in capsys.readouterr().err
+    for autopilot, address in (("px4", "udpout:127.0.0.1:14540"), ("ardupilot", "tcp:127.0.0.1:5762")):
+        assert address.rpartition(":")[2] in {str(link.port) for link in interface_links(autopilot, "lo")}
+        assert {link.host for link in interface_links(autopilot, "lo")} == {"127.0.0.1"}
 
 
 def small_campaign(folder: Path) -> Path:

@@ -31,7 +31,7 @@ from .files._served_files import FileContent, ServedFiles
 from .guidance._guidance import Guidance
 from .guidance._manoeuvres import Manoeuvres
 from .links._frames import KINDS, Decoder, Packer, message_id, sender
-from .links._links import Link
+from .links._links import Link, link_counters
 from .links._radio import Channel, Radio
 from .links._signing import open_signing
 from .logs._blocks import LogBlocks
@@ -416,8 +416,7 @@ class Controller:
         """Messages that were dropped or made no sense, by name; since the first start."""
         links = [channel.link for channel in self.channels]
         return {
-            "mavlink_garbage_bytes": sum(link.garbage_bytes for link in links),
-            "mavlink_dropped": sum(link.dropped for link in links),
+            **link_counters(links),
             **self._counts(),
             **{f"mavlink_{name}": self._signing.rejected[name] for name in sorted(self._signing.rejected)},
         }

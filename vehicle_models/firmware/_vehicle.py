@@ -24,7 +24,7 @@ from bench.simspec import RealAutopilot, generator
 from .._battery import BatteryModel
 from .._failures import Failures
 from .._gusts import Gusts, mean_wind_ned_mps
-from ..controller import AUTOPILOTS, Link, open_links
+from ..controller import AUTOPILOTS, Link, link_counters, open_links
 from ..controller.links._radio import MESSAGES_PER_STEP
 from ..x500 import ROTORS, has_crashed
 from ._ardupilot import ArduPilotKind
@@ -190,8 +190,7 @@ class FirmwareX500:
 
     def counters(self) -> Mapping[str, int]:
         return {
-            "mavlink_garbage_bytes": sum(link.garbage_bytes for link in self._links),
-            "mavlink_dropped": sum(link.dropped for link in self._links),
+            **link_counters(self._links),
             "simulation_refused": self._gate.refused,
             **(self._running.counters() if self._running else {}),
         }

@@ -25,6 +25,7 @@ from bench.contracts import LinkSpec
 from bench.errors import Fault, SetupError
 
 from ._frames import MAX_FRAME, FrameReader
+from ._serial import SequenceReader, SerialDevice
 
 BACKLOG_BYTES = 1024 * 1024
 INBOX_FRAMES = 2048
@@ -432,33 +433,23 @@ class TcpLink(_LinkCounters):
         self._socket.close()
 
 
-class SerialLink(_LinkCounters):
-    """`serial`: a pseudo terminal whose other end a companion opens as its serial device, or an existing
-    device.
+class TerminalLink(_LinkCounters):
+    """`serial`: a pseudo terminal whose other end a companion opens as its serial device.
 
-    With the path `auto` the system names the device; any other path that is no device becomes a symbolic link
-    to it. The line is raw, without flow control and speed: as on a UART, data that is not read is lost.
+    With the path `auto` the system names the device; any other path becomes a symbolic link to it. The line is raw, without flow control and speed: as on a UART, data that is not read is lost.
     """
 
     def __init__(self, spec: LinkSpec) -> None:
         super().__init__(spec)
         self._symlink: Path | None = None
         self._terminal_ends: list[int] = []
-        path = Path(spec.path)
-        if spec.path not in ("", "auto") and path.is_char_device():
-            self._terminal = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-            self._terminal_ends = [self._terminal]
-            self.endpoint = spec.path
-        else:
-            self._terminal, far_end = os.openpty()
-            self._terminal_ends = [
-                self._terminal,
-                far_end,
-            ]  # kept open, or the line would break when the companion closes it
-            os.set_blocking(self._terminal, False)
-            self.endpoint = os.ttyname(far_end)
-            if spec.path not in ("", "auto"):
-                self._link_path(path)
+        self._terminal, far_end = os.openpty()
+        # The far end is kept open, or the line would break when the companion closes it.
+        self._terminal_ends = [self._terminal, far_end]
+        os.set_blocking(self._terminal, False)
+        self.endpoint = os.ttyname(far_end)
+        if spec.path not in ("", "auto"):
+            self._link_path(Path(spec.path))
         with contextlib.suppress(termios.error):
             tty.setraw(self._terminal_ends[-1])
         self._reader = FrameReader()
@@ -501,6 +492,49 @@ class SerialLink(_LinkCounters):
             os.close(end)
 
 
+class DeviceLink(_LinkCounters):
+    """`serial` on a device of this machine, with a companion at the other end of the cable."""
+
+    def __init__(self, spec: LinkSpec) -> None:
+        super().__init__(spec)
+        self.device = SerialDevice(spec.path, spec.baud, f"link {spec.name}")
+        self.endpoint = f"{spec.path}:{spec.baud}" if spec.baud else spec.path
+        self.reader = SequenceReader()
+
+    def poll(self) -> None:
+        resets = self.device.resets
+        with contextlib.suppress(EOFError):
+            self._read_stream(None, self.reader, self.device.read)
+        if self.device.resets > resets:
+            self.reader.forget()
+
+    def connected(self) -> bool:
+        # Also while the device is away: what is sent then is lost, and counted.
+        return True
+
+    def send(self, frames: list[bytes]) -> None:
+        for frame in frames:
+            self._dropped += not self.device.send(frame)
+
+    def close(self) -> None:
+        self.device.close()
+
+
+def link_counters(links: Iterable[Link]) -> dict[str, int]:
+    """What was lost or damaged on these links, by name; of serial devices where there are some."""
+    links = list(links)
+    counts = {
+        "mavlink_garbage_bytes": sum(link.garbage_bytes for link in links),
+        "mavlink_dropped": sum(link.dropped for link in links),
+    }
+    devices = [link for link in links if isinstance(link, DeviceLink)]
+    if devices:
+        counts["serial_lost_bytes"] = sum(link.device.lost_bytes for link in devices)
+        counts["serial_lost_messages"] = sum(link.reader.lost_messages for link in devices)
+        counts["serial_resets"] = sum(link.device.resets for link in devices)
+    return counts
+
+
 @contextmanager
 def open_links(specs: tuple[LinkSpec, ...]) -> Iterator[list[Link]]:
     """Yield every link, opened; leaving the block closes them all.
@@ -533,8 +567,15 @@ _LINK_CLASSES: Mapping[str, Callable[[LinkSpec], Link]] = {
     "udp_out": UdpLink,
     "udp_in": UdpLink,
     "tcp_in": TcpLink,
-    "serial": SerialLink,
+    "serial": lambda spec: _serial_link(spec),
 }
+
+
+def _serial_link(spec: LinkSpec) -> Link:
+    """A device where one is meant: by its speed, or because it is there."""
+    if spec.baud or (spec.path not in ("", "auto") and Path(spec.path).is_char_device()):
+        return DeviceLink(spec)
+    return TerminalLink(spec)
 
 
 def _open_socket(spec: LinkSpec, kind: socket.SocketKind, port: int) -> socket.socket:

@@ -1,0 +1,196 @@
+"""An agent on another computer: MAVLink over serial devices, Zenoh at an interface with a token."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+from pymavlink.dialects.v20 import common
+from serial_cable import Cable
+from test_session import session_simspec
+
+from bench.agents import open_agent
+from bench.contracts import CLOCK, AgentManifest, AgentStatus, Outcome, Record, VehicleTopics
+from bench.errors import LinkLost
+from bench.simspec import AgentSpec, Mission, OutsideAir, OutsideLink, Pace, SimSpec, VehicleSpec
+from bench.simulation import HostClock, SessionEnd, SessionPlan, run_session, session_faults
+from bench.simulation._air_network import DOMAIN
+from bench.streams import AirAccess, Clock, String, open_client
+
+TOKEN = "a-token-of-24-characters"
+ELSEWHERE = AgentManifest(
+    name="elsewhere",
+    command=("{python}", "-c", "import time; time.sleep(600)"),
+    pace=("realtime", "lockstep"),
+)
+
+
+def fly(folder: Path, spec: SimSpec, clock: HostClock | None = None) -> tuple[SessionEnd, list[Record]]:
+    records: list[Record] = []
+    scratch = folder / "scratch"
+    plan = SessionPlan(spec, ELSEWHERE, folder, open_agent, scratch, records.append, clock or HostClock())
+    return run_session(plan), records
+
+
+@contextmanager
+def arming(cable: Cable) -> Iterator[list[bytes]]:
+    """A companion that answers whatever comes over its cable with a command to arm."""
+    mav = common.MAVLink(None, srcSystem=245, srcComponent=190)
+    arm = mav.command_long_encode(1, 1, 400, 0, 1, 21196, 0, 0, 0, 0, 0).pack(mav)
+    over, heard = threading.Event(), list[bytes]()
+
+    def serve() -> None:
+        while not over.wait(0.001):
+            if data := cable.read():
+                heard.append(data)
+                cable.write(bytes(arm))
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield heard
+    finally:
+        over.set()
+        thread.join()
+
+
+def kinds(chunks: list[bytes]) -> set[str]:
+    """Names of the messages that came."""
+    parser = common.MAVLink(None)
+    parser.robust_parsing = True
+    return {message.get_type() for message in parser.parse_buffer(b"".join(chunks)) or ()}
+
+
+def test_a_companion_on_a_serial_device_flies_and_one_that_is_not_heard_does_not(tmp_path: Path) -> None:
+    """Each with a device of its own; the recording has what went over the heard one."""
+    now_s = 0.0
+
+    def sleep(span_s: float) -> None:
+        nonlocal now_s
+        now_s += span_s
+        # The companions' threads get their turn in each step.
+        threading.Event().wait(0.002)
+
+    with (
+        closing(Cable(tmp_path / "ttyUSB0")) as telemetry,
+        closing(Cable(tmp_path / "ttyUSB1")) as watching,
+        arming(telemetry) as heard,
+        arming(watching) as seen,
+    ):
+        links = (
+            OutsideLink(name="companion", kind="serial", device=str(telemetry.path), heard=True),
+            OutsideLink(name="desk", kind="serial", device=str(watching.path), baud=57600),
+        )
+        spec = session_simspec(
+            vehicle=VehicleSpec(model="x500", outside_links=links),
+            mission=Mission(time_limit_s=4.0),
+            pace=Pace(mode="realtime"),
+        )
+        assert session_faults(spec, ELSEWHERE) == []
+        end, records = fly(tmp_path, spec, HostClock(lambda: now_s, sleep))
+    assert end.outcome is Outcome.TIME_LIMIT, end.reason
+    assert end.timing is not None
+    assert end.timing.late == 0
+    assert "COMMAND_ACK" in kinds(heard)
+    assert "HEARTBEAT" in kinds(seen)
+    assert "COMMAND_ACK" not in kinds(seen)
+    topics = {record.topic for record in records}
+    assert any("companion" in topic for topic in topics)
+    assert not any("desk" in topic for topic in topics)
+    assert end.counters["serial_resets"] == 0
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
+
+
+def air(folder: Path, text: str = TOKEN, mode: int = 0o600, interface: str = "lo") -> OutsideAir:
+    path = folder / "token"
+    path.touch(mode=0o600)
+    path.chmod(0o600)
+    path.write_text(f"{text}\n")
+    path.chmod(mode)
+    return OutsideAir(interface=interface, port=free_port(), token_file=str(path))
+
+
+def situation(outside: OutsideAir, mode: str = "realtime") -> SimSpec:
+    return session_simspec(
+        agent=AgentSpec(manifest="elsewhere", outside_air=outside),
+        pace=Pace.model_validate({"mode": mode, "max_late_share": 1.0}),
+        mission=Mission(time_limit_s=600.0),
+    )
+
+
+def test_an_agent_elsewhere_ends_its_mission_over_zenoh_and_a_stranger_does_not(tmp_path: Path) -> None:
+    outside = air(tmp_path)
+    spec = situation(outside)
+    assert session_faults(spec, ELSEWHERE) == []
+    ends: list[tuple[SessionEnd, list[Record]]] = []
+    session = threading.Thread(target=lambda: ends.append(fly(tmp_path, spec)))
+    session.start()
+    locator = f"tcp/127.0.0.1:{outside.port}"
+    topics = VehicleTopics(spec.vehicle.name)
+    with open_client(AirAccess(locator, "companion", TOKEN, DOMAIN), "far", timeout_s=60.0) as client:
+        with (
+            pytest.raises(LinkLost, match="refused user"),
+            open_client(AirAccess(locator, "companion", TOKEN[::-1], DOMAIN), "stranger", timeout_s=0.4),
+        ):
+            pass
+        clock = client.subscribe(CLOCK, Clock)
+        assert clock.wait(1, 60.0)
+        status = client.publisher(topics.status, String)
+        while session.is_alive():
+            status.put(String(AgentStatus(time_s=1.0, phase="complete").model_dump_json()))
+            session.join(0.05)
+    end, records = ends[0]
+    assert end.outcome is Outcome.COMPLETED, end.reason
+    assert any(record.topic == topics.status for record in records)
+    assert TOKEN.encode() not in b"".join(record.data for record in records)
+    assert TOKEN not in spec.model_dump_json()
+
+
+def test_what_is_wrong_outside_is_told_before_takeoff(tmp_path: Path) -> None:
+    def text(outside: OutsideAir, mode: str = "realtime") -> str:
+        return " ".join(str(fault) for fault in session_faults(situation(outside, mode), ELSEWHERE))
+
+    assert "keeps real time, and the pace is lockstep" in text(air(tmp_path), "lockstep")
+    assert "others on this host may read" in text(air(tmp_path, mode=0o640))
+    assert "holds no token of 16 to 256" in text(air(tmp_path, "short"))
+    assert "holds no token of 16 to 256" in text(air(tmp_path, "with a blank and a : colon"))
+    gone = air(tmp_path).model_copy(update={"token_file": str(tmp_path / "none")})
+    assert "none cannot be read" in text(gone)
+    assert "no interface 'eth77'" in text(air(tmp_path, interface="eth77"))
+    missing = (OutsideLink(name="a", kind="serial", device=str(tmp_path / "ttyUSB9")),)
+    spec = session_simspec(vehicle=VehicleSpec(model="x500", outside_links=missing))
+    assert session_faults(spec, ELSEWHERE) == []
+    with closing(Cable(tmp_path / "ttyUSB0")):
+        end, _ = fly(tmp_path, spec)
+    assert end.outcome is Outcome.SETUP_INVALID
+    assert "there is no device" in end.reason
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"kind": "serial"}, "kind serial needs a device"),
+        ({"kind": "udp_in", "device": "/dev/ttyUSB0"}, "kind serial needs a device"),
+        ({"kind": "udp_out", "interface": "eth0"}, "udp_out does not listen"),
+    ],
+)
+def test_fields_of_a_link_fit_its_kind(fields: dict[str, str], words: str) -> None:
+    with pytest.raises(ValidationError, match=words):
+        OutsideLink.model_validate({"name": "a", **fields})
+
+
+def test_a_link_listens_at_an_interface() -> None:
+    from bench.simulation._outside_links import outside_links
+
+    links = tuple(OutsideLink(name=name, kind="tcp_in", interface="lo") for name in ("a", "b"))
+    spec = session_simspec(vehicle=VehicleSpec(model="x500", outside_links=links))
+    assert [link.host for link in outside_links(spec)] == ["127.0.0.1", "127.0.0.1"]
