@@ -88,23 +88,12 @@ class Reading:
             ranges=tuple(draft.ranges),
             receipts=tuple(draft.receipts(simspec)),
             choices=tuple(draft.choices),
-            clauses=tuple(clause_readings(draft, self.clauses, self._controlled())),
+            clauses=tuple(clause_readings(draft, self.clauses, controlled(self.items, self.words))),
             not_expressible=tuple(draft.not_expressible),
             not_understood=tuple(sorted(draft.not_understood, key=lambda item: item.start)),
             remarks=tuple(draft.remarks),
             corrected=self.corrected,
         )
-
-    def _controlled(self) -> list[bool]:
-        """For each sentence, whether it is one of the controlled language, in which nothing is misspelt."""
-        mended = {
-            clause.sentence
-            for clause in self.clauses
-            for word in self.words
-            if word.mended and clause.span.start <= word.span.start < clause.span.end
-        }
-        sentences = enumerate(controlled(self.items))
-        return [known and number not in mended for number, known in sentences]
 
     def read_characters(self) -> bytearray:
         """For each character of the text, whether a reader has used it for a field of the document."""

@@ -52,10 +52,14 @@ def _same(told: str, stated: str) -> bool:
 
 def test_the_file_of_sentences_has_those_of_the_page() -> None:
     """Each with the shapes that grammar and vocabulary give it now."""
+    fillers = sorted(
+        {word.text.lower() for form, _ in FORMS for word in words_of(form, VOCABULARY) if word.filler}
+    )
     lines = [f"{form} = {'; '.join(' '.join(shape) for shape in shapes(form) if shape)}" for form, _ in FORMS]
     path = Path(instance_analysis.__file__).with_name("language") / "controlled_sentences.txt"
     stated = [line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
-    assert stated == lines, "write these lines to " + str(path) + ":\n" + "\n".join(lines)
+    lines.insert(0, f"fillers: {', '.join(fillers)}")
+    assert stated == lines, f"write these lines to {path}:\n" + "\n".join(lines)
 
 
 def shapes(text: str) -> list[Shape]:
@@ -72,6 +76,8 @@ def shapes(text: str) -> list[Shape]:
         ),
         ("A house. In the north two trucks are parked.", ["In the north two trucks are parked"]),
         ("A truck. A rdar vehicle.", ["A rdar vehicle"]),
+        ("A car. One enemy mobile radar.", ["One enemy mobile radar"]),
+        ("A car. Fly at 60 m. No, sorry, 70 m.", ["Fly at 60 m"]),
         ("Good morning. Light rain. Hello.", []),
     ],
 )
@@ -99,14 +105,15 @@ def test_no_fact_that_judges_found_silently_wrong_stands_in_a_controlled_sentenc
             counts[fact["verdict"].partition("-")[0], known] += 1
     assert counts["SILENT", True] == 0
     assert counts["SILENT", False] >= 25
-    assert counts["RIGHT", True] >= 30
+    assert counts["RIGHT", True] >= 25
 
 
 def controlled_in(text: str) -> list[tuple[int, bool]]:
     """The end of each sentence of a text, and whether the sentence is one of the controlled language."""
-    items = items_of(with_quantities(words_of(text, VOCABULARY), []), text, VOCABULARY)
+    words = with_quantities(words_of(text, VOCABULARY), [])
+    items = items_of(words, text, VOCABULARY)
     ends = [*(item.span.end for item in items if is_stop(item)), len(text)]
-    return list(zip(ends, controlled(items), strict=True))
+    return list(zip(ends, controlled(items, words), strict=True))
 
 
 def test_the_whole_situation_is_certain() -> None:
@@ -121,7 +128,9 @@ def test_the_whole_situation_is_certain() -> None:
 def test_all_forms_together_are_read_as_they_are_alone() -> None:
     """Weather, rules, failures and the flight do not depend on what stands beside them."""
     kinds = ("environment", "mission", "rules", "outages", "orders", "vehicle.failures")
-    forms = [form for form, fields in FORMS if any(path.startswith(kinds) for path, _ in fields)]
+    # The first form of each field: two values of one field are a choice.
+    of_field = {fields[0][0]: form for form, fields in reversed(FORMS) if fields}
+    forms = [form for path, form in of_field.items() if path.startswith(kinds)]
     result = read_prose(" ".join(forms), VOCABULARY)
     assert result.certain, result.not_understood
     told = {receipt.path for receipt in result.receipts if receipt.source == "prose"}
