@@ -24,7 +24,9 @@ from .errors import Fault, SetupError
 class Document(BaseModel):
     """Frozen, and closed: a field that nobody knows is an error, not a comment."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True, defer_build=True
+    )
 
 
 D = TypeVar("D", bound=BaseModel)

@@ -8,20 +8,47 @@ print(decomposition.observables_under("KA-18"))
 
 from __future__ import annotations
 
-from ._checks import CheckMeasure as CheckMeasure
-from ._checks import DecompositionVocabulary as DecompositionVocabulary
-from ._document import DecompositionDocument as DecompositionDocument
-from ._document import KeyAttribute as KeyAttribute
-from ._document import KeyFactor as KeyFactor
-from ._document import Level as Level
-from ._document import Observable as Observable
-from ._document import Policies as Policies
-from ._document import Principle as Principle
-from ._document import Vab as Vab
-from ._graph import Decomposition as Decomposition
-from ._graph import DecompositionNode as DecompositionNode
-from ._load import decomposition_of as decomposition_of
-from ._load import decomposition_schema as decomposition_schema
-from ._load import load_decomposition as load_decomposition
-from ._load import read_decomposition as read_decomposition
-from ._load import shipped_decompositions as shipped_decompositions
+from typing import TYPE_CHECKING
+
+from bench.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ._checks import CheckMeasure as CheckMeasure
+    from ._checks import DecompositionVocabulary as DecompositionVocabulary
+    from ._document import DecompositionDocument as DecompositionDocument
+    from ._document import KeyAttribute as KeyAttribute
+    from ._document import KeyFactor as KeyFactor
+    from ._document import Level as Level
+    from ._document import Observable as Observable
+    from ._document import Policies as Policies
+    from ._document import Principle as Principle
+    from ._document import Vab as Vab
+    from ._graph import Decomposition as Decomposition
+    from ._graph import DecompositionNode as DecompositionNode
+    from ._load import decomposition_of as decomposition_of
+    from ._load import decomposition_schema as decomposition_schema
+    from ._load import load_decomposition as load_decomposition
+    from ._load import read_decomposition as read_decomposition
+    from ._load import shipped_decompositions as shipped_decompositions
+
+_MODULES = {
+    "CheckMeasure": "_checks",
+    "DecompositionVocabulary": "_checks",
+    "DecompositionDocument": "_document",
+    "KeyAttribute": "_document",
+    "KeyFactor": "_document",
+    "Level": "_document",
+    "Observable": "_document",
+    "Policies": "_document",
+    "Principle": "_document",
+    "Vab": "_document",
+    "Decomposition": "_graph",
+    "DecompositionNode": "_graph",
+    "decomposition_of": "_load",
+    "decomposition_schema": "_load",
+    "load_decomposition": "_load",
+    "read_decomposition": "_load",
+    "shipped_decompositions": "_load",
+}
+
+__getattr__ = lazy_names(__name__, _MODULES)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import difflib
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
 from typing import Literal
-
-import networkx as nx
 
 from bench.errors import Fault, SetupError
 
@@ -165,20 +164,17 @@ class DocumentChecks:
         return f"no level is skipped: put a {LEVEL_TITLES[below]} between them" if deeper else "drop it"
 
     def _cycles(self) -> Iterator[Fault]:
-        graph: nx.DiGraph[str] = nx.DiGraph()
-        places = {}
+        places, edges = {}, {}
         for _, place, node in self._inner():
             places[node.id] = place
-            graph.add_edges_from((node.id, child) for child in node.children)
-        # Each round reports one cycle and removes one of its edges, so that the next round finds another.
-        while cycle := _cycle(graph):
+            edges[node.id] = node.children
+        for cycle in _cycles(edges):
             written = " -> ".join([*cycle, cycle[0]])
             yield self._fault(
                 places[cycle[0]].at("children"),
                 f"the nodes form a cycle: {written}",
                 "remove one of its edges",
             )
-            graph.remove_edge(cycle[-1], cycle[0])
 
     def _orphans(self) -> Iterator[Fault]:
         named = {child for _, _, node in self._inner() for child in node.children}
@@ -368,12 +364,27 @@ class DocumentChecks:
             yield self._fault(place, "a key attribute is studied twice", "list each once")
 
 
-def _cycle(graph: nx.DiGraph[str]) -> list[str]:
-    """The nodes of one cycle in its order; empty where the graph has none."""
+def _cycles(edges: Mapping[str, Sequence[str]]) -> Iterator[list[str]]:
+    """The nodes of each cycle in its order; nothing where there is none."""
     try:
-        return [str(edge[0]) for edge in nx.find_cycle(graph)]
-    except nx.NetworkXNoCycle:
-        return []
+        TopologicalSorter(edges).prepare()
+        return
+    except CycleError:
+        pass
+    # Imported here: every worker and command loads a decomposition, and networkx takes longer to import than that.
+    import networkx as nx
+
+    graph: nx.DiGraph[str] = nx.DiGraph()
+    for node, children in edges.items():
+        graph.add_edges_from((node, child) for child in children)
+    # Each round gives one cycle and removes one of its edges, so that the next round finds another.
+    while True:
+        try:
+            cycle = [str(edge[0]) for edge in nx.find_cycle(graph)]
+        except nx.NetworkXNoCycle:
+            return
+        yield cycle
+        graph.remove_edge(cycle[-1], cycle[0])
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:

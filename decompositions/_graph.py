@@ -5,10 +5,12 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-
-import networkx as nx
+from typing import TYPE_CHECKING
 
 from ._document import DecompositionDocument, InnerNode, KeyFactor, Level, Observable, Policies
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +115,9 @@ class Decomposition:
         """The decomposition as a networkx graph: edges from parent to child, with `level` and `title` on
         every node.
         """
+        # Imported here: every worker gets a decomposition, and few ask for this.
+        import networkx as nx
+
         graph: nx.DiGraph[str] = nx.DiGraph()
         for node in self.nodes.values():
             graph.add_node(node.id, level=str(node.level), title=node.title)

@@ -49,7 +49,17 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
         bench.no_such_thing  # noqa: B018
 
 
-@pytest.mark.parametrize("room", ["bench.campaign", "bench.scoring", "bench.statistics"])
+LAZY_ROOMS = [
+    *(
+        f"bench.{room}"
+        for room in ("campaign", "contracts", "perception", "realization", "recording", "scoring")
+    ),
+    *(f"bench.{room}" for room in ("simspec", "statistics", "streams")),
+    *("bench.realization.design", "bench.realization.placement", "decompositions"),
+]
+
+
+@pytest.mark.parametrize("room", LAZY_ROOMS)
 def test_rooms_give_each_declared_name_at_its_first_use(room: str) -> None:
     """The names under TYPE_CHECKING are those fetched at run time, each from the module that has it."""
     module = import_module(room)

@@ -11,7 +11,9 @@ the simulator nor the measures.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from bench.lazy import lazy_names
 
 if TYPE_CHECKING:
     from ._digest import question_sha256 as question_sha256
@@ -177,11 +179,4 @@ _MODULES = {
     "write_whole": "storage._files",
 }
 
-
-def __getattr__(name: str) -> Any:
-    """A name of this room, imported at its first use."""
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib import import_module
-
-    return getattr(import_module(f".{_MODULES[name]}", __name__), name)
+__getattr__ = lazy_names(__name__, _MODULES)

@@ -6,151 +6,304 @@ line in pyproject.toml, nothing else.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from bench.clock import CLOCK as CLOCK
 from bench.clock import START as START
 from bench.clock import SimTime as SimTime
+from bench.lazy import lazy_names
 
-from ._agent import AgentEndpoints as AgentEndpoints
-from ._agent import AgentLimits as AgentLimits
-from ._agent import AgentManifest as AgentManifest
-from ._agent import AgentPlan as AgentPlan
-from ._agent import AgentProcess as AgentProcess
-from ._agent import AgentUsage as AgentUsage
-from ._agent import MavlinkNeed as MavlinkNeed
-from ._agent import OpenAgent as OpenAgent
-from ._cast import cast_of as cast_of
-from ._cast import realized_of as realized_of
-from ._detection import FALSE_SCORE as FALSE_SCORE
-from ._detection import LABEL_EVIDENCE as LABEL_EVIDENCE
-from ._detection import LEAST_DOUBT as LEAST_DOUBT
-from ._detection import THRESHOLD_CONTRAST as THRESHOLD_CONTRAST
-from ._detection import light_of as light_of
-from ._documents import ActorPixelsDocument as ActorPixelsDocument
-from ._documents import AgentStatus as AgentStatus
-from ._documents import AgentTrack as AgentTrack
-from ._documents import AgentTracks as AgentTracks
-from ._documents import CastDocument as CastDocument
-from ._documents import CastMember as CastMember
-from ._documents import ConsentAnswer as ConsentAnswer
-from ._documents import ConsentRequest as ConsentRequest
-from ._documents import Decision as Decision
-from ._documents import EscortDocument as EscortDocument
-from ._documents import EventDocument as EventDocument
-from ._documents import IntelligenceDocument as IntelligenceDocument
-from ._documents import MissionOrder as MissionOrder
-from ._documents import NoFlyDocument as NoFlyDocument
-from ._documents import OperatorLinkDocument as OperatorLinkDocument
-from ._documents import OrderAnswer as OrderAnswer
-from ._documents import OrderDocument as OrderDocument
-from ._documents import PictureDocument as PictureDocument
-from ._documents import SightingDocument as SightingDocument
-from ._documents import TargetReport as TargetReport
-from ._documents import TruthDocument as TruthDocument
-from ._documents import VehicleDocument as VehicleDocument
-from ._documents import ViewDocument as ViewDocument
-from ._documents import parse_document as parse_document
-from ._escort import convoy_places_m as convoy_places_m
-from ._escort import escort_document as escort_document
-from ._measure import ChecksOptions as ChecksOptions
-from ._measure import Measure as Measure
-from ._measure import Option as Option
-from ._measure import Tape as Tape
-from ._measure import Timed as Timed
-from ._outcome import DETECTOR as DETECTOR
-from ._outcome import FIRMWARE as FIRMWARE
-from ._outcome import LEAVES_OPEN as LEAVES_OPEN
-from ._outcome import PROBES as PROBES
-from ._outcome import SAW_TRUTH as SAW_TRUTH
-from ._outcome import SERVICES as SERVICES
-from ._outcome import SUSPECT as SUSPECT
-from ._outcome import TIMING as TIMING
-from ._outcome import Blame as Blame
-from ._outcome import Evidence as Evidence
-from ._outcome import Observation as Observation
-from ._outcome import Outcome as Outcome
-from ._outcome import ServiceUse as ServiceUse
-from ._outcome import SessionFailure as SessionFailure
-from ._outcome import SessionResult as SessionResult
-from ._outcome import StepTiming as StepTiming
-from ._outcome import losses_of as losses_of
-from ._outcome import open_walls_of as open_walls_of
-from ._outcome import probes_of as probes_of
-from ._outcome import services_of as services_of
-from ._outcome import suspicions_of as suspicions_of
-from ._outcome import timing_of as timing_of
-from ._outcome import traceback_details as traceback_details
-from ._outcome import truth_sightings_of as truth_sightings_of
-from ._plugins import PluginGroup as PluginGroup
-from ._plugins import load_plugin as load_plugin
-from ._plugins import plugins as plugins
-from ._record import Record as Record
-from ._record import Tap as Tap
-from ._rendering import NO_DISTORTION as NO_DISTORTION
-from ._rendering import CameraPose as CameraPose
-from ._rendering import ChecksHost as ChecksHost
-from ._rendering import Geometry as Geometry
-from ._rendering import Ground as Ground
-from ._rendering import Labels as Labels
-from ._rendering import Lens as Lens
-from ._rendering import Light as Light
-from ._rendering import Look as Look
-from ._rendering import NamesBuild as NamesBuild
-from ._rendering import OpenRenderer as OpenRenderer
-from ._rendering import Picture as Picture
-from ._rendering import Pixels as Pixels
-from ._rendering import Renderer as Renderer
-from ._rendering import Stage as Stage
-from ._rendering import distortion_faults as distortion_faults
-from ._rendering import lens_of as lens_of
-from ._scene import CameraFrame as CameraFrame
-from ._scene import CameraPicture as CameraPicture
-from ._scene import Detection as Detection
-from ._scene import DetectionFrame as DetectionFrame
-from ._scene import Detector as Detector
-from ._scene import OpenPixelDetector as OpenPixelDetector
-from ._scene import OpenScene as OpenScene
-from ._scene import PixelDetector as PixelDetector
-from ._scene import Scene as Scene
-from ._scene import Sighting as Sighting
-from ._scene import VersionedDetector as VersionedDetector
-from ._surrogate import MeasureRequest as MeasureRequest
-from ._surrogate import Prediction as Prediction
-from ._surrogate import Surrogate as Surrogate
-from ._tick import MAX_LINE_BYTES as MAX_LINE_BYTES
-from ._tick import Ack as Ack
-from ._tick import End as End
-from ._tick import Hello as Hello
-from ._tick import Tick as Tick
-from ._tick import TickMessage as TickMessage
-from ._tick import read_line as read_line
-from ._tick import write_line as write_line
-from ._topics import CAMERA_OPENED as CAMERA_OPENED
-from ._topics import DETECTOR_OPENED as DETECTOR_OPENED
-from ._topics import FIRMWARE_BOOTED as FIRMWARE_BOOTED
-from ._topics import OPERATOR_GIVES_BACK as OPERATOR_GIVES_BACK
-from ._topics import OPERATOR_LINK as OPERATOR_LINK
-from ._topics import OPERATOR_TAKES as OPERATOR_TAKES
-from ._topics import SESSION_EVENTS as SESSION_EVENTS
-from ._topics import TF as TF
-from ._topics import TF_STATIC as TF_STATIC
-from ._topics import TRUTH_ACTORS as TRUTH_ACTORS
-from ._topics import TRUTH_CAST as TRUTH_CAST
-from ._topics import TRUTH_ODOMETRY as TRUTH_ODOMETRY
-from ._topics import TRUTH_PICTURES as TRUTH_PICTURES
-from ._topics import TRUTH_VEHICLE as TRUTH_VEHICLE
-from ._topics import TRUTH_VIEW as TRUTH_VIEW
-from ._topics import VehicleTopics as VehicleTopics
-from ._topics import is_mavlink_from_agent as is_mavlink_from_agent
-from ._topics import mavlink_topic as mavlink_topic
-from ._topics import truth_depth_topic as truth_depth_topic
-from ._topics import truth_mask_topic as truth_mask_topic
-from ._vehicle import BootsFirmware as BootsFirmware
-from ._vehicle import CarriesCamera as CarriesCamera
-from ._vehicle import LinkSpec as LinkSpec
-from ._vehicle import MavlinkTap as MavlinkTap
-from ._vehicle import OpenVehicle as OpenVehicle
-from ._vehicle import Vector as Vector
-from ._vehicle import Vehicle as Vehicle
-from ._vehicle import VehicleCondition as VehicleCondition
-from ._vehicle import VehiclePlan as VehiclePlan
-from ._vehicle import VehicleState as VehicleState
+if TYPE_CHECKING:
+    from ._agent import AgentEndpoints as AgentEndpoints
+    from ._agent import AgentLimits as AgentLimits
+    from ._agent import AgentManifest as AgentManifest
+    from ._agent import AgentPlan as AgentPlan
+    from ._agent import AgentProcess as AgentProcess
+    from ._agent import AgentUsage as AgentUsage
+    from ._agent import MavlinkNeed as MavlinkNeed
+    from ._agent import OpenAgent as OpenAgent
+    from ._cast import cast_of as cast_of
+    from ._detection import FALSE_SCORE as FALSE_SCORE
+    from ._detection import LABEL_EVIDENCE as LABEL_EVIDENCE
+    from ._detection import LEAST_DOUBT as LEAST_DOUBT
+    from ._detection import THRESHOLD_CONTRAST as THRESHOLD_CONTRAST
+    from ._detection import light_of as light_of
+    from ._documents import AgentStatus as AgentStatus
+    from ._documents import AgentTrack as AgentTrack
+    from ._documents import AgentTracks as AgentTracks
+    from ._documents import ConsentAnswer as ConsentAnswer
+    from ._documents import ConsentRequest as ConsentRequest
+    from ._documents import Decision as Decision
+    from ._documents import EscortDocument as EscortDocument
+    from ._documents import IntelligenceDocument as IntelligenceDocument
+    from ._documents import MissionOrder as MissionOrder
+    from ._documents import NoFlyDocument as NoFlyDocument
+    from ._documents import OperatorLinkDocument as OperatorLinkDocument
+    from ._documents import OrderAnswer as OrderAnswer
+    from ._documents import OrderDocument as OrderDocument
+    from ._documents import TargetReport as TargetReport
+    from ._documents import parse_document as parse_document
+    from ._escort import convoy_places_m as convoy_places_m
+    from ._escort import escort_document as escort_document
+    from ._measure import ChecksOptions as ChecksOptions
+    from ._measure import Measure as Measure
+    from ._measure import Option as Option
+    from ._measure import Tape as Tape
+    from ._measure import Timed as Timed
+    from ._outcome import DETECTOR as DETECTOR
+    from ._outcome import FIRMWARE as FIRMWARE
+    from ._outcome import LEAVES_OPEN as LEAVES_OPEN
+    from ._outcome import PROBES as PROBES
+    from ._outcome import SAW_TRUTH as SAW_TRUTH
+    from ._outcome import SERVICES as SERVICES
+    from ._outcome import SUSPECT as SUSPECT
+    from ._outcome import TIMING as TIMING
+    from ._outcome import Blame as Blame
+    from ._outcome import Evidence as Evidence
+    from ._outcome import Observation as Observation
+    from ._outcome import Outcome as Outcome
+    from ._outcome import ServiceUse as ServiceUse
+    from ._outcome import SessionFailure as SessionFailure
+    from ._outcome import SessionResult as SessionResult
+    from ._outcome import StepTiming as StepTiming
+    from ._outcome import losses_of as losses_of
+    from ._outcome import open_walls_of as open_walls_of
+    from ._outcome import probes_of as probes_of
+    from ._outcome import services_of as services_of
+    from ._outcome import suspicions_of as suspicions_of
+    from ._outcome import timing_of as timing_of
+    from ._outcome import traceback_details as traceback_details
+    from ._outcome import truth_sightings_of as truth_sightings_of
+    from ._plugins import PluginGroup as PluginGroup
+    from ._plugins import load_plugin as load_plugin
+    from ._plugins import plugins as plugins
+    from ._realized import realized_of as realized_of
+    from ._record import Record as Record
+    from ._record import Tap as Tap
+    from ._rendering import NO_DISTORTION as NO_DISTORTION
+    from ._rendering import CameraPose as CameraPose
+    from ._rendering import ChecksHost as ChecksHost
+    from ._rendering import Geometry as Geometry
+    from ._rendering import Ground as Ground
+    from ._rendering import Labels as Labels
+    from ._rendering import Lens as Lens
+    from ._rendering import Light as Light
+    from ._rendering import Look as Look
+    from ._rendering import NamesBuild as NamesBuild
+    from ._rendering import OpenRenderer as OpenRenderer
+    from ._rendering import Picture as Picture
+    from ._rendering import Pixels as Pixels
+    from ._rendering import Renderer as Renderer
+    from ._rendering import Stage as Stage
+    from ._rendering import distortion_faults as distortion_faults
+    from ._rendering import lens_of as lens_of
+    from ._scene import CameraFrame as CameraFrame
+    from ._scene import CameraPicture as CameraPicture
+    from ._scene import Detection as Detection
+    from ._scene import DetectionFrame as DetectionFrame
+    from ._scene import Detector as Detector
+    from ._scene import OpenPixelDetector as OpenPixelDetector
+    from ._scene import OpenScene as OpenScene
+    from ._scene import PixelDetector as PixelDetector
+    from ._scene import Scene as Scene
+    from ._scene import Sighting as Sighting
+    from ._scene import VersionedDetector as VersionedDetector
+    from ._surrogate import MeasureRequest as MeasureRequest
+    from ._surrogate import Prediction as Prediction
+    from ._surrogate import Surrogate as Surrogate
+    from ._tick import MAX_LINE_BYTES as MAX_LINE_BYTES
+    from ._tick import Ack as Ack
+    from ._tick import End as End
+    from ._tick import Hello as Hello
+    from ._tick import Tick as Tick
+    from ._tick import TickMessage as TickMessage
+    from ._tick import read_line as read_line
+    from ._tick import write_line as write_line
+    from ._topics import CAMERA_OPENED as CAMERA_OPENED
+    from ._topics import DETECTOR_OPENED as DETECTOR_OPENED
+    from ._topics import FIRMWARE_BOOTED as FIRMWARE_BOOTED
+    from ._topics import OPERATOR_GIVES_BACK as OPERATOR_GIVES_BACK
+    from ._topics import OPERATOR_LINK as OPERATOR_LINK
+    from ._topics import OPERATOR_TAKES as OPERATOR_TAKES
+    from ._topics import SESSION_EVENTS as SESSION_EVENTS
+    from ._topics import TF as TF
+    from ._topics import TF_STATIC as TF_STATIC
+    from ._topics import TRUTH_ACTORS as TRUTH_ACTORS
+    from ._topics import TRUTH_CAST as TRUTH_CAST
+    from ._topics import TRUTH_ODOMETRY as TRUTH_ODOMETRY
+    from ._topics import TRUTH_PICTURES as TRUTH_PICTURES
+    from ._topics import TRUTH_VEHICLE as TRUTH_VEHICLE
+    from ._topics import TRUTH_VIEW as TRUTH_VIEW
+    from ._topics import VehicleTopics as VehicleTopics
+    from ._topics import is_mavlink_from_agent as is_mavlink_from_agent
+    from ._topics import mavlink_topic as mavlink_topic
+    from ._topics import truth_depth_topic as truth_depth_topic
+    from ._topics import truth_mask_topic as truth_mask_topic
+    from ._truth_documents import ActorPixelsDocument as ActorPixelsDocument
+    from ._truth_documents import CastDocument as CastDocument
+    from ._truth_documents import CastMember as CastMember
+    from ._truth_documents import EventDocument as EventDocument
+    from ._truth_documents import PictureDocument as PictureDocument
+    from ._truth_documents import SightingDocument as SightingDocument
+    from ._truth_documents import TruthDocument as TruthDocument
+    from ._truth_documents import VehicleDocument as VehicleDocument
+    from ._truth_documents import ViewDocument as ViewDocument
+    from ._vehicle import BootsFirmware as BootsFirmware
+    from ._vehicle import CarriesCamera as CarriesCamera
+    from ._vehicle import LinkSpec as LinkSpec
+    from ._vehicle import MavlinkTap as MavlinkTap
+    from ._vehicle import OpenVehicle as OpenVehicle
+    from ._vehicle import Vector as Vector
+    from ._vehicle import Vehicle as Vehicle
+    from ._vehicle import VehicleCondition as VehicleCondition
+    from ._vehicle import VehiclePlan as VehiclePlan
+    from ._vehicle import VehicleState as VehicleState
+
+_MODULES = {
+    "AgentEndpoints": "_agent",
+    "AgentLimits": "_agent",
+    "AgentManifest": "_agent",
+    "AgentPlan": "_agent",
+    "AgentProcess": "_agent",
+    "AgentUsage": "_agent",
+    "MavlinkNeed": "_agent",
+    "OpenAgent": "_agent",
+    "cast_of": "_cast",
+    "FALSE_SCORE": "_detection",
+    "LABEL_EVIDENCE": "_detection",
+    "LEAST_DOUBT": "_detection",
+    "THRESHOLD_CONTRAST": "_detection",
+    "light_of": "_detection",
+    "ActorPixelsDocument": "_truth_documents",
+    "AgentStatus": "_documents",
+    "AgentTrack": "_documents",
+    "AgentTracks": "_documents",
+    "CastDocument": "_truth_documents",
+    "CastMember": "_truth_documents",
+    "ConsentAnswer": "_documents",
+    "ConsentRequest": "_documents",
+    "Decision": "_documents",
+    "EscortDocument": "_documents",
+    "EventDocument": "_truth_documents",
+    "IntelligenceDocument": "_documents",
+    "MissionOrder": "_documents",
+    "NoFlyDocument": "_documents",
+    "OperatorLinkDocument": "_documents",
+    "OrderAnswer": "_documents",
+    "OrderDocument": "_documents",
+    "PictureDocument": "_truth_documents",
+    "SightingDocument": "_truth_documents",
+    "TargetReport": "_documents",
+    "TruthDocument": "_truth_documents",
+    "VehicleDocument": "_truth_documents",
+    "ViewDocument": "_truth_documents",
+    "parse_document": "_documents",
+    "convoy_places_m": "_escort",
+    "escort_document": "_escort",
+    "ChecksOptions": "_measure",
+    "Measure": "_measure",
+    "Option": "_measure",
+    "Tape": "_measure",
+    "Timed": "_measure",
+    "DETECTOR": "_outcome",
+    "FIRMWARE": "_outcome",
+    "LEAVES_OPEN": "_outcome",
+    "PROBES": "_outcome",
+    "SAW_TRUTH": "_outcome",
+    "SERVICES": "_outcome",
+    "SUSPECT": "_outcome",
+    "Blame": "_outcome",
+    "Evidence": "_outcome",
+    "Observation": "_outcome",
+    "Outcome": "_outcome",
+    "ServiceUse": "_outcome",
+    "SessionFailure": "_outcome",
+    "SessionResult": "_outcome",
+    "open_walls_of": "_outcome",
+    "probes_of": "_outcome",
+    "services_of": "_outcome",
+    "suspicions_of": "_outcome",
+    "traceback_details": "_outcome",
+    "truth_sightings_of": "_outcome",
+    "TIMING": "_outcome",
+    "StepTiming": "_outcome",
+    "losses_of": "_outcome",
+    "timing_of": "_outcome",
+    "PluginGroup": "_plugins",
+    "load_plugin": "_plugins",
+    "plugins": "_plugins",
+    "realized_of": "_realized",
+    "Record": "_record",
+    "Tap": "_record",
+    "NO_DISTORTION": "_rendering",
+    "CameraPose": "_rendering",
+    "ChecksHost": "_rendering",
+    "Geometry": "_rendering",
+    "Ground": "_rendering",
+    "Labels": "_rendering",
+    "Lens": "_rendering",
+    "Light": "_rendering",
+    "Look": "_rendering",
+    "NamesBuild": "_rendering",
+    "OpenRenderer": "_rendering",
+    "Picture": "_rendering",
+    "Pixels": "_rendering",
+    "Renderer": "_rendering",
+    "Stage": "_rendering",
+    "distortion_faults": "_rendering",
+    "lens_of": "_rendering",
+    "CameraFrame": "_scene",
+    "CameraPicture": "_scene",
+    "Detection": "_scene",
+    "DetectionFrame": "_scene",
+    "Detector": "_scene",
+    "OpenPixelDetector": "_scene",
+    "OpenScene": "_scene",
+    "PixelDetector": "_scene",
+    "Scene": "_scene",
+    "Sighting": "_scene",
+    "VersionedDetector": "_scene",
+    "MeasureRequest": "_surrogate",
+    "Prediction": "_surrogate",
+    "Surrogate": "_surrogate",
+    "MAX_LINE_BYTES": "_tick",
+    "Ack": "_tick",
+    "End": "_tick",
+    "Hello": "_tick",
+    "Tick": "_tick",
+    "TickMessage": "_tick",
+    "read_line": "_tick",
+    "write_line": "_tick",
+    "CAMERA_OPENED": "_topics",
+    "DETECTOR_OPENED": "_topics",
+    "FIRMWARE_BOOTED": "_topics",
+    "OPERATOR_GIVES_BACK": "_topics",
+    "OPERATOR_LINK": "_topics",
+    "OPERATOR_TAKES": "_topics",
+    "SESSION_EVENTS": "_topics",
+    "TF": "_topics",
+    "TF_STATIC": "_topics",
+    "TRUTH_ACTORS": "_topics",
+    "TRUTH_CAST": "_topics",
+    "TRUTH_ODOMETRY": "_topics",
+    "TRUTH_PICTURES": "_topics",
+    "TRUTH_VEHICLE": "_topics",
+    "TRUTH_VIEW": "_topics",
+    "VehicleTopics": "_topics",
+    "is_mavlink_from_agent": "_topics",
+    "mavlink_topic": "_topics",
+    "truth_depth_topic": "_topics",
+    "truth_mask_topic": "_topics",
+    "BootsFirmware": "_vehicle",
+    "CarriesCamera": "_vehicle",
+    "LinkSpec": "_vehicle",
+    "MavlinkTap": "_vehicle",
+    "OpenVehicle": "_vehicle",
+    "Vector": "_vehicle",
+    "Vehicle": "_vehicle",
+    "VehicleCondition": "_vehicle",
+    "VehiclePlan": "_vehicle",
+    "VehicleState": "_vehicle",
+}
+
+__getattr__ = lazy_names(__name__, _MODULES)

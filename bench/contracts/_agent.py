@@ -13,7 +13,7 @@ from pydantic import Field
 from bench.documents import Document
 from bench.simspec import Identifier, Isolation, SimSpec
 
-from ._documents import TruthDocument
+from ._truth_documents import TruthDocument
 
 
 class MavlinkNeed(Document):

@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from bench.errors import Fault, SetupError
-from bench.simspec import Realized, SimSpec, asset_fault
+from bench.simspec import asset_fault
 
-from ._documents import CastMember
+from ._realized import realized_of
+from ._truth_documents import CastMember
 
-
-def realized_of(simspec: SimSpec) -> Realized:
-    """The places of a SimSpec. Raises SetupError when it has none."""
-    if simspec.realized is None:
-        raise SetupError(
-            Fault(
-                simspec.name,
-                "the SimSpec is not realized",
-                "place it first (rebar realize, or bench.realization.place)",
-            )
-        )
-    return simspec.realized
+if TYPE_CHECKING:
+    from bench.simspec import SimSpec
 
 
 def cast_of(simspec: SimSpec) -> tuple[CastMember, ...]:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bench.arrays import Floats
-from bench.simspec import ASSETS, Point, SimSpec
+from bench.simspec import ASSETS, Point
 
-from ._cast import realized_of
 from ._documents import EscortDocument
+from ._realized import realized_of
+
+if TYPE_CHECKING:
+    from bench.simspec import SimSpec
 
 
 def escort_document(simspec: SimSpec) -> EscortDocument | None:

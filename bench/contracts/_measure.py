@@ -4,31 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.clock import SimTime
-from bench.simspec import SimSpec
 
 from ._documents import (
     AgentStatus,
     AgentTracks,
-    CastMember,
     ConsentAnswer,
     ConsentRequest,
     Decision,
-    EventDocument,
     IntelligenceDocument,
     OperatorLinkDocument,
     OrderAnswer,
     OrderDocument,
     TargetReport,
-    VehicleDocument,
 )
 from ._outcome import Observation
 from ._scene import CameraFrame, DetectionFrame
+from ._truth_documents import CastMember, EventDocument, VehicleDocument
+
+if TYPE_CHECKING:
+    from bench.simspec import SimSpec
 
 T = TypeVar("T")
 

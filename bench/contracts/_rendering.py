@@ -14,7 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,9 @@ from numpy.typing import NDArray
 from bench.arrays import Bools, Counts, Floats, Narrow
 from bench.clock import SimTime
 from bench.errors import Fault
-from bench.simspec import Camera
+
+if TYPE_CHECKING:
+    from bench.simspec import Camera
 
 Pixels = NDArray[np.uint8]
 Labels = NDArray[np.uint16]

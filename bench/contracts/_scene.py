@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.arrays import Floats
 from bench.clock import SimTime
-from bench.simspec import SimSpec
 
-from ._documents import CastMember
 from ._rendering import Pixels
+from ._truth_documents import CastMember
 from ._vehicle import Vector, VehicleState
+
+if TYPE_CHECKING:
+    from bench.simspec import SimSpec
 
 
 @dataclass(frozen=True, slots=True)

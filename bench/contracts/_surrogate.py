@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from bench.errors import Fault
-from bench.simspec import SimSpec
 
 from ._measure import Option
 from ._outcome import Observation
+
+if TYPE_CHECKING:
+    from bench.simspec import SimSpec
 
 MeasureRequest = tuple[str, Mapping[str, Option]]
 """Name of a measure in the entry-point group `rebar.measures`, and its options."""

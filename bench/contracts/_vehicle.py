@@ -7,10 +7,12 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 
 from bench.clock import SimTime
-from bench.simspec import SimSpec
+
+if TYPE_CHECKING:
+    from bench.simspec import SimSpec
 
 Vector = tuple[float, float, float]
 

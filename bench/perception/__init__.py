@@ -4,11 +4,29 @@ models fitted to recordings.
 
 from __future__ import annotations
 
-from ._detectors import open_detector as open_detector
-from ._odds import Clarity as Clarity
-from ._odds import DetectionOdds as DetectionOdds
-from ._picture_detector import PictureDetector as PictureDetector
-from ._tracker import KalmanTracker as KalmanTracker
-from ._tracker import TrackerSettings as TrackerSettings
-from ._tracker import ground_homography as ground_homography
-from ._tracker import ground_warp as ground_warp
+from typing import TYPE_CHECKING
+
+from bench.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ._detectors import open_detector as open_detector
+    from ._odds import Clarity as Clarity
+    from ._odds import DetectionOdds as DetectionOdds
+    from ._picture_detector import PictureDetector as PictureDetector
+    from ._tracker import KalmanTracker as KalmanTracker
+    from ._tracker import TrackerSettings as TrackerSettings
+    from ._tracker import ground_homography as ground_homography
+    from ._tracker import ground_warp as ground_warp
+
+_MODULES = {
+    "open_detector": "_detectors",
+    "Clarity": "_odds",
+    "DetectionOdds": "_odds",
+    "PictureDetector": "_picture_detector",
+    "KalmanTracker": "_tracker",
+    "TrackerSettings": "_tracker",
+    "ground_homography": "_tracker",
+    "ground_warp": "_tracker",
+}
+
+__getattr__ = lazy_names(__name__, _MODULES)

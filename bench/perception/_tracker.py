@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from bench.arrays import Bools, Floats
 from bench.contracts import Detection, SimTime
@@ -464,6 +463,9 @@ def assign(costs: Floats, tracks: Bools, detections: Bools, taken: Mapping[int, 
     rows, columns = np.flatnonzero(open_tracks), np.flatnonzero(open_detections)
     if not len(rows) or not len(columns):
         return {}
+    # Imported here: it takes longer to import than all else in this room, and simulated detections need no tracker.
+    from scipy.optimize import linear_sum_assignment
+
     part = costs[np.ix_(rows, columns)]
     chosen_rows, chosen_columns = linear_sum_assignment(part)
     return {

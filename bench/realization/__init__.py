@@ -7,37 +7,81 @@ flown = place(plans[0].simspec)                # the same, with every actor in i
 
 from __future__ import annotations
 
-from ._realize import Bases as Bases
-from ._realize import Rating as Rating
-from ._realize import RealizationPlan as RealizationPlan
-from ._realize import design_pairs as design_pairs
-from ._realize import realize as realize
-from ._realize import scene_seed as scene_seed
-from ._realize import situations as situations
-from .design import BASE as BASE
-from .design import INACTIVE as INACTIVE
-from .design import CoveringArray as CoveringArray
-from .design import DefinitiveScreening as DefinitiveScreening
-from .design import Design as Design
-from .design import DesignFactor as DesignFactor
-from .design import DesignPoint as DesignPoint
-from .design import DesignQuality as DesignQuality
-from .design import FactorLevel as FactorLevel
-from .design import FactorRange as FactorRange
-from .design import FractionalFactorial as FractionalFactorial
-from .design import FullFactorial as FullFactorial
-from .design import Halton as Halton
-from .design import LatinHypercube as LatinHypercube
-from .design import Method as Method
-from .design import NearlyOrthogonalLatinHypercube as NearlyOrthogonalLatinHypercube
-from .design import Nested as Nested
-from .design import OneByOne as OneByOne
-from .design import OrthogonalLatinHypercube as OrthogonalLatinHypercube
-from .design import PlackettBurman as PlackettBurman
-from .design import Sobol as Sobol
-from .design import Stratified as Stratified
-from .design import design_quality as design_quality
-from .placement import PlacementInfeasible as PlacementInfeasible
-from .placement import PlacementUnsound as PlacementUnsound
-from .placement import check_placement as check_placement
-from .placement import place as place
+from typing import TYPE_CHECKING
+
+from bench.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ._realize import Bases as Bases
+    from ._realize import Rating as Rating
+    from ._realize import RealizationPlan as RealizationPlan
+    from ._realize import design_pairs as design_pairs
+    from ._realize import realize as realize
+    from ._realize import scene_seed as scene_seed
+    from ._realize import situations as situations
+    from .design import BASE as BASE
+    from .design import INACTIVE as INACTIVE
+    from .design import CoveringArray as CoveringArray
+    from .design import DefinitiveScreening as DefinitiveScreening
+    from .design import Design as Design
+    from .design import DesignFactor as DesignFactor
+    from .design import DesignPoint as DesignPoint
+    from .design import DesignQuality as DesignQuality
+    from .design import FactorLevel as FactorLevel
+    from .design import FactorRange as FactorRange
+    from .design import FractionalFactorial as FractionalFactorial
+    from .design import FullFactorial as FullFactorial
+    from .design import Halton as Halton
+    from .design import LatinHypercube as LatinHypercube
+    from .design import Method as Method
+    from .design import NearlyOrthogonalLatinHypercube as NearlyOrthogonalLatinHypercube
+    from .design import Nested as Nested
+    from .design import OneByOne as OneByOne
+    from .design import OrthogonalLatinHypercube as OrthogonalLatinHypercube
+    from .design import PlackettBurman as PlackettBurman
+    from .design import Sobol as Sobol
+    from .design import Stratified as Stratified
+    from .design import design_quality as design_quality
+    from .placement import PlacementInfeasible as PlacementInfeasible
+    from .placement import PlacementUnsound as PlacementUnsound
+    from .placement import check_placement as check_placement
+    from .placement import place as place
+
+_MODULES = {
+    "Bases": "_realize",
+    "Rating": "_realize",
+    "RealizationPlan": "_realize",
+    "design_pairs": "_realize",
+    "realize": "_realize",
+    "scene_seed": "_realize",
+    "situations": "_realize",
+    "BASE": "design",
+    "INACTIVE": "design",
+    "CoveringArray": "design",
+    "DefinitiveScreening": "design",
+    "Design": "design",
+    "DesignFactor": "design",
+    "DesignPoint": "design",
+    "DesignQuality": "design",
+    "FactorLevel": "design",
+    "FactorRange": "design",
+    "FractionalFactorial": "design",
+    "FullFactorial": "design",
+    "Halton": "design",
+    "LatinHypercube": "design",
+    "Method": "design",
+    "NearlyOrthogonalLatinHypercube": "design",
+    "Nested": "design",
+    "OneByOne": "design",
+    "OrthogonalLatinHypercube": "design",
+    "PlackettBurman": "design",
+    "Sobol": "design",
+    "Stratified": "design",
+    "design_quality": "design",
+    "PlacementInfeasible": "placement",
+    "PlacementUnsound": "placement",
+    "check_placement": "placement",
+    "place": "placement",
+}
+
+__getattr__ = lazy_names(__name__, _MODULES)

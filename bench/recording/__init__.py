@@ -6,14 +6,35 @@ tape, simspec = read_tape("run/recording.mcap"), read_simspec("run/recording.mca
 
 from __future__ import annotations
 
-from ._difference import RecordingDifference as RecordingDifference
-from ._difference import recording_difference as recording_difference
-from ._reader import RecoveryResult as RecoveryResult
-from ._reader import read_metadata as read_metadata
-from ._reader import read_records as read_records
-from ._reader import read_simspec as read_simspec
-from ._reader import read_tape as read_tape
-from ._reader import recover as recover
-from ._recorder import Recorder as Recorder
-from ._recorder import open_recording as open_recording
-from ._tape import TapeBuilder as TapeBuilder
+from typing import TYPE_CHECKING
+
+from bench.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ._difference import RecordingDifference as RecordingDifference
+    from ._difference import recording_difference as recording_difference
+    from ._reader import RecoveryResult as RecoveryResult
+    from ._reader import read_metadata as read_metadata
+    from ._reader import read_records as read_records
+    from ._reader import read_simspec as read_simspec
+    from ._reader import read_tape as read_tape
+    from ._reader import recover as recover
+    from ._recorder import Recorder as Recorder
+    from ._recorder import open_recording as open_recording
+    from ._tape import TapeBuilder as TapeBuilder
+
+_MODULES = {
+    "RecordingDifference": "_difference",
+    "recording_difference": "_difference",
+    "RecoveryResult": "_reader",
+    "read_metadata": "_reader",
+    "read_records": "_reader",
+    "read_simspec": "_reader",
+    "read_tape": "_reader",
+    "recover": "_reader",
+    "Recorder": "_recorder",
+    "open_recording": "_recorder",
+    "TapeBuilder": "_tape",
+}
+
+__getattr__ = lazy_names(__name__, _MODULES)

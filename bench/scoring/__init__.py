@@ -9,7 +9,9 @@ docs/rulings.md numbers the rules that every score rests on.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from bench.lazy import lazy_names
 
 if TYPE_CHECKING:
     from ._configuration import configuration_of as configuration_of
@@ -97,11 +99,4 @@ _MODULES = {
     "score_table": "_table",
 }
 
-
-def __getattr__(name: str) -> Any:
-    """A name of this room, imported at its first use."""
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib import import_module
-
-    return getattr(import_module(f".{_MODULES[name]}", __name__), name)
+__getattr__ = lazy_names(__name__, _MODULES)

@@ -7,102 +7,185 @@ print(spec.mission.time_limit_s)
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
-from bench.documents import load_document
-from bench.errors import SetupError
+from bench.lazy import lazy_names
 
-from ._actors import PROTECTED_ROLES as PROTECTED_ROLES
-from ._actors import TARGET_ROLES as TARGET_ROLES
-from ._actors import ActorGroup as ActorGroup
-from ._actors import CountRange as CountRange
-from ._actors import Motion as Motion
-from ._actors import Role as Role
-from ._actors import endangered_roles as endangered_roles
-from ._assets import ASSETS as ASSETS
-from ._assets import Asset as Asset
-from ._assets import asset_fault as asset_fault
-from ._document import MANIFEST_SUFFIXES as MANIFEST_SUFFIXES
-from ._document import AgentSpec as AgentSpec
-from ._document import Budgets as Budgets
-from ._document import Consent as Consent
-from ._document import Escort as Escort
-from ._document import Intelligence as Intelligence
-from ._document import Isolation as Isolation
-from ._document import Mission as Mission
-from ._document import Order as Order
-from ._document import OrderKind as OrderKind
-from ._document import Outage as Outage
-from ._document import Pace as Pace
-from ._document import PlacedActor as PlacedActor
-from ._document import PlacedReport as PlacedReport
-from ._document import Realized as Realized
-from ._document import Seeds as Seeds
-from ._document import SimSpec as SimSpec
-from ._document import agent_name as agent_name
-from ._factor_paths import factor_paths as factor_paths
-from ._factors import FACTORS as FACTORS
-from ._factors import FactorDefinition as FactorDefinition
-from ._factors import factor_values as factor_values
-from ._ground import Area as Area
-from ._ground import Home as Home
-from ._ground import Origin as Origin
-from ._ground import Point as Point
-from ._ground import Polygon as Polygon
-from ._ground import Road as Road
-from ._ground import World as World
-from ._perception import CLASS_LABELS as CLASS_LABELS
-from ._perception import DUST_EXTINCTION_PER_M as DUST_EXTINCTION_PER_M
-from ._perception import FALSE_SCORE_MEAN as FALSE_SCORE_MEAN
-from ._perception import DetectionModel as DetectionModel
-from ._perception import Perception as Perception
-from ._perception import PerceptionSource as PerceptionSource
-from ._perception import SizePoint as SizePoint
-from ._placement import HOME as HOME
-from ._placement import Along as Along
-from ._placement import AreaCount as AreaCount
-from ._placement import Avoid as Avoid
-from ._placement import Bearing as Bearing
-from ._placement import Between as Between
-from ._placement import Distance as Distance
-from ._placement import Facing as Facing
-from ._placement import Inside as Inside
-from ._placement import MeanDistance as MeanDistance
-from ._placement import Near as Near
-from ._placement import Placement as Placement
-from ._placement import PlaceReference as PlaceReference
-from ._placement import Sight as Sight
-from ._quantities import Fraction as Fraction
-from ._quantities import Identifier as Identifier
-from ._rules import NoFlyArea as NoFlyArea
-from ._rules import Rules as Rules
-from ._rules import TimeWindow as TimeWindow
-from ._seeds import RandomStream as RandomStream
-from ._seeds import generator as generator
-from ._seeds import seed_of as seed_of
-from ._services import OutsideAir as OutsideAir
-from ._services import OutsideService as OutsideService
-from ._sun import Sun as Sun
-from ._sun import sun_at as sun_at
-from ._sun import sun_of as sun_of
-from ._vehicle import DEFAULT_BAUD as DEFAULT_BAUD
-from ._vehicle import DEFAULT_RENDERER as DEFAULT_RENDERER
-from ._vehicle import Battery as Battery
-from ._vehicle import Camera as Camera
-from ._vehicle import Distortion as Distortion
-from ._vehicle import Failure as Failure
-from ._vehicle import Gps as Gps
-from ._vehicle import OutsideLink as OutsideLink
-from ._vehicle import RealAutopilot as RealAutopilot
-from ._vehicle import VehicleSpec as VehicleSpec
-from ._weather import Environment as Environment
-from ._weather import Wind as Wind
+if TYPE_CHECKING:
+    from ._actors import ActorGroup as ActorGroup
+    from ._actors import CountRange as CountRange
+    from ._actors import Motion as Motion
+    from ._assets import ASSETS as ASSETS
+    from ._assets import Asset as Asset
+    from ._assets import asset_fault as asset_fault
+    from ._document import MANIFEST_SUFFIXES as MANIFEST_SUFFIXES
+    from ._document import AgentSpec as AgentSpec
+    from ._document import Budgets as Budgets
+    from ._document import Consent as Consent
+    from ._document import Escort as Escort
+    from ._document import Intelligence as Intelligence
+    from ._document import Isolation as Isolation
+    from ._document import Mission as Mission
+    from ._document import Outage as Outage
+    from ._document import Pace as Pace
+    from ._document import PlacedActor as PlacedActor
+    from ._document import PlacedReport as PlacedReport
+    from ._document import Realized as Realized
+    from ._document import Seeds as Seeds
+    from ._document import SimSpec as SimSpec
+    from ._document import agent_name as agent_name
+    from ._factor_paths import factor_paths as factor_paths
+    from ._factors import FACTORS as FACTORS
+    from ._factors import FactorDefinition as FactorDefinition
+    from ._factors import factor_values as factor_values
+    from ._ground import Area as Area
+    from ._ground import Home as Home
+    from ._ground import Origin as Origin
+    from ._ground import Point as Point
+    from ._ground import Polygon as Polygon
+    from ._ground import Road as Road
+    from ._ground import World as World
+    from ._load import load_simspec as load_simspec
+    from ._orders import Order as Order
+    from ._orders import OrderKind as OrderKind
+    from ._perception import CLASS_LABELS as CLASS_LABELS
+    from ._perception import DUST_EXTINCTION_PER_M as DUST_EXTINCTION_PER_M
+    from ._perception import FALSE_SCORE_MEAN as FALSE_SCORE_MEAN
+    from ._perception import DetectionModel as DetectionModel
+    from ._perception import Perception as Perception
+    from ._perception import PerceptionSource as PerceptionSource
+    from ._perception import SizePoint as SizePoint
+    from ._placement import HOME as HOME
+    from ._placement import Along as Along
+    from ._placement import AreaCount as AreaCount
+    from ._placement import Avoid as Avoid
+    from ._placement import Bearing as Bearing
+    from ._placement import Between as Between
+    from ._placement import Distance as Distance
+    from ._placement import Facing as Facing
+    from ._placement import Inside as Inside
+    from ._placement import MeanDistance as MeanDistance
+    from ._placement import Near as Near
+    from ._placement import Placement as Placement
+    from ._placement import PlaceReference as PlaceReference
+    from ._placement import Sight as Sight
+    from ._quantities import Fraction as Fraction
+    from ._quantities import Identifier as Identifier
+    from ._roles import PROTECTED_ROLES as PROTECTED_ROLES
+    from ._roles import TARGET_ROLES as TARGET_ROLES
+    from ._roles import Role as Role
+    from ._roles import endangered_roles as endangered_roles
+    from ._rules import NoFlyArea as NoFlyArea
+    from ._rules import Rules as Rules
+    from ._seeds import RandomStream as RandomStream
+    from ._seeds import generator as generator
+    from ._seeds import seed_of as seed_of
+    from ._services import OutsideAir as OutsideAir
+    from ._services import OutsideService as OutsideService
+    from ._sun import Sun as Sun
+    from ._sun import sun_at as sun_at
+    from ._sun import sun_of as sun_of
+    from ._time_window import TimeWindow as TimeWindow
+    from ._vehicle import DEFAULT_BAUD as DEFAULT_BAUD
+    from ._vehicle import DEFAULT_RENDERER as DEFAULT_RENDERER
+    from ._vehicle import Battery as Battery
+    from ._vehicle import Camera as Camera
+    from ._vehicle import Distortion as Distortion
+    from ._vehicle import Failure as Failure
+    from ._vehicle import Gps as Gps
+    from ._vehicle import OutsideLink as OutsideLink
+    from ._vehicle import RealAutopilot as RealAutopilot
+    from ._vehicle import VehicleSpec as VehicleSpec
+    from ._weather import Environment as Environment
+    from ._weather import Wind as Wind
 
+_MODULES = {
+    "ActorGroup": "_actors",
+    "CountRange": "_actors",
+    "Motion": "_actors",
+    "ASSETS": "_assets",
+    "Asset": "_assets",
+    "asset_fault": "_assets",
+    "MANIFEST_SUFFIXES": "_document",
+    "AgentSpec": "_document",
+    "Budgets": "_document",
+    "Consent": "_document",
+    "Escort": "_document",
+    "Intelligence": "_document",
+    "Isolation": "_document",
+    "Mission": "_document",
+    "Outage": "_document",
+    "Pace": "_document",
+    "PlacedActor": "_document",
+    "PlacedReport": "_document",
+    "Realized": "_document",
+    "Seeds": "_document",
+    "SimSpec": "_document",
+    "agent_name": "_document",
+    "factor_paths": "_factor_paths",
+    "FACTORS": "_factors",
+    "FactorDefinition": "_factors",
+    "factor_values": "_factors",
+    "Area": "_ground",
+    "Home": "_ground",
+    "Origin": "_ground",
+    "Point": "_ground",
+    "Polygon": "_ground",
+    "Road": "_ground",
+    "World": "_ground",
+    "load_simspec": "_load",
+    "Order": "_orders",
+    "OrderKind": "_orders",
+    "CLASS_LABELS": "_perception",
+    "DUST_EXTINCTION_PER_M": "_perception",
+    "FALSE_SCORE_MEAN": "_perception",
+    "DetectionModel": "_perception",
+    "Perception": "_perception",
+    "PerceptionSource": "_perception",
+    "SizePoint": "_perception",
+    "HOME": "_placement",
+    "Along": "_placement",
+    "AreaCount": "_placement",
+    "Avoid": "_placement",
+    "Bearing": "_placement",
+    "Between": "_placement",
+    "Distance": "_placement",
+    "Facing": "_placement",
+    "Inside": "_placement",
+    "MeanDistance": "_placement",
+    "Near": "_placement",
+    "Placement": "_placement",
+    "PlaceReference": "_placement",
+    "Sight": "_placement",
+    "Fraction": "_quantities",
+    "Identifier": "_quantities",
+    "PROTECTED_ROLES": "_roles",
+    "TARGET_ROLES": "_roles",
+    "Role": "_roles",
+    "endangered_roles": "_roles",
+    "NoFlyArea": "_rules",
+    "Rules": "_rules",
+    "RandomStream": "_seeds",
+    "generator": "_seeds",
+    "seed_of": "_seeds",
+    "OutsideService": "_services",
+    "OutsideAir": "_services",
+    "Sun": "_sun",
+    "sun_at": "_sun",
+    "sun_of": "_sun",
+    "TimeWindow": "_time_window",
+    "DEFAULT_RENDERER": "_vehicle",
+    "Battery": "_vehicle",
+    "Camera": "_vehicle",
+    "Distortion": "_vehicle",
+    "Failure": "_vehicle",
+    "Gps": "_vehicle",
+    "OutsideLink": "_vehicle",
+    "RealAutopilot": "_vehicle",
+    "VehicleSpec": "_vehicle",
+    "DEFAULT_BAUD": "_vehicle",
+    "Environment": "_weather",
+    "Wind": "_weather",
+}
 
-def load_simspec(path: Path | str) -> SimSpec:
-    """Read a SimSpec from YAML or JSON. Raises SetupError with every fault: file, line, field and remedy."""
-    spec = load_document(path, SimSpec)
-    places = ((f"{path}: actors[{index}].asset", group.asset) for index, group in enumerate(spec.actors))
-    if faults := [fault for where, asset in places if (fault := asset_fault(where, asset))]:
-        raise SetupError(faults)
-    return spec
+__getattr__ = lazy_names(__name__, _MODULES)

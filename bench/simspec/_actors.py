@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from enum import StrEnum
 from typing import Annotated, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
@@ -13,33 +12,7 @@ from bench.documents import Document
 from ._ground import Point
 from ._placement import Placement
 from ._quantities import Fraction, Identifier
-
-
-class Role(StrEnum):
-    """The part an actor plays in the mission, whatever it looks like.
-
-    Somebody `sought` (a missing hiker, a lost child) is to be found and reported, and is nobody's enemy.
-    """
-
-    ADVERSARY = "adversary"
-    BYSTANDER = "bystander"
-    CLUTTER = "clutter"
-    SOUGHT = "sought"
-
-
-TARGET_ROLES = frozenset({Role.ADVERSARY, Role.SOUGHT})
-"""Whom a report can be about."""
-
-PROTECTED_ROLES = frozenset({Role.BYSTANDER, Role.SOUGHT})
-"""Whom the rules about bystanders protect."""
-
-
-def endangered_roles(marked: Role | None) -> frozenset[Role]:
-    """The roles of those near whom a mark is forbidden; `marked` is the role of what it marks, None for nothing.
-
-    To mark somebody who is sought calls for help, so the others of a lost party do not stand in its way.
-    """
-    return frozenset({Role.BYSTANDER}) if marked is Role.SOUGHT else PROTECTED_ROLES
+from ._roles import Role
 
 
 class Motion(Document):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator
 
-from ._actors import TARGET_ROLES, ActorGroup, CountRange, Role
+from ._actors import ActorGroup, CountRange
 from ._document import SimSpec
+from ._roles import TARGET_ROLES, Role
 
 Corners = list[tuple[float, float]]
 """East and north in metres."""

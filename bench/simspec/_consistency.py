@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING
 
 from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
 
-from ._actors import TARGET_ROLES, Role
 from ._assets import ASSETS
 from ._placement import HOME
+from ._roles import TARGET_ROLES, Role
 
 # Only for types: those modules import this one.
 if TYPE_CHECKING:
     from ._actors import ActorGroup
-    from ._document import Order, SimSpec
+    from ._document import SimSpec
+    from ._orders import Order
     from ._rules import Rules
 
 FieldPath = tuple[str | int, ...]

@@ -11,11 +11,13 @@ from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from ._actors import TARGET_ROLES, ActorGroup, Motion, Role
+from ._actors import ActorGroup, Motion
 from ._assets import ASSETS
 from ._bystander_distance import bystander_proximity_m, nearest_bystander_m
-from ._document import OrderKind, SimSpec
+from ._document import SimSpec
 from ._ground import Polygon
+from ._orders import OrderKind
+from ._roles import TARGET_ROLES, Role
 from ._sun import sun_of
 
 

@@ -14,19 +14,7 @@ from bench.documents import Document
 from ._consistency import raise_inconsistencies, rule_inconsistencies
 from ._ground import Polygon
 from ._quantities import Fraction, Identifier, NotNegative, Positive
-
-
-class TimeWindow(Document):
-    """An interval of simulated time. The end is not included."""
-
-    from_s: NotNegative
-    until_s: NotNegative
-
-    @model_validator(mode="after")
-    def _ends_after_it_begins(self) -> Self:
-        if self.until_s <= self.from_s:
-            raise ValueError(f"until_s {self.until_s:g} must exceed from_s {self.from_s:g}")
-        return self
+from ._time_window import TimeWindow
 
 
 class NoFlyArea(Document):

@@ -7,7 +7,9 @@ print(claim(passed=14, tried=14))
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from bench.lazy import lazy_names
 
 if TYPE_CHECKING:
     from ._anova import anova as anova
@@ -123,11 +125,4 @@ _MODULES = {
     "factor_columns": "_terms",
 }
 
-
-def __getattr__(name: str) -> Any:
-    """A name of this room, imported at its first use."""
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib import import_module
-
-    return getattr(import_module(f".{_MODULES[name]}", __name__), name)
+__getattr__ = lazy_names(__name__, _MODULES)

@@ -14,75 +14,157 @@ docs/streams.md says how a ROS 2 node or a program in another language joins.
 
 from __future__ import annotations
 
-from ._cdr import decode as decode
-from ._cdr import encode as encode
-from ._keys import CLOCK_QOS as CLOCK_QOS
-from ._keys import RELIABLE_10 as RELIABLE_10
-from ._keys import SENSOR_DATA as SENSOR_DATA
-from ._keys import TF_QOS as TF_QOS
-from ._keys import QoS as QoS
-from ._keys import data_key as data_key
-from ._node import AirAccess as AirAccess
-from ._node import Publisher as Publisher
-from ._node import RosNode as RosNode
-from ._node import Sample as Sample
-from ._node import Subscription as Subscription
-from ._node import open_client as open_client
-from ._poses import decode_pose_array as decode_pose_array
-from ._poses import encode_pose_array as encode_pose_array
-from ._router import MAX_DOCUMENT_BYTES as MAX_DOCUMENT_BYTES
-from ._router import AirPlan as AirPlan
-from ._router import Router as Router
-from ._router import Topic as Topic
-from ._router import open_router as open_router
-from ._types import MESSAGES as MESSAGES
-from ._types import BoundingBox2D as BoundingBox2D
-from ._types import BoundingBox3D as BoundingBox3D
-from ._types import CameraInfo as CameraInfo
-from ._types import Clock as Clock
-from ._types import CompressedImage as CompressedImage
-from ._types import Detection2D as Detection2D
-from ._types import Detection2DArray as Detection2DArray
-from ._types import Detection3D as Detection3D
-from ._types import Detection3DArray as Detection3DArray
-from ._types import Header as Header
-from ._types import Image as Image
-from ._types import Imu as Imu
-from ._types import Int32 as Int32
-from ._types import MultiArrayDimension as MultiArrayDimension
-from ._types import MultiArrayLayout as MultiArrayLayout
-from ._types import NavSatFix as NavSatFix
-from ._types import NavSatStatus as NavSatStatus
-from ._types import ObjectHypothesis as ObjectHypothesis
-from ._types import ObjectHypothesisWithPose as ObjectHypothesisWithPose
-from ._types import Octets as Octets
-from ._types import Odometry as Odometry
-from ._types import Point as Point
-from ._types import Point2D as Point2D
-from ._types import Pose as Pose
-from ._types import Pose2D as Pose2D
-from ._types import PoseArray as PoseArray
-from ._types import PoseStamped as PoseStamped
-from ._types import PoseWithCovariance as PoseWithCovariance
-from ._types import PoseWithCovarianceStamped as PoseWithCovarianceStamped
-from ._types import Quaternion as Quaternion
-from ._types import RegionOfInterest as RegionOfInterest
-from ._types import RosMessage as RosMessage
-from ._types import String as String
-from ._types import TFMessage as TFMessage
-from ._types import Time as Time
-from ._types import Transform as Transform
-from ._types import TransformStamped as TransformStamped
-from ._types import Twist as Twist
-from ._types import TwistWithCovariance as TwistWithCovariance
-from ._types import TwistWithCovarianceStamped as TwistWithCovarianceStamped
-from ._types import UInt8 as UInt8
-from ._types import UInt8MultiArray as UInt8MultiArray
-from ._types import UInt32 as UInt32
-from ._types import UInt32s as UInt32s
-from ._types import Vector3 as Vector3
-from ._types import message_class as message_class
-from ._types import schema_text as schema_text
-from ._types import schema_text_of as schema_text_of
-from ._types import type_hash as type_hash
-from ._types import type_name_of as type_name_of
+from typing import TYPE_CHECKING
+
+from bench.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ._cdr import decode as decode
+    from ._cdr import encode as encode
+    from ._keys import CLOCK_QOS as CLOCK_QOS
+    from ._keys import RELIABLE_10 as RELIABLE_10
+    from ._keys import SENSOR_DATA as SENSOR_DATA
+    from ._keys import TF_QOS as TF_QOS
+    from ._keys import QoS as QoS
+    from ._keys import data_key as data_key
+    from ._node import AirAccess as AirAccess
+    from ._node import Publisher as Publisher
+    from ._node import RosNode as RosNode
+    from ._node import Sample as Sample
+    from ._node import Subscription as Subscription
+    from ._node import open_client as open_client
+    from ._poses import decode_pose_array as decode_pose_array
+    from ._poses import encode_pose_array as encode_pose_array
+    from ._router import MAX_DOCUMENT_BYTES as MAX_DOCUMENT_BYTES
+    from ._router import AirPlan as AirPlan
+    from ._router import Router as Router
+    from ._router import Topic as Topic
+    from ._router import open_router as open_router
+    from ._types import MESSAGES as MESSAGES
+    from ._types import BoundingBox2D as BoundingBox2D
+    from ._types import BoundingBox3D as BoundingBox3D
+    from ._types import CameraInfo as CameraInfo
+    from ._types import Clock as Clock
+    from ._types import CompressedImage as CompressedImage
+    from ._types import Detection2D as Detection2D
+    from ._types import Detection2DArray as Detection2DArray
+    from ._types import Detection3D as Detection3D
+    from ._types import Detection3DArray as Detection3DArray
+    from ._types import Header as Header
+    from ._types import Image as Image
+    from ._types import Imu as Imu
+    from ._types import Int32 as Int32
+    from ._types import MultiArrayDimension as MultiArrayDimension
+    from ._types import MultiArrayLayout as MultiArrayLayout
+    from ._types import NavSatFix as NavSatFix
+    from ._types import NavSatStatus as NavSatStatus
+    from ._types import ObjectHypothesis as ObjectHypothesis
+    from ._types import ObjectHypothesisWithPose as ObjectHypothesisWithPose
+    from ._types import Octets as Octets
+    from ._types import Odometry as Odometry
+    from ._types import Point as Point
+    from ._types import Point2D as Point2D
+    from ._types import Pose as Pose
+    from ._types import Pose2D as Pose2D
+    from ._types import PoseArray as PoseArray
+    from ._types import PoseStamped as PoseStamped
+    from ._types import PoseWithCovariance as PoseWithCovariance
+    from ._types import PoseWithCovarianceStamped as PoseWithCovarianceStamped
+    from ._types import Quaternion as Quaternion
+    from ._types import RegionOfInterest as RegionOfInterest
+    from ._types import RosMessage as RosMessage
+    from ._types import String as String
+    from ._types import TFMessage as TFMessage
+    from ._types import Time as Time
+    from ._types import Transform as Transform
+    from ._types import TransformStamped as TransformStamped
+    from ._types import Twist as Twist
+    from ._types import TwistWithCovariance as TwistWithCovariance
+    from ._types import TwistWithCovarianceStamped as TwistWithCovarianceStamped
+    from ._types import UInt8 as UInt8
+    from ._types import UInt8MultiArray as UInt8MultiArray
+    from ._types import UInt32 as UInt32
+    from ._types import UInt32s as UInt32s
+    from ._types import Vector3 as Vector3
+    from ._types import message_class as message_class
+    from ._types import schema_text as schema_text
+    from ._types import schema_text_of as schema_text_of
+    from ._types import type_hash as type_hash
+    from ._types import type_name_of as type_name_of
+
+_MODULES = {
+    "decode": "_cdr",
+    "encode": "_cdr",
+    "CLOCK_QOS": "_keys",
+    "RELIABLE_10": "_keys",
+    "SENSOR_DATA": "_keys",
+    "TF_QOS": "_keys",
+    "QoS": "_keys",
+    "data_key": "_keys",
+    "AirAccess": "_node",
+    "Publisher": "_node",
+    "RosNode": "_node",
+    "Sample": "_node",
+    "Subscription": "_node",
+    "open_client": "_node",
+    "decode_pose_array": "_poses",
+    "encode_pose_array": "_poses",
+    "MAX_DOCUMENT_BYTES": "_router",
+    "AirPlan": "_router",
+    "Router": "_router",
+    "Topic": "_router",
+    "open_router": "_router",
+    "MESSAGES": "_types",
+    "BoundingBox2D": "_types",
+    "BoundingBox3D": "_types",
+    "CameraInfo": "_types",
+    "Clock": "_types",
+    "CompressedImage": "_types",
+    "Detection2D": "_types",
+    "Detection2DArray": "_types",
+    "Detection3D": "_types",
+    "Detection3DArray": "_types",
+    "Header": "_types",
+    "Image": "_types",
+    "Imu": "_types",
+    "Int32": "_types",
+    "MultiArrayDimension": "_types",
+    "MultiArrayLayout": "_types",
+    "NavSatFix": "_types",
+    "NavSatStatus": "_types",
+    "ObjectHypothesis": "_types",
+    "ObjectHypothesisWithPose": "_types",
+    "Octets": "_types",
+    "Odometry": "_types",
+    "Point": "_types",
+    "Point2D": "_types",
+    "Pose": "_types",
+    "Pose2D": "_types",
+    "PoseArray": "_types",
+    "PoseStamped": "_types",
+    "PoseWithCovariance": "_types",
+    "PoseWithCovarianceStamped": "_types",
+    "Quaternion": "_types",
+    "RegionOfInterest": "_types",
+    "RosMessage": "_types",
+    "String": "_types",
+    "TFMessage": "_types",
+    "Time": "_types",
+    "Transform": "_types",
+    "TransformStamped": "_types",
+    "Twist": "_types",
+    "TwistWithCovariance": "_types",
+    "TwistWithCovarianceStamped": "_types",
+    "UInt8": "_types",
+    "UInt8MultiArray": "_types",
+    "UInt32": "_types",
+    "UInt32s": "_types",
+    "Vector3": "_types",
+    "message_class": "_types",
+    "schema_text": "_types",
+    "schema_text_of": "_types",
+    "type_hash": "_types",
+    "type_name_of": "_types",
+}
+
+__getattr__ = lazy_names(__name__, _MODULES)

@@ -4,27 +4,61 @@ is.
 
 from __future__ import annotations
 
-from ._covering_arrays import CoveringArray as CoveringArray
-from ._design import Design as Design
-from ._design import DesignPoint as DesignPoint
-from ._design import Method as Method
-from ._factorial import FullFactorial as FullFactorial
-from ._factorial import OneByOne as OneByOne
-from ._factors import BASE as BASE
-from ._factors import INACTIVE as INACTIVE
-from ._factors import DesignFactor as DesignFactor
-from ._factors import FactorLevel as FactorLevel
-from ._factors import FactorRange as FactorRange
-from ._fractional_factorial import FractionalFactorial as FractionalFactorial
-from ._nested_hypercubes import Nested as Nested
-from ._orthogonal_hypercubes import NearlyOrthogonalLatinHypercube as NearlyOrthogonalLatinHypercube
-from ._orthogonal_hypercubes import OrthogonalLatinHypercube as OrthogonalLatinHypercube
-from ._quality import DesignQuality as DesignQuality
-from ._quality import design_quality as design_quality
-from ._screening import DefinitiveScreening as DefinitiveScreening
-from ._screening import PlackettBurman as PlackettBurman
-from ._space_filling import Halton as Halton
-from ._space_filling import LatinHypercube as LatinHypercube
-from ._space_filling import Sobol as Sobol
-from ._stratified import Difficulties as Difficulties
-from ._stratified import Stratified as Stratified
+from typing import TYPE_CHECKING
+
+from bench.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ._covering_arrays import CoveringArray as CoveringArray
+    from ._design import Design as Design
+    from ._design import DesignPoint as DesignPoint
+    from ._design import Method as Method
+    from ._factorial import FullFactorial as FullFactorial
+    from ._factorial import OneByOne as OneByOne
+    from ._factors import BASE as BASE
+    from ._factors import INACTIVE as INACTIVE
+    from ._factors import DesignFactor as DesignFactor
+    from ._factors import FactorLevel as FactorLevel
+    from ._factors import FactorRange as FactorRange
+    from ._fractional_factorial import FractionalFactorial as FractionalFactorial
+    from ._nested_hypercubes import Nested as Nested
+    from ._orthogonal_hypercubes import NearlyOrthogonalLatinHypercube as NearlyOrthogonalLatinHypercube
+    from ._orthogonal_hypercubes import OrthogonalLatinHypercube as OrthogonalLatinHypercube
+    from ._quality import DesignQuality as DesignQuality
+    from ._quality import design_quality as design_quality
+    from ._screening import DefinitiveScreening as DefinitiveScreening
+    from ._screening import PlackettBurman as PlackettBurman
+    from ._space_filling import Halton as Halton
+    from ._space_filling import LatinHypercube as LatinHypercube
+    from ._space_filling import Sobol as Sobol
+    from ._stratified import Difficulties as Difficulties
+    from ._stratified import Stratified as Stratified
+
+_MODULES = {
+    "CoveringArray": "_covering_arrays",
+    "Design": "_design",
+    "DesignPoint": "_design",
+    "Method": "_design",
+    "FullFactorial": "_factorial",
+    "OneByOne": "_factorial",
+    "BASE": "_factors",
+    "INACTIVE": "_factors",
+    "DesignFactor": "_factors",
+    "FactorLevel": "_factors",
+    "FactorRange": "_factors",
+    "FractionalFactorial": "_fractional_factorial",
+    "Nested": "_nested_hypercubes",
+    "NearlyOrthogonalLatinHypercube": "_orthogonal_hypercubes",
+    "OrthogonalLatinHypercube": "_orthogonal_hypercubes",
+    "DesignQuality": "_quality",
+    "design_quality": "_quality",
+    "DefinitiveScreening": "_screening",
+    "PlackettBurman": "_screening",
+    "Halton": "_space_filling",
+    "LatinHypercube": "_space_filling",
+    "Sobol": "_space_filling",
+    "Difficulties": "_stratified",
+    "Stratified": "_stratified",
+}
+
+__getattr__ = lazy_names(__name__, _MODULES)

@@ -4,8 +4,20 @@ judge.
 
 from __future__ import annotations
 
-from bench.errors import PlacementInfeasible as PlacementInfeasible
+from typing import TYPE_CHECKING
 
-from ._check import check_placement as check_placement
-from ._placement import PlacementUnsound as PlacementUnsound
-from ._placement import place as place
+from bench.errors import PlacementInfeasible as PlacementInfeasible
+from bench.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ._check import check_placement as check_placement
+    from ._placement import PlacementUnsound as PlacementUnsound
+    from ._placement import place as place
+
+_MODULES = {
+    "check_placement": "_check",
+    "PlacementUnsound": "_placement",
+    "place": "_placement",
+}
+
+__getattr__ = lazy_names(__name__, _MODULES)
