@@ -95,8 +95,7 @@ class PinholeCamera:
             state
         ).T
         # A point behind the camera would project to a mirrored pixel that looks valid; NaN makes every
-        # comparison
-        # false.
+        # comparison false.
         depth = np.where(in_camera[..., 2] > 0.0, in_camera[..., 2], np.nan)
         return self.lens.pixels(in_camera[..., :2] / depth[..., None])
 

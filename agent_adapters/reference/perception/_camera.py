@@ -127,8 +127,7 @@ def _matrix(x: float, y: float, z: float, w: float) -> tuple[tuple[float, float,
     if norm < 1e-9:
         x, y, z, w = _OPTICAL_IN_FORWARD
         # A quaternion of zeros states no mount; straight ahead is the camera that needs no rotation but the
-        # optical
-        # one.
+        # optical one.
         norm = 1.0
     x, y, z, w = x / norm, y / norm, z / norm, w / norm
     return (

@@ -178,8 +178,8 @@ def _clarity(
     across = np.abs(east * cosine - north * sine)
     depth: Narrow = np.maximum(ahead * tilt_cosine + middle * tilt_sine, np.float32(1.0))
     # The box's larger side. A row of the picture changes with height by f ahead / depth^2 and with distance
-    # by f up / depth^2,
-    # a column with height by f across sin(tilt) / depth^2 and with what lies across by f / depth.
+    # by f up / depth^2, a column with height by f across sin(tilt) / depth^2 and with what lies across by
+    # f / depth.
     down = (tall_m * ahead + wide_m * middle) / depth
     over = tall_m * across * tilt_sine / depth + wide_m
     height_px: Narrow = of_mission(batch.focal_px) / depth * np.maximum(down, over)
