@@ -84,6 +84,14 @@ class Lens:
         undistorted[wrong] = np.nan
         return undistorted
 
+    def straight_pixels(self, pixels: Floats) -> Floats:
+        """(..., 2) where this lens would show what it shows at (..., 2) pixels if it had no distortion; NaN where the model
+        has no inverse.
+        """
+        centre, focal = (self.cx, self.cy), (self.fx, self.fy)
+        straight: Floats = self.undistort((pixels - centre) / focal) * focal + centre
+        return straight
+
     def border_rays(self) -> Floats:
         """(n, 2) rays (x/z, y/z) around the border of the picture; NaN where the distortion has no inverse."""
         share = np.linspace(0.0, 1.0, _BORDER_POINTS)

@@ -78,7 +78,7 @@ class PictureDetector:
         camera = simspec.vehicle.camera
         self._picture = PictureSize(float(camera.width_px), float(camera.height_px))
         self._lens = lens_of(camera)
-        self._tracks = KalmanTracker(self._lens.fx)
+        self._tracks = KalmanTracker(self._lens.fx, lens=self._lens)
         self._ground: Floats | None = None
         self._latency = FrameLatency.of(simspec)
         self._results = DelayedResults()
@@ -96,7 +96,7 @@ class PictureDetector:
         return self._results.due(now)
 
     def _warp(self, picture: CameraPicture) -> Floats | None:
-        """From the picture before to this one, over the ground; None for the first. A lens's distortion is left out."""
+        """From the picture before to this one, over the ground; None for the first. As without the lens's distortion."""
         lens, before = self._lens, self._ground
         self._ground = ground_homography(
             (lens.fx, lens.fy), (lens.cx, lens.cy), picture.axes_enu, np.array(picture.position_enu_m)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.arrays import Bools, Floats
-from bench.contracts import Detection, SimTime
+from bench.contracts import NO_DISTORTION, Detection, Lens, SimTime
 
 from ._tracks import TRACK_GAP_S
 
@@ -96,12 +96,17 @@ class KalmanTracker:
     """
 
     def __init__(
-        self, focal_px: float = DEFAULT_FOCAL_PX, settings: TrackerSettings = DEFAULT_SETTINGS
+        self,
+        focal_px: float = DEFAULT_FOCAL_PX,
+        settings: TrackerSettings = DEFAULT_SETTINGS,
+        lens: Lens | None = None,
     ) -> None:
+        """With a `lens`, boxes are followed where it would show them without its distortion: a warp has straight lines."""
         if not (math.isfinite(focal_px) and focal_px > 0.0):
             raise ValueError(f"focal_px is {focal_px}: give the camera's focal length, a number above 0")
         self._settings = settings
         self._focal_px = focal_px
+        self._distorting = lens if lens is not None and lens.distortion != NO_DISTORTION else None
         self._tracks = BoxTracks.none()
         self._time: SimTime | None = None
         self._names = 0
@@ -122,6 +127,8 @@ class KalmanTracker:
         # By score and box, as the simulated tracker orders them.
         ordered = sorted(detections, key=lambda detection: (-detection.score, detection.box))
         boxes = _checked_boxes(ordered)
+        if self._distorting is not None:
+            boxes = straight_boxes(self._distorting, boxes)
         span_s = 0.0 if self._time is None else exposed.since(self._time)
         self._time = exposed
         tracked = ordered[: self._settings.max_tracks]
@@ -396,6 +403,23 @@ def _checked_boxes(detections: Sequence[Detection]) -> Floats:
     if not all(math.isfinite(detection.score) for detection in detections):
         raise ValueError("a detection's score is not finite")
     return boxes
+
+
+def straight_boxes(lens: Lens, boxes: Floats) -> Floats:
+    """(n, 4) boxes where the lens would show them without its distortion, by the middles of their edges.
+
+    A box stays as it is where the distortion has no inverse, which is outside the picture.
+    """
+    left, top, right, bottom = boxes.T
+    across, down = (left + right) / 2.0, (top + bottom) / 2.0
+    edges = lens.straight_pixels(
+        np.stack(((left, down), (across, top), (right, down), (across, bottom))).swapaxes(1, 2)
+    )
+    straight: Floats = np.stack((edges[0, :, 0], edges[1, :, 1], edges[2, :, 0], edges[3, :, 1]), axis=1)
+    # Comparisons with NaN are false.
+    usable = (straight[:, :2] <= straight[:, 2:]).all(axis=1)
+    straight[~usable] = boxes[~usable]
+    return straight
 
 
 def ground_warp(before: Floats, after: Floats) -> Floats | None:

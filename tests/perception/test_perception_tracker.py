@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import pytest
 from bench.arrays import Floats
 from bench.contracts import CameraPose, Detection, Lens, SimTime
 from bench.perception import KalmanTracker, TrackerSettings, ground_homography, ground_warp
-from bench.perception._tracker import BoxTracks, assign, noise_px2, overlaps
+from bench.perception._tracker import BoxTracks, assign, noise_px2, overlaps, straight_boxes
 from bench.perception._tracks import TrackNames, UntrackedDetection
 
 PERIOD_NS = 200_000_000
@@ -322,11 +323,14 @@ class Switches:
     changes: int = 0
 
 
-def flown_switches(*, warped: bool, recall: float, seed: int) -> Switches:
+@cache
+def flown_switches(
+    *, warped: bool, recall: float, seed: int, lens: Lens = LENS, known_lens: Lens | None = None
+) -> Switches:
     """Thirty walkers seen from a camera that flies 10 m/s and turns by 60 degrees a second every 5 s."""
     rng = np.random.default_rng(seed)
     walkers_m, velocity_mps = rng.uniform(-90.0, 90.0, (30, 2)), rng.normal(0.0, 0.8, (30, 2))
-    tracker = KalmanTracker(LENS.fx)
+    tracker = KalmanTracker(LENS.fx, lens=known_lens)
     yaw_rad, place_m, last = 0.0, np.array([-40.0, -40.0]), None
     seen: dict[int, tuple[float, str]] = {}
     switches = Switches()
@@ -336,10 +340,10 @@ def flown_switches(*, warped: bool, recall: float, seed: int) -> Switches:
         place_m = place_m + 0.2 * 10.0 * np.array([math.sin(yaw_rad), math.cos(yaw_rad)])
         pose = pose_over(place_m[0], place_m[1], 60.0, yaw_rad, math.radians(60.0))
         feet = np.column_stack([walkers_m + time_s * velocity_mps, np.full(30, 0.9)])
-        pixels = LENS.project(pose.to_optical(feet))
+        pixels = lens.project(pose.to_optical(feet))
         shown = [
             walker
-            for walker, (x, y) in enumerate(pixels)
+            for walker, (x, y) in enumerate(LENS.project(pose.to_optical(feet)))
             if 8.0 < x < 632.0 and 8.0 < y < 472.0 and rng.random() < recall
         ]
         boxes = {
@@ -376,3 +380,46 @@ def test_identities_last_over_a_flight_with_turns() -> None:
         assert with_warp.pairs > 200
         assert with_warp.changes <= 0.02 * with_warp.pairs
         assert with_warp.changes < without.changes
+
+
+BENT = replace(LENS, distortion=(-0.3, 0.1, 0.0004, -0.0003, -0.01))
+"""A lens that shows what is in the corners 70 pixels from where they would be without distortion."""
+
+
+def test_identities_last_behind_a_lens_with_distortion() -> None:
+    """As well as without one if the tracker knows the lens: its warp has straight lines."""
+    straight = flown_switches(warped=True, recall=0.8, seed=2)
+    known = flown_switches(warped=True, recall=0.8, seed=2, lens=BENT, known_lens=BENT)
+    unknown = flown_switches(warped=True, recall=0.8, seed=2, lens=BENT)
+
+    assert known.pairs == unknown.pairs == straight.pairs
+    assert known.changes <= straight.changes + 2
+    assert unknown.changes >= 1.5 * known.changes
+
+
+def test_straight_boxes_are_those_of_a_lens_without_distortion() -> None:
+    """The middles of the edges of rectangles, projected by a lens with and by one without distortion."""
+    rng = np.random.default_rng(8)
+    rays = rng.uniform((-0.5, -0.35), (0.45, 0.3), (40, 2))
+    low, high = rays, rays + rng.uniform(0.01, 0.08, (40, 2))
+    middle = (low + high) / 2.0
+
+    def boxes_by(lens: Lens) -> Floats:
+        edges = [
+            lens.project(np.column_stack([points, np.ones(40)]))
+            for points in (
+                np.column_stack([low[:, 0], middle[:, 1]]),
+                np.column_stack([middle[:, 0], low[:, 1]]),
+                np.column_stack([high[:, 0], middle[:, 1]]),
+                np.column_stack([middle[:, 0], high[:, 1]]),
+            )
+        ]
+        return np.stack([edges[0][:, 0], edges[1][:, 1], edges[2][:, 0], edges[3][:, 1]], axis=1)
+
+    bent, straight = boxes_by(BENT), boxes_by(LENS)
+    assert np.abs(bent - straight).max() > 15.0
+    # A straight edge is bent by the lens, so its middle is not exactly where the box has it.
+    np.testing.assert_allclose(straight_boxes(BENT, bent), straight, atol=1.0)
+    assert (straight_boxes(LENS, bent) == bent).all()
+    outside = np.array([(5e4, 5e4, 5e4 + 9.0, 5e4 + 9.0)])
+    assert (straight_boxes(BENT, outside) == outside).all()
