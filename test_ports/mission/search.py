@@ -13,7 +13,7 @@ from typing import Annotated
 import numpy as np
 
 from bench.arrays import Floats
-from bench.contracts import Evidence, Tape
+from bench.contracts import Evidence, Tape, lens_of
 from bench.simspec import SimSpec, VehicleSpec
 
 from .._declaration import Finding, Limit, measure, not_considered
@@ -116,7 +116,7 @@ def area_searched(tape: Tape, simspec: SimSpec, *, grid_m: AtLeastOne = 10.0) ->
     # Several frames can fall on one truth sample; they see the same ground.
     rows = np.unique(np.clip(np.searchsorted(track.time_s, exposed_s), 0, max(len(track.time_s) - 1, 0)))
     rows = rows[track.out()[rows]] if len(track.time_s) else rows[:0]
-    reach_m = track.up_m[rows] * _reach_in_heights(simspec.vehicle)
+    reach_m = track.up_m[rows] * reach_in_heights(simspec.vehicle)
     shares = {area.id: _covered_share(area, grid_m, track.place_m[rows], reach_m) for area in areas}
     evidence = [
         Evidence(
@@ -127,16 +127,13 @@ def area_searched(tape: Tape, simspec: SimSpec, *, grid_m: AtLeastOne = 10.0) ->
     return Finding(sum(shares.values()) / len(shares), tuple(evidence))
 
 
-def _reach_in_heights(vehicle: VehicleSpec) -> float:
+def reach_in_heights(vehicle: VehicleSpec) -> float:
     """Ground distance that the camera reaches, over the height of the aircraft."""
     camera = vehicle.camera
-    vertical_fov_deg = math.degrees(
-        2.0
-        * math.atan(
-            math.tan(math.radians(camera.horizontal_fov_deg) / 2.0) * camera.height_px / camera.width_px
-        )
-    )
-    upper_edge_deg = max(camera.tilt_deg - vertical_fov_deg / 2.0, 0.0)
+    half = math.tan(math.radians(camera.horizontal_fov_deg) / 2.0) * camera.height_px / camera.width_px
+    # The field of view is that of the lens without its distortion, which bends the upper edge up or down.
+    upper = -float(lens_of(camera).undistort(np.array((0.0, -half)))[1])
+    upper_edge_deg = max(camera.tilt_deg - math.degrees(math.atan(upper)), 0.0)
     # Within a degree of the horizon the ground distance goes to infinity.
     return (
         min(1.0 / math.tan(math.radians(upper_edge_deg)), MAX_REACH_HEIGHTS)

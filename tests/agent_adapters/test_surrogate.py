@@ -4,6 +4,7 @@ refuses.
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from agent_adapters.reference.surrogate import Observed, computed, observe, pack
+from bench.contracts import lens_of
 from bench.errors import SetupError
 from bench.simspec import AgentSpec, DetectionModel, Environment, Perception, SimSpec
 
@@ -127,6 +129,26 @@ def test_fog_and_concealment_cost_detections_and_perfect_perception_misses_nothi
     assert value(observed, "enemies", 0) > value(observed, "enemies", 1)
     for row in (2, 3):
         assert value(observed, "people", row) == value(observed, "enemies", row) == 1.0
+
+
+def test_edges_of_the_picture_are_where_a_lens_with_distortion_has_them() -> None:
+    """By projection through two lenses with distortion and one without."""
+    for k1, p2 in ((0.0, 0.0), (-0.15, 0.002), (0.15, -0.001)):
+        camera = {"width_px": 640, "height_px": 480, "distortion": {"k1": k1, "p2": p2}}
+        home = {"east_m": -150.0, "north_m": 60.0}
+        simspec = scene(vehicle={"home": home, "camera": camera})
+        batch = pack([simspec])
+        lens, tilt_rad = lens_of(simspec.vehicle.camera), float(batch.tilt_rad[0])
+        for edge_heights, row_px in ((batch.near_edge[0], 480.0), (batch.far_edge[0], 0.0)):
+            below = math.cos(tilt_rad) - edge_heights * math.sin(tilt_rad)
+            depth = edge_heights * math.cos(tilt_rad) + math.sin(tilt_rad)
+            assert lens.project(np.array((0.0, below, depth)))[1] == pytest.approx(row_px, abs=0.1)
+        columns = lens.project(np.array([(side * batch.tan_half[0], 0.0, 1.0) for side in (-1.0, 1.0)]))[:, 0]
+        assert np.diff(columns) == pytest.approx(640.0, abs=1.0)
+
+    folded = {"camera": {"distortion": {"k1": -0.9}}}
+    with pytest.raises(SetupError, match="folds over"):
+        pack([scene(vehicle=folded)])
 
 
 def test_without_time_it_reports_nothing_and_with_little_only_the_urgent_one() -> None:

@@ -12,12 +12,13 @@ from cases.mission import OVER_BOTH, found_radar, went
 from cases.perception import actors_of
 from made_run import at_s, conditions, frame, report
 
-from bench.contracts import OrderDocument, Timed
+from bench.contracts import OrderDocument, Timed, lens_of
 from test_ports.mission.completion import battery_reserve, mission_time
 from test_ports.mission.search import (
     area_searched,
     late_intelligence_served,
     priority_visited,
+    reach_in_heights,
     sub_areas_reached,
 )
 from test_ports.reports.bystanders import (
@@ -165,6 +166,26 @@ def test_more_frames_never_lower_the_searched_area() -> None:
     low = x_of(area_searched, went(spec, *OVER_BOTH, frames=looks, up_m=10.0))
     assert low is not None
     assert 0.0 < low < 0.5
+
+
+def test_the_reach_of_a_camera_is_where_its_lens_shows_the_upper_edge() -> None:
+    """By projection through two lenses with distortion and one without, at two tilts."""
+    reaches = []
+    for k1, p1 in ((0.0, 0.0), (-0.15, 0.002), (0.15, -0.001)):
+        for tilt_deg in (60.0, 65.0):
+            distortion = {"k1": k1, "p1": p1}
+            camera = {"width_px": 640, "height_px": 480, "tilt_deg": tilt_deg, "distortion": distortion}
+            vehicle = scene(vehicle={"camera": camera}).vehicle
+            reach = reach_in_heights(vehicle)
+            tilt = np.radians(tilt_deg)
+            below = np.cos(tilt) - reach * np.sin(tilt)
+            pixel = lens_of(vehicle.camera).project(
+                np.array((0.0, below, reach * np.cos(tilt) + np.sin(tilt)))
+            )
+            assert pixel == pytest.approx((320.0, 0.0), abs=0.05)
+            reaches.append(reach)
+    assert reaches[2] > reaches[0] > reaches[4]
+    assert reaches[0] > reaches[1]
 
 
 def test_a_count_may_be_off_by_one_person() -> None:

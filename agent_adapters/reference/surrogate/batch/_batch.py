@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from bench.arrays import Bools, Counts, Floats, Objects, Seeds
-from bench.contracts import light_of
+from bench.contracts import NO_DISTORTION, distortion_faults, lens_of, light_of
 from bench.errors import Fault, SetupError
-from bench.simspec import ASSETS, Intelligence, Motion, Role, SimSpec, seed_of, sun_of
+from bench.simspec import ASSETS, Camera, Intelligence, Motion, Role, SimSpec, seed_of, sun_of
 
 from ...mission._planner import FRESH_S
 from ._airspace import SurrogateAirspaces
@@ -275,7 +275,7 @@ def _row(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> dict[str, An
         math.radians(camera.tilt_deg),
         math.tan(math.radians(camera.horizontal_fov_deg) / 2.0),
     )
-    half_rad = math.atan(tan_half * camera.height_px / camera.width_px)
+    left, upper, right, lower = _edges(camera, tan_half)
     groups = {group.id: group for group in simspec.actors}
     first_member: dict[str, int] = {}
     for index, actor in enumerate(simspec.realized.actors):
@@ -299,10 +299,10 @@ def _row(simspec: SimSpec, known: dict[str, SurrogateAirspaces]) -> dict[str, An
         "min_confidence": rules.min_report_confidence,
         "rate_hz": camera.rate_hz,
         "focal_px": camera.width_px / 2.0 / tan_half,
-        "tan_half": tan_half,
+        "tan_half": (left + right) / 2.0,
         "tilt_rad": tilt_rad,
-        "near_edge": _ahead(tilt_rad + half_rad),
-        "far_edge": _ahead(tilt_rad - half_rad),
+        "near_edge": _ahead(tilt_rad + math.atan(lower)),
+        "far_edge": _ahead(tilt_rad - math.atan(upper)),
         "extinction_per_m": model.extinction_per_m(weather),
         "light": light_of(sun_of(simspec).elevation_rad, model.night_contrast),
         "half_height_px": model.half_height_px,
@@ -434,6 +434,17 @@ def _interrupted(simspec: SimSpec, tasks: Sequence[str]) -> dict[str, Any]:
 def _rest_share(motion: Motion) -> float:
     """Share of the time that is pause, of one who walks from point to point."""
     return min(motion.pause_s / (motion.pause_s + MEAN_LEG_RADII * motion.radius_m / motion.speed_mps), 0.999)
+
+
+def _edges(camera: Camera, tan_half: float) -> tuple[float, float, float, float]:
+    """Tangents of the angles from the axis to the middles of the left, upper, right and lower edge, with distortion."""
+    lens = lens_of(camera)
+    # The test takes a millisecond, and a batch has thousands of rows.
+    if lens.distortion != NO_DISTORTION and (faults := distortion_faults(lens)):
+        raise SetupError(faults)
+    tan_upper = tan_half * camera.height_px / camera.width_px
+    rays = lens.undistort(np.array(((-tan_half, 0.0), (0.0, -tan_upper), (tan_half, 0.0), (0.0, tan_upper))))
+    return -float(rays[0, 0]), -float(rays[1, 1]), float(rays[2, 0]), float(rays[3, 1])
 
 
 def _ahead(below_rad: float) -> float:
