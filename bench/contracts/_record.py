@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from bench.clock import SimTime
 
@@ -21,6 +21,10 @@ class Record:
     topic: str
     type_name: str
     data: bytes
+    value: object = field(default=None, compare=False, repr=False)
+    """What the bench itself made `data` of: the message, or the document in a String. Equal to what decoding `data` gives,
+    so that a tap may take it in place of decoding; None where the bytes came from elsewhere.
+    """
 
 
 # A function and not a class: recorder, tape builder and tests all are taps.

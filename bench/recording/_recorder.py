@@ -11,12 +11,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-from mcap.writer import CompressionType, Writer
-
 from bench.contracts import START, Record, SimTime
 from bench.documents import dump_json
 from bench.simspec import SimSpec
 from bench.streams import schema_text
+
+from ._mcap_writer import McapWriter
 
 PROFILE = "ros2"
 LIBRARY = "rebar"
@@ -32,7 +32,7 @@ class Recorder:
 
     def __init__(self, file: _HashedFile) -> None:
         self._file = file
-        self._writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)  # type: ignore[arg-type]
+        self._writer = McapWriter(file, CHUNK_BYTES)
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, str], int] = {}
         self._sequences: dict[int, int] = {}
@@ -51,7 +51,7 @@ class Recorder:
         self._last = record.time
         channel = self._channels.get((record.topic, record.type_name)) or self._register(record)
         sequence = self._sequences[channel] = self._sequences[channel] + 1
-        self._writer.add_message(channel, record.time.ns, record.data, record.time.ns, sequence)
+        self._writer.add_message(channel, record.time.ns, record.data, sequence)
 
     @property
     def messages(self) -> int:
@@ -77,21 +77,21 @@ class Recorder:
             )
         # Registered at its first record, so that a recording has only channels with messages, in a fixed
         # order.
-        channel = self._writer.register_channel(record.topic, "cdr", schema, {})
+        channel = self._writer.register_channel(record.topic, "cdr", schema)
         self._channels[record.topic, record.type_name] = channel
         self._sequences[channel] = 0
         return channel
 
     def _begin(self, simspec: SimSpec, versions: Mapping[str, str], metadata: Mapping[str, str]) -> None:
         self._writer.start(profile=PROFILE, library=LIBRARY)
-        # Both times are 0 and the dictionaries sorted: equal sessions make equal bytes.
-        self._writer.add_attachment(0, 0, SIMSPEC_ATTACHMENT, "application/json", dump_json(simspec).encode())
+        # The times of the attachment are 0 and the dictionaries sorted: equal sessions make equal bytes.
+        self._writer.add_attachment(SIMSPEC_ATTACHMENT, "application/json", dump_json(simspec).encode())
         self._writer.add_metadata(VERSIONS, dict(sorted(versions.items())))
         self._writer.add_metadata(SESSION, dict(sorted(metadata.items())))
         self._file.flush()
 
     def _finish(self) -> None:
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._writer.finish()
         self._file.flush()
         self._sha256 = self._file.sha256()
 

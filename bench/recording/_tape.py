@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -59,6 +59,8 @@ from bench.streams import (
 )
 
 from ._control_messages import moving_messages
+
+M = TypeVar("M")
 
 
 class TapeBuilder:
@@ -161,7 +163,7 @@ class TapeBuilder:
         )
 
     def _take_control(self, record: Record) -> bool:
-        message = decode(UInt8MultiArray, record.data)
+        message = _message(UInt8MultiArray, record)
         if message is None:
             return False
         self._moving += (Timed(record.time, name) for name in moving_messages(bytes(message.data)))
@@ -179,7 +181,7 @@ class TapeBuilder:
         return True
 
     def _take_detections(self, record: Record) -> bool:
-        message = decode(Detection2DArray, record.data)
+        message = _message(Detection2DArray, record)
         if message is None:
             return False
         # The stamp is the moment of exposure, the time of the record that of publication.
@@ -202,7 +204,7 @@ class _MotionColumns:
         self._values: list[float] = []
 
     def take(self, record: Record) -> bool:
-        message = decode(Odometry, record.data)
+        message = _message(Odometry, record)
         if message is None:
             return False
         pose, velocity = message.pose.pose, message.twist.twist.linear
@@ -231,7 +233,7 @@ class _EstimateColumns:
         self._values: list[float] = []
 
     def take(self, record: Record) -> bool:
-        message = decode(TFMessage, record.data)
+        message = _message(TFMessage, record)
         if message is None:
             return False
         for transform in message.transforms:
@@ -272,7 +274,15 @@ class _ActorColumns:
         return times, positions.reshape(len(fitting), members, 3), len(self._positions) - len(fitting)
 
 
+def _message(kind: type[M], record: Record) -> M | None:
+    """The message of a record: as the bench made it, or decoded from the bytes."""
+    return record.value if isinstance(record.value, kind) else decode(kind, record.data)
+
+
 def _document(kind: type[Any], record: Record) -> Any:
+    """The document of a record: as the bench made it, or read from the bytes."""
+    if isinstance(record.value, kind):
+        return record.value
     message = decode(String, record.data)
     return None if message is None else parse_document(kind, message.data)
 

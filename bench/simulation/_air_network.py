@@ -78,15 +78,18 @@ class RecordedPublisher:
 
     def publish(self, time: SimTime, message: RosMessage) -> None:
         """Encode a message once, record it and publish it."""
-        data = encode(message)
-        if self.recorded:
-            self.tap(Record(time, self.topic, self.kind.TYPE, data))
-        if self.publisher is not None and self.listened:
-            self.publisher.put_bytes(data)
+        self._publish(time, message, message)
 
     def publish_document(self, time: SimTime, document: Document) -> None:
         """Publish a JSON document as std_msgs/String."""
-        self.publish(time, String(document.model_dump_json()))
+        self._publish(time, String(document.model_dump_json()), document)
+
+    def _publish(self, time: SimTime, message: RosMessage, value: object) -> None:
+        data = encode(message)
+        if self.recorded:
+            self.tap(Record(time, self.topic, self.kind.TYPE, data, value))
+        if self.publisher is not None and self.listened:
+            self.publisher.put_bytes(data)
 
     @property
     def sent(self) -> int:

@@ -179,6 +179,10 @@ class TruthRecorder:
 
     def flooded_link(self, time: SimTime) -> str | None:
         """A link on which the agent has sent more than is recorded of one."""
+        # Asked in every step: what a link may carry at once is compared first.
+        most = max(self._wire_bytes.values(), default=0)
+        if most <= MAVLINK_FROM_AGENT_BYTES.at_once:
+            return None
         return next(
             (
                 link
@@ -240,7 +244,7 @@ class TruthRecorder:
                 covariance=_UNKNOWN_COVARIANCE,
             ),
         )
-        self._tap(Record(time, TRUTH_ODOMETRY, Odometry.TYPE, encode(message)))
+        self._tap(Record(time, TRUTH_ODOMETRY, Odometry.TYPE, encode(message), message))
 
     def _actors(self, time: SimTime, scene: Scene) -> None:
         positions = scene.positions()
@@ -251,7 +255,7 @@ class TruthRecorder:
         self._tap(Record(time, TRUTH_ACTORS, PoseArray.TYPE, data))
 
     def _document(self, time: SimTime, topic: str, document: Document) -> None:
-        self._tap(Record(time, topic, String.TYPE, encode(String(document.model_dump_json()))))
+        self._tap(Record(time, topic, String.TYPE, encode(String(document.model_dump_json())), document))
 
 
 def _shape(condition: VehicleCondition) -> tuple[object, ...]:

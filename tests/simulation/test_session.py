@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from bench.agents import open_agent
-from bench.contracts import AgentManifest, ConsentRequest, Outcome, Record, SimTime, Tape
+from bench.contracts import AgentManifest, ConsentRequest, Outcome, Record, SimTime, Tape, parse_document
+from bench.documents import Document
 from bench.recording import TapeBuilder
 from bench.simspec import (
     ActorGroup,
@@ -38,6 +39,7 @@ from bench.simulation import HostClock, SessionEnd, SessionPlan, run_session
 from bench.simulation._consents import OperatorConsents
 from bench.simulation._host_clock import HOST_CLOCK
 from bench.simulation._mission_information import mission_order
+from bench.streams import decode
 from bench.testing import agent_manifest
 
 SQUARE = Polygon(
@@ -71,7 +73,21 @@ def run(
     plan = SessionPlan(
         spec or session_simspec(), manifest, folder, open_agent, folder / "scratch", records.append, clock
     )
-    return run_session(plan), records
+    end = run_session(plan)
+    for record in records:
+        assert_value_is_in_the_bytes(record)
+    return end, records
+
+
+def assert_value_is_in_the_bytes(record: Record) -> None:
+    """What the bench hands to taps beside the bytes is what a reader of the recording gets from them."""
+    if record.value is None:
+        return
+    found = decode(record.type_name, record.data)
+    if isinstance(record.value, Document):
+        found = parse_document(type(record.value), found.data)
+    # Equal numbers of other types (NumPy's, whole ones for floats) differ in their text alone.
+    assert (found, repr(found)) == (record.value, repr(record.value)), record.topic
 
 
 class RacingClock:
@@ -379,6 +395,9 @@ def test_consents_come_late_and_never_through_an_outage(tmp_path: Path) -> None:
     )
     (end, first), (_, second) = (run(tmp_path / name, manifest, spec) for name in ("a", "b"))
     assert (end.outcome, first) == (Outcome.TIME_LIMIT, second), end.reason
+    # What the tape takes without decoding it: all that the bench says, but what it decodes in bulk.
+    unread = {"/truth/actors", "/vehicle_1/agent/consent_requests", "/vehicle_1/agent/decisions"}
+    assert {record.topic for record in first if record.value is None} == unread
     tape = tape_from(first, spec)
     assert [request.value.id for request in tape.consent_requests] == ["q2", "q3", "q4", "q15", "q22", "q23"]
     answers = [
