@@ -6,10 +6,10 @@ NumPy.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from bench.values import value_class
 
 
-@dataclass(frozen=True, order=True, slots=True)
+@value_class(frozen=True, order=True, slots=True)
 class SimTime:
     """A moment on the session's simulated clock, in nanoseconds since its start. Spans are float seconds.
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from bench.clock import CLOCK, SimTime
 from bench.errors import Fault, LinkLost, SetupError
 from bench.streams import AirAccess, Clock, String, open_client
+from bench.values import value_class
 
 from ._environment import AgentEnvironment
 from ._link import MavlinkFrame, MavlinkLink, open_link
@@ -39,7 +40,7 @@ class Wanted:
     depth: int = 10
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Moment:
     """What had come by one simulated moment: samples by name of topic and then in order, MAVLink frames by
     link in order.

@@ -10,10 +10,10 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 from bench.errors import Fault, LinkLost, SetupError
+from bench.values import value_class
 
 MAVLINK_1 = 0xFE
 MAVLINK_2 = 0xFD
@@ -22,7 +22,7 @@ RECEIVE_BYTES = 1 << 20
 TIMEOUT_S = 10.0
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class MavlinkFrame:
     """One whole frame as it came; `data` is all of it, checksum included but not checked."""
 

@@ -12,6 +12,8 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from bench.values import value_class
+
 MAX_LINE_BYTES = 64 * 1024
 """The longest line that the protocol allows."""
 
@@ -19,7 +21,7 @@ MAX_LINE_BYTES = 64 * 1024
 MAX_COUNT = 2**53
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Tick:
     """Time is now `time_ns`; `topics` and `links` count what the bench has sent to the agent since the
     start.

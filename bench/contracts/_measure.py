@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.clock import SimTime
+from bench.values import value_class
 
 from ._documents import (
     AgentStatus,
@@ -35,7 +36,7 @@ T = TypeVar("T")
 Option = str | float | int | bool
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Timed(Generic[T]):
     """A value and the simulated moment at which it was said."""
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from bench.arrays import Floats
 from bench.clock import SimTime
+from bench.values import value_class
 
 from ._rendering import Pixels
 from ._truth_documents import CastMember
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from bench.simspec import SimSpec
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Sighting:
     """Truth about one actor in one frame. `box` is left, top, right, bottom in pixels, clipped to the frame.
 
@@ -35,7 +36,7 @@ class Sighting:
     box: tuple[float, float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class CameraFrame:
     """One exposure of one camera, as truth has it."""
 
@@ -57,7 +58,7 @@ class CameraPicture:
     position_enu_m: Vector
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Detection:
     """One box that perception reports.
 
@@ -70,7 +71,7 @@ class Detection:
     track: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class DetectionFrame:
     """What perception says about one exposure, and when it said so."""
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 
 from bench.clock import SimTime
+from bench.values import value_class
 
 if TYPE_CHECKING:
     from bench.simspec import SimSpec
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 Vector = tuple[float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class VehicleState:
     """Motion at one moment, in the world's map frame (ENU, origin at SimSpec.world.origin on the ground).
 
@@ -36,7 +37,7 @@ class VehicleState:
     camera_tilt_rad: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class VehicleCondition:
     """What of the vehicle is not motion."""
 

@@ -20,6 +20,7 @@ import zenoh
 import zenoh.ext
 
 from bench.errors import Fault, LinkLost, SetupError
+from bench.values import value_class
 
 from ._cdr import decode, encode
 from ._keys import (
@@ -53,7 +54,7 @@ class AirAccess:
     domain: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Sample:
     """One sample as it came: its publisher's sequence number and its CDR bytes."""
 

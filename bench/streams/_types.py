@@ -11,9 +11,11 @@ they are not on the wire.
 import hashlib
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import cache
 from typing import Annotated, Any, ClassVar, Literal, Protocol, get_args, get_origin
+
+from bench.values import value_class
 
 Int8 = Annotated[int, "int8"]
 UInt8 = Annotated[int, "uint8"]
@@ -38,7 +40,7 @@ class RosMessage(Protocol):
     TYPE: ClassVar[str]
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Time:
     TYPE: ClassVar[str] = "builtin_interfaces/msg/Time"
     sec: Int32 = 0
@@ -54,20 +56,20 @@ class Time:
         return self.sec * 1_000_000_000 + self.nanosec
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Header:
     TYPE: ClassVar[str] = "std_msgs/msg/Header"
     stamp: Time = Time()
     frame_id: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class String:
     TYPE: ClassVar[str] = "std_msgs/msg/String"
     data: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class MultiArrayDimension:
     TYPE: ClassVar[str] = "std_msgs/msg/MultiArrayDimension"
     label: str = ""
@@ -75,27 +77,27 @@ class MultiArrayDimension:
     stride: UInt32 = 0
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class MultiArrayLayout:
     TYPE: ClassVar[str] = "std_msgs/msg/MultiArrayLayout"
     dim: tuple[MultiArrayDimension, ...] = ()
     data_offset: UInt32 = 0
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class UInt8MultiArray:
     TYPE: ClassVar[str] = "std_msgs/msg/UInt8MultiArray"
     layout: MultiArrayLayout = MultiArrayLayout()
     data: Octets = b""
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Clock:
     TYPE: ClassVar[str] = "rosgraph_msgs/msg/Clock"
     clock: Time = Time()
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Point:
     TYPE: ClassVar[str] = "geometry_msgs/msg/Point"
     x: float = 0.0
@@ -103,7 +105,7 @@ class Point:
     z: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Quaternion:
     TYPE: ClassVar[str] = "geometry_msgs/msg/Quaternion"
     x: float = 0.0
@@ -112,42 +114,42 @@ class Quaternion:
     w: float = 1.0
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Pose:
     TYPE: ClassVar[str] = "geometry_msgs/msg/Pose"
     position: Point = Point()
     orientation: Quaternion = Quaternion()
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class PoseArray:
     TYPE: ClassVar[str] = "geometry_msgs/msg/PoseArray"
     header: Header = Header()
     poses: tuple[Pose, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class PoseStamped:
     TYPE: ClassVar[str] = "geometry_msgs/msg/PoseStamped"
     header: Header = Header()
     pose: Pose = Pose()
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class PoseWithCovariance:
     TYPE: ClassVar[str] = "geometry_msgs/msg/PoseWithCovariance"
     pose: Pose = Pose()
     covariance: ThirtySix = _ZERO_36
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class PoseWithCovarianceStamped:
     TYPE: ClassVar[str] = "geometry_msgs/msg/PoseWithCovarianceStamped"
     header: Header = Header()
     pose: PoseWithCovariance = PoseWithCovariance()
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Vector3:
     TYPE: ClassVar[str] = "geometry_msgs/msg/Vector3"
     x: float = 0.0
@@ -155,14 +157,14 @@ class Vector3:
     z: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Transform:
     TYPE: ClassVar[str] = "geometry_msgs/msg/Transform"
     translation: Vector3 = Vector3()
     rotation: Quaternion = Quaternion()
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class TransformStamped:
     TYPE: ClassVar[str] = "geometry_msgs/msg/TransformStamped"
     header: Header = Header()
@@ -170,34 +172,34 @@ class TransformStamped:
     transform: Transform = Transform()
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Twist:
     TYPE: ClassVar[str] = "geometry_msgs/msg/Twist"
     linear: Vector3 = Vector3()
     angular: Vector3 = Vector3()
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class TwistWithCovariance:
     TYPE: ClassVar[str] = "geometry_msgs/msg/TwistWithCovariance"
     twist: Twist = Twist()
     covariance: ThirtySix = _ZERO_36
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class TwistWithCovarianceStamped:
     TYPE: ClassVar[str] = "geometry_msgs/msg/TwistWithCovarianceStamped"
     header: Header = Header()
     twist: TwistWithCovariance = TwistWithCovariance()
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class TFMessage:
     TYPE: ClassVar[str] = "tf2_msgs/msg/TFMessage"
     transforms: tuple[TransformStamped, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Odometry:
     """Pose in the header's frame, twist in the child frame."""
 
@@ -208,7 +210,7 @@ class Odometry:
     twist: TwistWithCovariance = TwistWithCovariance()
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class RegionOfInterest:
     TYPE: ClassVar[str] = "sensor_msgs/msg/RegionOfInterest"
     x_offset: UInt32 = 0
@@ -218,7 +220,7 @@ class RegionOfInterest:
     do_rectify: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class CameraInfo:
     """`k`, `r` (3x3) and `p` (3x4) are row-major, in pixels, of the optical frame (z forward, x right, y
     down).
@@ -238,7 +240,7 @@ class CameraInfo:
     roi: RegionOfInterest = RegionOfInterest()
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class CompressedImage:
     TYPE: ClassVar[str] = "sensor_msgs/msg/CompressedImage"
     header: Header = Header()
@@ -246,7 +248,7 @@ class CompressedImage:
     data: Octets = b""
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Image:
     TYPE: ClassVar[str] = "sensor_msgs/msg/Image"
     header: Header = Header()
@@ -258,14 +260,14 @@ class Image:
     data: Octets = b""
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class NavSatStatus:
     TYPE: ClassVar[str] = "sensor_msgs/msg/NavSatStatus"
     status: Int8 = 0
     service: UInt16 = 1
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class NavSatFix:
     """WGS 84: degrees, degrees, metres above the ellipsoid."""
 
@@ -279,7 +281,7 @@ class NavSatFix:
     position_covariance_type: UInt8 = 0
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Imu:
     TYPE: ClassVar[str] = "sensor_msgs/msg/Imu"
     header: Header = Header()
@@ -291,21 +293,21 @@ class Imu:
     linear_acceleration_covariance: Nine = _ZERO_9
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Point2D:
     TYPE: ClassVar[str] = "vision_msgs/msg/Point2D"
     x: float = 0.0
     y: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Pose2D:
     TYPE: ClassVar[str] = "vision_msgs/msg/Pose2D"
     position: Point2D = Point2D()
     theta: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class BoundingBox2D:
     """Centre and full size, in pixels."""
 
@@ -315,28 +317,28 @@ class BoundingBox2D:
     size_y: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class BoundingBox3D:
     TYPE: ClassVar[str] = "vision_msgs/msg/BoundingBox3D"
     center: Pose = Pose()
     size: Vector3 = Vector3()
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class ObjectHypothesis:
     TYPE: ClassVar[str] = "vision_msgs/msg/ObjectHypothesis"
     class_id: str = ""
     score: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class ObjectHypothesisWithPose:
     TYPE: ClassVar[str] = "vision_msgs/msg/ObjectHypothesisWithPose"
     hypothesis: ObjectHypothesis = ObjectHypothesis()
     pose: PoseWithCovariance = PoseWithCovariance()
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Detection2D:
     TYPE: ClassVar[str] = "vision_msgs/msg/Detection2D"
     header: Header = Header()
@@ -345,14 +347,14 @@ class Detection2D:
     id: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Detection2DArray:
     TYPE: ClassVar[str] = "vision_msgs/msg/Detection2DArray"
     header: Header = Header()
     detections: tuple[Detection2D, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Detection3D:
     TYPE: ClassVar[str] = "vision_msgs/msg/Detection3D"
     header: Header = Header()
@@ -361,7 +363,7 @@ class Detection3D:
     id: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Detection3DArray:
     TYPE: ClassVar[str] = "vision_msgs/msg/Detection3DArray"
     header: Header = Header()
@@ -402,7 +404,7 @@ def type_name_of(kind: type[object]) -> str:
     return name
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Field:
     """One field: a primitive's name or a message class, alone, `size` of them, or as many as there are."""
 

@@ -10,6 +10,7 @@ from enum import Enum, IntEnum, StrEnum, auto
 from typing import Protocol
 
 from bench.contracts import Vector
+from bench.values import value_class
 
 from ._shaping import UNSHAPED, MotionShaping
 
@@ -92,7 +93,7 @@ class StickPositions:
     throttle: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class TargetAttitude:
     """An attitude or body rates to hold.
 
@@ -105,7 +106,7 @@ class TargetAttitude:
     rates_radps: Vector | None = None  # instead of the attitude
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class FlightTarget:
     """Where the airframe flies to: local NED metres around the flight's origin, as the vehicle itself
     estimates them.

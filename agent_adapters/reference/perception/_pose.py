@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections import deque
-from dataclasses import dataclass
 
 from bench.simspec import Origin
+from bench.values import value_class
 
 # Samples: over six seconds at 10 Hz, because detections come late.
 KEPT = 64
@@ -15,7 +15,7 @@ KEPT = 64
 AHEAD_S = 0.5
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class VehiclePose:
     """East/north in the map frame, height above home, attitude against north-east-down (yaw clockwise from
     north).
@@ -30,7 +30,7 @@ class VehiclePose:
     yaw_rad: float
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class _Place:
     time_s: float
     east_m: float
@@ -39,7 +39,7 @@ class _Place:
     velocity_enu_mps: tuple[float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class _Turn:
     time_s: float
     roll_rad: float

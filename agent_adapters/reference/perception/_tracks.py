@@ -7,6 +7,8 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
+from bench.values import value_class
+
 # Of the index that finds tracks near a place; no gate may be wider, or matches are missed.
 CELL_M = 12.0
 # Resolution of the directions from which a track was seen. Chosen, not measured.
@@ -24,7 +26,7 @@ PEOPLE = ("civilian", "combatant", "aid_worker")
 GONE_FRAMES = 20
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class PlacedDetection:
     """One detection placed on the ground: where, what, how sure, and from which direction (radians) and range
     it was seen.

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from bench.values import value_class
+
 from .._flight_state import FlightState, FlightTarget, NorthEast, ReferencePoint
 from ._legs import GotoLeg, TurnsLeg
 from ._limits import FlightLimits, Seconds
@@ -15,7 +17,7 @@ _LEAD_S = 2.2
 _BANK_MAX_RAD = math.radians(45.0)
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class WingTarget(FlightTarget):
     """A target for an aircraft that has to keep moving. `speed_max_mps` is the airspeed to hold, `down_m` is
     met by climbing on the way.
