@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ._events import CampaignPlanned as CampaignPlanned
     from ._events import CampaignStopping as CampaignStopping
     from ._events import Observer as Observer
+    from ._events import Observers as Observers
     from ._events import RealizationFinished as RealizationFinished
     from ._events import RealizationRetried as RealizationRetried
     from ._events import RealizationStarted as RealizationStarted
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
     from ._versions import versions as versions
     from .early_stopping._decisions import FLOWN_AFTER_STOP as FLOWN_AFTER_STOP
     from .early_stopping._decisions import EarlyStop as EarlyStop
+    from .execution._dispatcher import StartGate as StartGate
+    from .execution._dispatcher import no_gate as no_gate
     from .execution._flight import fly_realization as fly_realization
     from .execution._parallel import OnDone as OnDone
     from .execution._pool import Executor as Executor
@@ -121,6 +124,7 @@ _MODULES = {
     "JournalEntry": "storage._journal",
     "Manifest": "storage._manifest",
     "Observer": "_events",
+    "Observers": "_events",
     "OnDone": "execution._parallel",
     "OpenExecutor": "execution._pool",
     "RealizationFinished": "_events",
@@ -132,6 +136,7 @@ _MODULES = {
     "ReflownStatus": "results._refly",
     "ResultLost": "_events",
     "Situation": "_document",
+    "StartGate": "execution._dispatcher",
     "Stopping": "_document",
     "Task": "execution._task",
     "TaskEnded": "execution._task",
@@ -153,6 +158,7 @@ _MODULES = {
     "load_measurable_decomposition": "results._measures",
     "measure_all": "results._measures",
     "measures_of": "results._measures",
+    "no_gate": "execution._dispatcher",
     "open_journal": "storage._journal",
     "open_local_pool": "execution._pool",
     "parse_accepted_outcomes": "storage._completeness",

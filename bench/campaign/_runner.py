@@ -21,7 +21,7 @@ from ._overhead import OVERHEAD, check_fidelity, flown_overhead, job_at
 from ._versions import versions
 from .early_stopping._decisions import check_stopping, outcome_name
 from .early_stopping._early_stopping import EarlyStopping
-from .execution._dispatcher import Deadline, Dispatcher
+from .execution._dispatcher import Deadline, Dispatcher, StartGate, no_gate
 from .execution._pool import OpenExecutor, open_local_pool
 from .execution._retries import Retries
 from .execution._stop_request import open_stop_request
@@ -92,6 +92,7 @@ def run_campaign(
     memory_kills: Callable[[], int] | None = None,
     open_executor: OpenExecutor = open_local_pool,
     clock: Callable[[], float] = time.monotonic,
+    gate: StartGate = no_gate,
 ) -> CampaignSummary:
     """Fly every realization that has no result in `folder` yet. Returns when all have one or a stop was
     requested.
@@ -102,7 +103,8 @@ def run_campaign(
     outcomes now as they are, for good; `rerun` takes that back. `forfeit_job` takes the place of `job` for a realization
     whose agent broke the bench, `confined_job` after an attempt that an unconfined agent may have broken. `memory_kills`
     counts the processes that the kernel killed for want of memory. `clock` gives the host seconds by which the
-    campaign's total budget and the pauses before retries are judged.
+    campaign's total budget and the pauses before retries are judged. `gate` says whether a realization may start now; it
+    is asked again until it may, and the total budget runs meanwhile.
 
     Raises SetupError for a campaign that cannot be realized and for a folder that is in use, belongs to
     another campaign or holds files that were changed since they were written, WorkersUnusable if no worker
@@ -147,6 +149,7 @@ def run_campaign(
             if starts_agents
             else SuspectWatch(memory_kills or no_memory_kills, confined_job=lambda: confined_job),
             forfeit_job,
+            gate,
         )
         observers.notify(CampaignPlanned(dispatcher.total, dispatcher.done))
         for result in finish_infeasible(plans, paths, journal):

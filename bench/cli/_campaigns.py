@@ -17,6 +17,7 @@ from bench.errors import Fault, SetupError
 
 from ._examples import shipped
 from ._fault_paths import file_in_faults
+from ._laboratory import LaboratoryOptions, gate_of, open_laboratory, tell_end
 from ._missing_runs import INCOMPLETE_EXIT_CODE, print_missing, print_rewritten
 from ._tables import plain_console, print_lines
 
@@ -110,6 +111,30 @@ def run(
             help="Host seconds of a core for one session, to estimate the cost with --dry-run",
         ),
     ] = None,
+    mqtt: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            envvar="REBAR_MQTT",
+            help="Broker to tell events, status and scores: mqtt[s]://[USER@]HOST[:PORT][/PREFIX]",
+        ),
+    ] = None,
+    mqtt_ca: Annotated[
+        Path | None,
+        typer.Option("--mqtt-ca", metavar="FILE", help="Certificates that vouch for the broker (PEM)"),
+    ] = None,
+    stand_ready: Annotated[
+        str | None,
+        typer.Option("--stand-ready", metavar="TOPIC", help="Before each session, wait for a message here"),
+    ] = None,
+    stand_announce: Annotated[
+        str | None,
+        typer.Option("--stand-announce", metavar="TOPIC", help="Send a message here before each session"),
+    ] = None,
+    stand_release: Annotated[
+        str | None,
+        typer.Option("--stand-release", metavar="TOPIC", help="Send a message here after each session"),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the scores as JSON")] = False,
 ) -> None:
     """Run a campaign, or resume one that was interrupted or lost runs.
@@ -143,6 +168,7 @@ def run(
             floor=floor,
             pace=pace,
             isolation=isolation,
+            laboratory=LaboratoryOptions(mqtt, mqtt_ca, stand_ready, stand_announce, stand_release),
         )
 
 
@@ -350,8 +376,10 @@ def _run(
     floor: bool = False,
     pace: Pace | None = None,
     isolation: Isolation | None = None,
+    laboratory: LaboratoryOptions | None = None,
 ) -> None:
     from bench.campaign import (
+        Observers,
         finish_campaign,
         load_campaign,
         load_measurable_decomposition,
@@ -375,17 +403,28 @@ def _run(
     informed = () if as_json else _given_the_truth(campaign)
     folder = out or Path("out") / campaign.name
     finished: list[FinishedCampaign] = []
-    with open_progress(campaign.name, quiet=as_json) as progress:
-        summary = run_campaign(
-            campaign,
-            folder,
-            decomposition,
-            workers=workers,
-            on_event=progress,
-            rerun=parse_rerun_outcomes(again),
-            accept=parse_accepted_outcomes(accept),
-            finish=lambda paths: finished.append(finish_campaign(paths.path)),
-        )
+    with (
+        open_laboratory(laboratory or LaboratoryOptions(), campaign.name) as bus,
+        open_progress(campaign.name, quiet=as_json) as progress,
+    ):
+        try:
+            summary = run_campaign(
+                campaign,
+                folder,
+                decomposition,
+                workers=workers,
+                on_event=Observers(progress, bus.notify if bus else None).notify,
+                rerun=parse_rerun_outcomes(again),
+                accept=parse_accepted_outcomes(accept),
+                finish=lambda paths: finished.append(finish_campaign(paths.path)),
+                gate=gate_of(bus),
+            )
+        finally:
+            tell_end(
+                bus,
+                finished[0].completeness if finished else None,
+                campaign_report(folder).model_dump_json(exclude_none=True) if bus and finished else None,
+            )
     if not finished:
         print(
             f"INCOMPLETE: {summary.done} of {summary.total} realizations have a result ({summary.stopped}). "

@@ -41,6 +41,7 @@ def schema(
     from bench.campaign import Campaign
     from bench.errors import Fault, SetupError
     from bench.instance_analysis import BaseSimSpec, ProposedResult, VocabularyDocument
+    from bench.laboratory import CampaignMessage, CampaignStatus, StandMessage
     from bench.perception.fit import DetectorFit
     from bench.scoring import Explanation, ScoreReport
     from bench.simspec import SimSpec
@@ -65,6 +66,9 @@ def schema(
         "detector-fit": DetectorFit,
         "score-report": ScoreReport,
         "score-explanation": Explanation,
+        "campaign-message": CampaignMessage,
+        "campaign-status": CampaignStatus,
+        "stand-message": StandMessage,
         "prose": BaseSimSpec,
         "proposed": ProposedResult,
         "vocabulary": VocabularyDocument,

@@ -28,6 +28,7 @@ from bench.simulation import interface_links
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "search.yaml"
+DEMO = ROOT / "campaigns" / "demo.yaml"
 CAMPAIGN = """
 format: rebar.campaign/1
 name: small
@@ -80,6 +81,9 @@ def test_every_command_has_help_with_an_example(line: list[str], capsys: pytest.
         (["run", "nowhere.yaml"], "there is no such file"),
         (["run", str(EXAMPLE)], "is a rebar.simspec/1 (name a rebar.campaign/1 here)"),
         (["run", str(EXAMPLE), "--executor", "dask"], "not available"),
+        (["run", str(DEMO), "--stand-ready", "rig/ready"], "--mqtt"),
+        (["run", str(DEMO), "--mqtt", "broker.lab"], "no address of a broker"),
+        (["run", str(DEMO), "--mqtt", "mqtt://broker.lab", "--stand-ready", "rig/+"], "no topic to send to"),
         (["score", "/"], "there is no recording.mcap"),
         (["report", "/"], "is not the folder of a campaign"),
         (["verify", "/"], "cannot be read"),
@@ -105,7 +109,11 @@ def test_mistakes_are_answered_with_code_2_and_a_sentence(
 
 
 @pytest.mark.parametrize(
-    "name", ["simspec", "campaign", "agent", "decomposition", "target-report", "decision", "session-result"]
+    "name",
+    [
+        *("simspec", "campaign", "agent", "decomposition", "target-report", "decision", "session-result"),
+        *("campaign-message", "campaign-status", "stand-message"),
+    ],
 )
 def test_schemas_are_printed(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     """The JSON Schema of every document can be had."""

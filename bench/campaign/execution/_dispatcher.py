@@ -38,6 +38,18 @@ _STOPPED_BY_A_FULL_DISK = PROVISIONAL_OUTCOMES | {
 }
 
 
+StartGate = Callable[[str], bool]
+"""Whether a realization may start now. Asked again and again, a few times a second, until it may."""
+GATE_S = 0.2
+"""Host seconds between two questions to a closed gate. Chosen: a test stand takes longer than that to get ready."""
+
+
+def no_gate(realization: str) -> bool:
+    """Let every realization start at once."""
+    del realization
+    return True
+
+
 @dataclass(frozen=True, slots=True)
 class Deadline:
     """A reading of `clock`, in host seconds, after which no further session is started."""
@@ -65,6 +77,7 @@ class Dispatcher:
         clock: Callable[[], float],
         suspects: SuspectWatch,
         forfeit_job: str | None,
+        gate: StartGate = no_gate,
     ) -> None:
         self._folder, self._journal, self._observers, self._early_stopping = (
             folder,
@@ -75,6 +88,7 @@ class Dispatcher:
         self._bench_faults = BenchFaultWatch()
         self._retries, self._clock = retries, clock
         self._suspects, self._forfeit_job = suspects, forfeit_job
+        self._gate, self._gate_is_closed = gate, False
         self._running: dict[str, PointKey | None] = {}
         self.total = len(plans)
         # Planning compared the files in simspecs/ with the journal's digests: none has to be read again for
@@ -101,7 +115,7 @@ class Dispatcher:
             while executor.free and not is_over and (realization := self._next_realization(now)) is not None:
                 self._start(executor, realization)
             # Without a free worker a pause that is over starts nothing; the end of a session does.
-            pause_s = self._retries.next_due_s(self._waiting, now) if executor.free else None
+            pause_s = self._pause_s(now) if executor.free else None
             if not executor.busy and (is_over or pause_s is None):
                 break
             # After the deadline the running sessions may still end by their own budgets.
@@ -111,6 +125,11 @@ class Dispatcher:
         self.stopped = stop.reason or ("the campaign's total wall budget is spent" if self._waiting else None)
         if self.stopped is not None:
             self._observers.notify(CampaignStopping(self.stopped))
+
+    def _pause_s(self, now: float) -> float | None:
+        """Host seconds until something may be startable that is not now; None if only the end of a session helps."""
+        pauses_s = [self._retries.next_due_s(self._waiting, now), GATE_S if self._gate_is_closed else None]
+        return min((pause_s for pause_s in pauses_s if pause_s is not None), default=None)
 
     def finish(self, result: SessionResult) -> None:
         """Count a result that was written and noted, and notify the observers."""
@@ -153,8 +172,10 @@ class Dispatcher:
         startable = (name for name in due if self._early_stopping.may_start(name))
         idle = (name for name in due if self._early_stopping.key(name) not in running)
         realization = next(filter(self._early_stopping.may_start, idle), None) or next(startable, None)
-        if realization is not None:
-            self._waiting.remove(realization)
+        self._gate_is_closed = realization is not None and not self._gate(realization)
+        if realization is None or self._gate_is_closed:
+            return None
+        self._waiting.remove(realization)
         return realization
 
     def _start(self, executor: Executor, realization: str) -> None:

@@ -1,0 +1,364 @@
+"""A campaign's events on an MQTT broker, and a test stand that is waited for."""
+
+from __future__ import annotations
+
+import datetime as dt
+import gc
+import socket
+import ssl
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import aiomqtt
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from embedded_broker import Laboratory, open_laboratory, until
+from pwdlib import PasswordHash
+from pwdlib.hashers.argon2 import Argon2Hasher
+
+from bench.campaign import (
+    CampaignEvent,
+    CampaignPlanned,
+    CampaignStopping,
+    RealizationFinished,
+    RealizationRetried,
+    RealizationStarted,
+    ResultLost,
+)
+from bench.contracts import Outcome
+from bench.errors import SetupError
+from bench.laboratory import (
+    Broker,
+    CampaignMessage,
+    CampaignStatus,
+    Stand,
+    StandMessage,
+    open_bus,
+    parse_broker,
+)
+from bench.laboratory import _bus as bus_module
+
+EVENTS: list[CampaignEvent] = [
+    ResultLost("b"),
+    CampaignPlanned(3, 1),
+    RealizationStarted("a", "w1", 1),
+    RealizationStarted("b", "w2", 1),
+    RealizationRetried("a", Outcome.BENCH_ERROR, "a made-up fault", 2.0),
+    RealizationFinished("b", Outcome.AGENT_CRASHED, "it ended", 3.5, 2, 3),
+    RealizationStarted("a", "w1", 2),
+    RealizationFinished("a", Outcome.COMPLETED, "", 4.5, 3, 3),
+    CampaignStopping("received SIGTERM"),
+]
+NAMES = [
+    "result_lost",
+    "planned",
+    "started",
+    "started",
+    "retried",
+    "finished",
+    "started",
+    "finished",
+    "stopping",
+]
+
+
+@pytest.fixture
+def laboratory() -> Iterator[Laboratory]:
+    with open_laboratory() as open_one:
+        yield open_one
+
+
+def broker_of(laboratory: Laboratory) -> Broker:
+    return parse_broker(f"mqtt://127.0.0.1:{laboratory.port}/bay-2")
+
+
+def never(warning: str) -> None:
+    raise AssertionError(warning)
+
+
+def messages(laboratory: Laboratory, campaign: str) -> list[CampaignMessage]:
+    """The messages of a campaign's events by their numbers, each checked against its form.
+
+    A broker promises an order within one topic alone.
+    """
+    told = [
+        CampaignMessage.model_validate(message.payload)
+        for message in [*laboratory.heard]
+        if message.topic.startswith(f"bay-2/{campaign}/event/")
+    ]
+    return sorted(told, key=lambda message: message.number)
+
+
+def states(laboratory: Laboratory, campaign: str) -> list[str]:
+    return [
+        CampaignStatus.model_validate(payload).state
+        for payload in laboratory.payloads(f"bay-2/{campaign}/status")
+    ]
+
+
+def test_two_campaigns_tell_their_events_in_order(laboratory: Laboratory) -> None:
+    """Each on its own topics, numbered; the last status stays for whoever comes later."""
+    laboratory.listen()
+    with (
+        open_bus(broker_of(laboratory), "first", warn=never) as first,
+        open_bus(broker_of(laboratory), "second", warn=never) as second,
+    ):
+        for event in EVENTS:
+            first.notify(event)
+        for event in EVENTS[1:4]:
+            second.notify(event)
+        first.send_scores('{"format": "rebar.score-report/1"}')
+        first.end("complete")
+        second.end("incomplete")
+    until(lambda: "complete" in states(laboratory, "first") and "incomplete" in states(laboratory, "second"))
+    until(lambda: len(messages(laboratory, "first")) == len(EVENTS))
+    until(lambda: len(messages(laboratory, "second")) == 3)
+    told = messages(laboratory, "first")
+    assert [message.event for message in told] == NAMES
+    assert [message.number for message in told] == list(range(1, 1 + len(EVENTS)))
+    assert (told[4].outcome, told[4].reason, told[4].pause_s) == (Outcome.BENCH_ERROR, "a made-up fault", 2.0)
+    assert (told[5].outcome, told[5].wall_s, told[5].done, told[5].total) == (
+        Outcome.AGENT_CRASHED,
+        3.5,
+        2,
+        3,
+    )
+    assert [message.event for message in messages(laboratory, "second")] == NAMES[1:4]
+
+    laboratory.heard.clear()
+    laboratory.listen()
+    retained = {"bay-2/first/status", "bay-2/first/scores", "bay-2/second/status"}
+    until(lambda: set(laboratory.topics()) >= retained)
+    assert {message.topic for message in laboratory.heard if message.retained} == retained
+    status = CampaignStatus.model_validate(laboratory.payloads("bay-2/first/status")[0])
+    assert (status.done, status.total, status.running) == (3, 3, ())
+    assert status.outcomes == {"agent_crashed": 1, "completed": 1}
+    assert {"format": "rebar.score-report/1"} in laboratory.payloads("bay-2/first/scores")
+
+
+def test_a_broker_that_comes_late_gets_everything() -> None:
+    """The run goes on without it; one warning is given, and nothing is lost."""
+    warnings: list[str] = []
+    with open_laboratory(started=False) as laboratory:
+        with open_bus(broker_of(laboratory), "demo", warn=warnings.append) as bus:
+            for event in EVENTS[:5]:
+                bus.notify(event)
+            until(lambda: bool(warnings))
+            laboratory.start()
+            laboratory.listen()
+            for event in EVENTS[5:]:
+                bus.notify(event)
+            until(lambda: len(messages(laboratory, "demo")) == len(EVENTS))
+            bus.end("complete")
+        assert [message.event for message in messages(laboratory, "demo")] == NAMES
+    assert len(warnings) == 1
+
+
+def test_a_broker_that_restarts_gets_what_it_missed_and_the_status() -> None:
+    """A broker that forgot everything is told the status again, and hears every event at least once."""
+    warnings: list[str] = []
+    with (
+        open_laboratory() as laboratory,
+        open_bus(broker_of(laboratory), "demo", warn=warnings.append) as bus,
+    ):
+        laboratory.listen()
+        bus.notify(EVENTS[0])
+        until(lambda: len(messages(laboratory, "demo")) == 1)
+        laboratory.stop()
+        until(lambda: bool(warnings))
+        for event in EVENTS[1:]:
+            bus.notify(event)
+        laboratory.heard.clear()
+        laboratory.start()
+        laboratory.listen()
+        until(lambda: {message.number for message in messages(laboratory, "demo")} >= {2, 8, len(EVENTS)})
+        until(lambda: "running" in states(laboratory, "demo"))
+
+
+def test_without_a_broker_the_run_ends_and_says_what_was_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Messages that wait are bounded: of twelve, the ten newest are kept, and all are counted."""
+    monkeypatch.setattr(bus_module, "MAX_WAITING_MESSAGES", 10)
+    monkeypatch.setattr(bus_module, "RECONNECT_S", 0.01)
+    warnings: list[str] = []
+    with (
+        open_laboratory(started=False) as laboratory,
+        open_bus(broker_of(laboratory), "demo", warn=warnings.append) as bus,
+    ):
+        for number in range(12):
+            bus.notify(RealizationStarted(f"r{number}", "w1", 1))
+        assert bus.is_open("r12")
+    assert "12 messages were not delivered" in warnings[-1]
+
+
+def test_a_lost_bench_is_told_by_the_broker(laboratory: Laboratory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last will: whoever watches learns that nobody sends any more, and that the bench is back."""
+    clients: list[aiomqtt.Client] = []
+
+    class KnownClient(aiomqtt.Client):
+        async def __aenter__(self) -> KnownClient:
+            clients.append(self)
+            await super().__aenter__()
+            return self
+
+    monkeypatch.setattr(aiomqtt, "Client", KnownClient)
+    monkeypatch.setattr(bus_module, "RECONNECT_S", 0.01)
+    laboratory.listen()
+    with open_bus(broker_of(laboratory), "demo", warn=lambda warning: None) as bus:
+        bus.notify(CampaignPlanned(2, 0))
+        until(lambda: states(laboratory, "demo")[-1:] == ["running"])
+        begun = len(states(laboratory, "demo"))
+        bus_clients = [client for client in clients if client._client._will]
+        # As a power cut would: the connection goes without a goodbye.
+        connection = bus_clients[0]._client.socket()
+        assert isinstance(connection, socket.socket)
+        connection.shutdown(socket.SHUT_RDWR)
+        until(lambda: states(laboratory, "demo")[begun:] == ["lost", "running"])
+
+
+def test_a_session_starts_when_its_stand_is_ready(laboratory: Laboratory) -> None:
+    """Each session is announced once, and opened by a word that is fresh and meant for it; then it is released."""
+    laboratory.listen()
+    laboratory.say("stand/ready", "of yesterday", retain=True)
+    stand = Stand(ready="stand/ready", announce="stand/next", release="stand/ended")
+    with open_bus(broker_of(laboratory), "demo", stand=stand, warn=never) as bus:
+        for name, word in (("a", ""), ("b", '{"realization": "b"}')):
+
+            def is_announced(name: str = name) -> bool:
+                return [payload["realization"] for payload in laboratory.payloads("stand/next")][-1:] == [
+                    name
+                ]
+
+            assert not bus.is_open(name)
+            until(is_announced)
+            laboratory.say("stand/ready", '{"realization": "another"}')
+            # A broker delivers to the bench and to this listener in the order of their subscriptions at most.
+            until(lambda: laboratory.payloads("stand/ready")[-1:] == [{"realization": "another"}])
+            assert not bus.is_open(name)
+            laboratory.say("stand/ready", word)
+            until(partial(bus.is_open, name))
+            bus.notify(RealizationStarted(name, "w1", 1))
+        bus.notify(RealizationRetried("a", Outcome.BENCH_ERROR, "", 0.0))
+        bus.notify(RealizationFinished("b", Outcome.COMPLETED, "", 1.0, 1, 2))
+        # Never started in this run: no stand stood by for it.
+        bus.notify(RealizationFinished("c", Outcome.SETTLED, "", 0.0, 2, 2))
+    until(lambda: len(laboratory.payloads("stand/ended")) == 2)
+    ended = [StandMessage.model_validate(payload) for payload in laboratory.payloads("stand/ended")]
+    assert [(message.realization, message.outcome) for message in ended] == [
+        ("a", Outcome.BENCH_ERROR),
+        ("b", Outcome.COMPLETED),
+    ]
+    waiting = [message.realization for message in messages(laboratory, "demo") if message.event == "waiting"]
+    assert waiting == ["a", "b"]
+    assert len(laboratory.payloads("stand/next")) == 2
+
+
+def test_an_announcement_alone_waits_for_nobody(laboratory: Laboratory) -> None:
+    """A relay that is switched needs no answer."""
+    laboratory.listen()
+    with open_bus(broker_of(laboratory), "demo", stand=Stand(announce="relay/on"), warn=never) as bus:
+        assert bus.is_open("a")
+        assert bus.is_open("b")
+    until(lambda: len(laboratory.payloads("relay/on")) == 2)
+
+
+def certificate(folder: Path, name: str) -> tuple[Path, Path]:
+    """A self-signed certificate for 127.0.0.1 and its key."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    subject = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, name)])
+    now = dt.datetime.now(dt.UTC)
+    signed = (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(subject)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - dt.timedelta(days=1))
+        .not_valid_after(now + dt.timedelta(days=1))
+        .add_extension(x509.SubjectAlternativeName([x509.DNSName("localhost")]), critical=False)
+        .add_extension(x509.BasicConstraints(ca=True, path_length=None), critical=True)
+        .sign(key, hashes.SHA256())
+    )
+    paths = folder / f"{name}.pem", folder / f"{name}.key"
+    paths[0].write_bytes(signed.public_bytes(serialization.Encoding.PEM))
+    unencrypted = serialization.NoEncryption()
+    paths[1].write_bytes(
+        key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, unencrypted)
+    )
+    return paths
+
+
+# The client of MQTT forgets to close a socket whose certificate it refuses.
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_password_and_certificate_are_checked_by_both_sides(tmp_path: Path) -> None:
+    """The right ones deliver over TLS; a wrong password, and a broker with another certificate, get a warning."""
+    authority, key = certificate(tmp_path, "broker")
+    stranger, _ = certificate(tmp_path, "stranger")
+    passwords = tmp_path / "passwords"
+    passwords.write_text(f"rig:{PasswordHash((Argon2Hasher(),)).hash('secret')}\n")
+    plugins = {"amqtt.plugins.authentication.FileAuthPlugin": {"password_file": str(passwords)}}
+    listener = {"ssl": True, "certfile": str(authority), "keyfile": str(key)}
+    with open_laboratory(plugins, listener) as laboratory:
+        url = f"mqtts://rig@localhost:{laboratory.port}/bay-2"
+        access = {
+            "tls_context": ssl.create_default_context(cafile=str(authority)),
+            "username": "rig",
+            "password": "secret",
+        }
+        # A certificate is for a name.
+        laboratory.host = "localhost"
+        laboratory.listen(**access)
+        with open_bus(parse_broker(url, "secret", authority), "demo", warn=never) as bus:
+            bus.notify(EVENTS[1])
+            bus.end("complete")
+        until(lambda: states(laboratory, "demo") == ["complete"])
+        for password, trusted in (("wrong", authority), ("secret", stranger)):
+            warnings: list[str] = []
+            with open_bus(parse_broker(url, password, trusted), "intruder", warn=warnings.append) as bus:
+                bus.notify(EVENTS[1])
+                until(partial(bool, warnings))
+            assert "not delivered" in warnings[-1]
+        assert messages(laboratory, "intruder") == []
+    # Here, where the filter above holds.
+    gc.collect()
+
+
+@pytest.mark.parametrize(
+    ("url", "named"),
+    [
+        ("broker.lab", "no address of a broker"),
+        ("http://broker.lab", "no address of a broker"),
+        ("mqtt://rig:secret@broker.lab", "REBAR_MQTT_PASSWORD"),
+        ("mqtt://broker.lab:port", "broker.lab:port"),
+        ("mqtt://broker.lab/a/#", "fragment"),
+        ("mqtt://broker.lab/a/%2B/b", "no topic to send to"),
+        ("mqtt://broker.lab?keepalive=3", "query"),
+    ],
+)
+def test_an_address_that_cannot_be_is_refused(url: str, named: str) -> None:
+    """By name, with what to write instead."""
+    with pytest.raises(SetupError, match=named):
+        parse_broker(url)
+
+
+def test_an_address_says_all_but_the_password(tmp_path: Path) -> None:
+    """Ports and prefix have their defaults; the password is never printed."""
+    plain = parse_broker("mqtt://broker.lab", "secret")
+    secure = parse_broker("mqtts://a%20rig@broker.lab:9000/bay/2/", "secret")
+    assert (plain.host, plain.port, plain.prefix, plain.user, plain.tls) == (
+        "broker.lab",
+        1883,
+        "rebar",
+        None,
+        None,
+    )
+    assert (secure.port, secure.prefix, secure.user) == (9000, "bay/2", "a rig")
+    assert secure.tls is not None
+    assert secure.tls.verify_mode is ssl.CERT_REQUIRED
+    assert "secret" not in repr(plain) + repr(secure)
+    with pytest.raises(SetupError, match="no TLS"):
+        parse_broker("mqtt://broker.lab", authority=tmp_path / "ca.pem")
+    with pytest.raises(SetupError, match="cannot be read"):
+        parse_broker("mqtts://broker.lab", authority=tmp_path / "ca.pem")
