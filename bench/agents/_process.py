@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from bench.contracts import AgentPlan, AgentUsage
+from bench.contracts import AgentPlan, AgentUsage, ProcessRoot
 from bench.errors import Fault, SetupError
 from bench.simspec import seed_of
 
@@ -102,13 +102,22 @@ def box_of(plan: AgentPlan, home: str, *, in_image: bool = False) -> Box:
         environment=environment,
         scratch=plan.scratch,
         read=tuple(paths),
-        files=(plan.scratch / TRUTH_FILE,) if plan.truth is not None else (),
+        files=_files(plan),
+        shared=(warp.waiters,) if (warp := plan.endpoints.warp) else (),
         tcp_ports=_tcp_ports(plan) | set(manifest.tcp_ports),
         limits=manifest.limits,
         gpu=manifest.gpu,
         image=manifest.image,
         hosts=plan.endpoints.hosts,
     )
+
+
+def _files(plan: AgentPlan) -> tuple[Path, ...]:
+    """What the agent finds in its scratch folder."""
+    files = [plan.scratch / TRUTH_FILE] if plan.truth is not None else []
+    if warp := plan.endpoints.warp:
+        files += [warp.library, warp.clock]
+    return tuple(files)
 
 
 def _tcp_ports(plan: AgentPlan) -> frozenset[int]:
@@ -146,7 +155,16 @@ def environment_of(plan: AgentPlan, home: str) -> dict[str, str]:
     if plan.truth is not None:
         environment["REBAR_TRUTH"] = f"{home}/{TRUTH_FILE}"
     stated = expand_placeholders(plan.manifest, plan.folder, spec.agent.options, plan.manifest.environment)
-    return environment | dict(ends.mavlink) | dict(ends.services) | stated
+    environment |= dict(ends.mavlink) | dict(ends.services) | stated
+    if ends.warp is not None:
+        # Before the libraries that the agent preloads itself: of two functions of one name the first counts.
+        preloaded = [f"{home}/{ends.warp.library.name}", environment.get("LD_PRELOAD", "")]
+        environment |= {
+            "LD_PRELOAD": ":".join(filter(None, preloaded)),
+            "REBAR_WARP_CLOCK": f"{home}/{ends.warp.clock.name}",
+            "REBAR_WARP_WAITERS": f"{home}/{ends.warp.waiters.name}",
+        }
+    return environment
 
 
 class _Output:
@@ -252,6 +270,9 @@ class LocalProcess:
     @property
     def pid(self) -> int:
         return self._process.pid
+
+    def root(self) -> ProcessRoot:
+        return self._process.root()
 
     def exit_code(self) -> int | None:
         code = self._process.poll()

@@ -11,7 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from bench.documents import Document, load_document, validate_document
 from bench.errors import Fault, SetupError
 from bench.realization import BASE, Bases, Design, DesignFactor
-from bench.simspec import AgentSpec, Identifier, Isolation, SimSpec
+from bench.simspec import AgentSpec, Identifier, Isolation, PaceMode, SimSpec
 
 
 class CampaignBudgets(Document):
@@ -194,7 +194,7 @@ class Campaign(Document):
         ),
     ] = None
     pace: Annotated[
-        Literal["lockstep", "realtime"] | None,
+        PaceMode | None,
         Field(description="Pace of all runs, in place of the base SimSpec's; every agent must follow it."),
     ] = None
     isolation: Annotated[

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from bench.simspec import Isolation
 
 
-Pace = Literal["lockstep", "realtime"]
+Pace = Literal["lockstep", "realtime", "warp"]
 IsolationOption = Annotated[
     Literal["auto", "bwrap", "landlock", "none"] | None,
     typer.Option(help="How every agent must be confined, in place of what its manifest says (rebar doctor)"),

@@ -33,7 +33,7 @@ def simulate(
         str, typer.Option(help="Name or file of a decomposition")
     ] = DEFAULT_DECOMPOSITION,
     pace: Annotated[
-        Literal["lockstep", "realtime"] | None, typer.Option(help="Pace, in place of the SimSpec's")
+        Literal["lockstep", "realtime", "warp"] | None, typer.Option(help="Pace, in place of the SimSpec's")
     ] = None,
     isolation: IsolationOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json")] = False,

@@ -20,8 +20,11 @@ if TYPE_CHECKING:
     from ._agent import AgentPlan as AgentPlan
     from ._agent import AgentProcess as AgentProcess
     from ._agent import AgentUsage as AgentUsage
+    from ._agent import HasProcessRoot as HasProcessRoot
     from ._agent import MavlinkNeed as MavlinkNeed
     from ._agent import OpenAgent as OpenAgent
+    from ._agent import ProcessRoot as ProcessRoot
+    from ._agent import WarpAccess as WarpAccess
     from ._cast import cast_of as cast_of
     from ._detection import FALSE_SCORE as FALSE_SCORE
     from ._detection import LABEL_EVIDENCE as LABEL_EVIDENCE
@@ -58,6 +61,7 @@ if TYPE_CHECKING:
     from ._outcome import SERVICES as SERVICES
     from ._outcome import SUSPECT as SUSPECT
     from ._outcome import TIMING as TIMING
+    from ._outcome import WARP as WARP
     from ._outcome import Blame as Blame
     from ._outcome import Evidence as Evidence
     from ._outcome import Observation as Observation
@@ -166,8 +170,11 @@ _MODULES = {
     "AgentPlan": "_agent",
     "AgentProcess": "_agent",
     "AgentUsage": "_agent",
+    "HasProcessRoot": "_agent",
     "MavlinkNeed": "_agent",
     "OpenAgent": "_agent",
+    "ProcessRoot": "_agent",
+    "WarpAccess": "_agent",
     "cast_of": "_cast",
     "FALSE_SCORE": "_detection",
     "LABEL_EVIDENCE": "_detection",
@@ -226,6 +233,7 @@ _MODULES = {
     "traceback_details": "_outcome",
     "truth_sightings_of": "_outcome",
     "TIMING": "_outcome",
+    "WARP": "_outcome",
     "StepTiming": "_outcome",
     "losses_of": "_outcome",
     "timing_of": "_outcome",

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal, Protocol, runtime_checkable
 
 from pydantic import Field
 
 from bench.documents import Document
-from bench.simspec import Identifier, Isolation, SimSpec
+from bench.simspec import Identifier, Isolation, PaceMode, SimSpec
 
 from ._truth_documents import TruthDocument
 
@@ -69,7 +69,7 @@ class AgentManifest(Document):
     command: Annotated[tuple[str, ...], Field(min_length=1)]
     environment: dict[str, str] = {}
     pace: Annotated[
-        tuple[Literal["lockstep", "realtime"], ...],
+        tuple[PaceMode, ...],
         Field(min_length=1, description="Paces that the agent can follow."),
     ] = ("realtime",)
     mavlink: tuple[MavlinkNeed, ...] = (MavlinkNeed(),)
@@ -105,14 +105,27 @@ class AgentManifest(Document):
 
 
 @dataclass(frozen=True, slots=True)
+class WarpAccess:
+    """The files by which the clock of an agent is the session's: the library that is preloaded into it, the clock that this
+    reads (REBAR_WARP_CLOCK) and the page in which it writes who waits until when (REBAR_WARP_WAITERS).
+
+    All three lie in the agent's scratch folder on the host.
+    """
+
+    library: Path
+    clock: Path
+    waiters: Path
+
+
+@dataclass(frozen=True, slots=True)
 class AgentEndpoints:
     """Where the agent finds the air network; becomes environment variables.
 
     REBAR_MAVLINK (or the manifest's name for each link), REBAR_ZENOH (a locator such as tcp/127.0.0.1:7447),
     REBAR_ZENOH_USER, REBAR_ZENOH_PASSWORD, ROS_DOMAIN_ID, REBAR_VEHICLE, REBAR_TICK (host:port of the tick
-    socket) and REBAR_TICK_SECRET (both absent in realtime), REBAR_OPTIONS (JSON object), REBAR_SEED (integer).
+    socket) and REBAR_TICK_SECRET (both in lockstep alone), REBAR_OPTIONS (JSON object), REBAR_SEED (integer).
 
-    `services` holds host:port by variable for what the SimSpec lets in; `hosts` the addresses that their host names have
+    `warp`: the clock of the warp pace, absent in the others. `services` holds host:port by variable for what the SimSpec lets in; `hosts` the addresses that their host names have
     in the session, for agents with files of their own.
     """
 
@@ -125,6 +138,7 @@ class AgentEndpoints:
     tick_secret: str = field(default="", repr=False)
     services: Mapping[str, str] = field(default_factory=dict)
     hosts: Mapping[str, str] = field(default_factory=dict)
+    warp: WarpAccess | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,6 +188,21 @@ class AgentProcess(Protocol):
 
     def output_tail(self) -> str:
         """The end of what it wrote to stdout and stderr, for the report."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessRoot:
+    """The process below which all of an agent runs; `is_box`: it is not the agent's own, but part of its confinement."""
+
+    pid: int
+    is_box: bool
+
+
+@runtime_checkable
+class HasProcessRoot(Protocol):
+    """What a started agent promises beside `AgentProcess` where its threads can be watched from outside."""
+
+    def root(self) -> ProcessRoot: ...
 
 
 class OpenAgent(Protocol):

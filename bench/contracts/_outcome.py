@@ -162,6 +162,9 @@ FIRMWARE = "firmware"
 TIMING = "timing"
 """In `SessionResult.details`: how punctual the steps of a session in real time were, a `StepTiming`."""
 
+WARP = "warp"
+"""In `SessionResult.details`: the library by which the agent's clock was the session's, absent in the other paces."""
+
 LEAVES_OPEN = "leaves_open"
 """In `SessionResult.details`: names of walls that the agent's rung did not hold on the host of the session."""
 

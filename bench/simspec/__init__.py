@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ._document import Mission as Mission
     from ._document import Outage as Outage
     from ._document import Pace as Pace
+    from ._document import PaceMode as PaceMode
     from ._document import PlacedActor as PlacedActor
     from ._document import PlacedReport as PlacedReport
     from ._document import Realized as Realized
@@ -116,6 +117,7 @@ _MODULES = {
     "Mission": "_document",
     "Outage": "_document",
     "Pace": "_document",
+    "PaceMode": "_document",
     "PlacedActor": "_document",
     "PlacedReport": "_document",
     "Realized": "_document",

@@ -208,13 +208,14 @@ class AgentSpec(Document):
         return agent_name(self.manifest)
 
 
+PaceMode = Literal["lockstep", "realtime", "warp"]
 MAX_LATE_SHARE = 0.05
 
 
 class Pace(Document):
     """How simulated time advances. docs/time.md explains the modes."""
 
-    mode: Literal["lockstep", "realtime"] = "lockstep"
+    mode: PaceMode = "lockstep"
     tick_s: Annotated[
         float, Field(ge=0.02, le=1.0, description="Simulated time between two ticks to the agent.")
     ] = 0.1

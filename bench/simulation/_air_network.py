@@ -342,9 +342,10 @@ def open_air_network(
         ),
         agent_writes=tuple((topic, String.TYPE) for topic in topics.from_agent),
         agent_limit_bytes=MAX_DOCUMENT_BYTES,
-        # In lockstep the session waits for its agent anyway, and a lost picture would end it.
-        large_sample_wait_s=LARGE_SAMPLE_WAIT_S if simspec.pace.mode == "lockstep" else None,
+        # In lockstep and warp the session waits for its agent anyway, and a lost picture would end or change it.
+        large_sample_wait_s=None if simspec.pace.mode == "realtime" else LARGE_SAMPLE_WAIT_S,
         companion_token=read_token(outside) if outside else "",
+        in_warp=simspec.pace.mode == "warp",
     )
     with ExitStack() as stack:
         router = stack.enter_context(open_router(plan)) if zenoh or outside else None

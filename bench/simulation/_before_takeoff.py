@@ -9,6 +9,7 @@ from functools import partial
 from bench.contracts import (
     OPERATOR_LINK,
     AgentManifest,
+    BootsFirmware,
     ChecksHost,
     LinkSpec,
     OpenVehicle,
@@ -27,6 +28,7 @@ from ._interface import interface_address
 from ._outside_air import read_token
 from ._outside_links import outside_links
 from ._services import service_faults
+from .warp import warp_fault
 
 DISCARD_PORT = 9
 """The port of the discard service (RFC 863)."""
@@ -64,7 +66,7 @@ def session_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
         try:
             open_vehicle: OpenVehicle = load_plugin("rebar.vehicles", spec.vehicle.model)
             vehicle = stack.enter_context(open_vehicle(VehiclePlan(spec, links), lambda *_: None))
-            faults += tick_faults(spec, vehicle)
+            faults += [*tick_faults(spec, vehicle), *firmware_faults(spec, vehicle)]
         except SetupError as error:
             faults += error.faults
     return faults
@@ -128,12 +130,12 @@ def link_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
 
 
 def pace_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
-    """Faults if the agent, or a computer outside, cannot follow the SimSpec's pace."""
+    """Faults if the agent, or a computer outside, cannot follow the SimSpec's pace, or the pace cannot be had here."""
     if spec.agent.outside_air and spec.pace.mode != "realtime":
         what = f"a computer outside keeps real time, and the pace is {spec.pace.mode}"
         return [Fault("agent.outside_air", what, "fly with --pace realtime")]
     if spec.pace.mode in manifest.pace:
-        return []
+        return _warp_faults(spec) if spec.pace.mode == "warp" else []
     possible = " or ".join(manifest.pace)
     return [
         Fault(
@@ -143,6 +145,24 @@ def pace_faults(spec: SimSpec, manifest: AgentManifest) -> list[Fault]:
             "into the campaign",
         )
     ]
+
+
+def _warp_faults(spec: SimSpec) -> list[Fault]:
+    """What keeps a session from being flown in warp, whatever its vehicle."""
+    fault = warp_fault()
+    faults = [fault] if fault else []
+    if spec.agent.services:
+        what = "an agent that waits for a service outside of the session looks idle, and time would go on"
+        faults.append(Fault("agent.services", what, "fly it with --pace realtime, or in lockstep"))
+    return faults
+
+
+def firmware_faults(spec: SimSpec, vehicle: Vehicle) -> list[Fault]:
+    """A fault where a real autopilot is to be flown in warp."""
+    if spec.pace.mode != "warp" or not isinstance(vehicle, BootsFirmware):
+        return []
+    what = "a real autopilot sends at moments of its own, for which warp cannot wait"
+    return [Fault("vehicle.autopilot.firmware", what, "fly it with --pace realtime, or in lockstep")]
 
 
 def tick_faults(spec: SimSpec, vehicle: Vehicle) -> list[Fault]:

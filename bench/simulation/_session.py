@@ -30,6 +30,7 @@ from bench.contracts import (
     CarriesCamera,
     ConsentRequest,
     Detector,
+    HasProcessRoot,
     LinkSpec,
     MavlinkNeed,
     OpenAgent,
@@ -53,13 +54,13 @@ from bench.contracts import (
     parse_document,
     realized_of,
 )
-from bench.errors import SetupError
+from bench.errors import Fault, SetupError
 from bench.perception import PictureDetector, open_detector
 from bench.simspec import SimSpec
 
 from ._agent_time import AgentTime
 from ._air_network import AirNetwork, open_air_network
-from ._before_takeoff import camera_faults, link_faults, pace_faults, tick_faults
+from ._before_takeoff import camera_faults, firmware_faults, link_faults, pace_faults, tick_faults
 from ._camera import PinholeCamera
 from ._further_cameras import FurtherCameras
 from ._host_clock import HOST_CLOCK, HostClock
@@ -74,6 +75,7 @@ from ._step_timing import StepClock, judged
 from ._stop_session import StopSession
 from ._tick_server import TickServer, open_tick_server
 from ._truth import TruthRecorder, truth_of
+from .warp import Warp, open_warp
 
 # Host time for samples that the agent says it has sent: they are on loopback already, so this is generous.
 # Chosen, not measured.
@@ -124,6 +126,7 @@ class SessionEnd:
     detector: str = ""
     firmware: str = ""
     timing: StepTiming | None = None
+    warp: str = ""
 
 
 def run_session(plan: SessionPlan) -> SessionEnd:
@@ -154,6 +157,7 @@ def run_session(plan: SessionPlan) -> SessionEnd:
         detector=progress.detector,
         firmware=progress.firmware,
         timing=progress.timing,
+        warp=progress.warp,
     )
 
 
@@ -171,6 +175,8 @@ class SessionProgress:
     """Which real autopilot flies, where one does."""
     timing: StepTiming | None = None
     """How punctual the steps were, in real time."""
+    warp: str = ""
+    """Which library sets the agent's clock, at the pace where one does."""
 
 
 class Session:
@@ -208,6 +214,7 @@ class Session:
         self._mount = PinholeCamera.of(plan.simspec.vehicle.camera)
         self._agent: AgentProcess | None = None
         self._ticks: TickServer | None = None
+        self._warp: Warp | None = None
         self._carries_camera = vehicle if isinstance(vehicle, CarriesCamera) else None
         self._complete = False
         self._frame = 0
@@ -218,11 +225,18 @@ class Session:
         self._wall_deadline_s = plan.clock.now() + plan.simspec.budgets.wall_s
         self._memory_kills = plan.memory_kills()
 
-    def attach(self, agent: AgentProcess, ticks: TickServer | None) -> None:
-        """The started agent, and the tick socket in lockstep."""
-        self._agent, self._ticks = agent, ticks
+    def attach(self, agent: AgentProcess, ticks: TickServer | None, warp: Warp | None = None) -> None:
+        """The started agent, and the tick socket in lockstep or the agent's clock in warp."""
+        self._agent, self._ticks, self._warp = agent, ticks, warp
         if ticks is not None:
             ticks.watch(self._check_waiting, self._agent_time)
+        if warp is not None:
+            if not isinstance(agent, HasProcessRoot):
+                fault = "cannot follow an agent whose processes are not known"
+                raise SetupError(Fault("pace.mode", fault, "fly it with --pace realtime"))
+            with_own = self._air.access is not None
+            warp.watch(agent.root(), self._check_waiting, self._agent_time, with_own=with_own)
+            warp.start_budget_s = self._spec.budgets.connect_s
 
     def run(self) -> None:
         """Run rounds until something ends the session. Always raises StopSession or an error."""
@@ -238,6 +252,8 @@ class Session:
         try:
             if self._ticks is not None:
                 self._run_lockstep(self._ticks)
+            elif self._warp is not None:
+                self._run_warp(self._warp)
             else:
                 self._run_realtime()
         except StopSession as end:
@@ -247,7 +263,8 @@ class Session:
         finally:
             strangers = {"tick_strangers": self._ticks.strangers} if self._ticks is not None else {}
             unrecorded = {"mavlink_unrecorded_bytes": self._truth.unrecorded_bytes}
-            counters = (self._vehicle.counters(), self._air.counters(), unrecorded, strangers)
+            paced = self._warp.counts.counters() if self._warp is not None else {}
+            counters = (self._vehicle.counters(), self._air.counters(), unrecorded, strangers, paced)
             self._progress.counters = {name: count for part in counters for name, count in part.items()}
 
     def _run_lockstep(self, ticks: TickServer) -> None:
@@ -299,6 +316,26 @@ class Session:
             steps.record(self._clock.now() - started_s - now.s)
             self._vehicle.receive()
             self._process_documents(self._air.receive(now, None, 0.0))
+            self._advance(self._vehicle.step_s)
+
+    def _run_warp(self, warp: Warp) -> None:
+        self._air.open_for_all()
+        while True:
+            now = self._progress.now
+            self._check_agent()
+            self._information.publish(now, self._vehicle, self._detector)
+            self._pictures.publish(now)
+            self._further_cameras.publish(now)
+            self._fly_handed_over(now)
+            # What the vehicle and the streams say of this moment is with the agent: it acts on it.
+            warp.settle()
+            # Then it lives until the next step, and acts at the moments for which it waits.
+            warp.run_until(now.after(self._vehicle.step_s))
+            received = self._vehicle.receive()
+            self._receive_from_operator()
+            documents = self._air.receive(now, None, 0.0)
+            warp.heard = warp.heard or bool(documents) or any(received[name] for name in self._agent_links)
+            self._process_documents(documents)
             self._advance(self._vehicle.step_s)
 
     def _fly_handed_over(self, now: SimTime) -> None:
@@ -484,7 +521,7 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
             progress.detector = detector.description
         vehicle_plan = VehiclePlan(spec, links, artefacts=plan.artefacts)
         vehicle = stack.enter_context(open_vehicle(vehicle_plan, recorded_links(spec, truth)))
-        if faults := tick_faults(spec, vehicle):
+        if faults := [*tick_faults(spec, vehicle), *firmware_faults(spec, vehicle)]:
             raise SetupError(faults)
         if isinstance(vehicle, BootsFirmware):
             # Before the agent starts and its budgets begin: a real autopilot takes a minute until it can be armed.
@@ -499,6 +536,11 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
             )
         )
         ticks = stack.enter_context(open_tick_server(plan.clock)) if spec.pace.mode == "lockstep" else None
+        warp = None
+        if spec.pace.mode == "warp":
+            utc_ns = round(spec.environment.start_utc.timestamp() * 1e9)
+            warp = stack.enter_context(open_warp(plan.scratch, utc_ns, plan.clock))
+            progress.warp = warp.description
         operator = stack.enter_context(open_operator_pilot(spec, vehicle))
         session = Session(plan, vehicle, scene, detector, air, truth, progress, operator)
         # A router may be there for a companion computer alone.
@@ -513,6 +555,7 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
             tick_secret=ticks.secret if ticks else "",
             services=progress.services.endpoints,
             hosts=progress.services.hosts,
+            warp=warp.access if warp else None,
         )
         # From a scene of its own: this one must not be advanced before the session.
         truth_document = truth_of(spec, open_scene(spec)) if manifest.truth else None
@@ -524,7 +567,9 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
         stack.callback(lambda: setattr(progress, "agent_cpu_s", agent.usage().cpu_s))
         if ticks is not None:
             stack.callback(ticks.end, "the session is over")
-        session.attach(agent, ticks)
+        session.attach(agent, ticks, warp)
+        if warp is not None:
+            stack.callback(warp.release)
         yield session
 
 

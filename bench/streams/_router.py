@@ -31,6 +31,10 @@ MAX_DOCUMENT_BYTES = 64 * 1024
 _AGENT, _COMPANION = "agent", "companion"
 # Chosen: a race for a free port is rare, and 16 lost in a row mean something else.
 _ATTEMPTS = 16
+# Zenoh's own number of keep-alives within a lease.
+KEEP_ALIVES = 4
+# The fastest that an agent's clock is reckoned to run beside the host's; sessions in warp reach some tens.
+WARP_LEASE_FACTOR = 1000
 
 Topic = tuple[str, str]
 """A topic's full name and its ROS 2 type."""
@@ -44,7 +48,8 @@ class AirPlan:
     count of samples must come out. A sample of the agent's over `agent_limit_bytes` is dropped at the router.
     `large_sample_wait_s`: how long the next fragment of a sample over 64 KiB waits for a slow reader before the sample is
     dropped, and the publisher with it; Zenoh's own choice, 0.05 s, when None. With a `companion_token` a second user,
-    `companion`, has the agent's rights and that password.
+    `companion`, has the agent's rights and that password. `in_warp`: the agent's clock runs up to a thousand times as fast as
+    this router's, and stops for as long.
     """
 
     domain: int
@@ -56,6 +61,7 @@ class AirPlan:
     agent_limit_bytes: int = MAX_DOCUMENT_BYTES
     large_sample_wait_s: float | None = None
     companion_token: str = field(default="", repr=False)
+    in_warp: bool = False
 
 
 class Router:
@@ -161,9 +167,16 @@ def _router_settings(plan: AirPlan, port: int, users: Path) -> dict[str, Any]:
     settings["mode"] = "router"
     settings["listen"] = {"endpoints": [f"tcp/{plan.host}:{port}"], "exit_on_failure": True}
     settings["access_control"] = _access_control(plan)
+    sending = settings["transport"]["link"]["tx"]
     if plan.large_sample_wait_s is not None:
         wait = {"max_wait_before_drop_fragments": round(plan.large_sample_wait_s * 1e6)}
-        settings["transport"]["link"]["tx"]["queue"]["congestion_control"] = {"drop": wait}
+        sending["queue"]["congestion_control"] = {"drop": wait}
+    if plan.in_warp:
+        # The agent drops a link on which nothing came for the router's lease, by its own clock.
+        sending["lease"] *= WARP_LEASE_FACTOR
+        sending["keep_alive"] = sending.get("keep_alive", KEEP_ALIVES) * WARP_LEASE_FACTOR
+        # Otherwise a small sample waits up to a millisecond for others, and nobody can see that it is on its way.
+        sending["queue"]["batching"] = {"enabled": False}
     written = _keys(plan, plan.agent_writes)
     if written:
         # Only what comes in: the samples of the bench have no limit.

@@ -84,7 +84,7 @@ COMMANDS: dict[str, tuple[list[str], list[str]]] = {
     "tension": (["tension", "KA-18", "3"], ["bystander_density_per_km2"]),
     "examples": (["examples"], ["campaigns/demo.yaml", "examples/search.yaml"]),
     "check": (["decomposition", "check", "search-and-report-full"], ["search-and-report-full"]),
-    "help": (["run", "--help"], ["--dry-run", "--session-s", "lockstep|realtime"]),
+    "help": (["run", "--help"], ["--dry-run", "--session-s", "lockstep|realtime|warp"]),
 }
 
 

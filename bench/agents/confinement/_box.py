@@ -18,7 +18,8 @@ class Box:
     """What one agent may see and use. `command` holds absolute paths that are readable in the box.
 
     `scratch` is the host's folder of the session: a rung with a file system of its own gives the agent
-    another one. `files` are files of the host that the agent finds by name in its scratch folder. `hosts` are addresses by
+    another one. `files` are files of the host that the agent finds by name in its scratch folder, `shared` those that it may also
+    write, so that both sides have the same file. `hosts` are addresses by
     host name, for rungs with a file system of their own.
     """
 
@@ -27,6 +28,7 @@ class Box:
     scratch: Path
     read: tuple[Path, ...] = ()
     files: tuple[Path, ...] = ()
+    shared: tuple[Path, ...] = ()
     tcp_ports: frozenset[int] = frozenset()
     limits: AgentLimits = field(default_factory=AgentLimits)
     gpu: bool = False

@@ -18,7 +18,7 @@ from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 
-from bench.contracts import AgentUsage
+from bench.contracts import AgentUsage, ProcessRoot
 
 from .._process_usage import ProcessTreeUsage
 from ._box import AGENT_UID, Box
@@ -95,7 +95,7 @@ class Bubblewrap:
         return os.getuid() == 0 and self._reason is None and self._failure_as(AGENT_UID) is None
 
     def _user(self, box: Box) -> int | None:
-        paths = [*box.read, *box.files]
+        paths = [*box.read, *box.files, *box.shared]
         return AGENT_UID if self._may_change_user and all(map(open_to_others, paths)) else None
 
     def _failure_as(self, user: int | None) -> str | None:
@@ -154,6 +154,9 @@ class BubblewrapProcess:
     @property
     def pid(self) -> int:
         return self._outer.pid
+
+    def root(self) -> ProcessRoot:
+        return ProcessRoot(self._inner_pid, is_box=True)
 
     def poll(self) -> int | None:
         if self._code is None:
@@ -380,6 +383,8 @@ class _Options:
             self._add("--ro-bind", path, path)
         for path in box.files:
             self._add("--ro-bind", path, f"{HOME}/{path.name}")
+        for path in box.shared:
+            self._add("--bind", path, f"{HOME}/{path.name}")
         hosts = "".join(f"{address} {name}\n" for name, address in box.hosts.items())
         # The first line that has a name decides.
         files = {**_NAME_FILES, "hosts": hosts + _NAME_FILES["hosts"]}

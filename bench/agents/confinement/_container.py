@@ -15,7 +15,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from bench.contracts import AgentLimits, AgentUsage
+from bench.contracts import AgentLimits, AgentUsage, ProcessRoot
 from bench.network_namespace import namespace_fault
 
 from .._process_usage import ProcessTreeUsage
@@ -128,6 +128,15 @@ class ContainerProcess:
     def pid(self) -> int:
         return self._client.pid
 
+    def root(self) -> ProcessRoot:
+        deadline = time.monotonic() + _COMMAND_BUDGET_S
+        # The engine states the number once the container stands.
+        while not (pid := int(self._inspect().get("Pid") or 0)):
+            if self.poll() is not None or time.monotonic() > deadline:
+                return ProcessRoot(self.pid, is_box=True)
+            time.sleep(0.02)
+        return ProcessRoot(pid, is_box=False)
+
     def poll(self) -> int | None:
         return self._client.poll()
 
@@ -223,6 +232,8 @@ def _options(box: Box, program: str) -> list[str]:
         options += ["--volume", f"{path}:{path}:ro"]
     for path in box.files:
         options += ["--volume", f"{path}:{HOME}/{path.name}:ro"]
+    for path in box.shared:
+        options += ["--volume", f"{path}:{HOME}/{path.name}:rw"]
     for name, address in box.hosts.items():
         options += ["--add-host", f"{name}:{address}"]
     for device in gpu_devices() if box.gpu else ():

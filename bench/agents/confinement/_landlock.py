@@ -15,7 +15,7 @@ from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 
-from bench.contracts import AgentUsage
+from bench.contracts import AgentUsage, ProcessRoot
 from bench.network_namespace import namespace_fault
 
 from .._process_usage import ProcessTreeUsage
@@ -124,6 +124,10 @@ class LandlockedProcess:
     @property
     def pid(self) -> int:
         return self._started.pid
+
+    def root(self) -> ProcessRoot:
+        # The launcher above the agent takes in its orphans.
+        return ProcessRoot(self.pid, is_box=True)
 
     def poll(self) -> int | None:
         self._reap(os.WNOHANG)

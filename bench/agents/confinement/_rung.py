@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
-from bench.contracts import AgentUsage
+from bench.contracts import AgentUsage, ProcessRoot
 
 from ._box import Box
 
@@ -16,6 +16,9 @@ class ConfinedProcess(Protocol):
     @property
     def pid(self) -> int:
         """The process that the host started: the box, or the agent where there is no box."""
+
+    def root(self) -> ProcessRoot:
+        """The process below which all of the agent runs; it may wait until there is one."""
 
     @property
     def own_user(self) -> bool:

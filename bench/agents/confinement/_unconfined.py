@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from bench.contracts import AgentUsage
+from bench.contracts import AgentUsage, ProcessRoot
 
 from .._process_usage import ProcessTreeUsage
 from . import _launch
@@ -70,6 +70,10 @@ class UnconfinedProcess:
     @property
     def pid(self) -> int:
         return self._started.pid
+
+    def root(self) -> ProcessRoot:
+        # The launcher becomes the agent.
+        return ProcessRoot(self.pid, is_box=False)
 
     def poll(self) -> int | None:
         if self._started.returncode is None:

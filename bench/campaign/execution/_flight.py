@@ -21,6 +21,7 @@ from bench.contracts import (
     LEAVES_OPEN,
     SERVICES,
     TIMING,
+    WARP,
     AgentManifest,
     AgentPlan,
     AgentProcess,
@@ -146,6 +147,7 @@ def _fly(
         **({DETECTOR: end.detector} if end.detector else {}),
         **({FIRMWARE: end.firmware} if end.firmware else {}),
         **({TIMING: end.timing.model_dump()} if end.timing else {}),
+        **({WARP: end.warp} if end.warp else {}),
     }
     return result.model_copy(update={"details": details})
 

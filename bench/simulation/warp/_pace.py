@@ -1,0 +1,221 @@
+"""Simulated time that goes on only when nobody in the agent is due or runnable."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.contracts import Outcome, ProcessRoot, SimTime, WarpAccess
+
+from .._agent_time import AgentTime
+from .._host_clock import HostClock
+from .._stop_session import StopSession
+from ._library import built_library, library_digest
+from ._pages import START_NS, WarpPages, make_pages
+from ._programs import Programs
+from ._threads import ProcessThreads
+
+CLOCK_FILE, WAITERS_FILE, LIBRARY_FILE = "warp-clock", "warp-waiters", "librebar-warp.so"
+# Moments for which the agent waits are rounded up to this: programs that sleep for microseconds in a loop would otherwise
+# stop the session at each of them. Chosen: below what any of the paces' steps shows.
+GRAIN_NS = 1_000_000
+# What the agent may compute at one moment of simulated time before its CPU clock takes over: one second is far more than a
+# program needs that waits now and then, and short against a session for one that never does. Chosen.
+FREE_CPU_S = 1.0
+# Between two looks at an agent that is at work; the first are short, because most work is. Chosen.
+SHORTEST_PAUSE_S, LONGEST_PAUSE_S = 0.00003, 0.001
+# How often a wait looks at CPU time, budgets and the process itself.
+CHECK_S = 0.05
+# How often every process is looked at anew for the program that it runs.
+PROGRAMS_S = 0.1
+
+
+@dataclass(slots=True)
+class WarpCounts:
+    """How a session in warp was paced, for its counters."""
+
+    looks: int = 0
+    waits: int = 0
+    by_cpu_ns: int = 0
+
+    def counters(self) -> dict[str, int]:
+        """By name, as in a result."""
+        return {
+            "warp_looks": self.looks,
+            "warp_waits": self.waits,
+            "warp_by_cpu_ms": self.by_cpu_ns // 1_000_000,
+        }
+
+
+class Warp:
+    """Sets the agent's clock, and waits at each moment until the agent has done all that it does then.
+
+    `check` is called during waits; it raises StopSession when the agent has ended or the session's time is up.
+    """
+
+    def __init__(self, pages: WarpPages, access: WarpAccess, clock: HostClock) -> None:
+        self.access = access
+        self.counts = WarpCounts()
+        self.heard = False
+        """Whether the agent has said anything yet."""
+        self.start_budget_s = FREE_CPU_S
+        self._pages = pages
+        self._clock = clock
+        self._threads: ProcessThreads | None = None
+        self._programs: Programs | None = None
+        self._agent_time: AgentTime | None = None
+        self._check: Callable[[], None] = lambda: None
+        self._scans = 0
+        self._looked_s = 0.0
+        self._by_cpu = False
+        self._cpu_mark_s = 0.0
+
+    @property
+    def description(self) -> str:
+        """The library, for the provenance of a result."""
+        return f"library sha256:{library_digest(self.access.library)}"
+
+    def watch(
+        self, root: ProcessRoot, check: Callable[[], None], agent_time: AgentTime, *, with_own: bool
+    ) -> None:
+        """The started agent. `with_own`: threads of this process carry the air network, and are waited for too."""
+        self._threads = ProcessThreads(root.pid, root_is_box=root.is_box, with_own=with_own)
+        self._programs = Programs(self._threads)
+        self._check, self._agent_time = check, agent_time
+
+    def settle(self) -> None:
+        """Wait until the agent rests: it has taken in what was sent, done what was due, and waits for more.
+
+        Returns at once while an agent that computes without end is paced by its CPU clock.
+        """
+        if self._rests():
+            self._by_cpu = False
+        elif not self._by_cpu:
+            assert self._agent_time is not None
+            with self._agent_time.waiting():
+                self._wait()
+
+    def run_until(self, time: SimTime) -> None:
+        """Let the agent live until `time`: its clock goes from one moment for which it waits to the next."""
+        until_ns = START_NS + time.ns
+        if self._by_cpu:
+            self._spend(until_ns)
+        while not self._by_cpu:
+            earliest_ns = self._pages.earliest_ns()
+            if earliest_ns is None or earliest_ns > until_ns:
+                break
+            moment_ns = -(-max(earliest_ns, self._pages.now_ns) // GRAIN_NS) * GRAIN_NS
+            self._pages.set_now(min(moment_ns, until_ns))
+            self.settle()
+        self._pages.set_now(until_ns)
+
+    def release(self) -> None:
+        """The session is over: the agent's time goes on by itself, so that it can end in good order."""
+        self._pages.release()
+
+    def close(self) -> None:
+        """Let go of the agent's processes."""
+        if self._threads is not None:
+            self._threads.close()
+
+    def _rests(self) -> bool:
+        """One look: nobody is due, every process has the library, and all threads sleep."""
+        assert self._threads is not None
+        assert self._programs is not None
+        self.counts.looks += 1
+        is_due = self._pages.is_due()
+        if is_due:
+            self._pages.wake_due()
+        rests = not is_due and self._threads.at_rest()
+        if not self._threads.processes:
+            # It has not started yet, or has ended.
+            self._check()
+            return False
+        # From time to time also where somebody is at work: it may be a program that the library does not reach.
+        is_new = self._threads.scans != self._scans or self._clock.now() > self._looked_s + PROGRAMS_S
+        if is_new or (rests and not self._programs.unchanged()):
+            rests = self._have_entered() and rests
+        return rests and not self._pages.is_due()
+
+    def _have_entered(self) -> bool:
+        assert self._threads is not None
+        assert self._programs is not None
+        if self._pages.overflowed:
+            raise StopSession(
+                Outcome.AGENT_FLOODED,
+                "the agent has more processes or waits at once than warp can follow (docs/time.md)",
+            )
+        now_s = self._clock.now()
+        entered = self._pages.entered()
+        if entered - self._threads.inner_pids():
+            # What is not found after it has entered has ended.
+            self._threads.scan()
+            self._pages.forget(entered - self._threads.inner_pids())
+        unentered = self._programs.unentered(entered)
+        for process in unentered:
+            if reason := self._programs.refusal(process, now_s):
+                # Later it would be a way to drop a run that goes badly: such runs are not scored.
+                outcome = Outcome.AGENT_PROTOCOL if self.heard else Outcome.SETUP_INVALID
+                raise StopSession(outcome, f"{reason} (docs/time.md); fly it with --pace realtime")
+        if not unentered:
+            self._scans, self._looked_s = self._threads.scans, now_s
+        return not unentered
+
+    def _wait(self) -> None:
+        assert self._threads is not None
+        self.counts.waits += 1
+        started_s, cpu_s = self._clock.now(), self._threads.cpu_s()
+        checked_s = started_s
+        pause_s = SHORTEST_PAUSE_S
+        while not self._rests():
+            now_s = self._clock.now()
+            if now_s - checked_s > CHECK_S:
+                checked_s = now_s
+                self._check()
+                # Of several threads at once the host's clock counts, as it would in real time.
+                spent_s = min(self._threads.cpu_s() - cpu_s, now_s - started_s)
+                if spent_s > (FREE_CPU_S if self.heard else self.start_budget_s):
+                    self._by_cpu, self._cpu_mark_s = True, self._threads.cpu_s()
+                    return
+            self._clock.sleep(pause_s)
+            pause_s = min(pause_s * 1.5, LONGEST_PAUSE_S)
+
+    def _spend(self, until_ns: int) -> None:
+        """Wait until an agent that computes without end has used as much CPU time as simulated time is to pass, or rests."""
+        assert self._threads is not None
+        assert self._agent_time is not None
+        span_s = (until_ns - self._pages.now_ns) / 1e9
+        with self._agent_time.waiting():
+            started_s = checked_s = self._clock.now()
+            while not self._rests():
+                now_s = self._clock.now()
+                if min(self._threads.cpu_s() - self._cpu_mark_s, now_s - started_s) >= span_s:
+                    self._cpu_mark_s = self._threads.cpu_s()
+                    self.counts.by_cpu_ns += until_ns - self._pages.now_ns
+                    return
+                if now_s - checked_s > CHECK_S:
+                    checked_s = now_s
+                    self._check()
+                self._clock.sleep(LONGEST_PAUSE_S)
+        self._by_cpu = False
+
+
+@contextmanager
+def open_warp(scratch: Path, utc_ns: int, clock: HostClock) -> Generator[Warp]:
+    """The pages and the library of one session, in the agent's folder.
+
+    Raises SetupError where the library cannot be had.
+    """
+    scratch.mkdir(parents=True, exist_ok=True)
+    access = WarpAccess(scratch / LIBRARY_FILE, scratch / CLOCK_FILE, scratch / WAITERS_FILE)
+    # Not bound from the cache: the agent may be a user who cannot look into ours.
+    shutil.copyfile(built_library(), access.library)
+    access.library.chmod(0o755)
+    warp = Warp(make_pages(access.clock, access.waiters, utc_ns), access, clock)
+    try:
+        yield warp
+    finally:
+        warp.close()

@@ -1,0 +1,276 @@
+"""Whether anybody of a tree of processes runs, is about to, or waits for the disk, from Linux's /proc."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Generator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+# States of proc_pid_stat(5). Stopped, traced or ended, a thread does nothing of itself. D waits for the disk, and X is about
+# to tell its parent that it has ended: both are at work.
+_STOPPED, _ASLEEP = frozenset(b"TtZ"), ord("S")
+# Of /proc/PID/wchan, when the thread is on a run queue.
+_NOWHERE = b"0"
+# Long enough for the state behind a name of up to 15 characters, which may hold brackets and spaces.
+_STAT_BYTES = 64
+_SCHEDSTAT_BYTES = 64
+_LAST_PID = Path("/proc/loadavg")
+# Host time within which a thread that waits must be seen asleep, on a busy host too. Chosen.
+_PROBE_S = 10.0
+
+
+@dataclass(slots=True)
+class _Thread:
+    stat: int
+    schedstat: int
+    wchan: int
+    cpu_ns: int = 0
+
+    def rests(self) -> bool:
+        """Whether it is asleep. Its state alone does not say so: a thread that is about to wait calls itself asleep already,
+        and may be kept from its core for long before it is, or finds that it need not wait.
+        """
+        text = os.pread(self.stat, _STAT_BYTES, 0)
+        state = text[text.rindex(b")") + 2]
+        return state in _STOPPED or (state == _ASLEEP and os.pread(self.wchan, 1, 0) != _NOWHERE)
+
+    def history(self) -> bytes:
+        """CPU time, run delay and how often it was given a core; the same bytes as long as it has not run."""
+        return os.pread(self.schedstat, _SCHEDSTAT_BYTES, 0)
+
+    def close(self) -> None:
+        os.close(self.stat)
+        os.close(self.schedstat)
+        os.close(self.wchan)
+
+
+@dataclass(slots=True)
+class WatchedProcess:
+    """One process of the tree. `inner_pid` is its number as it sees itself, in the innermost of its namespaces."""
+
+    pid: int
+    folder: int
+    inner_pid: int
+    threads: dict[int, _Thread] = field(default_factory=dict)
+    # The program in which the library was last seen: there is another one after an exec.
+    program: tuple[int, int] | None = None
+    unentered_since_s: float | None = None
+
+    def close(self) -> None:
+        for thread in self.threads.values():
+            thread.close()
+        os.close(self.folder)
+
+
+class ProcessThreads:
+    """All threads of the processes below `root`, and of `root` itself unless it is only the box around them.
+
+    With `with_own` the threads of this process besides the calling one must rest too: they carry the air network, and what
+    they have in hand is on its way to the agent.
+    """
+
+    def __init__(self, root: int, *, root_is_box: bool, with_own: bool) -> None:
+        self._root, self._root_is_box, self._with_own = root, root_is_box, with_own
+        self.processes: dict[int, WatchedProcess] = {}
+        self._box: dict[int, WatchedProcess] = {}
+        self._own: dict[int, _Thread] = {}
+        self._ended_cpu_ns = 0
+        self._last_pid = os.open(_LAST_PID, os.O_RDONLY | os.O_CLOEXEC)
+        self._seen_pid = b""
+        self.scans = 0
+
+    def close(self) -> None:
+        """Let go of everything that is watched."""
+        for process in (*self.processes.values(), *self._box.values()):
+            process.close()
+        for thread in self._own.values():
+            thread.close()
+        self.processes, self._box, self._own = {}, {}, {}
+        if self._last_pid >= 0:
+            os.close(self._last_pid)
+            self._last_pid = -1
+
+    def at_rest(self) -> bool:
+        """Whether there was a moment during this call at which every thread was asleep, and none about to run.
+
+        Each thread is looked at twice. One that sleeps at both looks and was given no core between them has slept all the
+        time from the first to the second, so at the moment between the two rounds all slept. Whoever could still wake one
+        of them is outside: the clock, and what the bench sends.
+        """
+        try:
+            if self._newest_pid() != self._seen_pid:
+                self.scan()
+            threads = self._threads()
+            histories = []
+            for thread in threads:
+                histories.append(thread.history())
+                if not thread.rests():
+                    return False
+            for thread, history in zip(threads, histories, strict=True):
+                if not thread.rests() or thread.history() != history:
+                    return False
+            # A process or thread that began meanwhile was in neither round.
+            return self._newest_pid() == self._seen_pid
+        except (ProcessLookupError, FileNotFoundError):
+            self._seen_pid = b""
+            return False
+
+    def cpu_s(self) -> float:
+        """CPU seconds of all threads of the tree so far, as far as they were seen."""
+        total_ns = self._ended_cpu_ns
+        for process in self.processes.values():
+            for thread in process.threads.values():
+                with suppress(OSError, ValueError, IndexError):
+                    thread.cpu_ns = int(thread.history().split()[0])
+                total_ns += thread.cpu_ns
+        return total_ns / 1e9
+
+    def inner_pids(self) -> set[int]:
+        """The processes as they see themselves."""
+        return {process.inner_pid for process in self.processes.values()}
+
+    def scan(self) -> None:
+        """Find processes and threads that are new, and forget those that have ended."""
+        self.scans += 1
+        self._seen_pid = self._newest_pid()
+        waiting = [self._root, *self.processes]
+        seen: set[int] = set()
+        while waiting:
+            pid = waiting.pop()
+            if pid in seen:
+                continue
+            seen.add(pid)
+            is_box = pid == self._root and self._root_is_box
+            known = self._box if is_box else self.processes
+            process = known.get(pid) or _open_process(pid)
+            if process is None:
+                continue
+            known[pid] = process
+            if self._refresh(process):
+                waiting += _children(process)
+            else:
+                self._forget(known, process)
+        if self._with_own:
+            self._refresh_own()
+
+    def _threads(self) -> list[_Thread]:
+        return [
+            *(thread for process in self.processes.values() for thread in process.threads.values()),
+            *self._own.values(),
+        ]
+
+    def _newest_pid(self) -> bytes:
+        """The number that was given to a process or thread last, in the namespace of this process."""
+        return os.pread(self._last_pid, 128, 0).rpartition(b" ")[2]
+
+    def _refresh(self, process: WatchedProcess) -> bool:
+        """Whether the process still runs; its threads are up to date afterwards."""
+        try:
+            present = {int(name) for name in os.listdir(process.folder)}
+        except OSError:
+            return False
+        for tid in process.threads.keys() - present:
+            thread = process.threads.pop(tid)
+            self._ended_cpu_ns += thread.cpu_ns
+            thread.close()
+        for tid in present - process.threads.keys():
+            with suppress(OSError):
+                process.threads[tid] = _open_thread(process.folder, tid)
+        return any(_lives(thread) for thread in process.threads.values())
+
+    def _refresh_own(self) -> None:
+        present = {int(name) for name in os.listdir("/proc/self/task")} - {threading.get_native_id()}
+        for tid in self._own.keys() - present:
+            self._own.pop(tid).close()
+        new = present - self._own.keys()
+        if new:
+            folder = os.open("/proc/self/task", os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+            for tid in new:
+                with suppress(OSError):
+                    self._own[tid] = _open_thread(folder, tid)
+            os.close(folder)
+
+    def _forget(self, known: dict[int, WatchedProcess], process: WatchedProcess) -> None:
+        self._ended_cpu_ns += sum(thread.cpu_ns for thread in process.threads.values())
+        process.close()
+        del known[process.pid]
+
+
+def _open_process(pid: int) -> WatchedProcess | None:
+    with suppress(OSError, ValueError, IndexError):
+        folder = os.open(f"/proc/{pid}/task", os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            return WatchedProcess(pid, folder, _inner_pid(pid))
+        except BaseException:
+            os.close(folder)
+            raise
+    return None
+
+
+def _inner_pid(pid: int) -> int:
+    for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+        if line.startswith("NSpid:"):
+            return int(line.split()[-1])
+    return pid
+
+
+def _open_thread(folder: int, tid: int) -> _Thread:
+    opened: list[int] = []
+    try:
+        for name in ("stat", "schedstat", "wchan"):
+            opened.append(os.open(f"{tid}/{name}", os.O_RDONLY | os.O_CLOEXEC, dir_fd=folder))
+    except OSError:
+        for descriptor in opened:
+            os.close(descriptor)
+        raise
+    return _Thread(*opened)
+
+
+def _lives(thread: _Thread) -> bool:
+    with suppress(OSError, ValueError):
+        text = os.pread(thread.stat, _STAT_BYTES, 0)
+        return text[text.rindex(b")") + 2] not in b"ZX"
+    return False
+
+
+def _children(process: WatchedProcess) -> Generator[int]:
+    for tid in process.threads:
+        with suppress(OSError, ValueError):
+            descriptor = os.open(f"{tid}/children", os.O_RDONLY | os.O_CLOEXEC, dir_fd=process.folder)
+            try:
+                yield from map(int, os.read(descriptor, 65536).split())
+            finally:
+                os.close(descriptor)
+
+
+@cache
+def unseen_reason() -> str:
+    """Why this system does not show whether a thread is asleep; empty where it does."""
+    woken = threading.Event()
+    sleeper = threading.Thread(target=woken.wait, daemon=True)
+    sleeper.start()
+    try:
+        folder = os.open("/proc/self/task", os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            thread = _open_thread(folder, sleeper.native_id or 0)
+        finally:
+            os.close(folder)
+        deadline_s = time.monotonic() + _PROBE_S
+        while not (seen := thread.rests()) and time.monotonic() < deadline_s:
+            time.sleep(0.001)
+        thread.close()
+    except OSError as error:
+        return f"{error.filename} cannot be read"
+    finally:
+        woken.set()
+        sleeper.join()
+    return (
+        ""
+        if seen
+        else "/proc/PID/wchan says nothing here (the kernel needs CONFIG_KALLSYMS and CONFIG_STACKTRACE)"
+    )
