@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ._document import load_campaign as load_campaign
     from ._document import with_floor as with_floor
     from ._events import CampaignEvent as CampaignEvent
+    from ._events import CampaignPaused as CampaignPaused
     from ._events import CampaignPlanned as CampaignPlanned
     from ._events import CampaignStopping as CampaignStopping
     from ._events import Observer as Observer
@@ -78,6 +79,8 @@ if TYPE_CHECKING:
     from .results._refly import ReflownStatus as ReflownStatus
     from .results._refly import refly as refly
     from .results._rescore import rescore as rescore
+    from .results._state import CampaignState as CampaignState
+    from .results._state import campaign_state as campaign_state
     from .storage._completeness import Completeness as Completeness
     from .storage._completeness import parse_accepted_outcomes as parse_accepted_outcomes
     from .storage._evidence_check import check_run as check_run
@@ -91,6 +94,8 @@ if TYPE_CHECKING:
     from .storage._journal import open_journal as open_journal
     from .storage._manifest import Manifest as Manifest
     from .storage._manifest import write_manifest as write_manifest
+    from .storage._pause import pause_campaign as pause_campaign
+    from .storage._pause import resume_campaign as resume_campaign
     from .storage._recovery import parse_rerun_outcomes as parse_rerun_outcomes
     from .storage._results import read_result as read_result
     from .storage._results import write_result as write_result
@@ -107,9 +112,11 @@ _MODULES = {
     "CampaignEstimate": "planning._estimate",
     "CampaignEvent": "_events",
     "CampaignFolder": "storage._folder",
+    "CampaignPaused": "_events",
     "CampaignPlanned": "_events",
     "CampaignProposal": "next_campaign._proposal",
     "CampaignRuns": "results._finish",
+    "CampaignState": "results._state",
     "CampaignStopping": "_events",
     "CampaignSummary": "_runner",
     "Completeness": "storage._completeness",
@@ -144,6 +151,7 @@ _MODULES = {
     "WorkersUnusable": "execution._task",
     "campaign_completeness": "results._finish",
     "campaign_quality": "planning._realizations",
+    "campaign_state": "results._state",
     "can_check_signatures": "storage._signature",
     "check_options": "results._measures",
     "check_run": "storage._evidence_check",
@@ -163,6 +171,7 @@ _MODULES = {
     "open_local_pool": "execution._pool",
     "parse_accepted_outcomes": "storage._completeness",
     "parse_rerun_outcomes": "storage._recovery",
+    "pause_campaign": "storage._pause",
     "propose_next": "next_campaign._proposal",
     "question_sha256": "_digest",
     "read_result": "storage._results",
@@ -172,6 +181,7 @@ _MODULES = {
     "refly": "results._refly",
     "rescore": "results._rescore",
     "rescore_campaign": "results._finish",
+    "resume_campaign": "storage._pause",
     "run_campaign": "_runner",
     "sign_manifest": "storage._signature",
     "situation_tensions": "planning._realizations",

@@ -57,6 +57,13 @@ class ResultLost:
 
 
 @dataclass(frozen=True, slots=True)
+class CampaignPaused:
+    """Somebody has paused the campaign, or, with `goes_on`, lets it go on."""
+
+    goes_on: bool
+
+
+@dataclass(frozen=True, slots=True)
 class CampaignStopping:
     """Nothing more is started. Running the campaign again resumes it."""
 
@@ -69,6 +76,7 @@ CampaignEvent = (
     | RealizationRetried
     | RealizationFinished
     | ResultLost
+    | CampaignPaused
     | CampaignStopping
 )
 Observer = Callable[[CampaignEvent], None]

@@ -16,7 +16,7 @@ from bench.contracts import Outcome
 from bench.documents import load_document
 
 from ._document import Campaign
-from ._events import CampaignPlanned, Observer, Observers, ResultLost
+from ._events import CampaignPaused, CampaignPlanned, Observer, Observers, ResultLost
 from ._overhead import OVERHEAD, check_fidelity, flown_overhead, job_at
 from ._versions import versions
 from .early_stopping._decisions import check_stopping, outcome_name
@@ -39,6 +39,7 @@ from .storage._evidence_check import check_evidence
 from .storage._folder import CampaignFolder, open_lock
 from .storage._journal import Journal, open_journal
 from .storage._manifest import write_manifest
+from .storage._pause import is_paused
 from .storage._recovery import parse_rerun_outcomes, reconcile, reset_for_rerun
 
 if TYPE_CHECKING:
@@ -149,7 +150,7 @@ def run_campaign(
             if starts_agents
             else SuspectWatch(memory_kills or no_memory_kills, confined_job=lambda: confined_job),
             forfeit_job,
-            gate,
+            _unless_paused(gate, folder, observers),
         )
         observers.notify(CampaignPlanned(dispatcher.total, dispatcher.done))
         for result in finish_infeasible(plans, paths, journal):
@@ -190,6 +191,20 @@ def run_campaign(
             observer_faults=observers.faults,
             wall_s=clock() - started,
         )
+
+
+def _unless_paused(gate: StartGate, folder: Path, observers: Observers) -> StartGate:
+    """A gate that is also closed while the campaign is paused; the observers hear of it once."""
+    paused = False
+
+    def may_start(realization: str) -> bool:
+        nonlocal paused
+        if paused != is_paused(folder):
+            paused = not paused
+            observers.notify(CampaignPaused(goes_on=not paused))
+        return not paused and gate(realization)
+
+    return may_start
 
 
 def _with_options_of_folder(campaign: Campaign, folder: CampaignFolder) -> Campaign:

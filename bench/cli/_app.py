@@ -31,6 +31,7 @@ from . import (
     _prose,
     _scores,
     _sessions,
+    _status,
 )
 from . import _campaigns as _campaigns
 
@@ -74,7 +75,7 @@ def options(
 
 
 for commands in (
-    *(_campaigns, _sessions, _scores, _compare, _calibrate, _decomposition),
+    *(_campaigns, _status, _sessions, _scores, _compare, _calibrate, _decomposition),
     *(_camera, _graph, _look, _prose, _new, _fly, _next, _fit_detector, _examples, _export, _machine),
 ):
     commands.register(app)

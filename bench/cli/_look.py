@@ -38,7 +38,7 @@ def schema(
 ) -> None:
     """Print the JSON Schema of a document. Example: rebar schema simspec > simspec.schema.json"""
     from bench import contracts
-    from bench.campaign import Campaign
+    from bench.campaign import Campaign, CampaignState
     from bench.errors import Fault, SetupError
     from bench.instance_analysis import BaseSimSpec, ProposedResult, VocabularyDocument
     from bench.laboratory import CampaignMessage, CampaignStatus, StandMessage
@@ -66,6 +66,7 @@ def schema(
         "detector-fit": DetectorFit,
         "score-report": ScoreReport,
         "score-explanation": Explanation,
+        "campaign-state": CampaignState,
         "campaign-message": CampaignMessage,
         "campaign-status": CampaignStatus,
         "stand-message": StandMessage,

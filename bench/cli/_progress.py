@@ -20,6 +20,7 @@ from rich.table import Column
 
 from bench.campaign import (
     CampaignEvent,
+    CampaignPaused,
     CampaignPlanned,
     CampaignStopping,
     Observer,
@@ -88,7 +89,7 @@ def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
                     # The bar shows the rest: only sessions that did not go as planned deserve a line.
                     if event.outcome not in (Outcome.COMPLETED, Outcome.SETTLED):
                         show_line(f"{event.realization}: {event.outcome}: {_brief(event.reason)}")
-                case RealizationRetried() | ResultLost() | CampaignStopping():
+                case RealizationRetried() | ResultLost() | CampaignPaused() | CampaignStopping():
                     show_line(_line(event))
                 case _:
                     pass
@@ -122,6 +123,10 @@ def _line(event: CampaignEvent) -> str:
             return f"{event.realization}: {event.outcome}, retrying in {event.pause_s:.0f} s: {reason}"
         case ResultLost(realization):
             return f"{realization}: its result or its recording is gone; it is flown again"
+        case CampaignPaused(goes_on):
+            return (
+                "going on" if goes_on else "paused: `rebar resume` with the campaign's folder lets it go on"
+            )
         case CampaignStopping(reason):
             return f"stopping: {reason}"
         case _:

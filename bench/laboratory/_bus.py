@@ -16,6 +16,7 @@ import aiomqtt
 
 from bench.campaign import (
     CampaignEvent,
+    CampaignPaused,
     CampaignPlanned,
     RealizationFinished,
     RealizationRetried,
@@ -101,6 +102,8 @@ class LaboratoryBus:
             match event:
                 case CampaignPlanned(total, done):
                     self._change(total=total, done=done)
+                case CampaignPaused(goes_on):
+                    self._change(state="running" if goes_on else "paused")
                 case RealizationStarted(realization):
                     self._running[realization] = None
                     self._change(state="running")

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from bench.campaign import (
     CampaignEvent,
+    CampaignPaused,
     CampaignPlanned,
     CampaignStopping,
     RealizationFinished,
@@ -18,8 +19,10 @@ from bench.campaign import (
 from bench.contracts import Outcome
 from bench.documents import Document
 
-EventName = Literal["planned", "waiting", "started", "retried", "finished", "result_lost", "stopping"]
-State = Literal["running", "waiting", "complete", "incomplete", "lost"]
+EventName = Literal[
+    "planned", "waiting", "started", "retried", "finished", "result_lost", "paused", "resumed", "stopping"
+]
+State = Literal["running", "waiting", "paused", "complete", "incomplete", "lost"]
 
 
 class CampaignMessage(Document):
@@ -104,6 +107,8 @@ def message_of(event: CampaignEvent, campaign: str, number: int, sent_utc: dt.da
                 done=done,
                 total=total,
             )
+        case CampaignPaused(goes_on):
+            return message("resumed" if goes_on else "paused")
         case CampaignStopping(reason):
             return message("stopping", reason=reason)
         case _:
