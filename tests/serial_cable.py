@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import tty
 from pathlib import Path
 
 
@@ -17,6 +18,8 @@ class Cable:
 
     def plug(self) -> None:
         self._far, near = os.openpty()
+        # A new terminal echoes, which no cable does.
+        tty.setraw(near)
         os.set_blocking(self._far, False)
         self.path.symlink_to(os.ttyname(near))
         os.close(near)
@@ -40,6 +43,13 @@ class Cable:
             while chunk := os.read(self._far, 1 << 16):
                 data += chunk
         return data
+
+    def read_most(self, size: int) -> bytes:
+        """At most so many bytes; the rest stays on the line."""
+        assert self._far is not None
+        with contextlib.suppress(BlockingIOError, OSError):
+            return os.read(self._far, size) if size > 0 else b""
+        return b""
 
     def close(self) -> None:
         if self._far is not None:

@@ -19,7 +19,7 @@ from bench.contracts import (
     VehicleState,
 )
 from bench.errors import Fault, SetupError
-from bench.simspec import RealAutopilot, generator
+from bench.simspec import BoardAutopilot, RealAutopilot, generator
 
 from ._battery import BatteryModel
 from ._failures import Failures
@@ -62,7 +62,7 @@ def open_x500(plan: VehiclePlan, tap: MavlinkTap | None = None) -> Iterator[Vehi
 
     Raises SetupError for a link that cannot be opened or an unknown parameter.
     """
-    if isinstance(plan.simspec.vehicle.autopilot, RealAutopilot):
+    if isinstance(plan.simspec.vehicle.autopilot, RealAutopilot | BoardAutopilot):
         # Imported only now: most sessions need neither processes nor a magnetic field.
         from .firmware import open_firmware_x500
 
@@ -436,8 +436,8 @@ class Aircraft(ABC):
         it.
         """
 
-    def _find_autopilot(self, name: str | RealAutopilot) -> Autopilot:
-        if isinstance(name, RealAutopilot):
+    def _find_autopilot(self, name: str | RealAutopilot | BoardAutopilot) -> Autopilot:
+        if isinstance(name, RealAutopilot | BoardAutopilot):
             raise SetupError(
                 Fault(
                     "vehicle.autopilot", "real autopilots fly the model x500 alone", "use it, or an imitation"

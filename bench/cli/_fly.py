@@ -8,12 +8,15 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from bench.contracts import LinkSpec
 from bench.errors import Fault, SetupError
+
+if TYPE_CHECKING:
+    from bench.simspec import BoardAutopilot
 
 # The prefixes are those of connection strings in pymavlink.
 KINDS: dict[str, Literal["udp_out", "udp_in", "tcp_in"]] = {
@@ -63,6 +66,12 @@ def fly(
         str,
         typer.Option(help="Fly a real autopilot: PX4's folder with bin/px4 and etc/, or ArduPilot's program"),
     ] = "",
+    board: Annotated[
+        str,
+        typer.Option(
+            help="Fly a PX4 board in hardware-in-the-loop mode, DEVICE or DEVICE:BAUD. PROPELLERS OFF; docs/hardware.md"
+        ),
+    ] = "",
     duration: Annotated[float | None, typer.Option(help="Stop after this many simulated seconds")] = None,
 ) -> None:
     """Run a simulated flight controller by itself, in place of a SITL.
@@ -77,8 +86,8 @@ def fly(
     links += [parse_serial(text, len(links) + index) for index, text in enumerate(serial or ())]
     if interface:
         links += interface_links(autopilot, interface)
-    if (serial or interface) and speed != 1.0:
-        option = "--serial" if serial else "--interface"
+    options = {"--serial": serial, "--interface": interface, "--board": board}
+    if speed != 1.0 and (option := next((name for name, given in options.items() if given), None)):
         raise SetupError(
             Fault(
                 "--speed",
@@ -86,7 +95,9 @@ def fly(
                 f"leave it out with {option}",
             )
         )
-    if firmware and params is not None:
+    if firmware and board:
+        raise SetupError(Fault("--board", "a board brings its own firmware", "leave out --firmware"))
+    if (firmware or board) and params is not None:
         raise SetupError(
             Fault("--params", "a real autopilot keeps its parameters itself", "leave out --params")
         )
@@ -103,6 +114,7 @@ def fly(
             say=partial(print, flush=True),
             model=vehicle,
             firmware=firmware,
+            board=parse_board(board, autopilot) if board else None,
         )
 
 
@@ -167,6 +179,24 @@ def parse_link(text: str, index: int) -> LinkSpec:
 
 def parse_serial(text: str, index: int) -> LinkSpec:
     """A LinkSpec from the text of `--serial`."""
+    path, baud = parse_device(text, "--serial")
+    return LinkSpec(name=f"serial{index}", kind="serial", path=path, baud=baud)
+
+
+def parse_board(text: str, autopilot: str = "px4") -> BoardAutopilot:
+    """The board of `--board`."""
+    from bench.documents import validate_document
+    from bench.simspec import BoardAutopilot
+
+    if autopilot != "px4":
+        what = f"{autopilot} has no hardware-in-the-loop mode that takes sensors from outside"
+        raise SetupError(Fault("--board", what, "fly a PX4 board"))
+    path, baud = parse_device(text, "--board")
+    return validate_document({"kind": "px4", "device": path, "baud": baud}, BoardAutopilot, source="--board")
+
+
+def parse_device(text: str, option: str) -> tuple[str, int]:
+    """Path and speed of DEVICE or DEVICE:BAUD."""
     from bench.simspec import DEFAULT_BAUD
 
     path, colon, baud = text.rpartition(":")
@@ -176,9 +206,9 @@ def parse_serial(text: str, index: int) -> LinkSpec:
     if not path or int(baud) <= 0:
         raise SetupError(
             Fault(
-                "--serial",
+                option,
                 f"{text!r} is no device",
                 "give DEVICE or DEVICE:BAUD, such as /dev/ttyUSB0:921600",
             )
         )
-    return LinkSpec(name=f"serial{index}", kind="serial", path=path, baud=int(baud))
+    return path, int(baud)

@@ -19,6 +19,7 @@ from typing import Annotated
 
 import typer
 
+from ._fly import parse_board
 from ._tables import plain_console, wrapped
 
 PACKAGES = (
@@ -57,6 +58,10 @@ def doctor(
         str,
         typer.Option(help="Start this real autopilot too: PX4's folder, or ArduPilot's program"),
     ] = "",
+    board: Annotated[
+        str,
+        typer.Option(help="Restart and try this PX4 board too, DEVICE or DEVICE:BAUD. PROPELLERS OFF"),
+    ] = "",
 ) -> None:
     """Check this machine: Python, packages, plug-ins, JSBSim, Zenoh, loopback, free space, confinement of agents. Example: rebar
     doctor
@@ -64,6 +69,8 @@ def doctor(
     checks = [_try(name, check) for name, check in CHECKS.items()]
     if firmware:
         checks.append(_try("firmware", partial(_firmware, firmware)))
+    if board:
+        checks.append(_try("board", partial(_board, board)))
     if as_json:
         print(
             json.dumps(
@@ -144,6 +151,18 @@ def _firmware(path: str) -> str:
     # PX4 is a folder of program and start scripts, ArduPilot one executable.
     kind = "px4" if Path(path).is_dir() else "ardupilot"
     spec = standalone_simspec(kind, DEFAULT_HOME, {}, firmware=path)
+    with load_plugin("rebar.vehicles", spec.vehicle.model)(VehiclePlan(spec, ())) as vehicle:
+        assert isinstance(vehicle, BootsFirmware)
+        return vehicle.boot()
+
+
+def _board(text: str) -> str:
+    """Fly a board on the ground for some seconds."""
+    from bench.contracts import BootsFirmware, VehiclePlan, load_plugin
+    from bench.simulation import DEFAULT_HOME, standalone_simspec
+
+    board = parse_board(text).model_copy(update={"boot_s": 5.0})
+    spec = standalone_simspec("px4", DEFAULT_HOME, {}, board=board)
     with load_plugin("rebar.vehicles", spec.vehicle.model)(VehiclePlan(spec, ())) as vehicle:
         assert isinstance(vehicle, BootsFirmware)
         return vehicle.boot()

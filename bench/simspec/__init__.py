@@ -90,6 +90,7 @@ if TYPE_CHECKING:
     from ._vehicle import DEFAULT_BAUD as DEFAULT_BAUD
     from ._vehicle import DEFAULT_RENDERER as DEFAULT_RENDERER
     from ._vehicle import Battery as Battery
+    from ._vehicle import BoardAutopilot as BoardAutopilot
     from ._vehicle import Camera as Camera
     from ._vehicle import Distortion as Distortion
     from ._vehicle import Failure as Failure
@@ -184,6 +185,7 @@ _MODULES = {
     "Gps": "_vehicle",
     "OutsideLink": "_vehicle",
     "RealAutopilot": "_vehicle",
+    "BoardAutopilot": "_vehicle",
     "VehicleSpec": "_vehicle",
     "DEFAULT_BAUD": "_vehicle",
     "Environment": "_weather",

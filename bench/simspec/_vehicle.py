@@ -361,6 +361,54 @@ class RealAutopilot(Document):
         return f"{self.kind} (real)"
 
 
+class BoardAutopilot(Document):
+    """A flight controller board with PX4 in hardware-in-the-loop mode, in real time (docs/hardware.md).
+
+    TAKE THE PROPELLERS OFF. The board is restarted at the start of each session, and its parameters are put back at the
+    end.
+    """
+
+    kind: Literal["px4"]
+    device: Annotated[
+        str,
+        Field(
+            min_length=1,
+            description="The serial device of the board, such as /dev/serial/by-id/usb-... or /dev/ttyACM0.",
+        ),
+    ]
+    baud: Annotated[
+        int,
+        Field(
+            ge=9600,
+            le=4_000_000,
+            description="Speed of the line. A board on USB ignores it, but rates of messages are planned for it.",
+        ),
+    ] = DEFAULT_BAUD
+    parameters: Annotated[
+        dict[str, float],
+        Field(description="Set at the start, behind those of the airframe and those of vehicle.parameters."),
+    ] = {}
+    streams_hz: Annotated[
+        dict[str, Annotated[float, Field(ge=0.0, le=200.0)]],
+        Field(
+            max_length=32,
+            description="Rates of messages that the board is asked for, by MAVLink name, such as LOCAL_POSITION_NED: 10. "
+            "What does not fit on the line is refused.",
+        ),
+    ] = {}
+    boot_s: Annotated[
+        float | None,
+        Field(
+            ge=0.0,
+            le=600.0,
+            description="Seconds on the ground before the session begins, until the board can be armed; 20 when absent.",
+        ),
+    ] = None
+
+    def __str__(self) -> str:
+        return f"{self.kind} (board)"
+
+
 class VehicleSpec(Document):
     """The aircraft, the autopilot it carries, and its sensors."""
 
@@ -368,9 +416,9 @@ class VehicleSpec(Document):
         Identifier, Field(description="Name of the vehicle in the entry-point group rebar.vehicles.")
     ] = "x500"
     autopilot: Annotated[
-        Literal["px4", "ardupilot"] | RealAutopilot,
+        Literal["px4", "ardupilot"] | RealAutopilot | BoardAutopilot,
         Field(
-            description="The autopilot that the flight controller imitates, or a real one with its firmware."
+            description="The autopilot that the flight controller imitates, a real one with its firmware, or a board."
         ),
     ] = "px4"
     parameters: Annotated[

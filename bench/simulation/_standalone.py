@@ -22,7 +22,7 @@ from bench.contracts import (
 )
 from bench.documents import validate_document
 from bench.errors import Fault, SetupError
-from bench.simspec import SimSpec
+from bench.simspec import BoardAutopilot, SimSpec
 
 from ._parameter_file import HasParameters, ParameterFile
 from ._step_timing import StepClock
@@ -57,6 +57,7 @@ def run_standalone(
     model: str = "x500",
     camera: bool = False,
     firmware: str = "",
+    board: BoardAutopilot | None = None,
 ) -> None:
     """Fly until `stop` is set, `duration_s` simulated seconds are over, or the user interrupts.
 
@@ -66,11 +67,13 @@ def run_standalone(
     from one start to the next. `model` is a vehicle of group rebar.vehicles. Raises SetupError for anything
     that cannot be opened or does not exist. `camera` adds a camera on a gimbal, both on the links. True
     motion is sent on request, and clients may set parameters of the simulation, as with a SITL. With a `firmware` the
-    real autopilot flies, which sends no true motion.
+    real autopilot flies, which sends no true motion; with a `board` one in hardware-in-the-loop mode, in real time.
     """
     file = ParameterFile(parameter_file) if parameter_file else None
     saved = file.load() if file else {}
-    simspec = standalone_simspec(autopilot, home, {**saved, **(parameters or {})}, model, camera, firmware)
+    simspec = standalone_simspec(
+        autopilot, home, {**saved, **(parameters or {})}, model, camera, firmware, board
+    )
     open_vehicle: OpenVehicle = load_plugin("rebar.vehicles", model)
     plan = VehiclePlan(simspec, tuple(links) or DEFAULT_LINKS[autopilot])
     with ExitStack() as stack:
@@ -138,6 +141,7 @@ def standalone_simspec(
     model: str = "x500",
     camera: bool = False,
     firmware: str = "",
+    board: BoardAutopilot | None = None,
 ) -> SimSpec:
     """A SimSpec from a home place alone: still air, a square kilometre of nothing, the vehicle in its
     middle.
@@ -151,6 +155,11 @@ def standalone_simspec(
         {"east_m": east, "north_m": north}
         for east, north in ((-500, -500), (500, -500), (500, 500), (-500, 500))
     ]
+    carried: object = autopilot
+    if firmware:
+        carried = {"kind": autopilot, "firmware": firmware, "boot_s": _HELLO_S}
+    elif board:
+        carried = board.model_dump()
     document = {
         "name": "standalone",
         "world": {
@@ -159,11 +168,9 @@ def standalone_simspec(
         },
         "vehicle": {
             "model": model,
-            "autopilot": {"kind": autopilot, "firmware": firmware, "boot_s": _HELLO_S}
-            if firmware
-            else autopilot,
+            "autopilot": carried,
             "parameters": dict(parameters),
-            "ground_truth": not firmware,
+            "ground_truth": carried == autopilot,
             "simulation_control": True,
             "camera": {"gimbal": camera, "mavlink": camera},
             "home": {"east_m": 0.0, "north_m": 0.0, "heading_deg": math.fmod(heading, 360.0) % 360.0},

@@ -22,7 +22,7 @@ from serial_cable import Cable
 
 from bench.campaign import load_campaign, question_sha256
 from bench.cli._app import run
-from bench.cli._fly import parse_home, parse_link, parse_serial
+from bench.cli._fly import parse_board, parse_home, parse_link, parse_serial
 from bench.errors import SetupError
 from bench.simulation import interface_links
 
@@ -160,6 +160,12 @@ def test_homes_and_links_are_parsed_or_refused() -> None:
     for wrong in ("", ":57600", "/dev/ttyUSB0:0"):
         with pytest.raises(SetupError, match="--serial"):
             parse_serial(wrong, 0)
+    board = parse_board("/dev/ttyACM0:460800")
+    assert (board.device, board.baud) == ("/dev/ttyACM0", 460800)
+    with pytest.raises(SetupError, match="ardupilot has no hardware-in-the-loop mode"):
+        parse_board("/dev/ttyACM0", "ardupilot")
+    with pytest.raises(SetupError, match="--board"):
+        parse_board("/dev/ttyACM0:57")
 
 
 def test_companions_on_serial_devices_and_interfaces_are_told_where_to_connect(

@@ -19,6 +19,9 @@ from vehicle_client import Client, mavlink, simspec
 from bench.contracts import LinkSpec, VehiclePlan
 from bench.errors import FirmwareFault, SetupError
 from vehicle_models.firmware import Budgets, FirmwareX500, open_firmware_x500
+from vehicle_models.firmware._ardupilot import RunningArduPilot
+from vehicle_models.firmware._program import FirmwareProgram
+from vehicle_models.firmware._px4 import RunningPx4
 
 pytestmark = [pytest.mark.process, pytest.mark.flight]
 
@@ -280,8 +283,7 @@ def test_without_networks_of_their_own_numbers_keep_two_apart(
         pair = [stack.enter_context(opened(kind, firmware[kind], boot_s=0.1)) for _ in range(2)]
         for vehicle in pair:
             vehicle.boot()
-            assert vehicle._running
-            assert vehicle._running.program.network_fault == "no network for you"
+            assert running_program(vehicle).network_fault == "no network for you"
     assert_nothing_left(folder)
 
 
@@ -305,8 +307,7 @@ def test_an_autopilot_in_a_network_of_its_own_leaves_the_ports_of_the_host_free(
     """Nobody outside can reach it either: an agent has the vehicle's links, and no other way."""
     with opened("px4", firmware["px4"], boot_s=0.1) as vehicle:
         vehicle.boot()
-        assert vehicle._running
-        if fault := vehicle._running.program.network_fault:
+        if fault := running_program(vehicle).network_fault:
             pytest.skip(f"no network of its own here: {fault}")
         (number,) = {
             match[1] for match in re.finditer(r"px4 -d -i (\d)", " ".join(programs(vehicle_folder(vehicle))))
@@ -317,5 +318,10 @@ def test_an_autopilot_in_a_network_of_its_own_leaves_the_ports_of_the_host_free(
 
 
 def vehicle_folder(vehicle: FirmwareX500) -> Path:
-    assert vehicle._running
-    return vehicle._running.program.folder
+    return running_program(vehicle).folder
+
+
+def running_program(vehicle: FirmwareX500) -> FirmwareProgram:
+    running = vehicle._running
+    assert isinstance(running, RunningPx4 | RunningArduPilot)
+    return running.program

@@ -20,6 +20,8 @@ from vehicle_client import NAN, Client, mavlink, simspec
 from bench.contracts import LinkSpec, VehiclePlan
 from bench.errors import FirmwareFault
 from vehicle_models.firmware import FirmwareX500, open_firmware_x500
+from vehicle_models.firmware._ardupilot import RunningArduPilot
+from vehicle_models.firmware._px4 import RunningPx4
 
 PLACES = {"px4": "REBAR_PX4", "ardupilot": "REBAR_ARDUCOPTER"}
 HEIGHT_M = 10.0
@@ -143,8 +145,9 @@ def test_a_kill_in_mid_air_is_the_fault_of_the_firmware(kind: str) -> None:
         take_off(kind, client)
         vehicle = client.vehicle
         assert isinstance(vehicle, FirmwareX500)
-        assert vehicle._running
-        os.kill(vehicle._running.program.pid, signal.SIGKILL)
+        running = vehicle._running
+        assert isinstance(running, RunningPx4 | RunningArduPilot)
+        os.kill(running.program.pid, signal.SIGKILL)
         with pytest.raises(FirmwareFault, match=re.escape("SIGKILL")):
             client.fly(1.0)
 

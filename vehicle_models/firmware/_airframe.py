@@ -15,6 +15,16 @@ _HOVER = round(HOVER_THRUST, 2)
 
 def px4_parameters(*, log: bool) -> dict[str, float]:
     """PX4's parameters of the X500. Its motors follow the command with the square: THR_MDL_FAC 1."""
+    # With -i N PX4 takes the system id N + 1: clients expect 1.
+    return _px4_geometry() | {"MAV_SYS_ID": 1, "SDLOG_BACKEND": 1 if log else 0}
+
+
+def board_parameters() -> dict[str, float]:
+    """Those of a PX4 board, whose simulated outputs 1 to 4 are motors 1 to 4 (HIL_ACT_FUNC)."""
+    return _px4_geometry() | {f"HIL_ACT_FUNC{number}": 100 + number for number in range(1, 5)}
+
+
+def _px4_geometry() -> dict[str, float]:
     geometry: dict[str, float] = {}
     for number, (x, y, torque) in enumerate(_QUAD_X):
         geometry |= {
@@ -22,9 +32,7 @@ def px4_parameters(*, log: bool) -> dict[str, float]:
             f"CA_ROTOR{number}_PY": y * ROTOR_ARM_M,
             f"CA_ROTOR{number}_KM": torque * ROTOR_TORQUE_M,
         }
-    # With -i N PX4 takes the system id N + 1: clients expect 1.
-    rest = {"THR_MDL_FAC": 1, "MPC_THR_HOVER": _HOVER, "MAV_SYS_ID": 1, "SDLOG_BACKEND": 1 if log else 0}
-    return geometry | rest
+    return geometry | {"THR_MDL_FAC": 1, "MPC_THR_HOVER": _HOVER}
 
 
 def ardupilot_parameters(*, log: bool, samples_hz: int) -> dict[str, float]:

@@ -8,13 +8,13 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from bench.errors import Fault
-from bench.simspec import Failure
+from bench.simspec import BoardAutopilot, Failure, RealAutopilot
 
 from ..x500 import ROTORS
 from ._airframe import ardupilot_parameters, merged
 from ._ardupilot_link import PHYSICS_PORT, ArduPilotLink, ArduPilotMetres, PhysicsState, rotor_share
 from ._body import Body
-from ._firmware import Budgets, FirmwarePlan, program_faults
+from ._firmware import Budgets, FirmwarePlan, program_faults, program_identity
 from ._instances import claimed_instance
 from ._mavlink_ports import MavlinkPort, TcpPort
 from ._pace import core_of
@@ -41,12 +41,19 @@ class ArduPilotKind:
     def program(self, firmware: Path) -> Path:
         return firmware
 
-    def faults(self, firmware: Path, failures: Sequence[Failure]) -> list[Fault]:
+    def identity(self, autopilot: RealAutopilot | BoardAutopilot) -> str:
+        assert isinstance(autopilot, RealAutopilot)
+        return program_identity(self.program(Path(autopilot.firmware)), autopilot.pace)
+
+    def faults(self, autopilot: RealAutopilot | BoardAutopilot, failures: Sequence[Failure]) -> list[Fault]:
+        assert isinstance(autopilot, RealAutopilot)
+        firmware = Path(autopilot.firmware)
         return [*program_faults(self.program(firmware), []), *_failure_faults(failures)]
 
     @contextmanager
     def open(self, plan: FirmwarePlan) -> Generator[RunningArduPilot]:
         autopilot, body, links = plan.autopilot, plan.body, plan.links
+        assert isinstance(autopilot, RealAutopilot)
         with ExitStack() as stack:
             environment = {"PATH": "/usr/bin:/bin"}
             program = stack.enter_context(open_program(self.name, plan.folder, environment, "dsss"))
@@ -167,6 +174,9 @@ class RunningArduPilot:
             )
         )
         self._pulses = self._link.receive()
+
+    def last_words(self) -> str:
+        return self.program.last_words()
 
     def counters(self) -> Mapping[str, int]:
         link = self._link

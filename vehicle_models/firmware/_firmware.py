@@ -2,30 +2,32 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from bench.contracts import LinkSpec
 from bench.errors import Fault
-from bench.simspec import Failure, RealAutopilot, SimSpec
+from bench.simspec import BoardAutopilot, Failure, RealAutopilot, SimSpec
 
 from ._body import Body
 from ._mavlink_ports import MavlinkPort
-from ._program import FirmwareProgram
+from ._pace import LineClock
 
 FIRMWARE_FIELD = "vehicle.autopilot.firmware"
 
 
 @dataclass(frozen=True, slots=True)
 class Budgets:
-    """Host seconds that an autopilot gets: to connect, and to answer a sample."""
+    """Host seconds that an autopilot gets: to connect, and to answer a sample. `clock` measures those of a board."""
 
     connect_s: float = 60.0
     answer_s: float = 30.0
+    clock: LineClock = field(default_factory=LineClock)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,17 +35,17 @@ class FirmwarePlan:
     """All that one autopilot needs to be started: `folder` is its own, and empty."""
 
     simspec: SimSpec
-    autopilot: RealAutopilot
+    autopilot: RealAutopilot | BoardAutopilot
     body: Body
     links: Sequence[LinkSpec]
     folder: Path
     budgets: Budgets
+    controller_hz: int
 
 
 class RunningFirmware(Protocol):
     """A started autopilot on its links."""
 
-    program: FirmwareProgram
     cores: frozenset[int]
     """The cores that it is kept on; empty where it is not."""
     estimate_port: MavlinkPort
@@ -58,12 +60,15 @@ class RunningFirmware(Protocol):
     def fly_sample(self, *, new_fix: bool) -> None:
         """Make one step of the physics and get the autopilot's outputs for it. `new_fix`: the receiver has a new fix."""
 
+    def last_words(self) -> str:
+        """What it wrote last, for an error."""
+
     def counters(self) -> Mapping[str, int]:
         """What was unusual on the physics link, by name."""
 
 
 class FirmwareKind(Protocol):
-    """PX4 or ArduPilot: what is needed to start it."""
+    """PX4, ArduPilot, or a board: what is needed to start it."""
 
     name: str
     samples_hz: int
@@ -73,14 +78,28 @@ class FirmwareKind(Protocol):
     logs: Sequence[str]
     """Patterns of its logs, in its folder."""
 
-    def program(self, firmware: Path) -> Path:
-        """The executable."""
+    def identity(self, autopilot: RealAutopilot | BoardAutopilot) -> str:
+        """Which program or board it is, in words."""
 
-    def faults(self, firmware: Path, failures: Sequence[Failure]) -> list[Fault]:
-        """Why this firmware or these failures cannot be flown."""
+    def faults(self, autopilot: RealAutopilot | BoardAutopilot, failures: Sequence[Failure]) -> list[Fault]:
+        """Why this autopilot or these failures cannot be flown."""
 
     def open(self, plan: FirmwarePlan) -> AbstractContextManager[RunningFirmware]:
         """Start it and connect to it; leaving the block ends it."""
+
+
+@runtime_checkable
+class KeepsRealTime(Protocol):
+    """What a started autopilot promises beside `RunningFirmware` when its own clock goes on: it waits for nobody."""
+
+    def wait_step(self) -> None:
+        """Wait until the next step is due."""
+
+
+def program_identity(program: Path, pace: str) -> str:
+    """An executable by its name and digest, and the pace at which it flies."""
+    digest = hashlib.sha256(program.read_bytes()).hexdigest()
+    return f"{program.name} sha256:{digest}, pace {pace}"
 
 
 def program_faults(program: Path, other_files: Sequence[Path]) -> list[Fault]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 
 from bench.errors import FirmwareFault
 
@@ -14,6 +15,14 @@ from ._px4_link import ANSWER_S, CheckAlive
 # While PX4's start script runs, threads and processes come and go: one look is not enough.
 _LOOKS_WHILE_STARTING = 3
 _RUNNING = b"RD"
+
+
+@dataclass(frozen=True, slots=True)
+class LineClock:
+    """The host's clock, which tests replace: in real time everything is measured by it."""
+
+    now: Callable[[], float] = time.monotonic
+    sleep: Callable[[float], None] = time.sleep
 
 
 def core_of(instance: int) -> int:

@@ -11,28 +11,24 @@ from pathlib import Path
 
 from bench.contracts import LinkSpec
 from bench.errors import Fault, SetupError
-from bench.simspec import Failure, SimSpec, generator
+from bench.simspec import BoardAutopilot, Failure, RealAutopilot, SimSpec
 
 from ..x500 import ROTORS
 from ._airframe import merged, px4_parameters
 from ._body import Body
-from ._firmware import Budgets, FirmwarePlan, program_faults
-from ._hil import HilEncoder
+from ._firmware import Budgets, FirmwarePlan, program_faults, program_identity
 from ._instances import claimed_instance
-from ._magnetic_field import magnetic_field_ned_gauss
 from ._mavlink_ports import MavlinkPort, UdpPort
 from ._pace import ThreadWatch, core_of
 from ._program import FirmwareProgram, open_program
 from ._px4_link import PHYSICS_PORT, Px4Link
-from ._sensors import Sensors
+from ._px4_samples import Px4Samples
 
 _ONBOARD_PORT, _ONBOARD_PEER = 14540, 14580
 _GCS_PORT, _GCS_PEER = 14550, 18570
 # The airframe with four motors on outputs 1 to 4 whose start script begins without a simulator of its own.
 _AIRFRAME = "none_iris"
 _START_SCRIPT = "etc/init.d-posix/rcS"
-# Magnetometer and barometer: every fourth sample, 50 Hz.
-_SLOW_EVERY = 4
 # The start script has ended by then.
 _STARTING_US = 5_000_000
 
@@ -49,13 +45,20 @@ class Px4Kind:
     def program(self, firmware: Path) -> Path:
         return firmware / "bin" / "px4"
 
-    def faults(self, firmware: Path, failures: Sequence[Failure]) -> list[Fault]:
+    def identity(self, autopilot: RealAutopilot | BoardAutopilot) -> str:
+        assert isinstance(autopilot, RealAutopilot)
+        return program_identity(self.program(Path(autopilot.firmware)), autopilot.pace)
+
+    def faults(self, autopilot: RealAutopilot | BoardAutopilot, failures: Sequence[Failure]) -> list[Fault]:
+        assert isinstance(autopilot, RealAutopilot)
+        firmware = Path(autopilot.firmware)
         faults = program_faults(self.program(firmware), [firmware / _START_SCRIPT])
         return [*faults, *_failure_faults(failures)]
 
     @contextmanager
     def open(self, plan: FirmwarePlan) -> Generator[RunningPx4]:
         autopilot, body, links = plan.autopilot, plan.body, plan.links
+        assert isinstance(autopilot, RealAutopilot)
         firmware = Path(autopilot.firmware).resolve()
         parameters = merged(
             px4_parameters(log=autopilot.log), plan.simspec.vehicle.parameters, autopilot.parameters
@@ -171,58 +174,30 @@ class RunningPx4:
         self.connections: Sequence[MavlinkPort] = sockets.connections()
         self.cores = cores
         self.armed: bool | None = False
-        self._body, self._link, self._watch = body, sockets.link, watch
-        origin = simspec.world.origin
-        field = magnetic_field_ned_gauss(
-            origin.latitude_deg, origin.longitude_deg, origin.altitude_m, simspec.environment.start_utc
-        )
-        # A stream of its own beside that of the receiver's error: neither depends on the rate of the other.
-        self._sensors = Sensors(field, generator(simspec.seeds, "sensors", 1))
-        self._encoder = HilEncoder()
-        self._samples = 0
-        self._sample_us = 1_000_000 // body.samples_hz
-        self._next_truth_us = 0
+        self._plant, self._link, self._watch = body.plant, sockets.link, watch
+        self._samples = Px4Samples(simspec, body)
 
     def fly_sample(self, *, new_fix: bool) -> None:
-        plant = self._body.plant
-        plant.advance()
-        self._samples += 1
-        time_us = self._samples * self._sample_us
-        frames = self._sample(time_us, new_fix)
+        time_us = self._samples.advance()
+        messages = self._samples.messages(
+            time_us, new_fix=new_fix, truth_interval_us=self._link.truth_interval_us
+        )
         if self._watch:
             self._watch.wait(starting=time_us < _STARTING_US)
-        controls = self._link.exchange(time_us, frames)
+        controls = self._link.exchange(time_us, b"".join(messages))
         if controls is None:
             return
         self.armed = controls.armed
         # NaN stands for an output that is stopped.
-        plant.turn_rotors([0.0 if math.isnan(share) else share for share in controls.outputs[: len(ROTORS)]])
+        self._plant.turn_rotors(
+            [0.0 if math.isnan(share) else share for share in controls.outputs[: len(ROTORS)]]
+        )
+
+    def last_words(self) -> str:
+        return self.program.last_words()
 
     def counters(self) -> Mapping[str, int]:
         return {"firmware_unanswered": self._link.unanswered}
-
-    def _sample(self, time_us: int, new_fix: bool) -> bytes:
-        """The messages of one moment. HIL_SENSOR is last: it moves PX4's clock, and what follows would race with it."""
-        body, sensors = self._body, self._sensors
-        force = body.plant.specific_force_mps2()
-        attitude = body.attitude()
-        imu = sensors.read_imu(force, body.rates_radps())
-        frames = b""
-        if new_fix:
-            frames += self._encoder.gps(time_us, body.fix())
-        interval_us = self._link.truth_interval_us
-        if interval_us is not None and time_us >= self._next_truth_us:
-            self._next_truth_us = time_us + max(interval_us, self._sample_us)
-            airspeed_mps = body.plant.motion.airspeed_mps
-            frames += self._encoder.state(
-                time_us, attitude, body.rates_radps(), body.place(), airspeed_mps, force
-            )
-        if self._samples % _SLOW_EVERY:
-            return frames + self._encoder.sensor(time_us, imu)
-        magnetometer = sensors.read_magnetometer(attitude)
-        return frames + self._encoder.sensor(
-            time_us, imu, magnetometer, sensors.read_barometer(body.altitude_m())
-        )
 
 
 def _failure_faults(failures: Sequence[Failure]) -> list[Fault]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import shutil
 import tempfile
@@ -19,7 +18,7 @@ from bench.contracts import (
     VehicleState,
 )
 from bench.errors import Fault, FirmwareFault, SetupError
-from bench.simspec import RealAutopilot, generator
+from bench.simspec import BoardAutopilot, RealAutopilot, generator
 
 from .._battery import BatteryModel
 from .._failures import Failures
@@ -29,14 +28,24 @@ from ..controller.links._radio import MESSAGES_PER_STEP
 from ..x500 import ROTORS, has_crashed
 from ._ardupilot import ArduPilotKind
 from ._body import Body
-from ._firmware import Budgets, FirmwareKind, FirmwarePlan, RunningFirmware
+from ._firmware import Budgets, FirmwareKind, FirmwarePlan, KeepsRealTime, RunningFirmware
 from ._gate import Gate
+from ._keeper import Keeper
+from ._line_budget import SAMPLE_RATES_HZ
 from ._pace import held_on
 from ._program import CONSOLE_FILE
 from ._px4 import Px4Kind
+from ._px4_board import Px4BoardKind
 from ._telemetry import Telemetry
 
 KINDS: Mapping[str, FirmwareKind] = {"px4": Px4Kind(), "ardupilot": ArduPilotKind()}
+
+
+def kind_of(autopilot: RealAutopilot | BoardAutopilot) -> FirmwareKind:
+    """What flies. Raises SetupError for a board whose line does not carry what it needs."""
+    return Px4BoardKind(autopilot) if isinstance(autopilot, BoardAutopilot) else KINDS[autopilot.kind]
+
+
 # Standing: the feet touch, and nothing moves.
 _TOUCH_M, _STANDING_MPS = 0.02, 0.2
 # When the bench asks for version and estimate, and again until it gets them: the autopilot hears nothing before.
@@ -69,9 +78,9 @@ class FirmwareX500:
     ) -> None:
         simspec = plan.simspec
         autopilot = simspec.vehicle.autopilot
-        assert isinstance(autopilot, RealAutopilot)
+        assert isinstance(autopilot, RealAutopilot | BoardAutopilot)
         self._plan, self._autopilot, self._budgets = plan, autopilot, budgets
-        self._kind = KINDS[autopilot.kind]
+        self._kind = kind_of(autopilot)
         self._check()
         self.step_s = 1.0 / plan.controller_hz
         self._step_ns = round(1e9 / plan.controller_hz)
@@ -96,6 +105,7 @@ class FirmwareX500:
         self._gate = Gate(simspec.vehicle.simulation_control)
         self._modes = AUTOPILOTS[autopilot.kind].modes
         self._running: RunningFirmware | None = None
+        self._keeper: Keeper | None = None
         self._crashed = False
         self._fixes = 0
         self._flown_steps = 0
@@ -106,16 +116,16 @@ class FirmwareX500:
         running = self._start()
         boot_s = self._kind.boot_s if self._autopilot.boot_s is None else self._autopilot.boot_s
         for _ in range(round(boot_s / self.step_s)):
-            self._advance(running)
-            for port in running.connections:
-                frames = port.read()
-                if port is running.estimate_port:
-                    self._telemetry.take(frames)
+            self._stand(running)
         if boot_s > _REQUEST_S and not self._telemetry.heartbeats:
             raise FirmwareFault(
-                f"{self._kind.name} has sent no MAVLink heartbeat in {boot_s:g} s{running.program.last_words()}"
+                f"{self._kind.name} has sent no MAVLink heartbeat in {boot_s:g} s{running.last_words()}"
             )
-        return self._description(running)
+        if isinstance(running, KeepsRealTime):
+            # The agent starts now, for seconds, and a board that gets no sensors meanwhile has no estimate any more.
+            self._keeper = Keeper(lambda: self._stand(running))
+            self._stack.callback(self._keeper.close)
+        return self._description()
 
     def endpoints(self) -> Mapping[str, str]:
         return {link.spec.name: link.endpoint for link in self._links}
@@ -130,6 +140,9 @@ class FirmwareX500:
 
     def step(self) -> None:
         running = self._running or self._start()
+        if self._keeper:
+            self._keeper.stop()
+            self._keeper = None
         self._failures.apply(self.time.ns)
         self._take_from_clients(running)
         motion = self._body.plant.motion
@@ -206,9 +219,20 @@ class FirmwareX500:
             [link.spec for link in self._links],
             folder,
             self._budgets,
+            self._plan.controller_hz,
         )
         self._running = self._stack.enter_context(self._kind.open(plan))
         return self._running
+
+    def _stand(self, running: RunningFirmware) -> None:
+        """One step on the ground, of which clients hear nothing."""
+        self._advance(running)
+        for port in running.connections:
+            frames = port.read()
+            if port is running.estimate_port:
+                self._telemetry.take(frames)
+        if isinstance(running, KeepsRealTime):
+            running.wait_step()
 
     def _advance(self, running: RunningFirmware) -> None:
         """One step of physics and autopilot, without what clients and failures do."""
@@ -275,7 +299,7 @@ class FirmwareX500:
     def _check(self) -> None:
         """Raise SetupError with everything that this autopilot cannot do."""
         vehicle = self._plan.simspec.vehicle
-        faults = self._kind.faults(Path(self._autopilot.firmware), vehicle.failures)
+        faults = self._kind.faults(self._autopilot, vehicle.failures)
         imitated = "fly the imitated autopilot, or leave it out"
         wishes = {
             "vehicle.camera.gimbal": vehicle.camera.gimbal,
@@ -292,17 +316,22 @@ class FirmwareX500:
             for link in self._plan.links
             if link.signing_key
         ]
+        if isinstance(self._autopilot, BoardAutopilot) and self._plan.simspec.pace.mode != "realtime":
+            what = f"a board keeps real time, and the pace is {self._plan.simspec.pace.mode}"
+            faults.append(Fault("pace.mode", what, "fly with --pace realtime"))
+        if isinstance(self._autopilot, BoardAutopilot) and self._plan.controller_hz > SAMPLE_RATES_HZ[-1]:
+            faults.append(
+                Fault("controller_hz", f"{self._plan.controller_hz} Hz is too fast for a board", "use 50")
+            )
         if self._kind.samples_hz % self._plan.controller_hz:
             rates = "use 25, 50, 100 or 200"
             faults.append(Fault("controller_hz", f"{self._plan.controller_hz} Hz does not divide", rates))
         if faults:
             raise SetupError(faults)
 
-    def _description(self, running: RunningFirmware) -> str:
-        program = self._kind.program(Path(self._autopilot.firmware))
-        digest = hashlib.sha256(program.read_bytes()).hexdigest()
+    def _description(self) -> str:
         version = self._telemetry.version or "of a version that it does not tell"
-        return f"{self._kind.name} {version}, {program.name} sha256:{digest}, pace {self._autopilot.pace}"
+        return f"{self._kind.name} {version}, {self._kind.identity(self._autopilot)}"
 
     def _keep_artefacts(self, folder: Path) -> None:
         """Keep console and logs with the run, and remove the folder."""

@@ -1,0 +1,328 @@
+"""Flight controller boards in hardware-in-the-loop mode, with a strict stand-in at the other end of a pseudo terminal."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import re
+import statistics
+import time
+from collections.abc import Generator, Iterator
+from contextlib import ExitStack, closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from board_stand_in import INT32, Board
+from serial_cable import Cable
+from vehicle_client import Client, mavlink, simspec
+
+from bench.contracts import LinkSpec, VehiclePlan
+from bench.errors import FirmwareFault, SetupError
+from vehicle_models.firmware import Budgets, FirmwareX500, open_firmware_x500
+from vehicle_models.firmware._line_budget import frame_bytes, plan_line
+
+HEIGHT_M = 2.0
+
+
+@pytest.fixture
+def cable(tmp_path: Path) -> Iterator[Cable]:
+    with closing(Cable(tmp_path / "ttyACM0")) as plugged:
+        yield plugged
+
+
+@pytest.fixture
+def client() -> Iterator[Client]:
+    made = Client()
+    with made.socket:
+        yield made
+
+
+@contextmanager
+def opened(
+    board: Board,
+    client: Client | None = None,
+    *,
+    boot_s: float = 1.0,
+    artefacts: Path | None = None,
+    **autopilot: Any,
+) -> Generator[FirmwareX500]:
+    document = {
+        "kind": "px4",
+        "device": str(board.cable.path),
+        "baud": board.baud,
+        "boot_s": boot_s,
+        **autopilot,
+    }
+    spec = simspec(vehicle={"autopilot": document, "simulation_control": False}, pace={"mode": "realtime"})
+    links = (LinkSpec("onboard", "udp_out", port=client.port),) if client else ()
+    budgets = Budgets(connect_s=8.0, clock=board.clock())
+    with open_firmware_x500(VehiclePlan(spec, links, artefacts=artefacts), budgets=budgets) as vehicle:
+        if client:
+            client.vehicle = vehicle
+        yield vehicle
+
+
+def parameter(board: Board, name: str) -> float:
+    return board.parameters[name][0]
+
+
+def step(vehicle: FirmwareX500, board: Board, span_s: float, client: Client | None = None) -> None:
+    """As a session in real time does it: sleep until the step is due, then make it."""
+    for _ in range(round(span_s / vehicle.step_s)):
+        due_s = board.now_s + vehicle.step_s
+        if client:
+            client.fly(vehicle.step_s)
+        else:
+            vehicle.receive()
+            vehicle.step()
+        board.run(max(0.0, due_s - board.now_s))
+
+
+@pytest.mark.parametrize("baud", [921600, 115200])
+def test_a_board_takes_off_and_lands_by_its_sensors_alone(
+    baud: int, cable: Cable, client: Client, tmp_path: Path
+) -> None:
+    """At both ends of what lines carry; its parameters are the airframe's in flight, and its own again afterwards."""
+    board = Board(cable, baud)
+    before = dict(board.parameters)
+    with opened(board, client, artefacts=tmp_path / "kept") as vehicle:
+        assert re.fullmatch(
+            rf"PX4 board 1\.16\.0, {cable.path} at {baud} baud, {200 if baud == 921600 else 100} samples a second, "
+            "in real time",
+            vehicle.boot(),
+        )
+        assert board.restarts == 1
+        assert parameter(board, "HIL_ACT_FUNC3") == 103
+        assert parameter(board, "CA_ROTOR1_PX") == pytest.approx(-0.174, abs=0.01)
+        step(vehicle, board, 0.2, client)
+        client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+        step(vehicle, board, 0.2, client)
+        altitude = vehicle._plan.simspec.world.origin.altitude_m
+        client.command(
+            mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, math.nan, math.nan, math.nan, altitude + HEIGHT_M
+        )
+        step(vehicle, board, 3.5, client)
+        truth, condition = vehicle.truth(), vehicle.condition()
+        assert condition.armed
+        assert truth.position_enu_m[2] == pytest.approx(HEIGHT_M, abs=0.5)
+        assert math.hypot(*truth.position_enu_m[:2]) < 1.0
+        assert vehicle.estimate().position_enu_m == pytest.approx(truth.position_enu_m, abs=0.6)
+        counters = vehicle.counters()
+        assert (
+            counters["board_late_samples"]
+            == counters["board_lost_bytes"]
+            == counters["board_lost_messages"]
+            == 0
+        )
+    spacings = [b - a for a, b in zip(board.sensor_times_s, list(board.sensor_times_s)[1:], strict=False)][
+        -300:
+    ]
+    assert statistics.mean(spacings) == pytest.approx(1 / (200 if baud == 921600 else 100), rel=0.05)
+    assert not board.pilot.armed
+    assert board.parameters == before
+    changed = json.loads((tmp_path / "kept" / "board-parameters-before.json").read_text())
+    assert changed["HIL_ACT_FUNC3"] == 0
+    assert "SYS_HITL" not in changed
+    assert (tmp_path / "kept" / "console.log").read_text() == f"{len(changed)} parameters put back\n"
+    kinds = {message.get_type() for message in client.received}
+    assert {"HEARTBEAT", "ATTITUDE", "COMMAND_ACK"} <= kinds
+    assert "HIL_ACTUATOR_CONTROLS" not in kinds
+
+
+def flown_into(board: Board, fault: str, fails: Any) -> None:
+    with opened(board) as vehicle:
+        vehicle.boot()
+        step(vehicle, board, 0.1)
+        fails()
+        with pytest.raises(FirmwareFault, match=fault):
+            step(vehicle, board, 3.0)
+
+
+def test_a_board_that_fails_in_flight_is_no_fault_of_the_agent(cable: Cable) -> None:
+    """It restarts by itself, falls silent, or leaves simulation: each ends the session as a fault of the firmware."""
+    board = Board(cable)
+    flown_into(
+        board, "went away and came back: it restarted, or its cable is loose|no HIL_ACTUATOR", board.restart
+    )
+    board.run(3.0)
+
+    def fall_silent() -> None:
+        board.silent_from_s = board.now_s
+
+    flown_into(board, r"no HIL_ACTUATOR_CONTROLS came from the board on .*ttyACM0 for 0\.5 s", fall_silent)
+    board.silent_from_s = math.inf
+
+    def leave_simulation() -> None:
+        board.left_simulation = True
+
+    # Its outputs cease at once, its heartbeat says so within a second.
+    flown_into(board, r"left hardware-in-the-loop mode|no HIL_ACTUATOR_CONTROLS came", leave_simulation)
+
+
+def test_a_board_gets_its_sensors_until_the_agent_has_started(cable: Cable) -> None:
+    """Between the start and the first step a thread keeps it in real time; what fails meanwhile is told by that step."""
+    board = Board(cable)
+    with opened(board, boot_s=0.2) as vehicle:
+        vehicle.boot()
+        begun_s = board.now_s
+        while board.now_s < begun_s + 2.0:
+            time.sleep(0.001)
+        step(vehicle, board, 0.1)
+        assert vehicle.time.s == pytest.approx(0.1)
+        kept = [moment for moment in board.sensor_times_s if begun_s < moment < begun_s + 2.0]
+        assert len(kept) == pytest.approx(400, abs=4)
+        assert vehicle.condition().landed
+    with opened(board, boot_s=0.2) as vehicle:
+        vehicle.boot()
+        board.on_slice = board.restart_once
+        while board.restarts < 3:
+            time.sleep(0.001)
+        fault = "went away and came back|no HIL_ACTUATOR_CONTROLS came"
+        with pytest.raises(FirmwareFault, match=fault):
+            step(vehicle, board, 5.0)
+
+
+def test_a_line_that_loses_bytes_costs_samples_and_is_counted(cable: Cable) -> None:
+    """One byte in a thousand in each direction: the flight goes on."""
+    board = Board(cable, lose_every=1000)
+    with opened(board) as vehicle:
+        vehicle.boot()
+        step(vehicle, board, 1.0)
+        assert board.bad_bytes > 0
+        assert not vehicle.condition().crashed
+
+
+def test_a_board_that_reads_too_slowly_loses_whole_messages(cable: Cable) -> None:
+    """It reads nothing any more, behind what the system holds already: what the bench could not send is counted, and that its
+    parameters are not its own again is told.
+    """
+    board = Board(cable)
+    with ExitStack() as stack:
+        vehicle = stack.enter_context(opened(board))
+        vehicle.boot()
+        # Until its first step the vehicle is kept by a thread of its own.
+        step(vehicle, board, 0.1)
+        board.byte_share = board.in_credit = 0.0
+        filler = os.open(cable.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        with contextlib.suppress(BlockingIOError):
+            while os.write(filler, bytes(4096)):
+                continue
+        os.close(filler)
+        step(vehicle, board, 1.0)
+        assert vehicle.counters()["board_lost_bytes"] > 1000
+        words = r"0 parameters put back; NOT PUT BACK: CA_ROTOR0_PX, .*'HIL_ACT_FUNC1': 0"
+        with pytest.raises(FirmwareFault, match=words):
+            stack.close()
+
+
+def test_boards_that_cannot_simulate_are_refused_before_anything_moves(cable: Cable) -> None:
+    real = Board(cable)
+    real.parameters["SYS_HITL"] = (0, INT32)
+    real._start()
+    with (
+        opened(real) as vehicle,
+        pytest.raises(SetupError, match=r"has SYS_HITL 0 and is not in.*propellers off"),
+    ):
+        vehicle.boot()
+    assert not [message for message in real.heard if message.command != 511]
+    # Set, and not restarted since.
+    real.parameters["SYS_HITL"] = (1, INT32)
+    with opened(real) as vehicle, pytest.raises(SetupError, match="has SYS_HITL 1 and is not in"):
+        vehicle.boot()
+    armed = Board(cable)
+    armed.pilot.armed = True
+    with opened(armed) as vehicle, pytest.raises(SetupError, match="is armed"):
+        vehicle.boot()
+    other = Board(cable, autopilot=3)
+    with opened(other) as vehicle, pytest.raises(FirmwareFault, match=r"is no PX4 \(MAV_AUTOPILOT 3\)"):
+        vehicle.boot()
+    dead = Board(cable, byte_share=0.0)
+    dead.intervals_s, dead.away_until_s = {}, math.inf
+    with (
+        opened(dead) as vehicle,
+        pytest.raises(FirmwareFault, match=r"no heartbeat.*within 8 s; nothing came"),
+    ):
+        vehicle.boot()
+
+
+def test_parameters_that_a_board_lacks_or_refuses_leave_it_as_it_was(cable: Cable) -> None:
+    board = Board(cable)
+    before = dict(board.parameters)
+    with (
+        opened(board, parameters={"NO_SUCH": 1.0, "NOR_THIS": 2.0}) as vehicle,
+        pytest.raises(SetupError, match=r"NO_SUCH.*does not have it") as missing,
+    ):
+        vehicle.boot()
+    assert len(missing.value.faults) == 2
+    board.refused_parameters = frozenset({"MPC_XY_CRUISE"})
+    with (
+        opened(board, parameters={"MPC_XY_CRUISE": 9.0}) as vehicle,
+        pytest.raises(SetupError, match=r"MPC_XY_CRUISE.*does not take 9"),
+    ):
+        vehicle.boot()
+    assert board.parameters == before
+
+
+def test_streams_that_do_not_fit_are_refused_with_the_reason(cable: Cable, client: Client) -> None:
+    """Those of the SimSpec before the start, those of an agent in the air."""
+    board = Board(cable, 115200)
+    with (
+        pytest.raises(
+            SetupError, match=r"streams_hz\.LOCAL_POSITION_NED at 50 Hz|LOCAL_POSITION_NED.*are free"
+        ),
+        opened(board, streams_hz={"LOCAL_POSITION_NED": 50.0}),
+    ):
+        pass
+    with opened(board, client, boot_s=0.2, streams_hz={"LOCAL_POSITION_NED": 10.0}) as vehicle:
+        vehicle.boot()
+        step(vehicle, board, 0.3, client)
+        client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 105, 1e6 / 50)
+        client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 93, 1e6)
+        client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 32, 1e6 / 5)
+        step(vehicle, board, 0.3, client)
+        denied = [m.result for m in client.received if m.get_type() == "COMMAND_ACK" and m.command == 511][
+            -3:
+        ]
+        texts = client.texts()
+        assert vehicle.counters()["board_streams_refused"] == 2
+    assert sorted(denied) == [0, 2, 2]
+    assert any(text.startswith("HIGHRES_IMU at 50 Hz takes") for text in texts)
+    assert any("stays at 100 Hz" in text for text in texts)
+    assert board.intervals_s[32] == pytest.approx(0.2)
+
+
+def test_the_budget_of_a_line_adds_up() -> None:
+    """At every speed, by adding the bytes of what is planned; slow lines are refused, and better ones carry more."""
+    with pytest.raises(SetupError, match="use 115200 or more"):
+        plan_line(57600, {})
+    rates = []
+    for baud in (115200, 230400, 460800, 921600):
+        budget = plan_line(baud, {"LOCAL_POSITION_NED": 5.0})
+        to_board = budget.samples_hz * 77 + 8 * 51 + 21
+        from_board = sum(rate * frame_bytes(name) for name, rate in budget.streams_hz.items())
+        assert to_board + budget.free_to_board_bps == pytest.approx(0.95 * baud / 10)
+        assert from_board + 200 + budget.free_from_board_bps == pytest.approx(0.95 * baud / 10)
+        assert budget.free_from_board_bps >= 0
+        assert budget.free_to_board_bps >= 700
+        rates.append((budget.samples_hz, budget.streams_hz["ATTITUDE"]))
+    assert rates == sorted(rates)
+    assert (rates[0][0], rates[-1]) == (100, (200, 50.0))
+    with pytest.raises(SetupError) as refused:
+        plan_line(115200, {"HIGHRES_IMU": 50.0, "NO_MESSAGE": 1.0})
+    assert len(refused.value.faults) == 2
+
+
+def test_a_board_keeps_real_time_and_says_what_it_cannot(cable: Cable, tmp_path: Path) -> None:
+    document = {"kind": "px4", "device": str(tmp_path / "none"), "baud": 921600}
+    failures = [{"at_s": 1, "kind": "battery_drop", "to_fraction": 0.1}, {"at_s": 1, "kind": "gps_off"}]
+    spec = simspec(vehicle={"autopilot": document, "failures": failures, "simulation_control": False})
+    with pytest.raises(SetupError) as refused, open_firmware_x500(VehiclePlan(spec, ())):
+        pass
+    texts = " ".join(map(str, refused.value.faults))
+    assert "pace.mode: a board keeps real time" in texts
+    assert "vehicle.failures[0].kind: battery_drop does not reach a board" in texts
+    assert "there is no device" in texts
+    assert len(refused.value.faults) == 3
