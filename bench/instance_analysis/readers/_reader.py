@@ -372,6 +372,10 @@ class TextReader:
         if word.text.lower() in ("start", "starts") and self.draft.text.startswith(" to ", word.span.end):
             # `the cars start to drive`.
             return
+        subject = self.context.joined or (self.groups.subject if self.groups.in_sentence else [])
+        if self.targets.predicated(word, subject):
+            self.draft.used_words.append(word.span)
+            return
         self.subject_words.change_subject(word, kinds)
         if "FLY" in kinds:
             self.groups.subject_is_mission = True

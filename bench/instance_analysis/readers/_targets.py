@@ -11,7 +11,7 @@ from .._draft import Draft, FieldPath
 from ..language._phrases import Phrase
 from ..language._tokens import Span, Word
 from ._groups import GroupRegister
-from ._traits import IMMOVABLE, PERSONS
+from ._traits import IMMOVABLE, PERSONS, VEHICLES
 
 _TARGET = r"(?:tgts?|targets?)"
 _CALLED_BEFORE = re.compile(
@@ -19,8 +19,31 @@ _CALLED_BEFORE = re.compile(
     re.IGNORECASE,
 )
 """`the target is a car`, `Tgt: 1 car`, `the target, a car`: before the noun."""
-_LISTED_BEFORE = re.compile(rf"\b{_TARGET}\s*[:=][^.;:\n]{{0,80}}$", re.IGNORECASE)
+_LISTED_BEFORE = re.compile(
+    rf"\b{_TARGET}\s*(?:[:=]|(?:are|will be|shall be)\s+(?:\d+\s*x?|an?|one|two|three|four|five|six)\b)[^.;:\n]{{0,80}}$",
+    re.IGNORECASE,
+)
 """`Targets: two trucks, a car`: before every noun of the list."""
+_ENEMY = r"(?:hostiles?|enem(?:y|ies)|adversar(?:y|ies|ial)|opfor|opponents?)"
+_HOSTILE_BEFORE = re.compile(
+    rf"(?<!no\s)(?<!not\s)(?<!non-)\b{_ENEMY}\s+(?:(?!and\b|or\b|of\b)[a-z-]+\s+)?$", re.IGNORECASE
+)
+"""`a hostile grey pickup`: what makes an enemy of the noun after it."""
+_ENEMIES_LISTED = re.compile(
+    r"(?:^|[.;\n]\s*)(?:en(?:y|emy|emies)?(?: forces?)?|hostiles|opfor|red force|intruders?|adversar(?:y|ies))\s*:[^.:\n]{0,120}$",
+    re.IGNORECASE,
+)
+_CIVILIANS_LISTED = re.compile(
+    r"(?:^|[.;\n]\s*)(?:civ(?:ilian)?s?(?: (?:presence|pattern|picture|pop\w*))?|non-?combatants|neutrals?|bystanders|protected)\s*:[^.:\n]{0,120}$",
+    re.IGNORECASE,
+)
+"""`EN: 2 x vans`, `Civ presence: 15 pax, 1 x bus`: headings that give the role of all that follow them."""
+_IS_HOSTILE = re.compile(
+    rf"(?:[,(]\s*|[\s,]\s*(?:(?:which|that|who)\s+)?(?:is|are|both|all|treat(?:ed)?(?: them)? as|shall be|being)\s+(?:both\s+|all\s+|to be\s+)?)(?:{_ENEMY}|(?:the\s+)?(?:role of (?:the\s+)?)?{_ENEMY})$",
+    re.IGNORECASE,
+)
+_IS_PROTECTED = re.compile(r"(?:[,(]\s*(?:to be\s+)?|\b(?:is|are|be)\s+(?:both\s+|all\s+)?)protected$", re.IGNORECASE)
+_NOUN_FOLLOWS = re.compile(r"\s+(?!and\b|or\b|to\b|who\b|which\b|that\b|at\b|in\b|on\b|near\b)[a-z0-9]", re.IGNORECASE)
 _CALLED_AFTER = re.compile(
     rf"\s*(?:[,(]|(?:,\s*)?(?:which|that|who)\s+(?:is|are)\b|\b(?:is|are|shall be|will be)\b)\s*"
     rf"(?:(?:the|our|its|your|my|only|sole|main|also)\s+)*{_TARGET}\b(?!\s+(?:area|list|of)\b)",
@@ -53,7 +76,13 @@ class TargetReader:
     def introduced(self, groups: Sequence[str], phrase: Phrase) -> None:
         """Read what stands right beside a noun that has just named groups."""
         text, noun = self._draft.text, phrase.span
-        before = text[max(0, noun.start - 120) : noun.start]
+        before = text[max(0, noun.start - 160) : noun.start]
+        asset = phrase.first("ASSET")
+        head = text[max(0, noun.start - 40) : asset.span.start] if asset is not None else before
+        if _HOSTILE_BEFORE.search(head) or _ENEMIES_LISTED.search(before):
+            self._set(groups, Role.ADVERSARY, noun)
+        elif _CIVILIANS_LISTED.search(before):
+            self._set([group for group in groups if self._groups.asset(group) in VEHICLES], Role.BYSTANDER, noun)
         if match := _CALLED_BEFORE.search(before):
             self._call(groups, Span(noun.start - len(before) + match.start(), noun.end))
         elif match := _CALLED_AFTER.match(text, noun.end):
@@ -62,6 +91,29 @@ class TargetReader:
             self._call(groups, Span(noun.start, match.end()), sought=True)
         elif _LISTED_BEFORE.search(before):
             self._ask_of_list(groups, noun)
+
+    def predicated(self, word: Word, groups: Sequence[str]) -> bool:
+        """Read `a van and a bus are hostile` and `two ambulances, protected`; whether a word is that."""
+        said = self._draft.text[max(0, word.span.start - 60) : word.span.end]
+        if _NOUN_FOLLOWS.match(self._draft.text, word.span.end):
+            return False
+        if _IS_HOSTILE.search(said):
+            self._set(groups, Role.ADVERSARY, word.span)
+        elif _IS_PROTECTED.search(said):
+            self._set([group for group in groups if self._groups.asset(group) in VEHICLES], Role.BYSTANDER, word.span)
+        else:
+            return False
+        return bool(groups)
+
+    def _set(self, groups: Sequence[str], role: Role, span: Span) -> None:
+        """Set the role of groups that has been stated, but for what cannot move."""
+        for group in groups:
+            present = self._groups.role(group)
+            if present is role or present is Role.SOUGHT or self._groups.asset(group) in IMMOVABLE:
+                continue
+            path: FieldPath = ("actors", group, "role")
+            self._draft.forget(path)
+            self._draft.put(path, str(role), span)
 
     def called(self, word: Word, groups: Sequence[str]) -> None:
         """Read `the men and their car are our targets` of the groups that are its subject."""
