@@ -30,7 +30,7 @@ _PATTERN = re.compile(
     |(?P<span>\d{{1,2}}:\d\d(?=\s*(?:min|mins|minutes)\b))
     |(?P<clock>\d{{1,2}}:\d\d\s*(?:(?:local(?:\s+time)?\s*)?\(?(?:utc|gmt)\s?[+-]\s?\d{{1,2}}(?::00)?\b\)?|z\b|utc\b|gmt\b|\(utc\)|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|am\b|pm\b|a\.m\.|p\.m\.)?|\d{{4}}\s*(?:z\b|utc\b|gmt\b|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|hours\b|hrs\b)|\d{{1,2}}\s*(?:am\b|pm\b|a\.m\.|p\.m\.))
     |(?P<told>{SPOKEN_TIME})
-    |(?P<short>(?:mil|approx|max|min|alt|incl|batt|nr|ca|no|resp|temp)\.(?=\s{{0,2}}(?-i:[a-z0-9.]))|(?:mr|ms|mrs|dr|st)\.(?=\s))
+    |(?P<short>i\.\s?e\.|e\.\s?g\.|(?:mil|approx|max|min|alt|incl|batt|nr|ca|no|resp|temp)\.(?=\s{{0,2}}(?-i:[a-z0-9.]))|(?:mr|ms|mrs|dr|st)\.(?=\s))
     |(?P<heading>\b(?:exercise|scenario|test\s+case|test|case|problem|step|phase|variant|figure|section|chapter|task|example|run|ticket|question|log|entry|item|card|report)\s+\d+(?:\.\d)?[a-z]?\b(?=\s*[.:(,;)])(?!:\d)|\b(?:run|flight|test)\s+\d+\b(?!\s?(?:m|s|km|min|ft|%|:|\.\d|-))|(?-i:\b[A-Z]{{2,6}}-\d+\b)|(?:(?<=\n)|(?<=[.!?]\s)|^)(?:\d{{1,2}}\.|[a-z]\))(?=\s(?-i:[A-Z])))
     |(?P<place>{PLACE})
     |(?P<named>{NAMED})

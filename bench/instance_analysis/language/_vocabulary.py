@@ -98,6 +98,10 @@ class RuleForm(Document):
     window: Annotated[
         Literal["open", "closed"] | None, Field(description="Times at which reports are allowed, or not.")
     ] = None
+    early: Annotated[
+        bool,
+        Field(description="Whether it is looked for in clauses that stand together before any other in one."),
+    ] = False
     loose: Annotated[bool, Field(description="Whether its signs are denials and conditions themselves.")] = (
         False
     )

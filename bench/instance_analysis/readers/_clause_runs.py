@@ -13,7 +13,8 @@ from ..ledger._loaded_words import LoadedWord, loaded_words
 
 EXCEPTION = re.compile(
     r"(?:,?\s*(?:except|apart\s+from|excluding|other\s+than)[^,.;:!?]{0,20}\b(?:take-?off|start)\s+(?:and|or)\s+(?:the\s+)?landing)"
-    r"|\s+either(?=\s*(?:$|[,.;]))",
+    r"|\s+either(?=\s*(?:$|[,.;]))"
+    r"|,?\s+(?:once|when|after)\s+(?:it\s+is\s+)?(?:clear\s+of\s+home|airborne|aloft|in\s+the\s+air|up|out\s+of\s+the\s+launch\s+area)\b",
     re.IGNORECASE,
 )
 """What a lowest height always excepts, and a word that repeats a denial."""
@@ -72,9 +73,16 @@ class SentenceRuns:
     """A sentence, divided into clauses. `context` is the sentence with the one before it."""
 
     def __init__(
-        self, words: Sequence[Word], text: str, span: Span, before: int, vocabulary: Vocabulary
+        self,
+        words: Sequence[Word],
+        text: str,
+        span: Span,
+        before: int,
+        vocabulary: Vocabulary,
+        earlier: Sequence[Word] = (),
     ) -> None:
         self.text, self.context, self.vocabulary = text, text[before : span.end], vocabulary
+        self.earlier = (*earlier, *words)
         self._words, self._begin = words, span.start
         self._plain = blanked(EXCEPTION, text[span.start : span.end])
         numbers = [word.span for word in words if any(isinstance(m.value, Quantity) for m in word.meanings)]

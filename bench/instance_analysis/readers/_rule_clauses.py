@@ -40,6 +40,12 @@ _FORBIDS = re.compile(r"\bmark\w*\b|\bnot\b|n['’]t\b|\bnever\b", re.IGNORECASE
 _PERSONS = re.compile(
     r"\b(?:any|some|every|no)(?:one|body)\b|\bno-one\b|\bhumans?\b|\bof (?:one|them)\b(?! of)", re.IGNORECASE
 )
+_PRONOUN = re.compile(
+    r"\b(?:them|him|her|whose|their|they|these|the former|one)\b|^(?:and\s+)?(?:keep|stay|remain)s?\s+(?:at least\s+)?\S+\s?\w*\s+(?:away|clear|off|back)$",
+    re.IGNORECASE,
+)
+"""What may mean the persons that the text has just named."""
+_NO_BYSTANDERS = re.compile(r"\b(?:hostile|enem\w+|armed|target\w*|escort\w*|convoy)\b", re.IGNORECASE)
 _ANYBODY = frozenset(["any", "all", "every"])
 
 
@@ -50,17 +56,18 @@ def rules_in(sentence: SentenceRuns) -> tuple[list[Phrase], set[int]]:
     lengths = sorted(range(1, min(MAX_RUN, len(sentence)) + 1), reverse=conditional)
     rules: list[Phrase] = []
     taken: set[int] = set()
-    for length in lengths:
+    # `near people, no faster than 4 m/s`: the second clause alone would hold everywhere.
+    for length, early in [(length, early) for early in (True, False) for length in lengths]:
         for first in range(len(sentence) - length + 1):
             last = first + length - 1
             if (
                 taken & set(range(first, last + 1))
-                or (rule := _rule(sentence, sentence.run(first, last))) is None
+                or (rule := _rule(sentence, sentence.run(first, last), early=early)) is None
             ):
                 continue
             while rule.has("WINDOW") and last + 1 < len(sentence):
                 # `only from 20 to 90 s and from 150 to 280 s`: windows go on with `and`.
-                longer = _rule(sentence, sentence.run(first, last + 1))
+                longer = _rule(sentence, sentence.run(first, last + 1), early=early)
                 if longer is None or not longer.has("WINDOW"):
                     break
                 rule, last = longer, last + 1
@@ -73,18 +80,21 @@ def rules_in(sentence: SentenceRuns) -> tuple[list[Phrase], set[int]]:
     return rules, taken
 
 
-def _rule(sentence: SentenceRuns, run: Run) -> Phrase | None:
+def _rule(sentence: SentenceRuns, run: Run, *, early: bool) -> Phrase | None:
     """The rule that a run is; None for any other run."""
     kinds = {meaning.kind for word in run.words for meaning in word.meanings}
     assets = {str(m.value) for word in run.words for m in word.meanings if m.kind == "ASSET"}
     roles = {sentence.vocabulary.role(asset) for asset in assets}
-    about = "bystanders" if Role.BYSTANDER in roles or _PERSONS.search(run.plain) else "nobody"
+    persons = Role.BYSTANDER in roles or _PERSONS.search(run.plain) or _means_persons(sentence, run)
+    about = "bystanders" if persons else "nobody"
     numbers = sorted(part.kind for part in run.quantities)
     excepted = run.plain != sentence.text[run.span.start : run.span.end]
     measured = replace(run, plain=blanked(_ABOVE_HOME, run.plain))
     for compiled in sentence.vocabulary.rules:
         rule = compiled.form
         assert isinstance(rule, RuleForm)
+        if rule.early is not early:
+            continue
         # A target is only spoken of where it may be marked.
         marking = "rules.no_mark_within_m" in rule.sets
         things = roles - {Role.BYSTANDER} - ({Role.ADVERSARY} if marking else set())
@@ -93,13 +103,31 @@ def _rule(sentence: SentenceRuns, run: Run) -> Phrase | None:
         if not fits or (excepted and not _HEIGHTS & set(rule.sets)):
             continue
         signs = measured.signs(compiled, sentence.context)
-        if signs is None or (
-            rule.of == "bystanders" and not marking and _begins_with_them(sentence, run, signs)
-        ):
+        led = rule.of == "bystanders" and not marking and not rule.early
+        if signs is None or (led and _begins_with_them(sentence, run, signs)):
             continue
         if _is_accounted_for(run, rule, signs) and not _is_about_more(run, signs):
             return _phrase(sentence, run, rule, signs)
     return None
+
+
+def _means_persons(sentence: SentenceRuns, run: Run) -> bool:
+    """Whether a pronoun means bystanders: the last thing that was named before it, in this sentence or the one before."""
+    if (pronoun := _PRONOUN.search(run.plain)) is None:
+        return False
+    at = run.span.start + pronoun.start()
+    things = [
+        (word.span.start, str(meaning.value))
+        for word in sentence.earlier
+        for meaning in word.meanings
+        if meaning.kind == "ASSET" and word.span.start < at
+    ]
+    last = max(things, default=None)
+    return (
+        last is not None
+        and sentence.vocabulary.role(last[1]) is Role.BYSTANDER
+        and _NO_BYSTANDERS.search(sentence.text[max(0, last[0] - 20) : at]) is None
+    )
 
 
 def _phrase(sentence: SentenceRuns, run: Run, rule: RuleForm, signs: list[Span]) -> Phrase:

@@ -18,12 +18,13 @@ def statements_in(words: Sequence[Word], text: str, vocabulary: Vocabulary) -> l
     begins = [0, *(stop.end for stop in stops)]
     statements: list[Phrase] = []
     before = 0
+    earlier: list[Word] = []
     for begin, end in zip(begins, [*(stop.start for stop in stops), len(text)], strict=True):
         inside = [word for word in words if begin <= word.span.start < end]
         if inside:
-            sentence = SentenceRuns(inside, text, Span(begin, end), before, vocabulary)
+            sentence = SentenceRuns(inside, text, Span(begin, end), before, vocabulary, earlier)
             rules, taken = rules_in(sentence)
             statements += [*rules, *events_in(sentence, taken)]
             # What a sentence speaks of may stand in the one before it.
-            before = begin
+            before, earlier = begin, inside
     return statements
