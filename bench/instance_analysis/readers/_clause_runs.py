@@ -23,6 +23,8 @@ _JOINT = re.compile(
 )
 _BETWEEN = re.compile(r"\bbetween (?:the )?\w+$", re.IGNORECASE)
 """`the link between drone and operator` is one clause."""
+_DENIAL_ALONE = re.compile(r"\s(?:nor|never)\s*$", re.IGNORECASE)
+"""`nor, once airborne, below 30 m`: a denial belongs to what follows it."""
 _OF_THE_BATTERY = re.compile(r"\s+(?:of\s+)?(?:(?:its|the|a)\s+)?(?:battery|charge|accu)\b", re.IGNORECASE)
 _MARGIN = " ,\n"
 
@@ -90,6 +92,7 @@ class SentenceRuns:
             match
             for match in _JOINT.finditer(self._plain)
             if not _BETWEEN.search(self._plain[: match.start()])
+            and not _DENIAL_ALONE.search(self._plain[: match.start()])
         ]
         spans = [Span(match.start() + span.start, match.end() + span.start) for match in matches]
         joints = [joint for joint in spans if not any(overlap(number, joint) for number in numbers)]
