@@ -11,9 +11,11 @@ from .._draft import Draft, FieldPath
 from ..language._phrases import Phrase
 from ..language._tokens import Span
 from ._groups import GroupRegister
+from ._places import PlaceReader
 from ._traits import IMMOVABLE, length_of
 
 ESCORT: FieldPath = ("mission", "escort")
+EASTWARDS_DEG = 90.0
 _ESCORTS = re.compile(r"(?:escort|accompan|protect|guard|shadow)\w*$", re.IGNORECASE)
 """What the drone does with a group that it escorts, and with nothing else."""
 _ESCORTED_BY = re.compile(rf"{_ESCORTS.pattern.removesuffix('$')}\s+by$", re.IGNORECASE)
@@ -38,6 +40,17 @@ class EscortReader:
         if not verb and not self._is_of_the_escorted(phrase.refs[0]):
             return False
         return self._escort(phrase, self._groups_of(phrase))
+
+    def announces(self, phrase: Phrase) -> bool:
+        """Whether a phrase tells of an escort whose convoy is named later: `escort the convoy, four trucks`."""
+        part = phrase.first("NEAR") if phrase.rule == "near" else None
+        if part is None or self._groups.convoys or not _ESCORTS.match(self._draft.quote(part.span)):
+            return False
+        if not phrase.refs or not phrase.refs[0].has("CONVOY"):
+            return False
+        self._first = self._first or phrase.span
+        self._draft.acknowledge(phrase.span)
+        return True
 
     def read_passive(self, phrase: Phrase) -> bool:
         """Read `three cars, escorted by the drone`; whether a phrase says that."""
@@ -77,20 +90,54 @@ class EscortReader:
             Role.SOUGHT,
         )
 
-    def finish(self) -> None:
-        """Complete the escort by the only convoy of the text; leave it out where its group has no way."""
-        stated = {path: entry for path, entry in self._draft.entries.items() if path[:2] == ESCORT}
-        if not stated:
+    def choose(self, places: PlaceReader) -> None:
+        """Choose the escorted group where the text names it nowhere else, and give it a way where it has none."""
+        stated = (entry.span for path, entry in self._draft.entries.items() if path[:2] == ESCORT)
+        span = next((where for where in stated if where is not None), self._first)
+        if span is None:
             return
-        spans = [entry.span for entry in stated.values() if entry.span is not None]
+        if (*ESCORT, "group") not in self._draft.entries:
+            candidates = self._groups.convoys or [group for group in self._groups.kinds if self._moves(group)]
+            candidates = [group for group in candidates if self._may_be_escorted(group)]
+            if not candidates:
+                return
+            chosen = self._draft.ask(span, "who is escorted?", candidates) if len(candidates) > 1 else 0
+            self._draft.put((*ESCORT, "group"), candidates[chosen], span)
+        group = self._draft.entries[(*ESCORT, "group")].value
+        motion: FieldPath = ("actors", group, "motion")
+        kind = self._draft.entries.get((*motion, "kind"))
+        if kind is not None and kind.value == "still" and kind.span is not None:
+            return
+        if (*motion, "route") in self._draft.entries or group in places.travels or places.patrols(group):
+            return
+        if kind is None or kind.value == "still":
+            self._draft.forget((*motion, "kind"))
+            self._draft.put((*motion, "kind"), "wander", span)
+        if ("actors", group, "placement", "along", "road") in self._draft.entries:
+            self._draft.remark(span, "the text gives the escorted group no way: read as along its road")
+            places.patrol(group, span)
+        else:
+            self._draft.remark(span, "the text gives the escorted group no way: read as from west to east")
+            places.travel(group, EASTWARDS_DEG, span)
+
+    def _moves(self, group: str) -> bool:
+        """Whether the text says that a group moves."""
+        motion = {
+            path[3]: entry.value
+            for path, entry in self._draft.entries.items()
+            if path[:3] == ("actors", group, "motion")
+        }
+        return motion.get("kind", "still") != "still" or bool({"depart_s", "halt_s", "route"} & motion.keys())
+
+    def finish(self) -> None:
+        """Complete what an escort needs; leave it out where its group has no way."""
+        stated = {path: entry for path, entry in self._draft.entries.items() if path[:2] == ESCORT}
+        spans = [entry.span for entry in stated.values() if entry.span is not None] or [
+            span for span in (self._first,) if span is not None
+        ]
+        if not spans:
+            return
         group = self._draft.entries.get((*ESCORT, "group"))
-        if (
-            group is None
-            and len(self._groups.convoys) == 1
-            and self._may_be_escorted(self._groups.convoys[0])
-        ):
-            self._draft.put((*ESCORT, "group"), self._groups.convoys[0], spans[0])
-            group = self._draft.entries[(*ESCORT, "group")]
         why = "the text does not say who is escorted" if group is None else self._fault_of(group.value)
         if why:
             self._draft.forget(ESCORT)

@@ -45,7 +45,7 @@ SINGULAR_PRONOUNS = ("it", "he", "she", "him", "her")
 
 
 _CONVOY_OF = re.compile(
-    r"\b(?:convoy|column|motorcade)\b(?: of|,|:| with| consists of)?[^.;!?\n]{0,25}$", re.IGNORECASE
+    r"\b(?:convoy|cvy|column|motorcade)\b(?: of|,|:| with| consists of)?[^.;!?\n]{0,25}$", re.IGNORECASE
 )
 """What makes the group after it a convoy."""
 

@@ -161,6 +161,8 @@ class TextReader:
             if self._of_a_rule_before(sentence[:index], item):
                 continue
             later = any(isinstance(p, Phrase) and p.rule == "group" for p in sentence[index + 1 :])
+            if self.group_statements.escort.announces(item):
+                continue
             if later and item.rule in GROUP_RULES and self._of_the_next(item, sentence[index + 1 :]):
                 self.context.waiting.append(item)
                 joins = False
@@ -440,6 +442,7 @@ class TextReader:
         self.intelligence_reader.finish()
         self.weather_reader.finish()
         self.ground.finish()
+        self.group_statements.escort.choose(self.places)
         self.roads.finish(self.places.travels)
         self.places.finish(self.roads.laid_out, self.ground.box)
         self.group_statements.escort.finish()

@@ -41,7 +41,7 @@ _PERSONS = re.compile(
     r"\b(?:any|some|every|no)(?:one|body)\b|\bno-one\b|\bhumans?\b|(?:\b(?:any|one|each|either)\s+)?\bof (?:one|them)\b(?! of)", re.IGNORECASE
 )
 _PRONOUN = re.compile(
-    r"\b(?:them|him|her|whose|their|they|these|the former|one)\b|^(?:and\s+)?(?:keep|stay|remain)s?\s+(?:at least\s+)?\S+\s?\w*\s+(?:away|clear|off|back)$",
+    r"\b(?:them|him|her|whose|their|one|(?:when|if|while)\s+(?:they|these))\b|^(?:and\s+)?(?:keep|stay|remain)s?\s+(?:at least\s+)?\S+\s?\w*\s+(?:away|clear|off|back)$",
     re.IGNORECASE,
 )
 """What may mean the persons that the text has just named."""
