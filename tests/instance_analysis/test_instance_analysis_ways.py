@@ -69,6 +69,7 @@ def test_a_direction_of_a_place_is_no_way(text: str) -> None:
     [
         f"{CONVOY} The UAV shall remain within 70 m of it. Any adversary shall be reported before the convoy is within 90 m of it.",
         "CIV convoy, three cars, transits W to E. Escort convoy within 70 m, warn before it closes to 90 m of TGT.",
+        "Escort the relief cvy, 3 civ cars, E along MSR GOLD. UAV to remain within 70 m of cvy. Warn before any EN closes to 90 m.",
         f"{CONVOY} The drone accompanies the cars within 70 m. It must warn from enemy before column is on 90 m near him.",
     ],
 )  # fmt: skip
@@ -85,13 +86,13 @@ def test_an_escort_is_read(text: str) -> None:
     ("text", "quote"),
     [
         ("A house. The drone shall guard the house.", "guard the house"),
-        ("The drone escorts two civilian cars within 50 m.", "escorts two civilian cars"),
+        ("Two civilian cars are parked. The drone escorts them within 50 m.", "escorts them within 50 m"),
         (f"{CONVOY} A truck. The drone stays within 50 m of the truck.", "within 50 m of the truck"),
         ("A radar, guarded by four soldiers. The drone warns before it is within 90 m.", "before it is within 90 m"),
     ],
 )  # fmt: skip
 def test_what_is_no_escort_is_listed(text: str, quote: str) -> None:
-    """Houses, groups without a way, targets, and a warning of nobody."""
+    """Houses, groups that stand still, targets, and a warning of nobody."""
     result = read_prose(text, VOCABULARY)
     assert result.simspec.mission.escort is None
     assert quote in listed(result)

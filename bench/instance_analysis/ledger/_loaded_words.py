@@ -68,7 +68,7 @@ _WORDS: dict[Load, str] = {
         |except|exclud\w+|ruled\s+out|instead|rather|other\s+than|apart\s+from|all\s+but
         |forbid\w*|forbade|prohibit\w*|disallow\w*|ban|banned|avoid\w*|refrain\w*|withhold\w*|withheld|off-limits
         |disregard\w*|ignor\w*|cancel\w*|correction|sorry|scratch\s+that|i\s+mean|hardly|barely|outside(?!\s*(?:$|[,.;]))""",
-    Load.CONDITION: rf"""(?<!what\s)if|when|whenever|unless|until(?!\s+then|{_MOMENT}|\s+(?:it|the\s+link|contact)\s+(?:comes|is|returns)\b)|till(?!{_MOMENT})|(?<!at\s)once|provided|in\s+case|in\s+the\s+event|upon
+    Load.CONDITION: rf"""(?<!what\s)if|when|whenever|unless|until(?!\s+then|{_MOMENT}|\s+(?:it|the\s+link|contact)\s+(?:comes|is|returns)\b|\s+(?:it|they)\s+(?:halts?|stops?)\b)|till(?!{_MOMENT})|(?<!at\s)once|provided|in\s+case|in\s+the\s+event|upon
         |after(?!{_MOMENT})|before(?!{_MOMENT}|\s+that\b)|whil(?:e|st)(?!\s+(?:the\s+)?(?:{_COUNT}|an?\b|some|several|others?|rest|remaining|flying\s+(?:at\s+)?(?:{_COUNT}))\b)|as\s+soon\s+as|as\s+long\s+as
         |(?<=,\s)otherwise|depending|assuming|whether|by\s+the\s+time
         |should(?=\s+(?:the|an?|any|it|there|someone|somebody)\b)""",

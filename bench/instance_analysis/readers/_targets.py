@@ -42,8 +42,12 @@ _IS_HOSTILE = re.compile(
     rf"(?:[,(]\s*|[\s,]\s*(?:(?:which|that|who)\s+)?(?:is|are|both|all|treat(?:ed)?(?: them)? as|shall be|being)\s+(?:both\s+|all\s+|to be\s+)?)(?:{_ENEMY}|(?:the\s+)?(?:role of (?:the\s+)?)?{_ENEMY})$",
     re.IGNORECASE,
 )
-_IS_PROTECTED = re.compile(r"(?:[,(]\s*(?:to be\s+)?|\b(?:is|are|be)\s+(?:both\s+|all\s+)?)protected$", re.IGNORECASE)
-_NOUN_FOLLOWS = re.compile(r"\s+(?!and\b|or\b|to\b|who\b|which\b|that\b|at\b|in\b|on\b|near\b)[a-z0-9]", re.IGNORECASE)
+_IS_PROTECTED = re.compile(
+    r"(?:[,(]\s*(?:to be\s+)?|\b(?:is|are|be)\s+(?:both\s+|all\s+)?)protected$", re.IGNORECASE
+)
+_NOUN_FOLLOWS = re.compile(
+    r"\s+(?!and\b|or\b|to\b|who\b|which\b|that\b|at\b|in\b|on\b|near\b)[a-z0-9]", re.IGNORECASE
+)
 _CALLED_AFTER = re.compile(
     rf"\s*(?:[,(]|(?:,\s*)?(?:which|that|who)\s+(?:is|are)\b|\b(?:is|are|shall be|will be)\b)\s*"
     rf"(?:(?:the|our|its|your|my|only|sole|main|also)\s+)*{_TARGET}\b(?!\s+(?:area|list|of)\b)",
@@ -82,7 +86,9 @@ class TargetReader:
         if _HOSTILE_BEFORE.search(head) or _ENEMIES_LISTED.search(before):
             self._set(groups, Role.ADVERSARY, noun)
         elif _CIVILIANS_LISTED.search(before):
-            self._set([group for group in groups if self._groups.asset(group) in VEHICLES], Role.BYSTANDER, noun)
+            self._set(
+                [group for group in groups if self._groups.asset(group) in VEHICLES], Role.BYSTANDER, noun
+            )
         if match := _CALLED_BEFORE.search(before):
             self._call(groups, Span(noun.start - len(before) + match.start(), noun.end))
         elif match := _CALLED_AFTER.match(text, noun.end):
@@ -100,7 +106,11 @@ class TargetReader:
         if _IS_HOSTILE.search(said):
             self._set(groups, Role.ADVERSARY, word.span)
         elif _IS_PROTECTED.search(said):
-            self._set([group for group in groups if self._groups.asset(group) in VEHICLES], Role.BYSTANDER, word.span)
+            self._set(
+                [group for group in groups if self._groups.asset(group) in VEHICLES],
+                Role.BYSTANDER,
+                word.span,
+            )
         else:
             return False
         return bool(groups)
