@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -178,7 +179,9 @@ def _charts(data: ReportData, count: int) -> tuple[list[RunMap], list[str]]:
     return charts, notes
 
 
+@cache
 def _environment() -> jinja2.Environment:
+    """The templates, compiled once for all pages of a process: that took 40 % of the time of a small page."""
     templates = template_environment()
     templates.globals.update(
         number=number,
