@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ._document import Situation as Situation
     from ._document import Stopping as Stopping
     from ._document import load_campaign as load_campaign
+    from ._document import parse_shard as parse_shard
     from ._document import with_floor as with_floor
     from ._events import CampaignEvent as CampaignEvent
     from ._events import CampaignPaused as CampaignPaused
@@ -74,6 +75,7 @@ if TYPE_CHECKING:
     from .results._measures import load_measurable_decomposition as load_measurable_decomposition
     from .results._measures import measure_all as measure_all
     from .results._measures import measures_of as measures_of
+    from .results._merge import merge_shards as merge_shards
     from .results._refly import ReflownRun as ReflownRun
     from .results._refly import ReflownSample as ReflownSample
     from .results._refly import ReflownStatus as ReflownStatus
@@ -166,11 +168,13 @@ _MODULES = {
     "load_measurable_decomposition": "results._measures",
     "measure_all": "results._measures",
     "measures_of": "results._measures",
+    "merge_shards": "results._merge",
     "no_gate": "execution._dispatcher",
     "open_journal": "storage._journal",
     "open_local_pool": "execution._pool",
     "parse_accepted_outcomes": "storage._completeness",
     "parse_rerun_outcomes": "storage._recovery",
+    "parse_shard": "_document",
     "pause_campaign": "storage._pause",
     "propose_next": "next_campaign._proposal",
     "question_sha256": "_digest",

@@ -8,9 +8,9 @@ from typing import Any
 
 from ._document import Campaign
 
-# Whose agents fly, within which time of the host, and what the campaign is called changes no scene; a honeypot changes
+# Whose agents fly, within which time of the host, and what the campaign is called changes no scene, nor does where it is flown; a honeypot changes
 # nothing that is seen or measured.
-NOT_ASKED = {"name", "description", "agents", "floor", "budgets", "honeypots"}
+NOT_ASKED = {"name", "description", "agents", "floor", "budgets", "honeypots", "shard"}
 SITUATIONS = {"base", "situations"}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -209,7 +210,21 @@ class Campaign(Document):
             description="Put honeypots into a share of the scenes; none if absent.",
         ),
     ] = None
+    shard: Annotated[
+        str | None,
+        Field(
+            exclude_if=lambda shard: shard is None,
+            description="`2/8`: this folder holds the second of eight parts of the campaign. Set by --shard.",
+        ),
+    ] = None
     budgets: CampaignBudgets = CampaignBudgets()
+
+    @field_validator("shard")
+    @classmethod
+    def _shard_is_one_of_several(cls, shard: str | None) -> str | None:
+        if shard is not None:
+            parse_shard(shard)
+        return shard
 
     @model_validator(mode="before")
     @classmethod
@@ -308,6 +323,14 @@ class Campaign(Document):
         if self.pace is not None:
             changes["pace"] = base.pace.model_copy(update={"mode": self.pace})
         return base.model_copy(update=changes) if changes else base
+
+
+def parse_shard(shard: str) -> tuple[int, int]:
+    """The number of a shard, from 1, and of how many it is one. Raises ValueError."""
+    match = re.fullmatch(r"([1-9]\d{0,5})/([1-9]\d{0,5})", shard, re.ASCII)
+    if match is None or int(match[1]) > int(match[2]):
+        raise ValueError(f"{shard!r} is no shard: write 2/8 for the second of eight")
+    return int(match[1]), int(match[2])
 
 
 def _sets_base(factor: object) -> bool:

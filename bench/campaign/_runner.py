@@ -208,13 +208,13 @@ def _unless_paused(gate: StartGate, folder: Path, observers: Observers) -> Start
 
 
 def _with_options_of_folder(campaign: Campaign, folder: CampaignFolder) -> Campaign:
-    """The campaign with the floor, the pace and the isolation that its folder was flown with: resuming without
-    --floor, --pace or --isolation changes nothing.
+    """The campaign with the floor, the pace, the isolation and the shard that its folder was flown with: resuming
+    without --floor, --pace, --isolation or --shard changes nothing.
     """
     if not folder.campaign.is_file():
         return campaign
     flown = load_document(folder.campaign, Campaign)
-    kept = ("floor", "pace", "isolation")
+    kept = ("floor", "pace", "isolation", "shard")
     return campaign.model_copy(
         update={name: getattr(flown, name) for name in kept if getattr(campaign, name) is None}
     )

@@ -42,7 +42,7 @@ IsolationOption = Annotated[
 # Commands import what they need themselves: otherwise `rebar --help` would wait for the simulator.
 def register(app: typer.Typer) -> None:
     """Add the commands."""
-    for command in (demo, run, realize, report, verify, sign):
+    for command in (demo, run, merge, realize, report, verify, sign):
         app.command()(command)
 
 
@@ -103,6 +103,13 @@ def run(
         ),
     ] = None,
     isolation: IsolationOption = None,
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="I/N",
+            help="Fly the I-th of N parts of the campaign, in a folder of its own; `rebar merge` joins them",
+        ),
+    ] = None,
     session_s: Annotated[
         float | None,
         typer.Option(
@@ -154,7 +161,14 @@ def run(
     if dry_run:
         with file_in_faults(campaign):
             _print_plan(
-                campaign, workers, session_s, as_json=as_json, floor=floor, pace=pace, isolation=isolation
+                campaign,
+                workers,
+                session_s,
+                as_json=as_json,
+                floor=floor,
+                pace=pace,
+                isolation=isolation,
+                shard=shard,
             )
         return
     with file_in_faults(campaign):
@@ -168,8 +182,28 @@ def run(
             floor=floor,
             pace=pace,
             isolation=isolation,
+            shard=shard,
             laboratory=LaboratoryOptions(mqtt, mqtt_ca, stand_ready, stand_announce, stand_release),
         )
+
+
+def merge(
+    shards: Annotated[list[Path], typer.Argument(help="Folders of all shards of a campaign, in any order")],
+    out: Annotated[Path, typer.Option(help="Folder that is written; it must be new")],
+) -> None:
+    """Join the shards of a campaign to the folder that one run would have left, with its scores and report.
+
+    Example: rebar merge out/paper-1-of-2 out/paper-2-of-2 --out out/paper
+    """
+    from bench.campaign import finish_campaign, load_campaign, merge_shards
+
+    finished: list[FinishedCampaign] = []
+    summary = merge_shards(shards, out, lambda paths: finished.append(finish_campaign(paths.path)))
+    (scores,) = finished
+    print_missing(scores.completeness, out)
+    _show_scores(load_campaign(out / "campaign.yaml"), out, summary, scores, ())
+    if not scores.completeness.complete:
+        raise typer.Exit(INCOMPLETE_EXIT_CODE)
 
 
 def realize(
@@ -376,6 +410,7 @@ def _run(
     floor: bool = False,
     pace: Pace | None = None,
     isolation: Isolation | None = None,
+    shard: str | None = None,
     laboratory: LaboratoryOptions | None = None,
 ) -> None:
     from bench.campaign import (
@@ -392,7 +427,7 @@ def _run(
     from ._progress import open_progress
     from ._scores import campaign_report
 
-    campaign = _adjusted(load_campaign(path), pace, isolation)
+    campaign = _adjusted(load_campaign(path), pace, isolation, shard)
     if floor:
         campaign = with_floor(campaign)
     try:
@@ -401,7 +436,7 @@ def _run(
         # All at once: whoever corrects the decomposition shall not then learn of a missing agent.
         raise SetupError([*error.faults, *_takeoff_faults(campaign)]) from None
     informed = () if as_json else _given_the_truth(campaign)
-    folder = out or Path("out") / campaign.name
+    folder = out or Path("out") / (campaign.name + (f"-{shard.replace('/', '-of-')}" if shard else ""))
     finished: list[FinishedCampaign] = []
     with (
         open_laboratory(laboratory or LaboratoryOptions(), campaign.name) as bus,
@@ -480,8 +515,17 @@ def _show_scores(
     print("publish it, and check it with: rebar verify --digest")
 
 
-def _adjusted(campaign: Campaign, pace: Pace | None, isolation: Isolation | None) -> Campaign:
-    options = {"pace": pace, "isolation": isolation}
+def _adjusted(
+    campaign: Campaign, pace: Pace | None, isolation: Isolation | None, shard: str | None
+) -> Campaign:
+    from bench.campaign import parse_shard
+
+    if shard is not None:
+        try:
+            parse_shard(shard)
+        except ValueError as error:
+            raise SetupError(Fault("--shard", str(error), "number the shards from 1")) from None
+    options = {"pace": pace, "isolation": isolation, "shard": shard}
     return campaign.model_copy(update={name: value for name, value in options.items() if value is not None})
 
 
@@ -522,6 +566,7 @@ def _print_plan(
     floor: bool,
     pace: Pace | None,
     isolation: Isolation | None,
+    shard: str | None,
 ) -> None:
     from bench.campaign import (
         campaign_quality,
@@ -532,7 +577,7 @@ def _print_plan(
         with_floor,
     )
 
-    campaign = _adjusted(load_campaign(path), pace, isolation)
+    campaign = _adjusted(load_campaign(path), pace, isolation, shard)
     if floor:
         campaign = with_floor(campaign)
     # Only for its faults: they come before anything is printed.

@@ -81,6 +81,21 @@ def fake_flight(simspec: SimSpec, decomposition: Script, folder: Path, realizati
     return SessionResult(realization=realization, outcome=Outcome.COMPLETED, simulated_s=1.0)
 
 
+SECOND_TRY = "campaign_fakes:second_try"
+
+
+def second_try(simspec: SimSpec, decomposition: object, folder: Path, realization: str) -> SessionResult:
+    """A session whose first attempt the host spoils, for any decomposition."""
+    del simspec, decomposition
+    tried = folder.parent.parent / f"{realization}.tried"
+    if not tried.exists():
+        tried.touch()
+        raise ValueError("a made-up bench error")
+    tried.unlink()
+    (folder / "recording.mcap").write_bytes(f"all of {realization}".encode())
+    return SessionResult(realization=realization, outcome=Outcome.COMPLETED, simulated_s=1.0)
+
+
 FORFEIT = "campaign_fakes:fake_forfeit"
 
 

@@ -11,16 +11,40 @@ from dataclasses import replace
 import numpy as np
 
 from bench.documents import dump_json
+from bench.errors import Fault, SetupError
 from bench.realization import DesignQuality, Rating, RealizationPlan, realize
 from bench.simspec import AgentSpec
 
-from .._document import Campaign, FloorPlan
+from .._document import Campaign, FloorPlan, parse_shard
 
 Scene = tuple[str, int]
 
 
 def realizations(campaign: Campaign) -> list[RealizationPlan]:
-    """Every realization of a campaign, those of its floor last. Raises SetupError as `realize` does."""
+    """Every realization of a campaign or of its shard, those of its floor last. Raises SetupError as `realize` does."""
+    plans = _all_realizations(campaign)
+    if campaign.shard is None:
+        return plans
+    number, count = parse_shard(campaign.shard)
+    # All agents fly a scene in one shard, so that it can be compared by itself. Early stopping looks at all replicates
+    # of a design point.
+    units = [
+        plan.design_point if campaign.stopping else (plan.design_point, plan.replicate) for plan in plans
+    ]
+    mine = {unit for index, unit in enumerate(dict.fromkeys(units)) if index % count == number - 1}
+    if not mine:
+        what = "design points" if campaign.stopping else "scenes"
+        raise SetupError(
+            Fault(
+                "--shard",
+                f"the campaign has {len(set(units))} {what}, so shard {campaign.shard} is empty",
+                "take fewer shards",
+            )
+        )
+    return [plan for plan, unit in zip(plans, units, strict=True) if unit in mine]
+
+
+def _all_realizations(campaign: Campaign) -> list[RealizationPlan]:
     floor = campaign.floor
     tested = realize(campaign.bases, campaign.design, _confined(campaign.agents, campaign), _rating(campaign))
     tested = _with_honeypots(tested, campaign)

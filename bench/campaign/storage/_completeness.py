@@ -106,6 +106,12 @@ def accepted_realizations(journal: Journal) -> frozenset[str]:
     return frozenset(json.loads(journal.fact(_ACCEPTED) or "[]"))
 
 
+def adopt_accepted(journal: Journal, realizations: Collection[str]) -> None:
+    """Accept what was accepted in another folder."""
+    if realizations:
+        journal.note(_ACCEPTED, json.dumps(sorted({*accepted_realizations(journal), *realizations})))
+
+
 def accept(journal: Journal, outcomes: Collection[Outcome], withdrawn: Collection[Outcome] = ()) -> None:
     """Accept what has one of these outcomes now; nothing that ends so later. `withdrawn` is accepted no
     more.

@@ -66,6 +66,7 @@ def campaign_facts(data: ReportData) -> list[Fact]:
         Fact("Agents", listed(data.agents) or "none"),
         Fact("Under study", ", ".join(data.study) or "nothing"),
         Fact("Design", _design(data)),
+        *_shard(data),
         *_pace_override(data),
         *_firmware(data),
         *_real_time(data),
@@ -80,6 +81,11 @@ def campaign_facts(data: ReportData) -> list[Fact]:
         for group_id in groups
     ]
     return [*facts, _fact_over_runs("Intelligence", [intelligence_text(spec) for spec in specs])]
+
+
+def _shard(data: ReportData) -> list[Fact]:
+    shard = data.campaign.get("shard")
+    return [Fact("Shard", f"{shard}: a part of the campaign; `rebar merge` joins all parts")] if shard else []
 
 
 def _pace_override(data: ReportData) -> list[Fact]:
