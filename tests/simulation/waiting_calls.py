@@ -72,6 +72,24 @@ def call_futex(operation: int, limit: Any) -> Any:
     return answer_of(libc.syscall(SYS_FUTEX, ctypes.byref(word), operation | 128, 7, limit, None, 0xFFFFFFFF))
 
 
+def woken_futex() -> Any:
+    """A thread waits on a futex without a limit until another wakes it, by a call that has nothing in the limit's place."""
+    word = ctypes.c_uint32(7)
+    answers: list[int] = []
+
+    def wait() -> None:
+        answers.append(libc.syscall(SYS_FUTEX, ctypes.byref(word), 128, 7, None, None, 0))
+
+    waiter = threading.Thread(target=wait)
+    waiter.start()
+    time.sleep(SPAN_S)
+    garbage = ctypes.c_void_p(1)
+    while not (woken := libc.syscall(SYS_FUTEX, ctypes.byref(word), 129, 1, garbage, None, 0)):
+        time.sleep(0)
+    waiter.join()
+    return [woken, answers]
+
+
 def condition(call: str, *clock: int, when: int) -> Any:
     mutex, variable = block(), block()
     libc.pthread_mutex_lock(mutex)
@@ -297,6 +315,7 @@ CALLS: dict[str, Callable[[], Any]] = {
     ),
     "futex": lambda: call_futex(0, timespec(SPAN_S)),
     "futex until": lambda: call_futex(9, moment(MONOTONIC)),
+    "futex, woken": woken_futex,
     "sigtimedwait": awaited_signal,
     "recv with SO_RCVTIMEO": lambda: receive(lambda mine: mine.recv(1)),
     "recvmsg with SO_RCVTIMEO": lambda: receive(lambda mine: mine.recvmsg(1)),

@@ -39,6 +39,11 @@ _WAITERS = np.dtype(
         ("slots", _SLOT, (MAX_SLOTS,)),
     ]
 )
+# Places of whole numbers: of 64 bits in the clock's file and among the slots, of 32 bits at the head of the other file.
+_NOW, _RELEASED = 2, 4
+_SLOTS_USED, _OVERFLOWED = 4, 5
+_FIRST_SLOT = (24 + MAX_PROCESSES * _PROCESS.itemsize) // 8
+_SLOT_NUMBERS = _SLOT.itemsize // 8
 _FUTEX = {"x86_64": 202, "aarch64": 98}
 _FUTEX_WAKE = 1
 _WAKE_OFFSET = 4
@@ -59,37 +64,37 @@ class WarpPages:
     """The agent's clock, which this side alone sets, and what the agent waits for."""
 
     def __init__(self, clock: mmap.mmap, waiters: mmap.mmap) -> None:
-        # Whole numbers of eight bytes at their own alignment: numpy moves each in one instruction.
-        self._clock = np.frombuffer(clock, dtype="i8", count=_CLOCK.itemsize // 8)
+        # Whole numbers at their own alignment are moved by one instruction each: no half of one is ever seen.
+        self._clock = memoryview(clock).cast("q")
+        self._numbers = memoryview(waiters).cast("q")
+        self._heads = memoryview(waiters).cast("I")
         page = np.frombuffer(waiters, dtype=_WAITERS, count=1)[0]
-        self._page = page
+        self._slots = page["slots"]
         self._processes = page["processes"]
-        self._pids = self._processes["pid"]
-        self._deadlines: NDArray[np.int64] = page["slots"]["deadline_ns"]
-        self._owners = page["slots"]["pid"]
+        self._pids: NDArray[np.int32] = self._processes["pid"]
+        self._owners: NDArray[np.int32] = self._slots["pid"]
         self._wake_address = self._processes.ctypes.data + _WAKE_OFFSET
         self._futex = _FUTEX[platform.machine()]
 
     @property
     def now_ns(self) -> int:
         """The agent's monotonic clock."""
-        return int(self._clock[2])
+        return self._clock[_NOW]
 
     def set_now(self, now_ns: int) -> None:
         """Set the clock, and wake each process that waits for a moment that has come."""
-        self._clock[2] = now_ns
+        self._clock[_NOW] = now_ns
         self.wake_due()
 
     def release(self) -> None:
         """Let time pass by itself from now on, as fast as the host's: the session is over."""
-        self._clock[4] = time.monotonic_ns()
+        self._clock[_RELEASED] = time.monotonic_ns()
         self._wake(set(self._pids[self._pids > 0].tolist()))
 
     def earliest_ns(self) -> int | None:
         """The first moment for which a thread or a timer of the agent waits; None while nothing waits for one."""
-        deadlines = self._deadlines[: int(self._page["slots_used"])]
-        waited = deadlines[deadlines > 0]
-        return int(waited.min()) if waited.size else None
+        end = _FIRST_SLOT + self._heads[_SLOTS_USED] * _SLOT_NUMBERS
+        return min(filter(None, self._numbers[_FIRST_SLOT:end:_SLOT_NUMBERS]), default=None)
 
     def is_due(self) -> bool:
         """Whether something waits for a moment that has come."""
@@ -98,15 +103,14 @@ class WarpPages:
 
     def wake_due(self) -> None:
         """Wake each process in which something is due."""
-        used = int(self._page["slots_used"])
-        deadlines = self._deadlines[:used]
-        due = (deadlines > 0) & (deadlines <= self.now_ns)
-        if due.any():
-            self._wake(set(self._owners[:used][due].tolist()))
+        if self.is_due():
+            deadlines = self._slots["deadline_ns"]
+            due = (deadlines > 0) & (deadlines <= self.now_ns)
+            self._wake(set(self._owners[due].tolist()))
 
     def waiters(self) -> list[Waiter]:
         """Everything that waits, by its place in the page."""
-        slots = self._page["slots"][: int(self._page["slots_used"])]
+        slots = self._slots[: self._heads[_SLOTS_USED]]
         return [
             Waiter(int(slot["pid"]), int(slot["tid"]), int(slot["deadline_ns"]))
             for slot in slots
@@ -121,15 +125,15 @@ class WarpPages:
         """Free what ended processes have left: a wait of theirs would stop time for good."""
         for pid in ended:
             left = self._owners == pid
-            self._deadlines[left] = 0
-            self._page["slots"]["state"][left] = 0
+            self._slots["deadline_ns"][left] = 0
+            self._slots["state"][left] = 0
             self._owners[left] = 0
             self._pids[self._pids == pid] = 0
 
     @property
     def overflowed(self) -> bool:
         """Whether the agent had more processes or waits at once than the page holds, so that time must not go on."""
-        return bool(self._page["overflowed"])
+        return bool(self._heads[_OVERFLOWED])
 
     def _wake(self, pids: set[int]) -> None:
         for index in np.flatnonzero(self._pids):

@@ -13,7 +13,7 @@ from pathlib import Path
 
 # States of proc_pid_stat(5). Stopped, traced or ended, a thread does nothing of itself. D waits for the disk, and X is about
 # to tell its parent that it has ended: both are at work.
-_STOPPED, _ASLEEP = frozenset(b"TtZ"), ord("S")
+_STOPPED, _RESTING = frozenset(b"TtZ"), frozenset(b"TtZS")
 # Of /proc/PID/wchan, when the thread is on a run queue.
 _NOWHERE = b"0"
 # Long enough for the state behind a name of up to 15 characters, which may hold brackets and spaces.
@@ -24,20 +24,28 @@ _LAST_PID = Path("/proc/loadavg")
 _PROBE_S = 10.0
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Thread:
     stat: int
     schedstat: int
     wchan: int
     cpu_ns: int = 0
 
-    def rests(self) -> bool:
-        """Whether it is asleep. Its state alone does not say so: a thread that is about to wait calls itself asleep already,
-        and may be kept from its core for long before it is, or finds that it need not wait.
+    def waits(self) -> bool:
+        """Whether it is off every run queue: asleep, waiting for the disk, stopped or ended.
+
+        Its state alone does not say so: a thread that is about to wait calls itself asleep already, and may be kept from its
+        core for long before it is, or finds that it need not wait.
         """
+        return os.pread(self.wchan, 1, 0) != _NOWHERE or self.state() in _STOPPED
+
+    def state(self) -> int:
         text = os.pread(self.stat, _STAT_BYTES, 0)
-        state = text[text.rindex(b")") + 2]
-        return state in _STOPPED or (state == _ASLEEP and os.pread(self.wchan, 1, 0) != _NOWHERE)
+        return text[text.rindex(b")") + 2]
+
+    def rests(self) -> bool:
+        """Whether it is asleep, stopped or ended now."""
+        return self.waits() and self.state() in _RESTING
 
     def history(self) -> bytes:
         """CPU time, run delay and how often it was given a core; the same bytes as long as it has not run."""
@@ -79,6 +87,7 @@ class ProcessThreads:
         self.processes: dict[int, WatchedProcess] = {}
         self._box: dict[int, WatchedProcess] = {}
         self._own: dict[int, _Thread] = {}
+        self._order: list[_Thread] = []
         self._ended_cpu_ns = 0
         self._last_pid = os.open(_LAST_PID, os.O_RDONLY | os.O_CLOEXEC)
         self._seen_pid = b""
@@ -90,7 +99,7 @@ class ProcessThreads:
             process.close()
         for thread in self._own.values():
             thread.close()
-        self.processes, self._box, self._own = {}, {}, {}
+        self.processes, self._box, self._own, self._order = {}, {}, {}, []
         if self._last_pid >= 0:
             os.close(self._last_pid)
             self._last_pid = -1
@@ -98,21 +107,22 @@ class ProcessThreads:
     def at_rest(self) -> bool:
         """Whether there was a moment during this call at which every thread was asleep, and none about to run.
 
-        Each thread is looked at twice. One that sleeps at both looks and was given no core between them has slept all the
-        time from the first to the second, so at the moment between the two rounds all slept. Whoever could still wake one
-        of them is outside: the clock, and what the bench sends.
+        Each thread is looked at in two rounds. One that is off the run queues in the first, asleep in the second, and was given
+        no core from one to the other has slept all the time between, so at the moment between the two rounds all slept.
+        Whoever could still wake one of them is outside: the clock, and what the bench sends.
         """
         try:
             if self._newest_pid() != self._seen_pid:
                 self.scan()
-            threads = self._threads()
             histories = []
-            for thread in threads:
+            for thread in self._order:
                 histories.append(thread.history())
-                if not thread.rests():
+                if not thread.waits():
+                    self._put_first(thread)
                     return False
-            for thread, history in zip(threads, histories, strict=True):
-                if not thread.rests() or thread.history() != history:
+            for thread, history in zip(self._order, histories, strict=True):
+                if thread.state() not in _RESTING or thread.history() != history:
+                    self._put_first(thread)
                     return False
             # A process or thread that began meanwhile was in neither round.
             return self._newest_pid() == self._seen_pid
@@ -157,12 +167,15 @@ class ProcessThreads:
                 self._forget(known, process)
         if self._with_own:
             self._refresh_own()
-
-    def _threads(self) -> list[_Thread]:
-        return [
+        self._order = [
             *(thread for process in self.processes.values() for thread in process.threads.values()),
             *self._own.values(),
         ]
+
+    def _put_first(self, thread: _Thread) -> None:
+        """Who is at work now is probably at work at the next look, which ends with the first of them."""
+        self._order.remove(thread)
+        self._order.insert(0, thread)
 
     def _newest_pid(self) -> bytes:
         """The number that was given to a process or thread last, in the namespace of this process."""
@@ -233,8 +246,7 @@ def _open_thread(folder: int, tid: int) -> _Thread:
 
 def _lives(thread: _Thread) -> bool:
     with suppress(OSError, ValueError):
-        text = os.pread(thread.stat, _STAT_BYTES, 0)
-        return text[text.rindex(b")") + 2] not in b"ZX"
+        return thread.state() not in b"ZX"
     return False
 
 

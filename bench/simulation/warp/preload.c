@@ -694,15 +694,14 @@ long syscall(long number, ...) {
   if (active()) switch (number) {
     case SYS_futex: {
       int operation = (int)b & FUTEX_CMD_MASK, private_flag = (int)b & FUTEX_PRIVATE_FLAG;
-      if (!d || !is_valid((struct timespec *)d)) break;
+      /* Other operations take fewer arguments: what stands in the place of the limit is then no address. */
+      if (operation != FUTEX_WAIT && operation != FUTEX_WAIT_BITSET) break;
+      const struct timespec *limit = (const struct timespec *)d;
+      if (!limit || !is_valid(limit)) break;
       if (operation == FUTEX_WAIT)
-        return futex_until((uint32_t *)a, private_flag, (uint32_t)c, after(to_ns((struct timespec *)d)),
-                           FUTEX_BITSET_MATCH_ANY);
-      if (operation == FUTEX_WAIT_BITSET) {
-        clockid_t clock = b & FUTEX_CLOCK_REALTIME ? CLOCK_REALTIME : CLOCK_MONOTONIC;
-        return futex_until((uint32_t *)a, private_flag, (uint32_t)c, deadline_of(clock, (struct timespec *)d), (uint32_t)f);
-      }
-      break;
+        return futex_until((uint32_t *)a, private_flag, (uint32_t)c, after(to_ns(limit)), FUTEX_BITSET_MATCH_ANY);
+      clockid_t clock = b & FUTEX_CLOCK_REALTIME ? CLOCK_REALTIME : CLOCK_MONOTONIC;
+      return futex_until((uint32_t *)a, private_flag, (uint32_t)c, deadline_of(clock, limit), (uint32_t)f);
     }
     case SYS_clock_gettime: return clock_gettime((clockid_t)a, (struct timespec *)b);
     case SYS_gettimeofday: return gettimeofday((struct timeval *)a, NULL);
