@@ -52,7 +52,12 @@ def _total(clauses: Sequence[ClauseReading]) -> str:
 
 
 def field_summary(clause: ClauseReading, values: dict[str, Any]) -> str:
-    """The fields that a clause sets, without those that only name a group."""
+    """The fields that a clause sets, without those that only name a group.
+
+    A clause to be checked that sets none says so: what it tells may be lost.
+    """
+    if clause.status == "check" and not clause.fields:
+        return "nothing"
     told = [path for path in clause.fields if not path.endswith(_IDENTITY)]
     parts = [f"{_short_path(path)} {_value(values, path)}" for path in told[:SHOWN_FIELDS]]
     more = [f"and {len(told) - SHOWN_FIELDS} more"] if len(told) > SHOWN_FIELDS else []

@@ -101,7 +101,7 @@ class Interview:
         from ._clause_view import field_summary
 
         summary = field_summary(clause, {receipt.path: receipt.value for receipt in result.receipts})
-        self._show(f"{clause.quote!r} is read as: {summary or 'nothing that needs a field'}")
+        self._show(f"{clause.quote!r} is read as: {summary or 'what was there before'}")
         return not self._prompt("Is that what it means? [yes] or no").lower().startswith("n")
 
     def ask(self, step: Step) -> None:

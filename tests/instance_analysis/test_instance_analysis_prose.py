@@ -226,11 +226,16 @@ def test_accept_takes_another_reading_and_strict_wants_all_of_them(
 
 def test_the_text_is_shown_clause_by_clause(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Each clause with its status, on few lines; the page has the same."""
-    text = "A radar. Five civilians near the radar. Some <b>bananas</b>. If it rains, hold. Altitude 80 m."
+    text = (
+        "A radar. Five civilians near the radar. Some <b>bananas</b>. If it rains, hold. Altitude 80 m. "
+        "The drone takes off from the boathouse."
+    )
     page = tmp_path / "page.html"
     assert run(["prose", text, "--html", str(page)]) == 0
     shown = capsys.readouterr().err.splitlines()
     assert any(line.startswith("understood") and line.endswith("Altitude 80 m") for line in shown)
+    off = shown.index("check           The drone takes off from the boathouse")
+    assert shown[off + 1].strip() == "= nothing"
     assert any(
         line.startswith("default") and line.endswith("Five civilians near the radar") for line in shown
     )
