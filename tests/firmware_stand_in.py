@@ -33,6 +33,7 @@ WEIGHT_N = 2.0643 * 9.81
 G = 9.80665
 EXTRA = {
     0: 50,
+    22: 220,
     23: 168,
     30: 39,
     33: 104,
@@ -208,6 +209,8 @@ class Clients:
         self.stream_clients: set[object] = set()
         self.next_beat_s = self.next_motion_s = 0.0
         self.home: tuple[float, float, float] | None = None
+        # Of a version whose simulation has other names.
+        self.forgetful = False
 
     def take(self, source: object, data: bytes) -> bytes:
         """Answers to what one client sent."""
@@ -216,6 +219,11 @@ class Clients:
             if number == 76:
                 *params, command, _, _, _ = unpacked("<7fHBBB", payload)
                 answers += self._command(source, int(command), params)
+            elif number == 23:
+                value, _, _, name, _ = struct.unpack("<fBB16sB", payload.ljust(23, b"\0"))
+                print(f"{self.state.time_s:.2f} s: {name.rstrip(bytes(1)).decode()} {value:.4g}", flush=True)
+                if name.startswith(b"SIM_") and not self.forgetful:
+                    answers += self.mavlink.pack(22, struct.pack("<fHH16sB", value, 1, 0, name, 9))
             elif number == 75:
                 p = unpacked("<4fiifHBBBBB", payload)
                 answers += self._command(source, int(p[7]), [*p[:4], p[4] * 1e-7, p[5] * 1e-7, p[6]])
@@ -577,6 +585,7 @@ def fly_ardupilot() -> None:
     state = State()
     pilot = Pilot(0.174, 0.016)
     clients = Clients(pilot, state, is_px4=False, takeoff_m=10.0)
+    clients.forgetful = parameters.get("STAND_IN_FORGETS", 0) == 1
     count, answer, pulses = 0, b"", [1000] * 16
     checks = AnswerChecks(state, rate_hz, (latitude, longitude, altitude), math.radians(heading))
     while True:

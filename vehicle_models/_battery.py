@@ -62,3 +62,8 @@ class BatteryModel:
         rest_v = _CELLS * (_EMPTY_V + (_FULL_V - _EMPTY_V) * (self._remaining_j / self._capacity_j))
         volts = rest_v - _RESISTANCE_OHM * self.power_w / rest_v
         return volts, self.power_w / volts
+
+
+def rest_volts_share(fraction: float) -> float:
+    """The voltage at rest of a battery with this charge, as a share of that of a full one."""
+    return (_EMPTY_V + (_FULL_V - _EMPTY_V) * fraction) / _FULL_V

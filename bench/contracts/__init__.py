@@ -55,6 +55,8 @@ if TYPE_CHECKING:
     from ._measure import Timed as Timed
     from ._outcome import DETECTOR as DETECTOR
     from ._outcome import FIRMWARE as FIRMWARE
+    from ._outcome import FIRMWARE_ENDS as FIRMWARE_ENDS
+    from ._outcome import FIRMWARE_FAILED as FIRMWARE_FAILED
     from ._outcome import LEAVES_OPEN as LEAVES_OPEN
     from ._outcome import PROBES as PROBES
     from ._outcome import SAW_TRUTH as SAW_TRUTH
@@ -70,6 +72,7 @@ if TYPE_CHECKING:
     from ._outcome import SessionFailure as SessionFailure
     from ._outcome import SessionResult as SessionResult
     from ._outcome import StepTiming as StepTiming
+    from ._outcome import firmware_ends_of as firmware_ends_of
     from ._outcome import losses_of as losses_of
     from ._outcome import open_walls_of as open_walls_of
     from ._outcome import probes_of as probes_of
@@ -214,6 +217,8 @@ _MODULES = {
     "Timed": "_measure",
     "DETECTOR": "_outcome",
     "FIRMWARE": "_outcome",
+    "FIRMWARE_ENDS": "_outcome",
+    "FIRMWARE_FAILED": "_outcome",
     "LEAVES_OPEN": "_outcome",
     "PROBES": "_outcome",
     "SAW_TRUTH": "_outcome",
@@ -235,6 +240,7 @@ _MODULES = {
     "TIMING": "_outcome",
     "WARP": "_outcome",
     "StepTiming": "_outcome",
+    "firmware_ends_of": "_outcome",
     "losses_of": "_outcome",
     "timing_of": "_outcome",
     "PluginGroup": "_plugins",

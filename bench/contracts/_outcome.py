@@ -159,6 +159,19 @@ DETECTOR = "detector"
 FIRMWARE = "firmware"
 """In `SessionResult.details`: the real autopilot that flew, with version, digest and pace; absent where one is imitated."""
 
+FIRMWARE_FAILED = "the autopilot's firmware failed"
+"""How the reason of a session begins whose real autopilot failed."""
+
+FIRMWARE_ENDS = "firmware_ended"
+"""In `SessionResult.details`: how the real autopilot failed in flight in attempts at the run, one text each."""
+
+
+def firmware_ends_of(details: Mapping[str, object]) -> tuple[str, ...]:
+    """The failures of the firmware in the details of a result, which may have been edited."""
+    ends = details.get(FIRMWARE_ENDS)
+    return tuple(str(end) for end in ends) if isinstance(ends, list) else ()
+
+
 TIMING = "timing"
 """In `SessionResult.details`: how punctual the steps of a session in real time were, a `StepTiming`."""
 
@@ -317,7 +330,7 @@ class SessionFailure:
                 return cls(Outcome.BENCH_ERROR, f"the vehicle model failed: {error}")
             case FirmwareFault():
                 # Its own words are in the text; our frames only say who was waiting for it.
-                return cls(Outcome.BENCH_ERROR, f"the autopilot's firmware failed: {error}")
+                return cls(Outcome.BENCH_ERROR, f"{FIRMWARE_FAILED}: {error}")
             case DetectorFault():
                 # A plug-in's: its own frames say where it failed.
                 text = "".join(traceback.format_exception(error))

@@ -18,6 +18,7 @@ from bench.contracts import (
     FIRMWARE,
     Outcome,
     SessionResult,
+    firmware_ends_of,
     losses_of,
     open_walls_of,
     parse_document,
@@ -222,6 +223,14 @@ def _runs(
         notes.append(
             "The bench was lost while an unconfined agent flew, which the host or the agent may have caused, in "
             f"{', '.join(suspects)}. The tables of runs list these first."
+        )
+    failed = [
+        name for name, result in results.items() if result is not None and firmware_ends_of(result.details)
+    ]
+    if failed:
+        notes.append(
+            "A real autopilot failed in flight, which the firmware or the agent's messages may have caused, in "
+            f"{', '.join(failed)}. Such a run is flown once more; result.json says how it failed."
         )
     early_stopping = stopped_early(scores)
     return tuple(

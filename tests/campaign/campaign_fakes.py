@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from bench.contracts import Outcome, SessionResult
+from bench.contracts import FIRMWARE_FAILED, Outcome, SessionResult
 from bench.errors import Fault, SetupError
 from bench.simspec import ActorGroup, AgentSpec, Budgets, Point, Polygon, Role, SimSpec, World
 
@@ -64,6 +64,11 @@ def fake_flight(simspec: SimSpec, decomposition: Script, folder: Path, realizati
         case "crash":
             reason = "the agent's process ended with exit code 1 before its mission did"
             return SessionResult(realization=realization, outcome=Outcome.AGENT_CRASHED, reason=reason)
+        case "firmware":
+            reason = f"{FIRMWARE_FAILED}: PX4 ended with SIGSEGV"
+            return SessionResult(
+                realization=realization, outcome=Outcome.BENCH_ERROR, reason=reason, simulated_s=12.5
+            )
         case "exit":
             os._exit(3)
         case "segv":

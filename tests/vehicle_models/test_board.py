@@ -282,15 +282,18 @@ def test_streams_that_do_not_fit_are_refused_with_the_reason(cable: Cable, clien
         client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 105, 1e6 / 50)
         client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 93, 1e6)
         client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 32, 1e6 / 5)
+        client.send(mavlink.MAVLink_param_set_message(1, 1, b"HIL_ACT_FUNC1", 0.0, 6))
         step(vehicle, board, 0.3, client)
         denied = [m.result for m in client.received if m.get_type() == "COMMAND_ACK" and m.command == 511][
             -3:
         ]
         texts = client.texts()
-        assert vehicle.counters()["board_streams_refused"] == 2
+        assert vehicle.counters()["board_streams_refused"] == 3
+        assert parameter(board, "HIL_ACT_FUNC1") == 101
     assert sorted(denied) == [0, 2, 2]
     assert any(text.startswith("HIGHRES_IMU at 50 Hz takes") for text in texts)
     assert any("stays at 100 Hz" in text for text in texts)
+    assert "HIL_ACT_FUNC1 is not set over the bench" in texts
     assert board.intervals_s[32] == pytest.approx(0.2)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import os
+import struct
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -130,6 +131,44 @@ def test_the_gate_withholds_what_changes_the_simulation_or_ends_the_program() ->
     assert not strict.admits(bytes(first.pack(PACKER, force_mavlink1=True)))
 
 
+def transfer(opcode: int, path: bytes, sequence: int = 7) -> bytes:
+    payload = struct.pack("<HBBBBBBI", sequence, 2, opcode, len(path), 0, 0, 0, 0) + path
+    return frame(mavlink.MAVLink_file_transfer_protocol_message(0, 3, 1, list(payload.ljust(251, b"\0"))))
+
+
+def test_files_of_the_autopilot_are_read_and_plans_are_written_but_nothing_else_is() -> None:
+    """Each opcode of the specification, on parameters, scripts, plans and logs; the client hears why, at once."""
+    writing = {
+        6: "create",
+        8: "remove",
+        9: "folder",
+        10: "remove folder",
+        11: "open",
+        12: "truncate",
+        13: "rename",
+    }
+    for path in (b"@PARAM/param.pck", b"/fs/microsd/params", b"/fs/microsd/etc/rc.txt"):
+        for opcode in range(16):
+            strict, free = Gate(simulation_control=False), Gate(simulation_control=True)
+            assert strict.admits(transfer(opcode, path)) is (opcode not in writing), (opcode, path)
+            assert free.admits(transfer(opcode, path))
+            answers = strict.take_answers()
+            assert (len(answers), strict.refused) == ((1, 1) if opcode in writing else (0, 0))
+            assert free.take_answers() == []
+    gate = Gate(simulation_control=False)
+    for plan in (b"@MISSION/mission.dat", b"@FENCE/fence.dat", b"@RALLY/rally.dat"):
+        assert gate.admits(transfer(6, plan))
+        assert gate.admits(transfer(13, plan))
+    assert not gate.admits(transfer(11, b"@PARAM/param.pck", sequence=65535))
+    parser: Any = mavlink.MAVLink(None)
+    (answer,) = parser.parse_buffer(bytearray(b"".join(gate.take_answers())))
+    assert (answer.get_srcSystem(), answer.get_srcComponent()) == (3, 1)
+    assert (answer.target_system, answer.target_component) == (PACKER.srcSystem, PACKER.srcComponent)
+    sequence, session, opcode, size, requested, *_ = struct.unpack_from("<HBBBBBBI", bytes(answer.payload))
+    assert (sequence, session, opcode, size, requested, answer.payload[12]) == (0, 2, 129, 1, 11, 9)
+    assert gate.take_answers() == []
+
+
 def test_the_estimate_is_what_the_autopilot_says_of_itself() -> None:
     telemetry = Telemetry()
     telemetry.take(
@@ -252,7 +291,6 @@ def test_what_a_real_autopilot_cannot_do_is_refused(tmp_path: Path) -> None:
     failures = [{"at_s": 1.0, "kind": "gps_off"}, {"at_s": 2.0, "kind": "gps_drift", "drift_mps": 1.0}]
     text = refused(failures=failures, camera={"gimbal": True}, ground_truth=True)
     assert [line.split(":")[0] for line in text.splitlines()] == [
-        "vehicle.failures[0].kind",
         "vehicle.camera.gimbal",
         "vehicle.ground_truth",
     ]
@@ -275,3 +313,29 @@ def test_the_receivers_error_is_in_what_the_autopilot_gets() -> None:
     assert fix.altitude_m - truth.altitude_m == pytest.approx(up_m, abs=1e-6)
     latitude_deg, longitude_deg = body.seen_latitude_longitude_deg()
     assert (round(latitude_deg * 1e7), round(longitude_deg * 1e7)) == (fix.latitude_e7, fix.longitude_e7)
+
+
+def test_a_failsafe_is_told_with_its_cause_where_the_autopilot_says_one() -> None:
+    """Two causes one after the other, each cleared; one of PX4, which names none; none where nothing is critical."""
+
+    def beat(status: int, armed: bool = True) -> bytes:
+        return frame(mavlink.MAVLink_heartbeat_message(2, 3, 209 if armed else 81, 6, status, 3))
+
+    def text(words: bytes) -> bytes:
+        return frame(mavlink.MAVLink_statustext_message(4, words))
+
+    telemetry, told = Telemetry(), []
+    for frames in (
+        [beat(4)],
+        [text(b"GCS Failsafe"), beat(5)],
+        [text(b"GCS Failsafe Cleared"), beat(4)],
+        [text(b"Battery 1 is low 10.50V used 166 mAh"), text(b"Battery Failsafe"), beat(5)],
+        [beat(3, armed=False)],
+        [text(b"EKF Failsafe: changed to LAND Mode"), beat(5)],
+    ):
+        telemetry.take(frames)
+        told.append(telemetry.failsafe)
+    assert told == ["", "link", "", "battery", "", "position"]
+    px4 = Telemetry()
+    px4.take([text(b"Failsafe activated: entering Hold for 5 seconds"), beat(5)])
+    assert px4.failsafe == "unknown"

@@ -186,8 +186,37 @@ def test_two_at_once_and_two_in_a_row_do_not_meet(kind: str, firmware: dict[str,
         assert_nothing_left(folder)
 
 
+def test_failures_reach_an_ardupilot_that_simulates_the_part_itself(
+    firmware: dict[str, Path], tmp_path: Path
+) -> None:
+    """Off and on again at their moments, and the voltage of the charge; one that does not know the names is told."""
+    failures = [
+        {"at_s": 0.2, "kind": "gps_off", "duration_s": 0.3},
+        {"at_s": 0.3, "kind": "battery_drop", "to_fraction": 0.5},
+    ]
+    program, kept = firmware["ardupilot"], tmp_path / "kept"
+    with opened("ardupilot", program, boot_s=0.3, failures=failures, artefacts=kept) as vehicle:
+        vehicle.boot()
+        step(vehicle, 80)
+    told = [line.split(" s: ") for line in (kept / "console.log").read_text().splitlines()]
+    assert [text for _, text in told] == ["SIM_GPS_DISABLE 1", "SIM_BATT_VOLTAGE 11.54", "SIM_GPS_DISABLE 0"]
+    assert [float(time) for time, _ in told] == pytest.approx([0.5, 0.6, 0.8], abs=0.05)
+    lasting = [{"at_s": 0.1, "kind": "gps_off"}]
+    forgetful = {"STAND_IN_FORGETS": 1}
+    with opened("ardupilot", program, boot_s=0.3, failures=lasting, parameters=forgetful) as vehicle:
+        vehicle.boot()
+        step(vehicle, 55)
+        with pytest.raises(FirmwareFault, match=r"has not confirmed SIM_GPS_DISABLE"):
+            step(vehicle, 1)
+
+
+def step(vehicle: FirmwareX500, count: int) -> None:
+    for _ in range(count):
+        vehicle.step()
+
+
 FAULTS = {
-    stand_in.DIES: r"ended with SIGSEGV; its console ends with: out of memory in the mixer",
+    stand_in.DIES: r"ended with SIGSEGV; its console ends with: out of memory in the mixer.*of clients: .*COMMAND_LONG \d",
     stand_in.HANGS: r"for 0\.5 s",
     stand_in.TALKS_NONSENSE: r"does not speak MAVLink|bytes that are no packet",
 }

@@ -10,6 +10,7 @@ from pathlib import Path
 from bench.errors import Fault
 from bench.simspec import BoardAutopilot, Failure, RealAutopilot
 
+from .._battery import rest_volts_share
 from ..x500 import ROTORS
 from ._airframe import ardupilot_parameters, merged
 from ._ardupilot_link import PHYSICS_PORT, ArduPilotLink, ArduPilotMetres, PhysicsState, rotor_share
@@ -24,6 +25,8 @@ from ._program import FirmwareProgram, open_program
 _SERIAL0_PORT, _SERIAL1_PORT, _SERIAL2_PORT = 5760, 5762, 5763
 _PORTS_PER_INSTANCE = 10
 _DEFAULTS_FILE = "rebar.parm"
+# SIM_BATT_VOLTAGE of a full battery, as ArduCopter 4.6.3 has it.
+_FULL_V = 12.6
 # It waits for nobody: the bench's answers are its clock.
 _SPEEDUP = 1000
 
@@ -48,7 +51,7 @@ class ArduPilotKind:
     def faults(self, autopilot: RealAutopilot | BoardAutopilot, failures: Sequence[Failure]) -> list[Fault]:
         assert isinstance(autopilot, RealAutopilot)
         firmware = Path(autopilot.firmware)
-        return [*program_faults(self.program(firmware), []), *_failure_faults(failures)]
+        return program_faults(self.program(firmware), [])
 
     @contextmanager
     def open(self, plan: FirmwarePlan) -> Generator[RunningArduPilot]:
@@ -175,6 +178,15 @@ class RunningArduPilot:
         )
         self._pulses = self._link.receive()
 
+    def failure_parameters(self, gps_off: bool, battery_fraction: float | None) -> dict[str, float]:
+        """It simulates receiver and battery itself, so what breaks them are parameters of its simulation."""
+        if battery_fraction is None:
+            return {"SIM_GPS_DISABLE": float(gps_off)}
+        return {
+            "SIM_GPS_DISABLE": float(gps_off),
+            "SIM_BATT_VOLTAGE": _FULL_V * rest_volts_share(battery_fraction),
+        }
+
     def last_words(self) -> str:
         return self.program.last_words()
 
@@ -185,19 +197,3 @@ class RunningArduPilot:
             "firmware_restarts": link.restarts,
             "firmware_strangers": link.strangers,
         }
-
-
-def _failure_faults(failures: Sequence[Failure]) -> list[Fault]:
-    remedies = {
-        "gps_off": "leave it out, or set SIM_GPS_DISABLE by a client with vehicle.simulation_control",
-        "battery_drop": "set SIM_BATT_VOLTAGE under vehicle.autopilot.parameters",
-    }
-    return [
-        Fault(
-            f"vehicle.failures[{index}].kind",
-            f"{failure.kind} does not reach a real ArduPilot, which simulates that part itself",
-            remedies[failure.kind],
-        )
-        for index, failure in enumerate(failures)
-        if failure.kind in remedies
-    ]

@@ -9,6 +9,10 @@ from ..controller.links._enums import MAV_CMD
 from ..controller.links._frames import Packer, message_id, sender
 from ._line_budget import LineBudget
 
+_PARAM_SET = 23
+# By these an agent could make the next start one that drives real motors.
+_BOARD_PARAMETERS = (b"SYS_HITL", b"SYS_AUTOSTART", b"SYS_AUTOCONFIG", b"HIL_ACT_", b"PWM_MAIN_", b"PWM_AUX_")
+_NAME_AT = 6
 _COMMAND_INT, _COMMAND_LONG, _COMMAND_ACK, _REQUEST_DATA_STREAM, _STATUSTEXT = 75, 76, 77, 66, 253
 _AUTOPILOT_COMPONENT = 1
 _SEVERITY_WARNING = 4
@@ -32,6 +36,13 @@ class BoardGate:
         if number == _REQUEST_DATA_STREAM:
             # Old, and in groups whose rates nobody can plan.
             return self._refuse(frame, None, "REQUEST_DATA_STREAM: ask by SET_MESSAGE_INTERVAL")
+        if number == _PARAM_SET:
+            at = (10 if frame[0] == 0xFD else 6) + _NAME_AT
+            name = frame[at : at + 16].split(b"\0")[0]
+            if name.startswith(_BOARD_PARAMETERS):
+                return self._refuse(
+                    frame, None, f"{name.decode('ascii', 'replace')} is not set over the bench"
+                )
         layout = _COMMANDS.get(number)
         if layout is None:
             return True

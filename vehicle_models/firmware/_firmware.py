@@ -89,6 +89,14 @@ class FirmwareKind(Protocol):
 
 
 @runtime_checkable
+class SimulatesParts(Protocol):
+    """What a started autopilot promises beside `RunningFirmware` when it simulates receiver and battery itself."""
+
+    def failure_parameters(self, gps_off: bool, battery_fraction: float | None) -> dict[str, float]:
+        """Parameters that break its receiver, and its battery to this charge where one is given."""
+
+
+@runtime_checkable
 class KeepsRealTime(Protocol):
     """What a started autopilot promises beside `RunningFirmware` when its own clock goes on: it waits for nobody."""
 

@@ -8,17 +8,31 @@ from dataclasses import dataclass, field
 
 from bench.contracts import Vector
 
+from ..controller._flight_state import Cause
 from ..controller.links._frames import Packer, message_id, sender
 
 _HEARTBEAT, _ATTITUDE, _GLOBAL_POSITION_INT, _COMMAND_LONG, _AUTOPILOT_VERSION = 0, 30, 33, 76, 148
+_PARAM_VALUE, _PARAM_SET, _REAL32 = 22, 23, 9
 _SET_MESSAGE_INTERVAL, _REQUEST_MESSAGE = 511, 512
 _AUTOPILOT_COMPONENT = 1
 _ARMED = 0x80
+_STATUSTEXT, _MAV_STATE_CRITICAL = 253, 5
+# How ArduCopter's texts begin when a failsafe acts (the first three observed with 4.6.3, the last read in its source);
+# followed by "Cleared" where it ends. PX4's texts name no cause.
+_FAILSAFE_TEXTS = {
+    "GCS Failsafe": Cause.GROUND_STATION,
+    "Battery Failsafe": Cause.BATTERY,
+    "Radio Failsafe": Cause.RADIO,
+    "EKF Failsafe": Cause.POSITION,
+}
+_UNKNOWN_CAUSE = "unknown"
 _LAYOUTS = {
     _HEARTBEAT: struct.Struct("<IBBBBB"),
     _ATTITUDE: struct.Struct("<I6f"),
     _GLOBAL_POSITION_INT: struct.Struct("<IiiiihhhH"),
     _AUTOPILOT_VERSION: struct.Struct("<QQIIIIHH8s8s8s"),
+    _PARAM_VALUE: struct.Struct("<fHH16sB"),
+    _STATUSTEXT: struct.Struct("<B50s"),
 }
 # The bench as a client: not 255, which both autopilots take for the ground station.
 _SYSTEM, _COMPONENT = 254, 191
@@ -39,8 +53,11 @@ class Telemetry:
     rates_radps: Vector = (0.0, 0.0, 0.0)
     version: str = ""
     heartbeats: int = 0
+    parameters: dict[str, float] = field(default_factory=dict)
     _packer: Packer = field(default_factory=lambda: Packer(_SYSTEM, _COMPONENT))
     _sequence: int = 0
+    _critical: bool = False
+    _cause: str = ""
 
     def take(self, frames: Sequence[bytes]) -> None:
         """Read what the autopilot says of itself; other messages are passed over."""
@@ -52,6 +69,7 @@ class Telemetry:
             values = layout.unpack(frame[10 : 10 + frame[1]][: layout.size].ljust(layout.size, b"\0"))
             if number == _HEARTBEAT:
                 self.custom_mode, self.armed = values[0], bool(values[3] & _ARMED)
+                self._critical = values[4] == _MAV_STATE_CRITICAL
                 self.system = sender(frame)[0]
                 self.heartbeats += 1
             elif number == _ATTITUDE:
@@ -60,8 +78,24 @@ class Telemetry:
                 self.latitude_e7, self.longitude_e7 = values[1], values[2]
                 self.altitude_m = values[3] / 1000.0
                 self.velocity_ned_mps = (values[5] / 100.0, values[6] / 100.0, values[7] / 100.0)
+            elif number == _STATUSTEXT:
+                self._note_text(values[1].rstrip(b"\0").decode("ascii", "replace"))
+            elif number == _PARAM_VALUE:
+                self.parameters[values[3].rstrip(b"\0").decode("ascii", "replace")] = values[0]
             else:
                 self.version = _version_text(values[2], values[8])
+
+    @property
+    def failsafe(self) -> str:
+        """Why a failsafe acts, as far as the autopilot tells; empty where its heartbeat says that none does."""
+        if not (self._critical and self.armed):
+            return ""
+        return self._cause or _UNKNOWN_CAUSE
+
+    def _note_text(self, text: str) -> None:
+        for beginning, cause in _FAILSAFE_TEXTS.items():
+            if text.startswith(beginning):
+                self._cause = "" if "Cleared" in text else cause
 
     def requests(self, rate_hz: float | None) -> list[bytes]:
         """Commands that ask for the version, and for the estimate at `rate_hz` where one is given."""
@@ -73,9 +107,17 @@ class Telemetry:
             ]
         return [self._command(*command) for command in commands]
 
+    def parameter(self, name: str, value: float) -> bytes:
+        """PARAM_SET of a parameter of ArduPilot, which takes every value as a float."""
+        values = (value, self.system, _AUTOPILOT_COMPONENT, name.encode(), _REAL32)
+        return self._packed(_PARAM_SET, values)
+
     def _command(self, number: int, first: float, second: float) -> bytes:
         values = (first, second, 0.0, 0.0, 0.0, 0.0, 0.0, number, self.system, _AUTOPILOT_COMPONENT, 0)
-        frame = self._packer.pack(_COMMAND_LONG, self._sequence, values)
+        return self._packed(_COMMAND_LONG, values)
+
+    def _packed(self, number: int, values: tuple[object, ...]) -> bytes:
+        frame = self._packer.pack(number, self._sequence, values)
         self._sequence = (self._sequence + 1) & 0xFF
         return frame
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shutil
 import tempfile
+from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -24,14 +25,16 @@ from .._battery import BatteryModel
 from .._failures import Failures
 from .._gusts import Gusts, mean_wind_ned_mps
 from ..controller import AUTOPILOTS, Link, link_counters, open_links
+from ..controller.links._frames import message_id, message_name
 from ..controller.links._radio import MESSAGES_PER_STEP
 from ..x500 import ROTORS, has_crashed
 from ._ardupilot import ArduPilotKind
 from ._body import Body
-from ._firmware import Budgets, FirmwareKind, FirmwarePlan, KeepsRealTime, RunningFirmware
+from ._firmware import Budgets, FirmwareKind, FirmwarePlan, KeepsRealTime, RunningFirmware, SimulatesParts
 from ._gate import Gate
 from ._keeper import Keeper
 from ._line_budget import SAMPLE_RATES_HZ
+from ._mavlink_ports import MavlinkPort
 from ._pace import held_on
 from ._program import CONSOLE_FILE
 from ._px4 import Px4Kind
@@ -50,6 +53,10 @@ def kind_of(autopilot: RealAutopilot | BoardAutopilot) -> FirmwareKind:
 _TOUCH_M, _STANDING_MPS = 0.02, 0.2
 # When the bench asks for version and estimate, and again until it gets them: the autopilot hears nothing before.
 _REQUEST_S, _REQUEST_EVERY_S = 3.0, 5.0
+# Until it says that a parameter of a failure is set. Chosen: fifty steps.
+_CONFIRMATION_NS = 1_000_000_000
+# Messages of clients that stand in the reason when the firmware fails.
+_LAST_HEARD = 5
 _SPEED_MATTERS_BELOW_M = 50.0
 
 
@@ -108,6 +115,10 @@ class FirmwareX500:
         self._keeper: Keeper | None = None
         self._crashed = False
         self._fixes = 0
+        # Parameters of the autopilot's own simulation as failures have set them; 0 works.
+        self._broken: dict[str, float] = {}
+        self._confirm_by_ns = -1
+        self._last_heard: deque[tuple[SimTime, int]] = deque(maxlen=_LAST_HEARD)
         self._flown_steps = 0
         self._next_request_s = _REQUEST_S
 
@@ -144,13 +155,18 @@ class FirmwareX500:
             self._keeper.stop()
             self._keeper = None
         self._failures.apply(self.time.ns)
+        if isinstance(running, SimulatesParts):
+            self._break_simulated_parts(running, running.estimate_port)
         self._take_from_clients(running)
         motion = self._body.plant.motion
         # What hits the ground within this step is near it now.
         falling_mps = (
             math.hypot(*self._body.velocity_ned_mps()) if motion.up_m < _SPEED_MATTERS_BELOW_M else 0.0
         )
-        self._advance(running)
+        try:
+            self._advance(running)
+        except FirmwareFault as error:
+            raise FirmwareFault(f"{error}{self._last_messages()}") from error
         self.time = SimTime(self.time.ns + self._step_ns)
         if has_crashed(self._body.plant.motion, falling_mps) and not self._crashed:
             self._crashed = True
@@ -198,6 +214,7 @@ class FirmwareX500:
             self._crashed,
             mode.name if mode else str(self._telemetry.custom_mode),
             self._battery.fraction,
+            failsafe=self._telemetry.failsafe,
             failures=self._failures.active,
         )
 
@@ -251,6 +268,29 @@ class FirmwareX500:
             self._stop_rotors()
         navigation.step()
 
+    def _break_simulated_parts(self, parts: SimulatesParts, port: MavlinkPort) -> None:
+        """Let a failure of the timeline reach an autopilot that simulates the part itself."""
+        dropped = [
+            failure.to_fraction
+            for failure in self._plan.simspec.vehicle.failures
+            if failure.to_fraction is not None and failure.at_s * 1e9 <= self.time.ns
+        ]
+        wanted = parts.failure_parameters(self._body.navigation.off, min(dropped, default=None))
+        changed = {name: value for name, value in wanted.items() if self._broken.get(name, 0.0) != value}
+        if changed:
+            port.send([self._telemetry.parameter(name, value) for name, value in changed.items()])
+            self._broken |= changed
+            self._confirm_by_ns = self.time.ns + _CONFIRMATION_NS
+        if self.time.ns == self._confirm_by_ns:
+            told = self._telemetry.parameters
+            if silent := [
+                name for name in wanted if abs(told.get(name, 0.0) - self._broken.get(name, 0.0)) > 1e-3
+            ]:
+                raise FirmwareFault(
+                    f"{self._kind.name} has not confirmed {', '.join(silent)}, by which a failure reaches it: ArduCopter "
+                    "4.6.3 has these names, others may not"
+                )
+
     def _request(self, running: RunningFirmware) -> None:
         now_s = self._flown_steps * self.step_s
         if now_s < self._next_request_s:
@@ -270,7 +310,11 @@ class FirmwareX500:
                 continue
             if self._tap:
                 self._tap(link.spec.name, "from_agent", b"".join(frames))
-            running.ports[link.spec.name].send([frame for frame in frames if self._gate.admits(frame)])
+            admitted = [frame for frame in frames if self._gate.admits(frame)]
+            self._last_heard.extend((self.time, message_id(frame)) for frame in admitted)
+            running.ports[link.spec.name].send(admitted)
+            if answers := self._gate.take_answers():
+                self._give(link, answers)
 
     def _give_to_clients(self, running: RunningFirmware) -> None:
         for port in running.connections:
@@ -280,12 +324,25 @@ class FirmwareX500:
             if not frames:
                 continue
             for link in self._links:
-                if running.ports[link.spec.name] is not port or link.silenced or not link.connected():
-                    continue
-                link.sent += len(frames)
-                if self._tap:
-                    self._tap(link.spec.name, "to_agent", b"".join(frames))
-                link.send(frames)
+                if running.ports[link.spec.name] is port and not link.silenced and link.connected():
+                    self._give(link, frames)
+
+    def _give(self, link: Link, frames: list[bytes]) -> None:
+        link.sent += len(frames)
+        if self._tap:
+            self._tap(link.spec.name, "to_agent", b"".join(frames))
+        link.send(frames)
+
+    def _last_messages(self) -> str:
+        """What clients sent last, for whoever has to tell a firmware that failed from one that was made to fail."""
+        messages = [
+            f"{message_name(number)} {self.time.s - sent.s:.2f} s before" for sent, number in self._last_heard
+        ]
+        return (
+            f"; the last messages of clients: {', '.join(messages)}"
+            if messages
+            else "; no client had sent a message"
+        )
 
     def _silence(self, name: str, lost: bool) -> None:
         for link in self._links:

@@ -20,6 +20,7 @@ from ..storage._folder import CampaignFolder
 from ..storage._journal import Journal, RealizationState
 from ..storage._results import write_result
 from ._bench_faults import BenchFaultWatch
+from ._firmware_watch import FirmwareWatch
 from ._pool import Executor
 from ._retries import Retries
 from ._stop_request import StopRequest
@@ -88,6 +89,7 @@ class Dispatcher:
         self._bench_faults = BenchFaultWatch()
         self._retries, self._clock = retries, clock
         self._suspects, self._forfeit_job = suspects, forfeit_job
+        self._firmware = FirmwareWatch()
         self._gate, self._gate_is_closed = gate, False
         self._running: dict[str, PointKey | None] = {}
         self.total = len(plans)
@@ -205,7 +207,10 @@ class Dispatcher:
                 )
             )
         self._suspects.record(result)
+        self._firmware.record(result)
         pause_s = self._retries.pause_s(result, self._clock())
+        if self._firmware.is_exhausted(result):
+            pause_s = None
         if (
             pause_s is None
             and self._forfeit_job
@@ -219,7 +224,7 @@ class Dispatcher:
                 RealizationRetried(result.realization, result.outcome, result.reason, pause_s)
             )
         else:
-            result = self._suspects.marked(result)
+            result = self._firmware.marked(self._suspects.marked(result))
             self._journal.finish(result, write_result(self._folder.run(result.realization), result))
             self.finish(result)
         if key is not None:

@@ -106,6 +106,12 @@ def message_id(frame: bytes, at: int = 0) -> int:
     return frame[at + 7] | frame[at + 8] << 8 | frame[at + 9] << 16
 
 
+def message_name(number: int) -> str:
+    """The name of a message; its number where the dialect does not have it."""
+    kind = _MESSAGES.get(number)
+    return str(kind.msgname) if kind else f"message {number}"
+
+
 def sender(frame: bytes) -> tuple[int, int]:
     """System and component that sent a frame."""
     return (frame[3], frame[4]) if frame[0] == _V1 else (frame[5], frame[6])
