@@ -21,9 +21,14 @@ def test_dry_run_estimates_outcome_cost_and_power(tmp_path: Path, capsys: pytest
     assert "OVERHEAD FIDELITY (10 realizations): 10 completed" in output
     assert "30.0 s a session, about 2 min on 2 worker(s)" in output
     assert "not computed at this fidelity" not in output
+    assert " MB\n" in output
     assert run(["run", str(campaign), "--dry-run", "--workers", "2", "--session-s", "30", "--json"]) == 0
     estimate = json.loads(capsys.readouterr().out)["estimate"]
     assert (estimate["realizations"], estimate["flown"], estimate["wall_s"]) == (10, 10, 150.0)
+    # 8 kB a simulated second and 60 kB a run; ten sessions of some five minutes.
+    assert estimate["disk_mb"] == pytest.approx((estimate["simulated_s"] * 8e3 + 10 * 6e4) / 1e6, abs=0.1)
+    assert 10.0 < estimate["disk_mb"] < 40.0
+    assert not estimate["records_pictures"]
     marking = {node["agent"]: node["pass_rate"] for node in estimate["nodes"] if node["node"] == "KA-18"}
     assert marking["reference-naive"] < marking["reference-bystander-aware"]
     (pair,) = (pair for pair in estimate["pairs"] if pair["node"] == "KA-18")

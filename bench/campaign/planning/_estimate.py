@@ -29,6 +29,11 @@ MAX_SCENES = 200
 SIMULATED_S_PER_CPU_S = 45.0
 """Speed of whole sessions in lockstep, as measured in README.md. One session keeps about one core busy."""
 
+RECORDED_BYTES_PER_SIMULATED_S = 8000.0
+"""Of a recording without pictures: 26 sessions of two campaigns had 6.9 to 8.5 kB."""
+RUN_BYTES = 60_000.0
+"""Of result, both SimSpecs and log of a run, in the same sessions."""
+
 HALF_WIDTH = 0.1
 """Half width of the interval that `runs_needed` is about: 10 points to either side."""
 
@@ -86,6 +91,10 @@ class CampaignEstimate(Document):
         ),
     ]
     wall_s: Annotated[float, Field(description="Host seconds of the whole campaign on `workers` workers.")]
+    disk_mb: Annotated[float, Field(description="Of results and recordings, without recorded pictures.")]
+    records_pictures: Annotated[
+        bool, Field(description="Whether pictures, boxes, masks or depths are recorded, which come on top.")
+    ]
     workers: int
     nodes: tuple[NodeEstimate, ...]
     pairs: tuple[PairEstimate, ...]
@@ -99,6 +108,8 @@ class CampaignEstimate(Document):
             f"cost: {self.simulated_s / 3600:.1f} simulated hours, {self.session_s:.1f} s a session, "
             f"about {_span_text(self.wall_s)} on {self.workers} worker(s)"
         )
+        on_top = "; recorded pictures come on top" if self.records_pictures else ""
+        yield f"disk: about {self.disk_mb:.0f} MB{on_top}"
         for node in self.nodes:
             rate = (
                 "never considered"
@@ -162,10 +173,17 @@ def estimate_campaign(campaign: Campaign, workers: int, session_s: float | None 
         simulated_s=round(simulated_s, 1),
         session_s=round(each_s, 3),
         wall_s=round(each_s * len(plans) / workers, 1),
+        disk_mb=round((simulated_s * RECORDED_BYTES_PER_SIMULATED_S + len(plans) * RUN_BYTES) / 1e6, 1),
+        records_pictures=any(_records_pictures(plan.simspec) for plan in plans),
         workers=workers,
         nodes=tuple(_node(table, agent, node) for agent in agents for node in study),
         pairs=tuple(_pair(table, node, *pair, scale) for pair in combinations(agents, 2) for node in study),
     )
+
+
+def _records_pictures(simspec: SimSpec) -> bool:
+    cameras = (simspec.vehicle.camera, *simspec.vehicle.more_cameras)
+    return any(camera.draws_for_the_recording for camera in cameras)
 
 
 def _span_text(time_s: float) -> str:
