@@ -13,6 +13,8 @@ from bench.lazy import lazy_names
 if TYPE_CHECKING:
     from ._difference import RecordingDifference as RecordingDifference
     from ._difference import recording_difference as recording_difference
+    from ._distance import TruthDistance as TruthDistance
+    from ._distance import truth_distance as truth_distance
     from ._reader import RecoveryResult as RecoveryResult
     from ._reader import read_metadata as read_metadata
     from ._reader import read_records as read_records
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
 _MODULES = {
     "RecordingDifference": "_difference",
     "recording_difference": "_difference",
+    "TruthDistance": "_distance",
+    "truth_distance": "_distance",
     "RecoveryResult": "_reader",
     "read_metadata": "_reader",
     "read_records": "_reader",

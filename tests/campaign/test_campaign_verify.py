@@ -5,6 +5,7 @@ named; runs are flown again, and what differs is named.
 from __future__ import annotations
 
 import json
+import os
 import random
 import shutil
 import sqlite3
@@ -12,6 +13,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,11 +36,19 @@ from bench.campaign._versions import versions
 from bench.campaign.results._refly import _other_versions
 from bench.cli._app import run
 from bench.cli._campaigns import _exit_for
-from bench.contracts import CAMERA_OPENED, SESSION_EVENTS, START, EventDocument, Record, SessionResult
+from bench.contracts import (
+    CAMERA_OPENED,
+    SESSION_EVENTS,
+    START,
+    TRUTH_ODOMETRY,
+    EventDocument,
+    Record,
+    SessionResult,
+)
 from bench.errors import SetupError
 from bench.recording import open_recording, read_metadata, read_records, read_simspec
-from bench.simspec import load_simspec
-from bench.streams import String, encode
+from bench.simspec import SimSpec, load_simspec
+from bench.streams import Odometry, Point, Pose, PoseWithCovariance, String, decode, encode
 
 ROOT = Path(__file__).parents[2]
 CAMPAIGN = """
@@ -332,6 +342,58 @@ def test_what_differs_is_named_and_what_cannot_be_compared_is_no_forgery(flown: 
         "with a link from outside that the vehicle obeys": [second],
         "with services from outside": [first],
     }
+
+
+def carry(autopilot: dict[str, str], simspec: Any) -> None:
+    simspec["vehicle"].update(autopilot=autopilot)
+
+
+def moved_flight(simspec: SimSpec, decomposition: object, folder: Path, realization: str) -> SessionResult:
+    """The run as it was, but half a metre beside it for a while, and a metre at one moment."""
+    flown = Path(os.environ["REBAR_TEST_FLOWN"]) / "runs" / realization
+    recording = flown / "recording.mcap"
+
+    def moved(record: Record) -> Record:
+        if record.topic != TRUTH_ODOMETRY or not 0.5 <= record.time.s <= 1.5:
+            return record
+        message = decode(Odometry, record.data)
+        assert message is not None
+        east_m = 1.0 if abs(record.time.s - 1.0) < 0.03 else 0.5
+        place = message.pose.pose.position
+        pose = Pose(Point(place.x + east_m, place.y, place.z), message.pose.pose.orientation)
+        edited = Odometry(message.header, message.child_frame_id, PoseWithCovariance(pose), message.twist)
+        return replace(record, data=encode(edited))
+
+    with open_recording(
+        folder / "recording.mcap", simspec=read_simspec(recording), versions=versions()
+    ) as recorder:
+        for record in read_records(recording):
+            recorder(moved(record))
+    result = SessionResult.model_validate_json((flown / "result.json").read_bytes())
+    return result.model_copy(update={"recording_sha256": recorder.sha256})
+
+
+def test_how_far_two_flights_came_apart_is_told_and_no_difference_where_px4_flew(
+    flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "out"
+    shutil.copytree(flown, folder)
+    monkeypatch.setenv("REBAR_TEST_FLOWN", str(flown))
+    for name, kind in ((f"p001-r1-{NAIVE}", "px4"), (f"p002-r1-{NAIVE}", "ardupilot")):
+        autopilot = {"kind": kind, "firmware": "/opt/firmware"}
+        edit_json(folder / "simspecs" / f"{name}.json", partial(carry, autopilot))
+    sample = refly(folder, 9, 1, job=f"{__name__}:moved_flight", open_executor=open_in_process())
+    runs = {run.realization: run for run in sample.runs}
+    assert [run.apart_m for run in runs.values()] == pytest.approx([1.0] * 4)
+    told = "the vehicles were at most 1 m apart, at 1.0 s"
+    assert all(told in run.explanation for run in runs.values())
+    px4, ardupilot, imitated = (
+        runs[name] for name in (f"p001-r1-{NAIVE}", f"p002-r1-{NAIVE}", f"p001-r1-{IDLE}")
+    )
+    assert px4.status is ReflownStatus.APART
+    assert px4.explanation.startswith("real PX4 flew, which need not repeat itself")
+    assert px4.explanation.endswith("the results are equal")
+    assert ardupilot.status is imitated.status is ReflownStatus.DIFFERENT
 
 
 def test_the_exit_code_tells_a_difference_from_what_could_not_be_compared() -> None:
