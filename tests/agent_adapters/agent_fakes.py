@@ -5,6 +5,7 @@ flat ground.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -387,12 +388,18 @@ class World:
     vehicle: Multicopter = field(default_factory=Multicopter)
     published: list[tuple[str, str]] = field(default_factory=list)
     each_step: Callable[[World], None] = lambda world: None
+    # The same by the last part of the topic: phase and requests for consent are looked at in every step.
+    _texts: defaultdict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
+
+    def _publish(self, topic: str, text: str) -> None:
+        self.published.append((topic, text))
+        self._texts[topic.rpartition("/")[2]].append(text)
 
     def fly(self, policy: PolicyName, until_s: float = 320.0, **options: float) -> World:
         parts = AgentParts.of(
             NAME,
             self.vehicle,
-            lambda topic, text: self.published.append((topic, text)),
+            self._publish,
             policy,
             Settings.of(options, policy),
             self.open_detector(self) if self.open_detector is not None else None,
@@ -472,56 +479,34 @@ class World:
 
     @property
     def phase(self) -> str:
-        texts = [text for topic, text in self.published if topic.endswith("/status")]
+        texts = self._texts["status"]
         return AgentStatus.model_validate_json(texts[-1]).phase if texts else ""
 
     @property
     def phases(self) -> list[str]:
         """The phases in order, without repeats of the same phase."""
-        phases = [
-            AgentStatus.model_validate_json(text).phase
-            for topic, text in self.published
-            if topic.endswith("/status")
-        ]
+        phases = [AgentStatus.model_validate_json(text).phase for text in self._texts["status"]]
         return [phase for index, phase in enumerate(phases) if index == 0 or phases[index - 1] != phase]
 
     @property
     def reports(self) -> list[TargetReport]:
-        return [
-            TargetReport.model_validate_json(text)
-            for topic, text in self.published
-            if topic.endswith("/reports")
-        ]
+        return [TargetReport.model_validate_json(text) for text in self._texts["reports"]]
 
     @property
     def decisions(self) -> list[Decision]:
-        return [
-            Decision.model_validate_json(text)
-            for topic, text in self.published
-            if topic.endswith("/decisions")
-        ]
+        return [Decision.model_validate_json(text) for text in self._texts["decisions"]]
 
     @property
     def answers(self) -> list[OrderAnswer]:
-        return [
-            OrderAnswer.model_validate_json(text)
-            for topic, text in self.published
-            if topic.endswith("/answers")
-        ]
+        return [OrderAnswer.model_validate_json(text) for text in self._texts["answers"]]
 
     @property
     def consent_requests(self) -> list[ConsentRequest]:
-        return [
-            ConsentRequest.model_validate_json(text)
-            for topic, text in self.published
-            if topic.endswith("/consent_requests")
-        ]
+        return [ConsentRequest.model_validate_json(text) for text in self._texts["consent_requests"]]
 
     @property
     def tracks(self) -> AgentTracks:
-        return AgentTracks.model_validate_json(
-            [text for topic, text in self.published if topic.endswith("/tracks")][-1]
-        )
+        return AgentTracks.model_validate_json(self._texts["tracks"][-1])
 
     def decisions_to(self, action: str) -> list[Decision]:
         return [decision for decision in self.decisions if decision.action == action]

@@ -96,7 +96,8 @@ class GroundCamera:
         # Places behind the camera are masked below; the floor only keeps their division finite.
         depth = np.maximum(z, 1e-6)
         lens = self.lens
-        u, v = np.moveaxis(lens.pixels(np.stack((x / depth, y / depth), axis=-1)), -1, 0)
+        pixels = lens.pixels(np.stack((x / depth, y / depth), axis=-1))
+        u, v = pixels[..., 0], pixels[..., 1]
         inside: NDArray[np.bool_] = (
             (z > 0.0) & (u >= 0) & (u < lens.width_px) & (v >= 0) & (v < lens.height_px)
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections import deque
+from collections.abc import Sequence
 
 from bench.simspec import Origin
 from bench.values import value_class
@@ -93,7 +94,7 @@ class PoseHistory:
         places = self._places
         if not places or time_s < places[0].time_s - 1e-6 or time_s > places[-1].time_s + AHEAD_S:
             return None
-        after = bisect_left(places, time_s - 1e-6, key=lambda sample: sample.time_s)
+        after = _first_since(places, time_s - 1e-6)
         if after == len(places):
             last = places[-1]
             span_s = time_s - last.time_s
@@ -121,7 +122,7 @@ class PoseHistory:
         turns = self._turns
         if not turns or time_s < turns[0].time_s - 1e-6 or time_s > turns[-1].time_s + AHEAD_S:
             return None
-        after = bisect_left(turns, time_s - 1e-6, key=lambda sample: sample.time_s)
+        after = _first_since(turns, time_s - 1e-6)
         if after == len(turns):
             return turns[-1]
         if after == 0:
@@ -134,6 +135,14 @@ class PoseHistory:
             a.pitch_rad + share * (b.pitch_rad - a.pitch_rad),
             a.yaw_rad + share * wrapped(b.yaw_rad - a.yaw_rad),
         )
+
+
+def _first_since(samples: Sequence[_Place] | Sequence[_Turn], time_s: float) -> int:
+    """Index of the first sample that is not before a moment; their number where there is none."""
+    # Nearly every question is about the newest sample, several in each tick.
+    if len(samples) > 1 and samples[-2].time_s < time_s <= samples[-1].time_s:
+        return len(samples) - 1
+    return bisect_left(samples, time_s, key=lambda sample: sample.time_s)
 
 
 def wrapped(angle_rad: float) -> float:
