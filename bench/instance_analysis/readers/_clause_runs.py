@@ -25,7 +25,10 @@ _BETWEEN = re.compile(r"\bbetween (?:the )?\w+$", re.IGNORECASE)
 """`the link between drone and operator` is one clause."""
 _DENIAL_ALONE = re.compile(r"\s(?:nor|never)\s*$", re.IGNORECASE)
 """`nor, once airborne, below 30 m`: a denial belongs to what follows it."""
-_OF_THE_BATTERY = re.compile(r"\s+(?:of\s+)?(?:(?:its|the|a)\s+)?(?:battery|charge|accu)\b", re.IGNORECASE)
+_OF_THE_BATTERY = re.compile(
+    r"\s+(?:of\s+)?(?:(?:its|the|a|all)\s+)*(?:battery|charge|accu|camera|frames?|pictures?|images?)\b|\s+(?:must|shall|should|has\s+to|is\s+to)\s+(?:be\s+left|remain)",
+    re.IGNORECASE,
+)
 _MARGIN = " ,\n"
 
 
@@ -39,7 +42,7 @@ class Run:
 
     @property
     def quantities(self) -> list[Part]:
-        """The numbers, but `one`, `a` and `single`, which count nobody; a fraction only of the battery."""
+        """The numbers, but `one`, `a` and `single`, which count nobody; a fraction only of the battery or of pictures."""
         of_battery = [
             Part("PERCENT", Quantity("PERCENT", fraction.value, fraction.value), word.span)
             for word in self.words

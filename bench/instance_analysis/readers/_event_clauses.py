@@ -246,12 +246,22 @@ def _attach(sentence: SentenceRuns, index: int, runs: dict[int, Run], heads: dic
         if (
             at is not None
             and set(range(min(at, index), max(at, index))) <= set(runs)
-            and heads[at].takes(named)
+            and (heads[at].takes(named := _lasting(named, heads[at], rest)) or "at" in named)
         ):
+            if not heads[at].takes(named):
+                # `fails at 70 s for 10 s and at 200 s for 20 s`: the same once more.
+                heads[index] = _Event(heads[at].form, run, [Part("SIGN", None, run.span)], named)
+                return True
             heads[at].times |= named
             heads[at].claimed.append(Part("SIGN", None, run.span))
             return True
     return False
+
+
+def _lasting(times: dict[str, Time], event: _Event, rest: Sequence[Word]) -> dict[str, Time]:
+    """The times of a clause; one alone, after that of the event, says how long it lasts: `at 5 min, half a minute`."""
+    alone = "at" in event.times and "lasting" not in event.times and set(times) == {"at"} and not rest
+    return {"lasting": times["at"]} if alone else times
 
 
 def _is_neutral(word: Word) -> bool:
@@ -317,17 +327,19 @@ _ROLES = (
     _role("later", after=r"later|afterwards"),
     _role("within", before=rf"\bwithin{_ABOUT}"),
     _role("within", after=r"time|to\s+(?:comply|obey|react|do)|for\s+(?:it|this|that)"),
+    _role("within", before=r"\b(?:fulfil\w*|obey\w*|done|execut\w+|compl\w+|carried\s+out)\s+(?:with\s+)?in\s+"),
+    _role("at", after=r"in(?=\s*(?:[,.;]|$|for\b))"),
     _role("at", after=r"(?:after|from)\s+(?:the\s+)?(?:start|launch|take-?off)|into\s+the\s+\w+"),
     _role("until", before=rf"\b(?:until|till|to|ending\s+at|ends?\s+at|(?<!takes\s)(?<!take\s)(?<!took\s)(?<!hands\s)(?<!hand\s)(?<!it\s)(?<!control\s)(?<!drone\s)over\s+at){_T}"),
     _role("until", before=rf"\b(?:back|again|restored|returns?|available|recovers?|up)\b(?:\s+\w+){{0,2}}\s+(?:at|after){_T}"),
     _role("lasting", before=rf"\b(?:for|lasting|lasts?|of|during|takes){_ABOUT}"),
     _role("lasting", before=r"\bis\s+", after=r"away|long"),
-    _role("answer", after=r"after\s+(?:the\s+|a\s+|its\s+|each\s+|every\s+)?(?:request|question|asking)"),
+    _role("answer", after=r"after\s+(?:the\s+|a\s+|its\s+|each\s+|every\s+)?(?:request|question|asking|(?:you|it|the\s+\w+)\s+asks?)"),
     _role("at"),
 )  # fmt: skip
 """What a time says, by the words before and after it; the first that fits. Without any of these it is when it happens."""
 _BESIDE = re.compile(
-    r"compl\w+|obey\w*|follow\w*|carried|executed?|done|reacts?|gets?|seconds?|back|again|later|restored|returns?|available|recovers?|lasts?|lasting|during|exactly|only|ending|away|long|got|stayed|on|onwards|which|this",
+    r"fulfil\w*|must|expected|allows?|with|commencing|starting|beginning|that|compl\w+|obey\w*|follow\w*|carried|executed?|done|reacts?|gets?|seconds?|back|again|later|restored|returns?|available|recovers?|lasts?|lasting|during|exactly|only|ending|away|long|got|stayed|on|onwards|which|this",
     re.IGNORECASE,
 )
 """Words of a clause that only gives the times of the event beside it."""
