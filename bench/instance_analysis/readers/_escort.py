@@ -108,7 +108,7 @@ class EscortReader:
         kind = self._draft.entries.get((*motion, "kind"))
         if kind is not None and kind.value == "still" and kind.span is not None:
             return
-        if (*motion, "route") in self._draft.entries or group in places.travels or places.patrols(group):
+        if (*motion, "route") in self._draft.entries or group in places.travels:
             return
         if kind is None or kind.value == "still":
             self._draft.forget((*motion, "kind"))

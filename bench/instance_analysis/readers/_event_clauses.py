@@ -246,7 +246,7 @@ def _attach(sentence: SentenceRuns, index: int, runs: dict[int, Run], heads: dic
         if (
             at is not None
             and set(range(min(at, index), max(at, index))) <= set(runs)
-            and (heads[at].takes(named := _lasting(named, heads[at], rest)) or "at" in named)
+            and (heads[at].takes(named := _lasting(named, heads[at], rest)) or _is_once_more(run, heads[at]))
         ):
             if not heads[at].takes(named):
                 # `fails at 70 s for 10 s and at 200 s for 20 s`: the same once more.
@@ -256,6 +256,11 @@ def _attach(sentence: SentenceRuns, index: int, runs: dict[int, Run], heads: dic
             heads[at].claimed.append(Part("SIGN", None, run.span))
             return True
     return False
+
+
+def _is_once_more(run: Run, event: _Event) -> bool:
+    """Whether a clause gives the times of a second failure or outage."""
+    return event.form.part != "orders" and _ONCE_MORE.match(run.plain) is not None
 
 
 def _lasting(times: dict[str, Time], event: _Event, rest: Sequence[Word]) -> dict[str, Time]:
@@ -286,6 +291,7 @@ def _gap(text: str, signs: Sequence[Span]) -> int:
     )
 
 
+_ONCE_MORE = re.compile(r"(?:once more |again )?(?:at|from)\s", re.IGNORECASE)
 _MOTOR = re.compile(r"(?:motor|rotor|engine|propeller)\s*(?:no\.?|nr\.?|number)?\s*$", re.IGNORECASE)
 _TOPIC = re.compile(r"(?:for|about|on|concerning)\b", re.IGNORECASE)
 _IT = re.compile(r"\s+(it|them|him|her)\b", re.IGNORECASE)
