@@ -295,6 +295,10 @@ def with_quantities(words: Sequence[Word], unknown: list[tuple[Word, Word]]) -> 
     index = 0
     while index < len(words):
         word = words[index]
+        if word.text in _A_SQUARE_KM and not any(m.kind == "COUNT" for last in read[-4:] for m in last.meanings):
+            # `on a square kilometre of moor` is ground, `30 people a square kilometre` are not.
+            area = Quantity("AREA", 1e6, 1e6)
+            word = Word(word.text, word.span, (Meaning("AREA", area),), comma=word.comma)
         match = (
             longest_match("quantity", words, index)
             if any(meaning.kind in _BEGINS for meaning in word.meanings)
@@ -331,6 +335,7 @@ def with_quantities(words: Sequence[Word], unknown: list[tuple[Word, Word]]) -> 
     return read
 
 
+_A_SQUARE_KM = ("a square kilometre", "a square kilometer")
 NUMBERED = {"ATMINUTE": 60.0, "ATSECOND": 1.0}
 """`at minute three`, `at second 200`: seconds of each."""
 _BEGINS = {"NUM", "VAGUE", "LBR", "BETWEEN", "FROM", *NUMBERED}

@@ -37,8 +37,9 @@ _PATTERN = re.compile(
     |(?P<ordinal>\d+(?:st|nd|rd|th)\b)
     |(?P<number>\d{{1,3}}(?:,\d{{3}})+(?:\.\d+)?(?![\d,])|\d+,\d{{1,2}}(?=\s?(?:k?m\b|m/s|km/h|kn|s\b|min|%|°|deg|met))|\d*\.\d+|\d+)
     |(?P<unit>km²|m²|/\s*km²|/\s*km2|/\s*sq\.?\s+km|m/s|km/h|ft/s|km2\b|m2\b|[%°&@≥≤]|[<>]=?)
+    |(?P<times>(?<=\d)x(?=\d)|×)
     |(?P<word>x500\b|w/in?\b|h\s?\+(?=\s?\d)|[a-z]+(?:['’-][a-z]+)*\d?)
-    |(?P<left>\[)|(?P<right>\])|(?P<comma>,)|(?P<dash>(?<!/)[-–—]|\.\.+)|(?P<times>[×])|(?P<stop>[.;\n!?])""",
+    |(?P<left>\[)|(?P<right>\])|(?P<comma>,)|(?P<dash>(?<!/)[-–—]|\.\.+)|(?P<stop>[.;\n!?])""",
     re.VERBOSE | re.IGNORECASE,
 )
 
@@ -142,7 +143,7 @@ def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
             word, used = Word(match.group(), span, _meanings_of(match)), 1
         words.append(replace(word, comma=comma))
         comma, index = False, index + used
-    words = _counted_reports(words)
+    words = _counted_reports(_without_owners(words))
     words = _names_of_home(_named_roads(words, vocabulary), text, vocabulary)
     return list(_articles(list(_ranges(_repeated(words, text)))))
 
@@ -318,6 +319,18 @@ def _named_roads(words: list[Word], vocabulary: Vocabulary) -> list[Word]:
     for at in names:
         named[at - 1] = replace(words[at - 1], meanings=road, filler=False)
     return named
+
+
+def _without_owners(words: list[Word]) -> list[Word]:
+    """`six of our rescuers` are six rescuers, and no share of others."""
+    return [
+        replace(word, meanings=(), filler=True)
+        if 0 < at < len(words) - 1
+        and (word.text.lower(), words[at + 1].text.lower()) == ("of", "our")
+        and _number(words[at - 1]) is not None
+        else word
+        for at, word in enumerate(words)
+    ]
 
 
 def _counted_reports(words: list[Word]) -> list[Word]:

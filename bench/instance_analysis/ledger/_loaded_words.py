@@ -61,7 +61,7 @@ _TENS = "twenty|thirty|forty|fifty|sixty|seventy|eighty|ninety"
 _COUNT = rf"(?<![A-Za-z_])\d+(?:[.,:]\d+)*|\b(?:(?:{_TENS})(?:[-\s](?:{_ONES}))?|{_TEENS}|{_ONES})\b"
 _MOMENT = rf"\s+(?:(?:[th]\s*[=+]\s*)?(?:{_COUNT})\s*-?(?:s|sec|secs|seconds?|min|minutes?)\b|(?:minute|second)\s+(?:{_COUNT})|t\s*=|(?:the\s+)?(?:start|launch|take-?off|h-?hour)\b(?!\s+of))"
 """A time of the mission, which is no condition."""
-_MEMBERS = r"(?:the|these|those|them|which|whom|us|its|their|our|his|her)\b"
+_MEMBERS = r"(?:the|these|those|them|which|whom|us|its|their|his|her)\b"
 _WORDS: dict[Load, str] = {
     Load.NEGATION: r"""no|not|nor|never|none|neither|without|nobody|nothing|nowhere|cannot|\w+n['’]t|no-one|nil
         |lacks?|lacking|absent|free\s+of|devoid|minus|negative|false|wrong|denied|denies

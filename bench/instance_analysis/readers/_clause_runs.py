@@ -42,7 +42,7 @@ class Run:
 
     @property
     def quantities(self) -> list[Part]:
-        """The numbers, but `one`, `a` and `single`, which count nobody; a fraction only of the battery or of pictures."""
+        """The numbers, but `one`, `a`, `single` and `some`, which count nobody; a fraction only of the battery or of pictures."""
         of_battery = [
             Part("PERCENT", Quantity("PERCENT", fraction.value, fraction.value), word.span)
             for word in self.words
@@ -56,6 +56,7 @@ class Run:
             for meaning in word.meanings
             if isinstance(meaning.value, Quantity)
             and not (meaning.kind == "COUNT" and (meaning.value.low, meaning.value.high) == (1.0, 1.0))
+            and not (meaning.value.vague and word.text.lower() == "some")
         ]
 
     @property

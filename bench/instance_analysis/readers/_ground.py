@@ -137,6 +137,10 @@ class GroundReader:
         piece = self.current or self.world
         if phrase.every("AXIS"):
             part = _by_axes(phrase)
+        elif len(sides := phrase.every("LENGTH")) == 2:
+            # `900 m long and 350 m wide`.
+            east_m, north_m = (side.value.low for side in sides if isinstance(side.value, Quantity))
+            part = Part("DIM", Quantity("DIM", east_m, north_m), phrase.span)
         assert part is not None
         assert isinstance(part.value, Quantity)
         quantity = part.value

@@ -18,7 +18,7 @@ from ._unread_subjects import UnreadSubjects
 PLURALS = frozenset(
     [
         "people", "persons", "men", "women", "children", "infantrymen", "gunmen", "insurgents", "troops",
-        "civs", "pax", "civvies", "schoolchildren",
+        "civs", "pax", "civvies", "schoolchildren", "cattle", "sheep",
     ]
 )  # fmt: skip
 DEFINITE = ("the", "these", "those", "both", "all", "that", "this", "same", "said")
@@ -72,6 +72,8 @@ class GroupRegister:
         """Assets of which the text says that there are none."""
         self._uncounted: set[str] = set()
         """Groups of which it is not said how many there are."""
+        self._vague: set[str] = set()
+        """Groups of which it is said that there are `some` or `lots`."""
         self._defined: set[str] = set()
         """Groups that began with `the`: whoever counts them later means them."""
         self.mentioned: list[str] = []
@@ -330,7 +332,10 @@ class GroupRegister:
                 portion.disown()
         elif phrase.has("OF") and not COLLECTIVES.intersection(words):
             # `a resident of 81`: the number after it counts nobody.
-            counts.pop().disown()
+            age = counts.pop()
+            age.disown()
+            self.draft.used_words.append(age.span)
+            self.draft.unread(age.span, "an age is no field", expressible=True)
         for part in counts[:-1]:
             # Only the last number is used, and `two squads of nine` are not nine.
             part.disown()
@@ -495,8 +500,10 @@ class GroupRegister:
         """Set the number of members of a group that has none yet. False when it has one."""
         path: FieldPath = ("actors", group, "count")
         entry = self.draft.entries.get(path)
-        if entry is None or group not in self._uncounted or quantity.low != int(quantity.low):
+        open_number = group in self._uncounted or group in self._vague
+        if entry is None or not open_number or quantity.low != int(quantity.low):
             return False
+        self._vague.discard(group)
         self._uncounted.discard(group)
         self.draft.forget(path)
         self.draft.vary(path, quantity.low, quantity.high, span, unit=None, integer=True)
@@ -522,6 +529,8 @@ class GroupRegister:
             return
         quantity = count.value
         low, high = quantity.low, quantity.high
+        if quantity.vague:
+            self._vague.add(group)
         where = count.span.joined(span)
         bound, upper = phrase.first("ATLEAST"), phrase.first("WITHIN")
         if bound and upper:

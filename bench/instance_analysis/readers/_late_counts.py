@@ -13,12 +13,12 @@ from ._traits import PERSONS
 
 _AGE = re.compile(r"[\s-]*(?:years?|yrs?|months?|y/?o|already|o['’]clock)\b", re.IGNORECASE)
 """What makes the number before it an age or an hour."""
-_NUMBER_ALONE = re.compile(r"\s*(?:$|[.,;:)\n]|x\b|in number\b|in all\b)", re.IGNORECASE)
-_PAUSE = re.compile(r"[,:(]\s*(?:about |only |just |say |let us say )?$", re.IGNORECASE)
+_NUMBER_ALONE = re.compile(r"\s*(?:$|[.,;:)\n]|x\b|in number\b|in all\b|head\b|pieces?\b|(?:I['’]d|we['’]d|I would|we) say\b|would do\b|or so\b)", re.IGNORECASE)
+_PAUSE = re.compile(r"[,:(]\s*(?:about |around |only |just |say |let us say |at least |perhaps |maybe |roughly )?$", re.IGNORECASE)
 """What stands between a noun and its number where the number is added to what is said of them."""
 _SAYS_HOW_MANY = re.compile(
     r"\b(?:there (?:are|were|is|was|will be)|(?:are|were) there|of (?:which|whom|them)(?: there)? (?:are|is|were|was)"
-    r"|(?:is|are) (?:drawn|sampled|chosen|selected)(?: uniformly)?(?: at random)? from [{\[(]?|number(?:ing| of)|totall?ing|count(?:s|ed|ing)?|how many|in number)[\s:=]*(?:about |only |just |exactly )*$",
+    r"|(?:is|are) (?:drawn|sampled|chosen|selected)(?: uniformly)?(?: at random)? from [{\[(]?|number(?:ing| of)|totall?ing|count(?:s|ed|ing)?|how many|in number)[\s:=]*(?:about |only |just |exactly |around |roughly |some |perhaps |maybe |circa |abt )*$",
     re.IGNORECASE,
 )
 """What makes the number after it a number of members."""

@@ -259,6 +259,9 @@ class TextReader:
                 return
             self.group_statements.of_group(about)
             self.group_statements.note_named(about, known)
+            if about.refs and (named := [group for group in self.groups.kinds if group not in known]):
+                # `two soldiers guard a car, the target`.
+                self.targets.introduced(named, about.refs[0])
         elif phrase.rule in ("place", "stretch") or (phrase.rule == "between" and count_places(phrase) == 2):
             self.place_statements.figures(phrase, later=later)
         elif phrase.rule not in GROUP_RULES:

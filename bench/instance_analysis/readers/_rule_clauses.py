@@ -38,7 +38,7 @@ _UNREAD = re.compile(
 _HAPPENS = re.compile(r"['’]s\b|\b(?:is|are|be|has|have|been|comes?|gets?|goes)\b", re.IGNORECASE)
 _FORBIDS = re.compile(r"\bmark\w*\b|\bnot\b|n['’]t\b|\bnever\b", re.IGNORECASE)
 _PERSONS = re.compile(
-    r"\b(?:any|some|every|no)(?:one|body)\b|\bno-one\b|\bhumans?\b|(?:\b(?:any|one|each|either)\s+)?\bof (?:one|them)\b(?! of)",
+    r"\b(?:any|some|every|no)(?:one|body)\b|\bno-one\b|\bhumans?\b|\bcivs?\b|(?:\b(?:any|one|each|either)\s+)?\bof (?:one|them)\b(?! of)",
     re.IGNORECASE,
 )
 _PRONOUN = re.compile(
