@@ -42,7 +42,7 @@ QUANTITY_FILLERS = frozenset(
 """Words that may stand inside a quantity."""
 CONDITIONAL_RULES = frozenset(["stretch"])
 """Rules that go on past a word that begins another clause."""
-TOLERANT_RULES = frozenset(["field", "wind", "intelligence", "standoff"])
+TOLERANT_RULES = frozenset(["field", "wind", "intelligence", "standoff", "overfly"])
 """Rules that go on past words that nobody knows, which are listed all the same."""
 MAX_UNKNOWN_WORDS = 2
 DENIALS = frozenset(
@@ -295,7 +295,9 @@ def with_quantities(words: Sequence[Word], unknown: list[tuple[Word, Word]]) -> 
     index = 0
     while index < len(words):
         word = words[index]
-        if word.text in _A_SQUARE_KM and not any(m.kind == "COUNT" for last in read[-4:] for m in last.meanings):
+        if word.text in _A_SQUARE_KM and not any(
+            m.kind == "COUNT" for last in read[-4:] for m in last.meanings
+        ):
             # `on a square kilometre of moor` is ground, `30 people a square kilometre` are not.
             area = Quantity("AREA", 1e6, 1e6)
             word = Word(word.text, word.span, (Meaning("AREA", area),), comma=word.comma)

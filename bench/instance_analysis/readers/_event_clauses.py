@@ -249,7 +249,10 @@ def _attach(sentence: SentenceRuns, index: int, runs: dict[int, Run], heads: dic
             and (heads[at].takes(named := _lasting(named, heads[at], rest)) or _is_once_more(run, heads[at]))
         ):
             if not heads[at].takes(named):
-                # `fails at 70 s for 10 s and at 200 s for 20 s`: the same once more.
+                # `fails twice, at 70 s for 10 s and at 200 s for 20 s`: the same once more.
+                head, begin = heads[at], heads[at].run.span.start
+                for twice in _TWICE.finditer(head.run.plain):
+                    head.claimed.append(Part("SIGN", None, Span(twice.start() + begin, twice.end() + begin)))
                 heads[index] = _Event(heads[at].form, run, [Part("SIGN", None, run.span)], named)
                 return True
             heads[at].times |= named
@@ -292,6 +295,7 @@ def _gap(text: str, signs: Sequence[Span]) -> int:
 
 
 _ONCE_MORE = re.compile(r"(?:once more |again )?(?:at|from)\s", re.IGNORECASE)
+_TWICE = re.compile(r"\b(?:twice|two times|both times)\b", re.IGNORECASE)
 _MOTOR = re.compile(r"(?:motor|rotor|engine|propeller)\s*(?:no\.?|nr\.?|number)?\s*$", re.IGNORECASE)
 _TOPIC = re.compile(r"(?:for|about|on|concerning)\b", re.IGNORECASE)
 _IT = re.compile(r"\s+(it|them|him|her)\b", re.IGNORECASE)

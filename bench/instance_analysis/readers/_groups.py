@@ -496,11 +496,11 @@ class GroupRegister:
             if path[:2] == ("actors", group) and path[2] not in ("id", "count")
         }
 
-    def count_later(self, group: str, quantity: Quantity, span: Span) -> bool:
-        """Set the number of members of a group that has none yet. False when it has one."""
+    def count_later(self, group: str, quantity: Quantity, span: Span, *, vague: bool = False) -> bool:
+        """Set the number of members of a group that has none yet, or with `vague` only `some`. False when it has one."""
         path: FieldPath = ("actors", group, "count")
         entry = self.draft.entries.get(path)
-        open_number = group in self._uncounted or group in self._vague
+        open_number = group in self._uncounted or (vague and group in self._vague)
         if entry is None or not open_number or quantity.low != int(quantity.low):
             return False
         self._vague.discard(group)

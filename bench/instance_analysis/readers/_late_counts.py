@@ -13,8 +13,14 @@ from ._traits import PERSONS
 
 _AGE = re.compile(r"[\s-]*(?:years?|yrs?|months?|y/?o|already|o['’]clock)\b", re.IGNORECASE)
 """What makes the number before it an age or an hour."""
-_NUMBER_ALONE = re.compile(r"\s*(?:$|[.,;:)\n]|x\b|in number\b|in all\b|head\b|pieces?\b|(?:I['’]d|we['’]d|I would|we) say\b|would do\b|or so\b)", re.IGNORECASE)
-_PAUSE = re.compile(r"[,:(]\s*(?:about |around |only |just |say |let us say |at least |perhaps |maybe |roughly )?$", re.IGNORECASE)
+_NUMBER_ALONE = re.compile(
+    r"\s*(?:$|[.,;:)\n]|x\b|in number\b|in all\b|head\b|pieces?\b|(?:I['’]d|we['’]d|I would|we) say\b|would do\b|or so\b)",
+    re.IGNORECASE,
+)
+_PAUSE = re.compile(
+    r"[,:(]\s*(?:about |around |only |just |say |let us say |at least |perhaps |maybe |roughly )?$",
+    re.IGNORECASE,
+)
 """What stands between a noun and its number where the number is added to what is said of them."""
 _SAYS_HOW_MANY = re.compile(
     r"\b(?:there (?:are|were|is|was|will be)|(?:are|were) there|of (?:which|whom|them)(?: there)? (?:are|is|were|was)"
@@ -40,7 +46,7 @@ class LateCounts:
         if not of_them and not self._counts_the_subject(word.span):
             return False
         start = before.span if isinstance(before, Phrase) and before.rule == "group" else word.span
-        if not self.groups.count_later(self.groups.subject[0], count, start.joined(word.span)):
+        if not self.groups.count_later(self.groups.subject[0], count, start.joined(word.span), vague=True):
             return False
         # `there are 20 of them`, `of which there are 20`: the words around the number are read with it.
         text = self.draft.text
