@@ -235,8 +235,9 @@ class Session:
                 fault = "cannot follow an agent whose processes are not known"
                 raise SetupError(Fault("pace.mode", fault, "fly it with --pace realtime"))
             with_own = self._air.access is not None
-            warp.watch(agent.root(), self._check_waiting, self._agent_time, with_own=with_own)
+            # Imports are no part of the mission.
             warp.start_budget_s = self._spec.budgets.connect_s
+            warp.watch(agent.root(), self._check_waiting, self._agent_time, with_own=with_own)
 
     def run(self) -> None:
         """Run rounds until something ends the session. Always raises StopSession or an error."""

@@ -65,13 +65,27 @@ def test_the_clock_of_an_agent_is_the_session_clock_on_every_rung(
 
 
 def test_an_agent_that_computes_without_end_is_paced_by_its_processor_time(tmp_path: Path) -> None:
-    """It never waits, so its clock goes on as fast as it computes: half a second of it is flown, and no more is asked."""
+    """It never waits, so its clock goes on as fast as it computes: 0.3 s are flown in as much of it."""
     budgets = Budgets(wall_s=3600.0, connect_s=0.1)
     spec = warped(0.3, budgets=budgets)
     end, _ = flown(tmp_path, manifest_of("{python}", "-S", "-c", "while True: pass"), spec)
     assert end.outcome is Outcome.TIME_LIMIT
     assert 260 <= end.counters["warp_by_cpu_ms"] <= 300
     assert end.agent_cpu_s >= 0.3
+
+
+def test_an_agent_that_only_looks_at_the_time_flies_as_fast_as_others(tmp_path: Path) -> None:
+    """Loops that ask the clock or a socket again and again until a moment has come: they wait, and compute nothing."""
+    text = (
+        "import socket, time\nend = time.monotonic() + 0.3\nwhile time.monotonic() < end: pass\n"
+        "mine, _ = socket.socketpair(); mine.setblocking(False)\nsoon = time.monotonic() + 0.2\n"
+        "while time.monotonic() < soon:\n try: mine.recv(1)\n except BlockingIOError: pass\n"
+        "print(round(time.monotonic() - end, 3))"
+    )
+    end, lines = flown(tmp_path, manifest_of("{python}", "-S", "-c", text), warped(1.0))
+    assert lines == ["0.2"]
+    assert end.outcome is Outcome.COMPLETED
+    assert end.counters["warp_by_cpu_ms"] == 0
 
 
 def test_a_program_without_the_library_is_refused_and_not_flown(tmp_path: Path) -> None:

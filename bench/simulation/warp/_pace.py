@@ -22,13 +22,13 @@ CLOCK_FILE, WAITERS_FILE, LIBRARY_FILE = "warp-clock", "warp-waiters", "librebar
 # Moments for which the agent waits are rounded up to this: programs that sleep for microseconds in a loop would otherwise
 # stop the session at each of them. Chosen: below what any of the paces' steps shows.
 GRAIN_NS = 1_000_000
-# What the agent may compute at one moment of simulated time before its CPU clock takes over: one second is far more than a
-# program needs that waits now and then, and short against a session for one that never does. Chosen.
+# What the agent may compute at one moment of simulated time before its CPU clock takes over, as credit that grows by one
+# second with each simulated one: a program that keeps up in real time never uses it up. Chosen.
 FREE_CPU_S = 1.0
 # Between two looks at an agent that is at work; the first are short, because most work is. Chosen.
 SHORTEST_PAUSE_S, LONGEST_PAUSE_S = 0.00003, 0.001
-# How often a wait looks at CPU time, budgets and the process itself.
-CHECK_S = 0.05
+# How often a wait looks at CPU time, budgets and the process itself; more often the less credit is left.
+CHECK_S, SHORTEST_CHECK_S = 0.05, 0.002
 # How often every process is looked at anew for the program that it runs.
 PROGRAMS_S = 0.1
 
@@ -48,6 +48,15 @@ class WarpCounts:
             "warp_waits": self.waits,
             "warp_by_cpu_ms": self.by_cpu_ns // 1_000_000,
         }
+
+
+@dataclass(frozen=True, slots=True)
+class _Account:
+    """The agent's CPU seconds, the host seconds for which the session waited for it, and its clock, at one moment."""
+
+    cpu_s: float
+    waited_s: float
+    now_ns: int
 
 
 class Warp:
@@ -71,7 +80,8 @@ class Warp:
         self._scans = 0
         self._looked_s = 0.0
         self._by_cpu = False
-        self._cpu_mark_s = 0.0
+        self._credit_s = FREE_CPU_S
+        self._accounted = _Account(0.0, 0.0, START_NS)
 
     @property
     def description(self) -> str:
@@ -85,6 +95,7 @@ class Warp:
         self._threads = ProcessThreads(root.pid, root_is_box=root.is_box, with_own=with_own)
         self._programs = Programs(self._threads)
         self._check, self._agent_time = check, agent_time
+        self._credit_s = self.start_budget_s
 
     def settle(self) -> None:
         """Wait until the agent rests: it has taken in what was sent, done what was due, and waits for more.
@@ -94,15 +105,15 @@ class Warp:
         if self._rests():
             self._by_cpu = False
         elif not self._by_cpu:
-            assert self._agent_time is not None
-            with self._agent_time.waiting():
-                self._wait()
+            self._wait()
 
     def run_until(self, time: SimTime) -> None:
         """Let the agent live until `time`: its clock goes from one moment for which it waits to the next."""
         until_ns = START_NS + time.ns
         if self._by_cpu:
-            self._spend(until_ns)
+            self._wait()
+            if self._by_cpu:
+                self.counts.by_cpu_ns += until_ns - self._pages.now_ns
         while not self._by_cpu:
             earliest_ns = self._pages.earliest_ns()
             if earliest_ns is None or earliest_ns > until_ns:
@@ -165,42 +176,35 @@ class Warp:
         return not unentered
 
     def _wait(self) -> None:
-        assert self._threads is not None
-        self.counts.waits += 1
-        started_s, cpu_s = self._clock.now(), self._threads.cpu_s()
-        checked_s = started_s
-        pause_s = SHORTEST_PAUSE_S
-        while not self._rests():
-            now_s = self._clock.now()
-            if now_s - checked_s > CHECK_S:
-                checked_s = now_s
-                self._check()
-                # Of several threads at once the host's clock counts, as it would in real time.
-                spent_s = min(self._threads.cpu_s() - cpu_s, now_s - started_s)
-                if spent_s > (FREE_CPU_S if self.heard else self.start_budget_s):
-                    self._by_cpu, self._cpu_mark_s = True, self._threads.cpu_s()
-                    return
-            self._clock.sleep(pause_s)
-            pause_s = min(pause_s * 1.5, LONGEST_PAUSE_S)
-
-    def _spend(self, until_ns: int) -> None:
-        """Wait until an agent that computes without end has used as much CPU time as simulated time is to pass, or rests."""
-        assert self._threads is not None
+        """Wait until the agent rests, or has used up what it may compute: then it is paced by its CPU clock."""
         assert self._agent_time is not None
-        span_s = (until_ns - self._pages.now_ns) / 1e9
+        self.counts.waits += 1
         with self._agent_time.waiting():
-            started_s = checked_s = self._clock.now()
+            checked_s = self._clock.now()
+            pause_s = SHORTEST_PAUSE_S
             while not self._rests():
                 now_s = self._clock.now()
-                if min(self._threads.cpu_s() - self._cpu_mark_s, now_s - started_s) >= span_s:
-                    self._cpu_mark_s = self._threads.cpu_s()
-                    self.counts.by_cpu_ns += until_ns - self._pages.now_ns
-                    return
-                if now_s - checked_s > CHECK_S:
+                if now_s - checked_s > min(CHECK_S, max(self._credit_s, SHORTEST_CHECK_S)):
                     checked_s = now_s
                     self._check()
-                self._clock.sleep(LONGEST_PAUSE_S)
+                    self._settle_account(self._agent_time.waited_s)
+                    if self._credit_s <= 0:
+                        self._by_cpu = True
+                        return
+                self._clock.sleep(pause_s)
+                pause_s = min(pause_s * 1.5, LONGEST_PAUSE_S)
         self._by_cpu = False
+
+    def _settle_account(self, waited_s: float) -> None:
+        """Bring the credit up to date: what the agent has computed since the last time against what it has lived."""
+        assert self._threads is not None
+        last, present = self._accounted, _Account(self._threads.cpu_s(), waited_s, self._pages.now_ns)
+        # Of several threads at once the host's clock counts, as it would in real time.
+        used_s = min(present.cpu_s - last.cpu_s, present.waited_s - last.waited_s)
+        lived_s = (present.now_ns - last.now_ns) / 1e9
+        most_s = FREE_CPU_S if self.heard else self.start_budget_s
+        self._credit_s = min(self._credit_s + lived_s - used_s, most_s)
+        self._accounted = present
 
 
 @contextmanager
