@@ -44,7 +44,8 @@ def compare(
     to decide. Ends with code 3 if a campaign lacks runs that its agents did not cause.
 
     Two campaigns that differ in perception alone are compared observable by observable: what fails with both fails by
-    reasoning, what fails with one alone by that perception.
+    reasoning, what fails with one alone by that perception. Likewise two that differ in the autopilot alone: the imitation
+    and the real firmware or board.
 
     Example: rebar compare out/demo --agents reference-naive reference-bystander-aware
 
@@ -77,10 +78,11 @@ def _show(comparison: Comparison) -> None:
         ],
     )
     console.print(rates)
-    if comparison.perceptions:
-        first, second = comparison.perceptions
-        print_lines(console, [f"scenes passed by perception (first: {first}; second: {second}):"])
-        console.print(_by_perception(comparison))
+    for what, sides in (("perception", comparison.perceptions), ("autopilot", comparison.autopilots)):
+        if sides:
+            first, second = sides
+            print_lines(console, [f"scenes passed by {what} (first: {first}; second: {second}):"])
+            console.print(_by_side(comparison))
     print_lines(console, ["divergence of scores (Jensen-Shannon, 0 to 1 bit):"])
     console.print(divergences)
     print_lines(
@@ -95,6 +97,7 @@ def _document(comparison: Comparison) -> dict[str, Any]:
         "second": comparison.second,
         "scenes": comparison.scenes,
         "perceptions": comparison.perceptions,
+        "autopilots": comparison.autopilots,
         "nodes": [
             {
                 **asdict(node),
@@ -108,8 +111,8 @@ def _document(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def _by_perception(comparison: Comparison) -> Table:
-    """Of the scenes in which both were considered: which perception the agent passed with."""
+def _by_side(comparison: Comparison) -> Table:
+    """Of the scenes in which both were considered: which perception or autopilot the agent passed with."""
     table = plain_table(("node", "with both", "first alone", "second alone", "with neither"))
     for node in comparison.nodes:
         counts = node.counts

@@ -1,11 +1,12 @@
-"""Two agents, or two sources of perception, compared on the scenes that both flew, in one campaign or in two."""
+"""Two agents, two sources of perception or two autopilots, compared on the scenes that both flew, in one campaign or in two."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 
@@ -31,7 +32,8 @@ class ComparedAgent:
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """Two sides over the scenes that both flew and that count; `scenes` counts those, whether a node was considered
-    in them or not. `perceptions` are those of the sides where the scenes are equal but for perception, else None.
+    in them or not. `perceptions` are those of the sides where the scenes are equal but for perception, else None;
+    `autopilots` likewise, with the pace at which each can fly.
     """
 
     first: str
@@ -39,6 +41,7 @@ class Comparison:
     scenes: int
     nodes: tuple[NodeComparison, ...]
     perceptions: tuple[str, str] | None = None
+    autopilots: tuple[str, str] | None = None
 
     def verdicts(self) -> list[str]:
         """A sentence for each node."""
@@ -51,8 +54,8 @@ def compare_campaigns(
     """Compare two agents of one campaign's folder, or one agent each of two folders.
 
     Without `agents`: the two of one folder, or each folder's only one (else the one that both have). Without
-    `nodes`: those under study, of both campaigns; where the scenes differ in perception alone, also the observables
-    under them. Raises SetupError with every reason for which they cannot be
+    `nodes`: those under study, of both campaigns; where the scenes differ in perception alone, or in the autopilot alone,
+    also the observables under them. Raises SetupError with every reason for which they cannot be
     compared.
     """
     first, second = _compared_agents(folders, agents)
@@ -80,11 +83,11 @@ def _compared(first: ComparedAgent, second: ComparedAgent, nodes: Sequence[str],
     """The one computation behind the report and `rebar compare`."""
     scenes = None if first.data is second.data else _shared_scenes(first, second)
     first_rows, second_rows = _shared_scene_rows(first, second, scenes)
-    perceptions = scenes.perceptions if scenes else None
+    perceptions, autopilots = (scenes.perceptions, scenes.autopilots) if scenes else (None, None)
     # p values are adjusted over the nodes compared. Those under study were chosen before the flights; what the reader
     # of a result chooses is not.
     compared_nodes = nodes or tuple(dict.fromkeys((*first.data.study, *second.data.study)))
-    if perceptions and not nodes:
+    if (perceptions or autopilots) and not nodes:
         compared_nodes = _with_observables(first.data, compared_nodes)
     return Comparison(
         first.label,
@@ -94,6 +97,7 @@ def _compared(first: ComparedAgent, second: ComparedAgent, nodes: Sequence[str],
             first_rows, second_rows, compared_nodes, excluded_outcomes=EXCLUDED_OUTCOMES, seed=seed
         ),
         perceptions,
+        autopilots,
     )
 
 
@@ -202,29 +206,48 @@ class SharedScenes:
 
     first_by_second: Mapping[str, str]
     perceptions: tuple[str, str] | None = None
+    autopilots: tuple[str, str] | None = None
+
+
+_PERCEPTION = ("perception",)
+# A board keeps real time, and firmware takes more of the host's: neither changes what is asked of the agent.
+_AUTOPILOT = ("vehicle.autopilot", "pace", "budgets")
 
 
 def _shared_scenes(first: ComparedAgent, second: ComparedAgent) -> SharedScenes:
-    """The scenes that are equal in all but name and agent; if there is none, those equal but for perception too."""
+    """The scenes that are equal in all but name and agent; if there is none, those equal but for perception too, and then
+    those equal but for the autopilot.
+    """
     # By content and not by id: two campaigns may number the same scenes differently.
-    for ignored in ((), ("perception",)):
+    for ignored in ((), _PERCEPTION, _AUTOPILOT):
         first_scenes, second_scenes = (_realizations_by_scene(side, ignored) for side in (first, second))
         shared = {
             second_scenes[scene]: first_scenes[scene] for scene in first_scenes if scene in second_scenes
         }
         if shared:
-            return SharedScenes(shared, _perceptions(first, second, shared) if ignored else None)
+            sides = ((first, tuple(shared.values())), (second, tuple(shared)))
+            return SharedScenes(
+                shared,
+                _descriptions(sides, lambda spec: perception_in_short(spec.perception))
+                if ignored == _PERCEPTION
+                else None,
+                _descriptions(sides, lambda spec: f"{spec.vehicle.autopilot}, {spec.pace.mode}")
+                if ignored == _AUTOPILOT
+                else None,
+            )
     return SharedScenes({})
 
 
-def _perceptions(first: ComparedAgent, second: ComparedAgent, shared: Mapping[str, str]) -> tuple[str, str]:
-    """The perceptions that each side flew the shared scenes with."""
-
-    def of(side: ComparedAgent, realizations: Iterable[str]) -> str:
-        flown = {perception_in_short(side.data.simspecs[name].perception) for name in realizations}
-        return " or ".join(sorted(flown))
-
-    return of(first, shared.values()), of(second, shared)
+def _descriptions(
+    sides: tuple[tuple[ComparedAgent, Sequence[str]], tuple[ComparedAgent, Sequence[str]]],
+    describe: Callable[[SimSpec], str],
+) -> tuple[str, str]:
+    """What each side flew the shared scenes with, in words."""
+    first, second = (
+        " or ".join(sorted({describe(side.data.simspecs[name]) for name in realizations}))
+        for side, realizations in sides
+    )
+    return first, second
 
 
 def _rows_that_count(side: ComparedAgent) -> pl.DataFrame:
@@ -281,5 +304,8 @@ def _realizations_by_scene(side: ComparedAgent, ignored: Sequence[str] = ()) -> 
 def scene_digest(simspec: SimSpec, ignored: Sequence[str] = ()) -> str:
     """A digest of what is flown, whichever agent flies it, without the parts of the SimSpec that are `ignored`."""
     # The name holds the agent, and the agent is what differs between the two runs of a scene.
-    excluded = {"name", "agent", *ignored}
+    excluded: dict[str, Any] = {"name": True, "agent": True}
+    for path in ignored:
+        part, _, field = path.partition(".")
+        excluded[part] = {field: True} if field else True
     return hashlib.sha256(simspec.model_dump_json(exclude=excluded).encode()).hexdigest()
