@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ._document import Campaign as Campaign
     from ._document import CampaignBudgets as CampaignBudgets
     from ._document import FloorPlan as FloorPlan
+    from ._document import Keep as Keep
     from ._document import Situation as Situation
     from ._document import Stopping as Stopping
     from ._document import load_campaign as load_campaign
@@ -131,6 +132,7 @@ _MODULES = {
     "Job": "execution._task",
     "Journal": "storage._journal",
     "JournalEntry": "storage._journal",
+    "Keep": "_document",
     "Manifest": "storage._manifest",
     "Observer": "_events",
     "Observers": "_events",

@@ -10,7 +10,7 @@ from ._document import Campaign
 
 # Whose agents fly, within which time of the host, and what the campaign is called changes no scene, nor does where it is flown; a honeypot changes
 # nothing that is seen or measured.
-NOT_ASKED = {"name", "description", "agents", "floor", "budgets", "honeypots", "shard"}
+NOT_ASKED = {"name", "description", "agents", "floor", "budgets", "honeypots", "keep", "shard"}
 SITUATIONS = {"base", "situations"}
 
 

@@ -152,6 +152,24 @@ class Situation(Document):
         return self
 
 
+class Keep(Document):
+    """Which recordings stay once their results are there. Results, scores and digests always do."""
+
+    recordings: Annotated[
+        Literal["all", "failures", "none"],
+        Field(
+            description="`failures`: of sessions that did not complete, or did not pass every node under study that "
+            "they considered."
+        ),
+    ] = "all"
+    sample: Annotated[
+        float,
+        Field(
+            ge=0.0, le=1.0, description="Share of the others that is kept too, drawn from the design's seed."
+        ),
+    ] = 0.0
+
+
 class Campaign(Document):
     """A campaign: base SimSpec, design, agents and decomposition. Every agent flies every scene."""
 
@@ -209,6 +227,10 @@ class Campaign(Document):
             exclude_if=lambda honeypots: honeypots is None,
             description="Put honeypots into a share of the scenes; none if absent.",
         ),
+    ] = None
+    keep: Annotated[
+        Keep | None,
+        Field(exclude_if=lambda keep: keep is None, description="Which recordings stay; all if absent."),
     ] = None
     shard: Annotated[
         str | None,

@@ -23,6 +23,7 @@ from .early_stopping._decisions import check_stopping, outcome_name
 from .early_stopping._early_stopping import EarlyStopping
 from .execution._dispatcher import Deadline, Dispatcher, StartGate, no_gate
 from .execution._pool import OpenExecutor, open_local_pool
+from .execution._retention import Retention
 from .execution._retries import Retries
 from .execution._stop_request import open_stop_request
 from .execution._suspects import SuspectWatch, no_memory_kills, watch_for_agents
@@ -151,6 +152,7 @@ def run_campaign(
             else SuspectWatch(memory_kills or no_memory_kills, confined_job=lambda: confined_job),
             forfeit_job,
             _unless_paused(gate, folder, observers),
+            Retention(campaign.keep, decomposition, campaign.study, campaign.design.seed),
         )
         observers.notify(CampaignPlanned(dispatcher.total, dispatcher.done))
         for result in finish_infeasible(plans, paths, journal):

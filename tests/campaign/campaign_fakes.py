@@ -101,6 +101,17 @@ def second_try(simspec: SimSpec, decomposition: object, folder: Path, realizatio
     return SessionResult(realization=realization, outcome=Outcome.COMPLETED, simulated_s=1.0)
 
 
+MIXED_ENDS = "campaign_fakes:mixed_ends"
+
+
+def mixed_ends(simspec: SimSpec, decomposition: object, folder: Path, realization: str) -> SessionResult:
+    """A session that repeats to the byte, for any decomposition: naive agents crash, others complete."""
+    del decomposition
+    (folder / "recording.mcap").write_bytes(f"all of {realization}, seed {simspec.seeds.root}".encode())
+    outcome = Outcome.AGENT_CRASHED if "naive" in realization else Outcome.COMPLETED
+    return SessionResult(realization=realization, outcome=outcome, simulated_s=1.0)
+
+
 FORFEIT = "campaign_fakes:fake_forfeit"
 
 

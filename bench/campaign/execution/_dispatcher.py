@@ -16,12 +16,14 @@ from .._events import CampaignStopping, Observers, RealizationFinished, Realizat
 from ..early_stopping._decisions import PointKey
 from ..early_stopping._early_stopping import EarlyStopping
 from ..storage._completeness import PROVISIONAL_OUTCOMES
+from ..storage._dropped import drop_recording
 from ..storage._folder import CampaignFolder
 from ..storage._journal import Journal, RealizationState
 from ..storage._results import write_result
 from ._bench_faults import BenchFaultWatch
 from ._firmware_watch import FirmwareWatch
 from ._pool import Executor
+from ._retention import Retention
 from ._retries import Retries
 from ._stop_request import StopRequest
 from ._suspects import SuspectWatch
@@ -79,6 +81,7 @@ class Dispatcher:
         suspects: SuspectWatch,
         forfeit_job: str | None,
         gate: StartGate = no_gate,
+        retention: Retention | None = None,
     ) -> None:
         self._folder, self._journal, self._observers, self._early_stopping = (
             folder,
@@ -91,6 +94,7 @@ class Dispatcher:
         self._suspects, self._forfeit_job = suspects, forfeit_job
         self._firmware = FirmwareWatch()
         self._gate, self._gate_is_closed = gate, False
+        self._retention = retention
         self._running: dict[str, PointKey | None] = {}
         self.total = len(plans)
         # Planning compared the files in simspecs/ with the journal's digests: none has to be read again for
@@ -225,7 +229,13 @@ class Dispatcher:
             )
         else:
             result = self._firmware.marked(self._suspects.marked(result))
-            self._journal.finish(result, write_result(self._folder.run(result.realization), result))
+            run = self._folder.run(result.realization)
+            self._journal.finish(result, write_result(run, result))
+            if self._retention is not None and self._retention.drops(
+                result, self._folder.simspec(result.realization)
+            ):
+                self._journal.drop(result.realization, self._retention.policy)
+                drop_recording(run, str(result.recording_sha256), self._retention.policy)
             self.finish(result)
         if key is not None:
             self._decide(key)

@@ -35,6 +35,7 @@ from .._versions import versions
 from ..early_stopping._decisions import PointKey, is_after_stop, outcome_name
 from ..execution._parallel import OnDone, map_in_processes
 from ..storage._completeness import NOT_FINISHED, Completeness, accepted_realizations, completeness_of
+from ..storage._dropped import dropped_recording
 from ..storage._evidence_check import changed_tables, check_evidence, evidence_faults
 from ..storage._files import digest_of, write_whole
 from ..storage._folder import RECORDING, RESULT, CampaignFolder, open_lock, writing_process
@@ -153,6 +154,11 @@ def rescore_campaign(
     with open_lock(path), open_journal(folder.journal) as journal:
         check_evidence(folder, journal)
         runs = {entry.id: folder.run(entry.id) for entry in journal.entries()}
+        if dropped := [name for name, run in runs.items() if dropped_recording(run) is not None]:
+            what = f"{len(dropped)} of its recordings were dropped when they were flown (keep), so they cannot be measured"
+            raise SetupError(
+                Fault(str(path), what, "fly it with keep: {recordings: all} into another folder")
+            )
         recorded = {name: run for name, run in runs.items() if (run / RECORDING).is_file()}
         digests = journal.recordings()
         faults = [

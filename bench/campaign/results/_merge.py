@@ -16,6 +16,7 @@ from .._overhead import check_fidelity
 from .._runner import CampaignSummary, Finish, run_campaign
 from ..planning._plan import plan_campaign
 from ..storage._completeness import accepted_realizations, adopt_accepted
+from ..storage._dropped import dropped_recording
 from ..storage._evidence_check import verify_folder
 from ..storage._files import digest_of
 from ..storage._folder import RESULT, CampaignFolder, open_lock
@@ -162,6 +163,8 @@ def _adopt(
         if attempt + 1 < entry.attempts:
             journal.retry(entry.id, "", "an earlier attempt in the shard")
     journal.finish(result, digest_of(run / RESULT))
+    if (dropped := dropped_recording(run)) is not None:
+        journal.drop(entry.id, dropped.policy)
 
 
 def _keep_evidence(shard: _Shard, folder: CampaignFolder) -> None:

@@ -189,6 +189,9 @@ class _Reflight:
             what = f"the recordings are equal, the results differ in {', '.join(fields)}"
             return ReflownRun(name, ReflownStatus.DIFFERENT, what)
         recordings = self._folder.run(name) / RECORDING, self._home / name / RECORDING
+        if not recordings[0].is_file():
+            what = "it has another digest than the recording that was dropped; what differs cannot be told"
+            return ReflownRun(name, ReflownStatus.DIFFERENT, what)
         difference = recording_difference(*recordings)
         where = (
             "all records are equal" if difference is None or difference.time_s is None else str(difference)

@@ -21,7 +21,7 @@ from bench.errors import Fault, SetupError
 FIRST_PREVIOUS = "0" * 64
 """What the first line has in place of the digest of the line before."""
 
-Kind = Literal["flown", "measured", "adopted", "withdrawn"]
+Kind = Literal["flown", "measured", "adopted", "dropped", "withdrawn"]
 
 
 class EvidenceEntry(Document):
@@ -32,7 +32,7 @@ class EvidenceEntry(Document):
         Kind,
         Field(
             description="flown: the session ended; measured: its recording was measured again; adopted: the result was "
-            "there before the chain; withdrawn: the result is gone or no longer wanted."
+            "there before the chain; dropped: its recording was deleted by the campaign's `keep`; withdrawn: the result is gone or no longer wanted."
         ),
     ]
     realization: str
@@ -95,6 +95,21 @@ class EvidenceLog:
                 previous=self.head,
             )
         )
+
+    def drop(self, realization: str, policy: str) -> None:
+        """Add a line that the recording behind a result is deleted; the result stays."""
+        last = self.result_of(realization)
+        if last is not None and last.kind != "dropped":
+            self._add(
+                last.model_copy(
+                    update={
+                        "number": len(self.entries) + 1,
+                        "kind": "dropped",
+                        "note": f"kept are: {policy}",
+                        "previous": self.head,
+                    }
+                )
+            )
 
     def withdraw(self, realization: str, note: str) -> None:
         """Add a line that the realization has no result any more, if it had one."""

@@ -8,6 +8,7 @@ from pathlib import Path, PurePosixPath
 from bench.contracts import SessionResult
 from bench.errors import Fault, SetupError
 
+from ._dropped import DROPPED
 from ._evidence import EvidenceEntry, EvidenceLog
 from ._files import digest_of
 from ._folder import RECORDING, RESULT, CampaignFolder, campaign_of
@@ -201,6 +202,9 @@ def _faults_of(
     where = f"{journal.evidence.path.name}:{line.number}"
     if done and (entry.result_sha256, recording_sha256) != (line.result_sha256, line.recording_sha256):
         yield Fault(str(folder.journal), f"has other digests for {entry.id} than {where}", _REMEDY)
+    if (run / DROPPED).is_file() and line.kind != "dropped":
+        what = f"says that the recording was dropped, and {where} does not"
+        yield Fault(str(run / DROPPED), what, f"{_REMEDY}, or delete it to fly the session again")
     yield from _changed_files(run, line, where)
 
 

@@ -208,6 +208,11 @@ class Journal:
                 # Before the journal's commit: a result that the journal has is in the chain.
                 self.evidence.add_result("flown", result, result_sha256)
 
+    def drop(self, realization: str, policy: str) -> None:
+        """Note in the chain that the recording behind a result is about to be deleted."""
+        with self._change():
+            self.evidence.drop(realization, policy)
+
     def measure(self, result: SessionResult, result_sha256: str) -> None:
         """Note what measuring a recording again made of a result, in place of the result so far."""
         with self._change():
