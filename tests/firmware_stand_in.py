@@ -26,6 +26,7 @@ FAULT_HEIGHT_M = 1.0
 # Host seconds without anything from the bench.
 PATIENCE_S = 60.0
 READY_S = 1.0
+GPS_PATIENCE_US = 2_000_000
 # ArduPilot opens its further ports while its world moves.
 OTHER_PORTS_AT = 100
 MAX_THRUST_N, INERTIA, YAW_INERTIA = 8.5486, 0.02167, 0.04
@@ -37,6 +38,10 @@ EXTRA = {
     23: 168,
     30: 39,
     33: 104,
+    44: 221,
+    47: 153,
+    51: 196,
+    73: 38,
     75: 158,
     76: 152,
     77: 143,
@@ -45,6 +50,7 @@ EXTRA = {
     113: 124,
     115: 4,
     148: 178,
+    253: 83,
 }
 SAMPLE_FIELDS = 0x3F, 0x1C0, 0x1A00
 Vector = tuple[float, float, float]
@@ -153,11 +159,20 @@ class Pilot:
         self.target: Vector | None = None
         self.highest_m = 0.0
         self.heading_rad = 0.0
+        # Places still to pass, and whether it lands at the last one.
+        self.route: list[Vector] = []
+        self.ends_at_home = False
 
     def rotors(self, state: State) -> list[float]:
         """Rotor speeds 0 to 1: front right, rear left, front left, rear right."""
         north, east, down = state.position
         self.highest_m = max(self.highest_m, -down)
+        if self.route and self.target == self.route[0] and math.dist(self.target, state.position) < 0.5:
+            self.route.pop(0)
+            if self.route:
+                self.target = self.route[0]
+            elif self.ends_at_home:
+                self.target, self.returning = (0.0, 0.0, down), True
         if not self.armed:
             self.heading_rad = state.euler()[2]
             return [0.0] * 4
@@ -211,6 +226,9 @@ class Clients:
         self.home: tuple[float, float, float] | None = None
         # Of a version whose simulation has other names.
         self.forgetful = False
+        self.gps_off = self.gps_failsafe = False
+        self.items: list[tuple[float, ...]] = []
+        self.item_count = 0
 
     def take(self, source: object, data: bytes) -> bytes:
         """Answers to what one client sent."""
@@ -222,12 +240,55 @@ class Clients:
             elif number == 23:
                 value, _, _, name, _ = struct.unpack("<fBB16sB", payload.ljust(23, b"\0"))
                 print(f"{self.state.time_s:.2f} s: {name.rstrip(bytes(1)).decode()} {value:.4g}", flush=True)
+                if name.startswith(b"SIM_GPS_DISABLE"):
+                    self.gps_off = value == 1.0
                 if name.startswith(b"SIM_") and not self.forgetful:
                     answers += self.mavlink.pack(22, struct.pack("<fHH16sB", value, 1, 0, name, 9))
+            elif number == 44:
+                self.item_count, self.items = struct.unpack("<HBBB", payload.ljust(5, b"\0")[:5])[0], []
+                answers += self._request_item()
+            elif number == 73:
+                item = struct.unpack("<4fiifHHBBBBBB", payload.ljust(38, b"\0")[:38])
+                require(item[7] == len(self.items), f"mission item {item[7]} after {len(self.items) - 1}")
+                self.items.append(item)
+                answers += self._request_item()
             elif number == 75:
                 p = unpacked("<4fiifHBBBBB", payload)
                 answers += self._command(source, int(p[7]), [*p[:4], p[4] * 1e-7, p[5] * 1e-7, p[6]])
         return answers
+
+    def _request_item(self) -> bytes:
+        if len(self.items) < self.item_count:
+            return self.mavlink.pack(51, struct.pack("<HBBB", len(self.items), 255, 190, 0))
+        return self.mavlink.pack(47, struct.pack("<BBBB", 255, 190, 0, 0))
+
+    def _start_mission(self) -> None:
+        """Places of the items that have one; home, which ArduPilot keeps as item 0, is none."""
+        latitude, longitude, altitude = self._home()
+        self.pilot.route = []
+        for item in self.items if self.is_px4 else self.items[1:]:
+            command, frame, height_m = int(item[8]), int(item[11]), item[6]
+            if frame in (0, 5):
+                height_m -= altitude
+            if command == 22:
+                self.pilot.route.append((*self.state.position[:2], -height_m))
+            elif command == 16:
+                north = (item[4] * 1e-7 - latitude) * 111194.0
+                east = (item[5] * 1e-7 - longitude) * 111194.0 * math.cos(math.radians(latitude))
+                self.pilot.route.append((north, east, -height_m))
+            else:
+                require(command == 20, f"mission item with command {command}")
+                self.pilot.ends_at_home = True
+        self.pilot.target = self.pilot.route[0]
+
+    def watch_receiver(self) -> bytes:
+        """Lands when it has no position, and says so."""
+        if not (self.gps_off and self.pilot.armed) or self.gps_failsafe:
+            return b""
+        self.gps_failsafe = True
+        self.pilot.target, self.pilot.landing, self.pilot.route = self.state.position, True, []
+        text = b"Failsafe activated" if self.is_px4 else b"EKF Failsafe: changed to LAND Mode"
+        return self.mavlink.pack(253, struct.pack("<B50s", 2, text))
 
     def _command(self, source: object, command: int, params: list[float]) -> bytes:
         pilot, state, accepted = self.pilot, self.state, True
@@ -246,7 +307,11 @@ class Clients:
         elif command == 20:
             pilot.target, pilot.returning = (0.0, 0.0, min(state.position[2], -5.0)), True
         elif command == 176:
-            accepted = True
+            # PX4: main mode auto, sub-mode mission.
+            if self.is_px4 and params[1:3] == [4.0, 4.0]:
+                self._start_mission()
+        elif command == 300:
+            self._start_mission()
         elif command == 192:
             latitude, longitude, altitude = self._home()
             north = (params[4] - latitude) * 111194.0
@@ -268,18 +333,21 @@ class Clients:
 
     def due(self) -> tuple[bytes, bytes]:
         """What every client gets now, and what those get that asked."""
-        state, beat, motion = self.state, b"", b""
+        state, motion = self.state, b""
+        text = self.watch_receiver()
+        beat = b""
         if self.home is None and state.latitude_deg:
             self.home = (state.latitude_deg, state.longitude_deg, state.altitude_m + state.position[2])
         if state.time_s >= self.next_beat_s:
             self.next_beat_s += 1.0
             base = 81 | (128 if self.pilot.armed else 0)
             mode = 0x03040000 if self.is_px4 else 4
+            status = 4 if self.pilot.armed else 3
+            if self.gps_failsafe and self.pilot.armed:
+                mode, status = 0x06040000 if self.is_px4 else 9, 5
             beat = self.mavlink.pack(
                 0,
-                struct.pack(
-                    "<IBBBBB", mode, 2, 12 if self.is_px4 else 3, base, 4 if self.pilot.armed else 3, 3
-                ),
+                struct.pack("<IBBBBB", mode, 2, 12 if self.is_px4 else 3, base, status, 3),
             )
         if state.time_s >= self.next_motion_s:
             self.next_motion_s += 0.02
@@ -289,7 +357,7 @@ class Clients:
             speeds = (round(v * 100) for v in state.velocity)
             motion = self.mavlink.pack(33, struct.pack("<IiiiihhhH", ms, *place, *heights, *speeds, 65535))
             motion += self.mavlink.pack(30, struct.pack("<I6f", ms, *state.euler(), *state.rates))
-        return beat, motion
+        return text + beat, motion
 
 
 class Faults:
@@ -514,6 +582,7 @@ def fly_px4() -> None:
                         "<QQ16fB", checks.time_us, 1, *rotors, *[0.0] * 12, 128 if pilot.armed else 0
                     )
                     link.sendall(mavlink.pack(93, controls))
+        clients.gps_off = checks.time_us - (checks.gps_times or [0])[-1] > GPS_PATIENCE_US
         serve_datagrams(clients, ports)
 
 

@@ -26,7 +26,7 @@ from vehicle_models.firmware._px4 import RunningPx4
 PLACES = {"px4": "REBAR_PX4", "ardupilot": "REBAR_ARDUCOPTER"}
 HEIGHT_M = 10.0
 SIDE_M = 20.0
-_GUIDED = 4
+_AUTO, _GUIDED = 3, 4
 
 pytestmark = [pytest.mark.real, pytest.mark.timeout(1800)]
 
@@ -127,6 +127,83 @@ def test_return_to_launch(kind: str) -> None:
         client.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
         wait_until_down(client, 120.0)
         assert position(client) == pytest.approx((0.0, 0.0, 0.0), abs=2.0)
+
+
+def upload(kind: str, client: Client, places: list[tuple[float, float]]) -> None:
+    """A takeoff, these places north and east at 10 m, and a return. Item 0 of ArduPilot is its home."""
+    command, frame = mavlink, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
+    home = geodetic_e7(client, 0.0, 0.0)
+    items = [(command.MAV_CMD_NAV_WAYPOINT, home, 0.0)] if kind == "ardupilot" else []
+    items.append((command.MAV_CMD_NAV_TAKEOFF, home, HEIGHT_M))
+    items += [(command.MAV_CMD_NAV_WAYPOINT, geodetic_e7(client, *place), HEIGHT_M) for place in places]
+    items.append((command.MAV_CMD_NAV_RETURN_TO_LAUNCH, (0, 0), 0.0))
+    client.send(mavlink.MAVLink_mission_count_message(1, 1, len(items), 0))
+    for _ in range(200):
+        for message in client.fly(0.1):
+            if message.get_type() in ("MISSION_REQUEST_INT", "MISSION_REQUEST"):
+                number, (latitude_e7, longitude_e7), height_m = items[message.seq]
+                place = (latitude_e7, longitude_e7, height_m)
+                # No delay, passed within 2 m, straight through, with whatever heading.
+                parameters = (0.0, 2.0, 0.0, NAN)
+                client.send(
+                    mavlink.MAVLink_mission_item_int_message(
+                        1, 1, message.seq, frame, number, 0, 1, *parameters, *place, 0
+                    )
+                )
+            elif message.get_type() == "MISSION_ACK":
+                assert message.type == 0, message
+                return
+    pytest.fail(f"no MISSION_ACK: {client.texts()}")
+
+
+def geodetic_e7(client: Client, north_m: float, east_m: float) -> tuple[int, int]:
+    latitude, longitude, _ = origin(client)
+    scale = 111_320.0 * math.cos(math.radians(latitude))
+    return round((latitude + north_m / 111_170.0) * 1e7), round((longitude + east_m / scale) * 1e7)
+
+
+def test_a_mission_passes_its_places_and_returns(kind: str) -> None:
+    places = [(SIDE_M, 0.0), (SIDE_M, SIDE_M), (0.0, SIDE_M)]
+    with flying(kind) as client:
+        upload(kind, client, places)
+        if kind == "ardupilot":
+            client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, _GUIDED)
+            wait(client, 1.0)
+        client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+        wait(client, 1.0)
+        assert client.vehicle.condition().armed, client.texts()
+        client.command(mavlink.MAV_CMD_DO_SET_MODE, 1, *((4, 4) if kind == "px4" else (_AUTO,)))
+        if kind == "ardupilot":
+            wait(client, 0.5)
+            client.command(mavlink.MAV_CMD_MISSION_START)
+        nearest_m = dict.fromkeys(places, math.inf)
+        for _ in range(600):
+            wait(client, 0.2)
+            east_m, north_m, _ = position(client)
+            for place in places:
+                nearest_m[place] = min(nearest_m[place], math.dist(place, (north_m, east_m)))
+            condition = client.vehicle.condition()
+            if condition.landed and not condition.armed and max(nearest_m.values()) < math.inf:
+                break
+        # PX4 passes within its acceptance radius of 2 m, ArduCopter within WPNAV_RADIUS of 2 m.
+        assert max(nearest_m.values()) < 2.5, (nearest_m, client.texts())
+        wait_until_down(client, 120.0)
+        assert position(client) == pytest.approx((0.0, 0.0, 0.0), abs=2.0)
+
+
+def test_a_lost_receiver_is_noticed(kind: str) -> None:
+    """No fixes from 40 s on: within 40 s the autopilot says that a failsafe acts, or has left its mode."""
+    with flying(kind, failures=[{"at_s": 40.0, "kind": "gps_off"}]) as client:
+        take_off(kind, client)
+        mode = client.vehicle.condition().mode
+        wait(client, max(0.0, 40.0 - client.vehicle.time.s))
+        for _ in range(40):
+            wait(client, 1.0)
+            condition = client.vehicle.condition()
+            if condition.failsafe or condition.mode != mode:
+                assert condition.failures
+                return
+        pytest.fail(f"nothing noticed: {client.texts()}")
 
 
 def test_a_receiver_that_drifts_takes_the_vehicle_along(kind: str) -> None:
