@@ -63,8 +63,8 @@ def doctor(
         typer.Option(help="Restart and try this PX4 board too, DEVICE or DEVICE:BAUD. PROPELLERS OFF"),
     ] = "",
 ) -> None:
-    """Check this machine: Python, packages, plug-ins, JSBSim, Zenoh, loopback, free space, confinement of agents. Example: rebar
-    doctor
+    """Check this machine: Python, packages, plug-ins, JSBSim, Zenoh, loopback, free space, confinement of agents, pace warp. Example:
+    rebar doctor
     """
     checks = [_try(name, check) for name, check in CHECKS.items()]
     if firmware:
@@ -227,6 +227,14 @@ def _rung(name: str) -> str:
     return f"works; leaves open: {', '.join(gaps) or 'nothing of the table in docs/agents.md'}"
 
 
+def _warp() -> str:
+    # Another pace can be flown here, so this is no fault of the machine either.
+    from bench.simulation.warp import warp_fault
+
+    fault = warp_fault()
+    return f"not available: {fault.what}; {fault.remedy}" if fault else "agents can be flown at the pace warp"
+
+
 CHECKS: dict[str, Callable[[], str]] = {
     "python": _python,
     "packages": _packages,
@@ -240,4 +248,5 @@ CHECKS: dict[str, Callable[[], str]] = {
     "landlock": partial(_rung, "landlock"),
     "container": partial(_rung, "container"),
     "isolation none": partial(_rung, "none"),
+    "pace warp": _warp,
 }

@@ -323,13 +323,14 @@ class Session:
         self._air.open_for_all()
         while True:
             now = self._progress.now
-            self._check_agent()
             self._information.publish(now, self._vehicle, self._detector)
             self._pictures.publish(now)
             self._further_cameras.publish(now)
             self._fly_handed_over(now)
             # What the vehicle and the streams say of this moment is with the agent: it acts on it.
             warp.settle()
+            # Only now: before it has settled its end would be seen by this moment or by the next, as the host likes.
+            self._check_agent()
             # Then it lives until the next step, and acts at the moments for which it waits.
             warp.run_until(now.after(self._vehicle.step_s))
             received = self._vehicle.receive()

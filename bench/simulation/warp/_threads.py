@@ -169,6 +169,8 @@ class ProcessThreads:
             self._refresh_own()
         self._order = [
             *(thread for process in self.processes.values() for thread in process.threads.values()),
+            # The box takes note of the agent's end, and of what its children leave behind.
+            *(thread for process in self._box.values() for thread in process.threads.values()),
             *self._own.values(),
         ]
 
