@@ -267,7 +267,8 @@ def _environment_options(box: Box) -> tuple[dict[str, str], list[str]]:
     client = dict(os.environ)
     options = []
     for variable, value in box.environment.items():
-        if variable in os.environ:
+        # What the dynamic linker heeds is for the agent's programs, and not for the engine's.
+        if variable in os.environ or variable.startswith("LD_"):
             options += ["--env", f"{variable}={value}"]
         else:
             client[variable] = value

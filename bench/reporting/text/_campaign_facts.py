@@ -92,7 +92,10 @@ def _pace_override(data: ReportData) -> list[Fact]:
     pace = data.campaign.get("pace")
     if not pace:
         return []
-    repeats = "" if pace == "lockstep" else "; at this pace a run does not repeat bit for bit"
+    repeats = {
+        "realtime": "; at this pace a run does not repeat bit for bit",
+        "warp": "; at this pace a run repeats as far as the order of the agent's own threads does",
+    }.get(pace, "")
     return [Fact("Pace override", f"all runs at {pace}, in place of the pace of the situations{repeats}")]
 
 
