@@ -33,6 +33,13 @@ def cable(tmp_path: Path) -> Iterator[Cable]:
         yield plugged
 
 
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where the bench notes what it has changed on boards."""
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    return tmp_path / "home" / ".local" / "state" / "rebar" / "boards"
+
+
 @pytest.fixture
 def client() -> Iterator[Client]:
     made = Client()
@@ -264,6 +271,40 @@ def test_parameters_that_a_board_lacks_or_refuses_leave_it_as_it_was(cable: Cabl
     ):
         vehicle.boot()
     assert board.parameters == before
+
+
+def test_a_bench_that_was_killed_puts_back_at_its_next_start(cable: Cable, home: Path) -> None:
+    """Its notes are there before the first change, and go when all is as it was."""
+    board = Board(cable)
+    before = dict(board.parameters)
+    with opened(board, boot_s=0.2) as vehicle:
+        vehicle.boot()
+        (note,) = home.iterdir()
+        noted, changed = note.read_text(), dict(board.parameters)
+    assert board.parameters == before
+    assert list(home.iterdir()) == []
+    # As after a kill: the board is the simulated aircraft's, and the notes lie there.
+    board.parameters = dict(changed)
+    note.write_text(noted)
+    with opened(board, boot_s=0.2) as vehicle:
+        vehicle.boot()
+        assert parameter(board, "HIL_ACT_FUNC3") == 103
+    assert board.parameters == before
+    assert list(home.iterdir()) == []
+    # One that it does not take back is told, and the note stays for whoever mends it.
+    board.parameters, board.refused_parameters = dict(changed), frozenset({"HIL_ACT_FUNC2"})
+    note.write_text(noted)
+    with opened(board) as vehicle, pytest.raises(FirmwareFault, match="does not take HIL_ACT_FUNC2 back"):
+        vehicle.boot()
+    assert note.read_text() == noted
+    note.unlink()
+    board.parameters, board.refused_parameters = dict(before), frozenset()
+    home.chmod(0o500)
+    if not os.access(home, os.W_OK):
+        with opened(board) as vehicle, pytest.raises(SetupError, match="cannot be noted"):
+            vehicle.boot()
+        assert board.parameters == before
+    home.chmod(0o700)
 
 
 def test_streams_that_do_not_fit_are_refused_with_the_reason(cable: Cable, client: Client) -> None:

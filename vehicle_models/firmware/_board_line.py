@@ -150,33 +150,32 @@ class BoardLine:
                 return True
         return False
 
-    def set_parameters(self, wanted: Mapping[str, float]) -> dict[str, BoardParameter]:
-        """Set these, and return what those that differed were before. Raises SetupError for those that the board does not
-        have or take; then all are as they were.
-        """
-        before = {name: self.parameter(name) for name in wanted}
+    def differing(self, wanted: Mapping[str, float]) -> dict[str, BoardParameter]:
+        """What the board holds of these where it is something else. Raises SetupError for those that it does not have."""
+        held = {name: self.parameter(name) for name in wanted}
         faults = [
             Fault(
                 f"parameter {name}",
                 f"the board on {self.device.path} does not have it",
                 "remove it, or check its airframe",
             )
-            for name, held in before.items()
-            if held is None
+            for name, parameter in held.items()
+            if parameter is None
         ]
         if faults:
             raise SetupError(faults)
-        changed: dict[str, BoardParameter] = {}
-        for name, held in before.items():
-            assert held is not None
-            if _same(held.value, wanted[name]):
-                continue
-            changed[name] = held
+        return {
+            name: parameter
+            for name, parameter in held.items()
+            if parameter is not None and not _same(parameter.value, wanted[name])
+        }
+
+    def set_parameters(self, wanted: Mapping[str, float], former: Mapping[str, BoardParameter]) -> None:
+        """Set those of `former` to what is wanted. Raises SetupError for one that the board does not take."""
+        for name, held in former.items():
             if not self.set_parameter(name, wanted[name], held.kind):
-                self.restore(changed)
                 what = f"the board on {self.device.path} does not take {parameter_text(wanted[name])}"
                 raise SetupError(Fault(f"parameter {name}", what, "give a value that it takes"))
-        return changed
 
     def restore(self, former: Mapping[str, BoardParameter]) -> list[str]:
         """Put former values back; the names of those that the board did not confirm, or that came too late."""

@@ -24,6 +24,7 @@ from ..x500 import ROTORS
 from ._airframe import board_parameters
 from ._board_gate import BoardGate
 from ._board_line import BoardLine
+from ._board_memory import BoardMemory
 from ._body import Body
 from ._firmware import FirmwarePlan
 from ._hil import HIL_ACTUATOR_CONTROLS, actuator_controls
@@ -92,10 +93,17 @@ class Px4BoardKind:
             line.restart()
             _check(line)
             wanted = board_parameters() | plan.simspec.vehicle.parameters | autopilot.parameters
-            former = line.set_parameters(wanted)
+            memory = BoardMemory(autopilot.device)
+            # Of a session that was killed: what it has left is not the board's own.
+            if left := line.restore(memory.load()):
+                raise FirmwareFault(
+                    f"the board on {device.path} does not take {', '.join(left)} back, which a session that was killed has "
+                    f"changed: set them as in {memory.path}, and remove that file"
+                )
+            former = line.differing(wanted)
+            memory.save(former)
             values = {name: held.value for name, held in former.items()}
             (plan.folder / PARAMETERS_FILE).write_text(json.dumps(values, indent=1))
-            running = RunningBoard(plan, line, self._budget)
 
             def leave(kind: type[BaseException] | None, *_: object) -> None:
                 # A board that stays armed would begin the next session so.
@@ -103,12 +111,16 @@ class Px4BoardKind:
                 left = line.restore(former)
                 text = f"{len(former) - len(left)} parameters put back"
                 if left:
-                    text += f"; NOT PUT BACK: {', '.join(left)}: set them as in {PARAMETERS_FILE} before you fly for real"
+                    text += f"; NOT PUT BACK: {', '.join(left)}: set them as in {memory.path} before you fly for real"
+                else:
+                    memory.clear()
                 (plan.folder / CONSOLE_FILE).write_text(f"{text}\n")
                 if left and kind is None:
                     raise FirmwareFault(f"the board on {device.path}: {text} ({values})")
 
             stack.push(leave)
+            line.set_parameters(wanted, former)
+            running = RunningBoard(plan, line, self._budget)
             running.ask_for_streams()
             yield running
 

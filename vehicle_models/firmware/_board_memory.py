@@ -1,0 +1,46 @@
+"""What a board's parameters were before the bench changed them, kept until they are put back.
+
+A bench that is killed puts nothing back, and the board would go to its aircraft with the simulated one's geometry. So the
+values lie in a file of the user's, from before the first change, and the next session with the board begins with them.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+
+from bench.errors import Fault, SetupError
+
+from ._board_line import BoardParameter
+
+_FOLDER = Path(".local", "state", "rebar", "boards")
+
+
+class BoardMemory:
+    """The file of the board on one device."""
+
+    def __init__(self, device: str) -> None:
+        self.path = Path.home() / _FOLDER / f"{re.sub(r'[^A-Za-z0-9]+', '-', device).strip('-')}.json"
+
+    def load(self) -> dict[str, BoardParameter]:
+        """What was never put back; empty where all was."""
+        with suppress(OSError, ValueError, TypeError):
+            document = json.loads(self.path.read_text(encoding="utf-8"))
+            return {name: BoardParameter(*entry) for name, entry in document.items()}
+        return {}
+
+    def save(self, former: Mapping[str, BoardParameter]) -> None:
+        """Keep these until `clear`. Raises SetupError where that is not possible: then nothing may be changed."""
+        entries = {name: [held.value, held.kind] for name, held in former.items()}
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self.path.write_text(json.dumps(entries, indent=1), encoding="utf-8")
+        except OSError as error:
+            what = f"the board's parameters cannot be noted in {self.path}: {error.strerror}"
+            raise SetupError(Fault("vehicle.autopilot.device", what, "make the folder writable")) from None
+
+    def clear(self) -> None:
+        self.path.unlink(missing_ok=True)
