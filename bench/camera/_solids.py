@@ -72,7 +72,14 @@ def geometry_of(solids: Sequence[Sequence[Face]]) -> Geometry:
     )
 
 
+_NEXT_AXES, _LAST_AXES = (1, 2, 0), (2, 0, 1)
+
+
 def _area_vector(corners: Floats) -> Floats:
     """Normal of a polygon times twice its area (Newell's method, which bears repeated corners)."""
-    vector: Floats = np.cross(corners, np.roll(corners, -1, axis=0)).sum(axis=0)
+    # np.cross written out, to the bit: for so few corners it takes four times as long, and a scene has thousands of faces.
+    following = np.concatenate((corners[1:], corners[:1]))
+    across = corners.take(_NEXT_AXES, 1) * following.take(_LAST_AXES, 1)
+    across -= corners.take(_LAST_AXES, 1) * following.take(_NEXT_AXES, 1)
+    vector: Floats = across.sum(axis=0)
     return vector
