@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from functools import cache
+from dataclasses import replace
+from functools import cache, partial
 from importlib.resources import files
+from itertools import chain, repeat
 from pathlib import Path
 
 import numpy as np
@@ -118,7 +120,7 @@ def test_objects_of_two_held_out_scenes_are_found_equally_each_time(
         assert again.detect(picture.bgr) == detector.detect(picture.bgr)
 
 
-RECALL_FLOORS = {"person": 0.1, "vehicle": 0.4, "tree": 0.4}
+RECALL_FLOORS = {"person": 0.35, "vehicle": 0.55, "tree": 0.65, "structure": 0.45}
 """Well below docs/pixel-detector.md: two scenes are few."""
 
 
@@ -126,11 +128,21 @@ def test_bare_ground_gives_few_false_alarms(detector: SmallDetector) -> None:
     pictures = frames(3, False, empty=True) + frames(4, False, "rain level 9", empty=True)
     alarms = sum(len(detector.detect(picture.bgr)) for picture in pictures)
 
-    assert alarms <= 2 * len(pictures)
+    assert alarms <= 1.5 * len(pictures)
+
+
+def test_a_standing_vehicle_sees_nothing(detector: SmallDetector) -> None:
+    """Ground from 10 to 30 cm is smooth: without crops of it in training it passed for roofs."""
+    random = generator_of(SEED, Split.EVALUATION, 9)
+    standing = replace(VGA, height_m=(0.1, 0.3))
+    pictures = list(frames_of(random, 3, standing, CONDITIONS["clear day"], empty=True))
+
+    assert len(pictures) == 3
+    assert sum(len(detector.detect(picture.bgr)) for picture in pictures) <= 1
 
 
 def test_boxes_of_large_vehicles_fit(detector: SmallDetector) -> None:
-    """Of vehicles of 40 pixels and more that are found at all, edges are off by less than a quarter of the longest
+    """Of vehicles of 40 pixels and more that are found at all, edges are off by less than a fifth of the longest
     side at the median.
     """
     errors = []
@@ -145,7 +157,7 @@ def test_boxes_of_large_vehicles_fit(detector: SmallDetector) -> None:
         errors += off[hit].tolist()
 
     assert len(errors) >= 15
-    assert np.median(errors) < 0.25
+    assert np.median(errors) < 0.2
 
 
 def test_any_size_of_picture_will_do_and_boxes_stay_inside(detector: SmallDetector) -> None:
@@ -185,9 +197,21 @@ def test_cells_hold_each_pixel_once_and_are_decoded_where_they_lie() -> None:
     """A network's result that is made by hand: one peak in each of the four cells of a position."""
     bgr = np.random.default_rng(0).integers(0, 256, (32, 64, 3), dtype=np.uint8)
     cells = cells_of(bgr, 32)
-    assert cells.shape == (1, 48, 8, 16)
-    # Channel (row in the cell, column in the cell, colour).
-    assert cells[0, (2 * 4 + 3) * 3 + 1, 5, 7] == float(bgr[5 * 4 + 2, 7 * 4 + 3, 1]) - 128.0
+    assert cells.shape == (1, 24, 8, 16)
+    # Channel (row in the cell, column in the cell) for brightness; ITU-R BT.601 in its range of 16 to 235.
+    blue, green, red = bgr[5 * 4 + 2, 7 * 4 + 3].astype(float)
+    brightness = 16.0 + (65.481 * red + 128.553 * green + 24.966 * blue) / 255.0
+    assert cells[0, 2 * 4 + 3, 5, 7] == pytest.approx(brightness - 128.0, abs=1.0)
+    # Then (colour difference, row, column) at half the resolution; OpenCV takes the first pixel of each 2 x 2.
+    plain = np.broadcast_to(np.array((200, 90, 30), np.uint8), (32, 64, 3)).copy()
+    plain[22:24, 30:32] = (40, 60, 220)
+    differences = cells_of(plain, 32)[0, 16:].reshape(2, 2, 2, 8, 16)
+    for blue, green, red, place in ((40, 60, 220, (1, 1, 5, 7)), (200, 90, 30, (1, 0, 5, 7))):
+        by_standard = (
+            (-37.797 * red - 74.203 * green + 112.0 * blue) / 255.0,
+            (112.0 * red - 93.786 * green - 18.214 * blue) / 255.0,
+        )
+        assert differences[:, *place].tolist() == pytest.approx(by_standard, abs=1.0)
     assert cells_of(bgr[:30, :50], 32).shape == cells.shape
 
     numbers = np.full((1, 4 * 7, 4, 8), -9.0, np.float32)
@@ -251,24 +275,36 @@ def test_seeds_and_splits_give_scenes_of_their_own() -> None:
 
 
 @pytest.mark.slow
-def test_two_short_cycles_of_training_repeat_to_the_bit(tmp_path: Path) -> None:
+def test_two_short_trainings_repeat_to_the_bit_and_so_does_one_cut_short(tmp_path: Path) -> None:
     pytest.importorskip("torch")
     pytest.importorskip("onnx")
-    from bench.perception.pixels.training._export import write_onnx
+    from bench.perception.pixels.training._export import read_onnx, write_onnx
     from bench.perception.pixels.training._learning import Plan, train
     from bench.perception.pixels.training._network import layers_of
     from bench.perception.pixels.training._samples import open_samples
 
     samples = open_samples(tmp_path, SEED, 1)
-    reports: list[str] = []
     layers = layers_of(len(LABELS))
-    digests = []
-    for name in ("first.onnx", "second.onnx"):
-        plan = Plan((8, 4), 8)
-        *_, weights = train(layers, samples, plan, np.random.default_rng(1), reports.append)
-        write_onnx(layers, weights, tmp_path / name)
-        digests.append(hashlib.sha256((tmp_path / name).read_bytes()).hexdigest())
+    digests: list[str] = []
+    reports: list[str] = []
+    for plan, interrupts in (
+        (Plan(8, 4), repeat(False)),
+        (Plan(8, 4), repeat(False)),
+        (Plan(20, 4), chain(repeat(False, 8), repeat(True))),
+    ):
+        random = np.random.default_rng(1)
+        *_, checkpoint = train(layers, samples, plan, random, reports.append, partial(next, interrupts))
+        assert (checkpoint.steady_steps, checkpoint.falling_steps, checkpoint.last) == (8, 4, True)
+        write_onnx(layers, checkpoint.weights, tmp_path / "weights.onnx")
+        digests.append(hashlib.sha256((tmp_path / "weights.onnx").read_bytes()).hexdigest())
 
-    assert digests[0] == digests[1]
-    assert [report.split(":")[0] for report in reports] == ["step 8 of 12", "step 12 of 12"] * 2
+    assert len(set(digests)) == 1
+    write_onnx(layers, read_onnx(layers, tmp_path / "weights.onnx"), tmp_path / "again.onnx")
+    assert hashlib.sha256((tmp_path / "again.onnx").read_bytes()).hexdigest() == digests[0]
+    assert [report.split(":")[0] for report in reports] == [
+        "step 12 of 12",
+        "step 12 of 12",
+        "cut short after 8 steady steps",
+        "step 12 of 12",
+    ]
     assert open_samples(tmp_path, SEED, 1).digest == samples.digest

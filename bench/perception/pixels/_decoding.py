@@ -9,9 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.arrays import Floats, Narrow
+from bench.contracts import Pixels
 
 CELL_PX = 4
 """Side of a cell of the object map. A person is 6 to 15 pixels high from 60 to 100 m."""
+
+CELL_CHANNELS = CELL_PX * CELL_PX + 2 * (CELL_PX // 2) ** 2
+"""Numbers of a cell: its brightnesses, and its two colour differences at half the resolution, as in JPEG."""
 
 HEAD_STRIDE_PX = 8
 SUBCELLS = 4
@@ -43,8 +47,9 @@ class RawDetections:
         return RawDetections(self.boxes_px[places], self.object_logits[places], self.label_logits[places])
 
 
-def cells_of(bgr: NDArray[np.uint8], multiple_px: int) -> Narrow:
-    """(1, 48, h/4, w/4) what the network reads: for each cell its 4 x 4 pixels, minus 128.
+def cells_of(bgr: Pixels, multiple_px: int) -> Narrow:
+    """(1, 24, h/4, w/4) what the network reads: for each cell its 4 x 4 brightnesses, then 2 x 2 of each colour
+    difference, all minus 128.
 
     A picture whose sides are no multiples of `multiple_px` is continued with its last row and column.
     """
@@ -54,10 +59,15 @@ def cells_of(bgr: NDArray[np.uint8], multiple_px: int) -> Narrow:
         bgr = np.asarray(cv2.copyMakeBorder(bgr, 0, below, 0, right, cv2.BORDER_REPLICATE), np.uint8)
         height, width = bgr.shape[:2]
     rows, columns = height // CELL_PX, width // CELL_PX
-    # Sorted as bytes: a quarter of the memory that floats would take.
-    blocks = np.ascontiguousarray(bgr.reshape(rows, CELL_PX, columns, CELL_PX * 3).transpose(1, 3, 0, 2))
-    cells: Narrow = np.subtract(blocks, np.float32(128.0), dtype=np.float32)
-    return cells.reshape(1, CELL_PX * CELL_PX * 3, rows, columns)
+    # Brightness in the first `height` rows, then each colour difference at half the resolution.
+    planes = np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_I420), np.uint8)
+    sorted_bytes = np.empty((CELL_CHANNELS, rows, columns), np.uint8)
+    brightness = planes[:height].reshape(rows, CELL_PX, columns, CELL_PX)
+    sorted_bytes[:16].reshape(4, 4, rows, columns)[:] = brightness.transpose(1, 3, 0, 2)
+    differences = planes[height:].reshape(2, rows, 2, columns, 2)
+    sorted_bytes[16:].reshape(2, 2, 2, rows, columns)[:] = differences.transpose(0, 2, 4, 1, 3)
+    cells: Narrow = np.subtract(sorted_bytes, np.float32(128.0), dtype=np.float32)
+    return cells[None]
 
 
 def decode(numbers: Narrow, least_logit: float) -> RawDetections:

@@ -38,7 +38,13 @@ class Provenance(Document):
     scenes: Annotated[int, Field(ge=1, description="Random scenes that were rendered for training.")]
     crops: Annotated[int, Field(ge=1, description="Parts of pictures, of 256 x 256 pixels.")]
     data_sha256: Annotated[str, Field(description="Digest of all crops and their boxes.")]
-    cycles: Annotated[tuple[int, ...], Field(description="Steps of each cycle of training.")]
+    steady_steps: Annotated[int, Field(ge=0, description="Steps of training at a steady rate.")]
+    falling_steps: Annotated[int, Field(ge=0, description="Steps at a falling rate after them.")]
+    ground_crops: Annotated[int, Field(ge=0, description="Crops of bare ground, for the last steps.")]
+    ground_sha256: Annotated[str, Field(description="Digest of these crops.")]
+    refining_steps: Annotated[
+        int, Field(ge=0, description="Last steps, with crops of bare ground among the others.")
+    ]
     batch: Annotated[int, Field(description="Crops in each step.")]
     torch: Annotated[str, Field(description="Version of torch.")]
     opencv: Annotated[str, Field(description="Build of OpenCV that rendered the crops.")]

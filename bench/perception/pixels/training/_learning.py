@@ -15,51 +15,77 @@ from torch.nn import functional
 
 from .._decoding import CELL_PX, FIRST_BOX, FIRST_LABEL, OBJECT, SUBCELLS, cells_of
 from ._network import Layer, Weights, apply, initial_weights, is_learned
-from ._samples import Sample, SampleStore
+from ._samples import CROP_PX, MixedSamples, Sample, SampleStore, part_of
 from ._targets import Targets, targets_of
 
 # CenterNet's exponents (Zhou et al. 2019): hard cells count more, cells beside a centre less.
 _HARD, _SOFT = 2.0, 4.0
-_LABEL_WEIGHT, _BOX_WEIGHT = 0.5, 1.0
+_LABEL_WEIGHT, _BOX_WEIGHT = 0.75, 1.0
 _MOST_MIDDLE_CELLS = 8.0
 """An object counts as often as it has cells in its middle, up to this."""
 _MAX_GRADIENT = 10.0
 _WEIGHT_DECAY = 1e-4
-_WARM_UP_SHARE = 0.03
+_WARM_UP_STEPS = 200
 _LEAST_RATE_SHARE = 0.01
 _REPORT_STEPS = 200
+_CHECKPOINT_STEPS = 2000
+
+PART_PX = 224
+"""Side of the part of a crop that one step learns from. Parts lie anywhere in their crop, so objects lie anywhere in the
+cells of 4 x 4 pixels: a crop that always lay alike would be learned by heart after some passes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
     """How long and how fast.
 
-    In each cycle of so many steps the rate falls from `rate` to almost nothing, and the weights at its end are of use
-    (SGDR: Loshchilov and Hutter 2017). `averaged_steps` is the memory of the weights kept.
+    The rate stays at `rate` for the steady steps and falls to almost nothing in the falling ones ("warm-up, stable,
+    decay": Hu et al. 2024, MiniCPM). So training can be cut short where it is without loss of what the fall brings.
+    `averaged_steps` is the memory of the weights kept.
     """
 
-    cycles: tuple[int, ...]
+    steady_steps: int
+    falling_steps: int
     batch: int = 8
-    rate: float = 3e-3
+    rate: float = 2e-3
     averaged_steps: int = 150
+    normalises: bool = True
+    """Whether means and variances are those of each batch; else they stay as they are."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Checkpoint:
+    """Averaged weights after so many steps at each kind of rate."""
+
+    weights: Weights
+    steady_steps: int
+    falling_steps: int
+    last: bool
 
 
 def train(
     layers: tuple[Layer, ...],
-    samples: SampleStore,
+    samples: SampleStore | MixedSamples,
     plan: Plan,
     random: np.random.Generator,
     report: Callable[[str], None],
-) -> Iterator[Weights]:
-    """The averaged weights at the end of each cycle.
+    cut_short: Callable[[], bool] = lambda: False,
+    start: Weights | None = None,
+) -> Iterator[Checkpoint]:
+    """The weights every 2000 steps, and those at the end.
 
-    Equal arguments give equal weights, to the bit, on one kind of processor with one build of torch.
+    Equal arguments give equal weights, to the bit, on one kind of processor with one build of torch. As soon as
+    `cut_short` is true the rate begins to fall; the weights are those of a plan with as many steady steps. Training goes on
+    from `start` where it is given.
     """
     torch.set_num_threads(1)
     torch.use_deterministic_algorithms(True)
-    weights = initial_weights(layers, random)
+    weights = initial_weights(layers, random) if start is None else dict(start)
     learned = [name for name in weights if is_learned(name)]
     for name in learned:
+        if name.endswith("weight"):
+            # As the cells lie in memory: a step takes a tenth less.
+            weights[name] = weights[name].contiguous(memory_format=torch.channels_last)
         weights[name].requires_grad_(True)
     averaged = {name: tensor.detach().clone() for name, tensor in weights.items()}
     optimizer = torch.optim.AdamW(
@@ -72,16 +98,21 @@ def train(
     order = np.zeros(0, np.int64)
     losses: list[list[float]] = []
     began_s = time.monotonic()
-    schedule = [(cycle, step / length) for cycle, length in enumerate(plan.cycles) for step in range(length)]
-    for step, (cycle, progress) in enumerate(schedule):
+    steady, step, last = plan.steady_steps, 0, False
+    while not last:
+        if step < steady and cut_short():
+            steady = step
+            report(f"cut short after {steady} steady steps")
         if len(order) < plan.batch:
             order = np.concatenate((order, random.permutation(len(samples))))
-        batch = [_turned(samples.sample(int(number)), random) for number in order[: plan.batch]]
+        batch = [_varied(samples.sample(int(number)), random) for number in order[: plan.batch]]
         order = order[plan.batch :]
         for group in optimizer.param_groups:
-            group["lr"] = plan.rate * _rate_share(progress)
+            group["lr"] = plan.rate * _rate_share(step, steady, plan.falling_steps)
         cells = torch.from_numpy(np.concatenate([cells_of(sample.bgr, CELL_PX * 8) for sample in batch]))
-        numbers = apply(layers, weights, cells.contiguous(memory_format=torch.channels_last), learning=True)
+        numbers = apply(
+            layers, weights, cells.contiguous(memory_format=torch.channels_last), learning=plan.normalises
+        )
         parts = _loss(numbers, targets_of(batch))
         optimizer.zero_grad(set_to_none=True)
         sum(parts).backward()
@@ -93,27 +124,30 @@ def train(
             for name, tensor in weights.items():
                 averaged[name].lerp_(tensor, share)
         losses.append([part.item() for part in parts])
-        last_of_cycle = step + 1 == len(schedule) or schedule[step + 1][0] > cycle
-        if (step + 1) % _REPORT_STEPS == 0 or last_of_cycle:
+        step += 1
+        last = step >= steady + plan.falling_steps
+        if step % _REPORT_STEPS == 0 or last:
             objects, boxes, labels = np.mean(losses[-_REPORT_STEPS:], axis=0)
             report(
-                f"step {step + 1} of {len(schedule)}: objects {objects:.3f}, boxes {boxes:.3f}, labels {labels:.3f}, "
-                f"{time.monotonic() - began_s:.0f} s"
+                f"step {step} of {steady + plan.falling_steps}: objects {objects:.3f}, boxes {boxes:.3f}, "
+                f"labels {labels:.3f}, {time.monotonic() - began_s:.0f} s"
             )
-        if last_of_cycle:
-            yield {name: tensor.clone() for name, tensor in averaged.items()}
+        if step % _CHECKPOINT_STEPS == 0 or last:
+            copies = {name: tensor.clone() for name, tensor in averaged.items()}
+            yield Checkpoint(copies, min(step, steady), max(0, step - steady), last)
 
 
-def _rate_share(progress: float) -> float:
-    """A short rise, then half a cosine."""
-    if progress < _WARM_UP_SHARE:
-        return (progress + 1e-3) / (_WARM_UP_SHARE + 1e-3)
-    along = (progress - _WARM_UP_SHARE) / (1.0 - _WARM_UP_SHARE)
-    return _LEAST_RATE_SHARE + (1.0 - _LEAST_RATE_SHARE) * 0.5 * (1.0 + math.cos(math.pi * along))
+def _rate_share(step: int, steady: int, falling: int) -> float:
+    """A short rise, a steady rate, then half a cosine."""
+    rise = min(1.0, (step + 1) / _WARM_UP_STEPS)
+    along = max(0.0, (step - steady) / max(1, falling))
+    return rise * (_LEAST_RATE_SHARE + (1.0 - _LEAST_RATE_SHARE) * 0.5 * (1.0 + math.cos(math.pi * along)))
 
 
-def _turned(sample: Sample, random: np.random.Generator) -> Sample:
-    """The sample or its mirror image, a little brighter or darker in each channel."""
+def _varied(sample: Sample, random: np.random.Generator) -> Sample:
+    """A part of the sample or its mirror image, a little brighter or darker in each channel."""
+    left, top = (int(offset) for offset in random.integers(0, CROP_PX - PART_PX + 1, 2))
+    sample = part_of(sample, left, top, PART_PX)
     bgr, boxes = sample.bgr, sample.boxes_px
     if random.random() < 0.5:
         width = bgr.shape[1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +18,8 @@ from ._scenes import LabelledFrame, Split, View, frames_of, generator_of, large_
 
 CROP_PX = 256
 CROPS_OF_FRAME = 3
-FRAMES_OF_SCENE = 16
+FRAMES_OF_SCENE = 10
+GROUND_FRAMES_OF_SCENE, GROUND_HEIGHTS_M = 6, (0.1, 15.0)
 # An object of which less is left in a crop is cut off: it neither counts nor is background.
 _LEAST_SHARE_KEPT = 0.35
 
@@ -53,15 +55,71 @@ class SampleStore:
 
 def open_samples(folder: Path, seed: int, scene_count: int) -> SampleStore:
     """The crops of so many training scenes: from the folder where it has them, else rendered into it."""
-    wanted = {"seed": seed, "scenes": scene_count, "opencv": opencv_build()}
+    wanted = {"seed": seed, "scenes": scene_count, "frames": FRAMES_OF_SCENE, "opencv": opencv_build()}
+
+    def pictures() -> Iterator[tuple[LabelledFrame, np.random.Generator]]:
+        for scene in range(scene_count):
+            random = generator_of(seed, Split.TRAINING, scene)
+            # Cuts have a generator of their own: another number of crops leaves the scenes as they are.
+            cuts = generator_of(seed, Split.TRAINING, scene, 1)
+            for frame in frames_of(random, FRAMES_OF_SCENE, View()):
+                yield frame, cuts
+            if scene % 20 == 0:
+                print(f"rendered {scene + 1} of {scene_count} scenes", flush=True)
+
+    return _opened(folder, wanted, scene_count * FRAMES_OF_SCENE * CROPS_OF_FRAME, pictures)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MixedSamples:
+    """The crops of one data set, and those of another so many times."""
+
+    first: SampleStore
+    second: SampleStore
+    times: int
+
+    def __len__(self) -> int:
+        return len(self.first) + self.times * len(self.second)
+
+    def sample(self, number: int) -> Sample:
+        if number < len(self.first):
+            return self.first.sample(number)
+        return self.second.sample((number - len(self.first)) % len(self.second))
+
+
+def open_ground_samples(folder: Path, seed: int, scene_count: int) -> SampleStore:
+    """Crops of bare ground from up to 15 m, rendered into the folder or found there.
+
+    A vehicle that stands sees ground without structure, of which no scene of `open_samples` has anything.
+    """
+    wanted = {"seed": seed, "scenes": scene_count, "view": "bare ground", "opencv": opencv_build()}
+
+    def pictures() -> Iterator[tuple[LabelledFrame, np.random.Generator]]:
+        for scene in range(scene_count):
+            random = generator_of(seed, Split.TRAINING, scene, 2)
+            cuts = generator_of(seed, Split.TRAINING, scene, 3)
+            for frame in frames_of(
+                random, GROUND_FRAMES_OF_SCENE, View(height_m=GROUND_HEIGHTS_M), empty=True
+            ):
+                yield frame, cuts
+
+    return _opened(folder, wanted, scene_count * GROUND_FRAMES_OF_SCENE * CROPS_OF_FRAME, pictures)
+
+
+def _opened(
+    folder: Path,
+    wanted: dict[str, object],
+    total: int,
+    pictures: Callable[[], Iterator[tuple[LabelledFrame, np.random.Generator]]],
+) -> SampleStore:
+    """What the folder has, if it is what is wanted; else these pictures, cut by the generators beside them."""
     about = folder / "about.json"
     if (
         not about.exists()
         or {k: v for k, v in json.loads(about.read_text()).items() if k != "digest"} != wanted
     ):
-        _render(folder, seed, scene_count)
-        wanted["digest"] = _digest(folder)
-        about.write_text(json.dumps(wanted))
+        _write(folder, total, pictures())
+        about.write_text(json.dumps(wanted | {"digest": _digest(folder)}))
     arrays = np.load(folder / "boxes.npz")
     return SampleStore(
         np.load(folder / "pictures.npy", mmap_mode="r"),
@@ -73,26 +131,18 @@ def open_samples(folder: Path, seed: int, scene_count: int) -> SampleStore:
     )
 
 
-def _render(folder: Path, seed: int, scene_count: int) -> None:
+def _write(folder: Path, total: int, frames: Iterator[tuple[LabelledFrame, np.random.Generator]]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "about.json").unlink(missing_ok=True)
-    number, total = 0, scene_count * FRAMES_OF_SCENE * CROPS_OF_FRAME
     pictures = np.lib.format.open_memmap(
         folder / "pictures.npy", mode="w+", dtype=np.uint8, shape=(total, CROP_PX, CROP_PX, 3)
     )
-    samples = []
-    for scene in range(scene_count):
-        random = generator_of(seed, Split.TRAINING, scene)
-        # Cuts have a generator of their own: another number of crops leaves the scenes as they are.
-        cuts = generator_of(seed, Split.TRAINING, scene, 1)
-        for frame in frames_of(random, FRAMES_OF_SCENE, View()):
-            for _ in range(CROPS_OF_FRAME):
-                sample = cut(frame, cuts)
-                pictures[number] = sample.bgr
-                samples.append(sample)
-                number += 1
-        if scene % 20 == 0:
-            print(f"rendered {scene + 1} of {scene_count} scenes", flush=True)
+    samples: list[Sample] = []
+    for frame, cuts in frames:
+        for _ in range(CROPS_OF_FRAME):
+            sample = cut(frame, cuts)
+            pictures[len(samples)] = sample.bgr
+            samples.append(sample)
     pictures.flush()
     lengths = [len(sample.labels) for sample in samples]
     np.savez(
@@ -115,15 +165,20 @@ def cut(frame: LabelledFrame, random: np.random.Generator) -> Sample:
         left, top = (box[:2] + box[2:]) / 2.0 - place
     left = int(np.clip(left, 0, width - CROP_PX))
     top = int(np.clip(top, 0, height - CROP_PX))
-    moved = frame.boxes_px - (left, top, left, top)
-    clipped = np.clip(moved, 0, CROP_PX)
+    return part_of(Sample(frame.bgr, frame.boxes_px, frame.labels, frame.counts), left, top, CROP_PX)
+
+
+def part_of(sample: Sample, left: int, top: int, side_px: int) -> Sample:
+    """A square of a sample, with what of its boxes is in there."""
+    moved = sample.boxes_px - (left, top, left, top)
+    clipped = np.clip(moved, 0, side_px)
     sides = clipped[:, 2:] - clipped[:, :2]
     inside = (sides > 0).all(axis=1)
     area = (moved[:, 2:] - moved[:, :2]).prod(axis=1)
     share = sides.prod(axis=1) / np.maximum(area, 1.0)
-    counts = frame.counts & (share >= _LEAST_SHARE_KEPT) & large_enough(clipped, CROP_PX, CROP_PX)
-    bgr = frame.bgr[top : top + CROP_PX, left : left + CROP_PX]
-    return Sample(bgr, clipped[inside], frame.labels[inside], counts[inside])
+    counts = sample.counts & (share >= _LEAST_SHARE_KEPT) & large_enough(clipped, side_px, side_px)
+    bgr = sample.bgr[top : top + side_px, left : left + side_px]
+    return Sample(bgr, clipped[inside], sample.labels[inside], counts[inside])
 
 
 def _digest(folder: Path) -> str:
