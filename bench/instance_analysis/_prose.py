@@ -17,6 +17,7 @@ from ._controlled_language import controlled
 from ._draft import ChoiceKey, Draft, dotted
 from ._items import items_of
 from ._result import BaseSimSpec, Choice
+from .language._corrections import with_corrections
 from .language._phrases import Phrase, with_quantities
 from .language._tokens import Span, Word, headings_of, words_of
 from .language._vocabulary import Vocabulary
@@ -60,7 +61,7 @@ class Reading:
         self.text, self.vocabulary = text, vocabulary
         words = words_of(text, vocabulary)
         self.unknown_units: list[tuple[Word, Word]] = []
-        self.words = with_quantities(words, self.unknown_units)
+        self.words, self._corrections = with_corrections(with_quantities(words, self.unknown_units), text)
         self.items = items_of(self.words, text, vocabulary)
         claiming = [item for item in self.items if isinstance(item, Phrase) and item.rule in CLAIMING_RULES]
         claimed = marked(len(text), [part.span for phrase in claiming for part in phrase.leaves])
@@ -159,7 +160,9 @@ class Reading:
             for part in item.leaves if isinstance(item, Phrase) else ():
                 part.disown()
         draft = Draft(self.text, answers)
-        draft.used_words += self._headings
+        draft.used_words += [*self._headings, *self._corrections]
+        for span in self._corrections:
+            draft.remark(span, "read as the number that holds, in the place of the one before it")
         self._gone = marked(len(self.text), [cut.span for cut in self.cuts])
         reader = TextReader(draft, self.vocabulary, [cut.span for cut in self.cuts])
         reader.read([item for item in self.items if is_stop(item) or not self._is_cut(item.span)])

@@ -27,8 +27,9 @@ SPOKEN_TIME = rf"(?:(?:half|quarter)\s+(?:past|to)\s+{_HOUR}|(?:1[3-9]|2[0-3]|{_
 _PATTERN = re.compile(
     rf"""(?P<iso>\d{{4}}-\d\d-\d\d)
     |(?P<date>\d{{1,2}}(?:st|nd|rd|th)?\s+(?:of\s+)?(?:{_MONTH})\s+\d{{4}}|the\s+(?:{"|".join(DAYS)})\s+of\s+(?:{_MONTH}),?\s+\d{{4}}|(?:{_MONTH})\s+\d{{1,2}}(?:st|nd|rd|th)?,?\s+\d{{4}})\b
+    |(?P<dtg>\d{{6}}\s?Z\s?(?:{_MONTH})\s?(?:\d{{4}}|\d\d)\b)
     |(?P<span>\d{{1,2}}:\d\d(?=\s*(?:min|mins|minutes)\b))
-    |(?P<clock>\d{{1,2}}:\d\d\s*(?:(?:local(?:\s+time)?\s*)?\(?(?:utc|gmt)\s?[+-]\s?\d{{1,2}}(?::00)?\b\)?|z\b|utc\b|gmt\b|\(utc\)|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|am\b|pm\b|a\.m\.|p\.m\.)?|\d{{4}}\s*(?:z\b|utc\b|gmt\b|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|hours\b|hrs\b)|\d{{1,2}}\s*(?:am\b|pm\b|a\.m\.|p\.m\.))
+    |(?P<clock>\d{{1,2}}:\d\d\s*(?:(?:local(?:\s+time)?\s*)?\(?(?:utc|gmt)\s?[+-]\s?\d{{1,2}}(?::00)?\b\)?|z\b|utc\b|gmt\b|\(utc\)|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|am\b|pm\b|a\.m\.|p\.m\.)?|\d{{1,2}}h\d\d\s*(?:z\b|utc\b|gmt\b)|\d{{4}}\s*(?:z\b|utc\b|gmt\b|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|hours\b|hrs\b)|\d{{1,2}}\s*(?:am\b|pm\b|a\.m\.|p\.m\.))
     |(?P<told>{SPOKEN_TIME})
     |(?P<short>i\.\s?e\.|e\.\s?g\.|(?:mil|approx|max|min|alt|incl|batt|nr|ca|no|resp|temp)\.(?=\s{{0,2}}(?-i:[a-z0-9.]))|(?:mr|ms|mrs|dr|st)\.(?=\s))
     |(?P<heading>\b(?:exercise|scenario|test\s+case|test|case|problem|step|phase|variant|figure|section|chapter|task|example|run|ticket|question|log|entry|item|card|report)\s+\d+(?:\.\d)?[a-z]?\b(?=\s*[.:(,;)])(?!:\d)|\b(?:run|flight|test)\s+\d+\b(?!\s?(?:m|s|km|min|ft|%|:|\.\d|-))|(?-i:\b[A-Z]{{2,6}}-\d+\b)|(?:(?<=\n)|(?<=[.!?]\s)|^)(?:\d{{1,2}}\.|[a-z]\))(?=\s(?-i:[A-Z])))
@@ -137,6 +138,10 @@ def words_of(text: str, vocabulary: Vocabulary) -> list[Word]:
         if match.lastgroup == "comma" and not _in_brackets(raw, index):
             comma, index = True, index + 1
             continue
+        if match.lastgroup == "dtg":
+            words += _date_time_group(match)
+            comma, index = False, index + 1
+            continue
         if match.lastgroup in PHRASE_GROUPS:
             word, used = _phrase(raw, index, vocabulary, corrections)
         else:
@@ -212,6 +217,23 @@ def _meanings_of(match: re.Match[str]) -> tuple[Meaning, ...]:
                 ),
             )
     return ()
+
+
+def _date_time_group(match: re.Match[str]) -> list[Word]:
+    """The time and the day of `140530ZJUN25`: the 14th of June 2025, 05:30 UTC."""
+    text, begin = match.group(), match.start()
+    year = re.findall(r"\d+$", text)[0]
+    month = "".join(letter for letter in text[6:] if letter.isalpha())[1:]
+    clock, day = (
+        _clock(f"{text[2:6]}Z"),
+        _date(f"{text[:2]} {month} {year if len(year) == 4 else '20' + year}"),
+    )
+    if clock is None or day is None:
+        return [Word(text, Span(begin, match.end()), ())]
+    return [
+        Word(text[:7], Span(begin, begin + 7), (Meaning("CLOCK", clock),)),
+        Word(text[7:].strip(), Span(begin + 7, match.end()), (Meaning("DATE", day),)),
+    ]
 
 
 def _clock(text: str) -> TimeOfDay | None:

@@ -41,6 +41,11 @@ _PACE = re.compile(
     r"\b(?:walking|running|driving|marching|cycling|riding|jogging)[\s-]+(?:speed|pace)\b", re.IGNORECASE
 )
 """A speed of somebody on the ground."""
+_OF_THE_DRONE = re.compile(
+    r"\b(?:drone|uav|uas|aircraft|quad\w*|agent|mission|fl(?:y|ies|ying|ight|t)|search\w*|cruis\w*|altitude|height|alt|ground\s?speed|airspeed)\b",
+    re.IGNORECASE,
+)
+"""What makes a speed after it the drone's."""
 _COMPARISON = re.compile(
     r"(?P<negation>\b(?:not|never|no|cannot|(?:\w+n['’]t))\b(?:\s+(?!above\b|below\b|under\b|over\b)\w+){0,3}?\s+)?"
     r"(?:(?P<much>(?:more(?:\s+\w+)?|higher|faster|quicker|greater)\s+(?:than|as)|above|over|beyond|exceeding)"
@@ -124,11 +129,14 @@ class FlightReader:
             self._set(field, quantity, phrase)
 
     def _may_be_of_the_subject(self, span: Span) -> bool:
-        """Whether the clause of a speed has named a group that may move, and not the drone."""
+        """Whether the sentence of a speed has named a group that may move, and not the drone."""
         groups = self._groups
         if not groups.in_sentence or groups.subject_is_mission or len(groups.subject) != 1:
             return False
-        begin = span.end - len(self._clause_up_to(span))
+        text = self._draft.text
+        begin = 1 + max(text.rfind(mark, 0, span.start) for mark in (";", ". ", "\n"))
+        if _OF_THE_DRONE.search(text, begin, span.end):
+            return False
         named = groups.mentioned_at(groups.subject)
         return named.start >= begin and groups.asset(groups.subject[0]) not in IMMOVABLE
 
