@@ -234,10 +234,10 @@ class Session:
             if not isinstance(agent, HasProcessRoot):
                 fault = "cannot follow an agent whose processes are not known"
                 raise SetupError(Fault("pace.mode", fault, "fly it with --pace realtime"))
-            with_own = self._air.access is not None
+            with_bench = self._air.access is not None
             # Imports are no part of the mission.
             warp.start_budget_s = self._spec.budgets.connect_s
-            warp.watch(agent.root(), self._check_waiting, self._agent_time, with_own=with_own)
+            warp.watch(agent.root(), self._check_waiting, self._agent_time, with_bench=with_bench)
 
     def run(self) -> None:
         """Run rounds until something ends the session. Always raises StopSession or an error."""
@@ -336,7 +336,9 @@ class Session:
             received = self._vehicle.receive()
             self._receive_from_operator()
             documents = self._air.receive(now, None, 0.0)
-            warp.heard = warp.heard or bool(documents) or any(received[name] for name in self._agent_links)
+            warp.agent_has_spoken = (
+                warp.agent_has_spoken or bool(documents) or any(received[name] for name in self._agent_links)
+            )
             self._process_documents(documents)
             self._advance(self._vehicle.step_s)
 

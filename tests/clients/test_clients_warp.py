@@ -73,8 +73,8 @@ def flown(
     end = run_session(SessionPlan(spec, manifest, folder, open_agent, folder / "scratch", records.append))
     log = folder / "scratch" / "agent.log"
     lines = log.read_text().splitlines() if log.exists() else []
-    told: dict[str, Any] = json.loads(lines[-1]) if lines and lines[-1].startswith("{") else {}
-    return end, records, told
+    logbook: dict[str, Any] = json.loads(lines[-1]) if lines and lines[-1].startswith("{") else {}
+    return end, records, logbook
 
 
 def available(client: str) -> Program:
@@ -117,10 +117,10 @@ def test_a_mavsdk_hops_and_comes_home_twice_alike(client: str, tmp_path: Path) -
     """Which of its threads comes first, where one message wakes two, is its own affair: a step more or less."""
     spec = simspec("px4", 300.0)
     ends = [flown(manifest_of(available(client), "hop"), spec, tmp_path / name) for name in ("a", "b")]
-    for end, _, told in ends:
+    for end, _, logbook in ends:
         assert end.outcome is Outcome.COMPLETED, end.reason
-        assert told["hop"]["disarm_in_air"] == "COMMAND_DENIED"
-        assert told["hop"]["from_start_m"] < 1.0
+        assert logbook["hop"]["disarm_in_air"] == "COMMAND_DENIED"
+        assert logbook["hop"]["from_start_m"] < 1.0
     first, second = (end.simulated_s for end, _, _ in ends)
     assert first == pytest.approx(second, abs=0.5)
 
@@ -133,11 +133,11 @@ def test_node_hops_with_timers_of_exactly_a_second(tmp_path: Path) -> None:
     manifest = manifest_of(PROGRAMS["pymavlink-px4"]).model_copy(
         update={"command": (node, str(SCRIPTS / "node_flight.js"))}
     )
-    end, _, told = flown(manifest, simspec("px4", 120.0), tmp_path)
+    end, _, logbook = flown(manifest, simspec("px4", 120.0), tmp_path)
     assert end.outcome is Outcome.COMPLETED, end.reason
-    assert told["highest_m"] > 2.0
-    assert told["seconds"] > 10
-    assert told["longest_ms"] == pytest.approx(1000.0, abs=1.5)
+    assert logbook["highest_m"] > 2.0
+    assert logbook["seconds"] > 10
+    assert logbook["longest_ms"] == pytest.approx(1000.0, abs=1.5)
 
 
 @pytest.mark.clients

@@ -55,7 +55,7 @@ def flown(program: list[str], folder: Path, output: Path) -> int:
                 raise Ended
 
         root = ProcessRoot(process.pid, is_box=False)
-        warp.watch(root, check, AgentTime(HOST_CLOCK, AgentUsage), with_own=False)
+        warp.watch(root, check, AgentTime(HOST_CLOCK, AgentUsage), with_bench=False)
         with suppress(Ended):
             for second in range(1, 1000):
                 warp.settle()
@@ -107,7 +107,7 @@ def test_time_goes_on_by_itself_after_the_session(tmp_path: Path) -> None:
             program, env=environment_of(warp), stdout=subprocess.PIPE, text=True
         ) as process:
             agent_time = AgentTime(HOST_CLOCK, AgentUsage)
-            warp.watch(ProcessRoot(process.pid, is_box=False), lambda: None, agent_time, with_own=False)
+            warp.watch(ProcessRoot(process.pid, is_box=False), lambda: None, agent_time, with_bench=False)
             warp.settle()
             assert process.poll() is None
             warp.release()

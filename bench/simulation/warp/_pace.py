@@ -68,7 +68,7 @@ class Warp:
     def __init__(self, pages: WarpPages, access: WarpAccess, clock: HostClock) -> None:
         self.access = access
         self.counts = WarpCounts()
-        self.heard = False
+        self.agent_has_spoken = False
         """Whether the agent has said anything yet."""
         self.start_budget_s = FREE_CPU_S
         self._pages = pages
@@ -89,10 +89,10 @@ class Warp:
         return f"library sha256:{library_digest(self.access.library)}"
 
     def watch(
-        self, root: ProcessRoot, check: Callable[[], None], agent_time: AgentTime, *, with_own: bool
+        self, root: ProcessRoot, check: Callable[[], None], agent_time: AgentTime, *, with_bench: bool
     ) -> None:
-        """The started agent. `with_own`: threads of this process carry the air network, and are waited for too."""
-        self._threads = ProcessThreads(root.pid, root_is_box=root.is_box, with_own=with_own)
+        """The started agent. `with_bench`: threads of this process carry the air network, and are waited for too."""
+        self._threads = ProcessThreads(root.pid, root_is_box=root.is_box, with_bench=with_bench)
         self._programs = Programs(self._threads)
         self._check, self._agent_time = check, agent_time
         self._credit_s = self.start_budget_s
@@ -169,7 +169,7 @@ class Warp:
         for process in unentered:
             if reason := self._programs.refusal(process, now_s):
                 # Later it would be a way to drop a run that goes badly: such runs are not scored.
-                outcome = Outcome.AGENT_PROTOCOL if self.heard else Outcome.SETUP_INVALID
+                outcome = Outcome.AGENT_PROTOCOL if self.agent_has_spoken else Outcome.SETUP_INVALID
                 raise StopSession(outcome, f"{reason} (docs/time.md); fly it with --pace realtime")
         if not unentered:
             self._scans, self._looked_s = self._threads.scans, now_s
@@ -202,7 +202,7 @@ class Warp:
         # Of several threads at once the host's clock counts, as it would in real time.
         used_s = min(present.cpu_s - last.cpu_s, present.waited_s - last.waited_s)
         lived_s = (present.now_ns - last.now_ns) / 1e9
-        most_s = FREE_CPU_S if self.heard else self.start_budget_s
+        most_s = FREE_CPU_S if self.agent_has_spoken else self.start_budget_s
         self._credit_s = min(self._credit_s + lived_s - used_s, most_s)
         self._accounted = present
 

@@ -124,10 +124,10 @@ class WarpPages:
     def forget(self, ended: Collection[int]) -> None:
         """Free what ended processes have left: a wait of theirs would stop time for good."""
         for pid in ended:
-            left = self._owners == pid
-            self._slots["deadline_ns"][left] = 0
-            self._slots["state"][left] = 0
-            self._owners[left] = 0
+            slots = self._owners == pid
+            self._slots["deadline_ns"][slots] = 0
+            self._slots["state"][slots] = 0
+            self._owners[slots] = 0
             self._pids[self._pids == pid] = 0
 
     @property

@@ -78,15 +78,15 @@ class WatchedProcess:
 class ProcessThreads:
     """All threads of the processes below `root`, and of `root` itself unless it is only the box around them.
 
-    With `with_own` the threads of this process besides the calling one must rest too: they carry the air network, and what
+    With `with_bench` the threads of this process besides the calling one must rest too: they carry the air network, and what
     they have in hand is on its way to the agent.
     """
 
-    def __init__(self, root: int, *, root_is_box: bool, with_own: bool) -> None:
-        self._root, self._root_is_box, self._with_own = root, root_is_box, with_own
+    def __init__(self, root: int, *, root_is_box: bool, with_bench: bool) -> None:
+        self._root, self._root_is_box, self._with_bench = root, root_is_box, with_bench
         self.processes: dict[int, WatchedProcess] = {}
         self._box: dict[int, WatchedProcess] = {}
-        self._own: dict[int, _Thread] = {}
+        self._bench: dict[int, _Thread] = {}
         self._order: list[_Thread] = []
         self._ended_cpu_ns = 0
         self._last_pid = os.open(_LAST_PID, os.O_RDONLY | os.O_CLOEXEC)
@@ -97,9 +97,9 @@ class ProcessThreads:
         """Let go of everything that is watched."""
         for process in (*self.processes.values(), *self._box.values()):
             process.close()
-        for thread in self._own.values():
+        for thread in self._bench.values():
             thread.close()
-        self.processes, self._box, self._own, self._order = {}, {}, {}, []
+        self.processes, self._box, self._bench, self._order = {}, {}, {}, []
         if self._last_pid >= 0:
             os.close(self._last_pid)
             self._last_pid = -1
@@ -149,12 +149,12 @@ class ProcessThreads:
         self.scans += 1
         self._seen_pid = self._newest_pid()
         waiting = [self._root, *self.processes]
-        seen: set[int] = set()
+        scanned: set[int] = set()
         while waiting:
             pid = waiting.pop()
-            if pid in seen:
+            if pid in scanned:
                 continue
-            seen.add(pid)
+            scanned.add(pid)
             is_box = pid == self._root and self._root_is_box
             known = self._box if is_box else self.processes
             process = known.get(pid) or _open_process(pid)
@@ -165,13 +165,13 @@ class ProcessThreads:
                 waiting += _children(process)
             else:
                 self._forget(known, process)
-        if self._with_own:
-            self._refresh_own()
+        if self._with_bench:
+            self._refresh_bench()
         self._order = [
             *(thread for process in self.processes.values() for thread in process.threads.values()),
             # The box takes note of the agent's end, and of what its children leave behind.
             *(thread for process in self._box.values() for thread in process.threads.values()),
-            *self._own.values(),
+            *self._bench.values(),
         ]
 
     def _put_first(self, thread: _Thread) -> None:
@@ -198,16 +198,16 @@ class ProcessThreads:
                 process.threads[tid] = _open_thread(process.folder, tid)
         return any(_lives(thread) for thread in process.threads.values())
 
-    def _refresh_own(self) -> None:
+    def _refresh_bench(self) -> None:
         present = {int(name) for name in os.listdir("/proc/self/task")} - {threading.get_native_id()}
-        for tid in self._own.keys() - present:
-            self._own.pop(tid).close()
-        new = present - self._own.keys()
+        for tid in self._bench.keys() - present:
+            self._bench.pop(tid).close()
+        new = present - self._bench.keys()
         if new:
             folder = os.open("/proc/self/task", os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
             for tid in new:
                 with suppress(OSError):
-                    self._own[tid] = _open_thread(folder, tid)
+                    self._bench[tid] = _open_thread(folder, tid)
             os.close(folder)
 
     def _forget(self, known: dict[int, WatchedProcess], process: WatchedProcess) -> None:
@@ -275,7 +275,7 @@ def unseen_reason() -> str:
         finally:
             os.close(folder)
         deadline_s = time.monotonic() + _PROBE_S
-        while not (seen := thread.rests()) and time.monotonic() < deadline_s:
+        while not (asleep := thread.rests()) and time.monotonic() < deadline_s:
             time.sleep(0.001)
         thread.close()
     except OSError as error:
@@ -285,6 +285,6 @@ def unseen_reason() -> str:
         sleeper.join()
     return (
         ""
-        if seen
+        if asleep
         else "/proc/PID/wchan says nothing here (the kernel needs CONFIG_KALLSYMS and CONFIG_STACKTRACE)"
     )
