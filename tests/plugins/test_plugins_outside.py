@@ -15,7 +15,7 @@ from pathlib import Path
 from bench.campaign import fly_realization
 from bench.campaign._overhead import fly_overhead
 from bench.contracts import plugins
-from bench.simspec import *
+from bench.simspec import AgentSpec, Perception, Point, Polygon, SimSpec, VehicleSpec, World
 from decompositions import read_decomposition
 
 square = Polygon(corners=tuple(Point(east_m=x, north_m=y) for x, y in ((0, 0), (90, 0), (90, 90), (0, 90))))
