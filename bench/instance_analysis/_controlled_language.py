@@ -34,6 +34,9 @@ _RETRACTIONS = frozenset(
 )
 """Words that may take back what was said just before them, also in the sentence before."""
 
+_NEAR_ASSETS = frozenset(["man", "men", "woman", "women"])
+"""Words for whom the catalogue has an asset, and which are read as the general civilian."""
+
 Shape = tuple[str, ...]
 """The kinds of the items of a sentence, without filler words."""
 
@@ -57,7 +60,9 @@ def controlled(items: Sequence[Phrase | Word], words: Sequence[Word]) -> list[bo
     unusual = {
         bisect.bisect_right(stops, word.span.start)
         for word in words
-        if word.mended or (word.filler and word.text.lower() not in language.fillers)
+        if word.mended
+        or (word.filler and word.text.lower() not in language.fillers)
+        or word.text.lower() in _NEAR_ASSETS
     }
     for word in words:
         if word.text.lower() in _RETRACTIONS:

@@ -76,6 +76,7 @@ def shapes(text: str) -> list[Shape]:
         ),
         ("A house. In the north two trucks are parked.", ["In the north two trucks are parked"]),
         ("A truck. A rdar vehicle.", ["A rdar vehicle"]),
+        ("A shed. Two women are missing.", ["Two women are missing"]),
         ("A car. One enemy mobile radar.", ["One enemy mobile radar"]),
         ("A car. Fly at 60 m. No, sorry, 70 m.", ["Fly at 60 m", "No", "sorry", "70 m"]),
         ("Good morning. Light rain. Hello.", []),
