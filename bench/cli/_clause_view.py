@@ -13,8 +13,8 @@ STATUS_COLUMNS = 16
 MIN_COLUMNS = 60
 """Narrower terminals wrap lines themselves."""
 SHOWN_FIELDS = 6
-_IDENTITY = (".id", ".asset", ".role")
-"""Fields of a group that its first word says; `count` stands for them in the view."""
+_IDENTITY = (".asset", ".role")
+"""Fields of a group that stand beside its `count` in the view."""
 
 
 def clause_lines(result: BaseSimSpec, columns: int) -> Iterator[str]:
@@ -58,10 +58,25 @@ def field_summary(clause: ClauseReading, values: dict[str, Any]) -> str:
     """
     if clause.status == "check" and not clause.fields:
         return "nothing"
-    told = [path for path in clause.fields if not path.endswith(_IDENTITY)]
-    parts = [f"{_short_path(path)} {_value(values, path)}" for path in told[:SHOWN_FIELDS]]
+    told = [
+        path
+        for path in clause.fields
+        if not path.endswith(".id")
+        and not (path.endswith(_IDENTITY) and f"{path.rpartition('.')[0]}.count" in clause.fields)
+    ]
+    parts = [
+        f"{_short_path(path)} {_value(values, path)}{_identity(values, path)}" for path in told[:SHOWN_FIELDS]
+    ]
     more = [f"and {len(told) - SHOWN_FIELDS} more"] if len(told) > SHOWN_FIELDS else []
     return ", ".join([*parts, *more])
+
+
+def _identity(values: dict[str, Any], path: str) -> str:
+    """Asset and role of a group beside its count, since both may be read wrongly."""
+    group, _, field = path.rpartition(".")
+    if field != "count" or f"{group}.asset" not in values:
+        return ""
+    return f" {values[f'{group}.asset']} ({values[f'{group}.role']})"
 
 
 def _short_path(path: str) -> str:

@@ -16,6 +16,7 @@ from importlib import resources
 
 from .language._phrases import Phrase
 from .language._tokens import Word
+from .language._vocabulary import EventForm, RuleForm
 from .ledger._clauses import is_stop
 
 _RETRACTIONS = frozenset(
@@ -33,9 +34,6 @@ _RETRACTIONS = frozenset(
     ]
 )
 """Words that may take back what was said just before them, also in the sentence before."""
-
-_NEAR_ASSETS = frozenset(["man", "men", "woman", "women"])
-"""Words for whom the catalogue has an asset, and which are read as the general civilian."""
 
 Shape = tuple[str, ...]
 """The kinds of the items of a sentence, without filler words."""
@@ -60,9 +58,7 @@ def controlled(items: Sequence[Phrase | Word], words: Sequence[Word]) -> list[bo
     unusual = {
         bisect.bisect_right(stops, word.span.start)
         for word in words
-        if word.mended
-        or (word.filler and word.text.lower() not in language.fillers)
-        or word.text.lower() in _NEAR_ASSETS
+        if word.mended or (word.filler and word.text.lower() not in language.fillers)
     }
     for word in words:
         if word.text.lower() in _RETRACTIONS:
@@ -96,9 +92,17 @@ def shapes_of(items: Sequence[Phrase | Word]) -> list[Shape]:
     return [tuple(shape) for shape in shapes]
 
 
+def _form_name(form: RuleForm | EventForm) -> str:
+    if isinstance(form, EventForm):
+        return form.kind
+    return form.window or "+".join(name.rpartition(".")[2] for name in form.sets)
+
+
 def _kinds(item: Phrase | Word) -> list[str]:
     if isinstance(item, Phrase):
-        return [item.rule]
+        # Rules and events are read in any wording, so their kind says what they set.
+        forms = [part.value for part in item.leaves if isinstance(part.value, RuleForm | EventForm)]
+        return [":".join([item.rule, *map(_form_name, forms)])]
     if item.filler:
         return []
     # An unknown word is its own kind, so that no sentence with one is controlled.

@@ -27,6 +27,18 @@ class AssetWords(Document):
     asset: Identifier
     role: Role
     words: Words
+    kinds: Annotated[
+        dict[Identifier, Words],
+        Field(description="Assets that some of these words name more exactly, each with its words."),
+    ] = {}
+
+    def named_by(self, noun: str) -> str:
+        """The asset that a noun of `words` names."""
+        noun = " ".join(noun.lower().split())
+        return next(
+            (asset for asset, words in self.kinds.items() if any(noun in _plurals(word) for word in words)),
+            self.asset,
+        )
 
 
 class WeatherWords(Document):
@@ -280,7 +292,8 @@ def load_vocabulary(extra: Path | str | None = None) -> Vocabulary:
         fault
         for document in documents
         for name, entry in document.assets.items()
-        if (fault := asset_fault(f"{extra}: assets.{name}.asset", entry.asset))
+        for asset in (entry.asset, *entry.kinds)
+        if (fault := asset_fault(f"{extra}: assets.{name}", asset))
     ]
     known = set(documents[-1].assets) | set(documents[0].assets)
     faults += [

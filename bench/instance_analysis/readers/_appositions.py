@@ -18,8 +18,9 @@ _GENDERED = frozenset(["man", "woman", "boy", "girl", "lady", "gentleman", "male
 """Nouns of which one person has one: `a man, a woman` are two."""
 _GOES_ON = re.compile(r"\s*(?:,?\s*and\b|,\s*(?:an?|one|two|three|four|five|\d+)\b)", re.IGNORECASE)
 """What follows a noun inside a list: `a civilian, a child and a dog`."""
-_PAIR = re.compile(r"\s+and\s+an?\s+[\w-]+(?=\s*(?:[.;:)\n]|$))", re.IGNORECASE)
-"""The rest of `a man and a woman` at the end of what is said."""
+_NUMBERS = {"a": 1, "an": 1, "one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6}
+_PAIR = re.compile(rf"\s+and\s+({'|'.join(_NUMBERS)}|\d)\s+[\w-]+(?=\s*(?:[.;:)\n]|$))", re.IGNORECASE)
+"""The rest of `a man and two women` at the end of what is said, with its number."""
 _VERB = re.compile(
     r"\b(?:stands?|stood|is|are|was|were|lies?|sits?|waits?|shall|must|remains?|stays?|walks?|drives?|moves?|and|or|with|near)\b",
     re.IGNORECASE,
@@ -43,7 +44,7 @@ class AppositionReader:
         return True
 
     def _is_pair(self, phrase: Phrase) -> bool:
-        """Whether `a man and a woman` tells who two persons are that the sentence has named; else it is asked."""
+        """Whether `a man and two women` tells who the three persons are that the sentence has named; else it is asked."""
         draft, groups = self._draft, self._groups
         before = draft.text[: phrase.span.start].rstrip()
         pair, asset = _PAIR.match(draft.text, phrase.span.end), phrase.first("ASSET")
@@ -52,20 +53,27 @@ class AppositionReader:
         if groups.vocabulary.assets[str(asset.value)].asset not in PERSONS:
             return False
         subject = groups.subject if groups.in_sentence else []
-        two = len(subject) == 1 and groups.asset(subject[0]) in PERSONS and groups.total(subject[0]) == 2
-        unread = None if two else self._unread.named_in_clause_before(len(before) - 1)
-        if not two and unread is None:
+        number = _NUMBERS.get(pair[1].lower()) or int(pair[1])
+        count = phrase.first("COUNT")
+        if count is not None and isinstance(count.value, Quantity) and count.value.single:
+            number += int(count.value.low)
+        known = (
+            len(subject) == 1 and groups.asset(subject[0]) in PERSONS and groups.total(subject[0]) == number
+        )
+        unread = None if known else self._unread.named_in_clause_before(len(before) - 1)
+        if not known and unread is None:
             return False
-        said_of = f"the same as {subject[0]!r} before" if two else "what is not read: leave it out"
+        said_of = f"the same as {subject[0]!r} before" if known else "what is not read: leave it out"
         answers = [(said_of, True), ("others", False)]
-        if not two:
+        if not known:
             answers.reverse()
         span = Span(phrase.span.start, pair.end())
         same = answers[draft.ask(span, "who is this?", [name for name, _ in answers])][1]
         if same:
             self._pair_until = pair.end()
             draft.references.append(phrase.span)
-            if not two:
+            draft.acknowledge(span)
+            if not known:
                 draft.unread(span, "it is said of something that is not read", expressible=True)
         return same
 
@@ -104,11 +112,13 @@ class AppositionReader:
 
     def _describe(self, head: str, name: str, phrase: Phrase) -> None:
         """Let the second noun say who the person is, where the first one says less."""
-        draft, words = self._draft, self._groups.vocabulary.assets[name]
-        if self._groups.kinds[head] != "civilian" or name == "civilian":
+        draft, words, asset = self._draft, self._groups.vocabulary.assets[name], phrase.first("ASSET")
+        if self._groups.kinds[head] != "civilian" or asset is None:
             return
         self._groups.kinds[head] = name
-        described = {"asset": words.asset}
+        described = {"asset": words.named_by(draft.quote(asset.span))}
+        if described["asset"] == "civilian":
+            return
         if self._groups.role(head) is Role.BYSTANDER:
             described["role"] = str(words.role)
         for field, value in described.items():

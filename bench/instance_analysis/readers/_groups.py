@@ -92,7 +92,7 @@ class GroupRegister:
         """What is left of the group that was divided last."""
 
     def asset(self, group: str) -> str:
-        return self.vocabulary.assets[self.kinds[group]].asset
+        return str(self.draft.entries["actors", group, "asset"].value)
 
     def role(self, group: str) -> Role:
         return Role(self.draft.entries["actors", group, "role"].value)
@@ -187,7 +187,11 @@ class GroupRegister:
             self.subject_is_mission = True
             return []
         count, none = self._number_in(phrase), phrase.first("NONE")
-        known = [group for group, asset in self.kinds.items() if asset == name]
+        known = [
+            group
+            for group, asset in self.kinds.items()
+            if asset == name and not self._contradicts(group, phrase)
+        ]
         if phrase.has("SOUGHT"):
             known = [group for group in known if self.role(group) is Role.SOUGHT]
         if phrase.rule == "group" and (nth := phrase.first("NTH")):
@@ -317,6 +321,18 @@ class GroupRegister:
             readings.reverse()
         return readings[self.draft.ask(span, "who is this?", [name for name, _ in readings])][1]
 
+    def _contradicts(self, group: str, phrase: Phrase) -> bool:
+        """Whether a noun names an asset that a group of the same vocabulary entry is not: `the women` are not `two men`."""
+        words = self.vocabulary.assets[self.kinds[group]]
+        exact = {
+            asset for asset in (self.asset(group), words.named_by(self._noun(phrase))) if asset in words.kinds
+        }
+        return len(exact) > 1
+
+    def _noun(self, phrase: Phrase) -> str:
+        asset = phrase.first("ASSET")
+        return self.draft.quote(asset.span) if asset else ""
+
     def _number_in(self, phrase: Phrase) -> Part | None:
         """The number of members that a phrase gives: the last one, as in `a squad of nine`."""
         counts = phrase.every("COUNT")
@@ -416,7 +432,7 @@ class GroupRegister:
             self.convoys.append(group)
         put = self.draft.put
         put(("actors", group, "id"), group, span)
-        put(("actors", group, "asset"), words.asset, span)
+        put(("actors", group, "asset"), words.named_by(self._noun(phrase)), span)
         put(("actors", group, "role"), str(words.role), span)
         if phrase.rule == "group" and (per := phrase.first("PERAREA")):
             if count is None:
@@ -469,12 +485,15 @@ class GroupRegister:
             phrase.span,
             Part("COUNT", Quantity("COUNT", number, number), phrase.span),
         )
+        self.draft.forget(("actors", part, "asset"))
+        if asset is not None:
+            exact = self.vocabulary.assets[name].named_by(self.draft.quote(asset.span))
+            self.draft.put(("actors", part, "asset"), exact, asset.span)
         for field, entry in list(self.draft.entries.items()):
             if field[:2] == path[:2] and field[2] not in (
                 "id",
                 "count",
-                "asset",
-                *(["role"] if asset else []),
+                *(["role", "asset"] if asset else []),
             ):
                 self.draft.put(("actors", part, *field[2:]), entry.value, entry.span, entry.note)
         self.draft.forget(path)

@@ -12,7 +12,7 @@ import math
 import sys
 from typing import Any
 
-from logbook import apart, distance_m, place, run_chapters
+from logbook import apart, distance_m, place, refused_in_time, run_chapters
 from pymavlink_talk import Item, Talk, mavlink
 
 HEIGHT_M = 8.0
@@ -86,8 +86,11 @@ class Flight:
         )
 
     def early(self) -> dict[str, Any]:
+        """Arming before the vehicle is ready."""
         takeoff = self.talk.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, HEIGHT_M)
-        return {"arm": self.arm(), "takeoff": takeoff, "texts": self.talk.texts}
+        arm = self.arm()
+        refused_in_time("ACCEPTED" not in arm)
+        return {"arm": arm, "takeoff": takeoff, "texts": self.talk.texts}
 
     def parameters(self) -> dict[str, Any]:
         stored = self.talk.parameter("RTL_ALT").param_value
