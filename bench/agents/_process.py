@@ -158,7 +158,10 @@ def environment_of(plan: AgentPlan, home: str) -> dict[str, str]:
     environment |= dict(ends.mavlink) | dict(ends.services) | stated
     if ends.warp is not None:
         # Before the libraries that the agent preloads itself: of two functions of one name the first counts.
-        preloaded = [f"{home}/{ends.warp.library.name}", environment.get("LD_PRELOAD", "")]
+        # A box has a home of its own, whose name needs no link; without one the agent lives in its folder on the host.
+        link = ends.warp.link if home == str(plan.scratch) else None
+        library = str(link or f"{home}/{ends.warp.library.name}")
+        preloaded = [library, environment.get("LD_PRELOAD", "")]
         environment |= {
             "LD_PRELOAD": ":".join(filter(None, preloaded)),
             "REBAR_WARP_CLOCK": f"{home}/{ends.warp.clock.name}",

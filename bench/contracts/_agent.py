@@ -109,12 +109,14 @@ class WarpAccess:
     """The files by which the clock of an agent is the session's: the library that is preloaded into it, the clock that this
     reads (REBAR_WARP_CLOCK) and the page in which it writes who waits until when (REBAR_WARP_WAITERS).
 
-    All three lie in the agent's scratch folder on the host.
+    All three lie in the agent's scratch folder on the host. `link` leads to the library where that folder's name has a space
+    or a colon, at which LD_PRELOAD is split; None where it has neither.
     """
 
     library: Path
     clock: Path
     waiters: Path
+    link: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,14 +46,20 @@ def flown(folder: Path, manifest: AgentManifest, spec: SimSpec) -> tuple[Session
     return end, log.read_text().splitlines() if log.exists() else []
 
 
-@pytest.mark.parametrize("isolation", ["none", "landlock", "bwrap"])
+# LD_PRELOAD is split at spaces and colons. Under `bwrap` the agent sees another folder than the host's.
+@pytest.mark.parametrize(
+    ("isolation", "folder"),
+    [("none", "plain"), ("none", "a space"), ("landlock", "a space:a colon"), ("bwrap", "a space")],
+)
 def test_the_clock_of_an_agent_is_the_session_clock_on_every_rung(
-    isolation: Isolation, tmp_path: Path
+    isolation: Isolation, folder: str, tmp_path: Path
 ) -> None:
     """Its sleeps, threads and children last as long as they should to the microsecond, whatever the host does."""
     if reason := rungs()[isolation].trial():
         pytest.skip(f"{isolation} cannot start here: {reason}")
-    end, lines = flown(tmp_path, manifest_of("{python}", "-c", SLEEPER, isolation=isolation), warped(3.0))
+    home = tmp_path / folder
+    home.mkdir()
+    end, lines = flown(home, manifest_of("{python}", "-c", SLEEPER, isolation=isolation), warped(3.0))
     started, *spans = lines
     assert started == Environment().start_utc.isoformat()
     assert spans[:4] == ["0.123000", "0.246000", "0.369000", "0.619000"]

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import shutil
+import tempfile
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from bench.contracts import Outcome, ProcessRoot, SimTime, WarpAccess
+from bench.errors import Fault, SetupError
 
 from .._agent_time import AgentTime
 from .._host_clock import HostClock
 from .._stop_session import StopSession
-from ._library import built_library, library_digest
+from ._library import FIELD, built_library, library_digest
 from ._pages import START_NS, WarpPages, make_pages
 from ._programs import Programs
 from ._threads import ProcessThreads
 
 CLOCK_FILE, WAITERS_FILE, LIBRARY_FILE = "warp-clock", "warp-waiters", "librebar-warp.so"
+# Of ld.so(8): LD_PRELOAD has no way to quote them.
+PRELOAD_SEPARATORS = frozenset(" :")
 # Moments for which the agent waits are rounded up to this: programs that sleep for microseconds in a loop would otherwise
 # stop the session at each of them. Chosen: below what any of the paces' steps shows.
 GRAIN_NS = 1_000_000
@@ -211,15 +215,37 @@ class Warp:
 def open_warp(scratch: Path, utc_ns: int, clock: HostClock) -> Generator[Warp]:
     """The pages and the library of one session, in the agent's folder.
 
-    Raises SetupError where the library cannot be had.
+    Raises SetupError where the library cannot be had, or not be named in LD_PRELOAD.
     """
     scratch.mkdir(parents=True, exist_ok=True)
-    access = WarpAccess(scratch / LIBRARY_FILE, scratch / CLOCK_FILE, scratch / WAITERS_FILE)
+    library = scratch / LIBRARY_FILE
     # Not bound from the cache: the agent may be a user who cannot look into ours.
-    shutil.copyfile(built_library(), access.library)
-    access.library.chmod(0o755)
-    warp = Warp(make_pages(access.clock, access.waiters, utc_ns), access, clock)
-    try:
-        yield warp
-    finally:
-        warp.close()
+    shutil.copyfile(built_library(), library)
+    library.chmod(0o755)
+    with _preloadable(library) as link:
+        access = WarpAccess(library, scratch / CLOCK_FILE, scratch / WAITERS_FILE, link)
+        warp = Warp(make_pages(access.clock, access.waiters, utc_ns), access, clock)
+        try:
+            yield warp
+        finally:
+            warp.close()
+
+
+@contextmanager
+def _preloadable(library: Path) -> Generator[Path | None]:
+    """A link to the library whose name the dynamic linker reads as one; None where the library's own name is such."""
+    if not PRELOAD_SEPARATORS.intersection(str(library)):
+        yield None
+        return
+    parent = next(
+        (name for name in (tempfile.gettempdir(), "/tmp") if not PRELOAD_SEPARATORS.intersection(name)), None
+    )
+    if parent is None:
+        what = f"LD_PRELOAD cannot name {library}: it has a space or a colon, and so has the folder of temporary files"
+        raise SetupError(Fault(FIELD, what, "write into another folder (--out), or fly with --pace realtime"))
+    with tempfile.TemporaryDirectory(prefix="rebar-warp-", dir=parent) as folder:
+        # An agent under Landlock may be another user. What it may read is decided where the link leads to.
+        Path(folder).chmod(0o711)
+        link = Path(folder, LIBRARY_FILE)
+        link.symlink_to(library)
+        yield link

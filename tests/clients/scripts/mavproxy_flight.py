@@ -34,12 +34,15 @@ class Console:
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, bufsize=1,
         )  # fmt: skip
         self.lines: queue.Queue[str] = queue.Queue()
+        self.detected = threading.Event()
         threading.Thread(target=self._read, daemon=True).start()
 
     def _read(self) -> None:
         assert self.process.stdout
         for line in self.process.stdout:
             self.lines.put(line.rstrip())
+            if "Detected vehicle" in line:
+                self.detected.set()
 
     def type(self, line: str) -> None:
         assert self.process.stdin
@@ -92,6 +95,9 @@ class Flight:
 
     def ready(self) -> tuple[float, float]:
         """Where it stands, once arming is granted in GUIDED; armed."""
+        # Until MAVProxy knows the vehicle it takes the numbers of modes from a plane's table: GUIDED is AUTOTUNE then.
+        if not self.console.detected.wait(PATIENCE_S):
+            sys.exit("no vehicle was detected")
         self.console.ask("mode guided", r"Mode GUIDED|GUIDED>")
         end = time.monotonic() + PATIENCE_S
         while self.console.ask("arm throttle", r"COMPONENT_ARM_DISARM: (\w+)") != "ACCEPTED":
@@ -107,7 +113,8 @@ class Flight:
         return start
 
     def down(self, start: tuple[float, float]) -> float:
-        self.console.expect(r"^DISARMED")
+        # At the pace of real time the way home from 17 m and a height of 15 m takes more than the usual 30 s.
+        self.console.expect(r"^DISARMED", PATIENCE_S)
         return distance_m(start, self.here())
 
     def early(self) -> dict[str, Any]:
