@@ -8,6 +8,7 @@ import math
 import os
 import re
 import statistics
+import struct
 import time
 from collections.abc import Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager
@@ -15,13 +16,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from board_stand_in import INT32, Board
+from board_stand_in import INT32, REAL32, Board
 from serial_cable import Cable
 from vehicle_client import Client, mavlink, simspec
 
 from bench.contracts import LinkSpec, VehiclePlan
 from bench.errors import FirmwareFault, SetupError
 from vehicle_models.firmware import Budgets, FirmwareX500, open_firmware_x500
+from vehicle_models.firmware._agent_parameters import MAX_PARAMETERS
 from vehicle_models.firmware._line_budget import frame_bytes, plan_line
 
 HEIGHT_M = 2.0
@@ -54,6 +56,7 @@ def opened(
     *,
     boot_s: float = 1.0,
     artefacts: Path | None = None,
+    simulation_control: bool = False,
     **autopilot: Any,
 ) -> Generator[FirmwareX500]:
     document = {
@@ -63,7 +66,8 @@ def opened(
         "boot_s": boot_s,
         **autopilot,
     }
-    spec = simspec(vehicle={"autopilot": document, "simulation_control": False}, pace={"mode": "realtime"})
+    vehicle_spec = {"autopilot": document, "simulation_control": simulation_control}
+    spec = simspec(vehicle=vehicle_spec, pace={"mode": "realtime"})
     links = (LinkSpec("onboard", "udp_out", port=client.port),) if client else ()
     budgets = Budgets(connect_s=8.0, clock=board.clock())
     with open_firmware_x500(VehiclePlan(spec, links, artefacts=artefacts), budgets=budgets) as vehicle:
@@ -291,6 +295,11 @@ def test_a_bench_that_was_killed_puts_back_at_its_next_start(cable: Cable, home:
         assert parameter(board, "HIL_ACT_FUNC3") == 103
     assert board.parameters == before
     assert list(home.iterdir()) == []
+    # A damaged note is no reason to go on: it may be all that is known of the board.
+    note.write_text(noted[:-5])
+    with opened(board) as vehicle, pytest.raises(SetupError, match=r"cannot be read.*then remove the file"):
+        vehicle.boot()
+    assert board.parameters == before
     # One that it does not take back is told, and the note stays for whoever mends it.
     board.parameters, board.refused_parameters = dict(changed), frozenset({"HIL_ACT_FUNC2"})
     note.write_text(noted)
@@ -336,6 +345,75 @@ def test_streams_that_do_not_fit_are_refused_with_the_reason(cable: Cable, clien
     assert any("stays at 100 Hz" in text for text in texts)
     assert "HIL_ACT_FUNC1 is not set over the bench" in texts
     assert board.intervals_s[32] == pytest.approx(0.2)
+
+
+def test_what_agents_set_on_a_board_is_put_back(
+    cable: Cable, client: Client, home: Path, tmp_path: Path
+) -> None:
+    """A parameter that the bench has never read, one that it has, and one that the board does not have."""
+    board = Board(cable)
+    board.parameters |= {"MPC_Z_VEL_MAX_UP": (3.0, REAL32), "COM_RC_IN_MODE": (1, INT32)}
+    original = dict(board.parameters)
+    with opened(
+        board, client, boot_s=0.2, artefacts=tmp_path / "kept", parameters={"COM_RC_IN_MODE": 4}
+    ) as vehicle:
+        vehicle.boot()
+        step(vehicle, board, 0.1, client)
+        client.received.clear()
+        for name, wire, kind in (
+            (b"MPC_Z_VEL_MAX_UP", 9.0, REAL32),
+            (b"MPC_XY_CRUISE", 7.0, REAL32),
+            (b"NONE", 1.0, REAL32),
+        ):
+            client.send(mavlink.MAVLink_param_set_message(1, 1, name, wire, kind))
+        step(vehicle, board, 0.3, client)
+        assert (parameter(board, "MPC_Z_VEL_MAX_UP"), parameter(board, "MPC_XY_CRUISE")) == (9.0, 7.0)
+        # Noted before the change, in case that the bench is killed.
+        (note,) = home.iterdir()
+        assert json.loads(note.read_text())["MPC_Z_VEL_MAX_UP"] == [3.0, REAL32]
+        # The agent is not told the former value, which would look like a refusal.
+        answers = [
+            (message.param_id, message.param_value)
+            for message in client.received
+            if message.get_type() == "PARAM_VALUE"
+        ]
+        assert answers == [("MPC_Z_VEL_MAX_UP", 9.0), ("MPC_XY_CRUISE", 7.0)]
+    assert board.parameters == original
+    assert (
+        json.loads((tmp_path / "kept" / "board-parameters-before.json").read_text())["MPC_XY_CRUISE"] == 5.0
+    )
+
+
+def test_agents_leave_nothing_else_on_a_board(cable: Cable, client: Client) -> None:
+    """Files, signing keys, calibrations and a reset of all parameters are refused and answered, whoever asks."""
+    board = Board(cable)
+    commands = (
+        mavlink.MAV_CMD_PREFLIGHT_STORAGE,
+        mavlink.MAV_CMD_PREFLIGHT_CALIBRATION,
+        mavlink.MAV_CMD_DO_START_MAG_CAL,
+    )
+    open_to_write = struct.pack("<HBBBBBBI", 7, 0, 11, 6, 0, 0, 0, 0) + b"params"
+    with opened(board, client, boot_s=0.2, simulation_control=True) as vehicle:
+        vehicle.boot()
+        step(vehicle, board, 0.1, client)
+        board.heard.clear()
+        for command in commands:
+            client.command(command, 2.0)
+        client.send(mavlink.MAVLink_setup_signing_message(1, 1, [1] * 32, 5))
+        client.send(
+            mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, list(open_to_write.ljust(251, b"\0")))
+        )
+        for number in range(MAX_PARAMETERS + 1):
+            client.send(mavlink.MAVLink_param_set_message(1, 1, f"P{number}".encode(), 1.0, REAL32))
+        step(vehicle, board, 0.2, client)
+        assert [message for message in board.heard if message.get_type() != "COMMAND_LONG"] == []
+        assert not {message.command for message in board.heard} & set(commands)
+    denied = {m.command: m.result for m in client.received if m.get_type() == "COMMAND_ACK"}
+    assert [denied[command] for command in commands] == [2, 2, 2]
+    (answer,) = (m for m in client.received if m.get_type() == "FILE_TRANSFER_PROTOCOL")
+    assert (answer.payload[3], answer.payload[12]) == (129, 9)
+    assert "SETUP_SIGNING is not done over the bench" in client.texts()
+    assert f"P{MAX_PARAMETERS}: over {MAX_PARAMETERS} parameters a session" in client.texts()
 
 
 def test_the_budget_of_a_line_adds_up() -> None:

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from bench.errors import Fault, FirmwareFault, SetupError
 
 from ..controller.links._enums import MAV_CMD
-from ..controller.links._frames import Packer, message_id, sender
+from ..controller.links._frames import Packer, message_id, payload_of, sender
 from ..controller.links._serial import SequenceReader, SerialDevice
 from ._airframe import parameter_text
 from ._pace import LineClock
 
-_HEARTBEAT, _PARAM_REQUEST_READ, _PARAM_VALUE, _PARAM_SET, _COMMAND_LONG = 0, 20, 22, 23, 76
+_HEARTBEAT, _PARAM_REQUEST_READ, PARAM_VALUE, _PARAM_SET, _COMMAND_LONG = 0, 20, 22, 23, 76
 _AUTOPILOT_COMPONENT, _MAV_AUTOPILOT_PX4 = 1, 12
 _MAV_TYPE_GENERIC, _MAV_AUTOPILOT_INVALID, _MAV_STATE_ACTIVE = 0, 8, 4
 _HIL_FLAG, _ARMED_FLAG = 0x20, 0x80
@@ -134,11 +134,15 @@ class BoardLine:
         """Ask for a parameter; None where the board does not have it."""
         for _ in range(_PARAMETER_TRIES):
             self.state.parameters.pop(name, None)
-            values = (-1, self.state.system, _AUTOPILOT_COMPONENT, name.encode())
-            self.device.send(self._pack(_PARAM_REQUEST_READ, values))
+            self.device.send(self.read_request(name))
             if self._wait(lambda: name in self.state.parameters, _PARAMETER_ANSWER_S):
                 return self.state.parameters[name]
         return None
+
+    def read_request(self, name: str) -> bytes:
+        """A PARAM_REQUEST_READ to the autopilot."""
+        values = (-1, self.state.system, _AUTOPILOT_COMPONENT, name.encode())
+        return self._pack(_PARAM_REQUEST_READ, values)
 
     def set_parameter(self, name: str, value: float, kind: int) -> bool:
         """Set a parameter; whether the board confirms the value."""
@@ -204,21 +208,25 @@ class BoardLine:
         if frame[0] != 0xFD or sender(frame)[1] != _AUTOPILOT_COMPONENT:
             return
         number = message_id(frame)
-        payload = frame[10 : 10 + frame[1]]
         if number == _HEARTBEAT:
-            _, _, autopilot, base_mode, _, _ = _BEAT.unpack(payload[: _BEAT.size].ljust(_BEAT.size, b"\0"))
+            _, _, autopilot, base_mode, _, _ = _BEAT.unpack(payload_of(frame, _BEAT.size))
             state = self.state
             state.heard_s, state.system, state.autopilot = self.clock.now(), sender(frame)[0], autopilot
             state.in_simulation, state.armed = bool(base_mode & _HIL_FLAG), bool(base_mode & _ARMED_FLAG)
-        elif number == _PARAM_VALUE:
-            value, _, _, name, kind = _VALUE.unpack(payload[: _VALUE.size].ljust(_VALUE.size, b"\0"))
-            text = name.rstrip(b"\0").decode("ascii", "replace")
-            self.state.parameters[text] = BoardParameter(_off_wire(value, kind), kind)
+        elif number == PARAM_VALUE:
+            value, _, _, _, kind = _VALUE.unpack(payload_of(frame, _VALUE.size))
+            self.state.parameters[value_name(frame)] = BoardParameter(_off_wire(value, kind), kind)
 
     def _pack(self, number: int, values: tuple[object, ...]) -> bytes:
         frame = self._packer.pack(number, self._sequence, values)
         self._sequence = (self._sequence + 1) & 0xFF
         return frame
+
+
+def value_name(frame: bytes) -> str:
+    """The name in a PARAM_VALUE."""
+    _, _, _, name, _ = _VALUE.unpack(payload_of(frame, _VALUE.size))
+    return str(name.rstrip(b"\0").decode("ascii", "replace"))
 
 
 def _on_wire(value: float, kind: int) -> float:

@@ -8,37 +8,19 @@ from __future__ import annotations
 
 import struct
 
-from ..controller.files._ftp import FtpOpcode
-from ..controller.links._frames import Packer, message_id, sender
+from ..controller.links._enums import MAV_CMD
+from ..controller.links._frames import message_id, payload_of
+from ._file_guard import FILE_TRANSFER_PROTOCOL, file_refusal
 
-_PARAM_SET, _COMMAND_INT, _COMMAND_LONG, _FILE_TRANSFER_PROTOCOL, _SERIAL_CONTROL = 23, 75, 76, 110, 126
-_PREFLIGHT_REBOOT_SHUTDOWN, _INJECT_FAILURE = 246, 420
+PARAM_SET, COMMAND_INT, COMMAND_LONG, _SERIAL_CONTROL = 23, 75, 76, 126
 # HIL_STATE, HIL_CONTROLS, HIL_RC_INPUTS_RAW, HIL_ACTUATOR_CONTROLS, HIL_SENSOR, HIL_GPS, HIL_OPTICAL_FLOW,
 # HIL_STATE_QUATERNION.
 _SIMULATOR_MESSAGES = frozenset({90, 91, 92, 93, 107, 113, 114, 115})
 _SIMULATION_PARAMETERS = (b"SIM_", b"SIH_", b"SYS_FAILURE_EN", b"SYS_HITL")
-# Where they stand in the payload: the command behind seven parameters, the name behind value, system and component, the
-# file transfer behind network, system and component.
-_COMMAND_AT, _NAME_AT, _TRANSFER_AT = 28, 6, 3
-# MAVLink FTP: sequence, session, opcode, size, requested opcode, burst complete, padding, offset; then data.
-_TRANSFER = struct.Struct("<HBBBBBBI")
-_TRANSFER_BYTES = 251
-# By these an agent could set any parameter (ArduPilot: @PARAM/param.pck; PX4: the file of its parameters) or put a start
-# script in place. A session to write begins with one of them; plans are uploaded to virtual files of ArduPilot.
-_WRITING = frozenset(
-    {
-        FtpOpcode.CREATE,
-        FtpOpcode.REMOVE,
-        FtpOpcode.MAKE_FOLDER,
-        FtpOpcode.REMOVE_FOLDER,
-        FtpOpcode.OPEN_WRITE,
-        FtpOpcode.TRUNCATE,
-        FtpOpcode.RENAME,
-    }
-)
-_PLANS = (b"@MISSION/", b"@FENCE/", b"@RALLY/")
-_FILE_PROTECTED = 9
-_AUTOPILOT_COMPONENT = 1
+# The first parameter of PREFLIGHT_STORAGE. Others load or reset all parameters, those of the simulation too.
+_SAVE_PARAMETERS = 1.0
+# In the payload: the command behind seven parameters, the name behind value, system and component.
+_COMMAND_AT, _NAME_AT, _NAME_BYTES = 28, 6, 16
 
 
 class Gate:
@@ -51,25 +33,7 @@ class Gate:
 
     def admits(self, frame: bytes) -> bool:
         """Whether a whole frame may go to the autopilot."""
-        number = message_id(frame)
-        head = 10 if frame[0] == 0xFD else 6
-        if number in (_COMMAND_LONG, _COMMAND_INT):
-            (command,) = struct.unpack(
-                "<H", frame[head + _COMMAND_AT : head + _COMMAND_AT + 2].ljust(2, b"\0")
-            )
-            withheld = command == _PREFLIGHT_REBOOT_SHUTDOWN or (
-                command == _INJECT_FAILURE and not self._simulation_control
-            )
-        elif number == _SERIAL_CONTROL:
-            # A shell on the autopilot can do all of the above.
-            withheld = True
-        elif number == _PARAM_SET:
-            name = frame[head + _NAME_AT : head + _NAME_AT + 16]
-            withheld = name.startswith(_SIMULATION_PARAMETERS) and not self._simulation_control
-        elif number == _FILE_TRANSFER_PROTOCOL:
-            withheld = not self._simulation_control and self._writes(frame, head)
-        else:
-            withheld = number in _SIMULATOR_MESSAGES and not self._simulation_control
+        withheld = _ends_program(frame) or (not self._simulation_control and self._changes_simulation(frame))
         self.refused += withheld
         return not withheld
 
@@ -80,17 +44,40 @@ class Gate:
         answers, self._answers = self._answers, []
         return answers
 
-    def _writes(self, frame: bytes, head: int) -> bool:
-        """Whether a file transfer changes files of the autopilot that are no plans; it is answered then."""
-        payload = frame[head : head + frame[1]].ljust(_TRANSFER_AT + _TRANSFER_BYTES, b"\0")
-        sequence, session, opcode, size, *_ = _TRANSFER.unpack_from(payload, _TRANSFER_AT)
-        data_at = _TRANSFER_AT + _TRANSFER.size
-        if opcode not in _WRITING or payload[data_at : data_at + size].startswith(_PLANS):
-            return False
-        refusal = _TRANSFER.pack((sequence + 1) & 0xFFFF, session, FtpOpcode.NAK, 1, opcode, 0, 0, 0)
-        content = (refusal + bytes([_FILE_PROTECTED])).ljust(_TRANSFER_BYTES, b"\0")
-        system, component = sender(frame)
-        # The autopilot that was asked: its system stands behind the network in the payload.
-        packer = Packer(payload[1] or 1, _AUTOPILOT_COMPONENT)
-        self._answers.append(packer.pack(_FILE_TRANSFER_PROTOCOL, 0, (0, system, component, *content)))
-        return True
+    def _changes_simulation(self, frame: bytes) -> bool:
+        number = message_id(frame)
+        if number in (COMMAND_LONG, COMMAND_INT):
+            return command_of(frame) == MAV_CMD.INJECT_FAILURE or replaces_parameters(frame)
+        if number == PARAM_SET:
+            # ArduPilot finds the end of a name in either case.
+            return parameter_name(frame).upper().startswith(_SIMULATION_PARAMETERS)
+        if number == FILE_TRANSFER_PROTOCOL and (answer := file_refusal(frame)):
+            self._answers.append(answer)
+            return True
+        return number in _SIMULATOR_MESSAGES
+
+
+def command_of(frame: bytes) -> int:
+    """The MAV_CMD in a COMMAND_LONG or COMMAND_INT."""
+    command: int
+    (command,) = struct.unpack_from("<H", payload_of(frame, _COMMAND_AT + 2), _COMMAND_AT)
+    return command
+
+
+def replaces_parameters(frame: bytes) -> bool:
+    """Whether a COMMAND_LONG or COMMAND_INT loads or resets all parameters."""
+    (action,) = struct.unpack("<f", payload_of(frame, 4))
+    return command_of(frame) == MAV_CMD.PREFLIGHT_STORAGE and action != _SAVE_PARAMETERS
+
+
+def parameter_name(frame: bytes) -> bytes:
+    """The name in a PARAM_SET."""
+    return payload_of(frame, _NAME_AT + _NAME_BYTES)[_NAME_AT:].split(b"\0")[0]
+
+
+def _ends_program(frame: bytes) -> bool:
+    number = message_id(frame)
+    if number in (COMMAND_LONG, COMMAND_INT):
+        return command_of(frame) == MAV_CMD.PREFLIGHT_REBOOT_SHUTDOWN
+    # A shell on the autopilot can do all of this.
+    return number == _SERIAL_CONTROL

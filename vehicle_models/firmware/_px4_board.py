@@ -21,6 +21,7 @@ from ..controller.links._enums import MAV_CMD
 from ..controller.links._frames import message_id
 from ..controller.links._serial import SerialDevice
 from ..x500 import ROTORS
+from ._agent_parameters import AgentParameters
 from ._airframe import board_parameters
 from ._board_gate import BoardGate
 from ._board_line import BoardLine
@@ -101,9 +102,13 @@ class Px4BoardKind:
                     f"changed: set them as in {memory.path}, and remove that file"
                 )
             former = line.differing(wanted)
-            memory.save(former)
-            values = {name: held.value for name, held in former.items()}
-            (plan.folder / PARAMETERS_FILE).write_text(json.dumps(values, indent=1))
+
+            def keep() -> None:
+                memory.save(former)
+                values = {name: held.value for name, held in former.items()}
+                (plan.folder / PARAMETERS_FILE).write_text(json.dumps(values, indent=1))
+
+            keep()
 
             def leave(kind: type[BaseException] | None, *_: object) -> None:
                 # A board that stays armed would begin the next session so.
@@ -116,11 +121,12 @@ class Px4BoardKind:
                     memory.clear()
                 (plan.folder / CONSOLE_FILE).write_text(f"{text}\n")
                 if left and kind is None:
+                    values = {name: former[name].value for name in left}
                     raise FirmwareFault(f"the board on {device.path}: {text} ({values})")
 
             stack.push(leave)
             line.set_parameters(wanted, former)
-            running = RunningBoard(plan, line, self._budget)
+            running = RunningBoard(plan, line, self._budget, AgentParameters(line, former, keep))
             running.ask_for_streams()
             yield running
 
@@ -149,21 +155,29 @@ def _check(line: BoardLine) -> None:
 class BoardPort:
     """The board's MAVLink as all of the vehicle's links share it."""
 
-    def __init__(self, gate: BoardGate) -> None:
-        self._gate = gate
+    def __init__(self, gate: BoardGate, parameters: AgentParameters) -> None:
+        self.gate = gate
+        self._parameters = parameters
         self._received: list[bytes] = []
         self._waiting: deque[bytes] = deque()
         self._waiting_bytes = 0
         self.dropped_bytes = 0
 
     def read(self) -> list[bytes]:
-        frames, self._received = self._received + self._gate.take_answers(), []
+        frames, self._received = self._received + self.gate.take_answers(), []
         return frames
 
     def send(self, frames: list[bytes]) -> None:
         for frame in frames:
-            if not self._gate.admits(frame):
+            if not self.gate.admits(frame):
                 continue
+            if reason := self._parameters.refusal(frame):
+                self.gate.refuse(reason)
+            elif not self._parameters.hold(frame):
+                self._queue([frame])
+
+    def _queue(self, frames: list[bytes]) -> None:
+        for frame in frames:
             if self._waiting_bytes + len(frame) > _AGENT_BACKLOG_BYTES:
                 self.dropped_bytes += len(frame)
                 continue
@@ -175,7 +189,9 @@ class BoardPort:
 
     def deliver(self, frames: list[bytes]) -> None:
         """What the board has sent."""
-        self._received += frames
+        self._received += [frame for frame in frames if not self._parameters.expects(frame)]
+        # Requests too take from the share of the agents that caused them.
+        self._queue(self._parameters.take_released())
 
     def take(self, most_bytes: float) -> list[bytes]:
         """The next frames for the board, of so many bytes at most."""
@@ -193,13 +209,15 @@ class RunningBoard:
 
     cores: frozenset[int] = frozenset()
 
-    def __init__(self, plan: FirmwarePlan, line: BoardLine, budget: LineBudget) -> None:
+    def __init__(
+        self, plan: FirmwarePlan, line: BoardLine, budget: LineBudget, parameters: AgentParameters
+    ) -> None:
         body: Body = plan.body
         self.armed: bool | None = False
         self._line, self._budget, self._clock = line, budget, line.clock
         self._samples = Px4Samples(plan.simspec, body)
         self._plant = body.plant
-        self._port = BoardPort(BoardGate(budget, lambda: line.state.system))
+        self._port = BoardPort(BoardGate(budget, lambda: line.state.system), parameters)
         self.estimate_port: MavlinkPort = self._port
         self.ports: Mapping[str, MavlinkPort] = {link.name: self._port for link in plan.links}
         self.connections: Sequence[MavlinkPort] = [self._port]
@@ -254,7 +272,7 @@ class RunningBoard:
             "board_lost_bytes": device.lost_bytes - self._lost_bytes + self._port.dropped_bytes,
             "board_lost_messages": reader.lost_messages - self._lost_messages,
             "board_garbage_bytes": reader.garbage_bytes - self._garbage_bytes,
-            "board_streams_refused": self._port._gate.refused,
+            "board_streams_refused": self._port.gate.refused,
         }
 
     def _await_moment(self) -> None:

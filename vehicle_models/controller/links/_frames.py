@@ -106,6 +106,12 @@ def message_id(frame: bytes, at: int = 0) -> int:
     return frame[at + 7] | frame[at + 8] << 8 | frame[at + 9] << 16
 
 
+def payload_of(frame: bytes, size: int) -> bytes:
+    """The first `size` bytes of a frame's payload, with the zeros that MAVLink 2 cuts at its end."""
+    head = 6 if frame[0] == _V1 else 10
+    return frame[head : head + min(frame[1], size)].ljust(size, b"\0")
+
+
 def message_name(number: int) -> str:
     """The name of a message; its number where the dialect does not have it."""
     kind = _MESSAGES.get(number)
@@ -134,9 +140,7 @@ class Decoder:
         plain = _PLAIN.get(message_id(frame))
         if plain:
             kind, unpacker, ordered = plain
-            head = 6 if frame[0] == _V1 else 10
-            size = min(frame[1], unpacker.size)
-            return kind(*ordered(unpacker.unpack(frame[head : head + size].ljust(unpacker.size, b"\0"))))
+            return kind(*ordered(unpacker.unpack(payload_of(frame, unpacker.size))))
         try:
             return self._mavlink.decode(bytearray(frame))
         except (dialect.MAVError, struct.error, ValueError, IndexError, TypeError, UnicodeError):
