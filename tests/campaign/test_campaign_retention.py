@@ -9,6 +9,7 @@ import pytest
 from campaign_fakes import MIXED_ENDS
 from in_process_executor import open_in_process
 from test_campaign_overhead import overhead
+from test_campaign_verify import edit_json
 
 from bench.campaign import (
     Campaign,
@@ -95,7 +96,9 @@ def test_a_recording_cannot_be_called_dropped_afterwards(tmp_path: Path) -> None
     [first, second, *_] = sorted(kept(folder))
     [note, *_] = (folder / "runs" / name / DROPPED for name in dropped(folder))
     run = folder / "runs" / first
-    forged = DroppedRecording(recording_sha256=digest_of(run / "recording.mcap"), bytes=1, policy="failures")
+    forged = DroppedRecording(
+        recording_sha256=digest_of(run / "recording.mcap"), bytes=1, policy="failures", versions={}
+    )
     (run / "recording.mcap").unlink()
     (run / DROPPED).write_text(forged.model_dump_json())
     faults = {
@@ -118,6 +121,33 @@ def test_what_was_dropped_can_be_flown_again_and_not_measured_again(tmp_path: Pa
     assert [run.status for run in sample.runs] == [ReflownStatus.IDENTICAL] * 6
     with pytest.raises(SetupError, match="6 of its recordings were dropped"):
         rescore_campaign(folder)
+
+
+def test_a_dropped_recording_of_other_software_is_no_forgery(tmp_path: Path) -> None:
+    """Three results with the digest of a recording that nobody has: flown here, by another numpy, and by real PX4."""
+    folder = tmp_path / "folder"
+    flown(folder, some_scenes(Keep(recordings="none")))
+    here, elsewhere, px4, *others = sorted(dropped(folder))
+    for name in (here, elsewhere, px4):
+        for file in (folder / "runs" / name / DROPPED, folder / "runs" / name / "result.json"):
+            edit_json(file, lambda document: document.update(recording_sha256="0" * 64))
+    edit_json(
+        folder / "runs" / elsewhere / DROPPED,
+        lambda note: note.update(versions={**note["versions"], "numpy": "0.1"}),
+    )
+    edit_json(
+        folder / "simspecs" / f"{px4}.json",
+        lambda simspec: simspec["vehicle"].update(autopilot={"kind": "px4", "firmware": "/opt/px4"}),
+    )
+    sample = refly(folder, 6, 1, 1, job=MIXED_ENDS, open_executor=open_in_process())
+    runs = {run.realization: run for run in sample.runs}
+    assert {name: run.status for name, run in runs.items()} == {
+        here: ReflownStatus.DIFFERENT,
+        elsewhere: ReflownStatus.OTHER_VERSIONS,
+        px4: ReflownStatus.APART,
+        **dict.fromkeys(others, ReflownStatus.IDENTICAL),
+    }
+    assert "it was flown with numpy 0.1 (here " in runs[elsewhere].explanation
 
 
 def test_shards_with_dropped_recordings_are_joined(tmp_path: Path) -> None:

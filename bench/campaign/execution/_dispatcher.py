@@ -13,6 +13,7 @@ from bench.errors import Fault, SetupError
 from bench.realization import RealizationPlan
 
 from .._events import CampaignStopping, Observers, RealizationFinished, RealizationRetried, RealizationStarted
+from .._versions import versions
 from ..early_stopping._decisions import PointKey
 from ..early_stopping._early_stopping import EarlyStopping
 from ..storage._completeness import PROVISIONAL_OUTCOMES
@@ -235,7 +236,7 @@ class Dispatcher:
                 result, self._folder.simspec(result.realization)
             ):
                 self._journal.drop(result.realization, self._retention.policy)
-                drop_recording(run, str(result.recording_sha256), self._retention.policy)
+                drop_recording(run, str(result.recording_sha256), self._retention.policy, versions())
             self.finish(result)
         if key is not None:
             self._decide(key)

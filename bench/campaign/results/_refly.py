@@ -30,6 +30,7 @@ from ..early_stopping._decisions import is_after_stop
 from ..execution._pool import OpenExecutor, open_local_pool
 from ..execution._stop_request import open_stop_request
 from ..execution._task import FLIGHT_JOB, Task, WorkerPlan
+from ..storage._dropped import DroppedRecording, dropped_recording
 from ..storage._folder import RECORDING, CampaignFolder
 from ..storage._journal import open_journal_to_read
 from ..storage._results import read_result
@@ -125,7 +126,8 @@ def _counted_runs(folder: CampaignFolder) -> tuple[dict[str, SessionResult], dic
 def _not_repeatable(simspec: SimSpec) -> str:
     """Why nobody can fly a session with this SimSpec again bit for bit; empty if it can be done."""
     if simspec.pace.mode != "lockstep":
-        return "flown in real time"
+        # Most clients repeat in warp, but not those in which one message wakes two threads (docs/time.md).
+        return "flown in warp" if simspec.pace.mode == "warp" else "flown in real time"
     # What comes over these is nobody's to repeat.
     if any(link.heard for link in simspec.vehicle.outside_links):
         return "with a link from outside that the vehicle obeys"
@@ -188,10 +190,9 @@ class _Reflight:
                 return ReflownRun(name, ReflownStatus.IDENTICAL)
             what = f"the recordings are equal, the results differ in {', '.join(fields)}"
             return ReflownRun(name, ReflownStatus.DIFFERENT, what)
+        if (dropped := dropped_recording(self._folder.run(name))) is not None:
+            return self._unlike_dropped(name, dropped)
         recordings = self._folder.run(name) / RECORDING, self._home / name / RECORDING
-        if not recordings[0].is_file():
-            what = "it has another digest than the recording that was dropped; what differs cannot be told"
-            return ReflownRun(name, ReflownStatus.DIFFERENT, what)
         difference = recording_difference(*recordings)
         where = (
             "all records are equal" if difference is None or difference.time_s is None else str(difference)
@@ -204,6 +205,16 @@ class _Reflight:
             return ReflownRun(name, ReflownStatus.DIFFERENT, "the same content is stored in other bytes")
         fields = [field for field in _different_fields(result, reflown) if field != "recording_sha256"]
         return self._apart(name, recordings, str(difference), fields)
+
+    def _unlike_dropped(self, name: str, dropped: DroppedRecording) -> ReflownRun:
+        what = "it has another digest than the recording that was dropped; what differs cannot be told"
+        if software := _version_differences(dropped.versions):
+            what = f"cannot be compared bit for bit: it was flown with {', '.join(software)}; {what}"
+            return ReflownRun(name, ReflownStatus.OTHER_VERSIONS, what)
+        if _need_not_repeat(load_json_document(self._folder.simspec(name), SimSpec)):
+            what = f"real PX4 flew, which need not repeat itself: {what}"
+            return ReflownRun(name, ReflownStatus.APART, what)
+        return ReflownRun(name, ReflownStatus.DIFFERENT, what)
 
     def _apart(
         self, name: str, recordings: tuple[Path, Path], difference: str, fields: list[str]
@@ -233,13 +244,17 @@ def _different_fields(result: SessionResult, reflown: SessionResult) -> list[str
 
 def _other_versions(recording: Path, reflown: Path) -> list[str]:
     """Each package of which another version wrote the recording, with both versions; other builds of renderers and OpenCV too."""
-    written, here = read_metadata(recording).get("rebar.versions", {}), versions()
     cameras = [
         f"{old} (here {new})"
         for old, new in zip(_camera_builds(recording), _camera_builds(reflown), strict=False)
         if old != new
     ]
-    return cameras + [
+    return cameras + _version_differences(read_metadata(recording).get("rebar.versions", {}))
+
+
+def _version_differences(written: Mapping[str, str]) -> list[str]:
+    here = versions()
+    return [
         f"{name} {written.get(name, 'unknown')} (here {here.get(name, 'not installed')})"
         for name in sorted(written.keys() | here.keys())
         if written.get(name) != here.get(name)

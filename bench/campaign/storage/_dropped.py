@@ -6,10 +6,11 @@ says the same. In lockstep the session can be flown again, and must give that di
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from bench.documents import Document, dump_json
 
@@ -26,12 +27,23 @@ class DroppedRecording(Document):
     recording_sha256: str
     bytes: int
     policy: str
+    versions: Annotated[
+        dict[str, str],
+        Field(
+            description="Of the software that flew it: another one need not give the same recording again."
+        ),
+    ]
 
 
-def drop_recording(run: Path, recording_sha256: str, policy: str) -> None:
+def drop_recording(run: Path, recording_sha256: str, policy: str, versions: Mapping[str, str]) -> None:
     """Put a note in the place of a recording. Its line in the chain must have been written before."""
     recording = run / RECORDING
-    note = DroppedRecording(recording_sha256=recording_sha256, bytes=recording.stat().st_size, policy=policy)
+    note = DroppedRecording(
+        recording_sha256=recording_sha256,
+        bytes=recording.stat().st_size,
+        policy=policy,
+        versions=dict(versions),
+    )
     # The note first: after a kill in between, both are there, and neither is an edit.
     write_whole(run / DROPPED, dump_json(note))
     recording.unlink()
