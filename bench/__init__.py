@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from bench.campaign import fly_realization as fly_realization
     from bench.campaign import load_campaign as load_campaign
     from bench.campaign import run_campaign as run_campaign
+    from bench.campaign import run_campaign_sync as run_campaign_sync
     from bench.contracts import Observation as Observation
     from bench.contracts import Outcome as Outcome
     from bench.contracts import SessionResult as SessionResult
@@ -53,6 +54,7 @@ _HOME = {
     "load_simspec": "bench.simspec",
     "place": "bench.realization",
     "run_campaign": "bench.campaign",
+    "run_campaign_sync": "bench.campaign",
     "write_report": "bench.reporting",
 }
 __all__ = sorted(_HOME)

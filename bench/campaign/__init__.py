@@ -1,9 +1,11 @@
 """Campaigns: a folder in which every realization is flown once, however often the run is interrupted.
 
-from bench.campaign import load_campaign, load_measurable_decomposition, run_campaign
+from bench.campaign import load_campaign, load_measurable_decomposition, run_campaign_sync
 campaign = load_campaign("campaigns/demo.yaml")
 decomposition = load_measurable_decomposition(campaign.decomposition)
-summary = run_campaign(campaign, Path("out/demo"), decomposition, workers=2)
+summary = run_campaign_sync(campaign, Path("out/demo"), decomposition, workers=2)
+
+In a notebook, or any other coroutine: `summary = await run_campaign(...)`.
 
 Every name is imported at its first use: a worker needs neither planning nor journal, and `rebar --help` neither
 the simulator nor the measures.
@@ -31,7 +33,6 @@ if TYPE_CHECKING:
     from ._events import CampaignPlanned as CampaignPlanned
     from ._events import CampaignStopping as CampaignStopping
     from ._events import Observer as Observer
-    from ._events import Observers as Observers
     from ._events import RealizationFinished as RealizationFinished
     from ._events import RealizationRetried as RealizationRetried
     from ._events import RealizationStarted as RealizationStarted
@@ -39,21 +40,23 @@ if TYPE_CHECKING:
     from ._runner import CampaignSummary as CampaignSummary
     from ._runner import Finish as Finish
     from ._runner import run_campaign as run_campaign
+    from ._runner import run_campaign_sync as run_campaign_sync
     from ._versions import versions as versions
     from .early_stopping._decisions import FLOWN_AFTER_STOP as FLOWN_AFTER_STOP
     from .early_stopping._decisions import EarlyStop as EarlyStop
     from .execution._dispatcher import StartGate as StartGate
     from .execution._dispatcher import no_gate as no_gate
+    from .execution._executor import Executor as Executor
+    from .execution._executor import OnStart as OnStart
+    from .execution._executor import OpenExecutor as OpenExecutor
     from .execution._flight import fly_realization as fly_realization
+    from .execution._host_clock import HostClock as HostClock
     from .execution._parallel import OnDone as OnDone
-    from .execution._pool import Executor as Executor
-    from .execution._pool import OpenExecutor as OpenExecutor
     from .execution._pool import open_local_pool as open_local_pool
     from .execution._single_flight import fly_in_worker as fly_in_worker
     from .execution._task import BenchBroken as BenchBroken
     from .execution._task import Job as Job
     from .execution._task import Task as Task
-    from .execution._task import TaskEnded as TaskEnded
     from .execution._task import WorkerPlan as WorkerPlan
     from .execution._task import WorkersUnusable as WorkersUnusable
     from .next_campaign._proposal import CampaignProposal as CampaignProposal
@@ -124,20 +127,21 @@ _MODULES = {
     "CampaignSummary": "_runner",
     "Completeness": "storage._completeness",
     "EarlyStop": "early_stopping._decisions",
-    "Executor": "execution._pool",
+    "Executor": "execution._executor",
     "FLOWN_AFTER_STOP": "early_stopping._decisions",
     "Finish": "_runner",
     "FinishedCampaign": "results._finish",
     "FloorPlan": "_document",
+    "HostClock": "execution._host_clock",
     "Job": "execution._task",
     "Journal": "storage._journal",
     "JournalEntry": "storage._journal",
     "Keep": "_document",
     "Manifest": "storage._manifest",
     "Observer": "_events",
-    "Observers": "_events",
     "OnDone": "execution._parallel",
-    "OpenExecutor": "execution._pool",
+    "OnStart": "execution._executor",
+    "OpenExecutor": "execution._executor",
     "RealizationFinished": "_events",
     "RealizationRetried": "_events",
     "RealizationStarted": "_events",
@@ -150,7 +154,6 @@ _MODULES = {
     "StartGate": "execution._dispatcher",
     "Stopping": "_document",
     "Task": "execution._task",
-    "TaskEnded": "execution._task",
     "WorkerPlan": "execution._task",
     "WorkersUnusable": "execution._task",
     "campaign_completeness": "results._finish",
@@ -189,6 +192,7 @@ _MODULES = {
     "rescore_campaign": "results._finish",
     "resume_campaign": "storage._pause",
     "run_campaign": "_runner",
+    "run_campaign_sync": "_runner",
     "sign_manifest": "storage._signature",
     "situation_tensions": "planning._realizations",
     "takeoff_faults": "planning._before_takeoff",

@@ -1,8 +1,12 @@
-"""Events of a campaign while it runs, and the observer that progress displays are."""
+"""Events of a campaign while it runs, and their streams to observers such as progress displays."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from bench.contracts import Outcome
@@ -80,21 +84,99 @@ CampaignEvent = (
     | CampaignStopping
 )
 Observer = Callable[[CampaignEvent], None]
-"""Called with every event. May fail: its exceptions are counted and change nothing."""
+"""Called with every event, from a thread of its own. May fail, and take as long as it likes."""
+
+MAX_WAITING_EVENTS = 10_000
+"""Events that wait for an observer that is slow: some 2 MB. Chosen."""
+CLOSING_S = 5.0
+"""Host seconds that all observers together have for the last events. Chosen: a person waits for them."""
+
+
+class _EventStream:
+    """The events on their way to one observer. When too many wait, the oldest is dropped and counted: a display
+    needs the newest.
+    """
+
+    def __init__(self, observer: Observer, limit: int) -> None:
+        self._observer, self._limit = observer, limit
+        self._waiting: deque[CampaignEvent] = deque()
+        self._changed = threading.Condition()
+        self._closed = False
+        self.faults = self.dropped = 0
+        # A thread, not a task of the runner's event loop: planning and scoring have events too, and a display that
+        # blocks would block the loop.
+        self.thread = threading.Thread(target=self._deliver, name="campaign-observer", daemon=True)
+        self.thread.start()
+
+    def put(self, event: CampaignEvent) -> None:
+        with self._changed:
+            if len(self._waiting) >= self._limit:
+                self._waiting.popleft()
+                self.dropped += 1
+            self._waiting.append(event)
+            self._changed.notify()
+
+    def close(self) -> None:
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
+
+    def abandon(self) -> None:
+        """Drop what waits: the observer did not take it in time."""
+        with self._changed:
+            self.dropped += len(self._waiting)
+            self._waiting.clear()
+
+    def _deliver(self) -> None:
+        while (event := self._next()) is not None:
+            # A display that fails must not cost hours of flights.
+            try:
+                self._observer(event)
+            except Exception:
+                self.faults += 1
+
+    def _next(self) -> CampaignEvent | None:
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting or self._closed)
+            return self._waiting.popleft() if self._waiting else None
 
 
 class Observers:
-    """The observers of a run. Their failures are counted in `faults` and never reach the run."""
+    """The observers of a run. None of them can slow or fail it, or keep an event from another."""
 
-    def __init__(self, *observers: Observer | None) -> None:
-        self._observers = [observer for observer in observers if observer is not None]
-        self.faults = 0
+    def __init__(self, streams: list[_EventStream]) -> None:
+        self._streams = streams
+
+    @property
+    def faults(self) -> int:
+        """Calls of observers that raised."""
+        return sum(stream.faults for stream in self._streams)
+
+    @property
+    def dropped(self) -> int:
+        """Events that an observer did not get, because it was too slow."""
+        return sum(stream.dropped for stream in self._streams)
 
     def notify(self, event: CampaignEvent) -> None:
-        """Call every observer with the event."""
-        for observer in self._observers:
-            # A display that fails must not cost hours of flights.
-            try:
-                observer(event)
-            except Exception:
-                self.faults += 1
+        """Send an event to every observer. Returns at once."""
+        for stream in self._streams:
+            stream.put(event)
+
+    def close(self, span_s: float = CLOSING_S) -> None:
+        """Wait until every observer has every event, for `span_s` host seconds at most. Doing it again does nothing."""
+        for stream in self._streams:
+            stream.close()
+        end = time.monotonic() + span_s
+        for stream in self._streams:
+            stream.thread.join(max(0.0, end - time.monotonic()))
+            stream.abandon()
+
+
+@contextmanager
+def open_observers(*observers: Observer, limit: int = MAX_WAITING_EVENTS) -> Iterator[Observers]:
+    """Yield streams to these observers, each with room for `limit` events. Leaving the block delivers what waits."""
+    opened = Observers([_EventStream(observer, limit) for observer in observers])
+    try:
+        yield opened
+    finally:
+        opened.close()

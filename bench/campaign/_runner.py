@@ -5,9 +5,8 @@ itself.
 from __future__ import annotations
 
 import os
-import time
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,13 +15,16 @@ from bench.contracts import Outcome
 from bench.documents import load_document
 
 from ._document import Campaign
-from ._events import CampaignPaused, CampaignPlanned, Observer, Observers, ResultLost
+from ._events import CampaignPaused, CampaignPlanned, Observer, Observers, ResultLost, open_observers
 from ._overhead import OVERHEAD, check_fidelity, flown_overhead, job_at
 from ._versions import versions
 from .early_stopping._decisions import check_stopping, outcome_name
 from .early_stopping._early_stopping import EarlyStopping
+from .execution._blocking import blocking, first_error_alone
 from .execution._dispatcher import Deadline, Dispatcher, StartGate, no_gate
-from .execution._pool import OpenExecutor, open_local_pool
+from .execution._executor import OpenExecutor
+from .execution._host_clock import HostClock, MonotonicClock
+from .execution._pool import open_local_pool
 from .execution._retention import Retention
 from .execution._retries import Retries
 from .execution._stop_request import open_stop_request
@@ -55,7 +57,8 @@ class CampaignSummary:
     """How a run of a campaign ended.
 
     `flown` counts the results of this run, `outcomes` all results in the folder. `completeness` says which
-    runs are missing.
+    runs are missing. `observer_faults` counts the calls of observers that raised, `events_dropped` the events that an
+    observer was too slow for.
     """
 
     folder: Path
@@ -65,6 +68,7 @@ class CampaignSummary:
     completeness: Completeness
     stopped: str | None
     observer_faults: int
+    events_dropped: int
     wall_s: float
 
     @property
@@ -78,13 +82,13 @@ class CampaignSummary:
         return self.completeness.complete
 
 
-def run_campaign(
+async def run_campaign(
     campaign: Campaign,
     folder: Path,
     decomposition: Decomposition,
     *,
     workers: int | None = None,
-    on_event: Observer | None = None,
+    observers: Sequence[Observer] = (),
     finish: Finish | None = None,
     rerun: Collection[Outcome] = (),
     accept: Collection[Outcome] = (),
@@ -93,19 +97,20 @@ def run_campaign(
     confined_job: str | None = None,
     memory_kills: Callable[[], int] | None = None,
     open_executor: OpenExecutor = open_local_pool,
-    clock: Callable[[], float] = time.monotonic,
+    clock: HostClock | None = None,
     gate: StartGate = no_gate,
 ) -> CampaignSummary:
     """Fly every realization that has no result in `folder` yet. Returns when all have one or a stop was
     requested.
 
-    Call it again on the same folder to resume. `workers` overrides the campaign's budget, which overrides the
+    Call it again on the same folder to resume. Sessions are tasks of the running event loop; planning and scoring keep
+    the loop busy. Cancelled, it kills the sessions and their agents. `observers` get each event. `workers` overrides the campaign's budget, which overrides the
     number of cores. Realizations that may have failed because of the host are flown again, with at least two
     attempts in every run; their earlier results are kept in aside/. `accept` leaves those that have one of its
     outcomes now as they are, for good; `rerun` takes that back. `forfeit_job` takes the place of `job` for a realization
     whose agent broke the bench, `confined_job` after an attempt that an unconfined agent may have broken. `memory_kills`
-    counts the processes that the kernel killed for want of memory. `clock` gives the host seconds by which the
-    campaign's total budget and the pauses before retries are judged. `gate` says whether a realization may start now; it
+    counts the processes that the kernel killed for want of memory. `clock` (default: the host's monotonic clock) gives the
+    host seconds by which the campaign's total budget and the pauses before retries are judged. `gate` says whether a realization may start now; it
     is asked again until it may, and the total budget runs meanwhile.
 
     Raises SetupError for a campaign that cannot be realized and for a folder that is in use, belongs to
@@ -113,13 +118,13 @@ def run_campaign(
     process can be started, BenchBroken if the first sessions all end with bench errors. Sessions that fail are results, never exceptions.
     """
     paths = CampaignFolder(folder)
+    clock = clock or MonotonicClock()
     started = clock()
     parse_rerun_outcomes(rerun)
     parse_accepted_outcomes(accept)
     if campaign.stopping is not None:
         check_stopping(campaign.stopping, decomposition)
-    with open_lock(folder), open_journal(paths.journal) as journal:
-        observers = Observers(on_event)
+    with open_lock(folder), open_journal(paths.journal) as journal, open_observers(*observers) as events:
         # Before anything is changed: what was edited since it was written is refused, and left as it is.
         check_evidence(paths, journal)
         campaign = _with_options_of_folder(campaign, paths)
@@ -129,7 +134,7 @@ def run_campaign(
         # First what the disk holds, then what the user wants: both options are about results, not about stale
         # entries.
         for realization in reconcile(paths, journal):
-            observers.notify(ResultLost(realization))
+            events.notify(ResultLost(realization))
         accept_outcomes(journal, accept, withdrawn=rerun)
         reset_for_rerun(paths, journal)
         early_stopping = EarlyStopping(
@@ -142,7 +147,7 @@ def run_campaign(
         dispatcher = Dispatcher(
             paths,
             journal,
-            observers,
+            events,
             early_stopping,
             plans,
             retries,
@@ -151,10 +156,10 @@ def run_campaign(
             if starts_agents
             else SuspectWatch(memory_kills or no_memory_kills, confined_job=lambda: confined_job),
             forfeit_job,
-            _unless_paused(gate, folder, observers),
+            _unless_paused(gate, folder, events),
             Retention(campaign.keep, decomposition, campaign.study, campaign.design.seed),
         )
-        observers.notify(CampaignPlanned(dispatcher.total, dispatcher.done))
+        events.notify(CampaignPlanned(dispatcher.total, dispatcher.done))
         for result in finish_infeasible(plans, paths, journal):
             dispatcher.finish(result)
         for result in flown_overhead(paths, journal, decomposition) if campaign.fidelity == OVERHEAD else ():
@@ -164,11 +169,12 @@ def run_campaign(
             # Cores that this process may use: a container often grants fewer than the machine has.
             limit = workers or campaign.budgets.workers or len(os.sched_getaffinity(0))
             plan = WorkerPlan(job_at(campaign.fidelity, job), decomposition)
-            with (
-                open_stop_request() as stop,
-                open_executor(plan, min(limit, len(dispatcher.waiting)), folder) as executor,
-            ):
-                dispatcher.fly(executor, stop, _deadline(campaign, started, clock))
+            with first_error_alone():
+                async with (
+                    open_stop_request() as stop,
+                    open_executor(plan, min(limit, len(dispatcher.waiting)), folder) as executor,
+                ):
+                    await dispatcher.fly(executor, stop, _deadline(campaign, started, clock))
             # Sessions that were killed with the executor are planned again.
             journal.release()
         if dispatcher.done == dispatcher.total:
@@ -183,6 +189,7 @@ def run_campaign(
                 _completeness(journal),
                 campaign.pace,
             )
+        events.close()
         return CampaignSummary(
             folder=folder,
             total=dispatcher.total,
@@ -190,12 +197,17 @@ def run_campaign(
             outcomes=_outcomes(journal),
             completeness=_completeness(journal),
             stopped=dispatcher.stopped,
-            observer_faults=observers.faults,
+            observer_faults=events.faults,
+            events_dropped=events.dropped,
             wall_s=clock() - started,
         )
 
 
-def _unless_paused(gate: StartGate, folder: Path, observers: Observers) -> StartGate:
+run_campaign_sync = blocking(run_campaign, "run_campaign_sync")
+"""`run_campaign` as a plain function. Ctrl-C ends it; inside a running event loop, it runs in a thread of its own."""
+
+
+def _unless_paused(gate: StartGate, folder: Path, events: Observers) -> StartGate:
     """A gate that is also closed while the campaign is paused; the observers hear of it once."""
     paused = False
 
@@ -203,7 +215,7 @@ def _unless_paused(gate: StartGate, folder: Path, observers: Observers) -> Start
         nonlocal paused
         if paused != is_paused(folder):
             paused = not paused
-            observers.notify(CampaignPaused(goes_on=not paused))
+            events.notify(CampaignPaused(goes_on=not paused))
         return not paused and gate(realization)
 
     return may_start
@@ -234,7 +246,7 @@ def _takeoff_check(campaign: Campaign, job: str) -> CheckTakeoff:
     return takeoff_faults
 
 
-def _deadline(campaign: Campaign, started: float, clock: Callable[[], float]) -> Deadline | None:
+def _deadline(campaign: Campaign, started: float, clock: HostClock) -> Deadline | None:
     budget_s = campaign.budgets.total_wall_s
     return None if budget_s is None else Deadline(clock, started + budget_s)
 

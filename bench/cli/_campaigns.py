@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import secrets
+import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict
@@ -414,13 +415,12 @@ def _run(
     laboratory: LaboratoryOptions | None = None,
 ) -> None:
     from bench.campaign import (
-        Observers,
         finish_campaign,
         load_campaign,
         load_measurable_decomposition,
         parse_accepted_outcomes,
         parse_rerun_outcomes,
-        run_campaign,
+        run_campaign_sync,
         with_floor,
     )
 
@@ -443,12 +443,12 @@ def _run(
         open_progress(campaign.name, quiet=as_json) as progress,
     ):
         try:
-            summary = run_campaign(
+            summary = run_campaign_sync(
                 campaign,
                 folder,
                 decomposition,
                 workers=workers,
-                on_event=Observers(progress, bus.notify if bus else None).notify,
+                observers=[progress, *([bus.notify] if bus else [])],
                 rerun=parse_rerun_outcomes(again),
                 accept=parse_accepted_outcomes(accept),
                 finish=lambda paths: finished.append(finish_campaign(paths.path)),
@@ -460,6 +460,8 @@ def _run(
                 finished[0].completeness if finished else None,
                 campaign_report(folder).model_dump_json(exclude_none=True) if bus and finished else None,
             )
+    if summary.events_dropped:
+        print(f"WARNING: {summary.events_dropped} events were not shown or sent in time", file=sys.stderr)
     if not finished:
         print(
             f"INCOMPLETE: {summary.done} of {summary.total} realizations have a result ({summary.stopped}). "

@@ -10,12 +10,13 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
 import pytest
+from anyio.from_thread import start_blocking_portal
 
 from agent_adapters.cheats import _resources
 from agent_adapters.cheats._catalogue import CHEATS
@@ -157,6 +158,10 @@ def traces(marker: str) -> list[str]:
     return matches
 
 
+def _no_news(worker: str) -> None:
+    del worker
+
+
 class Range:
     """A worker in a network of its own that flies cheats beside the folder of a neighbouring campaign."""
 
@@ -170,16 +175,16 @@ class Range:
             (self._neighbour / name).write_text('{"realized": {"actors": [{"east_m": 1.0, "north_m": 2.0}]}}')
         plan = WorkerPlan(FLIGHT_JOB, load_measurable_decomposition(DECOMPOSITION))
         self._pool_context = open_local_pool(plan, 1, folder)
+        self._stack = ExitStack()
 
     def __enter__(self) -> Range:
-        self._pool = self._pool_context.__enter__()
-        self._wake, self._waker = os.pipe()
+        # An event loop in a thread of its own: the pool lives as long as all tests together.
+        self._portal = self._stack.enter_context(start_blocking_portal())
+        self._pool = self._stack.enter_context(self._portal.wrap_async_context_manager(self._pool_context))
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._pool_context.__exit__(None, None, None)
-        os.close(self._wake)
-        os.close(self._waker)
+        self._stack.close()
 
     def fly(self, agent: str, isolation: str = "auto") -> Flight:
         """Fly an agent once on a rung; the second time it is the same flight."""
@@ -205,11 +210,7 @@ class Range:
         document_path = self._folder / f"{name}.json"
         document_path.write_text(dump_json(spec))
         before = digest(self._neighbour)
-        self._pool.submit(Task(name, document_path, folder, 600.0))
-        # Empty where a worker has only said that it is ready.
-        while not (ended := self._pool.wait(None, self._wake)):
-            pass
-        result = ended[0].result
+        result = self._portal.call(self._pool.fly, Task(name, document_path, folder, 600.0), _no_news)
         log = folder / "agent.log"
         lines = log.read_text(errors="replace").splitlines() if log.is_file() else []
         gains = [json.loads(line) for line in lines if line.startswith('{"cheat"')]

@@ -165,10 +165,10 @@ def fly(
     **options: Any,
 ) -> CampaignSummary:
     """Run a campaign of fakes. A worker takes a second of CPU to start: two where a test is about two."""
-    from bench.campaign import run_campaign
+    from bench.campaign import run_campaign_sync
 
     decomposition = cast(Any, script or Script())
-    return run_campaign(
+    return run_campaign_sync(
         campaign or small_campaign(), folder, decomposition, workers=workers, job=JOB, **options
     )
 
@@ -187,5 +187,5 @@ def print_results() -> Observer:
 def main(folder: str, span_s: str, *acts: str) -> None:
     """A runner in a process of its own, to be interrupted."""
     script = Script(dict(zip(acts[::2], acts[1::2], strict=True)), float(span_s))
-    ended = fly(Path(folder), small_campaign(points=6), script, 2, on_event=print_results())
+    ended = fly(Path(folder), small_campaign(points=6), script, 2, observers=[print_results()])
     print(f"stopped: {ended.stopped}", flush=True)

@@ -110,12 +110,14 @@ def fly_drawn(folder: Path, campaign: Campaign, workers: int = 1, **options: Any
     """Run such a campaign, by default to its scores and in this process: a worker takes a second to start."""
     from in_process_executor import open_in_process
 
-    from bench.campaign import finish_campaign, load_measurable_decomposition, run_campaign
+    from bench.campaign import finish_campaign, load_measurable_decomposition, run_campaign_sync
 
     finish = options.pop("finish", lambda paths: finish_campaign(paths.path) and None)
     decomposition = load_measurable_decomposition(campaign.decomposition)
     options.setdefault("open_executor", open_in_process())
-    return run_campaign(campaign, folder, decomposition, workers=workers, job=JOB, finish=finish, **options)
+    return run_campaign_sync(
+        campaign, folder, decomposition, workers=workers, job=JOB, finish=finish, **options
+    )
 
 
 def main(folder: str, decomposition: str) -> None:
@@ -130,7 +132,7 @@ def main(folder: str, decomposition: str) -> None:
         Path(folder),
         stopping_campaign(Path(decomposition), 14, 2),
         2,
-        on_event=tell,
+        observers=[tell],
         finish=lambda paths: None,
         open_executor=open_local_pool,
     )

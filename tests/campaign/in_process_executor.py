@@ -5,72 +5,69 @@ end.
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
-from bench.campaign import OpenExecutor, Task, TaskEnded, WorkerPlan, digest_of
+from anyio.lowlevel import checkpoint
+
+from bench.campaign import OnStart, OpenExecutor, Task, WorkerPlan, digest_of
 from bench.campaign.execution._task import load_job
-from bench.contracts import SessionFailure
+from bench.contracts import SessionFailure, SessionResult
 from bench.documents import load_document
 from bench.simspec import SimSpec
 
+# Turns of the event loop after which everything has happened that was to happen at once, with a margin: a signal
+# takes five until it has cancelled something.
+_SETTLED = 20
+
 
 class HostClock:
-    """Host seconds that pass only where a test says so, and while an executor waits with nothing to do."""
+    """Host seconds that pass only where a test says so, and while a run sleeps and nothing flies."""
 
     def __init__(self) -> None:
         self.now_s = 0.0
+        self.flying = 0
+        self.starts: list[tuple[float, str]] = []
+        self.ends: list[tuple[float, str]] = []
 
     def __call__(self) -> float:
         return self.now_s
 
+    async def sleep(self, span_s: float) -> None:
+        for _ in range(_SETTLED):
+            await checkpoint()
+        while self.flying:
+            await checkpoint()
+        for _ in range(_SETTLED):
+            await checkpoint()
+        self.now_s += span_s
+
 
 class InProcessExecutor:
-    """Obeys the contract of `Executor`.
-
-    With `reports` above one it breaks it: every task comes back several times.
-    """
+    """Obeys the contract of `Executor`."""
 
     def __init__(
-        self,
-        plan: WorkerPlan,
-        workers: int,
-        order: random.Random,
-        reports: int = 1,
-        clock: HostClock | None = None,
+        self, plan: WorkerPlan, workers: int, order: random.Random, clock: HostClock | None = None
     ) -> None:
         self._job, self._decomposition = load_job(plan.job), plan.decomposition
-        self._workers, self._order, self._reports = workers, order, reports
-        self._running: list[Task] = []
-        self._clock = clock
+        self.capacity, self._order = workers, order
+        self._clock = clock or HostClock()
 
-    @property
-    def free(self) -> int:
-        return self._workers - len(self._running)
+    async def fly(self, task: Task, on_start: OnStart) -> SessionResult:
+        self._clock.flying += 1
+        self._clock.starts.append((self._clock.now_s, task.realization))
+        try:
+            assert self._clock.flying <= self.capacity
+            on_start(f"w{self._clock.flying}")
+            for _ in range(self._order.randint(1, 2 * self.capacity)):
+                await checkpoint()
+            return self._result(task)
+        finally:
+            self._clock.flying -= 1
+            self._clock.ends.append((self._clock.now_s, task.realization))
 
-    @property
-    def busy(self) -> int:
-        return len(self._running)
-
-    def submit(self, task: Task) -> str:
-        assert self.free > 0
-        self._running.append(task)
-        return f"w{len(self._running)}"
-
-    def wait(self, timeout_s: float | None, wake_fd: int) -> list[TaskEnded]:
-        del wake_fd
-        if not self._running:
-            assert self._clock is not None
-            assert timeout_s is not None, "nothing runs, and nothing ends the wait"
-            self._clock.now_s += timeout_s
-            return []
-        self._order.shuffle(self._running)
-        count = self._order.randint(1, len(self._running))
-        ended, self._running = self._running[:count], self._running[count:]
-        return [report for task in ended for report in self._fly(task)]
-
-    def _fly(self, task: Task) -> list[TaskEnded]:
+    def _result(self, task: Task) -> SessionResult:
         simspec = load_document(task.simspec, SimSpec)
         job = load_job(task.job) if task.job else self._job
         try:
@@ -81,19 +78,15 @@ class InProcessExecutor:
         if result.recording_sha256 is None and recording.is_file():
             # As a worker does.
             result = result.model_copy(update={"recording_sha256": digest_of(recording)})
-        # The repeated reports differ from the first, as those of two flights would.
-        results = [result.model_copy(update={"wall_s": float(number)}) for number in range(self._reports)]
-        return [
-            TaskEnded(task.realization, f"w{number}", repeated) for number, repeated in enumerate(results)
-        ]
+        return result
 
 
-def open_in_process(seed: int = 0, reports: int = 1, clock: HostClock | None = None) -> OpenExecutor:
+def open_in_process(seed: int = 0, clock: HostClock | None = None) -> OpenExecutor:
     """Opens such executors; the same seed ends tasks in the same order."""
 
-    @contextmanager
-    def open_executor(plan: WorkerPlan, workers: int, folder: Path) -> Iterator[InProcessExecutor]:
+    @asynccontextmanager
+    async def open_executor(plan: WorkerPlan, workers: int, folder: Path) -> AsyncIterator[InProcessExecutor]:
         del folder
-        yield InProcessExecutor(plan, workers, random.Random(seed), reports, clock)
+        yield InProcessExecutor(plan, workers, random.Random(seed), clock)
 
     return open_executor

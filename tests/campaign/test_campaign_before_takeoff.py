@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from campaign_fakes import Script, small_campaign
 
-from bench.campaign import Campaign, CampaignFolder, run_campaign, takeoff_faults
+from bench.campaign import Campaign, CampaignFolder, run_campaign_sync, takeoff_faults
 from bench.campaign.planning._realizations import realizations
 from bench.errors import SetupError
 from bench.realization import DesignFactor
@@ -38,7 +38,7 @@ def campaign(*agents: AgentSpec, **base: object) -> Campaign:
 
 
 def fly(folder: Path, document: Campaign) -> None:
-    run_campaign(document, folder, Script(), workers=1)  # type: ignore[arg-type]
+    run_campaign_sync(document, folder, Script(), workers=1)  # type: ignore[arg-type]
 
 
 def test_all_faults_of_all_agents_come_at_once_and_nothing_is_placed(tmp_path: Path) -> None:
@@ -122,4 +122,4 @@ def fly_fakes(folder: Path, document: Campaign) -> None:
     from campaign_fakes import JOB
     from in_process_executor import open_in_process
 
-    run_campaign(document, folder, Script(), workers=1, job=JOB, open_executor=open_in_process())  # type: ignore[arg-type]
+    run_campaign_sync(document, folder, Script(), workers=1, job=JOB, open_executor=open_in_process())  # type: ignore[arg-type]

@@ -4,26 +4,29 @@ clocks.
 
 from __future__ import annotations
 
+import random
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 from campaign_fakes import Script, fly, small_campaign
 from early_stopping_fakes import fly_drawn, made_up_decomposition, passes, stopping_campaign
-from in_process_executor import open_in_process
+from in_process_executor import HostClock, InProcessExecutor, open_in_process
 
 from bench.campaign import (
     CampaignFolder,
     CampaignStopping,
     JournalEntry,
-    RealizationFinished,
+    OnStart,
     RealizationStarted,
+    Task,
+    WorkerPlan,
     digest_of,
     open_journal,
-    read_result,
-    verify_folder,
 )
-from bench.contracts import Outcome
+from bench.contracts import Outcome, SessionResult
 from bench.errors import SetupError
 from bench.simspec import AgentSpec
 from bench.statistics import StoppingRule
@@ -44,26 +47,23 @@ def files(folder: Path) -> dict[str, str]:
     return {str(path.relative_to(folder)): digest_of(path) for path in names}
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_the_first_of_two_reports_stays(tmp_path: Path, seed: int) -> None:
-    """Two workers report the same realization, with results of different bytes: journal and folder keep the
-    first.
-    """
-    events: list[object] = []
+def test_a_result_of_another_realization_is_refused(tmp_path: Path) -> None:
+    """An executor that mixes two tasks up ends the run, and no result is noted under a wrong name."""
 
-    summary = fly(tmp_path, workers=2, on_event=events.append, open_executor=open_in_process(seed, reports=2))
+    class Mixed(InProcessExecutor):
+        async def fly(self, task: Task, on_start: OnStart) -> SessionResult:
+            result = await super().fly(task, on_start)
+            return result.model_copy(update={"realization": "p003-r2-fake"})
 
-    assert (summary.complete, summary.flown) == (True, 6)
-    finished = [event.realization for event in events if isinstance(event, RealizationFinished)]
-    assert sorted(finished) == sorted(set(finished)) == sorted(entries(tmp_path))
-    for name, entry in entries(tmp_path).items():
-        run = CampaignFolder(tmp_path).run(name)
-        result = read_result(run, name)
-        assert result is not None
-        assert result.wall_s == 0.0
-        assert (entry.wall_s, entry.result_sha256, entry.attempts) == (0.0, digest_of(run / "result.json"), 1)
-    assert verify_folder(tmp_path) == []
-    assert fly(tmp_path).flown == 0
+    @asynccontextmanager
+    async def open_mixed(plan: WorkerPlan, workers: int, folder: Path) -> AsyncIterator[Mixed]:
+        yield Mixed(plan, workers, random.Random(1))
+
+    with pytest.raises(TypeError, match="the result of p003-r2-fake, not that of p001-r2-fake"):
+        fly(tmp_path, workers=2, open_executor=open_mixed)
+
+    assert {entry.outcome for entry in entries(tmp_path).values()} == {None}
+    assert fly(tmp_path, open_executor=open_in_process()).complete
 
 
 def test_two_results_that_the_journal_does_not_have(tmp_path: Path) -> None:
@@ -166,7 +166,7 @@ def test_new_replicates_wait_for_a_lost_result(tmp_path: Path) -> None:
         stopping_campaign(decomposition, 16, 1),
         2,
         finish=lambda paths: None,
-        on_event=events.append,
+        observers=[events.append],
         open_executor=open_in_process(),
     )
 
@@ -179,19 +179,18 @@ def test_new_replicates_wait_for_a_lost_result(tmp_path: Path) -> None:
 
 def test_the_total_budget_starts_nothing_after_it(tmp_path: Path) -> None:
     """By a clock on which every result takes five seconds: a budget of eight is spent after the second."""
-    results: list[object] = []
     events: list[object] = []
 
-    def observe(event: object) -> None:
-        events.append(event)
-        results.extend([event] if isinstance(event, RealizationFinished) else [])
+    class ResultClock(HostClock):
+        def __call__(self) -> float:
+            return 5.0 * len(list(tmp_path.glob("runs/*/result.json")))
 
     summary = fly(
         tmp_path,
         small_campaign(total_wall_s=8.0),
         workers=1,
-        on_event=observe,
-        clock=lambda: 5.0 * len(results),
+        observers=[events.append],
+        clock=ResultClock(),
         open_executor=open_in_process(),
     )
 

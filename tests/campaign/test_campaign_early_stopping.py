@@ -149,7 +149,9 @@ def test_what_was_under_way_is_kept_and_left_out(tmp_path: Path) -> None:
     fly_drawn(tmp_path / "one", campaign, finish=no_finish)
     # A seed draws the order: between real workers it would be the host's speed that decides which sessions
     # overlap.
-    fly_drawn(tmp_path / "three", campaign, 3, on_event=events.append, open_executor=open_in_process(seed=1))
+    fly_drawn(
+        tmp_path / "three", campaign, 3, observers=[events.append], open_executor=open_in_process(seed=1)
+    )
 
     assert scored(tmp_path / "three").equals(scored(tmp_path / "one"))
     (stop,) = stops(tmp_path / "three").values()

@@ -363,7 +363,7 @@ def test_what_is_gone_is_flown_again_with_a_word(tmp_path: Path) -> None:
     CampaignFolder(tmp_path).run(FIRST).joinpath("result.json").unlink()
     CampaignFolder(tmp_path).run(SECOND).joinpath("result.json").unlink()
     events: list[object] = []
-    assert flown(tmp_path, on_event=events.append).flown == 2
+    assert flown(tmp_path, observers=[events.append]).flown == 2
     lost = [event.realization for event in events if isinstance(event, ResultLost)]
     assert lost == [FIRST, SECOND]
     kinds = [(line.kind, line.realization) for line in EvidenceLog(tmp_path / "evidence.jsonl").entries[6:]]

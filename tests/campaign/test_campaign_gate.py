@@ -33,7 +33,7 @@ def test_each_session_waits_for_the_gate_and_also_a_second_attempt(tmp_path: Pat
         tmp_path / "second",
         script=Script({names[0]: "raise-once"}),
         workers=workers,
-        on_event=events.append,
+        observers=[events.append],
         open_executor=open_in_process(3, clock=clock),
         clock=clock,
         gate=stand,
@@ -71,5 +71,5 @@ def test_a_gate_that_stays_closed_ends_with_the_budget_of_the_campaign(tmp_path:
 def _names(folder: Path) -> list[str]:
     """The realizations of the small campaign."""
     events: list[object] = []
-    fly(folder, open_executor=open_in_process(1), on_event=events.append)
+    fly(folder, open_executor=open_in_process(1), observers=[events.append])
     return [event.realization for event in events if isinstance(event, RealizationStarted)]

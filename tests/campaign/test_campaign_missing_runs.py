@@ -51,7 +51,7 @@ def test_every_run_has_two_attempts_of_its_own(tmp_path: Path) -> None:
     script = Script({LOST[0]: "vanish"})
     fly(tmp_path, small_campaign(points=2), script)
     events: list[object] = []
-    again = fly(tmp_path, small_campaign(points=2), script, on_event=events.append)
+    again = fly(tmp_path, small_campaign(points=2), script, observers=[events.append])
 
     assert again.completeness.missing == {Outcome.SETUP_INVALID: 1}
     assert attempts(tmp_path)[LOST[0]] == 4

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import socket
 import subprocess
 import sys
@@ -12,9 +11,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import anyio
 import pytest
 
-from bench.campaign import Task, TaskEnded, WorkerPlan, open_local_pool
+from bench.campaign import Task, WorkerPlan, open_local_pool
 from bench.contracts import Outcome, SessionResult
 from bench.documents import dump_json
 from bench.network_namespace import namespace_fault
@@ -115,17 +115,20 @@ def test_workers_have_networks_of_their_own_if_asked(
     """Both of two workers."""
     document = tmp_path / "simspec.json"
     document.write_text(dump_json(load_simspec(EXAMPLE)))
-    wake_fd, other_fd = os.pipe()
     with host_servers(2) as ports:
         plan = WorkerPlan(f"{__name__}:knock", ports, own_network)
-        ended: list[TaskEnded] = []
-        with open_local_pool(plan, 2, tmp_path) as pool:
-            for name in ("first", "second"):
-                pool.submit(Task(name, document, tmp_path, 3600.0))
-            while len(ended) < 2:
-                ended += pool.wait(None, wake_fd)
-    os.close(wake_fd)
-    os.close(other_fd)
-    assert len({task.worker for task in ended}) == 2
+        results: list[SessionResult] = []
+        workers: list[str] = []
+
+        async def fly_two() -> None:
+            async def fly(name: str) -> None:
+                results.append(await pool.fly(Task(name, document, tmp_path, 3600.0), workers.append))
+
+            async with open_local_pool(plan, 2, tmp_path) as pool, anyio.create_task_group() as flights:
+                for name in ("first", "second"):
+                    flights.start_soon(fly, name)
+
+        anyio.run(fly_two)
+    assert len(set(workers)) == 2
     expected = [] if own_network and namespace_refusal is None else ports
-    assert [task.result.details["reached"] for task in ended] == [expected, expected]
+    assert [result.details["reached"] for result in results] == [expected, expected]

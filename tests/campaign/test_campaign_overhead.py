@@ -17,7 +17,7 @@ from bench.campaign import (
     load_campaign,
     load_measurable_decomposition,
     read_runs,
-    run_campaign,
+    run_campaign_sync,
     verify_folder,
 )
 from bench.cli._scores import campaign_report
@@ -40,7 +40,7 @@ def test_a_campaign_is_flown_scored_and_reported_without_a_session(tmp_path: Pat
     campaign, folder = overhead(), CampaignFolder(tmp_path)
     decomposition = load_measurable_decomposition(campaign.decomposition)
 
-    summary = run_campaign(
+    summary = run_campaign_sync(
         campaign, tmp_path, decomposition, finish=lambda paths: finish_campaign(paths.path) and None
     )
 
@@ -59,23 +59,23 @@ def test_a_campaign_is_flown_scored_and_reported_without_a_session(tmp_path: Pat
     notices = body.count("Overhead fidelity: surrogates on a ground plan")
     # Each table, the head, and the paragraph to quote of each agent.
     assert notices == body.count("<table") + 1 + len(campaign.agents) > 10
-    assert run_campaign(campaign, tmp_path, decomposition).flown == 0
+    assert run_campaign_sync(campaign, tmp_path, decomposition).flown == 0
 
 
 def test_a_folder_holds_results_of_one_fidelity(tmp_path: Path) -> None:
     campaign = overhead()
     decomposition = load_measurable_decomposition(campaign.decomposition)
-    run_campaign(campaign, tmp_path, decomposition)
+    run_campaign_sync(campaign, tmp_path, decomposition)
 
     with pytest.raises(SetupError, match="the folder's results are overhead"):
-        run_campaign(campaign.model_copy(update={"fidelity": "full"}), tmp_path, decomposition)
+        run_campaign_sync(campaign.model_copy(update={"fidelity": "full"}), tmp_path, decomposition)
 
 
 def test_an_agent_without_a_surrogate_is_refused_before_anything_is_written(tmp_path: Path) -> None:
     campaign = overhead(agents=(AgentSpec(manifest="mine.yaml"), AgentSpec(manifest="reference-naive")))
 
     with pytest.raises(SetupError, match="'mine' has no surrogate"):
-        run_campaign(campaign, tmp_path, load_measurable_decomposition(campaign.decomposition))
+        run_campaign_sync(campaign, tmp_path, load_measurable_decomposition(campaign.decomposition))
 
     assert not (tmp_path / "campaign.yaml").exists()
 
@@ -90,7 +90,7 @@ def test_a_situation_with_somebody_sought_is_refused(tmp_path: Path) -> None:
     changed = campaign.model_copy(update={"base": campaign.base.model_copy(update={"actors": groups})})
 
     with pytest.raises(SetupError, match="role: sought: is beyond the overhead simulation"):
-        run_campaign(changed, tmp_path, load_measurable_decomposition(campaign.decomposition))
+        run_campaign_sync(changed, tmp_path, load_measurable_decomposition(campaign.decomposition))
 
 
 def test_what_breaks_in_one_scene_alone_is_refused_before_anything_is_written(tmp_path: Path) -> None:
@@ -103,7 +103,7 @@ def test_what_breaks_in_one_scene_alone_is_refused_before_anything_is_written(tm
     changed_campaign = campaign.model_copy(update={"design": design, "fidelity": "overhead"})
 
     with pytest.raises(SetupError, match="a rotor that stops is beyond the overhead simulation"):
-        run_campaign(
+        run_campaign_sync(
             changed_campaign, tmp_path, load_measurable_decomposition(changed_campaign.decomposition)
         )
 
@@ -112,7 +112,7 @@ def test_what_breaks_in_one_scene_alone_is_refused_before_anything_is_written(tm
 
 def test_the_scores_for_a_machine_name_the_fidelity(tmp_path: Path) -> None:
     campaign = overhead()
-    run_campaign(
+    run_campaign_sync(
         campaign,
         tmp_path,
         load_measurable_decomposition(campaign.decomposition),

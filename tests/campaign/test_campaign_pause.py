@@ -12,7 +12,6 @@ from in_process_executor import HostClock, open_in_process
 
 from bench.campaign import (
     CampaignPaused,
-    RealizationFinished,
     RealizationStarted,
     campaign_state,
     pause_campaign,
@@ -47,17 +46,27 @@ def test_a_paused_campaign_starts_nothing_until_it_goes_on(tmp_path: Path) -> No
     clock = ToldClock(tmp_path, waits=5)
     events: list[object] = []
 
-    def watch(event: object) -> None:
-        events.append(event)
-        finished = sum(isinstance(item, RealizationFinished) for item in events)
-        if isinstance(event, RealizationFinished) and finished in (1, 3):
-            clock.waited = 0
-            assert pause_campaign(tmp_path)
-            assert not pause_campaign(tmp_path)
-            state = campaign_state(tmp_path)
-            assert (state.paused, state.done, state.total) == (True, finished, 6)
+    pauses = [1, 3]
 
-    summary = fly(tmp_path, on_event=watch, open_executor=open_in_process(1, clock=clock), clock=clock)
+    def pause_after(realization: str) -> bool:
+        finished = len(list(tmp_path.glob("runs/*/result.json")))
+        if finished not in pauses:
+            return True
+        pauses.remove(finished)
+        clock.waited = 0
+        assert pause_campaign(tmp_path)
+        assert not pause_campaign(tmp_path)
+        state = campaign_state(tmp_path)
+        assert (state.paused, state.done, state.total) == (True, finished, 6)
+        return False
+
+    summary = fly(
+        tmp_path,
+        observers=[events.append],
+        open_executor=open_in_process(1, clock=clock),
+        clock=clock,
+        gate=pause_after,
+    )
     assert summary.complete
     kinds = [event for event in events if isinstance(event, CampaignPaused | RealizationStarted)]
     told = [event.goes_on if isinstance(event, CampaignPaused) else "started" for event in kinds]
@@ -69,14 +78,14 @@ def test_the_state_of_a_campaign_while_it_runs_and_afterwards(tmp_path: Path) ->
     """Numbers and names as the journal has them; a process only while one is at work."""
     states = []
 
-    def watch(event: object) -> None:
-        if isinstance(event, RealizationStarted):
-            # As from another process: the lock of this one is no news to itself.
-            thread = threading.Thread(target=lambda: states.append(campaign_state(tmp_path)))
-            thread.start()
-            thread.join()
+    def watch(realization: str) -> bool:
+        # As from another process: the lock of this one is no news to itself.
+        thread = threading.Thread(target=lambda: states.append(campaign_state(tmp_path)))
+        thread.start()
+        thread.join()
+        return True
 
-    fly(tmp_path, on_event=watch, open_executor=open_in_process(2))
+    fly(tmp_path, gate=watch, open_executor=open_in_process(2))
     assert [state.done for state in states] == list(range(6))
     end = campaign_state(tmp_path)
     assert (end.process, end.paused, end.complete, end.running, end.left_s) == (None, False, True, (), None)

@@ -23,7 +23,7 @@ from bench.campaign import (
     question_sha256,
     refly,
     rescore_campaign,
-    run_campaign,
+    run_campaign_sync,
     verify_folder,
 )
 from bench.campaign.storage._dropped import DROPPED, DroppedRecording
@@ -39,7 +39,7 @@ def some_scenes(keep: Keep | None, count: int = 3) -> Campaign:
 
 def flown(folder: Path, campaign: Campaign) -> CampaignSummary:
     decomposition = load_measurable_decomposition(campaign.decomposition)
-    return run_campaign(campaign, folder, decomposition, job=MIXED_ENDS, open_executor=open_in_process())
+    return run_campaign_sync(campaign, folder, decomposition, job=MIXED_ENDS, open_executor=open_in_process())
 
 
 def kept(folder: Path) -> set[str]:

@@ -12,9 +12,7 @@ from in_process_executor import HostClock, open_in_process
 
 from bench.campaign import (
     CampaignSummary,
-    RealizationFinished,
     RealizationRetried,
-    RealizationStarted,
     open_journal,
 )
 from bench.campaign.execution._retries import FIRST_PAUSE_S, JITTER, MAX_PAUSE_S, Retries
@@ -37,16 +35,16 @@ class FaultUntil(dict[str, str]):
 
 def flown(
     folder: Path, repaired_s: float, total_wall_s: float | None = None
-) -> tuple[CampaignSummary, HostClock, list[tuple[float, object]]]:
-    """A campaign on a host with two workers that fails two sessions at first; its events with their times."""
+) -> tuple[CampaignSummary, HostClock, list[object]]:
+    """A campaign on a host with two workers that fails two sessions at first, and its events."""
     clock = HostClock()
-    events: list[tuple[float, object]] = []
+    events: list[object] = []
     summary = fly(
         folder,
         small_campaign(retry_s=60.0, total_wall_s=total_wall_s),
         Script(FaultUntil(clock, repaired_s)),
         workers=2,
-        on_event=lambda event: events.append((clock.now_s, event)),
+        observers=[events.append],
         clock=clock,
         open_executor=open_in_process(clock=clock),
     )
@@ -58,10 +56,10 @@ def attempts(folder: Path) -> dict[str, int]:
         return {entry.id: entry.attempts for entry in journal.entries()}
 
 
-def pauses_s(events: list[tuple[float, object]], realization: str) -> list[float]:
+def pauses_s(events: list[object], realization: str) -> list[float]:
     return [
         event.pause_s
-        for _, event in events
+        for event in events
         if isinstance(event, RealizationRetried) and event.realization == realization
     ]
 
@@ -75,9 +73,7 @@ def test_a_fault_of_a_minute_costs_no_run(tmp_path: Path) -> None:
     assert summary.complete
     assert summary.outcomes == {Outcome.COMPLETED: 6}
     assert 60.0 <= clock.now_s <= 65.0 * (1.0 + JITTER)
-    assert [time for time, event in events if isinstance(event, RealizationFinished)][:OTHERS] == [
-        0.0
-    ] * OTHERS
+    assert [time for time, name in clock.ends if name not in FAULTY] == [0.0] * OTHERS
     assert sum(attempts(tmp_path / "first").values()) == OTHERS + sum(
         len(pauses_s(events, name)) + 1 for name in FAULTY
     )
@@ -86,11 +82,7 @@ def test_a_fault_of_a_minute_costs_no_run(tmp_path: Path) -> None:
         assert len(nominal_s) >= 3
         for pause_s, least_s in zip(pauses_s(events, name), nominal_s, strict=True):
             assert least_s <= pause_s <= least_s * (1.0 + JITTER)
-        starts_s = [
-            time
-            for time, event in events
-            if isinstance(event, RealizationStarted) and event.realization == name
-        ]
+        starts_s = [time for time, started in clock.starts if started == name]
         # Nothing else runs by then, so each attempt starts as soon as its pause is over.
         assert [b - a for a, b in pairwise(starts_s)] == pytest.approx(pauses_s(events, name))
     assert pauses_s(events, FAULTY[0]) != pauses_s(events, FAULTY[1])
@@ -124,15 +116,15 @@ def test_a_request_to_stop_is_not_kept_waiting_by_a_pause(tmp_path: Path) -> Non
     """SIGTERM arrives when the last session has failed: no time passes until the campaign has stopped."""
     clock = HostClock()
 
-    def request(event: object) -> None:
-        if isinstance(event, RealizationRetried):
+    class Stopped(dict[str, str]):
+        def get(self, key: str, default: str | None = None) -> str | None:  # type: ignore[override]
             signal.raise_signal(signal.SIGTERM)
+            return super().get(key, default)
 
     summary = fly(
         tmp_path,
         small_campaign(1, 1, retry_s=60.0),
-        Script({"p001-r1-fake": "raise"}),
-        on_event=request,
+        Script(Stopped({"p001-r1-fake": "raise"})),
         clock=clock,
         open_executor=open_in_process(clock=clock),
     )

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
+import anyio
 import campaign_fakes
 import pytest
 from campaign_fakes import JOB, Script, fly, small_campaign
@@ -33,12 +34,11 @@ from bench.campaign import (
     open_local_pool,
     read_result,
     realizations,
-    run_campaign,
+    run_campaign_sync,
     verify_folder,
     write_whole,
 )
-from bench.campaign.execution._processes import await_exit
-from bench.contracts import Outcome
+from bench.contracts import Outcome, SessionResult
 from bench.documents import dump_json
 from bench.errors import SetupError
 
@@ -80,7 +80,7 @@ def test_flies_everything_once(tmp_path: Path) -> None:
     """A campaign gets one complete result for each realization, and its manifest holds."""
     events: list[object] = []
 
-    summary = fly(tmp_path, workers=2, on_event=events.append)
+    summary = fly(tmp_path, workers=2, observers=[events.append])
 
     assert summary.complete
     assert summary.flown == 6
@@ -128,7 +128,9 @@ def test_what_could_never_be_scored_is_not_flown(tmp_path: Path) -> None:
     with pytest.raises(
         SetupError, match="key factor 'intelligence_uncertainty_m' has no value in this situation"
     ):
-        run_campaign(small_campaign(), tmp_path, load_measurable_decomposition("search-and-report"), job=JOB)
+        run_campaign_sync(
+            small_campaign(), tmp_path, load_measurable_decomposition("search-and-report"), job=JOB
+        )
 
     assert not list(tmp_path.glob("simspecs/*"))
 
@@ -140,7 +142,7 @@ def test_bad_sessions_cost_themselves_only(tmp_path: Path) -> None:
     acts = {"p001-r1-fake": "raise", "p001-r2-fake": "exit", "p002-r1-fake": "segv", "p002-r2-fake": "leave"}
     events: list[object] = []
 
-    summary = fly(tmp_path, script=Script(acts), workers=2, on_event=events.append)
+    summary = fly(tmp_path, script=Script(acts), workers=2, observers=[events.append])
 
     assert summary.completeness.missing == {Outcome.BENCH_ERROR: 2, Outcome.WORKER_LOST: 2}
     by_id = entries(tmp_path)
@@ -164,7 +166,7 @@ def test_a_retry_may_succeed(tmp_path: Path) -> None:
     """
     events: list[object] = []
     campaign = small_campaign(1, 1, retry_s=0.1)
-    summary = fly(tmp_path, campaign, Script({"p001-r1-fake": "exit-once"}), on_event=events.append)
+    summary = fly(tmp_path, campaign, Script({"p001-r1-fake": "exit-once"}), observers=[events.append])
 
     assert summary.outcomes == {Outcome.COMPLETED: 1}
     assert [0.1 <= event.pause_s <= 0.125 for event in events if isinstance(event, RealizationRetried)] == [
@@ -205,9 +207,7 @@ def test_hung_session_is_killed(tmp_path: Path) -> None:
 
 
 def test_two_workers_lost_at_once(tmp_path: Path) -> None:
-    """Both tasks come back as lost from one wait, each with its own worker; the next task gets a new
-    worker.
-    """
+    """Both tasks end as lost, each with its own worker; the next task gets a new worker."""
     plans = realizations(small_campaign(points=2, replicates=2))
     acts = {plan.id: "exit" for plan in plans[:2]}
     for plan in plans:
@@ -221,33 +221,31 @@ def test_two_workers_lost_at_once(tmp_path: Path) -> None:
         )
         for plan in plans
     ]
-    wake_fd, other_fd = os.pipe()
-    with open_local_pool(WorkerPlan(JOB, Script(acts)), 2, tmp_path) as pool:
-        names = [pool.submit(task) for task in tasks[:2]]
-        for worker in pool._workers:
-            assert await_exit(worker.process.pid, 100.0)
-        batches = [
-            pool.wait(None, wake_fd),
-            pool.wait(None, wake_fd),
-        ]  # first that both were ready, then that both are gone
-        assert (pool.busy, pool.free) == (0, 2)
-        pool.submit(tasks[2])
-        while not (last := pool.wait(None, wake_fd)):
-            pass
-    os.close(wake_fd)
-    os.close(other_fd)
+    workers: list[str] = []
+    results: list[SessionResult] = []
 
-    assert [len(batch) for batch in batches] == [0, 2]
-    assert {(ended.realization, ended.worker) for ended in batches[1]} == set(zip(acts, names, strict=True))
-    assert {ended.result.outcome for ended in batches[1]} == {Outcome.WORKER_LOST}
-    assert all("ended with code 3" in ended.result.reason for ended in batches[1])
-    assert [ended.result.outcome for ended in last] == [Outcome.COMPLETED]
+    async def fly_all() -> None:
+        async def fly(task: Task) -> None:
+            results.append(await pool.fly(task, workers.append))
+
+        async with open_local_pool(WorkerPlan(JOB, Script(acts)), 2, tmp_path) as pool:
+            async with anyio.create_task_group() as flights:
+                for task in tasks[:2]:
+                    flights.start_soon(fly, task)
+            await fly(tasks[2])
+
+    anyio.run(fly_all)
+    assert workers == ["w1", "w2", "w3"]
+    assert {result.realization for result in results[:2]} == set(acts)
+    assert {result.outcome for result in results[:2]} == {Outcome.WORKER_LOST}
+    assert all("ended with code 3" in result.reason for result in results[:2])
+    assert results[2].outcome is Outcome.COMPLETED
 
 
 def test_job_that_cannot_be_imported(tmp_path: Path) -> None:
     """When no worker can work the campaign says so and decides nothing about any realization."""
     with pytest.raises(WorkersUnusable, match="no_such_module"):
-        run_campaign(small_campaign(), tmp_path, Script(), job="no_such_module:fly")  # type: ignore[arg-type]
+        run_campaign_sync(small_campaign(), tmp_path, Script(), job="no_such_module:fly")  # type: ignore[arg-type]
 
     assert set(outcomes(tmp_path).values()) == {None}
     assert fly(tmp_path).complete
@@ -259,7 +257,7 @@ def test_observer_may_fail(tmp_path: Path) -> None:
     def clumsy(event: object) -> None:
         raise RuntimeError(f"cannot show {event}")
 
-    summary = fly(tmp_path, small_campaign(points=1), on_event=clumsy)
+    summary = fly(tmp_path, small_campaign(points=1), observers=[clumsy])
 
     assert summary.complete
     assert summary.observer_faults == 1 + 2 * 2

@@ -24,7 +24,7 @@ from bench.campaign import (
     open_journal,
     question_sha256,
     realizations,
-    run_campaign,
+    run_campaign_sync,
     verify_folder,
 )
 from bench.cli._app import run
@@ -55,7 +55,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
     decomposition = load_measurable_decomposition(campaign.decomposition)
     for name, flown in (("whole", campaign), ("1", part(campaign, "1/2")), ("2", part(campaign, "2/2"))):
         # The scores of the shards are of no use here, and their reports take seconds.
-        run_campaign(
+        run_campaign_sync(
             flown,
             root / name,
             decomposition,
@@ -88,7 +88,7 @@ def test_joined_shards_have_the_results_and_scores_of_one_run(folders: Path, tmp
     # The same command on the joined folder has nothing to fly.
     campaign = three_scenes()
     decomposition = load_measurable_decomposition(campaign.decomposition)
-    assert run_campaign(campaign, out, decomposition).flown == 0
+    assert run_campaign_sync(campaign, out, decomposition).flown == 0
 
 
 def test_attempts_and_recordings_come_along(tmp_path: Path) -> None:
@@ -97,7 +97,7 @@ def test_attempts_and_recordings_come_along(tmp_path: Path) -> None:
     campaign = campaign.model_copy(update={"budgets": campaign.budgets.model_copy(update={"retry_s": 0.0})})
     decomposition = load_measurable_decomposition(campaign.decomposition)
     for number in "12":
-        run_campaign(
+        run_campaign_sync(
             part(campaign, f"{number}/2"),
             tmp_path / number,
             decomposition,
@@ -138,11 +138,11 @@ def test_a_shard_asks_the_same_question_and_stays_what_it_is(folders: Path) -> N
     campaign = three_scenes()
     decomposition = load_measurable_decomposition(campaign.decomposition)
     assert question_sha256(part(campaign, "2/7")) == question_sha256(campaign)
-    again = run_campaign(campaign, folders / "1", decomposition)
+    again = run_campaign_sync(campaign, folders / "1", decomposition)
     assert (again.total, again.flown) == (4, 0)
     assert campaign_state(folders / "2").total == 2
     with pytest.raises(SetupError, match="holds realizations that are not in this campaign"):
-        run_campaign(part(campaign, "2/2"), folders / "1", decomposition)
+        run_campaign_sync(part(campaign, "2/2"), folders / "1", decomposition)
 
 
 def test_what_does_not_make_a_whole_is_refused_by_name(folders: Path, tmp_path: Path) -> None:
@@ -163,7 +163,7 @@ def test_what_does_not_make_a_whole_is_refused_by_name(folders: Path, tmp_path: 
         merge_shards([one, changed], out, finish)
     decomposition = load_measurable_decomposition("search-and-report")
     other = overhead().model_copy(update={"name": "other"})
-    run_campaign(part(other, "2/2"), tmp_path / "other", decomposition, open_executor=open_in_process())
+    run_campaign_sync(part(other, "2/2"), tmp_path / "other", decomposition, open_executor=open_in_process())
     with pytest.raises(SetupError, match="is of another campaign"):
         merge_shards([one, tmp_path / "other"], out, finish)
     assert not out.exists()

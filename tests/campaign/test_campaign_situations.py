@@ -19,7 +19,7 @@ from bench.campaign import (
     propose_next,
     read_runs,
     realizations,
-    run_campaign,
+    run_campaign_sync,
     verify_folder,
     with_floor,
 )
@@ -197,7 +197,9 @@ def test_scores_report_comparison_and_the_next_campaign(tmp_path: Path, capsys: 
     )
     decomposition = load_measurable_decomposition(campaign.decomposition)
     folder = tmp_path / "out"
-    run_campaign(campaign, folder, decomposition, finish=lambda paths: finish_campaign(paths.path) and None)
+    run_campaign_sync(
+        campaign, folder, decomposition, finish=lambda paths: finish_campaign(paths.path) and None
+    )
 
     assert verify_folder(folder) == []
     assert len(read_runs(folder).runs) == 12

@@ -6,7 +6,11 @@ import os
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+
+import anyio
+from anyio.abc import TaskGroup
 
 from bench.contracts import Outcome, SessionResult
 from bench.errors import Fault, SetupError
@@ -22,13 +26,14 @@ from ..storage._folder import CampaignFolder
 from ..storage._journal import Journal, RealizationState
 from ..storage._results import write_result
 from ._bench_faults import BenchFaultWatch
+from ._executor import Executor
 from ._firmware_watch import FirmwareWatch
-from ._pool import Executor
+from ._host_clock import HostClock
 from ._retention import Retention
 from ._retries import Retries
 from ._stop_request import StopRequest
 from ._suspects import SuspectWatch
-from ._task import Task, TaskEnded
+from ._task import Task
 
 MIN_FREE_BYTES = 1024 * 1024
 """With less free space on the disk a failed session is taken for one that a full disk stopped."""
@@ -46,6 +51,8 @@ StartGate = Callable[[str], bool]
 """Whether a realization may start now. Asked again and again, a few times a second, until it may."""
 GATE_S = 0.2
 """Host seconds between two questions to a closed gate. Chosen: a test stand takes longer than that to get ready."""
+CAPACITY_S = 1.0
+"""Host seconds between two looks at an executor that has no room. Chosen: a cluster's workers take longer to start."""
 
 
 def no_gate(realization: str) -> bool:
@@ -58,7 +65,7 @@ def no_gate(realization: str) -> bool:
 class Deadline:
     """A reading of `clock`, in host seconds, after which no further session is started."""
 
-    clock: Callable[[], float]
+    clock: HostClock
     at: float
 
     @property
@@ -78,7 +85,7 @@ class Dispatcher:
         early_stopping: EarlyStopping,
         plans: Sequence[RealizationPlan],
         retries: Retries,
-        clock: Callable[[], float],
+        clock: HostClock,
         suspects: SuspectWatch,
         forfeit_job: str | None,
         gate: StartGate = no_gate,
@@ -97,6 +104,7 @@ class Dispatcher:
         self._gate, self._gate_is_closed = gate, False
         self._retention = retention
         self._running: dict[str, PointKey | None] = {}
+        self._session_ended = anyio.Event()
         self.total = len(plans)
         # Planning compared the files in simspecs/ with the journal's digests: none has to be read again for
         # its budget.
@@ -112,26 +120,61 @@ class Dispatcher:
         """Realizations to start, in the order of the plan."""
         return self._waiting
 
-    def fly(self, executor: Executor, stop: StopRequest, deadline: Deadline | None) -> None:
-        """Fly realizations until all are done, a stop is requested, or the total budget is spent."""
-        while stop.reason is None:
-            left_s = None if deadline is None else deadline.left_s
-            is_over = left_s is not None and left_s <= 0.0
-            # Read once: a pause that ended between two readings would be neither due nor waited for.
-            now = self._clock()
-            while executor.free and not is_over and (realization := self._next_realization(now)) is not None:
-                self._start(executor, realization)
-            # Without a free worker a pause that is over starts nothing; the end of a session does.
-            pause_s = self._pause_s(now) if executor.free else None
-            if not executor.busy and (is_over or pause_s is None):
-                break
-            # After the deadline the running sessions may still end by their own budgets.
-            spans_s = [] if is_over else [span_s for span_s in (left_s, pause_s) if span_s is not None]
-            for ended in executor.wait(min(spans_s, default=None), stop.wake_fd):
-                self._take_in(ended)
+    async def fly(self, executor: Executor, stop: StopRequest, deadline: Deadline | None) -> None:
+        """Fly realizations until all are done, a stop is requested, or the total budget is spent.
+
+        A stop cancels the sessions that fly; a spent budget lets them end by their own.
+        """
+        with stop.scope:
+            async with anyio.create_task_group() as flights:
+                await self._start_all(executor, flights, deadline)
         self.stopped = stop.reason or ("the campaign's total wall budget is spent" if self._waiting else None)
         if self.stopped is not None:
             self._observers.notify(CampaignStopping(self.stopped))
+
+    async def _start_all(self, executor: Executor, flights: TaskGroup, deadline: Deadline | None) -> None:
+        """Start realizations as long as there are any, or may be after a retry, and the budget lasts."""
+        while deadline is None or deadline.left_s > 0.0:
+            # Read once: a pause that ended between two readings would be neither due nor waited for.
+            now = self._clock()
+            while self._has_room(executor) and (realization := self._next_realization(now)) is not None:
+                self._running[realization] = self._early_stopping.key(realization)
+                flights.start_soon(self._fly_one, executor, realization)
+            # Without room a pause that is over starts nothing; the end of a session does, or another worker.
+            pause_s = self._pause_s(now) if self._has_room(executor) else CAPACITY_S
+            if not self._running and (pause_s is None or not self._waiting):
+                return
+            spans_s = [pause_s if self._waiting else None, None if deadline is None else deadline.left_s]
+            await self._wait(min((span_s for span_s in spans_s if span_s is not None), default=None))
+
+    def _has_room(self, executor: Executor) -> bool:
+        return len(self._running) < executor.capacity
+
+    async def _wait(self, span_s: float | None) -> None:
+        """Wait until a session ends, for `span_s` host seconds at most."""
+        async with anyio.create_task_group() as race:
+            if span_s is not None:
+                race.start_soon(self._cancel_after, span_s, race.cancel_scope)
+            await self._session_ended.wait()
+            race.cancel_scope.cancel()
+        # Nothing awaits between here and the next look at what waits: no end of a session is missed.
+        self._session_ended = anyio.Event()
+
+    async def _cancel_after(self, span_s: float, scope: anyio.CancelScope) -> None:
+        await self._clock.sleep(span_s)
+        scope.cancel()
+
+    async def _fly_one(self, executor: Executor, realization: str) -> None:
+        """Fly a realization once, as a task of its own."""
+        task = self._task(realization)
+        result = await executor.fly(task, partial(self._note_start, realization))
+        # It would replace a result that may be in scores already.
+        if result.realization != realization:
+            raise TypeError(
+                f"the executor returned the result of {result.realization}, not that of {realization}"
+            )
+        self._take_in(result)
+        self._session_ended.set()
 
     def _pause_s(self, now: float) -> float | None:
         """Host seconds until something may be startable that is not now; None if only the end of a session helps."""
@@ -185,23 +228,19 @@ class Dispatcher:
         self._waiting.remove(realization)
         return realization
 
-    def _start(self, executor: Executor, realization: str) -> None:
-        self._running[realization] = self._early_stopping.key(realization)
+    def _task(self, realization: str) -> Task:
         simspec = self._folder.simspec(realization)
         forfeited = self._suspects.is_forfeited(realization)
         job = self._forfeit_job if forfeited else self._suspects.confined_job(realization)
-        worker = executor.submit(
-            Task(realization, simspec, self._folder.fresh_run(realization), self._wall_s[realization], job)
-        )
+        run = self._folder.fresh_run(realization)
+        return Task(realization, simspec, run, self._wall_s[realization], job)
+
+    def _note_start(self, realization: str, worker: str) -> None:
         self._suspects.start(realization)
         attempt = self._journal.start(realization, worker)
         self._observers.notify(RealizationStarted(realization, worker, attempt))
 
-    def _take_in(self, ended: TaskEnded) -> None:
-        result = ended.result
-        # A second result for a realization would replace the first, which may be in scores already.
-        if result.realization not in self._running:
-            return
+    def _take_in(self, result: SessionResult) -> None:
         key = self._running.pop(result.realization)
         if result.outcome in _STOPPED_BY_A_FULL_DISK and _is_full(self._folder.path):
             raise SetupError(

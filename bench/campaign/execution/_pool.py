@@ -11,16 +11,19 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, suppress
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import Pipe
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
+
+import anyio
 
 from bench.contracts import Outcome, SessionResult
 
+from ._executor import OnStart
 from ._processes import await_exit, kill_tree, processes_marked
 from ._task import JobNotImportable, Task, TaskEnded, WorkerPlan, WorkerReady, WorkersUnusable
 
@@ -58,45 +61,14 @@ main({link}, {lifeline}, {name!r})
 """
 
 
-class Executor(Protocol):
-    """Flies tasks somewhere. Used by one thread. Every submitted task comes back once, as a `TaskEnded`."""
-
-    @property
-    def free(self) -> int:
-        """How many more tasks can be submitted now."""
-
-    @property
-    def busy(self) -> int:
-        """How many tasks are running."""
-
-    def submit(self, task: Task) -> str:
-        """Start a task and return the name of its worker. Only while `free` is above zero."""
-
-    def wait(self, timeout_s: float | None, wake_fd: int) -> list[TaskEnded]:
-        """Wait for tasks to end and return them.
-
-        Empty after `timeout_s` host seconds (None: no limit) or once `wake_fd` is readable. Raises
-        WorkersUnusable.
-        """
-
-
-class OpenExecutor(Protocol):
-    """Opens an executor for one campaign run.
-
-    Leaving the block kills every task that is running, with its agent.
-    """
-
-    def __call__(self, plan: WorkerPlan, workers: int, folder: Path) -> AbstractContextManager[Executor]: ...
-
-
-@contextmanager
-def open_local_pool(
+@asynccontextmanager
+async def open_local_pool(
     plan: WorkerPlan,
     workers: int,
     folder: Path,
     grace_s: float = GRACE_S,
     clock: Callable[[], float] = time.monotonic,
-) -> Iterator[LocalPool]:
+) -> AsyncIterator[LocalPool]:
     """Yield a pool of up to `workers` processes on this machine, which write their logs to `folder`/logs.
 
     `clock` gives the host seconds by which the budgets of sessions are judged.
@@ -117,7 +89,7 @@ def open_local_pool(
 
 @dataclass(slots=True)
 class _Worker:
-    """A worker process as the runner sees it. Times are readings of the pool's clock."""
+    """A worker process as the runner sees it. `started` is a reading of the pool's clock."""
 
     name: str
     process: subprocess.Popen[bytes]
@@ -127,8 +99,16 @@ class _Worker:
     log_start: int
     started: float
     ready: bool = False
-    task: Task | None = None
-    task_started: float = 0.0
+
+    @property
+    def is_gone(self) -> bool:
+        """Whether an idle worker has ended: its link is readable only then."""
+        return self.link.poll()
+
+    def send(self, message: object) -> None:
+        """Send a message. That the worker has ended is noticed when its answer is read."""
+        with suppress(BrokenPipeError, ConnectionResetError):
+            self.link.send(message)
 
     def log_tail(self) -> str:
         """The end of what it wrote to stdout and stderr."""
@@ -138,7 +118,9 @@ class _Worker:
         return ""
 
     def kill(self) -> None:
-        """Kill the process and everything that it started."""
+        """Kill the process and everything that it started. Doing it again does nothing."""
+        if self.link.closed:
+            return
         # Reaped only after the kill: until then the kernel gives its id to no other process.
         kill_tree(self.process.pid)
         self.process.wait()
@@ -152,52 +134,86 @@ class LocalPool:
     def __init__(
         self, plan: WorkerPlan, workers: int, folder: Path, grace_s: float, clock: Callable[[], float]
     ) -> None:
-        self._plan, self._limit, self._folder, self._grace_s, self._clock = (
-            plan,
-            workers,
-            folder,
-            grace_s,
-            clock,
-        )
-        self._workers: list[_Worker] = []
+        self._plan, self._folder, self._grace_s, self._clock = plan, folder, grace_s, clock
+        self.capacity = workers
+        self._idle: list[_Worker] = []
         self._started_count = 0
         self._false_starts = 0
 
-    @property
-    def free(self) -> int:
-        return self._limit - self.busy
-
-    @property
-    def busy(self) -> int:
-        return sum(worker.task is not None for worker in self._workers)
-
-    def submit(self, task: Task) -> str:
-        worker = (
-            next((worker for worker in self._workers if worker.task is None), None) or self._start_worker()
-        )
-        worker.task = task
-        worker.task_started = self._clock()
-        # A worker that died meanwhile is noticed by `wait`, which returns the task as lost.
-        with suppress(BrokenPipeError, ConnectionResetError):
-            worker.link.send(task)
-        return worker.name
-
-    def wait(self, timeout_s: float | None, wake_fd: int) -> list[TaskEnded]:
-        timeouts = [
-            timeout_s,
-            *(self._deadline(worker) - self._clock() for worker in self._workers if worker.task),
-        ]
-        span_s = min((max(timeout, 0.0) for timeout in timeouts if timeout is not None), default=None)
-        links = {worker.link: worker for worker in self._workers}
-        readable = [links[link] for link in wait([*links, wake_fd], span_s) if isinstance(link, Connection)]
-        ended = [task for worker in readable for task in self._receive(worker)]
-        late = [worker for worker in self._workers if worker.task and self._clock() >= self._deadline(worker)]
-        return ended + [task for worker in late for task in self._kill_late(worker)]
+    async def fly(self, task: Task, on_start: OnStart) -> SessionResult:
+        worker = self._idle_worker() or self._start_worker()
+        answer: TaskEnded | SessionResult | None = None
+        try:
+            on_start(worker.name)
+            answer = await self._answer(worker, task)
+        finally:
+            # Also when the runner stops: a session is killed with its agent, never left behind.
+            if isinstance(answer, TaskEnded):
+                self._idle.append(worker)
+            else:
+                worker.kill()
+        return answer.result if isinstance(answer, TaskEnded) else answer
 
     def close(self) -> None:
-        """Kill all workers and their sessions."""
-        while self._workers:
-            self._workers.pop().kill()
+        """Kill the idle workers. Those at a task ended with it."""
+        while self._idle:
+            self._idle.pop().kill()
+
+    async def _answer(self, worker: _Worker, task: Task) -> TaskEnded | SessionResult:
+        """What a worker made of a task, or the result in the place of what it could not send."""
+        if not worker.ready and (lost := await self._make_ready(worker)) is not None:
+            return _substitute(task, Outcome.WORKER_LOST, lost)
+        # The session's budget does not pay for the worker's imports.
+        began = self._clock()
+        worker.send(task)
+        try:
+            message = await self._receive(worker, began + task.wall_s + self._grace_s)
+        except TimeoutError:
+            reason = f"the session was killed {self._grace_s:g} s after its budget of {task.wall_s:g} s"
+            return _substitute(task, Outcome.WALL_BUDGET, reason, self._clock() - began)
+        if isinstance(message, TaskEnded):
+            return message
+        return _substitute(task, Outcome.WORKER_LOST, await _end_text(worker), self._clock() - began)
+
+    async def _make_ready(self, worker: _Worker) -> str | None:
+        """Wait until a new worker has imported its job. How it ended instead, if it did. Raises WorkersUnusable."""
+        try:
+            message = await self._receive(worker, worker.started + START_LIMIT_S)
+        except TimeoutError:
+            raise WorkersUnusable(
+                f"the worker {worker.name} did not import {self._plan.job} within {START_LIMIT_S:g} s"
+            ) from None
+        match message:
+            case WorkerReady():
+                worker.ready = True
+                self._false_starts = 0
+                return None
+            case JobNotImportable():
+                raise WorkersUnusable(f"a worker cannot import the job {self._plan.job}:\n{message.reason}")
+        reason = await _end_text(worker)
+        self._false_starts += 1
+        if self._false_starts >= MAX_FALSE_STARTS:
+            raise WorkersUnusable(
+                f"{MAX_FALSE_STARTS} workers in a row ended before they were ready; {reason}"
+            )
+        return reason
+
+    async def _receive(self, worker: _Worker, deadline: float) -> object | None:
+        """The next message of a worker; None if it is gone. Raises TimeoutError when the clock reads `deadline`."""
+        while (left_s := deadline - self._clock()) > 0.0:
+            # Judged by the clock again afterwards: the loop's own time is not the clock that was handed in.
+            with anyio.move_on_after(left_s):
+                await anyio.wait_readable(worker.link)
+                return _message(worker.link)
+        raise TimeoutError
+
+    def _idle_worker(self) -> _Worker | None:
+        while self._idle:
+            worker = self._idle.pop()
+            if not worker.is_gone:
+                return worker
+            worker.kill()
+        return None
 
     def _start_worker(self) -> _Worker:
         self._started_count += 1
@@ -237,75 +253,33 @@ class LocalPool:
         worker_link.close()
         os.close(worker_lifeline_fd)
         worker = _Worker(name, process, link, lifeline_fd, log, log_start, self._clock())
-        self._workers.append(worker)
-        with suppress(BrokenPipeError, ConnectionResetError):
-            link.send(self._plan)
+        worker.send(self._plan)
         return worker
 
-    def _deadline(self, worker: _Worker) -> float:
-        """The reading of the clock at which a worker at a task is killed."""
-        if not worker.ready:
-            return worker.started + START_LIMIT_S
-        assert worker.task is not None
-        return worker.task_started + worker.task.wall_s + self._grace_s
 
-    def _receive(self, worker: _Worker) -> Sequence[TaskEnded]:
-        try:
-            message = worker.link.recv()
-        except (EOFError, ConnectionResetError):
-            return self._replace_lost(worker)
-        match message:
-            case WorkerReady():
-                worker.ready = True
-                # The session's budget does not pay for the worker's imports.
-                worker.task_started = self._clock()
-                self._false_starts = 0
-            case TaskEnded():
-                worker.task = None
-                return [message]
-            case JobNotImportable():
-                raise WorkersUnusable(f"a worker cannot import the job {self._plan.job}:\n{message.reason}")
-        return []
+def _message(link: Connection[Any, Any]) -> object | None:
+    try:
+        message: object = link.recv()
+    except (EOFError, ConnectionResetError):
+        return None
+    return message
 
-    def _replace_lost(self, worker: _Worker) -> list[TaskEnded]:
-        """Remove a worker that is gone, and return the task that it was at as lost."""
-        # The link closes before the process is gone: without the wait its exit code would be that of the
-        # kill.
-        await_exit(worker.process.pid, EXIT_LIMIT_S)
-        self._remove(worker)
-        output = worker.log_tail()
-        reason = f"the worker {worker.name} {_exit_text(worker.process.returncode)}" + (
-            f"; its last output: {output}" if output else ""
-        )
-        if not worker.ready:
-            self._false_starts += 1
-            if self._false_starts >= MAX_FALSE_STARTS:
-                raise WorkersUnusable(
-                    f"{MAX_FALSE_STARTS} workers in a row ended before they were ready; {reason}"
-                )
-        return self._substitute_result(worker, Outcome.WORKER_LOST, reason)
 
-    def _kill_late(self, worker: _Worker) -> list[TaskEnded]:
-        self._remove(worker)
-        if not worker.ready:
-            raise WorkersUnusable(
-                f"the worker {worker.name} did not import {self._plan.job} within {START_LIMIT_S:g} s"
-            )
-        assert worker.task is not None
-        reason = f"the session was killed {self._grace_s:g} s after its budget of {worker.task.wall_s:g} s"
-        return self._substitute_result(worker, Outcome.WALL_BUDGET, reason)
+async def _end_text(worker: _Worker) -> str:
+    """How a worker ended that closed its link."""
+    # The link closes before the process is gone: without the wait its exit code would be that of the kill.
+    await await_exit(worker.process.pid, EXIT_LIMIT_S)
+    worker.kill()
+    output = worker.log_tail()
+    reason = f"the worker {worker.name} {_exit_text(worker.process.returncode)}"
+    return f"{reason}; its last output: {output}" if output else reason
 
-    def _remove(self, worker: _Worker) -> None:
-        self._workers.remove(worker)
-        worker.kill()
 
-    def _substitute_result(self, worker: _Worker, outcome: Outcome, reason: str) -> list[TaskEnded]:
-        """The result in place of the one that the worker could not send. Empty if it had no task."""
-        if worker.task is None:
-            return []
-        realization, wall_s = worker.task.realization, round(self._clock() - worker.task_started, 3)
-        result = SessionResult(realization=realization, outcome=outcome, reason=reason, wall_s=wall_s)
-        return [TaskEnded(realization, worker.name, result)]
+def _substitute(task: Task, outcome: Outcome, reason: str, wall_s: float = 0.0) -> SessionResult:
+    """The result in place of the one that the worker could not send."""
+    return SessionResult(
+        realization=task.realization, outcome=outcome, reason=reason, wall_s=round(wall_s, 3)
+    )
 
 
 def _exit_text(code: int) -> str:

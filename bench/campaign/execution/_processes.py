@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-import select
 import signal
 from contextlib import suppress
 from pathlib import Path
+
+import anyio
 
 
 def kill_tree(pid: int) -> None:
@@ -21,12 +22,15 @@ def kill_tree(pid: int) -> None:
             kill(pid, signal.SIGKILL)
 
 
-def await_exit(pid: int, span_s: float) -> bool:
+async def await_exit(pid: int, span_s: float) -> bool:
     """Wait for a child process to end, without reaping it. Returns whether it ended within `span_s`."""
     # Not waitpid: reaping would free the id, and the kill that follows could reach a stranger.
     exit_fd = os.pidfd_open(pid)
     try:
-        return bool(select.select([exit_fd], [], [], span_s)[0])
+        with anyio.move_on_after(span_s):
+            await anyio.wait_readable(exit_fd)
+            return True
+        return False
     finally:
         os.close(exit_fd)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 from pathlib import Path
 
@@ -11,11 +10,13 @@ from bench.documents import dump_json
 from bench.simspec import SimSpec
 from decompositions import Decomposition
 
+from ._blocking import blocking
 from ._pool import open_local_pool
 from ._task import FLIGHT_JOB, Task, WorkerPlan
 
 
-def fly_in_worker(
+@blocking
+async def fly_in_worker(
     simspec: SimSpec, decomposition: Decomposition, folder: Path, realization: str, own_network: bool = True
 ) -> SessionResult:
     """`fly_realization` in a process of its own, which can be confined and whose end costs nobody else anything.
@@ -23,17 +24,9 @@ def fly_in_worker(
     Raises WorkersUnusable when no worker process can be started.
     """
     plan = WorkerPlan(FLIGHT_JOB, decomposition, own_network)
-    wake_fd, silent_fd = os.pipe()
-    try:
-        with tempfile.TemporaryDirectory(prefix="rebar-worker-") as temporary:
-            document = Path(temporary, "simspec.json")
-            document.write_text(dump_json(simspec))
-            task = Task(realization, document, folder.resolve(), simspec.budgets.wall_s)
-            with open_local_pool(plan, 1, Path(temporary)) as pool:
-                pool.submit(task)
-                while not (ended := pool.wait(None, wake_fd)):
-                    pass
-        return ended[0].result
-    finally:
-        os.close(wake_fd)
-        os.close(silent_fd)
+    with tempfile.TemporaryDirectory(prefix="rebar-worker-") as temporary:
+        document = Path(temporary, "simspec.json")
+        document.write_text(dump_json(simspec))
+        task = Task(realization, document, folder.resolve(), simspec.budgets.wall_s)
+        async with open_local_pool(plan, 1, Path(temporary)) as pool:
+            return await pool.fly(task, on_start=lambda worker: None)

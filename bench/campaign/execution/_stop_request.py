@@ -1,55 +1,57 @@
-"""Requests to stop: Ctrl-C and SIGTERM set a reason that the runner reads between two sessions."""
+"""Requests to stop: Ctrl-C and SIGTERM cancel what flies, and leave a reason."""
 
 from __future__ import annotations
 
-import os
 import signal
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
-from types import FrameType
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import anyio
+from anyio.abc import TaskStatus
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class StopRequest:
-    """`reason` is None until a stop is requested. `wake_fd` becomes readable at that moment."""
+    """`reason` is None until a stop is requested. At that moment `scope` is cancelled, with everything inside it."""
 
-    def __init__(self, wake_fd: int, signal_fd: int) -> None:
-        self.wake_fd = wake_fd
-        self._signal_fd = signal_fd
+    def __init__(self) -> None:
         self.reason: str | None = None
+        self.scope = anyio.CancelScope()
 
     def request(self, reason: str) -> None:
         """Request a stop. The first reason stays."""
         if self.reason is None:
             self.reason = reason
-            os.write(self._signal_fd, b"!")
+            self.scope.cancel()
 
 
-@contextmanager
-def open_stop_request() -> Iterator[StopRequest]:
+@asynccontextmanager
+async def open_stop_request() -> AsyncIterator[StopRequest]:
     """Yield a StopRequest that SIGINT and SIGTERM trigger. The former handlers come back at the end.
 
     Outside the main thread no signal triggers it.
     """
-    # A pipe, not a flag alone: the runner sleeps in a wait on file descriptors, and a flag would not wake it.
-    wake_fd, signal_fd = os.pipe()
-    stop = StopRequest(wake_fd, signal_fd)
-
-    def handler(number: int, frame: FrameType | None) -> None:
-        del frame
-        stop.request(f"received {signal.Signals(number).name}")
-
+    stop = StopRequest()
     # Python runs signal handlers in the main thread only, and refuses to install them from another.
-    is_main_thread = threading.current_thread() is threading.main_thread()
-    former = (
-        {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
-        if is_main_thread
-        else {}
-    )
-    try:
+    if threading.current_thread() is not threading.main_thread():
         yield stop
+        return
+    former = {number: signal.getsignal(number) for number in _SIGNALS}
+    try:
+        async with anyio.create_task_group() as tasks:
+            await tasks.start(_listen, stop)
+            yield stop
+            tasks.cancel_scope.cancel()
     finally:
-        for number, previous_handler in former.items():
-            signal.signal(number, previous_handler)
-        os.close(wake_fd)
-        os.close(signal_fd)
+        # The event loop itself would leave the system's default, which ends the process.
+        for number, handler in former.items():
+            signal.signal(number, handler)
+
+
+async def _listen(stop: StopRequest, *, task_status: TaskStatus[None]) -> None:
+    with anyio.open_signal_receiver(*_SIGNALS) as signals:
+        task_status.started()
+        async for number in signals:
+            stop.request(f"received {number.name}")

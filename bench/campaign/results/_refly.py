@@ -5,11 +5,13 @@ from __future__ import annotations
 import random
 import shutil
 import tempfile
-from collections import defaultdict, deque
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+
+import anyio
 
 from bench.contracts import (
     CAMERA_OPENED,
@@ -27,7 +29,9 @@ from decompositions import Decomposition
 
 from .._versions import versions
 from ..early_stopping._decisions import is_after_stop
-from ..execution._pool import OpenExecutor, open_local_pool
+from ..execution._blocking import blocking, first_error_alone
+from ..execution._executor import Executor, OpenExecutor
+from ..execution._pool import open_local_pool
 from ..execution._stop_request import open_stop_request
 from ..execution._task import FLIGHT_JOB, Task, WorkerPlan
 from ..storage._dropped import DroppedRecording, dropped_recording
@@ -96,7 +100,8 @@ def refly(
     if drawn:
         with tempfile.TemporaryDirectory(prefix="rebar-refly-") as home:
             flight = _Reflight(folder, decomposition, Path(home), job, open_executor)
-            runs = flight.fly({name: results[name] for name in drawn}, min(workers, len(drawn)))
+            fly = blocking(flight.fly)
+            runs = fly({name: results[name] for name in drawn}, min(workers, len(drawn)))
     return ReflownSample(
         seed, len(results), tuple(sorted(runs, key=lambda run: run.realization)), not_comparable
     )
@@ -156,22 +161,29 @@ class _Reflight:
         self._folder, self._home = folder, home
         self._plan, self._open_executor = WorkerPlan(job, decomposition), open_executor
 
-    def fly(self, results: Mapping[str, SessionResult], workers: int) -> list[ReflownRun]:
+    async def fly(self, results: Mapping[str, SessionResult], workers: int) -> list[ReflownRun]:
         """Fly these runs and compare each with its result."""
-        waiting, runs = deque(results), []
-        with (
-            open_stop_request() as stop,
-            self._open_executor(self._plan, workers, self._home) as executor,
-        ):
-            while waiting or executor.busy:
-                while executor.free and waiting:
-                    executor.submit(self._task(waiting.popleft()))
-                for ended in executor.wait(None, stop.wake_fd):
-                    runs.append(self._compare(results[ended.realization], ended.result))
-                    # Recordings of a large sample would fill a small temporary disk.
-                    shutil.rmtree(self._home / ended.realization)
-                if stop.reason is not None:
-                    raise KeyboardInterrupt
+        runs: list[ReflownRun] = []
+        waiting = iter(results.items())
+
+        async def fly_one_by_one(executor: Executor) -> None:
+            for name, result in waiting:  # one iterator that all of them share is the whole queue
+                reflown = await executor.fly(self._task(name), on_start=lambda worker: None)
+                runs.append(self._compare(result, reflown))
+                # Recordings of a large sample would fill a small temporary disk.
+                shutil.rmtree(self._home / name)
+
+        with first_error_alone():
+            async with (
+                open_stop_request() as stop,
+                self._open_executor(self._plan, workers, self._home) as executor,
+            ):
+                with stop.scope:
+                    async with anyio.create_task_group() as flights:
+                        for _ in range(workers):
+                            flights.start_soon(fly_one_by_one, executor)
+        if stop.reason is not None:
+            raise KeyboardInterrupt
         return runs
 
     def _task(self, realization: str) -> Task:

@@ -1,0 +1,121 @@
+"""The runner from coroutines, and observers that are slow, stuck or many."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import cast
+
+import anyio
+import pytest
+from campaign_fakes import JOB, Script, fly, small_campaign
+from in_process_executor import open_in_process
+
+from bench.campaign import CampaignEvent, CampaignPlanned, CampaignSummary, RealizationFinished, run_campaign
+from bench.campaign._events import open_observers
+from bench.contracts import Outcome
+from decompositions import Decomposition
+
+SCRIPT = cast(Decomposition, Script())
+
+
+def test_two_campaigns_at_once_in_one_event_loop(tmp_path: Path) -> None:
+    """As in a notebook: the loop goes on with other tasks while both fly."""
+    summaries: list[CampaignSummary] = []
+
+    async def both() -> None:
+        async def one_of_them(name: str) -> None:
+            summaries.append(
+                await run_campaign(
+                    small_campaign(), tmp_path / name, SCRIPT, job=JOB, open_executor=open_in_process(3)
+                )
+            )
+
+        async with anyio.create_task_group() as tasks:
+            tasks.start_soon(one_of_them, "first")
+            tasks.start_soon(one_of_them, "second")
+
+    anyio.run(both)
+    assert [summary.outcomes for summary in summaries] == [{Outcome.COMPLETED: 6}] * 2
+
+
+def test_the_plain_function_inside_a_running_loop(tmp_path: Path) -> None:
+    """It runs in a thread of its own, where no signal is heard."""
+
+    async def cell() -> CampaignSummary:
+        return fly(tmp_path, open_executor=open_in_process(1))
+
+    assert anyio.run(cell).complete
+
+
+@pytest.mark.parametrize("finished", [1, 4])
+def test_a_cancelled_campaign_is_resumed(tmp_path: Path, finished: int) -> None:
+    """Cancelled from outside, it ends at once; the next run flies what has no result, and nothing else."""
+
+    async def cancel_after(results: int) -> None:
+        with anyio.CancelScope() as scope:
+
+            def cancel(realization: str) -> bool:
+                if len(list(tmp_path.glob("runs/*/result.json"))) == results:
+                    scope.cancel()
+                return True
+
+            await run_campaign(
+                small_campaign(),
+                tmp_path,
+                SCRIPT,
+                workers=1,
+                job=JOB,
+                gate=cancel,
+                open_executor=open_in_process(),
+            )
+        assert scope.cancelled_caught
+
+    anyio.run(cancel_after, finished)
+    assert fly(tmp_path, open_executor=open_in_process()).flown == 6 - finished
+
+
+def test_an_observer_that_is_stuck_costs_its_own_events_alone(tmp_path: Path) -> None:
+    """A second one gets every event, and the run ends without waiting for the first."""
+    stuck = threading.Event()
+    events: list[CampaignEvent] = []
+    finished: list[bool] = []
+
+    def wait(event: CampaignEvent) -> None:
+        stuck.wait()
+
+    def collect(event: CampaignEvent) -> None:
+        events.append(event)
+        if isinstance(event, RealizationFinished) and event.done == event.total:
+            # Released only once all sessions have ended: had the run waited for it, it would wait still.
+            finished.append(True)
+            stuck.set()
+
+    summary = fly(tmp_path, observers=[wait, collect], open_executor=open_in_process())
+
+    assert finished == [True]
+    assert (summary.complete, summary.observer_faults, summary.events_dropped) == (True, 0, 0)
+    assert sum(isinstance(event, RealizationFinished) for event in events) == 6
+
+
+def test_events_beyond_the_limit_drop_the_oldest() -> None:
+    """Counted; what is delivered keeps its order. An observer that never comes back loses what waits for it."""
+    stuck, started = threading.Event(), threading.Event()
+    delivered: list[CampaignEvent] = []
+
+    def wait(event: CampaignEvent) -> None:
+        delivered.append(event)
+        started.set()
+        stuck.wait()
+
+    planned = [CampaignPlanned(total=6, done=number) for number in range(6)]
+    with open_observers(wait, limit=2) as observers:
+        observers.notify(planned[0])
+        started.wait()
+        for event in planned[1:]:
+            observers.notify(event)
+        assert observers.dropped == 3
+        observers.close(span_s=0.0)
+        assert observers.dropped == 5
+        stuck.set()
+    assert delivered == planned[:1]
