@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from ._measure import Option as Option
     from ._measure import Tape as Tape
     from ._measure import Timed as Timed
+    from ._measure import detections_by_frame as detections_by_frame
     from ._outcome import DETECTOR as DETECTOR
     from ._outcome import FIRMWARE as FIRMWARE
     from ._outcome import FIRMWARE_ENDS as FIRMWARE_ENDS
@@ -109,6 +110,7 @@ if TYPE_CHECKING:
     from ._scene import Detection as Detection
     from ._scene import DetectionFrame as DetectionFrame
     from ._scene import Detector as Detector
+    from ._scene import ObservesCameras as ObservesCameras
     from ._scene import OpenPixelDetector as OpenPixelDetector
     from ._scene import OpenScene as OpenScene
     from ._scene import PixelDetector as PixelDetector
@@ -215,6 +217,7 @@ _MODULES = {
     "Option": "_measure",
     "Tape": "_measure",
     "Timed": "_measure",
+    "detections_by_frame": "_measure",
     "DETECTOR": "_outcome",
     "FIRMWARE": "_outcome",
     "FIRMWARE_ENDS": "_outcome",
@@ -271,6 +274,7 @@ _MODULES = {
     "Detection": "_scene",
     "DetectionFrame": "_scene",
     "Detector": "_scene",
+    "ObservesCameras": "_scene",
     "OpenPixelDetector": "_scene",
     "OpenScene": "_scene",
     "PixelDetector": "_scene",

@@ -51,7 +51,7 @@ class Tape:
     `vehicle_*` arrays share their first axis (n); `actor_position_enu_m` is (m, k, 3) over `actor_time_s`
     (m,) and the cast (k). `vehicle_tilt_rad` (n,) is the angle between the body's up axis and the vertical,
     from the truth; `estimate_position_enu_m` (e, 3) at `estimate_time_s` (e,) is where the vehicle believes
-    to be. The moment of an order, or of a consent, is that of its delivery. `moving` names every MAVLink message of the agent
+    to be. `frames` and `detections` are those of every camera that perception works on. The moment of an order, or of a consent, is that of its delivery. `moving` names every MAVLink message of the agent
     that could move the vehicle; it is read only where the scenario hands the vehicle over, and empty
     elsewhere. Tapes made by hand may leave any of these empty.
     Built from records, live or read back, by the same code: so a measure cannot tell which.
@@ -111,6 +111,12 @@ class Tape:
         before = self.actor_position_enu_m[after - 1]
         between: NDArray[np.float64] = before + share * (self.actor_position_enu_m[after] - before)
         return between
+
+
+def detections_by_frame(tape: Tape, main_camera: str) -> dict[tuple[str, int], DetectionFrame]:
+    """The detections by the camera of their frame and the nanosecond of its exposure, as a CameraFrame has both."""
+    # By nanoseconds: floats of seconds could differ in the last digit.
+    return {(result.camera or main_camera, result.exposed.ns): result for result in tape.detections}
 
 
 class Measure(Protocol):

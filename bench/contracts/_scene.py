@@ -18,7 +18,7 @@ from ._truth_documents import CastMember
 from ._vehicle import Vector, VehicleState
 
 if TYPE_CHECKING:
-    from bench.simspec import SimSpec
+    from bench.simspec import Camera, SimSpec
 
 
 @value_class(frozen=True, slots=True)
@@ -78,6 +78,8 @@ class DetectionFrame:
     exposed: SimTime
     published: SimTime
     detections: tuple[Detection, ...]
+    camera: str = ""
+    """The name of a further camera; empty for the main one."""
 
 
 class Scene(Protocol):
@@ -101,6 +103,14 @@ class Scene(Protocol):
 
     def observe(self, state: VehicleState, number: int) -> CameraFrame:
         """What the vehicle's camera would see from `state` at the present moment."""
+
+
+@runtime_checkable
+class ObservesCameras(Protocol):
+    """What a scene promises beside `Scene` when it knows what further cameras see."""
+
+    def observe_with(self, camera: Camera, state: VehicleState, number: int) -> CameraFrame:
+        """What another camera of the vehicle would see from `state` at the present moment."""
 
 
 class OpenScene(Protocol):

@@ -65,6 +65,10 @@ class VehicleTopics:
         """vision_msgs/msg/Detection2DArray in pixels; the header's stamp is the moment of exposure."""
         return f"/{self.vehicle}/detections"
 
+    def camera_detections(self, camera: str) -> str:
+        """The same of a further camera, in its own pixels."""
+        return f"/{self.vehicle}/camera/{camera}/detections"
+
     def camera_info(self, camera: str) -> str:
         """sensor_msgs/msg/CameraInfo with the stamp of the frame."""
         return f"/{self.vehicle}/camera/{camera}/camera_info"

@@ -10,6 +10,8 @@ from bench.lazy import lazy_names
 
 if TYPE_CHECKING:
     from ._detectors import open_detector as open_detector
+    from ._detectors import open_detectors as open_detectors
+    from ._draws import seeds_of_camera as seeds_of_camera
     from ._odds import Clarity as Clarity
     from ._odds import DetectionOdds as DetectionOdds
     from ._picture_detector import PictureDetector as PictureDetector
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "open_detector": "_detectors",
+    "open_detectors": "_detectors",
+    "seeds_of_camera": "_draws",
     "Clarity": "_odds",
     "DetectionOdds": "_odds",
     "PictureDetector": "_picture_detector",

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Self
 
 from bench.contracts import Detection, DetectionFrame, SimTime
-from bench.simspec import Seeds, SimSpec, generator, seed_of
+from bench.simspec import Camera, Seeds, SimSpec, generator
 
-from ._draws import LATENCY_DRAWS
+from ._draws import LATENCY_DRAWS, seeds_of_camera
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,12 +21,10 @@ class FrameLatency:
     seeds: Seeds
 
     @classmethod
-    def of(cls, simspec: SimSpec) -> Self:
-        """The delay of a SimSpec's detections."""
-        # Deriving the stream's seed from the root takes a hash: done once here, not for every frame.
-        seeds = simspec.seeds.model_copy(update={"perception": seed_of(simspec.seeds, "perception")})
+    def of(cls, simspec: SimSpec, camera: Camera) -> Self:
+        """The delay of the detections in one camera's frames."""
         model = simspec.perception.model
-        return cls(model.latency_s, model.latency_jitter_s, seeds)
+        return cls(model.latency_s, model.latency_jitter_s, seeds_of_camera(simspec, camera))
 
     def of_frame(self, number: int) -> float:
         """Seconds from the exposure of frame `number` to the publication of its result."""
@@ -39,7 +37,9 @@ class FrameLatency:
 class DelayedResults:
     """Results on their way, in the order of exposure: one that is late holds up those behind it."""
 
-    def __init__(self) -> None:
+    def __init__(self, camera: str = "") -> None:
+        """`camera` is that of a DetectionFrame."""
+        self._camera = camera
         self._waiting: deque[DetectionFrame] = deque()
         self._latest: SimTime | None = None
 
@@ -49,7 +49,7 @@ class DelayedResults:
         if self._latest is not None:
             published = max(published, self._latest)
         self._latest = published
-        self._waiting.append(DetectionFrame(exposed, published, detections))
+        self._waiting.append(DetectionFrame(exposed, published, detections, self._camera))
 
     def due(self, now: SimTime) -> list[DetectionFrame]:
         """The results that are published by `now` and were not handed out before."""

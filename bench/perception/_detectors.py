@@ -23,16 +23,16 @@ from bench.contracts import (
     Sighting,
     SimTime,
 )
-from bench.simspec import SimSpec, generator, seed_of
+from bench.simspec import Camera, SimSpec, generator
 
 from ._boxes import PictureSize
 from ._delays import DelayedResults, FrameLatency
-from ._draws import FRAME_DRAWS, MORE_FRAME_DRAWS
+from ._draws import FRAME_DRAWS, MORE_FRAME_DRAWS, name_before_tracks, seeds_of_camera
 from ._false_alarms import FalseAlarms
 from ._labels import LabelOdds, posterior_score
 from ._noise import CorrelatedNoise, uniform_of
 from ._odds import DetectionOdds
-from ._picture_detector import open_picture_detector
+from ._picture_detector import open_picture_detectors
 from ._tracks import TrackNames, UntrackedDetection
 
 LABEL_PERSISTENCE = 5.0
@@ -54,18 +54,26 @@ _DRIFT_X, _DRIFT_Y, _SWITCH = 0, 1, 2
 def open_detector(
     simspec: SimSpec, cast: Sequence[CastMember], open_on_pixels: OpenPixelDetector | None = None
 ) -> Detector:
-    """The detector that the SimSpec asks for, over a scene's cast.
+    """The detector of the main camera, as `open_detectors` opens it."""
+    return open_detectors(simspec, cast, open_on_pixels)[0]
+
+
+def open_detectors(
+    simspec: SimSpec, cast: Sequence[CastMember], open_on_pixels: OpenPixelDetector | None = None
+) -> tuple[Detector, ...]:
+    """The detectors that the SimSpec asks for, over a scene's cast: one for each perceiving camera, the main one first.
 
     `open_on_pixels` takes the place of the plug-in that `perception.detector` names. Raises SetupError for a plug-in that
     is not installed or refuses its options.
     """
+    cameras = simspec.perceiving_cameras
     if not simspec.perception.by_bench:
-        return NoDetector()
+        return tuple(NoDetector() for _ in cameras)
     if simspec.perception.on_pixels:
-        return open_picture_detector(simspec, open_on_pixels)
+        return open_picture_detectors(simspec, open_on_pixels)
     if simspec.perception.error_free:
-        return TruthDetector(cast)
-    return SimulatedDetector(simspec, cast)
+        return tuple(TruthDetector(simspec, camera, cast) for camera in cameras)
+    return tuple(SimulatedDetector(simspec, camera, cast) for camera in cameras)
 
 
 class NoDetector:
@@ -81,10 +89,11 @@ class NoDetector:
 class TruthDetector:
     """Reports every actor that is visible enough, with the right label, full confidence and no delay."""
 
-    def __init__(self, cast: Sequence[CastMember]) -> None:
+    def __init__(self, simspec: SimSpec, camera: Camera, cast: Sequence[CastMember]) -> None:
         self._cast = cast
-        self._tracks = TrackNames()
-        self._results = DelayedResults()
+        prefix = name_before_tracks(simspec, camera)
+        self._tracks = TrackNames(prefix=prefix)
+        self._results = DelayedResults(camera.name if prefix else "")
 
     def process(self, frame: CameraFrame, picture: CameraPicture | None = None) -> None:
         detections = [
@@ -103,14 +112,12 @@ class TruthDetector:
 class SimulatedDetector:
     """Misses, mislabels, displaces, invents, renames and delays detections as the DetectionModel states."""
 
-    def __init__(self, simspec: SimSpec, cast: Sequence[CastMember]) -> None:
+    def __init__(self, simspec: SimSpec, camera: Camera, cast: Sequence[CastMember]) -> None:
         self._cast = cast
-        # Deriving the stream's seed from the root takes a hash: done once here, not for every frame.
-        self._seeds = simspec.seeds.model_copy(update={"perception": seed_of(simspec.seeds, "perception")})
+        self._seeds = seeds_of_camera(simspec, camera)
         self._model = model = simspec.perception.model
         self._odds = DetectionOdds.of(simspec)
         self._labels = [LabelOdds.of(model, member) for member in cast]
-        camera = simspec.vehicle.camera
         self._picture = PictureSize(float(camera.width_px), float(camera.height_px))
         label_s = LABEL_PERSISTENCE * model.correlation_s
         self._noise = CorrelatedNoise(len(cast), (model.correlation_s, label_s, label_s))
@@ -118,9 +125,10 @@ class SimulatedDetector:
         # Most models have neither drift nor switches, and need no second block.
         self._draws_more = model.drift_px > 0.0 or model.id_switches_per_s > 0.0
         self._false_alarms = FalseAlarms(model, self._seeds, self._picture)
-        self._tracks = TrackNames(model.id_switches_per_s)
-        self._latency = FrameLatency.of(simspec)
-        self._results = DelayedResults()
+        prefix = name_before_tracks(simspec, camera)
+        self._tracks = TrackNames(model.id_switches_per_s, prefix)
+        self._latency = FrameLatency.of(simspec, camera)
+        self._results = DelayedResults(camera.name if prefix else "")
 
     def process(self, frame: CameraFrame, picture: CameraPicture | None = None) -> None:
         draws = self._block(FRAME_DRAWS, frame.number, _DRAWS)

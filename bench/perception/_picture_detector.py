@@ -1,4 +1,4 @@
-"""A plug-in of group `rebar.detectors` on the pictures of the vehicle's camera."""
+"""A plug-in of group `rebar.detectors` on the pictures of a camera."""
 
 from __future__ import annotations
 
@@ -23,17 +23,18 @@ from bench.contracts import (
     plugins,
 )
 from bench.errors import DetectorFault, Fault, SetupError
-from bench.simspec import CLASS_LABELS, SimSpec
+from bench.simspec import CLASS_LABELS, Camera, SimSpec
 
 from ._boxes import PictureSize
 from ._delays import DelayedResults, FrameLatency
+from ._draws import name_before_tracks
 from ._tracker import KalmanTracker, ground_homography, ground_warp
 
 
-def open_picture_detector(
+def open_picture_detectors(
     simspec: SimSpec, open_on_pixels: OpenPixelDetector | None = None
-) -> PictureDetector:
-    """The plug-in that `perception.detector` names, or `open_on_pixels` in its place.
+) -> tuple[PictureDetector, ...]:
+    """The plug-in that `perception.detector` names, or `open_on_pixels` in its place, on each perceiving camera.
 
     Raises SetupError when there is none of that name, when it cannot be loaded, or when it refuses its options.
     """
@@ -44,7 +45,9 @@ def open_picture_detector(
         distribution = plugins("rebar.detectors")[name].dist
         if distribution is not None:
             origin = f"{name} ({distribution.name} {distribution.version})"
-    return PictureDetector(simspec, open_on_pixels(simspec), origin)
+    # Opened once: it keeps nothing between pictures, and its weights may be large.
+    detector = open_on_pixels(simspec)
+    return tuple(PictureDetector(simspec, camera, detector, origin) for camera in simspec.perceiving_cameras)
 
 
 def _plugin(name: str) -> OpenPixelDetector:
@@ -70,18 +73,19 @@ class PictureDetector:
     `description` says which detector it is. What the plug-in does wrong raises DetectorFault.
     """
 
-    def __init__(self, simspec: SimSpec, detector: PixelDetector, origin: str) -> None:
+    def __init__(self, simspec: SimSpec, camera: Camera, detector: PixelDetector, origin: str) -> None:
         self._detector = detector
         self._name = simspec.perception.detector_name
         version = detector.version if isinstance(detector, VersionedDetector) else ""
         self.description = f"{origin}: {version}" if version else origin
-        camera = simspec.vehicle.camera
         self._picture = PictureSize(float(camera.width_px), float(camera.height_px))
         self._lens = lens_of(camera)
-        self._tracks = KalmanTracker(self._lens.fx, lens=self._lens)
+        prefix = name_before_tracks(simspec, camera)
+        self._tracks = KalmanTracker(self._lens.fx, lens=self._lens, prefix=prefix)
         self._ground: Floats | None = None
-        self._latency = FrameLatency.of(simspec)
-        self._results = DelayedResults()
+        self._latency = FrameLatency.of(simspec, camera)
+        self._camera = camera.name if prefix else ""
+        self._results = DelayedResults(self._camera)
 
     def process(self, frame: CameraFrame, picture: CameraPicture | None = None) -> None:
         # A frame that the camera lost has no result: its pixels never reached the detector.
@@ -104,7 +108,8 @@ class PictureDetector:
         return None if before is None else ground_warp(before, self._ground)
 
     def _detect(self, number: int, bgr: Pixels) -> list[Detection]:
-        where = f"detector {self._name!r} in the picture of frame {number}"
+        of_camera = f" of camera {self._camera!r}" if self._camera else ""
+        where = f"detector {self._name!r} in the picture of frame {number}{of_camera}"
         # The same array goes to whoever listens to the camera.
         unchangeable = bgr.view()
         unchangeable.flags.writeable = False

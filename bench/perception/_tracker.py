@@ -100,12 +100,16 @@ class KalmanTracker:
         focal_px: float = DEFAULT_FOCAL_PX,
         settings: TrackerSettings = DEFAULT_SETTINGS,
         lens: Lens | None = None,
+        prefix: str = "",
     ) -> None:
-        """With a `lens`, boxes are followed where it would show them without its distortion: a warp has straight lines."""
+        """With a `lens`, boxes are followed where it would show them without its distortion: a warp has straight lines.
+        Names begin with the `prefix`.
+        """
         if not (math.isfinite(focal_px) and focal_px > 0.0):
             raise ValueError(f"focal_px is {focal_px}: give the camera's focal length, a number above 0")
         self._settings = settings
         self._focal_px = focal_px
+        self._prefix = prefix
         self._distorting = lens if lens is not None and lens.distortion != NO_DISTORTION else None
         self._tracks = BoxTracks.none()
         self._time: SimTime | None = None
@@ -135,7 +139,7 @@ class KalmanTracker:
         numbers = self._advance(tracked, middles_and_sides(boxes[: len(tracked)]), span_s, warp)
         numbers += [self._next() for _ in ordered[len(tracked) :]]
         return tuple(
-            Detection(detection.class_label, detection.score, detection.box, f"t{number}")
+            Detection(detection.class_label, detection.score, detection.box, f"{self._prefix}t{number}")
             for detection, number in zip(ordered, numbers, strict=True)
         )
 

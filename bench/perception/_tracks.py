@@ -27,11 +27,12 @@ class UntrackedDetection:
 class TrackNames:
     """Names tracks in the order of the reports, so that they reveal nothing about the cast."""
 
-    def __init__(self, switches_per_s: float = 0.0) -> None:
+    def __init__(self, switches_per_s: float = 0.0, prefix: str = "") -> None:
         self._switches_per_s = switches_per_s
         self._last: dict[int, SimTime] = {}
         self._name: dict[int, str] = {}
         self._count = 0
+        self._prefix = prefix
 
     def name(
         self,
@@ -97,7 +98,7 @@ class TrackNames:
 
     def _next(self) -> str:
         self._count += 1
-        return f"t{self._count}"
+        return f"{self._prefix}t{self._count}"
 
 
 def _with_track(detection: Detection, track: str) -> Detection:

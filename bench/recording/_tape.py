@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -103,6 +104,10 @@ class TapeBuilder:
             TRUTH_VEHICLE: _documents(VehicleDocument, self._condition),
             SESSION_EVENTS: _documents(EventDocument, self._events),
             topics.detections: self._take_detections,
+            **{
+                topics.camera_detections(name): partial(self._take_detections, camera=name)
+                for name in simspec.perception.more_cameras
+            },
             topics.intelligence: _documents(IntelligenceDocument, self._intelligence),
             topics.reports: _documents(TargetReport, self._reports),
             topics.decisions: _documents(Decision, self._decisions),
@@ -180,7 +185,7 @@ class TapeBuilder:
         self._frames.append(CameraFrame(view.frame, view.camera, record.time, sightings))
         return True
 
-    def _take_detections(self, record: Record) -> bool:
+    def _take_detections(self, record: Record, camera: str = "") -> bool:
         message = _message(Detection2DArray, record)
         if message is None:
             return False
@@ -188,7 +193,9 @@ class TapeBuilder:
         stamp = message.header.stamp
         detections = tuple(_detection(detection) for detection in message.detections if detection.results)
         self._detections.append(
-            DetectionFrame(SimTime(stamp.sec * 1_000_000_000 + stamp.nanosec), record.time, detections)
+            DetectionFrame(
+                SimTime(stamp.sec * 1_000_000_000 + stamp.nanosec), record.time, detections, camera
+            )
         )
         return True
 

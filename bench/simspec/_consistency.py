@@ -72,6 +72,7 @@ def situation_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
     yield from _consent_inconsistencies(simspec)
     yield from _handover_inconsistencies(simspec)
     yield from _outage_inconsistencies(simspec)
+    yield from _perception_inconsistencies(simspec)
     yield from _escort_inconsistencies(simspec)
     yield from _altitude_inconsistencies(simspec)
     yield from _home_inconsistencies(simspec)
@@ -81,6 +82,26 @@ def _duplicate_ids(part: str, kind: str, ids: Sequence[str]) -> Iterator[Inconsi
     for index, item_id in enumerate(ids):
         if item_id in ids[:index]:
             yield (part, index, "id"), f"{kind} id {item_id!r} is used twice"
+
+
+def _perception_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
+    """Cameras of `perception.more_cameras` that are none of `vehicle.more_cameras`, or stand there twice."""
+    names, main = simspec.perception.more_cameras, simspec.vehicle.camera.name
+    known = [camera.name for camera in simspec.vehicle.more_cameras]
+    for index, name in enumerate(names):
+        field = ("perception", "more_cameras", index)
+        if name == main:
+            yield (
+                field,
+                f"{name!r} is the main camera, which always has detections; name further cameras alone",
+            )
+        elif name not in known:
+            yield (
+                field,
+                f"there is no camera {name!r} in vehicle.more_cameras (there: {', '.join(known) or 'none'})",
+            )
+        elif name in names[:index]:
+            yield field, f"the camera {name!r} stands twice; name it once"
 
 
 def _actor_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:

@@ -31,7 +31,7 @@ from ._perception import Perception
 from ._quantities import Identifier, Metres, NotNegative, Positive
 from ._rules import Rules
 from ._services import OutsideAir, OutsideService, raise_clashes
-from ._vehicle import VehicleSpec
+from ._vehicle import Camera, VehicleSpec
 from ._weather import Environment
 
 
@@ -378,6 +378,14 @@ class SimSpec(Document):
     def _parts_agree(self) -> Self:
         raise_inconsistencies("SimSpec", situation_inconsistencies(self))
         return self
+
+    @property
+    def perceiving_cameras(self) -> tuple[Camera, ...]:
+        """The cameras whose frames perception works on, the main one first."""
+        further = (
+            camera for camera in self.vehicle.more_cameras if camera.name in self.perception.more_cameras
+        )
+        return self.vehicle.camera, *further
 
     def group(self, group_id: str) -> ActorGroup:
         """The group with this id. Raises KeyError when there is none."""

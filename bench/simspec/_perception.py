@@ -10,7 +10,7 @@ from pydantic import Field, JsonValue, model_validator
 from bench.documents import Document
 
 from ._assets import ASSETS
-from ._quantities import Fraction, NotNegative, Positive
+from ._quantities import Fraction, NotNegative, Positive, RosName
 from ._weather import Environment
 
 DUST_EXTINCTION_PER_M = 0.00024
@@ -262,6 +262,17 @@ class Perception(Document):
             description="Of source detector alone: options of the plug-in, which checks them when it opens.",
         ),
     ] = {}
+    more_cameras: Annotated[
+        tuple[RosName, ...],
+        Field(
+            # Digests of SimSpecs that came before this field stay as they were published.
+            exclude_if=lambda names: not names,
+            description=(
+                "Names of the cameras of vehicle.more_cameras whose frames perception works on too. The main camera's always "
+                "are."
+            ),
+        ),
+    ] = ()
     model: DetectionModel = DetectionModel()
 
     @property

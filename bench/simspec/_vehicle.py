@@ -433,7 +433,7 @@ class VehicleSpec(Document):
     camera: Annotated[
         Camera,
         Field(
-            description="The main camera: detections, sightings and the MAVLink camera and gimbal are its own."
+            description="The main camera, which always has detections; the MAVLink camera and gimbal are its own."
         ),
     ] = Camera()
     more_cameras: Annotated[
@@ -442,7 +442,8 @@ class VehicleSpec(Document):
             max_length=7,
             # Digests of SimSpecs with one camera stay as they were published.
             exclude_if=lambda cameras: not cameras,
-            description="Further cameras, which give pictures alone. With `gimbal`, one hangs on the main camera's gimbal.",
+            description="Further cameras, which give pictures, and detections where perception.more_cameras names them. With "
+            "`gimbal`, one hangs on the main camera's gimbal.",
         ),
     ] = ()
     battery: Battery = Battery()

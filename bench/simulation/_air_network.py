@@ -104,11 +104,13 @@ class CameraPublishers:
     info: RecordedPublisher
     raw: RecordedPublisher
     compressed: RecordedPublisher
+    detections: RecordedPublisher | None = None
+    """Of a further camera that perception works on."""
 
     @property
     def all(self) -> tuple[RecordedPublisher, ...]:
         """In the order in which they are advertised."""
-        return self.info, self.raw, self.compressed
+        return self.info, *([self.detections] if self.detections else []), self.raw, self.compressed
 
 
 class AirNetwork:
@@ -157,6 +159,9 @@ class AirNetwork:
                 recorded(topics.camera_info(camera.name), CameraInfo, SENSOR_DATA),
                 recorded(topics.image_raw(camera.name), Image, SENSOR_DATA),
                 recorded(topics.image_compressed(camera.name), CompressedImage, SENSOR_DATA),
+                recorded(topics.camera_detections(camera.name), Detection2DArray, SENSOR_DATA)
+                if camera.name in simspec.perception.more_cameras
+                else None,
             )
             for camera in simspec.vehicle.cameras
         )
@@ -338,6 +343,10 @@ def open_air_network(
                     (topics.image_raw(camera.name), Image.TYPE),
                     (topics.image_compressed(camera.name), CompressedImage.TYPE),
                 )
+            ),
+            *(
+                (topics.camera_detections(name), Detection2DArray.TYPE)
+                for name in simspec.perception.more_cameras
             ),
         ),
         agent_writes=tuple((topic, String.TYPE) for topic in topics.from_agent),

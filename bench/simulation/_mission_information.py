@@ -6,13 +6,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Collection
-from dataclasses import replace
-from typing import Literal
 
 from bench.contracts import (
     ConsentRequest,
-    Detection,
-    DetectionFrame,
     Detector,
     IntelligenceDocument,
     MissionOrder,
@@ -33,44 +29,22 @@ from bench.simspec import (
     Point,
     Role,
     SimSpec,
-    generator,
-    seed_of,
 )
 from bench.streams import (
-    BoundingBox2D,
     Clock,
-    Detection2D,
-    Detection2DArray,
     Header,
-    ObjectHypothesis,
-    ObjectHypothesisWithPose,
-    Point2D,
-    Pose,
-    Pose2D,
-    PoseWithCovariance,
-    Quaternion,
     TFMessage,
     Time,
     Transform,
     TransformStamped,
     Vector3,
 )
-from bench.streams import (
-    Point as RosPoint,
-)
 
 from ._air_network import AirNetwork
 from ._camera_messages import CameraMessages
 from ._consents import OperatorConsents
+from ._detection_messages import DetectionMessages, in_outage
 from ._frames import base_frame, body_in_map, level_frame
-
-# Sub-stream of the perception seed; the detector has 0 and 1.
-_LOSS_DRAWS = 2
-
-_NOWHERE = PoseWithCovariance(
-    pose=Pose(position=RosPoint(x=0.0, y=0.0, z=0.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)),
-    covariance=(0.0,) * 36,
-)
 
 
 class MissionInformation:
@@ -91,8 +65,7 @@ class MissionInformation:
         self._orders = deque(orders(simspec))
         self._consents = OperatorConsents(simspec)
         self._outages = simspec.outages
-        # Deriving the stream's seed from the root takes a hash: done once here, not for every frame.
-        self._seeds = simspec.seeds.model_copy(update={"perception": seed_of(simspec.seeds, "perception")})
+        self._detections = DetectionMessages(simspec, simspec.vehicle.camera, air.detections)
         self._link_up: bool | None = None
         self._exposures: deque[SimTime] = deque()
         self._mission_published = False
@@ -115,7 +88,7 @@ class MissionInformation:
 
     def hear(self, now: SimTime, request: ConsentRequest) -> None:
         """Bring a request for consent to the operator, who hears it only while the link is up."""
-        if not self._in_outage("operator_link", now):
+        if not in_outage(self._outages, "operator_link", now):
             self._consents.hear(now.s, request)
 
     def publish(self, now: SimTime, vehicle: Vehicle, detector: Detector) -> None:
@@ -133,17 +106,13 @@ class MissionInformation:
         self._publish_operator_messages(now)
         while self._exposures:
             air.cameras[0].info.publish(now, self._main.camera_info(self._exposures.popleft()))
-        silent = self._in_outage("detections", now)
-        for frame in detector.due(now):
-            # A result that came out during an outage is lost, also when the tick comes after the outage.
-            if not silent and not self._in_outage("detections", frame.published):
-                air.detections.publish(now, self._detections(self._degraded(frame)))
+        self._detections.publish(now, detector)
 
     def _publish_operator_messages(self, now: SimTime) -> None:
         """Publish what the operator has sent while the link is up: reports before the orders that may refer
         to them.
         """
-        up = not self._in_outage("operator_link", now)
+        up = not in_outage(self._outages, "operator_link", now)
         if up is not self._link_up:
             self._link_up = up
             self._air.operator_link.publish_document(now, OperatorLinkDocument(up=up))
@@ -157,33 +126,6 @@ class MissionInformation:
         if up:
             for answer in self._consents.due(now.s):
                 self._air.consents.publish_document(now, answer)
-
-    def _degraded(self, frame: DetectionFrame) -> DetectionFrame:
-        """What a degradation leaves of a frame; the frame itself at any other time."""
-        lost_share = max(
-            (
-                outage.lost_share
-                for outage in self._outages
-                if outage.lost_share is not None and outage.at_s <= frame.published.s < outage.until_s
-            ),
-            default=0.0,
-        )
-        if lost_share == 0.0:
-            return frame
-        draws = generator(self._seeds, "perception", _LOSS_DRAWS, frame.exposed.ns // 1000)
-        # One draw for each detection, in the detector's order, so that a larger share loses the same and more.
-        kept = draws.random(len(frame.detections)) >= lost_share
-        return replace(
-            frame,
-            detections=tuple(
-                replace(detection, score=detection.score * (1.0 - lost_share / 2.0))
-                for detection, is_kept in zip(frame.detections, kept, strict=True)
-                if is_kept
-            ),
-        )
-
-    def _in_outage(self, kind: Literal["operator_link", "detections"], time: SimTime) -> bool:
-        return any(outage.kind == kind and outage.at_s <= time.s < outage.until_s for outage in self._outages)
 
     def _pose(self, now: SimTime, state: VehicleState) -> TFMessage:
         east, north, up = state.position_enu_m
@@ -199,24 +141,6 @@ class MissionInformation:
             poses = (*poses, TransformStamped(header=header, child_frame_id=self._level, transform=level))
         mounts = (messages.mount(now, state) for messages in self._turning)
         return TFMessage(transforms=(*poses, *mounts))
-
-    def _detections(self, frame: DetectionFrame) -> Detection2DArray:
-        header = Header(stamp=Time.of(frame.exposed.ns), frame_id=self._main.optical)
-        return Detection2DArray(
-            header=header, detections=tuple(_detection(header, detection) for detection in frame.detections)
-        )
-
-
-def _detection(header: Header, detection: Detection) -> Detection2D:
-    x_min, y_min, x_max, y_max = detection.box
-    hypothesis = ObjectHypothesis(class_id=detection.class_label, score=detection.score)
-    center = Pose2D(position=Point2D(x=(x_min + x_max) / 2.0, y=(y_min + y_max) / 2.0), theta=0.0)
-    return Detection2D(
-        header=header,
-        results=(ObjectHypothesisWithPose(hypothesis=hypothesis, pose=_NOWHERE),),
-        bbox=BoundingBox2D(center=center, size_x=x_max - x_min, size_y=y_max - y_min),
-        id=detection.track,
-    )
 
 
 def mission_order(simspec: SimSpec) -> MissionOrder:

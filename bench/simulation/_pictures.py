@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from bench.contracts import (
     CAMERA_OPENED,
     ActorPixelsDocument,
+    CameraPicture,
     NamesBuild,
     OpenRenderer,
     PictureDocument,
@@ -18,6 +19,7 @@ from bench.contracts import (
     Scene,
     SimTime,
     Stage,
+    Vehicle,
     VehicleState,
     load_plugin,
     plugins,
@@ -92,7 +94,8 @@ class CameraPictures:
         """Whether the next picture is for anything: the SimSpec asks for it, its detector works on pictures, or the
         agent listens.
         """
-        detected = self._is_main and self._spec.perception.on_pixels
+        perceiving = self._is_main or self._settings.name in self._spec.perception.more_cameras
+        detected = perceiving and self._spec.perception.on_pixels
         listened = self._raw.listened or self._compressed.listened
         return self._settings.draws_for_the_recording or detected or listened
 
@@ -111,6 +114,16 @@ class CameraPictures:
         self._record_truth(now, frame)
         self._pending.append(_ExposedPicture(now, frame.bgr))
         return frame.bgr
+
+    def capture_with_pose(
+        self, vehicle: Vehicle, scene: Scene, number: int, now: SimTime
+    ) -> CameraPicture | None:
+        """The same, with the pose that the vehicle believes to have."""
+        bgr = self.capture(vehicle.truth(), scene, number, now)
+        if bgr is None:
+            return None
+        estimate = vehicle.estimate()
+        return CameraPicture(bgr, self._mount.axes_enu(estimate), estimate.position_enu_m)
 
     def publish(self, now: SimTime) -> None:
         """Publish the pictures exposed since the last call to whoever listens."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.contracts import START, CameraFrame, CastMember, Scene, SimTime, VehicleState, cast_of, realized_of
-from bench.simspec import SimSpec, generator
+from bench.simspec import Camera, SimSpec, generator
 
 from ._camera import PinholeCamera
 from ._motion import ActorMotion, WalkableGround, WalkLeg, between, patrol, wander
@@ -24,12 +24,13 @@ def open_plain_scene(simspec: SimSpec) -> Scene:
 
 
 class PlainScene:
-    """The `Scene` contract over arrays. docs/scene.md describes it."""
+    """The contracts `Scene` and `ObservesCameras` over arrays. docs/scene.md describes it."""
 
     def __init__(self, simspec: SimSpec) -> None:
         self._cast = cast_of(simspec)
         self._bodies = Bodies.of(self._cast)
         self._camera = PinholeCamera.of(simspec.vehicle.camera)
+        self._further: dict[str, PinholeCamera] = {}
         self._motion = _actor_motion(simspec, self._bodies)
         self._now = START
         self._foot_points_enu_m = self._foot_points()
@@ -52,10 +53,17 @@ class PlainScene:
         return self._motion.headings_rad()
 
     def observe(self, state: VehicleState, number: int) -> CameraFrame:
-        visible = sightings(
-            self._camera, state, self._bodies, self._foot_points_enu_m, self._motion.headings_rad()
-        )
-        return CameraFrame(number, self._camera.name, self._now, visible)
+        return self._frame(self._camera, state, number)
+
+    def observe_with(self, camera: Camera, state: VehicleState, number: int) -> CameraFrame:
+        pinhole = self._further.get(camera.name)
+        if pinhole is None:
+            pinhole = self._further[camera.name] = PinholeCamera.of(camera)
+        return self._frame(pinhole, state, number)
+
+    def _frame(self, camera: PinholeCamera, state: VehicleState, number: int) -> CameraFrame:
+        visible = sightings(camera, state, self._bodies, self._foot_points_enu_m, self._motion.headings_rad())
+        return CameraFrame(number, camera.name, self._now, visible)
 
     def _foot_points(self) -> NDArray[np.float64]:
         foot_points = np.zeros((len(self._cast), 3))

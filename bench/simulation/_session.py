@@ -26,7 +26,6 @@ from bench.contracts import (
     AgentStatus,
     AgentUsage,
     BootsFirmware,
-    CameraPicture,
     CarriesCamera,
     ConsentRequest,
     Detector,
@@ -48,21 +47,19 @@ from bench.contracts import (
     Tick,
     Vehicle,
     VehiclePlan,
-    VehicleState,
     VehicleTopics,
     load_plugin,
     parse_document,
     realized_of,
 )
 from bench.errors import Fault, SetupError
-from bench.perception import PictureDetector, open_detector
+from bench.perception import PictureDetector, open_detectors
 from bench.simspec import SimSpec
 
 from ._agent_time import AgentTime
 from ._air_network import AirNetwork, open_air_network
 from ._before_takeoff import camera_faults, firmware_faults, link_faults, pace_faults, tick_faults
-from ._camera import PinholeCamera
-from ._further_cameras import FurtherCameras
+from ._further_cameras import FurtherCameras, scene_faults
 from ._host_clock import HOST_CLOCK, HostClock
 from ._host_memory import count_memory_kills
 from ._mission_information import MissionInformation
@@ -196,6 +193,7 @@ class Session:
         truth: TruthRecorder,
         progress: SessionProgress,
         operator: OperatorPilot | None = None,
+        further_detectors: Mapping[str, Detector] | None = None,
     ) -> None:
         self._spec = plan.simspec
         self._plan = plan
@@ -210,8 +208,9 @@ class Session:
         self._topics = VehicleTopics(plan.simspec.vehicle.name)
         self._information = MissionInformation(plan.simspec, air, scene)
         self._pictures, *further = camera_pictures(plan.simspec, air, truth, plan.open_renderer)
-        self._further_cameras = FurtherCameras(plan.simspec, air, tuple(further))
-        self._mount = PinholeCamera.of(plan.simspec.vehicle.camera)
+        self._further_cameras = FurtherCameras(
+            plan.simspec, air, tuple(further), further_detectors or {}, truth
+        )
         self._agent: AgentProcess | None = None
         self._ticks: TickServer | None = None
         self._warp: Warp | None = None
@@ -381,7 +380,7 @@ class Session:
                 self._capture_frame(now)
             if self._further_cameras.due(now):
                 self._scene.advance(now)
-                self._further_cameras.capture(self._vehicle.truth(), self._scene, now)
+                self._further_cameras.capture(self._vehicle, self._scene, now)
             self._truth.write_due(now, self._vehicle, self._scene)
         self._check_end()
 
@@ -389,23 +388,16 @@ class Session:
         # One frame a step at most: a camera that is faster than the controller has the controller's rate.
         self._next_frame_ns += self._frame_period_ns
         self._scene.advance(now)
-        state = self._vehicle.truth()
-        frame = self._scene.observe(state, self._frame)
+        frame = self._scene.observe(self._vehicle.truth(), self._frame)
         self._frame += 1
         self._truth.write_frame(frame)
-        picture = self._picture(state, frame.number, now) if self._pictures.wanted else None
+        picture = None
+        if self._pictures.wanted:
+            picture = self._pictures.capture_with_pose(self._vehicle, self._scene, frame.number, now)
         if self._carries_camera is not None:
             self._carries_camera.record_exposure(frame.number, now)
         self._information.record_exposure(now)
         self._detector.process(frame, picture)
-
-    def _picture(self, state: VehicleState, number: int, now: SimTime) -> CameraPicture | None:
-        """The picture of a frame, with the pose that the vehicle believes to have; None when the camera loses it."""
-        bgr = self._pictures.capture(state, self._scene, number, now)
-        if bgr is None:
-            return None
-        estimate = self._vehicle.estimate()
-        return CameraPicture(bgr, self._mount.axes_enu(estimate), estimate.position_enu_m)
 
     def _check_end(self) -> None:
         condition = self._vehicle.condition()
@@ -520,7 +512,11 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
             *outside_links(spec),
         )
         scene = open_scene(spec)
-        detector = open_detector(spec, scene.cast, plan.open_on_pixels)
+        if faults := scene_faults(spec, scene):
+            raise SetupError(faults)
+        detector, *further = open_detectors(spec, scene.cast, plan.open_on_pixels)
+        further_names = [camera.name for camera in spec.perceiving_cameras[1:]]
+        further_detectors = dict(zip(further_names, further, strict=True))
         if isinstance(detector, PictureDetector):
             progress.detector = detector.description
         vehicle_plan = VehiclePlan(spec, links, artefacts=plan.artefacts)
@@ -546,7 +542,7 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
             warp = stack.enter_context(open_warp(plan.scratch, utc_ns, plan.clock))
             progress.warp = warp.description
         operator = stack.enter_context(open_operator_pilot(spec, vehicle))
-        session = Session(plan, vehicle, scene, detector, air, truth, progress, operator)
+        session = Session(plan, vehicle, scene, detector, air, truth, progress, operator, further_detectors)
         # A router may be there for a companion computer alone.
         access = air.access if manifest.zenoh else None
         endpoints = AgentEndpoints(

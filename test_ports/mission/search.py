@@ -112,7 +112,10 @@ def area_searched(tape: Tape, simspec: SimSpec, *, grid_m: AtLeastOne = 10.0) ->
     if not areas:
         return not_considered("no intelligence is given")
     track = FlownTrack.of(tape, simspec)
-    exposed_s = np.array([frame.exposed.s for frame in tape.frames])
+    # The reach is the main camera's.
+    exposed_s = np.array(
+        [frame.exposed.s for frame in tape.frames if frame.camera == simspec.vehicle.camera.name]
+    )
     # Several frames can fall on one truth sample; they see the same ground.
     rows = np.unique(np.clip(np.searchsorted(track.time_s, exposed_s), 0, max(len(track.time_s) - 1, 0)))
     rows = rows[track.out()[rows]] if len(track.time_s) else rows[:0]

@@ -8,7 +8,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from bench.contracts import CameraFrame, CastMember, Detection, DetectionFrame, Sighting, Tape
+from bench.contracts import (
+    CameraFrame,
+    CastMember,
+    Detection,
+    DetectionFrame,
+    Sighting,
+    Tape,
+    detections_by_frame,
+)
 from bench.simspec import SimSpec
 
 from ..ground_truth import GroundTruth
@@ -122,13 +130,12 @@ def answered_frames(tape: Tape, simspec: SimSpec) -> list[tuple[CameraFrame, Det
     """
 
     def pair_by_exposure() -> list[tuple[CameraFrame, DetectionFrame | None]]:
-        # Matched by nanoseconds: floats of seconds could differ in the last digit.
-        answers = {answer.exposed.ns: answer for answer in tape.detections}
+        answers = detections_by_frame(tape, simspec.vehicle.camera.name)
         # The last frame can be later than the last truth sample.
         end_s = max(tape.end_s, tape.frames[-1].exposed.s if tape.frames else 0.0)
         # A result takes the detector's latency, and the session records it at the next tick.
         slack_s = simspec.perception.model.longest_latency_s + simspec.pace.tick_s
-        pairs = [(frame, answers.get(frame.exposed.ns)) for frame in tape.frames]
+        pairs = [(frame, answers.get((frame.camera, frame.exposed.ns))) for frame in tape.frames]
         return [
             (frame, answer)
             for frame, answer in pairs

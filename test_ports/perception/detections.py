@@ -4,7 +4,7 @@ They judge the perception that the bench provides ([ruling 25](rulings.md)): wit
 `simulated` or `detector` its detections, whatever the agent makes of them. With `source: agent` there are none, and
 no run is considered.
 
-A frame whose result was still pending when the session ended is left out. Any other frame without a result is
+Frames of the main camera count, and of those in `perception.more_cameras`. A frame whose result was still pending when the session ended is left out. Any other frame without a result is
 a miss. The measures are considered when the scenario has an actor of the role.
 """
 

@@ -168,7 +168,7 @@ def test_states_come_back_from_their_records() -> None:
     random = np.random.default_rng(5)
     mount = PinholeCamera.of(camera)
     states = [_random_state(random, at_s(0.1 * step)) for step in range(30)]
-    recorded = RecordedStates(spec)
+    recorded = RecordedStates(spec, spec.vehicle.camera)
     for state in states:
         recorded.take(_odometry_record(state))
         recorded.take(_mount_record(mount, state, f"vehicle_1/camera_{camera.name}_optical"))
@@ -324,7 +324,7 @@ def test_frames_are_drawn_again_to_the_pixel(recordings: dict[str, tuple[SimSpec
     assert bool(frozen) == (name == "frozen")
     for number in (*frozen[:1], 5):
         exposed, picture = pictures[number]
-        pixels = frame_pixels(recording, spec, picture.frame, exposed)
+        pixels = frame_pixels(recording, spec, spec.vehicle.camera, picture.frame, exposed)
         assert pixels is not None
         assert hashlib.sha256(pixels.bgr.tobytes()).hexdigest() == picture.sha256
         assert pixels.origin == DRAWN_AGAIN
@@ -333,8 +333,10 @@ def test_frames_are_drawn_again_to_the_pixel(recordings: dict[str, tuple[SimSpec
 def test_recorded_frames_are_taken_as_they_are(recordings: dict[str, tuple[SimSpec, Path]]) -> None:
     spec, recording = recordings["kept"]
     exposed, picture = pictures_of(recording)[2]
-    kept = frame_pixels(recording, spec, picture.frame, exposed)
-    other = frame_pixels(recording, spec, picture.frame + 1, pictures_of(recording)[3][0])
+    kept = frame_pixels(recording, spec, spec.vehicle.camera, picture.frame, exposed)
+    other = frame_pixels(
+        recording, spec, spec.vehicle.camera, picture.frame + 1, pictures_of(recording)[3][0]
+    )
     assert kept is not None
     assert other is not None
     assert (kept.origin, kept.bgr.shape) == (RECORDED, (400, 1200, 3))

@@ -108,7 +108,7 @@ def _drift_s(successive: Sequence[tuple[float, Floats, Floats]], drift2: float) 
 
 def _displacements(run: MatchedRun, frame: MatchedFrame) -> Iterator[tuple[int, Floats, Floats]]:
     """Of the four edges of each detected actor that lies well inside the picture, and its width and height."""
-    camera = run.simspec.vehicle.camera
+    camera = run.camera
     for matched in frame.sightings:
         box = matched.sighting.box
         inside = (

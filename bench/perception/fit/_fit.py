@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -277,12 +278,8 @@ def _fit_labels(rows: _Sightings, doubt: Floats) -> _LabelFit:
         )
         probability = _at_threshold(doubt[chosen], int(wrong[chosen].sum()))
         if probability is not None:
-            total = sum(count for name, count in label_counts.items() if name != label)
-            confusion[str(label)] = {
-                name: round(probability * count / total, 5)
-                for name, count in sorted(label_counts.items())
-                if name != label
-            }
+            wrong_counts = {name: count for name, count in sorted(label_counts.items()) if name != label}
+            confusion[str(label)] = _row(probability, wrong_counts)
     confusable = known & np.array([bool(ASSETS[asset].confused_with) for asset in rows.asset], dtype=np.bool_)
     return _LabelFit(
         _at_threshold(doubt[confusable], int(wrong[confusable].sum())),
@@ -290,6 +287,18 @@ def _fit_labels(rows: _Sightings, doubt: Floats) -> _LabelFit:
         counts,
         int((rows.hit & ~known).sum()),
     )
+
+
+def _row(probability: float, counts: Mapping[str, int]) -> dict[str, float]:
+    """The probability, shared out as the counts are."""
+    total = sum(counts.values())
+    row = {name: round(probability * count / total, 5) for name, count in counts.items()}
+    excess = math.fsum(row.values()) - 1.0
+    if excess > 0.0:
+        # Each share may be rounded up: a model refuses a row that adds up to more than 1.
+        largest = max(row, key=lambda name: row[name])
+        row[largest] = round(row[largest] - excess, 5)
+    return row
 
 
 def _at_threshold(doubt: Floats, wrong: int) -> float | None:

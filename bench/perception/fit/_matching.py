@@ -9,8 +9,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from bench.arrays import Floats
-from bench.contracts import Detection, DetectionFrame, Sighting, SimTime, Tape
-from bench.simspec import SimSpec
+from bench.contracts import Detection, DetectionFrame, Sighting, SimTime, Tape, detections_by_frame
+from bench.simspec import Camera, SimSpec
 
 from .._boxes import Box
 
@@ -62,22 +62,24 @@ class MatchedFrame:
 
 @dataclass(frozen=True, slots=True)
 class MatchedRun:
-    """The frames of a recording that have a result, in order of time; `unanswered` have none."""
+    """The frames of one camera of a recording that have a result, in order of time; `unanswered` have none."""
 
     simspec: SimSpec
     tape: Tape
+    camera: Camera
     frames: tuple[MatchedFrame, ...]
     unanswered: int
 
 
 def match_runs(runs: Sequence[tuple[SimSpec, Tape]]) -> list[MatchedRun]:
     """Match all runs twice: with a wide gate, and with one from the displacements that the first pass found."""
-    wide = [_matched(simspec, tape, WIDE_GATE) for simspec, tape in runs]
+    cameras = [(simspec, tape, camera) for simspec, tape in runs for camera in simspec.perceiving_cameras]
+    wide = [_matched(simspec, tape, camera, WIDE_GATE) for simspec, tape, camera in cameras]
     table: Floats = np.array([row for run in wide for row in _apart(run)]).reshape(-1, 2)
     if not len(table):
         return wide
     gate = _gate(*table.T)
-    return [_matched(simspec, tape, gate) for simspec, tape in runs]
+    return [_matched(simspec, tape, camera, gate) for simspec, tape, camera in cameras]
 
 
 def _gate(apart_px: Floats, side_px: Floats) -> Gate:
@@ -110,18 +112,20 @@ def _mean_side_px(box: Box) -> float:
     return (box[2] - box[0] + box[3] - box[1]) / 2.0
 
 
-def _matched(simspec: SimSpec, tape: Tape, gate: Gate) -> MatchedRun:
-    answers = {answer.exposed.ns: answer for answer in tape.detections}
+def _matched(simspec: SimSpec, tape: Tape, camera: Camera, gate: Gate) -> MatchedRun:
+    answers = detections_by_frame(tape, simspec.vehicle.camera.name)
     last: dict[int, str] = {}
     frames = []
     unanswered = 0
     for frame in tape.frames:
-        answer = answers.get(frame.exposed.ns)
+        if frame.camera != camera.name:
+            continue
+        answer = answers.get((frame.camera, frame.exposed.ns))
         if answer is None:
             unanswered += 1
         elif not _in_outage(simspec, answer):
             frames.append(_matched_frame(frame.sightings, answer, gate, last))
-    return MatchedRun(simspec, tape, tuple(frames), unanswered)
+    return MatchedRun(simspec, tape, camera, tuple(frames), unanswered)
 
 
 def _in_outage(simspec: SimSpec, answer: DetectionFrame) -> bool:

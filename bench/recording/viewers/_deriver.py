@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -76,6 +77,16 @@ LOG = "/viewer/log"
 EMPTY_PICTURE = "/viewer/empty_picture"
 
 
+def detections_topic(camera: str) -> str:
+    """The topic of the detections in the frames of a further camera."""
+    return f"/viewer/{camera}/detections"
+
+
+def empty_picture_topic(camera: str) -> str:
+    """The topic of empty pictures of a further camera."""
+    return f"/viewer/{camera}/empty_picture"
+
+
 def truth_boxes_topic(camera: str) -> str:
     """The topic of the true boxes in the frames of one camera."""
     return f"/viewer/{camera}/truth_boxes"
@@ -88,11 +99,11 @@ D = TypeVar("D", bound=Document)
 class ViewerDeriver:
     """Call it with each record in order of time; it gives the messages that viewers show from then on.
 
-    `pictures` says whether the recording has pictures of the main camera; if not, each frame gets an empty one. What cannot be decoded is
-    counted by topic in `malformed` and left out. The memory that it needs does not grow with the recording.
+    `pictures` names the cameras of which the recording has pictures; each frame of the others that has boxes gets an empty
+    one. What cannot be decoded is counted by topic in `malformed` and left out. The memory that it needs does not grow with the recording.
     """
 
-    def __init__(self, simspec: SimSpec, *, pictures: bool) -> None:
+    def __init__(self, simspec: SimSpec, *, pictures: Collection[str]) -> None:
         self._simspec = simspec
         self._vehicle = simspec.vehicle.name
         self._base = f"{self._vehicle}/base_link"
@@ -126,9 +137,18 @@ class ViewerDeriver:
             topics.consents: self._from_consent,
             topics.operator_link: self._from_operator_link,
         }
-        if not pictures:
-            # Of the main camera alone: the boxes are in its frames.
-            self._derivations[topics.camera_info(simspec.vehicle.camera.name)] = self._from_camera_info
+        # Of the cameras alone that have boxes in their frames.
+        for camera in simspec.perceiving_cameras:
+            is_main = camera.name == simspec.vehicle.camera.name
+            if camera.name not in pictures:
+                topic = EMPTY_PICTURE if is_main else empty_picture_topic(camera.name)
+                self._derivations[topics.camera_info(camera.name)] = partial(
+                    self._from_camera_info, topic=topic
+                )
+            if not is_main:
+                self._derivations[topics.camera_detections(camera.name)] = partial(
+                    self._from_further_detections, topic=detections_topic(camera.name)
+                )
 
     def ground(self, time: Time) -> Iterator[Derived]:
         """What never moves, once and first."""
@@ -197,10 +217,10 @@ class ViewerDeriver:
         boxes = truth_boxes(view, self._cast, Time.of(record.time.ns))
         return iter(((truth_boxes_topic(view.camera), boxes),))
 
-    def _from_camera_info(self, record: Record) -> Iterator[Derived] | None:
+    def _from_camera_info(self, record: Record, topic: str) -> Iterator[Derived] | None:
         info = decode(CameraInfo, record.data)
         picture = None if info is None else empty_picture(info)
-        return None if picture is None else iter(((EMPTY_PICTURE, picture),))
+        return None if picture is None else iter(((topic, picture),))
 
     def _from_detections(self, record: Record) -> Iterator[Derived] | None:
         message = decode(Detection2DArray, record.data)
@@ -208,6 +228,10 @@ class ViewerDeriver:
             return None
         self._detections = len(message.detections)
         return iter(((DETECTIONS, detection_boxes(message)),))
+
+    def _from_further_detections(self, record: Record, topic: str) -> Iterator[Derived] | None:
+        message = decode(Detection2DArray, record.data)
+        return None if message is None else iter(((topic, detection_boxes(message)),))
 
     def _from_condition(self, record: Record) -> Iterator[Derived] | None:
         condition = _document(VehicleDocument, record)

@@ -45,7 +45,7 @@ def export_for_viewers(source: Path | str, target: Path | str) -> ExportResult:
     """
     source, target = Path(source), Path(target)
     simspec = read_simspec(source)
-    pictures = _has_pictures(source, simspec)
+    pictures = _cameras_with_pictures(source, simspec)
     deriver = ViewerDeriver(simspec, pictures=pictures)
     if target.exists():
         raise SetupError(Fault(str(target), "exists already", "give another name with --out, or delete it"))
@@ -55,7 +55,8 @@ def export_for_viewers(source: Path | str, target: Path | str) -> ExportResult:
         with partial.open("wb") as file:
             writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
             writer.start(profile=PROFILE, library=LIBRARY)
-            result = _write(Container(source), writer, deriver, pictures=pictures)
+            of_main = simspec.vehicle.camera.name in pictures
+            result = _write(Container(source), writer, deriver, pictures=of_main)
             writer.finish()  # type: ignore[no-untyped-call]
         os.replace(partial, target)
     finally:
@@ -63,14 +64,18 @@ def export_for_viewers(source: Path | str, target: Path | str) -> ExportResult:
     return result
 
 
-def _has_pictures(source: Path, simspec: SimSpec) -> bool:
-    """Whether the recording holds pictures of the main camera, whose boxes are drawn.
+def _cameras_with_pictures(source: Path, simspec: SimSpec) -> set[str]:
+    """The names of the cameras of which the recording holds pictures.
 
     Reads it once, which also finds whatever makes it unreadable.
     """
-    topics, camera = VehicleTopics(simspec.vehicle.name), simspec.vehicle.camera.name
-    picture_topics = {topics.image_raw(camera), topics.image_compressed(camera)}
-    pictures = False
+    topics = VehicleTopics(simspec.vehicle.name)
+    camera_of = {
+        topic: camera.name
+        for camera in simspec.vehicle.cameras
+        for topic in (topics.image_raw(camera.name), topics.image_compressed(camera.name))
+    }
+    pictures = set()
     for record in read_records(source):
         if record.topic.startswith(VIEWER_PREFIX):
             raise SetupError(
@@ -80,7 +85,8 @@ def _has_pictures(source: Path, simspec: SimSpec) -> bool:
                     "give the recording.mcap of a run",
                 )
             )
-        pictures = pictures or record.topic in picture_topics
+        if record.topic in camera_of:
+            pictures.add(camera_of[record.topic])
     return pictures
 
 

@@ -19,7 +19,7 @@ from bench.contracts import (
     parse_document,
 )
 from bench.recording import read_records
-from bench.simspec import SimSpec
+from bench.simspec import Camera, SimSpec
 from bench.simulation import PinholeCamera
 from bench.streams import CompressedImage, String, decode
 
@@ -38,14 +38,15 @@ class FramePixels:
     origin: str
 
 
-def frame_pixels(recording: Path, simspec: SimSpec, number: int, exposed: SimTime) -> FramePixels | None:
-    """The picture that frame `number` of the vehicle's camera showed; None when that cannot be told.
+def frame_pixels(
+    recording: Path, simspec: SimSpec, camera: Camera, number: int, exposed: SimTime
+) -> FramePixels | None:
+    """The picture that frame `number` of a camera showed; None when that cannot be told.
 
     Raises SetupError where the scene, the renderer or a look is not installed.
     """
-    camera = simspec.vehicle.camera
     jpeg_topic = VehicleTopics(simspec.vehicle.name).image_compressed(camera.name)
-    states = RecordedStates(simspec)
+    states = RecordedStates(simspec, camera)
     exposures: dict[int, SimTime] = {}
     shown: PictureDocument | None = None
     for record in read_records(recording):
@@ -63,22 +64,26 @@ def frame_pixels(recording: Path, simspec: SimSpec, number: int, exposed: SimTim
             states.take(record)
     # A frozen frame shows the picture of an older one.
     source = shown.shown if shown is not None and shown.shown is not None else number
-    return _drawn_again(simspec, states, source, exposures.get(source, exposed), shown)
+    return _drawn_again(simspec, camera, states, source, exposures.get(source, exposed), shown)
 
 
 def _drawn_again(
-    simspec: SimSpec, states: RecordedStates, number: int, exposed: SimTime, shown: PictureDocument | None
+    simspec: SimSpec,
+    camera: Camera,
+    states: RecordedStates,
+    number: int,
+    exposed: SimTime,
+    shown: PictureDocument | None,
 ) -> FramePixels | None:
     state = states.at(exposed)
     if state is None:
         return None
-    camera = simspec.vehicle.camera
     open_scene: OpenScene = load_plugin("rebar.scenes", simspec.world.scene)
     scene = open_scene(simspec)
     scene.advance(exposed)
     pose = pose_of(state, PinholeCamera.of(camera).axes_enu(state), stabilized=camera.stabilized)
     open_renderer: OpenRenderer = load_plugin("rebar.renderers", camera.renderer)
-    frame = open_camera(simspec, open_renderer=open_renderer).capture(
+    frame = open_camera(simspec, camera, open_renderer=open_renderer).capture(
         pose, scene.positions(), scene.headings(), number
     )
     if frame is None:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from bench.contracts import TF, TRUTH_ODOMETRY, Record, SimTime, VehicleState
-from bench.simspec import SimSpec
+from bench.simspec import Camera, SimSpec
 from bench.streams import Odometry, Quaternion, TFMessage, decode
 
 
@@ -19,8 +19,7 @@ class RecordedStates:
     The recording has ten states a second: between two of them positions are interpolated.
     """
 
-    def __init__(self, simspec: SimSpec) -> None:
-        camera = simspec.vehicle.camera
+    def __init__(self, simspec: SimSpec, camera: Camera) -> None:
         self._optical = f"{simspec.vehicle.name}/camera_{camera.name}_optical"
         self._gimbal = camera.gimbal
         self._odometry: list[tuple[int, Odometry]] = []

@@ -7,7 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from bench.contracts import CameraFrame, CastMember, Detection, DetectionFrame, Sighting, SimTime, Tape
+from bench.contracts import (
+    CameraFrame,
+    CastMember,
+    Detection,
+    DetectionFrame,
+    Sighting,
+    SimTime,
+    Tape,
+    detections_by_frame,
+)
 from bench.simspec import SimSpec
 
 # The defaults of the measures of detections (docs/measures.md), so that the picture shows what they count.
@@ -45,8 +54,9 @@ class JudgedBox:
 
 @dataclass(frozen=True, slots=True)
 class JudgedFrame:
-    """One frame with the boxes of truth and detector."""
+    """One frame of a camera with the boxes of truth and detector."""
 
+    camera: str
     number: int
     exposed: SimTime
     boxes: tuple[JudgedBox, ...]
@@ -67,11 +77,11 @@ def worst_frame(simspec: SimSpec, tape: Tape) -> JudgedFrame | None:
 
     Frames without a result are left out, and so are those of outages: what was lost there the detector had seen.
     """
-    answers = {answer.exposed.ns: answer for answer in tape.detections if not _in_outage(simspec, answer)}
+    answers = detections_by_frame(tape, simspec.vehicle.camera.name)
     worst: JudgedFrame | None = None
     for frame in tape.frames:
-        answer = answers.get(frame.exposed.ns)
-        if answer is None or frame.camera != simspec.vehicle.camera.name:
+        answer = answers.get((frame.camera, frame.exposed.ns))
+        if answer is None or _in_outage(simspec, answer):
             continue
         judged = judge(tape.cast, frame, answer.detections)
         if judged.errors > (worst.errors if worst is not None else 0):
@@ -84,7 +94,7 @@ def judge(cast: Sequence[CastMember], frame: CameraFrame, detections: Sequence[D
     sure = [detection for detection in detections if detection.score >= MIN_SCORE]
     boxes = [_judged_actor(cast[sighting.actor], sighting, sure) for sighting in frame.sightings]
     boxes += [_judged_detection(cast, frame.sightings, detection) for detection in sure]
-    return JudgedFrame(frame.number, frame.exposed, tuple(boxes))
+    return JudgedFrame(frame.camera, frame.number, frame.exposed, tuple(boxes))
 
 
 def _judged_actor(member: CastMember, sighting: Sighting, detections: Sequence[Detection]) -> JudgedBox:

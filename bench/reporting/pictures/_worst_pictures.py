@@ -43,6 +43,7 @@ class WorstPicture:
     jpeg: str  # base64
     origin: str
     failed: str  # observables about the detections that this run did not achieve
+    camera: str = ""  # a further camera; empty for the main one
 
     @property
     def summary(self) -> str:
@@ -149,7 +150,8 @@ def _worst_picture(data: ReportData, run: Run, simspec: SimSpec) -> WorstPicture
     frame = worst_frame(simspec, read_tape(run.recording, simspec))
     if frame is None:
         return None
-    pixels = frame_pixels(run.recording, simspec, frame.number, frame.exposed)
+    (camera,) = (camera for camera in simspec.perceiving_cameras if camera.name == frame.camera)
+    pixels = frame_pixels(run.recording, simspec, camera, frame.number, frame.exposed)
     if pixels is None:
         return None
     height_px, width_px = pixels.bgr.shape[:2]
@@ -161,4 +163,5 @@ def _worst_picture(data: ReportData, run: Run, simspec: SimSpec) -> WorstPicture
         base64.b64encode(small_jpeg(pixels.bgr, MAX_WIDTH_PX)).decode(),
         pixels.origin,
         _failed_observables(data, run),
+        camera.name if camera is not simspec.vehicle.camera else "",
     )

@@ -1,0 +1,327 @@
+"""Detections in the frames of further cameras: whose, when, under which names, and who judges them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from test_session_detectors import BlobDetector
+from test_session_pictures import document, watched_simspec
+
+from bench.agents import open_agent
+from bench.contracts import (
+    TRUTH_PICTURES,
+    TRUTH_VIEW,
+    Outcome,
+    PictureDocument,
+    Record,
+    SimTime,
+    Tape,
+    VehicleTopics,
+    ViewDocument,
+    cast_of,
+)
+from bench.perception import open_detectors, seeds_of_camera
+from bench.perception.fit import fit_detector
+from bench.perception.fit._matching import match_runs
+from bench.recording import TapeBuilder, open_recording, read_records
+from bench.recording.viewers import export_for_viewers
+from bench.simspec import Camera, DetectionModel, Mission, Outage, Perception, PerceptionSource, SimSpec
+from bench.simulation import SessionEnd, SessionPlan, open_plain_scene, run_session
+from bench.simulation._further_cameras import scene_faults
+from bench.simulation._scene import PlainScene
+from bench.streams import Detection2DArray, decode
+from bench.testing import agent_manifest
+from test_ports.perception.clear_views import answered_frames, answered_sightings
+
+TOPICS = VehicleTopics("vehicle_1")
+MAIN, DOWN, WIDE = TOPICS.detections, TOPICS.camera_detections("down"), TOPICS.camera_detections("wide")
+CAMERAS = (
+    Camera(name="down", width_px=200, height_px=160, horizontal_fov_deg=90.0, tilt_deg=90.0, rate_hz=2.5),
+    Camera(name="wide", width_px=160, height_px=120, horizontal_fov_deg=100.0, tilt_deg=80.0, rate_hz=4.0),
+)
+MODEL = DetectionModel(latency_s=0.15, latency_jitter_s=0.1, half_height_px=2.0, false_per_frame=0.4)
+
+
+def spec_of(source: PerceptionSource, *names: str, model: DetectionModel = MODEL) -> SimSpec:
+    """Two people below a vehicle with three cameras, all of which see them."""
+    spec = watched_simspec()
+    perception = Perception(source=source, model=model, more_cameras=names)
+    # So low that people have ten pixels and more in the coarsest picture.
+    parameters = {**spec.vehicle.parameters, "STILL_UP_M": 12.0}
+    vehicle = spec.vehicle.model_copy(update={"more_cameras": CAMERAS, "parameters": parameters})
+    mission = Mission(time_limit_s=2.0)
+    return spec.model_copy(update={"vehicle": vehicle, "perception": perception, "mission": mission})
+
+
+@dataclass
+class FlownCameras:
+    """One session: how it ended and what was recorded."""
+
+    spec: SimSpec
+    end: SessionEnd
+    records: list[Record]
+
+    def messages(self, topic: str) -> list[tuple[SimTime, Detection2DArray]]:
+        """The detections on a topic, with the time of publication."""
+        both = [
+            (each.time, decode(Detection2DArray, each.data)) for each in self.records if each.topic == topic
+        ]
+        return [(time, message) for time, message in both if message is not None]
+
+    def views(self, camera: str) -> dict[int, ViewDocument]:
+        """By time of exposure."""
+        records = [record for record in self.records if record.topic == TRUTH_VIEW]
+        views = [(record.time.ns, document(ViewDocument, record)) for record in records]
+        return {time_ns: view for time_ns, view in views if view.camera == camera}
+
+    def tape(self) -> Tape:
+        builder = TapeBuilder(self.spec)
+        for record in self.records:
+            builder(record)
+        return builder.tape()
+
+
+def fly(folder: Path, spec: SimSpec) -> FlownCameras:
+    records: list[Record] = []
+    plan = SessionPlan(
+        spec,
+        agent_manifest("idle"),
+        folder,
+        open_agent,
+        folder / "scratch",
+        records.append,
+        open_on_pixels=lambda _: BlobDetector(),
+    )
+    flown = FlownCameras(spec, run_session(plan), records)
+    assert flown.end.outcome is Outcome.TIME_LIMIT, flown.end.reason + flown.end.traceback
+    return flown
+
+
+@pytest.fixture(scope="module")
+def blobs(tmp_path_factory: pytest.TempPathFactory) -> tuple[FlownCameras, FlownCameras]:
+    """The same session with a detector on pixels, flown twice."""
+    first, second = (
+        fly(tmp_path_factory.mktemp("blobs"), spec_of("detector", "wide", "down")) for _ in range(2)
+    )
+    return first, second
+
+
+def hits_of(session: FlownCameras, topic: str, camera: str) -> tuple[int, int]:
+    """Clear sightings that a detection lies on, and all of them, in the frames with a result."""
+    views = session.views(camera)
+    hits = total = 0
+    for _, message in session.messages(topic):
+        centres = [(item.bbox.center.position.x, item.bbox.center.position.y) for item in message.detections]
+        for sighting in views[message.header.stamp.ns].sightings:
+            if sighting.visible < 0.5 or sighting.height_px < 5.0:
+                continue
+            left, top, right, bottom = sighting.box
+            total += 1
+            hits += any(left - 4 <= x <= right + 4 and top - 4 <= y <= bottom + 4 for x, y in centres)
+    return hits, total
+
+
+def test_each_camera_has_its_detections(blobs: tuple[FlownCameras, FlownCameras]) -> None:
+    """In its own pixels, frame and rate, late by the stated delay, with names that no other camera gives; twice alike."""
+    session, again = blobs
+    assert session.records == again.records
+    names: dict[str, set[str]] = {}
+    for topic, camera, period_ns in ((MAIN, "front", 2e8), (DOWN, "down", 4e8), (WIDE, "wide", 2.5e8)):
+        messages = session.messages(topic)
+        assert len(messages) >= 2e9 / period_ns - 2
+        assert {message.header.frame_id for _, message in messages} == {f"vehicle_1/camera_{camera}_optical"}
+        stamps = [message.header.stamp.ns for _, message in messages]
+        assert stamps == list(session.views(camera))[: len(stamps)]
+        delays_s = [(time.ns - stamp) / 1e9 for (time, _), stamp in zip(messages, stamps, strict=True)]
+        # A tick of 0.1 s after the delay at most.
+        assert 0.15 <= min(delays_s) <= max(delays_s) <= 0.35
+        hits, total = hits_of(session, topic, camera)
+        assert hits > 0.6 * total > 5
+        names[camera] = {item.id for _, message in messages for item in message.detections}
+        assert {item.header.frame_id for _, message in messages for item in message.detections} == {
+            f"vehicle_1/camera_{camera}_optical"
+        }
+    assert all(name.startswith("t") for name in names["front"])
+    assert all(name.startswith("down/t") for name in names["down"])
+    assert all(name.startswith("wide/t") for name in names["wide"])
+
+
+def test_views_and_pictures_of_other_cameras_are_left_alone(tmp_path: Path) -> None:
+    """A camera that is not named has no views, no pictures and no topic; without any the recording is as it was."""
+    session = fly(tmp_path / "down", spec_of("detector", "down"))
+    assert session.views("down")
+    assert not session.views("wide")
+    assert not session.messages(WIDE)
+    drawn = [
+        document(PictureDocument, record) for record in session.records if record.topic == TRUTH_PICTURES
+    ]
+    assert {picture.camera for picture in drawn} == {"front", "down"}
+    alone = fly(tmp_path / "alone", spec_of("detector"))
+    further = {DOWN, WIDE}
+    assert not further & {record.topic for record in alone.records}
+    assert not alone.views("down")
+    # The main camera's are the same with and without the others.
+    assert alone.messages(MAIN) == session.messages(MAIN)
+    assert alone.views("front") == session.views("front")
+
+
+@pytest.mark.parametrize("source", ["truth", "simulated", "agent"])
+def test_every_source_serves_every_camera_without_a_picture(tmp_path: Path, source: PerceptionSource) -> None:
+    """The truth and the error model as well, at no cost of pixels; an agent with its own eyes gets none, and the views that
+    judge it are there.
+    """
+    session = fly(tmp_path, spec_of(source, "down", "wide"))
+    assert session.views("down")
+    assert session.views("wide")
+    assert not [record for record in session.records if record.topic == TRUTH_PICTURES]
+    for topic, camera in ((MAIN, "front"), (DOWN, "down"), (WIDE, "wide")):
+        messages = session.messages(topic)
+        if source == "agent":
+            assert not messages
+            continue
+        assert messages
+        hits, total = hits_of(session, topic, camera)
+        assert hits == total if source == "truth" else hits > 0.5 * total
+    if source == "simulated":
+        # Each camera errs by draws of its own: scores of equal labels hold fresh evidence.
+        scores = [
+            {
+                round(item.results[0].hypothesis.score, 9)
+                for _, each in session.messages(topic)
+                for item in each.detections
+            }
+            for topic in (MAIN, DOWN, WIDE)
+        ]
+        assert not scores[0] & scores[1]
+        assert not scores[1] & scores[2]
+
+
+def test_cameras_err_by_seeds_of_their_own() -> None:
+    """The main camera keeps the SimSpec's; another order of the names changes nothing."""
+    spec, turned = spec_of("simulated", "down", "wide"), spec_of("simulated", "wide", "down")
+    seeds = [seeds_of_camera(spec, camera).perception for camera in spec.perceiving_cameras]
+    assert len(set(seeds)) == 3
+    assert seeds == [seeds_of_camera(turned, camera).perception for camera in turned.perceiving_cameras]
+    assert [camera.name for camera in turned.perceiving_cameras] == ["front", "down", "wide"]
+    stated = spec.model_copy(update={"seeds": spec.seeds.model_copy(update={"perception": 7})})
+    assert seeds_of_camera(stated, stated.vehicle.camera).perception == 7
+    assert seeds_of_camera(stated, CAMERAS[0]).perception not in (7, seeds[1])
+
+
+def test_an_outage_silences_every_camera(tmp_path: Path) -> None:
+    """The service is lost as a whole; a degradation takes other detections from each camera."""
+    outages = (
+        Outage(kind="detections", at_s=0.5, duration_s=0.6),
+        Outage(kind="detections_degraded", at_s=1.2, duration_s=0.8, lost_share=0.5),
+    )
+    spec = spec_of("truth", "down", "wide").model_copy(update={"outages": outages})
+    session = fly(tmp_path, spec)
+    for topic in (MAIN, DOWN, WIDE):
+        messages = session.messages(topic)
+        assert not [time for time, _ in messages if 0.5 <= time.s < 1.1]
+        late = [message for time, message in messages if time.s >= 1.3]
+        assert late
+        scores = {item.results[0].hypothesis.score for message in late for item in message.detections}
+        assert scores <= {0.75}
+
+
+def test_measures_and_fit_take_in_every_camera(blobs: tuple[FlownCameras, FlownCameras]) -> None:
+    """Frames are paired with the detections of their own camera, also where two cameras expose at one moment."""
+    session, _ = blobs
+    tape, spec = session.tape(), session.spec
+    assert not tape.malformed
+    by_camera = {camera: len(session.views(camera)) for camera in ("front", "down", "wide")}
+    assert len(tape.frames) == sum(by_camera.values())
+    answered = answered_frames(tape, spec)
+    for frame, answer in answered:
+        if answer is not None:
+            assert answer.camera == ("" if frame.camera == "front" else frame.camera)
+            assert answer.exposed == frame.exposed
+    shared = [frame for frame, _ in answered if frame.exposed.ns == tape.frames[0].exposed.ns]
+    assert [frame.camera for frame in shared] == ["front", "down", "wide"]
+    sightings = answered_sightings(tape, spec)
+    assert len(sightings) == sum(len(frame.sightings) for frame, _ in answered)
+    found = sum(bool(each.overlapping) for each in sightings)
+    assert found > 0.6 * len(sightings)
+    matched = match_runs([(spec, tape)])
+    assert [run.camera.name for run in matched] == ["front", "down", "wide"]
+    assert [len(run.frames) + run.unanswered for run in matched] == list(by_camera.values())
+    fit = fit_detector([(spec, tape)])
+    assert fit.evidence.frames == sum(len(run.frames) for run in matched)
+    # Names never change from camera to camera, so no switch is seen where there is none.
+    assert fit.evidence.track_s > 0.0
+
+
+def test_an_export_shows_the_detections_of_each_camera(tmp_path: Path) -> None:
+    """As boxes of the same stamp, over empty pictures where the recording has none."""
+    down = CAMERAS[0].model_copy(update={"record_frames": True})
+    spec = spec_of("truth", "down", "wide")
+    spec = spec.model_copy(
+        update={"vehicle": spec.vehicle.model_copy(update={"more_cameras": (down, CAMERAS[1])})}
+    )
+    path = tmp_path / "recording.mcap"
+    with open_recording(path, simspec=spec, versions={}) as recorder:
+        plan = SessionPlan(spec, agent_manifest("idle"), tmp_path, open_agent, tmp_path / "scratch", recorder)
+        assert run_session(plan).outcome is Outcome.TIME_LIMIT
+    result = export_for_viewers(path, tmp_path / "viewer.mcap")
+    assert not result.malformed
+    assert not result.pictures
+    counts: dict[str, int] = {}
+    for record in read_records(tmp_path / "viewer.mcap"):
+        counts[record.topic] = counts.get(record.topic, 0) + 1
+    for camera, topic in (("down", DOWN), ("wide", WIDE)):
+        assert counts[f"/viewer/{camera}/detections"] == counts[topic] > 0
+        assert counts[f"/viewer/{camera}/truth_boxes"] > 0
+    assert "/viewer/down/empty_picture" not in counts
+    assert counts["/viewer/wide/empty_picture"] == counts[TOPICS.camera_info("wide")]
+    assert counts["/viewer/detections"] == counts[MAIN]
+    assert counts["/viewer/empty_picture"] == counts[TOPICS.camera_info("front")]
+
+
+class MainCameraScene:
+    """A scene that knows one camera."""
+
+    def __init__(self, scene: PlainScene) -> None:
+        self.cast, self.advance, self.positions = scene.cast, scene.advance, scene.positions
+        self.headings, self.observe = scene.headings, scene.observe
+
+
+def test_a_scene_of_one_camera_is_refused() -> None:
+    """Before anything flies, with the field and the fix; without further detections it serves."""
+    for names, faulty in (((), False), (("down",), True)):
+        spec = spec_of("truth", *names)
+        scene = open_plain_scene(spec)
+        assert isinstance(scene, PlainScene)
+        assert not scene_faults(spec, scene)
+        faults = scene_faults(spec, MainCameraScene(scene))
+        assert [fault.where for fault in faults] == ["perception.more_cameras"] * faulty
+
+
+def test_the_plug_in_is_opened_once_for_all_cameras() -> None:
+    """Its weights may be large; each camera has a tracker of its own."""
+    spec = spec_of("detector", "down", "wide")
+    opened: list[SimSpec] = []
+
+    def open_blobs(simspec: SimSpec) -> BlobDetector:
+        opened.append(simspec)
+        return BlobDetector()
+
+    detectors = open_detectors(spec, cast_of(spec), open_blobs)
+    assert len(detectors) == 3
+    assert len(opened) == 1
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (("up",), "there is no camera 'up' in vehicle.more_cameras (there: down, wide)"),
+        (("front",), "'front' is the main camera, which always has detections"),
+        (("down", "wide", "down"), "the camera 'down' stands twice"),
+    ],
+)
+def test_names_of_cameras_are_checked(names: tuple[str, ...], words: str) -> None:
+    with pytest.raises(ValueError, match="perception") as fault:
+        SimSpec.model_validate(spec_of("truth", *names).model_dump())
+    assert words in str(fault.value)
