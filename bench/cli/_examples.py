@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -45,7 +46,9 @@ def examples(
         target = copy / name
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source, target)
-    print(f"{len(files)} files in {copy}. Try: rebar run {copy / 'campaigns' / 'demo.yaml'}")
+    print(
+        f"{len(files)} files in {copy}. Try: rebar run {shlex.quote(str(copy / 'campaigns' / 'demo.yaml'))}"
+    )
 
 
 def shipped(name: str) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -43,7 +44,7 @@ def propose(
         for line in lines:
             print(line)
         print("\n".join(proposal.changes) or "only the seed changes: factors, ranges and replicates stay")
-        print(f"{out}: review it, then run `rebar run {out}`")
+        print(f"{out}: review it, then run `rebar run {shlex.quote(str(out))}`")
     if completeness is not None and not completeness.complete:
         raise typer.Exit(INCOMPLETE_EXIT_CODE)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -83,11 +84,11 @@ def simulate(
         if (out / "recording.mcap").is_file():
             console.print(f"recording: {out / 'recording.mcap'}", highlight=False, soft_wrap=True)
         if result.observations:
-            named = "" if decomposition == DEFAULT_DECOMPOSITION else f" --decomposition {decomposition}"
-            for line in (
-                f"why: rebar score {out}{named} --explain {first}",
-                f"how hard it was: rebar difficulty {simspec}{named}",
-            ):
+            named = () if decomposition == DEFAULT_DECOMPOSITION else ("--decomposition", decomposition)
+            # Quoted, because people copy these lines into a shell.
+            explain = shlex.join(("rebar", "score", str(out), *named, "--explain", str(first)))
+            difficulty = shlex.join(("rebar", "difficulty", str(simspec), *named))
+            for line in (f"why: {explain}", f"how hard it was: {difficulty}"):
                 console.print(line, markup=False, highlight=False, soft_wrap=True)
     if not result.outcome.counts:
         # A SimSpec that cannot be flown is a wrong input, as any other fault in a file.

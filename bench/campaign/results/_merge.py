@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -91,7 +92,8 @@ def _read(path: Path) -> _Shard:
             Fault(
                 str(path),
                 f"shard {campaign.shard} lacks runs",
-                f"run it to its end: rebar run {folder.campaign} --out {path}",
+                "run it to its end: "
+                + shlex.join(("rebar", "run", str(folder.campaign), "--out", str(path))),
             )
         )
     return _Shard(folder, campaign, decomposition, manifest, *parse_shard(campaign.shard))

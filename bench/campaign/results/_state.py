@@ -51,7 +51,11 @@ def campaign_state(folder: Path) -> CampaignState:
     """Where the campaign of a folder stands. Raises SetupError for a folder that is no campaign's."""
     paths = CampaignFolder(folder)
     if not paths.journal.is_file():
-        raise SetupError(Fault(str(folder), "is not the folder of a campaign", "name what --out named"))
+        raise SetupError(
+            Fault(
+                str(folder), "is not the folder of a campaign", "name the folder that `rebar run --out` wrote"
+            )
+        )
     campaign = load_document(paths.campaign, Campaign)
     process = writing_process(folder)
     with open_journal_to_read(paths.journal) as journal:

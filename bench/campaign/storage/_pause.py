@@ -37,4 +37,8 @@ def is_paused(folder: Path) -> bool:
 
 def _check(folder: Path) -> None:
     if not CampaignFolder(folder).journal.is_file():
-        raise SetupError(Fault(str(folder), "is not the folder of a campaign", "name what --out named"))
+        raise SetupError(
+            Fault(
+                str(folder), "is not the folder of a campaign", "name the folder that `rebar run --out` wrote"
+            )
+        )
