@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bench.simspec import Motion, Polygon
 
-from ._box_intersection import crosses_box
+from ._box_intersection import crosses_rectangle
 
 Place = tuple[float, float]
 
@@ -41,20 +41,25 @@ class WalkLeg:
     end_enu_m: Place
 
 
+Edge = tuple[float, float, float, float]
+"""East and north of the one end of an edge of the area, then of the other."""
+
+Solid = tuple[float, float, float, float, float, float]
+"""East and north of a solid's middle, its forward axis, and half its length along and across that."""
+
+
 @dataclass(frozen=True, slots=True)
 class WalkableGround:
     """Where movers may go: inside the area, and through no solid box.
 
-    `corners_m` (e, 2) are the area's, empty when it does not bind; `centres_m`, `forward` (s, 2) and `half_m`
-    (s, 2) describe the solids' footprints, half lengths along `forward` and across it; `margin_m` is the free
-    room that the mover needs.
+    `corners_m` (e, 2) are the area's; `centres_m`, `forward` (s, 2) and `half_m` (s, 2) describe the solids' footprints,
+    half lengths along `forward` and across it.
     """
 
     corners_m: NDArray[np.float64]
     centres_m: NDArray[np.float64]
     forward: NDArray[np.float64]
     half_m: NDArray[np.float64]
-    margin_m: float = 0.0
 
     @classmethod
     def of(
@@ -70,40 +75,55 @@ class WalkableGround:
             corners, centres_m, np.stack((np.sin(headings_rad), np.cos(headings_rad)), axis=-1), half_m
         )
 
-    def around(self, start: Place, reach_m: float, margin_m: float) -> WalkableGround:
+    def around(self, start: Place, reach_m: float, margin_m: float) -> ReachableGround:
         """The part that matters to one mover. A mover that starts outside the area is not bound by it."""
         distance = np.hypot(*(self.centres_m - start).T)
         # Solids that no leg of this mover can touch are dropped once, instead of being tested for every leg.
         in_reach = distance <= reach_m + margin_m + np.hypot(*self.half_m.T)
-        # Otherwise no leg could ever leave the start, and the actor would stand for the whole session.
-        ground = self if self._inside(np.array([start]))[0] else replace(self, corners_m=self.corners_m[:0])
-        return replace(
-            ground,
-            centres_m=self.centres_m[in_reach],
-            forward=self.forward[in_reach],
-            half_m=self.half_m[in_reach],
-            margin_m=margin_m,
+        solids = np.concatenate((self.centres_m, self.forward, self.half_m), axis=1)[in_reach]
+        # The last edge closes the polygon.
+        edges = np.concatenate((self.corners_m, np.roll(self.corners_m, -1, axis=0)), axis=1)
+        ground = ReachableGround(
+            tuple((e0, n0, e1, n1) for e0, n0, e1, n1 in edges.tolist()),
+            tuple((e, n, fe, fn, along, across) for e, n, fe, fn, along, across in solids.tolist()),
+            margin_m,
         )
+        # Otherwise no leg could ever leave the start, and the actor would stand for the whole session.
+        return ground if ground.inside(start) else replace(ground, edges=())
 
-    def open_to(self, start: Place, ends: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(k,) whether the straight leg from `start` to each of (k, 2) `ends` can be walked."""
-        free = np.ones(len(ends), dtype=np.bool_)
-        if len(self.corners_m):
-            free &= self._inside(ends) & ~self._leaves_area(start, ends)
-        if len(self.centres_m):
-            free &= ~self._meets_solid(start, ends)
-        return free
+
+@dataclass(frozen=True, slots=True)
+class ReachableGround:
+    """The ground of one mover: edges of the area, none where it does not bind, solids, and the free room that the mover
+    needs.
+
+    Plain numbers: legs are judged one at a time, and arrays so small cost ten times as much.
+    """
+
+    edges: tuple[Edge, ...]
+    solids: tuple[Solid, ...]
+    margin_m: float
+
+    def open_to(self, start: Place, end: Place) -> bool:
+        """Whether the straight leg from `start` to `end` can be walked."""
+        return (
+            self.inside(end)
+            and not any(_crosses_edge(start, end, edge) for edge in self.edges)
+            and not any(self._meets(start, end, solid) for solid in self.solids)
+        )
 
     def drawn_inside(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(k, 2) the points; those outside the area moved to the nearest place on its border and `INSET_M`
         beyond.
         """
-        outside = ~self._inside(points)
+        outside = np.array(
+            [not self.inside((east, north)) for east, north in points.tolist()], dtype=np.bool_
+        )
         if not outside.any():
             return points
-        first = self.corners_m
-        # Edge i runs from corner i to the next one; the last edge closes the polygon.
-        along = np.roll(first, -1, axis=0) - first
+        edges = np.array(self.edges)
+        first = edges[:, :2]
+        along = edges[:, 2:] - first
         offset = points[outside][:, None, :] - first
         share = np.clip(
             (offset * along).sum(axis=-1) / np.maximum((along * along).sum(axis=-1), 1e-12), 0.0, 1.0
@@ -115,61 +135,47 @@ class WalkableGround:
         drawn[outside] += way[nearest] * (1.0 + INSET_M / np.maximum(length[nearest], 1e-9))[:, None]
         return drawn
 
-    def _inside(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Even-odd rule: a ray to the east crosses the border an odd number of times.
-
-        True for all when nothing binds.
-        """
-        if not len(self.corners_m):
-            return np.ones(len(points), dtype=np.bool_)
-        east, north = points[:, 0, None], points[:, 1, None]
-        e0, n0 = self.corners_m.T
-        e1, n1 = np.roll(self.corners_m, -1, axis=0).T
-        spans = (n0 > north) != (n1 > north)
-        # Horizontal edges divide by zero; `spans` is false for them, so their result is never used.
-        with np.errstate(divide="ignore", invalid="ignore"):
-            crossing = e0 + (north - n0) / (n1 - n0) * (e1 - e0)
-        inside: NDArray[np.bool_] = np.count_nonzero(spans & (east < crossing), axis=1) % 2 == 1
+    def inside(self, place: Place) -> bool:
+        """Even-odd rule: a ray to the east crosses the border an odd number of times. True where nothing binds."""
+        east, north = place
+        inside = not self.edges
+        for e0, n0, e1, n1 in self.edges:
+            if (n0 > north) != (n1 > north) and east < e0 + (north - n0) / (n1 - n0) * (e1 - e0):
+                inside = not inside
         return inside
 
-    def _leaves_area(self, start: Place, ends: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether a leg properly crosses any edge of the area."""
-        first, second = self.corners_m, np.roll(self.corners_m, -1, axis=0)
-        begin, end = np.array(start), ends[:, None, :]
-        # Two segments cross properly when each one's ends lie strictly on both sides of the other.
-        edges_apart = _side(begin, end, first) * _side(begin, end, second) < 0.0
-        ends_apart = _side(first, second, begin) * _side(first, second, end) < 0.0
-        leaves: NDArray[np.bool_] = np.any(edges_apart & ends_apart, axis=1)
-        return leaves
-
-    def _meets_solid(self, start: Place, ends: NDArray[np.float64]) -> NDArray[np.bool_]:
-        begin = self._beside(np.array(start) - self.centres_m)
-        finish = self._beside(ends[:, None, :] - self.centres_m)
-        wide = self.half_m + self.margin_m
+    def _meets(self, start: Place, end: Place, solid: Solid) -> bool:
+        *_, half_along_m, half_across_m = solid
+        begin, finish = _beside(start, solid), _beside(end, solid)
+        along_m, across_m = half_along_m + self.margin_m, half_across_m + self.margin_m
         # A mover that was placed closer than its margin may walk away, though never through the solid itself.
-        touching = np.all(np.abs(begin) <= wide, axis=-1, keepdims=True)
-        meets: NDArray[np.bool_] = np.any(
-            crosses_box(begin, finish, np.where(touching, self.half_m, wide)), axis=1
-        )
-        return meets
-
-    def _beside(self, offset: NDArray[np.float64]) -> NDArray[np.float64]:
-        """East-north offsets along and across each solid."""
-        ahead = offset[..., 0] * self.forward[:, 0] + offset[..., 1] * self.forward[:, 1]
-        aside = offset[..., 0] * self.forward[:, 1] - offset[..., 1] * self.forward[:, 0]
-        return np.stack((ahead, aside), axis=-1)
+        if abs(begin[0]) <= along_m and abs(begin[1]) <= across_m:
+            along_m, across_m = half_along_m, half_across_m
+        return crosses_rectangle(begin, finish, (along_m, across_m))
 
 
-def _side(a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64]) -> NDArray[np.float64]:
+def _crosses_edge(start: Place, end: Place, edge: Edge) -> bool:
+    """Whether a leg properly crosses an edge: the ends of each lie strictly on both sides of the other."""
+    first, second = edge[:2], edge[2:]
+    return (
+        _side(start, end, first) * _side(start, end, second) < 0.0
+        and _side(first, second, start) * _side(first, second, end) < 0.0
+    )
+
+
+def _beside(place: Place, solid: Solid) -> Place:
+    """Along and across a solid, from its middle."""
+    east, north = place[0] - solid[0], place[1] - solid[1]
+    return east * solid[2] + north * solid[3], east * solid[3] - north * solid[2]
+
+
+def _side(a: Place, b: Place, p: Place) -> float:
     """Positive when p lies left of the line from a to b."""
-    side: NDArray[np.float64] = (b[..., 0] - a[..., 0]) * (p[..., 1] - a[..., 1]) - (
-        b[..., 1] - a[..., 1]
-    ) * (p[..., 0] - a[..., 0])
-    return side
+    return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
 
 
 def wander(
-    start: Place, motion: Motion, ground: WalkableGround, rng: np.random.Generator
+    start: Place, motion: Motion, ground: ReachableGround, rng: np.random.Generator
 ) -> Iterator[WalkLeg]:
     """Walks to points uniform in the disc of `radius_m` round `start`, with exponential pauses of mean
     `pause_s`.
@@ -185,9 +191,9 @@ def wander(
         distance = motion.radius_m * np.sqrt(draws[:, 0])
         bearing = 2.0 * math.pi * draws[:, 1]
         points = np.array(start) + np.stack((distance * np.sin(bearing), distance * np.cos(bearing)), axis=-1)
-        reachable = np.flatnonzero(ground.open_to(position, points))
-        if len(reachable):
-            target = (float(points[reachable[0], 0]), float(points[reachable[0], 1]))
+        places = ((east, north) for east, north in points.tolist())
+        target = next((place for place in places if ground.open_to(position, place)), None)
+        if target is not None:
             yield from _walk(position, target, motion.speed_mps, pause_s)
             position = target
         else:
@@ -195,28 +201,29 @@ def wander(
 
 
 def patrol(
-    start: Place, motion: Motion, ground: WalkableGround, rng: np.random.Generator
+    start: Place, motion: Motion, ground: ReachableGround, rng: np.random.Generator
 ) -> Iterator[WalkLeg]:
     """Walks the route in a loop, beginning at its point nearest to `start`; skips points that it cannot walk
     to.
 
     Stands still for the rest of the session when it can reach none, because the ground does not change.
     """
-    route = ground.drawn_inside(np.array([(point.east_m, point.north_m) for point in motion.route]))
+    points = ground.drawn_inside(np.array([(point.east_m, point.north_m) for point in motion.route]))
+    route = [(east, north) for east, north in points.tolist()]
     count = len(route)
-    next_index = int(np.argmin(np.hypot(*(route - start).T)))
+    next_index = int(np.argmin(np.hypot(*(points - start).T)))
     position = start
     while True:
         pause_s = motion.pause_s * float(rng.standard_exponential())
         # A point that is out of reach is skipped for this leg only: from the next place it may be reachable.
         order = (next_index + skipped for skipped in range(count))
         reachable = next(
-            (index % count for index in order if ground.open_to(position, route[index % count][None, :])[0]),
+            (index % count for index in order if ground.open_to(position, route[index % count])),
             None,
         )
         if reachable is None:
             return
-        target = (float(route[reachable, 0]), float(route[reachable, 1]))
+        target = route[reachable]
         yield from _walk(position, target, motion.speed_mps, pause_s)
         position, next_index = target, reachable + 1
 
