@@ -6,8 +6,8 @@ spends running, or asleep while the session waits for it; being ready to run wit
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 
 from bench.contracts import AgentUsage
 
@@ -38,17 +38,25 @@ class AgentTime:
         self.usage = usage
         self._ended_s = 0.0
         self._current: Wait | None = None
+        self._waiting = _Waiting(self)
         # Threads of the air network outlive sessions.
         self._others_starved_s = clock.others_starved()
 
-    @contextmanager
-    def waiting(self) -> Generator[None]:
+    def waiting(self) -> AbstractContextManager[None]:
         """Count what the block takes as waiting for the agent. The calling thread is the one that waits."""
+        return self._waiting
+
+    def wait(self) -> Wait:
+        """The wait that `waiting` counts just now, or a new one."""
+        return self._current or Wait(self)
+
+    def begin(self) -> None:
+        """Wait for the agent from now on; see `waiting`."""
         self._current = Wait(self)
-        try:
-            yield
-        finally:
-            self._ended_s, self._current = self.waited_s, None
+
+    def end(self) -> None:
+        """Wait no longer; see `waiting`."""
+        self._ended_s, self._current = self.waited_s, None
 
     @property
     def waited_s(self) -> float:
@@ -89,3 +97,16 @@ class Wait:
         first_s, first, first_others_s = self._first_look
         change = AgentUsage(usage.cpu_s - first.cpu_s, usage.starved_s - first.starved_s)
         return first_s + own_time_s(waited_s - first_s, change, max(others_s - first_others_s, 0.0))
+
+
+class _Waiting:
+    """The block of `AgentTime.waiting`: two in every tick, where a generator costs as much as what it measures."""
+
+    def __init__(self, time: AgentTime) -> None:
+        self._time = time
+
+    def __enter__(self) -> None:
+        self._time.begin()
+
+    def __exit__(self, *_: object) -> None:
+        self._time.end()

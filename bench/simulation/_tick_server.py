@@ -97,7 +97,7 @@ class TickServer:
 
     def hello(self, budget_s: float) -> Hello:
         """Wait for the agent to connect and to send its hello."""
-        wait = Wait(self._agent_time)
+        wait = self._agent_time.wait()
         poll_s = min(LIVENESS_POLL_S, budget_s / 8)
         looked_s = 0.0
         while True:
@@ -170,7 +170,7 @@ class TickServer:
         """Send a tick and wait for its acknowledgement."""
         self._check_silence(tick.number)
         budget = _Budget(
-            Wait(self._agent_time),
+            self._agent_time.wait(),
             budget_s,
             Outcome.AGENT_TIMEOUT,
             f"no answer to tick {tick.number}",

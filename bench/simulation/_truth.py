@@ -62,7 +62,8 @@ ACTORS_HZ = 2
 CONDITION_HZ = 1
 _SECOND_NS = 1_000_000_000
 _UNKNOWN_COVARIANCE = (0.0,) * 36
-_PLAIN_LAYOUT = MultiArrayLayout(dim=(), data_offset=0)
+# A UInt8MultiArray without dimensions up to the count of its octets: the same in every step.
+_OCTETS_HEAD = encode(UInt8MultiArray(layout=MultiArrayLayout(dim=(), data_offset=0), data=b""))[:-4]
 
 
 def truth_of(simspec: SimSpec, scene: Scene) -> TruthDocument:
@@ -93,10 +94,12 @@ class TruthRecorder:
         self._tap = tap
         self._base = f"{vehicle_name}/base_link"
         self._next_ns = {"odometry": 0, "actors": 0, "condition": 0}
-        self._condition: VehicleCondition | None = None
+        self._condition_shape: tuple[object, ...] | None = None
         self._failures: tuple[str, ...] = ()
-        self._wire: dict[tuple[str, str], bytearray] = {}
+        # By direction and link.
+        self._wire: dict[tuple[str, str], bytes] = {}
         self._wire_bytes: Counter[tuple[str, str]] = Counter()
+        self._grown = False
         self.unrecorded_bytes = 0
         """MAVLink to the agent that was sent and not recorded."""
 
@@ -144,7 +147,8 @@ class TruthRecorder:
 
     def keep_mavlink(self, link: str, direction: str, frames: bytes) -> None:
         """Keep raw MAVLink of the present step for `write_mavlink`."""
-        self._wire.setdefault((link, direction), bytearray()).extend(frames)
+        key = direction, link
+        self._wire[key] = self._wire[key] + frames if key in self._wire else frames
 
     def write_mavlink(self, began: SimTime, ended: SimTime) -> None:
         """Write the MAVLink of a step: what came from the agent at its beginning, what went to it at its
@@ -152,13 +156,13 @@ class TruthRecorder:
         """
         if not self._wire:
             return
-        for direction, time in (("from_agent", began), ("to_agent", ended)):
-            for link, link_direction in sorted(self._wire):
-                if link_direction == direction and self._admits(time, link, direction):
-                    data = encode(
-                        UInt8MultiArray(layout=_PLAIN_LAYOUT, data=bytes(self._wire[link, link_direction]))
-                    )
-                    self._tap(Record(time, mavlink_topic(link, link_direction), UInt8MultiArray.TYPE, data))
+        # What came from the agent sorts before what went to it.
+        for direction, link in sorted(self._wire):
+            time = began if direction == "from_agent" else ended
+            if self._admits(time, link, direction):
+                frames = self._wire[direction, link]
+                data = _OCTETS_HEAD + len(frames).to_bytes(4, "little") + frames
+                self._tap(Record(time, mavlink_topic(link, direction), UInt8MultiArray.TYPE, data))
         self._wire.clear()
 
     def _admits(self, time: SimTime, link: str, direction: str) -> bool:
@@ -166,7 +170,7 @@ class TruthRecorder:
 
         What comes from the agent always is: it flies the vehicle, and measures read it. `flooded_link` bounds it.
         """
-        size = len(self._wire[link, direction])
+        size = len(self._wire[direction, link])
         if direction == "to_agent" and MAVLINK_TO_AGENT_BYTES.reached(
             self._wire_bytes[link, direction] + size, time
         ):
@@ -175,11 +179,16 @@ class TruthRecorder:
             self.unrecorded_bytes += size
             return False
         self._wire_bytes[link, direction] += size
+        self._grown = True
         return True
 
     def flooded_link(self, time: SimTime) -> str | None:
         """A link on which the agent has sent more than is recorded of one."""
-        # Asked in every step: what a link may carry at once is compared first.
+        # Asked in every step: only what has grown can have become too much, and what a link may carry at once is
+        # compared first.
+        if not self._grown:
+            return None
+        self._grown = False
         most = max(self._wire_bytes.values(), default=0)
         if most <= MAVLINK_FROM_AGENT_BYTES.at_once:
             return None
@@ -199,9 +208,9 @@ class TruthRecorder:
         condition = vehicle.condition()
         if condition.failures != self._failures:
             self._failure_events(time, condition.failures)
-        changed = self._condition is None or _shape(condition) != _shape(self._condition)
-        if self._due(time, "condition", CONDITION_HZ) or changed:
-            self._condition = condition
+        shape = _shape(condition)
+        if self._due(time, "condition", CONDITION_HZ) or shape != self._condition_shape:
+            self._condition_shape = shape
             self._document(time, TRUTH_VEHICLE, _vehicle_document(condition))
         if self._due(time, "actors", ACTORS_HZ):
             scene.advance(time)

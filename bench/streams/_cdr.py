@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator
-from functools import cache
+from functools import cache, lru_cache
 from itertools import islice
 from operator import attrgetter
 from typing import Any, TypeVar, overload
@@ -187,13 +187,22 @@ def _write_run(run: list[tuple[str, Field]]) -> _Write:
 
 def _write_string(get: Callable[[Any], str]) -> _Write:
     def write(out: bytearray, message: Any) -> None:
-        text = get(message).encode()
-        # The length counts the closing NUL.
-        out += _U32[len(out) & 7].pack(len(text) + 1)
-        out += text
-        out.append(0)
+        text = get(message)
+        encoded = _frequent_string if len(text) <= _MAX_FREQUENT else _string
+        out += encoded(text, len(out) & 3)
 
     return write
+
+
+def _string(text: str, phase: int) -> bytes:
+    """A string at an offset modulo 4, with the padding before it. The length counts the closing NUL."""
+    data = text.encode()
+    return bytes(-phase & 3) + (len(data) + 1).to_bytes(4, "little") + data + b"\0"
+
+
+# Names of frames, classes and tracks come again in each message; documents do not.
+_MAX_FREQUENT = 48
+_frequent_string = lru_cache(maxsize=1024)(_string)
 
 
 def _write_octets(get: Callable[[Any], bytes]) -> _Write:
