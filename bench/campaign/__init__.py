@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from ._versions import versions as versions
     from .early_stopping._decisions import FLOWN_AFTER_STOP as FLOWN_AFTER_STOP
     from .early_stopping._decisions import EarlyStop as EarlyStop
+    from .execution._dask import open_dask as open_dask
     from .execution._dispatcher import StartGate as StartGate
     from .execution._dispatcher import no_gate as no_gate
     from .execution._executor import Executor as Executor
@@ -175,6 +176,7 @@ _MODULES = {
     "measures_of": "results._measures",
     "merge_shards": "results._merge",
     "no_gate": "execution._dispatcher",
+    "open_dask": "execution._dask",
     "open_journal": "storage._journal",
     "open_local_pool": "execution._pool",
     "parse_accepted_outcomes": "storage._completeness",

@@ -17,6 +17,7 @@ import typer
 from bench.errors import Fault, SetupError
 
 from ._examples import shipped
+from ._executors import executor_named
 from ._fault_paths import file_in_faults
 from ._laboratory import LaboratoryOptions, gate_of, open_laboratory, tell_end
 from ._missing_runs import INCOMPLETE_EXIT_CODE, print_missing, print_rewritten
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
         CampaignEstimate,
         CampaignSummary,
         FinishedCampaign,
+        OpenExecutor,
         ReflownSample,
     )
     from bench.simspec import Isolation
@@ -69,7 +71,13 @@ def run(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Sessions at once. Default: the number of cores")
     ] = None,
-    executor: Annotated[str, typer.Option(help="Only local for now; dask is not available yet")] = "local",
+    executor: Annotated[
+        str,
+        typer.Option(
+            metavar="local|dask[=ADDRESS]",
+            help="Where sessions fly: in processes of this machine, or on a Dask cluster",
+        ),
+    ] = "local",
     again: Annotated[
         list[str] | None,
         typer.Option(
@@ -151,14 +159,7 @@ def run(
 
     Example: rebar run campaigns/paper.yaml --out out/paper
     """
-    if executor != "local":
-        raise SetupError(
-            Fault(
-                "--executor",
-                f"{executor!r} is not available",
-                "use local; docs/scope.md says what is available",
-            )
-        )
+    open_executor = executor_named(executor, workers)
     if dry_run:
         with file_in_faults(campaign):
             _print_plan(
@@ -184,6 +185,7 @@ def run(
             pace=pace,
             isolation=isolation,
             shard=shard,
+            open_executor=open_executor,
             laboratory=LaboratoryOptions(mqtt, mqtt_ca, stand_ready, stand_announce, stand_release),
         )
 
@@ -412,6 +414,7 @@ def _run(
     pace: Pace | None = None,
     isolation: Isolation | None = None,
     shard: str | None = None,
+    open_executor: OpenExecutor | None = None,
     laboratory: LaboratoryOptions | None = None,
 ) -> None:
     from bench.campaign import (
@@ -452,6 +455,7 @@ def _run(
                 rerun=parse_rerun_outcomes(again),
                 accept=parse_accepted_outcomes(accept),
                 finish=lambda paths: finished.append(finish_campaign(paths.path)),
+                open_executor=open_executor or executor_named("local", None),
                 gate=gate_of(bus),
             )
         finally:

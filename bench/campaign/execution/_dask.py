@@ -1,0 +1,205 @@
+"""The executor over a Dask cluster: a scheduler somewhere, or one with worker processes on this machine.
+
+Everything travels as bytes: the scheduler imports none of our packages, and no folder is shared. The journal stays
+the only truth about what was flown, and the only one who repeats anything.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import AsyncIterator, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import anyio
+
+from bench.contracts import Outcome, SessionResult
+from bench.errors import Fault, SetupError
+
+from .._versions import versions
+from ._executor import OnStart
+from ._task import Task, WorkerPlan, WorkersUnusable
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+CONNECT_S = 20.0
+"""Host seconds in which a scheduler must answer. Chosen."""
+CANCEL_S = 5.0
+"""Host seconds for taking a task back when the runner stops. Chosen: a person waits for it."""
+LOOK_S = 1.0
+"""Host seconds between two looks at how many workers there are. Chosen."""
+WORKER = "dask"
+"""The worker of every attempt in the journal: which one it is, the scheduler decides later."""
+
+# Evaluated on the worker. A function of ours would be pickled by its name, and the scheduler, which unpickles tasks,
+# would have to import it.
+_FLY = "__import__('bench.campaign.execution._dask_task', fromlist=['fly_document']).fly_document(document)"
+
+
+class DaskExecutor:
+    """Tasks on the worker threads of a cluster, one session to a thread."""
+
+    def __init__(self, client: Client, plan: WorkerPlan, address: str, at_most: int | None) -> None:
+        self._client, self._plan, self._address, self._at_most = client, plan, address, at_most
+        self._threads = 0
+        self._submitted = 0
+
+    @property
+    def capacity(self) -> int:
+        return self._threads if self._at_most is None else min(self._threads, self._at_most)
+
+    async def fly(self, task: Task, on_start: OnStart) -> SessionResult:
+        self._submitted += 1
+        on_start(WORKER)
+        future = self._client.submit(
+            eval,
+            _FLY,
+            {"document": self._document(task)},
+            key=f"{task.realization}-{self._client.id}-{self._submitted}",
+            pure=False,
+            retries=0,
+        )
+        try:
+            result, files = await self._answer(future, task)
+        finally:
+            # Also of a task that has ended: the cluster forgets its recording.
+            with anyio.CancelScope(shield=True), anyio.move_on_after(CANCEL_S):
+                await future.cancel()
+        for name, content in files.items():
+            path = task.folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+        return result
+
+    async def watch(self) -> None:
+        """Follow how many workers there are."""
+        while True:
+            with anyio.move_on_after(CONNECT_S):
+                self._threads = sum((await self._client.nthreads()).values())
+            await anyio.sleep(LOOK_S)
+
+    async def _answer(self, future: Any, task: Task) -> tuple[SessionResult, dict[str, bytes]]:
+        from concurrent.futures import CancelledError
+
+        from distributed import KilledWorker
+
+        try:
+            result, files = await future
+        except KilledWorker as error:
+            return _failure(task, Outcome.WORKER_LOST, f"the Dask worker is gone: {error}"), {}
+        except (CancelledError, OSError) as error:
+            raise WorkersUnusable(
+                f"the Dask scheduler at {self._address} is gone. "
+                "Run the same command again: only the sessions that were under way are flown again"
+            ) from error
+        except ImportError as error:
+            raise WorkersUnusable(
+                f"a Dask worker cannot import the bench: {error}. Install it there"
+            ) from error
+        except WorkersUnusable:
+            raise
+        except Exception as error:
+            return _failure(task, Outcome.BENCH_ERROR, f"{type(error).__name__}: {error}"), {}
+        return SessionResult.model_validate_json(result), files
+
+    def _document(self, task: Task) -> bytes:
+        from ._dask_task import ClusterTask
+
+        document = ClusterTask(
+            realization=task.realization,
+            simspec=task.simspec.read_text(),
+            decomposition=self._plan.decomposition.document,
+            job=task.job or self._plan.job,
+            wall_s=task.wall_s,
+            own_network=self._plan.own_network,
+            versions=versions(),
+        )
+        return document.model_dump_json().encode()
+
+
+def _failure(task: Task, outcome: Outcome, reason: str) -> SessionResult:
+    return SessionResult(realization=task.realization, outcome=outcome, reason=reason)
+
+
+@asynccontextmanager
+async def open_dask(
+    plan: WorkerPlan,
+    workers: int,
+    folder: Path,
+    *,
+    address: str | None = None,
+    at_most: int | None = None,
+    connect_s: float = CONNECT_S,
+) -> AsyncIterator[DaskExecutor]:
+    """Yield an executor over the cluster at `address`, for `at_most` sessions at once (None: all of its threads).
+
+    Without an address, over `workers` processes on this machine. Raises SetupError if `distributed` is not installed,
+    no scheduler answers, or the scheduler would repeat lost tasks by itself.
+    """
+    del folder
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError:
+        fault = Fault("--executor", "dask needs the package distributed", "pip install 'rebar-bench[dask]'")
+        raise SetupError(fault) from None
+    async with AsyncExitStack() as stack:
+        stack.enter_context(_quiet())
+        target: Any = address
+        if address is None:
+            target = await stack.enter_async_context(
+                LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    dashboard_address=None,
+                    asynchronous=True,
+                    scheduler_kwargs={"allowed_failures": 0},
+                )
+            )
+        try:
+            client = await stack.enter_async_context(
+                Client(target, asynchronous=True, set_as_default=False, timeout=connect_s)
+            )
+        except (OSError, ValueError, TypeError) as error:
+            raise SetupError(
+                Fault(
+                    "--executor",
+                    f"no Dask scheduler answers at {address}: {error}",
+                    "give its address, as in dask=tcp://HOST:8786",
+                )
+            ) from error
+        if address is not None:
+            await _check_scheduler(client, address)
+        executor = DaskExecutor(client, plan, address or "this machine", at_most)
+        async with anyio.create_task_group() as tasks:
+            tasks.start_soon(executor.watch)
+            yield executor
+            tasks.cancel_scope.cancel()
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep tracebacks of a lost connection off the terminal: the error that is raised says it in a sentence."""
+    logger = logging.getLogger("distributed")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+
+
+async def _check_scheduler(client: Client, address: str) -> None:
+    """Raises SetupError for a scheduler that flies sessions again of which the journal would not know."""
+    import dask
+
+    repeats = await client.run_on_scheduler(dask.config.get, "distributed.scheduler.allowed-failures")
+    if repeats != 0:
+        raise SetupError(
+            Fault(
+                "--executor",
+                f"the Dask scheduler at {address} repeats the tasks of a lost worker {repeats} times, unseen by the journal",
+                "start it with DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES=0 in its environment",
+            )
+        )

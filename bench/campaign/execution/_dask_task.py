@@ -1,0 +1,106 @@
+"""A campaign's task on a worker of a Dask cluster. Only workers import this module, never the scheduler."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import anyio
+from pydantic import BaseModel, ConfigDict
+
+from bench.contracts import SessionResult
+from decompositions import DecompositionDocument, decomposition_of
+
+from .._versions import versions
+from ._blocking import first_error_alone
+from ._pool import open_local_pool
+from ._task import Task, WorkerPlan, WorkersUnusable
+
+CANCELLED_S = 0.5
+"""Host seconds between two looks at whether the task is still wanted. Chosen: a look costs microseconds."""
+
+
+class ClusterTask(BaseModel):
+    """A task with everything that it needs: a cluster's machines share no disk with the runner."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    realization: str
+    simspec: str
+    decomposition: DecompositionDocument
+    job: str
+    wall_s: float
+    own_network: bool
+    versions: dict[str, str]
+
+
+def fly_document(document: bytes) -> tuple[bytes, dict[str, bytes]]:
+    """Fly a `ClusterTask` and return the `SessionResult`, both as JSON, with every file of its run folder.
+
+    Raises WorkersUnusable where this worker cannot fly it, and CancelledTask once nobody waits for it.
+    """
+    task = ClusterTask.model_validate_json(document)
+    if faults := version_faults(task.versions, versions()):
+        raise WorkersUnusable("; ".join(faults))
+    with tempfile.TemporaryDirectory(prefix="rebar-dask-") as folder:
+        with first_error_alone():
+            result = anyio.run(_fly, task, Path(folder), _wanted())
+        run = Path(folder, "run")
+        files = {
+            str(path.relative_to(run)): path.read_bytes()
+            for path in sorted(run.rglob("*"))
+            if path.is_file() and not path.is_symlink()
+        }
+        return result.model_dump_json().encode(), files
+
+
+def version_faults(wanted: dict[str, str], installed: dict[str, str]) -> list[str]:
+    """What differs between the runner's software and a worker's: recordings would not be the same."""
+    return [
+        f"a worker has {name} {installed.get(name, 'not installed')}, the runner {version}"
+        for name, version in wanted.items()
+        if installed.get(name) != version
+    ]
+
+
+class CancelledTask(Exception):
+    """Nobody waits for the task any more."""
+
+
+async def _fly(task: ClusterTask, folder: Path, is_wanted: Callable[[], bool]) -> SessionResult:
+    simspec, run = folder / "simspec.json", folder / "run"
+    simspec.write_text(task.simspec)
+    run.mkdir()
+    plan = WorkerPlan(task.job, decomposition_of(task.decomposition), task.own_network)
+    # A process of its own: a session that flies in the worker's own starves the worker's event loop until the
+    # scheduler takes it for lost (measured), and nothing could kill it at the end of its budget.
+    async with open_local_pool(plan, 1, folder) as pool, anyio.create_task_group() as tasks:
+        tasks.start_soon(_cancel_unwanted, is_wanted)
+        result = await pool.fly(
+            Task(task.realization, simspec, run, task.wall_s), on_start=lambda worker: None
+        )
+        tasks.cancel_scope.cancel()
+    return result
+
+
+async def _cancel_unwanted(is_wanted: Callable[[], bool]) -> None:
+    """Dask cannot interrupt a thread: the session of a cancelled task would fly on, on a core that others wait for."""
+    while is_wanted():  # noqa: ASYNC110 - Dask sets no event; the state of its task is all that it shows
+        await anyio.sleep(CANCELLED_S)
+    raise CancelledTask
+
+
+def _wanted() -> Callable[[], bool]:
+    """Whether the scheduler still waits for the task that this thread is at."""
+    from distributed import get_worker
+    from distributed.core import Status
+    from distributed.worker import thread_state
+
+    worker, key = get_worker(), thread_state.key
+
+    def is_wanted() -> bool:
+        state = worker.state.tasks.get(key)
+        return worker.status is Status.running and state is not None and state.state == "executing"
+
+    return is_wanted

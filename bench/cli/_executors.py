@@ -1,0 +1,32 @@
+"""The option --executor: where the sessions of a campaign fly."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from bench.errors import Fault, SetupError
+
+if TYPE_CHECKING:
+    from bench.campaign import OpenExecutor
+
+
+def executor_named(option: str, workers: int | None) -> OpenExecutor:
+    """What opens the executor of `local`, `dask` or `dask=ADDRESS`. Raises SetupError for any other text."""
+    from bench.campaign import open_dask, open_local_pool
+
+    name, has_address, address = option.partition("=")
+    if option == "local":
+        return open_local_pool
+    if name != "dask" or (has_address and not address):
+        raise SetupError(
+            Fault(
+                "--executor",
+                f"{option!r} is not available",
+                "give local, dask (worker processes on this machine), or dask=ADDRESS of a Dask scheduler, "
+                "for example dask=tcp://node1:8786",
+            )
+        )
+    # A cluster has as many sessions at once as it has threads, unless --workers says less; this machine's cores
+    # say nothing about it.
+    return partial(open_dask, address=address or None, at_most=workers)
