@@ -33,7 +33,9 @@ def register(app: typer.Typer) -> None:
 def schema(
     name: Annotated[
         str,
-        typer.Argument(help="simspec, campaign, decomposition, agent, score-report, or a message document"),
+        typer.Argument(
+            help="simspec, campaign, decomposition, agent, score-report, a message document, or a ROS 2 type"
+        ),
     ] = "simspec",
 ) -> None:
     """Print the JSON Schema of a document. Example: rebar schema simspec > simspec.schema.json"""
@@ -45,6 +47,7 @@ def schema(
     from bench.perception.fit import DetectorFit
     from bench.scoring import Explanation, ScoreReport
     from bench.simspec import SimSpec
+    from bench.streams import json_schema, message_class
     from decompositions import decomposition_schema
 
     kinds: dict[str, type[BaseModel]] = {
@@ -70,6 +73,11 @@ def schema(
         "campaign-message": CampaignMessage,
         "campaign-status": CampaignStatus,
         "stand-message": StandMessage,
+        "mqtt-ready": contracts.MqttReady,
+        "mqtt-tick": contracts.MqttTick,
+        "mqtt-ack": contracts.MqttAck,
+        "mqtt-end": contracts.MqttEnd,
+        "mavlink-message": contracts.MavlinkJson,
         "prose": BaseSimSpec,
         "proposed": ProposedResult,
         "vocabulary": VocabularyDocument,
@@ -77,12 +85,15 @@ def schema(
     if name == "decomposition":
         print(json.dumps(decomposition_schema(), indent=2))
         return
+    if (message := message_class(name)) is not None:
+        print(json.dumps(json_schema(message), indent=2))
+        return
     if name not in kinds:
         raise SetupError(
             Fault(
                 "schema",
                 f"there is no document {name!r}",
-                f"known: {', '.join(sorted([*kinds, 'decomposition']))}",
+                f"known: {', '.join(sorted([*kinds, 'decomposition']))}, and types such as vision_msgs/msg/Detection2DArray",
             )
         )
     print(json.dumps(kinds[name].model_json_schema(), indent=2))

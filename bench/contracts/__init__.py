@@ -54,6 +54,11 @@ if TYPE_CHECKING:
     from ._measure import Tape as Tape
     from ._measure import Timed as Timed
     from ._measure import detections_by_frame as detections_by_frame
+    from ._mqtt_documents import MavlinkJson as MavlinkJson
+    from ._mqtt_documents import MqttAck as MqttAck
+    from ._mqtt_documents import MqttEnd as MqttEnd
+    from ._mqtt_documents import MqttReady as MqttReady
+    from ._mqtt_documents import MqttTick as MqttTick
     from ._outcome import DETECTOR as DETECTOR
     from ._outcome import FIRMWARE as FIRMWARE
     from ._outcome import FIRMWARE_ENDS as FIRMWARE_ENDS
@@ -218,6 +223,11 @@ _MODULES = {
     "Tape": "_measure",
     "Timed": "_measure",
     "detections_by_frame": "_measure",
+    "MavlinkJson": "_mqtt_documents",
+    "MqttAck": "_mqtt_documents",
+    "MqttEnd": "_mqtt_documents",
+    "MqttReady": "_mqtt_documents",
+    "MqttTick": "_mqtt_documents",
     "DETECTOR": "_outcome",
     "FIRMWARE": "_outcome",
     "FIRMWARE_ENDS": "_outcome",

@@ -21,6 +21,8 @@ from bench.lazy import lazy_names
 if TYPE_CHECKING:
     from ._cdr import decode as decode
     from ._cdr import encode as encode
+    from ._json import json_schema as json_schema
+    from ._json import json_value as json_value
     from ._keys import CLOCK_QOS as CLOCK_QOS
     from ._keys import RELIABLE_10 as RELIABLE_10
     from ._keys import SENSOR_DATA as SENSOR_DATA
@@ -95,6 +97,8 @@ if TYPE_CHECKING:
 _MODULES = {
     "decode": "_cdr",
     "encode": "_cdr",
+    "json_schema": "_json",
+    "json_value": "_json",
     "CLOCK_QOS": "_keys",
     "RELIABLE_10": "_keys",
     "SENSOR_DATA": "_keys",

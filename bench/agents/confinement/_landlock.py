@@ -29,7 +29,10 @@ from ._system_calls import filter_program
 _TRIAL_BUDGET_S = 20.0
 # For the launcher to kill what the agent has left; chosen, not measured.
 _END_BUDGET_S = 5.0
-_NAME_FILES = tuple(Path("/etc", name) for name in ("passwd", "group", "hosts", "nsswitch.conf"))
+# A server linked with TCP wrappers, as Debian's mosquitto is, refuses everybody where it may not read the last two.
+_NAME_FILES = tuple(
+    Path("/etc", name) for name in ("passwd", "group", "hosts", "nsswitch.conf", "hosts.allow", "hosts.deny")
+)
 
 
 def landlock_version() -> int:

@@ -1,0 +1,161 @@
+"""`python -m agent_adapters.mqtt [OPTIONS] [-- COMMAND...]`, the command of an agent that speaks MQTT."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+from agent_adapters.client import AgentEnvironment, open_bench, read_environment
+from bench.errors import Fault, LinkLost, SetupError
+
+from ._bridge import AgentEnded, AgentSide, Bridge
+from ._broker import BrokerAddress, broker_address, open_own_broker
+from ._connection import BrokerConnection, open_connection
+from ._topics import ACK, READY, TICK, MirroredTopics, mavlink_from_agent
+
+LINK, LINK_VARIABLE = "onboard", "REBAR_MAVLINK"
+# What the bridge uses itself. The agent that it starts could only disturb it with these.
+_OWN_VARIABLES = (
+    "REBAR_ZENOH",
+    "REBAR_ZENOH_USER",
+    "REBAR_ZENOH_PASSWORD",
+    "REBAR_TICK",
+    "REBAR_TICK_SECRET",
+)
+# Host seconds for the agent to exit by itself after the end: less than what the bench gives the bridge (0.25 s).
+_LEAVE_S = 0.15
+_KILL_AFTER_S = 1.0
+
+
+class _Terminated(Exception):
+    """The bench has asked the bridge to end."""
+
+
+def main() -> int:
+    """0 when the session ended in order, 1 when bench or broker were lost, 2 when the bridge was started wrongly, else the
+    exit code of the agent that it started.
+    """
+    arguments = _parser().parse_args()
+    signal.signal(signal.SIGTERM, _terminate)
+    try:
+        environment = _environment(arguments)
+        return _run(environment, arguments)
+    except SetupError as error:
+        sys.stderr.write(f"mqtt bridge: {error}\n")
+        return 2
+    except LinkLost as error:
+        sys.stderr.write(f"mqtt bridge: {error}\n")
+        return 1
+    except AgentEnded as error:
+        if error.code:
+            sys.stderr.write(f"mqtt bridge: the agent ended with exit code {error.code}\n")
+        # A signal's negative number is no exit code: 128 and the signal, as shells have it.
+        return error.code if error.code >= 0 else 128 - error.code
+    except _Terminated:
+        return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m agent_adapters.mqtt", description=__doc__)
+    parser.add_argument(
+        "--broker", help="service:NAME, mqtt://HOST or mqtts://USER@HOST; a mosquitto of one's own without it"
+    )
+    parser.add_argument("--password-file", type=Path, help="the password for the broker, in its first line")
+    parser.add_argument("--ca", type=Path, help="certificates (PEM) that vouch for the broker's")
+    parser.add_argument("--port", type=int, default=0, help="of a broker of one's own (default: a free one)")
+    parser.add_argument("--camera", action="append", help="a camera's name; may be repeated (default: front)")
+    parser.add_argument("--pictures", action="store_true", help="mirror the cameras' pictures (JPEG)")
+    parser.add_argument(
+        "--no-mavlink", action="store_true", help="leave REBAR_MAVLINK to the agent; not in lockstep"
+    )
+    parser.add_argument("command", nargs="*", help="the agent; without it, one that runs elsewhere")
+    return parser
+
+
+def _environment(arguments: argparse.Namespace) -> AgentEnvironment:
+    links = {} if arguments.no_mavlink or LINK_VARIABLE not in os.environ else {LINK: LINK_VARIABLE}
+    environment = read_environment(os.environ, links)
+    if environment.zenoh is None:
+        remedy = "set zenoh: true in the manifest"
+        raise SetupError(Fault("REBAR_ZENOH", "is not set, and the bridge mirrors the air network", remedy))
+    if arguments.no_mavlink and environment.tick is not None:
+        remedy = "leave it out, or fly in real time"
+        raise SetupError(Fault("--no-mavlink", "lockstep counts the messages of all links", remedy))
+    return environment
+
+
+def _run(environment: AgentEnvironment, arguments: argparse.Namespace) -> int:
+    topics = MirroredTopics(environment.vehicle, tuple(arguments.camera or ("front",)), arguments.pictures)
+    allowed, lockstep = topics.from_agent(), environment.tick is not None
+    links = tuple(environment.mavlink)
+    subscriptions = (*allowed, *map(mavlink_from_agent, links), READY, ACK, TICK)
+    with ExitStack() as stack:
+        address = stack.enter_context(_open_broker(arguments))
+        connection: BrokerConnection = stack.enter_context(open_connection(address, subscriptions))
+        process = stack.enter_context(_open_agent(address, arguments.command))
+        agent = AgentSide(connection, allowed, links, process, lockstep=lockstep)
+        while not agent.name:
+            agent.look()
+        with open_bench("mqtt_bridge", environment, topics.wanted()) as bench:
+            bridge = Bridge(bench, connection, agent, allowed, lockstep=lockstep)
+            try:
+                sys.stderr.write(f"{bridge.run()}\n")
+            finally:
+                sys.stderr.write(f"mqtt bridge: {json.dumps(bridge.use())}\n")
+    return 0
+
+
+@contextmanager
+def _open_broker(arguments: argparse.Namespace) -> Iterator[BrokerAddress]:
+    if arguments.broker:
+        yield broker_address(arguments.broker, arguments.password_file, arguments.ca, os.environ)
+        return
+    with open_own_broker(Path.home(), arguments.port) as address:
+        yield address
+
+
+@contextmanager
+def _open_agent(address: BrokerAddress, command: list[str]) -> Iterator[subprocess.Popen[bytes] | None]:
+    """The agent that the bridge starts, if any; leaving the block ends it."""
+    if not command:
+        sys.stderr.write(f"mqtt bridge: waiting for an agent on {address.prefix}/{READY}\n")
+        yield None
+        return
+    variables = {name: value for name, value in os.environ.items() if name not in _OWN_VARIABLES}
+    variables |= {"REBAR_MQTT": address.agent_url, "REBAR_MQTT_PASSWORD": address.agent.password}
+    try:
+        process = subprocess.Popen(command, env=variables)
+    except OSError as error:
+        remedy = "correct what stands behind -- in the manifest"
+        raise SetupError(Fault("command", f"{command[0]!r} cannot be started: {error}", remedy)) from error
+    try:
+        yield process
+    finally:
+        _end(process)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(_LEAVE_S)
+    process.terminate()
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(_KILL_AFTER_S)
+    process.kill()
+    process.wait()
+
+
+def _terminate(_: int, __: object) -> None:
+    # Once: what ends the bridge in order must not be cut short by a second signal.
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    raise _Terminated
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,321 @@
+"""The bridge to agents that speak MQTT: what it mirrors, what it refuses, and brokers that fail."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import socket
+import threading
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+from embedded_broker import open_laboratory, until
+from host_servers import server
+from made_run import simspec
+
+from agent_adapters.mqtt._broker import Account, BrokerAddress, broker_address, open_own_broker
+from agent_adapters.mqtt._connection import open_connection
+from agent_adapters.mqtt._topics import MirroredTopics
+from bench.agents import open_agent
+from bench.cli._app import run
+from bench.contracts import AgentManifest, MissionOrder, Outcome, Record, VehicleTopics
+from bench.errors import LinkLost, SetupError
+from bench.simspec import OutsideService
+from bench.simulation import SessionEnd, SessionPlan, run_session
+from bench.streams import String
+
+# amqtt leaves a connection open whose client says nothing, as the look at a service before the flight does.
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+AGENT = Path(__file__).with_name("mqtt_agents.py")
+needs_mosquitto = pytest.mark.skipif(
+    shutil.which("mosquitto", path="/usr/sbin:/usr/bin:/usr/local/sbin") is None,
+    reason="mosquitto is not installed",
+)
+
+
+def flown(
+    folder: Path, port: int | None, *manner: str, **changes: Any
+) -> tuple[SessionEnd, list[Record], str]:
+    """A session of one second behind a bridge: how it ended, its records, and what bridge and agent printed.
+
+    `port`: of a broker that the SimSpec lets in; None for one of the bridge's own.
+    """
+    broker = [] if port is None else ["--broker", "service:bus"]
+    services = () if port is None else (OutsideService(name="bus", host="127.0.0.1", port=port),)
+    manifest = AgentManifest(
+        name="tester",
+        command=("{python}", "-m", "agent_adapters.mqtt", *broker, "--", "{python}", str(AGENT), *manner),
+        pace=("lockstep",),
+    )
+    # So long that no test meets one by a slow host.
+    budgets = {"wall_s": 3600.0, "reply_s": 600.0, "connect_s": 600.0}
+    made: dict[str, Any] = {
+        "vehicle": {"model": "still"},
+        "agent": {"manifest": "fake", "services": [service.model_dump() for service in services]},
+        "mission": {"kind": "search_and_report", "time_limit_s": 1.0},
+        "budgets": budgets,
+    }
+    spec = simspec(**{**made, **changes})
+    records: list[Record] = []
+    end = run_session(SessionPlan(spec, manifest, folder, open_agent, folder / "scratch", records.append))
+    return end, records, (folder / "scratch" / "agent.log").read_text()
+
+
+def use_of(output: str) -> dict[str, Any]:
+    """The bridge's last line."""
+    (line,) = (line for line in output.splitlines() if line.startswith("mqtt bridge: {"))
+    use: dict[str, Any] = json.loads(line.removeprefix("mqtt bridge: "))
+    return use
+
+
+def address_of(port: int, password: str = "") -> BrokerAddress:
+    account = Account("bridge" if password else "", password)
+    return BrokerAddress("127.0.0.1", port, "bay", account, account)
+
+
+@pytest.mark.flight
+def test_two_sessions_through_a_broker_are_one_and_the_same(tmp_path: Path) -> None:
+    """The agent gets all that the bench sends, in its order; its own words are recorded at its ticks, twice alike."""
+    with open_laboratory() as laboratory:
+        laboratory.listen()
+        ends = [flown(tmp_path / name, laboratory.port) for name in ("first", "second")]
+        until(lambda: [topic.rpartition("/")[2] for topic in laboratory.topics()].count("end") == 2)
+        heard = laboratory.heard
+    (end, records, output), (_, again, _) = ends
+    assert end.outcome is Outcome.TIME_LIMIT
+    assert records == again
+    topics = VehicleTopics("vehicle_1")
+    statuses = [record for record in records if record.topic == topics.status]
+    assert [record.time.s for record in statuses] == pytest.approx([0.1 * n for n in range(10)])
+    # Each session has a prefix of its own, and under it the names of the air network.
+    prefixes = {message.topic.rpartition("/bridge/")[0] for message in heard if "/bridge/" in message.topic}
+    assert len(prefixes) == 2
+    prefix = next(
+        message.topic.removesuffix("/bridge/ready") for message in heard if "ready" in message.topic
+    )
+    seen = Counter(m.topic.removeprefix(f"{prefix}/") for m in heard if m.topic.startswith(f"{prefix}/"))
+    recorded = Counter(record.topic.lstrip("/") for record in records)
+    for name in ("clock", "tf", "vehicle_1/mission", "vehicle_1/detections", "vehicle_1/agent/status"):
+        assert seen[name] == recorded[name] > 0, name
+    order = next(m.payload for m in heard if m.topic == f"{prefix}/vehicle_1/mission")
+    assert MissionOrder.model_validate(order).time_limit_s == 1.0
+    assert use_of(output)["ticks"] == 10
+    assert use_of(output)["to_agent"] == sum(
+        count for name, count in seen.items() if not name.startswith("bridge/") and "agent" not in name
+    )
+
+
+@pytest.mark.flight
+def test_an_agent_may_no_more_than_over_zenoh(tmp_path: Path) -> None:
+    """Forged and unknown topics, text that is none, and what is too large go no further; what is counted is right."""
+    with open_laboratory() as laboratory:
+        end, records, output = flown(tmp_path, laboratory.port, "unruly")
+    assert end.outcome is Outcome.TIME_LIMIT
+    said = Counter(record.topic for record in records if "/agent/" in record.topic)
+    # The tracks that are no document are the bench's to judge, as they are over Zenoh.
+    assert said == {"/vehicle_1/agent/status": 10, "/vehicle_1/agent/tracks": 10}
+    missions = [record for record in records if record.topic == "/vehicle_1/mission"]
+    assert [isinstance(record.value, String) and "forged" in record.value.data for record in missions] == [
+        False
+    ]
+    assert use_of(output)["refused"] == 30
+    for words in ("it is no UTF-8", "300000 bytes are more than", "the dialect common has no message"):
+        assert words in output
+
+
+@pytest.mark.parametrize(
+    ("manner", "outcome", "words"),
+    [
+        (
+            "exit",
+            Outcome.AGENT_CRASHED,
+            "mqtt bridge: the agent ended with exit code 1",
+        ),
+        ("silent", Outcome.AGENT_TIMEOUT, "no answer to tick 5"),
+    ],
+)
+@pytest.mark.flight
+def test_an_agent_that_ends_or_falls_silent(
+    tmp_path: Path, manner: str, outcome: Outcome, words: str
+) -> None:
+    """Behind the bridge it ends as it would without."""
+    with open_laboratory() as laboratory:
+        budgets = {"wall_s": 3600.0, "reply_s": 2.0, "connect_s": 600.0}
+        end, _, output = flown(tmp_path, laboratory.port, manner, budgets=budgets)
+    assert end.outcome is outcome
+    assert words in end.reason
+    assert use_of(output)["ticks"] == 5
+
+
+@pytest.mark.flight
+def test_a_broker_that_goes_away_in_flight_is_named(tmp_path: Path) -> None:
+    """In lockstep nobody knows what it lost, so the session ends, and its reason says why."""
+    with open_laboratory() as laboratory:
+        laboratory.listen()
+
+        def leave() -> None:
+            until(lambda: any(topic.endswith("/agent/status") for topic in laboratory.topics()))
+            laboratory.stop()
+
+        thread = threading.Thread(target=leave)
+        thread.start()
+        end, _, _ = flown(
+            tmp_path, laboratory.port, mission={"kind": "search_and_report", "time_limit_s": 600.0}
+        )
+        thread.join()
+    assert end.outcome is Outcome.AGENT_CRASHED
+    assert "MQTT broker 127.0.0.1:" in end.reason
+    assert "the connection is lost" in end.reason
+
+
+def listen_and_say_nothing(connection: socket.socket) -> None:
+    while connection.recv(1 << 16):
+        pass
+
+
+def test_brokers_that_do_not_answer() -> None:
+    """Away and deaf are told apart; a broker that refuses has its own test below."""
+    with server(lambda _: None) as gone:
+        pass
+    with (
+        pytest.raises(LinkLost, match=f"127.0.0.1:{gone} does not answer: .*refused"),
+        open_connection(address_of(gone), ["a"]),
+    ):
+        pass
+    with (
+        server(listen_and_say_nothing) as deaf,
+        pytest.raises(LinkLost, match=r"took the connection, and did not answer within 0\.3 s"),
+        open_connection(address_of(deaf), ["a"], patience_s=0.3),
+    ):
+        pass
+
+
+def test_a_restarted_broker_is_found_again() -> None:
+    """In real time: what would have been sent meanwhile is counted, and what comes afterwards is heard."""
+    with (
+        open_laboratory() as laboratory,
+        open_connection(address_of(laboratory.port), ["a", "b"], 60.0) as bridge,
+    ):
+        laboratory.say("bay/a", "1")
+        assert [arrival.payload for arrival in bridge.take(60.0)] == [b"1"]
+        laboratory.stop()
+        until(lambda: bool(bridge.lost))
+        assert not bridge.publish("x", "lost")
+        with pytest.raises(LinkLost, match="the connection is lost"):
+            bridge.check()
+        laboratory.start()
+        bridge.wait_for_return()
+        assert bridge.publish("x", "goes out")
+        laboratory.say("bay/b", "2")
+        assert [(arrival.topic, arrival.payload) for arrival in bridge.take(60.0)] == [("b", b"2")]
+        assert bridge.unsent == 1
+
+
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("service:other", "the SimSpec lets no service 'other' in"),
+        ("http://broker", "no address of a broker"),
+        ("mqtt://", "no address of a broker"),
+        ("mqtt://a:secret@broker", "visible to all users"),
+        ("mqtt://broker:none", "Port could not be cast"),
+        ("mqtt://broker/a+b", "no prefix of topics"),
+    ],
+)
+def test_addresses_that_cannot_be_meant(url: str, words: str) -> None:
+    with pytest.raises(SetupError, match=words):
+        broker_address(url, None, None, {"REBAR_SERVICE_BUS": "127.0.0.1:5"})
+
+
+def test_addresses_and_passwords(tmp_path: Path) -> None:
+    """A service with and without a prefix, and TLS with a user; what the agent is given bears no password."""
+    (tmp_path / "password").write_text("secret words\nanother line\n")
+    variables = {"REBAR_SERVICE_BUS": "127.0.0.1:5", "REBAR_SERVICE_OTHER": "127.0.0.1:6"}
+    first = broker_address("service:me@bus/bay-2/x", tmp_path / "password", None, variables)
+    assert (first.host, first.port, first.prefix) == ("127.0.0.1", 5, "bay-2/x")
+    assert first.agent == Account("me", "secret words")
+    assert first.agent_url == "mqtt://me@127.0.0.1:5/bay-2/x"
+    other, another = (broker_address("service:other", None, None, variables) for _ in range(2))
+    assert other.port == 6
+    assert other.prefix.startswith("rebar/")
+    assert other.prefix != another.prefix
+    assert broker_address("mqtts://me@broker.lab", None, None, {}).agent_url.startswith(
+        "mqtts://me@broker.lab:8883/"
+    )
+    with pytest.raises(SetupError, match="cannot be read"):
+        broker_address("mqtt://broker", tmp_path / "none", None, {})
+    with pytest.raises(SetupError, match="mqtt:// has no TLS"):
+        broker_address("mqtt://broker", None, tmp_path / "password", {})
+
+
+def test_a_missing_broker_names_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with (
+        pytest.raises(SetupError, match=r"there is no program 'mosquitto'.*Debian"),
+        open_own_broker(tmp_path, places=str(tmp_path)),
+    ):
+        pass
+
+
+@needs_mosquitto
+@pytest.mark.process
+def test_a_broker_of_ones_own_knows_bridge_and_agent_alone(tmp_path: Path) -> None:
+    """Strangers are refused, and the agent's account may write what an agent may, and nothing of the bench's."""
+    with open_own_broker(tmp_path) as address:
+        stranger = BrokerAddress("127.0.0.1", address.port, "rebar", Account(), Account())
+        agent = BrokerAddress("127.0.0.1", address.port, "rebar", address.agent, address.agent)
+        wrong = BrokerAddress("127.0.0.1", address.port, "rebar", Account("agent", "guessed"), address.agent)
+        for refused in (stranger, wrong):
+            with (
+                pytest.raises(LinkLost, match="it refuses the bridge: Not authorized"),
+                open_connection(refused, []),
+            ):
+                pass
+        with open_connection(address, ["#"]) as bridge:
+            for forged in ("vehicle_1/mission", "bridge/tick", "mavlink/onboard/to_agent"):
+                # This mosquitto closes the connection of who writes where it may not; others only drop it.
+                with open_connection(agent, ["a"]) as client:
+                    client.publish(forged, "forged")
+            with open_connection(agent, ["#"]) as client:
+                client.publish("vehicle_1/agent/status", "true")
+                bridge.publish("vehicle_1/mission", "true")
+                heard = bridge.take(60.0)
+                while len(heard) < 2:
+                    heard += bridge.take(60.0)
+                assert {arrival.payload for arrival in heard} == {b"true"}
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", address.port))
+
+
+@needs_mosquitto
+@pytest.mark.flight
+def test_a_session_with_a_broker_of_its_own(tmp_path: Path) -> None:
+    """The same records as through any other broker."""
+    end, records, output = flown(tmp_path / "own", None)
+    assert end.outcome is Outcome.TIME_LIMIT
+    assert use_of(output)["ticks"] == 10
+    with open_laboratory() as laboratory:
+        _, other, _ = flown(tmp_path / "let in", laboratory.port)
+    assert records == other
+
+
+def test_the_page_has_every_topic_with_its_type() -> None:
+    """What the bridge mirrors, no more and no less, under the type that `rebar schema` knows."""
+    page = (Path(__file__).parents[2] / "docs" / "mqtt-agents.md").read_text()
+    table = page.partition("<!-- topics -->")[2].partition("<!-- end -->")[0]
+    rows = [re.findall(r"`([^`]+)`", line) for line in table.splitlines()[3:]]
+    stated = {topic: names[-1] for names in rows for topic in names if "/msg/" not in topic}
+    topics = MirroredTopics("{v}", ("{c}",), pictures=True)
+    for wanted in topics.wanted():
+        name = stated.pop(wanted.topic.lstrip("/"))
+        assert name == wanted.kind.TYPE or (wanted.kind is String and "/msg/" not in name)
+    mirrored = {topic for topic in stated if topic.startswith("{v}")}
+    assert mirrored - {"{v}"} == topics.from_agent().keys()
+    for name in {names[-1] for names in rows}:
+        assert run(["schema", name]) == 0
