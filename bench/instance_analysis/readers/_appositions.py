@@ -98,7 +98,7 @@ class AppositionReader:
         asset, count = phrase.first("ASSET"), phrase.first("COUNT")
         subject = groups.subject if groups.in_sentence else []
         one = count is not None and isinstance(count.value, Quantity) and count.value.high == 1
-        if asset is None or not one or len(subject) != 1 or subject[0] in groups.plural:
+        if asset is None or not one or len(subject) != 1 or subject[0] in groups.counts.plural:
             return None
         named = draft.entries["actors", subject[0], "asset"].span
         persons = {groups.asset(subject[0]), groups.vocabulary.assets[str(asset.value)].asset} <= PERSONS

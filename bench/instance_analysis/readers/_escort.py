@@ -10,7 +10,7 @@ from bench.simspec import Role
 from .._draft import Draft, FieldPath
 from ..language._phrases import Phrase
 from ..language._tokens import Span
-from ._groups import GroupRegister
+from ._group_references import GroupReferences
 from ._places import PlaceReader
 from ._traits import IMMOVABLE, length_of
 
@@ -24,8 +24,8 @@ _ESCORTED_BY = re.compile(rf"{_ESCORTS.pattern.removesuffix('$')}\s+by$", re.IGN
 class EscortReader:
     """Reads the escort of a text. `finish` leaves out one whose group is open or has no way."""
 
-    def __init__(self, draft: Draft, groups: GroupRegister) -> None:
-        self._draft, self._groups = draft, groups
+    def __init__(self, draft: Draft, references: GroupReferences) -> None:
+        self._draft, self._references, self._groups = draft, references, references.groups
         self._first: Span | None = None
 
     def read(self, phrase: Phrase) -> bool:
@@ -61,7 +61,7 @@ class EscortReader:
         return self._escort(phrase, self._groups.subject)
 
     def _groups_of(self, phrase: Phrase) -> list[str]:
-        groups = self._groups.convoys if phrase.refs[0].has("THEM") else self._groups.groups_in(phrase)
+        groups = self._groups.convoys if phrase.refs[0].has("THEM") else self._references.groups_in(phrase)
         return [*groups]
 
     def _escort(self, phrase: Phrase, groups: Sequence[str]) -> bool:

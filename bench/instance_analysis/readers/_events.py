@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from .._draft import Draft, FieldPath
 from ..language._phrases import Part, Phrase, Quantity
 from ..language._vocabulary import EventForm
-from ._groups import GroupRegister
+from ._group_references import GroupReferences
 from ._intelligence import IntelligenceReader
 
 # Readings that are offered for `for how long?`. Chosen, not measured.
@@ -45,8 +45,9 @@ class EventTiming:
 class EventReader:
     """Reads events into a draft, in the order of the text."""
 
-    def __init__(self, draft: Draft, cast: GroupRegister, reports: IntelligenceReader) -> None:
-        self._draft, self._groups, self._intelligence = draft, cast, reports
+    def __init__(self, draft: Draft, references: GroupReferences, reports: IntelligenceReader) -> None:
+        self._draft, self._references, self._intelligence = draft, references, reports
+        self._groups = references.groups
         self._numbers: dict[str, int] = {}
         self._last = ""
         self._last_order: FieldPath = ()
@@ -183,7 +184,7 @@ class EventReader:
         elif phrase.refs[0].first("THEM"):
             groups = self._intelligence.last() or self._groups.subject
         else:
-            groups = self._groups.groups_in(phrase)
+            groups = self._references.groups_in(phrase)
         if not groups:
             self._draft.unread(
                 phrase.span, "it is about a report on a group, and the text does not say which"

@@ -9,7 +9,7 @@ from .._draft import Draft
 from ..language._phrases import Phrase
 from ..language._vocabulary import MotionWords
 from ._escort import EscortReader
-from ._groups import GroupRegister
+from ._group_references import GroupReferences
 from ._place_statements import PlaceStatements
 from ._places import PlaceReader, count_places
 from ._relations import RelationReader
@@ -37,16 +37,17 @@ class GroupStatements:
     def __init__(
         self,
         draft: Draft,
-        groups: GroupRegister,
+        references: GroupReferences,
         context: SentenceContext,
         unread: UnreadSubjects,
         place_statements: PlaceStatements,
         places: PlaceReader,
         readers: tuple[RelationReader, TraitReader, RoadReader],
     ) -> None:
-        self.draft, self.groups, self.context, self.unread = draft, groups, context, unread
+        self.draft, self.references, self.context, self.unread = draft, references, context, unread
+        self.groups = references.groups
         self.place_statements, self.places, self.readers = place_statements, places, readers
-        self.escort = EscortReader(draft, groups)
+        self.escort = EscortReader(draft, references)
 
     def of_group(self, phrase: Phrase) -> None:
         """Read what a phrase says of the groups that it describes."""
@@ -101,7 +102,7 @@ class GroupStatements:
                 self.draft.unread(phrase.span, "the text does not say for whom", expressible=True)
                 for item in phrase.refs:
                     # A group that is named exists, even if the statement about it cannot be read.
-                    self.groups.ref(item)
+                    self.references.ref(item)
             return []
         if phrase.rule == "inside" and phrase.first("AREAWORD"):
             # The area of interest, where every group is.
@@ -130,7 +131,7 @@ class GroupStatements:
 
     def _not_itself(self, groups: Sequence[str], phrase: Phrase) -> list[str]:
         """The groups without those that a relation is to: a group has no distance from itself."""
-        return [group for group in groups if not phrase.refs or group not in self.groups.ref(phrase)]
+        return [group for group in groups if not phrase.refs or group not in self.references.ref(phrase)]
 
     def _everyone(self, subject: list[str], phrase: Phrase) -> list[str]:
         """All parts of a divided group after `everyone` and `all`, and what was the subject else."""
@@ -142,7 +143,7 @@ class GroupStatements:
     def _is_plural_verb(self, last: str, phrase: Phrase) -> bool:
         """Whether the verb after the last group, which has one member, is that of several."""
         entry = self.draft.entries.get(("actors", last, "id"))
-        if last in self.groups.plural or entry is None or entry.span is None:
+        if last in self.groups.counts.plural or entry is None or entry.span is None:
             return False
         return _PLURAL_VERB.match(self.draft.text, entry.span.end, phrase.span.end) is not None
 

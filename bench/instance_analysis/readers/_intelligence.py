@@ -10,7 +10,7 @@ from bench.simspec import Role
 from .._draft import Draft, FieldPath
 from ..language._phrases import Phrase, Quantity
 from ..language._tokens import Span
-from ._groups import GroupRegister
+from ._group_references import GroupReferences
 
 UNITS = {"latency_s": "s", "delivered_s": "s", "uncertainty_m": "m"}
 
@@ -38,8 +38,8 @@ _OF_A_REPORT = re.compile(
 class IntelligenceReader:
     """Reads reports into a draft. Numbers of a report wait until its group is known."""
 
-    def __init__(self, draft: Draft, cast: GroupRegister) -> None:
-        self._draft, self._groups = draft, cast
+    def __init__(self, draft: Draft, references: GroupReferences) -> None:
+        self._draft, self._references, self._groups = draft, references, references.groups
         self._report: str | None = None
         self.spoken_of = False
         """Whether the sentence speaks of a report."""
@@ -129,9 +129,9 @@ class IntelligenceReader:
             return
         them = phrase.refs[0].first("THEM")
         if them is not None:
-            self._groups.them_as_subject(them.span)
+            self._references.them_as_subject(them.span)
         of_subject = self._groups.subject and them is not None
-        groups = self._groups.subject if of_subject else self._groups.groups_in(phrase)
+        groups = self._groups.subject if of_subject else self._references.groups_in(phrase)
         self._number = self._number if self._counted else 0
         if not self._groups.in_sentence:
             self._groups.subject = groups

@@ -7,7 +7,8 @@ import re
 from .._draft import Draft
 from ..language._phrases import Phrase, Quantity
 from ..language._tokens import Span, Word
-from ._groups import GENERIC_PERSONS, GroupRegister
+from ._group_references import GENERIC_PERSONS
+from ._groups import GroupRegister
 from ._sentence_context import SentenceContext
 from ._traits import PERSONS
 
@@ -46,7 +47,9 @@ class LateCounts:
         if not of_them and not self._counts_the_subject(word.span):
             return False
         start = before.span if isinstance(before, Phrase) and before.rule == "group" else word.span
-        if not self.groups.count_later(self.groups.subject[0], count, start.joined(word.span), vague=True):
+        if not self.groups.counts.count_later(
+            self.groups.subject[0], count, start.joined(word.span), vague=True
+        ):
             return False
         # `there are 20 of them`, `of which there are 20`: the words around the number are read with it.
         text = self.draft.text
@@ -78,7 +81,7 @@ class LateCounts:
         if re.search(r"\d|[(,]\s*(?:was|were)\b", between):
             # `the number of kids to 4 (was 6)`.
             return False
-        if group not in self.groups.plural:
+        if group not in self.groups.counts.plural:
             # `truck: 2`, and `radar 1`, which is no name of it.
             return between.strip(" :=x") == "" and (":" in between or text[number.start : number.end] == "1")
         alone = _NUMBER_ALONE.match(text, number.end) is not None
@@ -98,4 +101,4 @@ class LateCounts:
         if not generic or len(named) != 1 or not isinstance(count.value, Quantity):
             return False
         person = self.groups.asset(named[0]) in PERSONS
-        return person and self.groups.count_later(named[0], count.value, phrase.span)
+        return person and self.groups.counts.count_later(named[0], count.value, phrase.span)

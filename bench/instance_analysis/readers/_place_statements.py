@@ -7,7 +7,7 @@ import re
 from .._draft import Draft
 from ..language._phrases import Phrase
 from ._ground import KINDS, GroundReader
-from ._groups import GroupRegister
+from ._group_references import GroupReferences
 from ._places import PlaceReader, count_places, places_in
 from ._roads import RoadReader
 from ._sentence_context import SentenceContext
@@ -36,14 +36,15 @@ class PlaceStatements:
     def __init__(
         self,
         draft: Draft,
-        groups: GroupRegister,
+        references: GroupReferences,
         context: SentenceContext,
         places: PlaceReader,
         ground: GroundReader,
         roads: RoadReader,
         weather_reader: WeatherReader,
     ) -> None:
-        self.draft, self.groups, self.context = draft, groups, context
+        self.draft, self.references, self.context = draft, references, context
+        self.groups = references.groups
         self.places, self.ground, self.roads, self.weather_reader = places, ground, roads, weather_reader
 
     def is_of_a_road(self, phrase: Phrase) -> bool:
@@ -146,7 +147,7 @@ class PlaceStatements:
         ):
             # `300 by 300 m, around the radar there are five civilians`.
             return False
-        for place in self.groups.ref(phrase):
+        for place in self.references.ref(phrase):
             self.ground.middle(place, phrase.span)
         return True
 
@@ -161,7 +162,7 @@ class PlaceStatements:
         single = [
             group
             for group in self.groups.kinds
-            if group not in self.groups.plural and group not in self.groups.subject
+            if group not in self.groups.counts.plural and group not in self.groups.subject
         ]
         them = phrase.refs[0].first("THEM")
         return them is not None and self.draft.quote(them.span).lower() == "it" and not single
@@ -180,7 +181,7 @@ class PlaceStatements:
         if phrase.rule in ("near", "within"):
             if phrase.rule == "within":
                 self.ground.round(length_of(self.draft, phrase), phrase.span)
-            for place in self.groups.ref(phrase):
+            for place in self.references.ref(phrase):
                 self.ground.middle(place, phrase.span)
             return True
         return False
@@ -209,7 +210,7 @@ class PlaceStatements:
         of_home = phrase.rule == "within" and bool(phrase.refs) and phrase.refs[0].has("HOME", "US")
         if not of_home or not self.groups.subject_is_mission:
             return False
-        self.groups.ref(phrase)
+        self.references.ref(phrase)
         self.ground.fence_around_home(length_of(self.draft, phrase), phrase.span)
         return True
 

@@ -18,8 +18,9 @@ from ._events import EventReader
 from ._fitting_defaults import fit_defaults
 from ._flight import FlightReader
 from ._ground import GroundReader
+from ._group_references import GENERIC_PERSONS, GroupReferences
 from ._group_statements import GroupStatements
-from ._groups import GENERIC_PERSONS, GroupRegister
+from ._groups import GroupRegister
 from ._intelligence import IntelligenceReader
 from ._late_counts import LateCounts
 from ._place_statements import PlaceStatements
@@ -67,28 +68,29 @@ class TextReader:
         self.draft, self.vocabulary = draft, vocabulary
         self.unread = UnreadSubjects(draft.text, left_out)
         self.groups = GroupRegister(draft, vocabulary, self.unread)
+        self.references = GroupReferences(draft, self.groups)
         self.context = SentenceContext()
         self.places = PlaceReader(draft, vocabulary.defaults)
         self.weather_reader = WeatherReader(draft, self.places)
         self.ground = GroundReader(draft, vocabulary.defaults, self.places)
-        self.shares = ShareReader(self.groups)
+        self.shares = ShareReader(self.references)
         self.roads = RoadReader(draft, vocabulary.defaults, self.ground, self.places)
-        self.relations = RelationReader(draft, vocabulary.defaults, self.ground, self.places, self.groups)
+        self.relations = RelationReader(draft, vocabulary.defaults, self.ground, self.places, self.references)
         self.traits = TraitReader(draft, self.groups, self.relations.refine)
-        self.intelligence_reader = IntelligenceReader(draft, self.groups)
+        self.intelligence_reader = IntelligenceReader(draft, self.references)
         self.flight = FlightReader(draft, self.groups, self.ground, self.intelligence_reader)
-        self.events = EventReader(draft, self.groups, self.intelligence_reader)
-        self.rules = RuleReader(draft, self.groups)
+        self.events = EventReader(draft, self.references, self.intelligence_reader)
+        self.rules = RuleReader(draft, self.references)
         self.targets = TargetReader(draft, self.groups)
         self.appositions = AppositionReader(draft, self.groups, self.unread)
         self.late_counts = LateCounts(draft, self.groups, self.context)
-        self.subject_words = SubjectWords(draft, self.groups, self.context, self.flight, self.targets)
+        self.subject_words = SubjectWords(draft, self.references, self.context, self.flight, self.targets)
         self.place_statements = PlaceStatements(
-            draft, self.groups, self.context, self.places, self.ground, self.roads, self.weather_reader
+            draft, self.references, self.context, self.places, self.ground, self.roads, self.weather_reader
         )
         self.group_statements = GroupStatements(
             draft,
-            self.groups,
+            self.references,
             self.context,
             self.unread,
             self.place_statements,
@@ -231,7 +233,7 @@ class TextReader:
         """Make the group that a phrase names the subject, and read what was waiting for it."""
         self.flight.subject, self.context.just_named = "group", []
         previous = self.context.joined if joins else []
-        self.groups.introduce(phrase)
+        self.references.introduce(phrase)
         self.subject_words.seek(self.groups.subject, phrase.span)
         self.targets.introduced(self.groups.subject, phrase)
         accompanies = len(self.context.company) == 1 and _WITH.search(self.draft.text[: phrase.span.start])
@@ -300,7 +302,7 @@ class TextReader:
         ):
             return False
         subject = self.groups.subject
-        self.groups.named(phrase)
+        self.references.named(phrase)
         self.groups.subject = subject
         self.draft.unread(
             phrase.span, "moving around something is no relation: give a distance", expressible=True
@@ -364,7 +366,9 @@ class TextReader:
         if not isinstance(previous, Phrase) or not any(_joins(word) for word in between):
             return False
         of_rule = previous.rule == "rule" or (previous.rule == "standoff" and not self.groups.in_sentence)
-        if not (of_rule or previous.span in self.context.rule_groups) or not self.groups.of_bystanders(item):
+        if not (of_rule or previous.span in self.context.rule_groups) or not self.references.of_bystanders(
+            item
+        ):
             return False
         self.context.rule_groups.add(item.span)
         span = between[0].span.joined(item.span)

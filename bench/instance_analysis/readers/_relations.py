@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
 
 from bench.simspec import HOME
 
@@ -13,26 +12,13 @@ from ..language._phrases import Phrase, Quantity
 from ..language._tokens import Span
 from ..language._vocabulary import Defaults
 from ._ground import GroundReader
+from ._group_references import GroupReferences
 from ._places import PlaceReader
 from ._traits import DIRECTIONS, PERSONS, length_of
 
 MAX_WORDS_TO_DISTANCE = 3
 """Words between `beside the road` and a distance without an origin at most. Chosen."""
 NO_OWN_DISTANCE = "a group has no distance to itself"
-
-
-class Whose(Protocol):
-    """Resolves the targets of relations."""
-
-    kinds: dict[str, str]
-    mentioned: list[str]
-    plural: set[str]
-
-    def asset(self, group: str) -> str:
-        """Name of a group's asset."""
-
-    def ref(self, phrase: Phrase) -> list[str | Coordinates]:
-        """Groups, the vehicle's home, or a place."""
 
 
 class RelationReader:
@@ -46,10 +32,15 @@ class RelationReader:
     )  # fmt: skip
 
     def __init__(
-        self, draft: Draft, defaults: Defaults, ground: GroundReader, places: PlaceReader, who: Whose
+        self,
+        draft: Draft,
+        defaults: Defaults,
+        ground: GroundReader,
+        places: PlaceReader,
+        references: GroupReferences,
     ) -> None:
         self._draft, self._defaults, self._ground = draft, defaults, ground
-        self._places, self._groups = places, who
+        self._places, self._references, self._groups = places, references, references.groups
 
     def _distance(
         self,
@@ -61,7 +52,7 @@ class RelationReader:
         every: bool = False,
         note: str = "",
     ) -> None:
-        for other in self._groups.ref(phrase.refs[-1]):
+        for other in self._references.ref(phrase.refs[-1]):
             self._keep(group, other, phrase.span, low, high, every=every, note=note)
 
     def _keep(
@@ -218,7 +209,7 @@ class RelationReader:
         # `70 m from home, due east`.
         if due := phrase.first("DUE"):
             direction = DIRECTIONS[self._draft.quote(due.span).lower().split()[-1]]
-            self.towards(group, self._groups.ref(phrase), direction, phrase.span)
+            self.towards(group, self._references.ref(phrase), direction, phrase.span)
 
     def away(self, group: str, phrase: Phrase) -> None:
         low, high, note = self._band(length_of(self._draft, phrase))
@@ -227,11 +218,11 @@ class RelationReader:
         )
 
     def mean(self, group: str, phrase: Phrase) -> None:
-        length, of = length_of(self._draft, phrase), self._groups.ref(phrase.refs[-1])
+        length, of = length_of(self._draft, phrase), self._references.ref(phrase.refs[-1])
         # `the mean distance of the civilians to the radar` names its own subject.
         if len(phrase.refs) > 1:
             group = next(
-                (target for target in self._groups.ref(phrase.refs[0]) if isinstance(target, str)), group
+                (target for target in self._references.ref(phrase.refs[0]) if isinstance(target, str)), group
             )
         groups = [target for target in of if isinstance(target, str)]
         if not groups:
@@ -245,7 +236,7 @@ class RelationReader:
         part = phrase.first("DIR")
         assert part is not None
         assert isinstance(part.value, float | int)
-        of, lengths = self._groups.ref(phrase), self._lengths(phrase)
+        of, lengths = self._references.ref(phrase), self._lengths(phrase)
         if not lengths:
             self.towards(group, of, float(part.value), phrase.span)
             return
@@ -262,7 +253,7 @@ class RelationReader:
         if not angle.value.single:
             self._draft.unread(phrase.span, "a direction is one angle, not a range", expressible=True)
             return
-        of: list[str | Coordinates] = [] if not phrase.refs else self._groups.ref(phrase)
+        of: list[str | Coordinates] = [] if not phrase.refs else self._references.ref(phrase)
         if not phrase.refs:
             of.append(self._distance_origin(group, phrase.span))
         direction = angle.value.low % 360
@@ -318,7 +309,7 @@ class RelationReader:
         if not phrase.refs:
             self._ground.put_inside(group, phrase)
             return
-        for other in self._groups.ref(phrase):
+        for other in self._references.ref(phrase):
             if isinstance(other, Coordinates) or other not in self._groups.kinds:
                 self._draft.unread(phrase.span, "a group cannot stand inside a point")
             elif other == group:
@@ -332,12 +323,12 @@ class RelationReader:
         self._draft.unread(phrase.span, "a SimSpec has no distance or direction from a piece of ground")
 
     def behind(self, group: str, phrase: Phrase) -> None:
-        of = self._groups.ref(phrase)
+        of = self._references.ref(phrase)
         base: FieldPath = ("actors", group, "placement", "hidden_from")
         if not of:
             return
         if len(phrase.refs) > 1:
-            self._put_reference(base, self._groups.ref(phrase.refs[1]), phrase.span)
+            self._put_reference(base, self._references.ref(phrase.refs[1]), phrase.span)
         else:
             place = f"near {of[0]}"
             readings = [f"{place}, out of sight of the vehicle's start", f"{place}, on whichever side"]
@@ -348,7 +339,7 @@ class RelationReader:
     def facing(self, group: str, phrase: Phrase) -> None:
         base: FieldPath = ("actors", group, "placement", "facing")
         if phrase.refs:
-            self._put_reference(base, self._groups.ref(phrase), phrase.span)
+            self._put_reference(base, self._references.ref(phrase), phrase.span)
         elif direction := phrase.first("DIR"):
             self._draft.put((*base, "heading_deg"), direction.value, phrase.span)
         elif (figure := phrase.first("ANGLE") or phrase.first("COUNT")) and isinstance(
@@ -366,17 +357,17 @@ class RelationReader:
 
     def _sight(self, name: str, group: str, phrase: Phrase) -> None:
         base: FieldPath = ("actors", group, "placement", name)
-        self._put_reference(base, self._groups.ref(phrase), phrase.span)
+        self._put_reference(base, self._references.ref(phrase), phrase.span)
         for height in self._lengths(phrase):
             self._draft.put((*base, "height_m"), height.low, phrase.span)
 
     def between(self, group: str, phrase: Phrase) -> None:
-        ends: list[str | Coordinates] = [end for ref in phrase.refs for end in self._groups.ref(ref)]
+        ends: list[str | Coordinates] = [end for ref in phrase.refs for end in self._references.ref(ref)]
         if phrase.first("BETWEENTHEM"):
             # `between them` means the group named last before the subject.
             ends = [*[end for end in self._groups.kinds if end != group][-1:]]
         names = [end for end in ends if isinstance(end, str) and end != group]
-        if len(names) == 1 and len(ends) == 1 and names[0] in self._groups.plural:
+        if len(names) == 1 and len(ends) == 1 and names[0] in self._groups.counts.plural:
             # `between the houses` means between two members of one group.
             names *= 2
         if len(names) != 2 or len(ends) > 2:
@@ -390,8 +381,8 @@ class RelationReader:
         length = length_of(self._draft, phrase)
         if phrase.refs:
             # `between the houses is always more than 25 m` names its own subject.
-            named = [target for target in self._groups.ref(phrase) if isinstance(target, str)]
-            if len(named) != 1 or named[0] not in self._groups.plural:
+            named = [target for target in self._references.ref(phrase) if isinstance(target, str)]
+            if len(named) != 1 or named[0] not in self._groups.counts.plural:
                 self._draft.unread(phrase.span, "a least distance between members is of one group of several")
                 return
             [group] = named
@@ -411,7 +402,7 @@ class RelationReader:
     def _is_single(self, group: str, phrase: Phrase) -> bool:
         """Whether a distance between members is said of a group of one, and so of somebody else; it is listed then."""
         count = self._draft.entries.get(("actors", group, "count"))
-        single = group not in self._groups.plural and count is not None and count.value == 1
+        single = group not in self._groups.counts.plural and count is not None and count.value == 1
         if single:
             self._draft.unread(
                 phrase.span, "a group of one has no distance between members", expressible=True

@@ -10,7 +10,7 @@ from .._draft import Draft
 from ..language._phrases import Part, Phrase, Quantity
 from ..language._tokens import Span
 from ..language._vocabulary import RuleForm
-from ._groups import GroupRegister
+from ._group_references import GroupReferences
 
 UNIT_NAMES = {"LENGTH": "m", "TIME": "s", "SPEED": "m/s", "ANGLE": "deg"}
 _UP_TO = re.compile(r"\b(?:until|till|before|within|in|first)\s*(?:the\s+|first\s+)*$", re.IGNORECASE)
@@ -20,8 +20,8 @@ _UP_TO = re.compile(r"\b(?:until|till|before|within|in|first)\s*(?:the\s+|first\
 class RuleReader:
     """Reads rules into a draft."""
 
-    def __init__(self, draft: Draft, cast: GroupRegister) -> None:
-        self._draft, self._groups = draft, cast
+    def __init__(self, draft: Draft, references: GroupReferences) -> None:
+        self._draft, self._references, self._groups = draft, references, references.groups
         self._windows: list[tuple[float, float | None, Span]] = []
         self._silences: list[tuple[float, float | None, Span]] = []
 
@@ -57,7 +57,7 @@ class RuleReader:
                 )
 
     def standoff(self, phrase: Phrase) -> None:
-        if phrase.refs and not any(self._groups.of_bystanders(ref) for ref in phrase.refs):
+        if phrase.refs and not any(self._references.of_bystanders(ref) for ref in phrase.refs):
             self._draft.unread(phrase.span, "a SimSpec has this rule for bystanders only")
             return
         part = phrase.first("LENGTH")

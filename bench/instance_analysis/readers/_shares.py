@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from ..language._phrases import Part, Phrase, Quantity
-from ._groups import GroupRegister
+from ._group_references import GroupReferences
 
 
 class ShareReader:
     """Divides groups. What was said of a group before holds for all of its parts, what follows for one part."""
 
-    def __init__(self, groups: GroupRegister) -> None:
-        self._groups, self._draft = groups, groups.draft
+    def __init__(self, references: GroupReferences) -> None:
+        self._references, self._groups, self._draft = references, references.groups, references.draft
 
     def share(self, phrase: Phrase) -> bool:
         """Make a share the subject; whether the text tells of whom and how many."""
@@ -19,7 +19,7 @@ class ShareReader:
         whole = self._whole(phrase)
         if whole is None or not isinstance(portion.value, Quantity | float):
             return self._leave(phrase, "the text does not say of which group")
-        if isinstance(portion.value, Quantity) and self._groups.count_later(
+        if isinstance(portion.value, Quantity) and self._groups.counts.count_later(
             whole, portion.value, phrase.span
         ):
             # `trucks, two of them`: that is all of them.
@@ -59,7 +59,7 @@ class ShareReader:
         things = [part for part in phrase.parts if isinstance(part, Part) and part.kind == "ASSET"]
         if phrase.has("THEM", "OFTHEM"):
             recent = self._groups.mentioned or self._groups.mentioned_before
-            several = [group for group in recent if group in self._groups.plural]
+            several = [group for group in recent if group in self._groups.counts.plural]
             # `one of which` is one of what was named last; `one of them` of any group that was.
             known = self._groups.divided_of(recent[-1:] if phrase.has("OFTHEM") else several)
         else:
@@ -68,7 +68,7 @@ class ShareReader:
             if not known and counts:
                 # `half of the eight soldiers`, who have not been spoken of.
                 ref = Phrase("ref", (counts[-1], things[0]), counts[-1].span.joined(things[0].span))
-                known = self._groups.named(ref)
+                known = self._references.named(ref)
             known = self._groups.divided_of(known)
         return known[0] if len(known) == 1 else None
 

@@ -11,7 +11,7 @@ from .._draft import Draft
 from ..language._phrases import Phrase
 from ..language._tokens import Span, Word
 from ._flight import FlightReader
-from ._groups import GroupRegister
+from ._group_references import GroupReferences
 from ._roads import RoadReader
 from ._sentence_context import SentenceContext
 from ._targets import TargetReader
@@ -30,12 +30,13 @@ class SubjectWords:
     def __init__(
         self,
         draft: Draft,
-        groups: GroupRegister,
+        references: GroupReferences,
         context: SentenceContext,
         flight: FlightReader,
         targets: TargetReader,
     ) -> None:
-        self.draft, self.groups, self.context = draft, groups, context
+        self.draft, self.references, self.context = draft, references, context
+        self.groups = references.groups
         self.flight, self.targets = flight, targets
 
     def relative(self, word: Word, before: Sequence[Phrase | Word]) -> None:
@@ -55,7 +56,7 @@ class SubjectWords:
         elif last.refs:
             groups = [
                 group
-                for group in self.groups.referents.get(last.refs[-1].span, [])
+                for group in self.references.referents.get(last.refs[-1].span, [])
                 if group in self.groups.kinds
             ]
             if groups:
@@ -77,9 +78,9 @@ class SubjectWords:
         elif "THEM" in kinds and self.context.topic == "" and self.context.last in ("ground", "road"):
             self.context.topic = self.context.last
         elif "THEM" in kinds and _LOOKED_FOR.search(self.draft.text[: word.span.start]):
-            self.seek(groups.them(word.span), word.span)
+            self.seek(self.references.them(word.span), word.span)
         elif "THEM" in kinds and groups.subject:
-            groups.them_as_subject(word.span)
+            self.references.them_as_subject(word.span)
             groups.in_sentence, self.context.topic = True, "group"
         elif "CONVOY" in kinds and groups.convoys:
             groups.make_subject(groups.convoys)
