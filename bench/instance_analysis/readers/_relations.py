@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from bench.simspec import HOME
+from bench.simspec import ASSETS, HOME
 
 from .._draft import Draft, FieldPath
 from ..language._coordinates import Coordinates
@@ -18,6 +18,8 @@ from ._traits import DIRECTIONS, PERSONS, length_of
 
 MAX_WORDS_TO_DISTANCE = 3
 """Words between `beside the road` and a distance without an origin at most. Chosen."""
+MAX_SHARE_OF_SIZE = 0.25
+"""Above this share of a distance the size of a thing decides whether its centre or its edge is meant. Chosen."""
 NO_OWN_DISTANCE = "a group has no distance to itself"
 
 
@@ -398,6 +400,9 @@ class RelationReader:
             if self._draft.ask(phrase.span, "how far apart are they?", readings) == 0:
                 high = length.low
         self._draft.vary(("actors", group, "placement", "spread_m"), length.low, high, phrase.span, unit="m")
+        size_m = ASSETS[self._groups.asset(group)].length_m
+        if size_m > MAX_SHARE_OF_SIZE * length.low:
+            self._draft.remark(phrase.span, f"measured between their centres; each is {size_m:g} m long")
 
     def _is_single(self, group: str, phrase: Phrase) -> bool:
         """Whether a distance between members is said of a group of one, and so of somebody else; it is listed then."""
