@@ -8,6 +8,8 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+from bench.simspec import Environment
+
 from ._coordinates import NAMED, PLACE, coordinates_of, name_of
 from ._spelling import corrected_spelling
 from ._vocabulary import Meaning, Vocabulary
@@ -17,6 +19,10 @@ MONTHS = (
     "december",
 )  # fmt: skip
 _MONTH = "|".join(f"{month}|{month[:3]}" for month in MONTHS)
+_CAPITAL_MONTH = "|".join(f"{month.title()}|{month[:3].title()}|{month[:3].upper()}" for month in MONTHS)
+"""Months of a date without a year: `may` and `mar` are other words too."""
+USUAL_YEAR = Environment().start_utc.year
+"""The year of a date that has none: that of a SimSpec without a start."""
 DAYS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
 """Days of a month in words."""
 HOURS = ("one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
@@ -26,7 +32,7 @@ SPOKEN_TIME = rf"(?:(?:half|quarter)\s+(?:past|to)\s+{_HOUR}|(?:1[3-9]|2[0-3]|{_
 """A time of day in words."""
 _PATTERN = re.compile(
     rf"""(?P<iso>\d{{4}}-\d\d-\d\d)
-    |(?P<date>\d{{1,2}}(?:st|nd|rd|th)?\s+(?:of\s+)?(?:{_MONTH})\s+\d{{4}}|the\s+(?:{"|".join(DAYS)})\s+of\s+(?:{_MONTH}),?\s+\d{{4}}|(?:{_MONTH})\s+\d{{1,2}}(?:st|nd|rd|th)?,?\s+\d{{4}})\b
+    |(?P<date>\d{{1,2}}(?:st|nd|rd|th)?\s+(?:of\s+)?(?:{_MONTH})\s+\d{{4}}|the\s+(?:{"|".join(DAYS)})\s+of\s+(?:{_MONTH}),?\s+\d{{4}}|(?:{_MONTH})\s+\d{{1,2}}(?:st|nd|rd|th)?,?\s+\d{{4}}|(?-i:\d{{1,2}}(?:st|nd|rd|th)?\s+(?:of\s+)?(?:{_CAPITAL_MONTH})(?!\s+\d{{4}}))|(?-i:(?:{_CAPITAL_MONTH})\s+\d{{1,2}}(?:st|nd|rd|th)?(?!\d|:)))\b
     |(?P<dtg>\d{{6}}\s?Z\s?(?:{_MONTH})\s?(?:\d{{4}}|\d\d)\b)
     |(?P<span>\d{{1,2}}:\d\d(?=\s*(?:min|mins|minutes)\b))
     |(?P<clock>\d{{1,2}}:\d\d\s*(?:(?:local(?:\s+time)?\s*)?\(?(?:utc|gmt)\s?[+-]\s?\d{{1,2}}(?::00)?\b\)?|z\b|utc\b|gmt\b|\(utc\)|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|am\b|pm\b|a\.m\.|p\.m\.)?|\d{{1,2}}h\d\d\s*(?:z\b|utc\b|gmt\b)|\d{{4}}\s*(?:z\b|utc\b|gmt\b|cest\b|cet\b|bst\b|eest\b|eet\b|msk\b|hours\b|hrs\b)|\d{{1,2}}\s*(?:am\b|pm\b|a\.m\.|p\.m\.))
@@ -286,7 +292,8 @@ def _date(text: str) -> dt.date | None:
         )
         month = next(part for part in parts if part.isalpha() and part not in ("the", *DAYS))
         named = [1 + DAYS.index(part) for part in parts if part in DAYS]
-        day, year = (*named, *(int(part) for part in parts if part.isdigit()))
+        numbers = (*named, *(int(part) for part in parts if part.isdigit()), USUAL_YEAR)
+        day, year = numbers[:2]
         # Months may be abbreviated to three letters.
         return dt.date(year, 1 + next(i for i, name in enumerate(MONTHS) if name.startswith(month)), day)
     except ValueError:

@@ -342,14 +342,14 @@ _ROLES = (
     _role("at", after=r"(?:after|from)\s+(?:the\s+)?(?:start|launch|take-?off)|into\s+the\s+\w+"),
     _role("until", before=rf"\b(?:until|till|to|ending\s+at|ends?\s+at|(?<!takes\s)(?<!take\s)(?<!took\s)(?<!hands\s)(?<!hand\s)(?<!it\s)(?<!control\s)(?<!drone\s)over\s+at){_T}"),
     _role("until", before=rf"\b(?:back|again|restored|returns?|available|recovers?|up)\b(?:\s+\w+){{0,2}}\s+(?:at|after){_T}"),
-    _role("lasting", before=rf"\b(?:for|lasting|lasts?|of|during|takes){_ABOUT}"),
+    _role("lasting", before=rf"\b(?:for|lasting|lasts?|of|during|takes|duration(?:\s+is)?:?){_ABOUT}"),
     _role("lasting", before=r"\bis\s+", after=r"away|long"),
     _role("answer", after=r"after\s+(?:the\s+|a\s+|its\s+|each\s+|every\s+)?(?:request|question|asking|(?:you|it|the\s+\w+)\s+asks?)"),
     _role("at"),
 )  # fmt: skip
 """What a time says, by the words before and after it; the first that fits. Without any of these it is when it happens."""
 _BESIDE = re.compile(
-    r"fulfil\w*|must|expected|allows?|with|commencing|starting|beginning|that|compl\w+|obey\w*|follow\w*|carried|executed?|done|reacts?|gets?|seconds?|back|again|later|restored|returns?|available|recovers?|lasts?|lasting|during|exactly|only|ending|away|long|got|stayed|on|onwards|which|this",
+    r"fulfil\w*|must|expected|allows?|with|commencing|starting|beginning|that|compl\w+|obey\w*|follow\w*|carried|executed?|done|reacts?|gets?|seconds?|back|again|later|restored|returns?|available|recovers?|lasts?|lasting|during|duration|exactly|only|ending|away|long|got|stayed|on|onwards|which|this",
     re.IGNORECASE,
 )
 """Words of a clause that only gives the times of the event beside it."""

@@ -135,6 +135,10 @@ class GroupCounts:
             age.disown()
             self.draft.used_words.append(age.span)
             self.draft.unread(age.span, "an age is no field", expressible=True)
+        noun = phrase.first("ASSET") or phrase.first("AMBIGUOUS")
+        if counts and noun and ":" in self.draft.text[counts[-1].span.end : noun.span.start]:
+            # `Target 2: a truck`, `house number 3: a truck`: the number is a label.
+            counts.pop().disown()
         for part in counts[:-1]:
             # Only the last number is used, and `two squads of nine` are not nine.
             part.disown()

@@ -59,6 +59,18 @@ _SOUGHT_BY = re.compile(
     r"(?!\s+(?:the|an?|it|them|all|\d))",
     re.IGNORECASE,
 )
+_SOUGHT_BEFORE = re.compile(
+    r"\b(?:(?:look|search|hunt)(?:s|ing|ed)?\s+for|locate|find(?:\s+and\s+report)?|wanted)\s*:?\s+"
+    r"(?:(?:the|an?|one|two|three|some|\d+\s*x?)\s+)?(?:[a-z-]+\s+)?$",
+    re.IGNORECASE,
+)
+"""`the drone looks for a pickup`: what makes a target of the vehicle after it."""
+_TAKEN_BEFORE = re.compile(r"\b(?:stolen|hijacked|getaway)\s+(?:[a-z-]+\s+)?$", re.IGNORECASE)
+_OF_ENEMIES = re.compile(
+    rf"\s+of\s+(?:the\s+)?(?:{_ENEMY}|smugglers|insurgents|gunmen|gang|thieves|kidnappers|terrorists)\b",
+    re.IGNORECASE,
+)
+"""`two vans of the smugglers`."""
 _TO_BE_FOUND = re.compile(
     r"\s*,?\s*(?:(?:which|that|who)\s+)?(?:is|are|has|have|must|shall|should|needs?|will)\s+(?:to\s+)?be\s+"
     r"(?:found|located|searched(?:\s+for)?|looked\s+for|detected)\b",
@@ -83,12 +95,15 @@ class TargetReader:
         before = text[max(0, noun.start - 160) : noun.start]
         asset = phrase.first("ASSET")
         head = text[max(0, noun.start - 40) : asset.span.start] if asset is not None else before
+        vehicles = [group for group in groups if self._groups.asset(group) in VEHICLES]
         if _HOSTILE_BEFORE.search(head) or _ENEMIES_LISTED.search(before):
             self._set(groups, Role.ADVERSARY, noun)
+        elif _TAKEN_BEFORE.search(head) or _OF_ENEMIES.match(text, noun.end):
+            self._set(vehicles, Role.ADVERSARY, noun)
+        elif match := _SOUGHT_BEFORE.search(head):
+            self._call(vehicles, Span(noun.start - len(head) + match.start(), noun.end), sought=True)
         elif _CIVILIANS_LISTED.search(before):
-            self._set(
-                [group for group in groups if self._groups.asset(group) in VEHICLES], Role.BYSTANDER, noun
-            )
+            self._set(vehicles, Role.BYSTANDER, noun)
         if match := _CALLED_BEFORE.search(before):
             self._call(groups, Span(noun.start - len(before) + match.start(), noun.end))
         elif match := _CALLED_AFTER.match(text, noun.end):
