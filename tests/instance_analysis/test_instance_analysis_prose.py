@@ -138,7 +138,7 @@ def test_many_words_that_nobody_knows_take_bounded_time() -> None:
     [
         ("One truck. The truck is not camouflaged.", "not camouflaged"),
         ("One truck without a gimbal.", "without a gimbal"),
-        ("One truck. It isn't raining.", "isn't raining"),
+        ("One truck. It isn't windy.", "isn't windy"),
         ("One truck, light fog if it rains.", "light fog if it rains"),
         ("One truck, never parked.", "never parked"),
     ],
