@@ -19,7 +19,10 @@ _GENDERED = frozenset(["man", "woman", "boy", "girl", "lady", "gentleman", "male
 _GOES_ON = re.compile(r"\s*(?:,?\s*and\b|,\s*(?:an?|one|two|three|four|five|\d+)\b)", re.IGNORECASE)
 """What follows a noun inside a list: `a civilian, a child and a dog`."""
 _NUMBERS = {"a": 1, "an": 1, "one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6}
-_PAIR = re.compile(rf"\s+and\s+({'|'.join(_NUMBERS)}|\d)\s+[\w-]+(?=\s*(?:[.,;:)\n]|in their\b|aged\b|who\b|both\b|$))", re.IGNORECASE)
+_PAIR = re.compile(
+    rf"\s+and\s+({'|'.join(_NUMBERS)}|\d)\s+[\w-]+(?=\s*(?:[.,;:)\n]|in their\b|aged\b|who\b|both\b|$))",
+    re.IGNORECASE,
+)
 """The rest of `a man and two women` at the end of what is said, with its number."""
 _VERB = re.compile(
     r"\b(?:stands?|stood|is|are|was|were|lies?|sits?|waits?|shall|must|remains?|stays?|walks?|drives?|moves?|and|or|with|near)\b",
