@@ -109,7 +109,14 @@ def box_of(plan: AgentPlan, home: str, *, in_image: bool = False) -> Box:
         gpu=manifest.gpu,
         image=manifest.image,
         hosts=plan.endpoints.hosts,
+        # What is preloaded for warp must be there before the interpreter.
+        warm=_warm_environment(plan) if manifest.reset == "fork" and not plan.endpoints.warp else None,
     )
+
+
+def _warm_environment(plan: AgentPlan) -> dict[str, str]:
+    """What of the agent's environment no session sets: with it a warm interpreter starts."""
+    return _host_environment() | _stated_environment(plan)
 
 
 def _files(plan: AgentPlan) -> tuple[Path, ...]:
@@ -134,11 +141,8 @@ def environment_of(plan: AgentPlan, home: str) -> dict[str, str]:
     ends = plan.endpoints
     spec = plan.simspec
     environment = {
-        "PATH": os.environ.get("PATH", os.defpath),
+        **_host_environment(),
         "HOME": home,
-        "LANG": "C.UTF-8",
-        "PYTHONHASHSEED": "0",
-        "PYTHONUNBUFFERED": "1",
         "ROS_DOMAIN_ID": str(ends.domain),
         "REBAR_VEHICLE": spec.vehicle.name,
         "REBAR_OPTIONS": json.dumps(spec.agent.options, sort_keys=True),
@@ -154,8 +158,7 @@ def environment_of(plan: AgentPlan, home: str) -> dict[str, str]:
         environment |= {"REBAR_TICK": ends.tick, "REBAR_TICK_SECRET": ends.tick_secret}
     if plan.truth is not None:
         environment["REBAR_TRUTH"] = f"{home}/{TRUTH_FILE}"
-    stated = expand_placeholders(plan.manifest, plan.folder, spec.agent.options, plan.manifest.environment)
-    environment |= dict(ends.mavlink) | dict(ends.services) | stated
+    environment |= dict(ends.mavlink) | dict(ends.services) | _stated_environment(plan)
     if ends.warp is not None:
         # Before the libraries that the agent preloads itself: of two functions of one name the first counts.
         # A box has a home of its own, whose name needs no link; without one the agent lives in its folder on the host.
@@ -168,6 +171,20 @@ def environment_of(plan: AgentPlan, home: str) -> dict[str, str]:
             "REBAR_WARP_WAITERS": f"{home}/{ends.warp.waiters.name}",
         }
     return environment
+
+
+def _host_environment() -> dict[str, str]:
+    return {
+        "PATH": os.environ.get("PATH", os.defpath),
+        "LANG": "C.UTF-8",
+        "PYTHONHASHSEED": "0",
+        "PYTHONUNBUFFERED": "1",
+    }
+
+
+def _stated_environment(plan: AgentPlan) -> dict[str, str]:
+    manifest = plan.manifest
+    return expand_placeholders(manifest, plan.folder, plan.simspec.agent.options, manifest.environment)
 
 
 class _Output:
@@ -264,6 +281,7 @@ class LocalProcess:
 
     def __init__(self, process: ConfinedProcess, output: _Output, program: str, isolation: str) -> None:
         self.isolation, self.own_user = isolation, process.own_user
+        self.is_forked = process.is_forked
         self.open_walls: tuple[Wall, ...] = leaves_open(isolation, this_host(own_user=process.own_user))
         self._process = process
         self._output = output

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal, Protocol, runtime_checkable
+from typing import Annotated, Literal, Protocol, Self, runtime_checkable
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from bench.documents import Document
 from bench.simspec import Identifier, Isolation, PaceMode, SimSpec
@@ -100,8 +100,27 @@ class AgentManifest(Document):
     ] = ()
     gpu: Annotated[bool, Field(description="The agent is given the host's GPU devices.")] = False
     reset: Annotated[
-        Literal["process"], Field(description="How a fresh agent is had for the next session: a new process.")
+        Literal["process", "fork"],
+        Field(
+            description="How a fresh agent is had for the next session: a new process, or one that is forked from a warm Python with the bench's libraries loaded."
+        ),
     ] = "process"
+
+    @model_validator(mode="after")
+    def _is_python_where_forked(self) -> Self:
+        if self.reset == "fork" and not _runs_in_python(self.command):
+            raise ValueError(
+                'reset: fork needs a command of the bench\'s Python, as ["{python}", "-m", "my_agent"] or ["{python}", '
+                '"{folder}/my_agent.py"]; set reset: process for any other'
+            )
+        return self
+
+
+def _runs_in_python(command: tuple[str, ...]) -> bool:
+    """Whether the bench's Python runs a module or a script; options of the interpreter come too late for a warm one."""
+    if command[0] != "{python}" or len(command) < 2:
+        return False
+    return len(command) > 2 if command[1] == "-m" else not command[1].startswith("-")
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """Runs the escape probe on one rung, in a process of its own, with things planted outside for it to find.
 
-`python self_test.py RUNG OWN_NETWORK [IMAGE]`, where OWN_NETWORK is 0 or 1 and IMAGE is for the rung
-`container`; prints a JSON object: `gaps` by wall, and
+`python self_test.py RUNG[+fork] OWN_NETWORK [IMAGE]`, where OWN_NETWORK is 0 or 1 and IMAGE is for the rung
+`container`; with `+fork` the probe is forked from a warm interpreter. Prints a JSON object: `gaps` by wall, and
 `host`, the facts of this host that decide which walls are to hold.
 """
 
@@ -94,7 +94,8 @@ def serve_echo(echo: socket.socket) -> None:
 
 def main() -> None:
     """Plant, probe, and print what was found."""
-    rung: Isolation = sys.argv[1]  # type: ignore[assignment]  # checked by the manifest
+    name, _, fork = sys.argv[1].partition("+")
+    rung: Isolation = name  # type: ignore[assignment]  # checked by the manifest
     with planted() as canaries, tempfile.TemporaryDirectory() as scratch:
         # Root gives the agent a user of its own only where that one can reach its program.
         Path(scratch).chmod(0o755)
@@ -107,7 +108,10 @@ def main() -> None:
         image = sys.argv[3] if rung == "container" else ""
         manifest = AgentManifest(
             name="probe",
-            command=(PYTHON if image else "{python}", "-I", "-S", str(probe)),
+            command=("{python}", str(probe))
+            if fork
+            else (PYTHON if image else "{python}", "-I", "-S", str(probe)),
+            reset="fork" if fork else "process",
             environment={"PROBE": json.dumps(canaries)},
             isolation=rung,
             image=image,
@@ -123,6 +127,7 @@ def main() -> None:
                 assert time.monotonic() < deadline, agent.output_tail()
                 time.sleep(0.01)
             own_user, limit = agent.own_user, agent.exceeded_limit()
+            assert agent.is_forked == bool(fork)
         output = (home / "agent.log").read_text()
         assert output.startswith("{"), output
         gaps: dict[str, list[str]] = {}

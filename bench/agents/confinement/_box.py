@@ -18,7 +18,8 @@ class Box:
     """What one agent may see and use. `command` holds absolute paths that are readable in the box.
 
     `scratch` is the host's folder of the session: a rung with a file system of its own gives the agent
-    another one. `files` are files of the host that the agent finds by name in its scratch folder, `shared` those that it may also
+    another one. `warm` is what of `environment` an interpreter starts with that is forked for each session; None: the
+    agent is a fresh process. `files` are files of the host that the agent finds by name in its scratch folder, `shared` those that it may also
     write, so that both sides have the same file. `hosts` are addresses by
     host name, for rungs with a file system of their own.
     """
@@ -34,3 +35,4 @@ class Box:
     gpu: bool = False
     image: str = ""
     hosts: Mapping[str, str] = field(default_factory=dict)
+    warm: Mapping[str, str] | None = None

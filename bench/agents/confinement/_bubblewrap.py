@@ -128,6 +128,9 @@ class BubblewrapProcess:
     Process 1 reaps orphans and lets signals reach the agent, which a process 1 without handlers ignores.
     """
 
+    # A namespace of processes holds what is started in it, and a fork comes from outside.
+    is_forked = False
+
     def __init__(self, program: str, box: Box, output: int, *, user: int | None = None) -> None:
         # The inner bubblewrap becomes our child when the outer one ends, so that we can wait for it: when
         # it is gone, everything of the box is, and the kernel tells the CPU time of all of it.

@@ -14,6 +14,7 @@ import time
 from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
+from typing import Protocol
 
 from bench.contracts import AgentUsage, ProcessRoot
 from bench.network_namespace import namespace_fault
@@ -25,6 +26,7 @@ from ._cgroup import ControlGroup
 from ._limits import process_limits, threads_of
 from ._readable_paths import SYSTEM_FILES, SYSTEM_FOLDERS, gpu_devices, open_to_others
 from ._system_calls import filter_program
+from ._warm_interpreter import WarmInterpreters
 
 _TRIAL_BUDGET_S = 20.0
 # For the launcher to kill what the agent has left; chosen, not measured.
@@ -59,7 +61,13 @@ class Landlock:
     def start(self, box: Box, output: int) -> LandlockedProcess:
         paths = [*box.read, *box.files, box.scratch.parent]
         own_user = os.getuid() == 0 and all(map(open_to_others, paths))
-        return LandlockedProcess(box, output, user=AGENT_UID if own_user else None)
+        return LandlockedProcess(
+            box, output, user=AGENT_UID if own_user else None, warm=self._warm_interpreters
+        )
+
+    @cached_property
+    def _warm_interpreters(self) -> WarmInterpreters:
+        return WarmInterpreters()
 
     @cached_property
     def _reason(self) -> str | None:
@@ -84,14 +92,15 @@ class Landlock:
 class LandlockedProcess:
     """An agent under its rules, and the launcher above it."""
 
-    def __init__(self, box: Box, output: int, *, user: int | None = None) -> None:
+    def __init__(
+        self, box: Box, output: int, *, user: int | None = None, warm: WarmInterpreters | None = None
+    ) -> None:
         settings = _settings(box, user)
         if user is not None:
             os.chown(box.scratch, user, user)
         self.own_user = user is not None
         self._limits = box.limits
         self._usage = AgentUsage()
-        self._reaped_cpu_s = 0.0
         self._text = ""
         self._ended = False
         self._group = ControlGroup(box.limits)
@@ -99,17 +108,11 @@ class LandlockedProcess:
         os.set_blocking(self._status, False)
         settings_read, settings_write = os.pipe()
         try:
-            launch = [_landlock_launch.__file__, str(settings_read), str(status_write), str(os.getpid())]
-            self._started = subprocess.Popen(
-                [sys.executable, "-I", "-S", *launch],
-                cwd="/",
-                env={},
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=output,
-                pass_fds=(settings_read, status_write),
-                start_new_session=True,
-            )
+            forked = None
+            if warm is not None and box.warm is not None:
+                forked = warm.fork(box.warm, settings_read, status_write, output)
+            self.is_forked = forked is not None
+            self._launcher: Launcher = forked or StartedLauncher(settings_read, status_write, output)
         except BaseException:
             os.close(settings_write)
             os.close(self._status)
@@ -119,26 +122,26 @@ class LandlockedProcess:
             os.close(settings_read)
             os.close(status_write)
         # Before it has its settings, and starts the agent by them.
-        self._group.add(self._started.pid)
+        self._group.add(self._launcher.pid)
         with suppress(BrokenPipeError), open(settings_write, "wb") as file:
             file.write(settings)
-        self._tree = ProcessTreeUsage(self._started.pid, home=None)
+        self._tree = ProcessTreeUsage(self._launcher.pid, home=None)
 
     @property
     def pid(self) -> int:
-        return self._started.pid
+        return self._launcher.pid
 
     def root(self) -> ProcessRoot:
         # The launcher above the agent takes in its orphans.
         return ProcessRoot(self.pid, is_box=True)
 
     def poll(self) -> int | None:
-        self._reap(os.WNOHANG)
+        self._launcher.reap(waits=False)
         status = self._stated("ended")
         if status is not None:
             return os.waitstatus_to_exitcode(int(status))
         # A launcher that ends without a statement was killed, and the agent with it.
-        return None if self._started.returncode is None else -signal.SIGKILL
+        return None if self._launcher.returncode is None else -signal.SIGKILL
 
     def wait(self, budget_s: float) -> int | None:
         """Wait for the agent's end, at most so long."""
@@ -151,10 +154,10 @@ class LandlockedProcess:
         return "" if self._stated("failed") is None else "cannot be started"
 
     def usage(self) -> AgentUsage:
-        if self._started.returncode is None:
+        if self._launcher.returncode is None:
             self._usage = self._tree.read()
-            self._reap(os.WNOHANG)
-        return AgentUsage(max(self._usage.cpu_s, self._reaped_cpu_s), self._usage.starved_s)
+            self._launcher.reap(waits=False)
+        return AgentUsage(max(self._usage.cpu_s, self._launcher.cpu_s), self._usage.starved_s)
 
     def exceeded_limit(self) -> str:
         if self._stated("exceeded") is not None:
@@ -179,16 +182,15 @@ class LandlockedProcess:
             self._group.close()
 
     def _end_launcher(self) -> None:
-        if self._started.returncode is None:
-            # It kills everything below it, and ends.
-            self._started.terminate()
-            deadline = time.monotonic() + _END_BUDGET_S
-            while self._started.returncode is None and time.monotonic() < deadline:
-                self._reap(os.WNOHANG)
-                time.sleep(0.001)
-        if self._started.returncode is None:
-            self._started.kill()
-            self._reap(0)
+        launcher = self._launcher
+        # It kills everything below it, and ends.
+        launcher.signal(signal.SIGTERM)
+        deadline = time.monotonic() + _END_BUDGET_S
+        while launcher.returncode is None and time.monotonic() < deadline:
+            launcher.reap(waits=False)
+            time.sleep(0.001)
+        launcher.signal(signal.SIGKILL)
+        launcher.reap(waits=True)
 
     def _stated(self, key: str) -> str | None:
         """What the launcher stated under a key; None if it did not."""
@@ -203,17 +205,55 @@ class LandlockedProcess:
         with suppress(OSError):
             self._text += os.read(self._status, 65536).decode(errors="replace")
 
-    def _reap(self, options: int) -> None:
-        if self._started.returncode is not None:
+
+class Launcher(Protocol):
+    """The process above a landlocked agent. `returncode` is None until it is reaped, `cpu_s` 0."""
+
+    pid: int
+    returncode: int | None
+    cpu_s: float
+
+    def reap(self, *, waits: bool) -> None:
+        """Keep how it ended, if it has; with `waits` once it has."""
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send a signal to it, if it has not ended."""
+
+
+class StartedLauncher:
+    """A launcher as a program of its own. It reads its settings from one descriptor and writes to two others."""
+
+    def __init__(self, settings_fd: int, status_fd: int, output: int) -> None:
+        launch = [_landlock_launch.__file__, str(settings_fd), str(status_fd), str(os.getpid())]
+        self._started = subprocess.Popen(
+            [sys.executable, "-I", "-S", *launch],
+            cwd="/",
+            env={},
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+            pass_fds=(settings_fd, status_fd),
+            start_new_session=True,
+        )
+        self.pid = self._started.pid
+        self.returncode: int | None = None
+        self.cpu_s = 0.0
+
+    def reap(self, *, waits: bool) -> None:
+        if self.returncode is not None:
             return
         try:
-            pid, status, usage = os.wait4(self._started.pid, options)
+            pid, status, usage = os.wait4(self.pid, 0 if waits else os.WNOHANG)
         except ChildProcessError:
-            self._started.returncode = -signal.SIGKILL
+            self.returncode = self._started.returncode = -signal.SIGKILL
             return
         if pid:
-            self._reaped_cpu_s = usage.ru_utime + usage.ru_stime
-            self._started.returncode = os.waitstatus_to_exitcode(status)
+            self.cpu_s = usage.ru_utime + usage.ru_stime
+            self.returncode = self._started.returncode = os.waitstatus_to_exitcode(status)
+
+    def signal(self, number: signal.Signals) -> None:
+        if self.returncode is None:
+            self._started.send_signal(number)
 
 
 def _settings(box: Box, user: int | None) -> bytes:

@@ -18,7 +18,7 @@ import stat
 import struct
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from types import FrameType
 from typing import Any
@@ -64,10 +64,26 @@ class Filter(ctypes.Structure):
 
 
 def main() -> None:
-    """Start the agent, report, and stay until everything of it has ended."""
+    """Start the agent as a program of its own, report, and stay until everything of it has ended."""
     settings_fd, status_fd, parent = map(int, sys.argv[1:4])
+    launch(settings_fd, status_fd, parent, execute)
+
+
+def execute(settings: dict[str, Any]) -> None:
+    """Become the agent's program."""
+    os.execvpe(settings["command"][0], settings["command"], settings["environment"])
+
+
+def launch(
+    settings_fd: int, status_fd: int, parent: int, start: Callable[[dict[str, Any]], None]
+) -> dict[str, Any] | None:
+    """Start the agent, report, and stay until everything of it has ended: then None.
+
+    `start` is called in the agent's process, inside its walls. Where it returns, this returns the settings there, and the
+    caller is the agent.
+    """
     with open(settings_fd, "rb") as file:
-        settings = json.loads(file.read())
+        settings: dict[str, Any] = json.loads(file.read())
     os.set_inheritable(status_fd, False)
     libc.prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM), 0, 0, 0)
     # A parent that died before the line above sends no signal any more.
@@ -76,7 +92,8 @@ def main() -> None:
     libc.prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
     agent = os.fork()
     if agent == 0:
-        become_agent(settings, status_fd)
+        become_agent(settings, status_fd, start)
+        return settings
 
     def stop(_number: int, _frame: FrameType | None) -> None:
         end_all(os.getpid())
@@ -92,13 +109,13 @@ def main() -> None:
         try:
             pid, status = os.wait()
         except ChildProcessError:
-            return
+            return None
         if pid == agent:
             os.write(status_fd, f"ended {status}\n".encode())
             end_all(os.getpid())
 
 
-def become_agent(settings: dict[str, Any], status_fd: int) -> None:
+def become_agent(settings: dict[str, Any], status_fd: int, start: Callable[[dict[str, Any]], None]) -> None:
     """Give up rights, in the order in which each step still has those that it needs, and become the agent."""
     try:
         os.setsid()
@@ -117,12 +134,12 @@ def become_agent(settings: dict[str, Any], status_fd: int) -> None:
         sock_filter = Filter(len(program) // 8, ctypes.addressof(buffer))
         done = libc.prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, ctypes.byref(sock_filter), 0, 0)
         check("seccomp", done)
-        os.execvpe(settings["command"][0], settings["command"], settings["environment"])
+        start(settings)
     except OSError as error:
         reason = f"{settings['command'][0]}: {error.strerror or error}"
         os.write(2, f"{reason}\n".encode())
         os.write(status_fd, f"failed {reason}\n".encode())
-    os._exit(127)
+        os._exit(127)
 
 
 def make_ruleset(settings: dict[str, Any]) -> int:

@@ -49,6 +49,8 @@ from ..storage._folder import RECORDING
 
 SIMSPEC = "simspec.json"
 AGENT_LOG = "agent.log"
+# In the details of a result, where the manifest asks for a fork.
+AGENT_PROCESS = "agent_process"
 # Of a real autopilot: its console, and its logs where the SimSpec asks for them.
 AUTOPILOT_LOGS = "autopilot"
 
@@ -154,7 +156,9 @@ def _fly(
 
 @dataclass(slots=True)
 class _AgentStarter:
-    """Starts the agent, and keeps which walls its box leaves open: known only once it has started."""
+    """Starts the agent, and keeps which walls its box leaves open and whether it was forked: known only once it has
+    started.
+    """
 
     open_agent: OpenAgent
     details: dict[str, list[str]] = field(default_factory=dict)
@@ -165,6 +169,8 @@ class _AgentStarter:
         with self.open_agent(plan) as agent:
             if isinstance(agent, LocalProcess):
                 self.details[LEAVES_OPEN] = [wall_name(wall) for wall in agent.open_walls]
+                if plan.manifest.reset == "fork":
+                    self.details[AGENT_PROCESS] = ["forked" if agent.is_forked else "fresh"]
             yield agent
 
 
@@ -187,7 +193,8 @@ def _without_host_faults(end: SessionEnd, plan: SessionPlan) -> SessionEnd:
 
 def _metadata(manifest: AgentManifest) -> dict[str, str]:
     """What sets this session apart, for the head of the recording and for the result."""
-    return {"truth": f"given to {manifest.name}"} if manifest.truth else {}
+    truth = {"truth": f"given to {manifest.name}"} if manifest.truth else {}
+    return truth | ({"reset": manifest.reset} if manifest.reset != "process" else {})
 
 
 def _host(manifest: AgentManifest, agent: AgentSpec) -> dict[str, str]:
