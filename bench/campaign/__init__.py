@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ._events import CampaignPaused as CampaignPaused
     from ._events import CampaignPlanned as CampaignPlanned
     from ._events import CampaignStopping as CampaignStopping
+    from ._events import MissingRunsRetried as MissingRunsRetried
     from ._events import Observer as Observer
     from ._events import RealizationFinished as RealizationFinished
     from ._events import RealizationRetried as RealizationRetried
@@ -102,6 +103,7 @@ if TYPE_CHECKING:
     from .storage._manifest import Manifest as Manifest
     from .storage._manifest import write_manifest as write_manifest
     from .storage._pause import pause_campaign as pause_campaign
+    from .storage._pause import request_retry as request_retry
     from .storage._pause import resume_campaign as resume_campaign
     from .storage._recovery import parse_rerun_outcomes as parse_rerun_outcomes
     from .storage._results import read_result as read_result
@@ -139,6 +141,7 @@ _MODULES = {
     "JournalEntry": "storage._journal",
     "Keep": "_document",
     "Manifest": "storage._manifest",
+    "MissingRunsRetried": "_events",
     "Observer": "_events",
     "OnDone": "execution._parallel",
     "OnStart": "execution._executor",
@@ -190,6 +193,7 @@ _MODULES = {
     "read_signature": "storage._signature",
     "realizations": "planning._realizations",
     "refly": "results._refly",
+    "request_retry": "storage._pause",
     "rescore": "results._rescore",
     "rescore_campaign": "results._finish",
     "resume_campaign": "storage._pause",

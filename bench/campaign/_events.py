@@ -61,6 +61,17 @@ class ResultLost:
 
 
 @dataclass(frozen=True, slots=True)
+class MissingRunsRetried:
+    """Somebody asked for the missing runs while the campaign runs: the results of these realizations are set aside,
+    and `done` of `total` are left. What waited for a retry waits no longer.
+    """
+
+    realizations: tuple[str, ...]
+    done: int
+    total: int
+
+
+@dataclass(frozen=True, slots=True)
 class CampaignPaused:
     """Somebody has paused the campaign, or, with `goes_on`, lets it go on."""
 
@@ -80,6 +91,7 @@ CampaignEvent = (
     | RealizationRetried
     | RealizationFinished
     | ResultLost
+    | MissingRunsRetried
     | CampaignPaused
     | CampaignStopping
 )

@@ -42,7 +42,7 @@ from .storage._evidence_check import check_evidence
 from .storage._folder import CampaignFolder, open_lock
 from .storage._journal import Journal, open_journal
 from .storage._manifest import write_manifest
-from .storage._pause import is_paused
+from .storage._pause import is_paused, take_retry_request
 from .storage._recovery import parse_rerun_outcomes, reconcile, reset_for_rerun
 
 if TYPE_CHECKING:
@@ -137,6 +137,8 @@ async def run_campaign(
             events.notify(ResultLost(realization))
         accept_outcomes(journal, accept, withdrawn=rerun)
         reset_for_rerun(paths, journal)
+        # Whoever asked for the missing runs gets them with this run.
+        take_retry_request(folder)
         early_stopping = EarlyStopping(
             campaign.stopping, decomposition, paths, journal, campaign.floor_labels
         )

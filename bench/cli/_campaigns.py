@@ -45,7 +45,7 @@ IsolationOption = Annotated[
 # Commands import what they need themselves: otherwise `rebar --help` would wait for the simulator.
 def register(app: typer.Typer) -> None:
     """Add the commands."""
-    for command in (demo, run, merge, realize, report, verify, sign):
+    for command in (demo, run, retry, merge, realize, report, verify, sign):
         app.command()(command)
 
 
@@ -188,6 +188,32 @@ def run(
             open_executor=open_executor,
             laboratory=LaboratoryOptions(mqtt, mqtt_ca, stand_ready, stand_announce, stand_release),
         )
+
+
+def retry(
+    folder: Annotated[Path, typer.Argument(help="Folder of a campaign")],
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Sessions at once. Default: the number of cores")
+    ] = None,
+    executor: Annotated[
+        str,
+        typer.Option(
+            metavar="local|dask[=ADDRESS]", help="As for rebar run; where the campaign is not running"
+        ),
+    ] = "local",
+) -> None:
+    """Fly the missing runs of a campaign again, at once: in the process that runs it, and otherwise in this one.
+
+    Example: rebar retry out/demo
+    """
+    from bench.campaign import CampaignFolder, request_retry
+
+    open_executor = executor_named(executor, workers)
+    process = request_retry(folder)
+    if process is not None:
+        print(f"{folder}: process {process} is asked to fly its missing runs again")
+        return
+    _run(CampaignFolder(folder).campaign, folder, workers, as_json=False, open_executor=open_executor)
 
 
 def merge(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -29,4 +30,8 @@ def executor_named(option: str, workers: int | None) -> OpenExecutor:
         )
     # A cluster has as many sessions at once as it has threads, unless --workers says less; this machine's cores
     # say nothing about it.
-    return partial(open_dask, address=address or None, at_most=workers)
+    return partial(open_dask, address=address or None, at_most=workers, warn=_warn)
+
+
+def _warn(warning: str) -> None:
+    print(f"WARNING: {warning}", file=sys.stderr, flush=True)

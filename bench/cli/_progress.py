@@ -23,6 +23,7 @@ from bench.campaign import (
     CampaignPaused,
     CampaignPlanned,
     CampaignStopping,
+    MissingRunsRetried,
     Observer,
     OnDone,
     RealizationFinished,
@@ -84,6 +85,9 @@ def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
             match event:
                 case CampaignPlanned(total, done):
                     progress.update(bar, total=total, completed=done)
+                case MissingRunsRetried():
+                    progress.update(bar, completed=event.done)
+                    show_line(_line(event))
                 case RealizationFinished():
                     progress.update(bar, completed=event.done)
                     # The bar shows the rest: only sessions that did not go as planned deserve a line.
@@ -123,6 +127,8 @@ def _line(event: CampaignEvent) -> str:
             return f"{event.realization}: {event.outcome}, retrying in {event.pause_s:.0f} s: {reason}"
         case ResultLost(realization):
             return f"{realization}: its result or its recording is gone; it is flown again"
+        case MissingRunsRetried(realizations):
+            return f"flying {len(realizations)} missing runs again, as `rebar retry` asked"
         case CampaignPaused(goes_on):
             return (
                 "going on" if goes_on else "paused: `rebar resume` with the campaign's folder lets it go on"

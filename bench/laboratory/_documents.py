@@ -12,6 +12,7 @@ from bench.campaign import (
     CampaignPaused,
     CampaignPlanned,
     CampaignStopping,
+    MissingRunsRetried,
     RealizationFinished,
     RealizationRetried,
     RealizationStarted,
@@ -20,7 +21,16 @@ from bench.contracts import Outcome
 from bench.documents import Document
 
 EventName = Literal[
-    "planned", "waiting", "started", "retried", "finished", "result_lost", "paused", "resumed", "stopping"
+    "planned",
+    "waiting",
+    "started",
+    "retried",
+    "finished",
+    "result_lost",
+    "retrying",
+    "paused",
+    "resumed",
+    "stopping",
 ]
 State = Literal["running", "waiting", "paused", "complete", "incomplete", "lost"]
 
@@ -109,6 +119,8 @@ def message_of(event: CampaignEvent, campaign: str, number: int, sent_utc: dt.da
             )
         case CampaignPaused(goes_on):
             return message("resumed" if goes_on else "paused")
+        case MissingRunsRetried(_, done, total):
+            return message("retrying", done=done, total=total)
         case CampaignStopping(reason):
             return message("stopping", reason=reason)
         case _:

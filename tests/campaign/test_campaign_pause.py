@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import threading
 from pathlib import Path
 
 import pytest
-from campaign_fakes import fly
+from campaign_fakes import Script, fly
 from in_process_executor import HostClock, open_in_process
 
 from bench.campaign import (
     CampaignPaused,
+    MissingRunsRetried,
     RealizationStarted,
     campaign_state,
+    open_journal,
     pause_campaign,
+    request_retry,
     resume_campaign,
     verify_folder,
 )
+from bench.campaign.storage._pause import RETRY
 from bench.cli._app import run
+from bench.contracts import Outcome
 from bench.errors import SetupError
 
 
@@ -92,6 +98,65 @@ def test_the_state_of_a_campaign_while_it_runs_and_afterwards(tmp_path: Path) ->
     assert sum(end.outcomes.values()) == end.done == end.total == 6
     pause_campaign(tmp_path)
     assert verify_folder(tmp_path) == [], "a pause is no part of the evidence"
+
+
+def test_missing_runs_are_flown_again_while_the_campaign_runs(tmp_path: Path) -> None:
+    """Two runs are lost for good when somebody asks for them: they fly again, and nothing else does."""
+    lost = ("p001-r1-fake", "p002-r2-fake")
+    events: list[object] = []
+    faults: list[str] = []
+
+    class FourFaults(dict[str, str]):
+        def get(self, key: str, default: str | None = None) -> str | None:  # type: ignore[override]
+            if key not in lost or len(faults) == 4:
+                return default
+            faults.append(key)
+            if len(faults) == 4:
+                # The other one has failed twice, so it is final; this one is when its session ends.
+                (tmp_path / RETRY).touch()
+            return "raise"
+
+    summary = fly(
+        tmp_path,
+        script=Script(FourFaults()),
+        observers=[events.append],
+        open_executor=open_in_process(1),
+    )
+    assert (summary.complete, summary.outcomes) == (True, {Outcome.COMPLETED: 6})
+    asked = [event for event in events if isinstance(event, MissingRunsRetried)]
+    assert [sorted(event.realizations) for event in asked] == [sorted(lost)]
+    with open_journal(tmp_path / "journal.sqlite") as journal:
+        attempts = {entry.id: entry.attempts for entry in journal.entries()}
+    assert attempts == {name: 3 if name in lost else 1 for name in attempts}
+    assert not (tmp_path / RETRY).exists()
+    assert len(list((tmp_path / "aside").iterdir())) == 2
+    assert verify_folder(tmp_path) == []
+
+
+def test_who_runs_the_campaign_is_asked_to_retry_and_otherwise_it_runs_here(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The command leaves a request for another process, and none where there is no other."""
+    fly(tmp_path, open_executor=open_in_process(2))
+    assert request_retry(tmp_path) is None
+    assert not (tmp_path / RETRY).exists()
+    with subprocess.Popen(
+        ["flock", str(tmp_path / ".lock"), "sh", "-c", "echo $$ > .lock; echo; read line"],
+        cwd=tmp_path,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    ) as runner:
+        assert runner.stdout is not None
+        assert runner.stdin is not None
+        runner.stdout.readline()
+        assert run(["retry", str(tmp_path)]) == 0
+        runner.stdin.close()
+    assert "is asked to fly its missing runs again" in capsys.readouterr().out
+    assert (tmp_path / RETRY).exists()
+    # Whoever runs it next flies them anyway.
+    fly(tmp_path, open_executor=open_in_process(2))
+    assert not (tmp_path / RETRY).exists()
+    assert run(["retry", str(tmp_path / "nowhere")]) == 2
 
 
 def test_the_commands_say_it_in_words_and_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

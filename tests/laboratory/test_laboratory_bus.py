@@ -23,6 +23,7 @@ from bench.campaign import (
     CampaignEvent,
     CampaignPlanned,
     CampaignStopping,
+    MissingRunsRetried,
     RealizationFinished,
     RealizationRetried,
     RealizationStarted,
@@ -50,6 +51,7 @@ EVENTS: list[CampaignEvent] = [
     RealizationFinished("b", Outcome.AGENT_CRASHED, "it ended", 3.5, 2, 3),
     RealizationStarted("a", "w1", 2),
     RealizationFinished("a", Outcome.COMPLETED, "", 4.5, 3, 3),
+    MissingRunsRetried(("b",), 2, 3),
     CampaignStopping("received SIGTERM"),
 ]
 NAMES = [
@@ -61,6 +63,7 @@ NAMES = [
     "finished",
     "started",
     "finished",
+    "retrying",
     "stopping",
 ]
 

@@ -68,6 +68,11 @@ class EarlyStopping:
         if self._decisions is not None and result.realization in self._stoppable:
             self._decisions.record(result)
 
+    def forget(self, realization: str) -> None:
+        """Drop the result of a realization that is flown again."""
+        if self._decisions is not None and realization in self._stoppable:
+            self._decisions.forget(realization)
+
     def may_start(self, realization: str) -> bool:
         """Whether the realization can be flown without waiting for a decision about an earlier replicate."""
         if self._decisions is None or realization not in self._stoppable:

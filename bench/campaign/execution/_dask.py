@@ -7,7 +7,7 @@ the only truth about what was flown, and the only one who repeats anything.
 from __future__ import annotations
 
 import logging
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,6 +30,8 @@ CANCEL_S = 5.0
 """Host seconds for taking a task back when the runner stops. Chosen: a person waits for it."""
 LOOK_S = 1.0
 """Host seconds between two looks at how many workers there are. Chosen."""
+LOOKS_BEFORE_WARNING = 10
+"""Looks in a row without a worker before somebody is warned. Chosen: workers take some seconds to start."""
 WORKER = "dask"
 """The worker of every attempt in the journal: which one it is, the scheduler decides later."""
 
@@ -41,8 +43,11 @@ _FLY = "__import__('bench.campaign.execution._dask_task', fromlist=['fly_documen
 class DaskExecutor:
     """Tasks on the worker threads of a cluster, one session to a thread."""
 
-    def __init__(self, client: Client, plan: WorkerPlan, address: str, at_most: int | None) -> None:
+    def __init__(
+        self, client: Client, plan: WorkerPlan, address: str, at_most: int | None, warn: Callable[[str], None]
+    ) -> None:
         self._client, self._plan, self._address, self._at_most = client, plan, address, at_most
+        self._warn = warn
         self._threads = 0
         self._submitted = 0
 
@@ -74,10 +79,16 @@ class DaskExecutor:
         return result
 
     async def watch(self) -> None:
-        """Follow how many workers there are."""
+        """Follow how many workers there are, and warn once each time that there have been none for a while."""
+        looks_without = 0
         while True:
             with anyio.move_on_after(CONNECT_S):
                 self._threads = sum((await self._client.nthreads()).values())
+            looks_without = 0 if self._threads else looks_without + 1
+            if looks_without == LOOKS_BEFORE_WARNING:
+                self._warn(
+                    f"the Dask scheduler at {self._address} has no workers; the campaign waits for one"
+                )
             await anyio.sleep(LOOK_S)
 
     async def _answer(self, future: Any, task: Task) -> tuple[SessionResult, dict[str, bytes]]:
@@ -132,10 +143,11 @@ async def open_dask(
     address: str | None = None,
     at_most: int | None = None,
     connect_s: float = CONNECT_S,
+    warn: Callable[[str], None] = lambda warning: None,
 ) -> AsyncIterator[DaskExecutor]:
     """Yield an executor over the cluster at `address`, for `at_most` sessions at once (None: all of its threads).
 
-    Without an address, over `workers` processes on this machine. Raises SetupError if `distributed` is not installed,
+    Without an address, over `workers` processes on this machine. `warn` is told when there are no workers. Raises SetupError if `distributed` is not installed,
     no scheduler answers, or the scheduler would repeat lost tasks by itself.
     """
     del folder
@@ -171,7 +183,7 @@ async def open_dask(
             ) from error
         if address is not None:
             await _check_scheduler(client, address)
-        executor = DaskExecutor(client, plan, address or "this machine", at_most)
+        executor = DaskExecutor(client, plan, address or "this machine", at_most, warn)
         async with anyio.create_task_group() as tasks:
             tasks.start_soon(executor.watch)
             yield executor

@@ -16,7 +16,14 @@ from bench.contracts import Outcome, SessionResult
 from bench.errors import Fault, SetupError
 from bench.realization import RealizationPlan
 
-from .._events import CampaignStopping, Observers, RealizationFinished, RealizationRetried, RealizationStarted
+from .._events import (
+    CampaignStopping,
+    MissingRunsRetried,
+    Observers,
+    RealizationFinished,
+    RealizationRetried,
+    RealizationStarted,
+)
 from .._versions import versions
 from ..early_stopping._decisions import PointKey
 from ..early_stopping._early_stopping import EarlyStopping
@@ -24,6 +31,8 @@ from ..storage._completeness import PROVISIONAL_OUTCOMES
 from ..storage._dropped import drop_recording
 from ..storage._folder import CampaignFolder
 from ..storage._journal import Journal, RealizationState
+from ..storage._pause import take_retry_request
+from ..storage._recovery import reset_for_rerun
 from ..storage._results import write_result
 from ._bench_faults import BenchFaultWatch
 from ._executor import Executor
@@ -135,6 +144,8 @@ class Dispatcher:
     async def _start_all(self, executor: Executor, flights: TaskGroup, deadline: Deadline | None) -> None:
         """Start realizations as long as there are any, or may be after a retry, and the budget lasts."""
         while deadline is None or deadline.left_s > 0.0:
+            if take_retry_request(self._folder.path):
+                self._retry_missing()
             # Read once: a pause that ended between two readings would be neither due nor waited for.
             now = self._clock()
             while self._has_room(executor) and (realization := self._next_realization(now)) is not None:
@@ -175,6 +186,16 @@ class Dispatcher:
             )
         self._take_in(result)
         self._session_ended.set()
+
+    def _retry_missing(self) -> None:
+        """Plan again what ended by a fault of the host or the bench, and end the pauses of what waits for a retry."""
+        missing = reset_for_rerun(self._folder, self._journal)
+        for realization in missing:
+            self._early_stopping.forget(realization)
+        self._waiting.extend(missing)
+        self.done -= len(missing)
+        self._retries.restart(self._waiting)
+        self._observers.notify(MissingRunsRetried(tuple(missing), done=self.done, total=self.total))
 
     def _pause_s(self, now: float) -> float | None:
         """Host seconds until something may be startable that is not now; None if only the end of a session helps."""

@@ -57,6 +57,13 @@ class Retries:
         self._due[realization] = now + pause_s
         return pause_s
 
+    def restart(self, realizations: Collection[str]) -> None:
+        """Give these realizations attempts as if they had never failed, at once."""
+        for realization in realizations:
+            self._due.pop(realization, None)
+            self._first_failure.pop(realization, None)
+            self._failures.pop(realization, None)
+
     def is_due(self, realization: str, now: float) -> bool:
         """Whether a realization that waits may start: it never failed in this run, or its pause is over."""
         return realization not in self._due or self._due[realization] <= now

@@ -18,7 +18,7 @@ from ._evidence import EvidenceLog
 from ._files import digest_of, is_half_written, write_whole
 from ._folder import EVIDENCE, LOCK, SIGNATURE, CampaignFolder
 from ._journal import settled_journal_sha256
-from ._pause import PAUSE
+from ._pause import PAUSE, RETRY
 
 JOURNAL = "journal.sqlite"
 # SQLite's file of changes that are not in the journal's own file yet.
@@ -27,7 +27,7 @@ _LOGS = "logs"
 # The chain of evidence has its own entry, since it goes on after the manifest; a manifest cannot hold its own digest;
 # the signature follows it; the others are gone when no process is at work.
 _UNLISTED_FILES = frozenset(
-    {EVIDENCE, "manifest.json", SIGNATURE, LOCK, PAUSE, JOURNAL_CHANGES, f"{JOURNAL}-shm"}
+    {EVIDENCE, "manifest.json", SIGNATURE, LOCK, PAUSE, RETRY, JOURNAL_CHANGES, f"{JOURNAL}-shm"}
 )
 _UNLISTED_FOLDER = ".scratch"
 _NO_SHA256 = b"0" * 64

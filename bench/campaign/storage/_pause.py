@@ -1,4 +1,6 @@
-"""Pausing a campaign from another terminal: a file in its folder, which the runner looks for before each session."""
+"""Pausing a campaign from another terminal, and having its missing runs flown again: files in its folder, which the
+runner looks for before each session.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +8,10 @@ from pathlib import Path
 
 from bench.errors import Fault, SetupError
 
-from ._folder import CampaignFolder
+from ._folder import CampaignFolder, writing_process
 
 PAUSE = ".paused"
+RETRY = ".retry"
 
 
 def pause_campaign(folder: Path) -> bool:
@@ -33,6 +36,28 @@ def resume_campaign(folder: Path) -> bool:
 def is_paused(folder: Path) -> bool:
     """Whether somebody has paused the campaign of a folder."""
     return (folder / PAUSE).exists()
+
+
+def request_retry(folder: Path) -> str | None:
+    """Ask the process that runs a campaign to fly its missing runs again, and return its id.
+
+    None if no process runs it: nothing was asked then, since the next run flies them anyway. Raises SetupError as
+    `pause_campaign` does.
+    """
+    _check(folder)
+    process = writing_process(folder)
+    if process is not None:
+        (folder / RETRY).touch()
+    return process
+
+
+def take_retry_request(folder: Path) -> bool:
+    """Whether somebody asked for the missing runs since the last call."""
+    try:
+        (folder / RETRY).unlink()
+    except FileNotFoundError:
+        return False
+    return True
 
 
 def _check(folder: Path) -> None:
