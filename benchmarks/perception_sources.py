@@ -103,18 +103,18 @@ def rates_of(matched: Sequence[MatchedRun]) -> Rates:
     rows = _sightings(matched)
     frames = float(sum(len(run.frames) for run in matched))
     false = [item for run in matched for frame in run.frames for item in frame.false]
-    wrong = sum(
-        hit and label != true for hit, label, true in zip(rows.hit, rows.label, rows.true_label, strict=True)
-    )
+    wrong = rows.hit & (np.array(rows.label) != np.array(rows.true_label))
     rates = {"detected": (float(rows.hit.sum()), float(len(rows.hit)))}
     for low, high in pairwise(BANDS_PX):
         inside = (rows.size_px >= low) & (rows.size_px < high)
         if inside.any():
             rates[f"of {low:g} to {high:g} px"] = (float(rows.hit[inside].sum()), float(inside.sum()))
-    rates["wrong labels"] = (float(wrong), float(rows.hit.sum()))
+    sure = (rows.score >= BIG_SCORE) & rows.hit & ~wrong
+    rates[f"right label, score {BIG_SCORE:g}"] = (float(sure.sum()), float(len(rows.hit)))
+    rates["wrong labels"] = (float(wrong.sum()), float(rows.hit.sum()))
     rates["false a frame"] = (float(len(false)), frames)
-    sure = sum(item.score >= BIG_SCORE for item in false)
-    rates[f"false a frame, score {BIG_SCORE:g}"] = (float(sure), frames)
+    sure_false = sum(item.score >= BIG_SCORE for item in false)
+    rates[f"false a frame, score {BIG_SCORE:g}"] = (float(sure_false), frames)
     return rates
 
 

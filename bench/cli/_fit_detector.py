@@ -98,6 +98,10 @@ def _closing(fit: DetectorFit, out: Path | None) -> Iterator[str]:
     if model.false_labels:
         shares = ", ".join(f"{label} {share:g}" for label, share in model.false_labels.items())
         yield f"false_labels: {shares}; false_score {model.false_score:g}"
+    for kind, quantiles in model.scores.model_dump().items():
+        if quantiles:
+            middle = quantiles[len(quantiles) // 2]
+            yield f"scores.{kind}: {quantiles[0]:.2f} to {quantiles[-1]:.2f}, half of them above {middle:.2f}"
     for true, row in model.confusion.items():
         text = ", ".join(f"{label} {share:g}" for label, share in row.items()) or "never wrong"
         yield f"confusion of {true}: {text} (from {fit.evidence.labels[true].detections} detections)"

@@ -33,6 +33,7 @@ from ._labels import LabelOdds, posterior_score
 from ._noise import CorrelatedNoise, uniform_of
 from ._odds import DetectionOdds
 from ._picture_detector import open_picture_detectors
+from ._scores import score_at
 from ._tracks import TrackNames, UntrackedDetection
 
 LABEL_PERSISTENCE = 5.0
@@ -170,7 +171,12 @@ class SimulatedDetector:
         mislabel = labels.probability(clarity.share)
         wrong = self._noise.uniform(_CONFUSED, actor) < mislabel
         label = labels.wrong_label(self._noise.uniform(_CHOICE, actor)) if wrong else member.class_label
-        score = posterior_score(mislabel, wrong, float(draws[_EVIDENCE]))
+        scores = self._model.scores.wrong if wrong else self._model.scores.right
+        # One draw for both: quantiles leave all others as they are.
+        evidence = float(draws[_EVIDENCE])
+        score = (
+            score_at(scores, uniform_of(evidence)) if scores else posterior_score(mislabel, wrong, evidence)
+        )
         box = self._picture.displaced(sighting.box, self._displacement_px(actor, sighting.box, draws[_BOX:]))
         return UntrackedDetection(Detection(label, score, box), actor)
 

@@ -13,6 +13,7 @@ from bench.simspec import FALSE_SCORE_MEAN, DetectionModel, Seeds, generator
 from ._boxes import Box, PictureSize
 from ._draws import FALSE_DRAWS, SURVIVAL_DRAWS
 from ._labels import false_labels
+from ._scores import score_at
 
 LEAST_FALSE_PX, MOST_FALSE_PX = 8.0, 80.0
 """Range of the sides of a false detection's box."""
@@ -72,7 +73,7 @@ class FalseAlarms:
 
     def _seen_again(self, alarm: FalseAlarm, rng: np.random.Generator) -> FalseAlarm:
         box = self._picture.displaced(alarm.box, (self._model.jitter_px * rng.standard_normal(4)).tolist())
-        score = float(rng.beta(*self._beta))
+        score = self._score(rng)
         return replace(alarm, detection=replace(alarm.detection, box=box, score=score))
 
     def _appear(self, rng: np.random.Generator) -> FalseAlarm:
@@ -81,7 +82,11 @@ class FalseAlarms:
         box = self._picture.fitted(x - width / 2.0, y - height / 2.0, x + width / 2.0, y + height / 2.0)
         label = self._label(rng)
         self._count += 1
-        return FalseAlarm(self._count, Detection(label, float(rng.beta(*self._beta)), box), box)
+        return FalseAlarm(self._count, Detection(label, self._score(rng), box), box)
+
+    def _score(self, rng: np.random.Generator) -> float:
+        quantiles = self._model.scores.false
+        return score_at(quantiles, rng.random()) if quantiles else float(rng.beta(*self._beta))
 
     def _label(self, rng: np.random.Generator) -> str:
         # All alike are drawn as they always were: recordings rest on it.

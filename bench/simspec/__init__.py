@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from ._perception import DetectionModel as DetectionModel
     from ._perception import Perception as Perception
     from ._perception import PerceptionSource as PerceptionSource
+    from ._perception import ScoreQuantiles as ScoreQuantiles
     from ._perception import SizePoint as SizePoint
     from ._placement import HOME as HOME
     from ._placement import Along as Along
@@ -145,6 +146,7 @@ _MODULES = {
     "DetectionModel": "_perception",
     "Perception": "_perception",
     "PerceptionSource": "_perception",
+    "ScoreQuantiles": "_perception",
     "SizePoint": "_perception",
     "HOME": "_placement",
     "Along": "_placement",

@@ -36,6 +36,33 @@ class SizePoint(Document):
     ] = 1.0
 
 
+class ScoreQuantiles(Document):
+    """Scores of detections by their quantiles, in equal steps from the least to the greatest; straight lines between them."""
+
+    right: Annotated[
+        tuple[Fraction, ...],
+        Field(description="Of actors, with the right label; none: as without quantiles."),
+    ] = ()
+    wrong: Annotated[tuple[Fraction, ...], Field(description="Of actors, with a wrong label; likewise.")] = ()
+    false: Annotated[
+        tuple[Fraction, ...], Field(description="Of nothing, in place of false_score; likewise.")
+    ] = ()
+
+    @model_validator(mode="after")
+    def _quantiles_are_in_order(self) -> Self:
+        for field in ("right", "wrong", "false"):
+            quantiles = getattr(self, field)
+            if len(quantiles) == 1:
+                raise ValueError(
+                    f"{field}: one quantile says nothing of the others; give the least and the greatest"
+                )
+            if any(later < earlier for earlier, later in itertools.pairwise(quantiles)):
+                raise ValueError(
+                    f"{field}: quantiles must not fall; order them from the least to the greatest"
+                )
+        return self
+
+
 class DetectionModel(Document):
     """The error model of the simulated detector. docs/detection.md gives the formulas and the source of each
     number.
@@ -156,6 +183,13 @@ class DetectionModel(Document):
             description="Mean score of false detections: a beta distribution whose parameters add up to 7.",
         ),
     ] = FALSE_SCORE_MEAN
+    scores: Annotated[
+        ScoreQuantiles,
+        Field(
+            exclude_if=lambda scores: scores == ScoreQuantiles(),
+            description="Quantiles of the scores, in place of those that follow from the odds of a wrong label.",
+        ),
+    ] = ScoreQuantiles()
     latency_s: Annotated[NotNegative, Field(le=5.0, description="Delay from exposure to publication.")] = 0.1
     latency_jitter_s: Annotated[
         NotNegative,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import pairwise
@@ -16,7 +17,8 @@ from bench.contracts import CameraFrame, Detection, DetectionFrame, Sighting, Si
 from bench.errors import SetupError
 from bench.perception.fit import DetectorFit, fit_detector
 from bench.perception.fit._curve import _both, solve_rate
-from bench.simspec import DetectionModel, Outage, Seeds, SimSpec
+from bench.perception.fit._fit import _row
+from bench.simspec import CLASS_LABELS, DetectionModel, Outage, ScoreQuantiles, Seeds, SimSpec
 
 ASSETS = ["soldier", "civilian", "radar-vehicle"] * 20
 FRAMES = 500
@@ -324,3 +326,56 @@ def test_a_rate_solves_its_equation() -> None:
         rate = solve_rate(spans_s, events)
         assert sum(1.0 - np.exp(-rate * span) for span in spans_s) == pytest.approx(events, abs=1e-6)
     assert all(before < after for before, after in pairwise([solve_rate(spans_s, n) for n in range(60)]))
+
+
+def rescored(tape: Tape, scores: tuple[float, float]) -> Tape:
+    """The same detections with other scores: never below the first, and above the second for a tenth of them."""
+    rng = np.random.default_rng(5)
+    low, high = scores
+
+    def score() -> float:
+        return float(rng.uniform(high, 1.0) if rng.random() < 0.1 else rng.uniform(low, high))
+
+    return replace(
+        tape,
+        detections=tuple(
+            replace(result, detections=tuple(replace(item, score=score()) for item in result.detections))
+            for result in tape.detections
+        ),
+    )
+
+
+@pytest.mark.parametrize("case", [RICH], indirect=True, ids=["rich"])
+@pytest.mark.parametrize("scores", [(0.1, 0.3), (0.4, 0.8)])
+def test_scores_of_a_detector_of_its_own_are_fitted(case: Case, scores: tuple[float, float]) -> None:
+    """What the stated form gives is not fitted; other scores are kept by their quantiles, those of false detections too."""
+    _, spec, tape, stated = case
+    assert stated.perception.model.scores == ScoreQuantiles()
+    other = rescored(tape, scores)
+    fit = fit_detector([(spec, other)])
+    quantiles = fit.perception.model.scores
+    assert all(each[0] == pytest.approx(scores[0], abs=0.01) for each in (quantiles.right, quantiles.wrong))
+    fitted = spec.model_copy(update={"perception": fit.perception, "seeds": Seeds(root=99)})
+    before, after = (
+        np.array([item.score for result in results for item in result.detections])
+        for results in (other.detections, detections_of(fitted, tape.frames))
+    )
+    for least in (scores[0], 0.2, 0.7):
+        assert (after >= least).mean() == pytest.approx((before >= least).mean(), rel=0.05, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("scores", "words"),
+    [({"right": [0.5]}, "one quantile says nothing"), ({"false": [0.5, 0.4]}, "quantiles must not fall")],
+)
+def test_quantiles_of_scores_are_in_order(scores: dict[str, list[float]], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        DetectionModel.model_validate({"scores": scores})
+
+
+def test_a_row_of_the_confusion_is_no_more_than_certain() -> None:
+    """Seven shares of a certain mistake, each rounded up, would add up to more than a model takes."""
+    row = _row(1.0, dict.fromkeys(CLASS_LABELS[:7], 3))
+    assert math.fsum(row.values()) <= 1.0 < 7 * round(1 / 7, 5)
+    DetectionModel(confusion={CLASS_LABELS[9]: row})
+    assert _row(0.5, {"tree": 1, "crate": 3}) == {"tree": 0.125, "crate": 0.375}

@@ -14,7 +14,7 @@ import numpy as np
 from bench.arrays import Bools, Counts, Floats
 from bench.contracts import Tape
 from bench.errors import Fault, SetupError
-from bench.simspec import ASSETS, CLASS_LABELS, DetectionModel, Perception, SimSpec, SizePoint
+from bench.simspec import ASSETS, CLASS_LABELS, DetectionModel, Perception, ScoreQuantiles, SimSpec, SizePoint
 
 from .._odds import DetectionOdds
 from .._tracks import TRACK_GAP_S
@@ -23,6 +23,7 @@ from ._curve import SizeCurve, fit_correlation_s, fit_curve, solve_rate
 from ._document import DetectorFit, FitEvidence, LabelCounts, SizeBand
 from ._matching import MatchedRun, match_runs
 from ._points import at_threshold, fit_doubts, fit_points, misfits
+from ._scores_fit import fit_scores
 from ._timing import FalseFit, LatencyFit, fit_false, fit_latency
 
 MIN_CONFUSABLE = 20.0
@@ -52,6 +53,7 @@ class _Sightings:
     true_label: tuple[str, ...]
     asset: tuple[str, ...]
     label: tuple[str, ...]  # of the detection, empty for a miss
+    score: Floats  # likewise, NaN for a miss
 
 
 def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
@@ -103,6 +105,7 @@ def fit_detector(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectorFit:
             "confusion": labels.confusion,
             **_box_parameters(boxes, given),
             **_timing_parameters(latency, false),
+            "scores": _fit_scores(matched, rows, views.doubt, labels, false.score),
             "id_switches_per_s": round(solve_rate(tracks.spans_s, tracks.changes), 5),
         }
     )
@@ -150,7 +153,7 @@ def _given_model(runs: Sequence[tuple[SimSpec, Tape]]) -> DetectionModel:
 
 
 def _sightings(matched: Sequence[MatchedRun]) -> _Sightings:
-    rows: list[tuple[float, float, tuple[int, int], str, str, str]] = []
+    rows: list[tuple[float, float, tuple[int, int], str, str, str, float]] = []
     for number, run in enumerate(matched):
         odds, cast = DetectionOdds.of(run.simspec), run.tape.cast
         for frame in run.frames:
@@ -164,9 +167,10 @@ def _sightings(matched: Sequence[MatchedRun]) -> _Sightings:
                         member.class_label,
                         member.asset,
                         item.detection.class_label if item.detection else "",
+                        item.detection.score if item.detection else math.nan,
                     )
                 )
-    size_px, time_s, chain, true_label, asset, label = zip(*rows, strict=True) if rows else ((),) * 6
+    size_px, time_s, chain, true_label, asset, label, score = zip(*rows, strict=True) if rows else ((),) * 7
     return _Sightings(
         np.array(size_px, dtype=np.float64),
         np.array([name != "" for name in label], dtype=np.bool_),
@@ -175,6 +179,7 @@ def _sightings(matched: Sequence[MatchedRun]) -> _Sightings:
         true_label,
         asset,
         label,
+        np.array(score, dtype=np.float64),
     )
 
 
@@ -205,13 +210,7 @@ def _views(rows: _Sightings, form: SizeCurve) -> _Views:
 def _does_not_fit(rows: _Sightings, views: _Views) -> bool:
     """Whether sizes show other shares of detections, or of wrong labels, than the stated form."""
     known, wrong = _labelled(rows)
-    labels = _fit_labels(rows, views.doubt)
-    rate = np.array(
-        [
-            sum(labels.confusion[true].values()) if true in labels.confusion else labels.mislabel or 0.0
-            for true in rows.true_label
-        ]
-    )
+    rate = _mislabel_rates(rows, _fit_labels(rows, views.doubt))
     bands = np.digitize(rows.size_px, BANDS_PX[1:-1])
     _, classes = np.unique(np.array(rows.true_label), return_inverse=True)
     expected_wrong = np.where(known, np.minimum(1.0, rate * views.doubt), 0.0)
@@ -223,6 +222,24 @@ def _does_not_fit(rows: _Sightings, views: _Views) -> bool:
             (bands, wrong, expected_wrong),
         )
     )
+
+
+def _mislabel_rates(rows: _Sightings, labels: _LabelFit) -> Floats:
+    """(n,) the fitted probability of a wrong label at the threshold."""
+    return np.array(
+        [
+            sum(labels.confusion[true].values()) if true in labels.confusion else labels.mislabel or 0.0
+            for true in rows.true_label
+        ]
+    )
+
+
+def _fit_scores(
+    matched: Sequence[MatchedRun], rows: _Sightings, doubt: Floats, labels: _LabelFit, false_mean: float
+) -> ScoreQuantiles:
+    known, wrong = _labelled(rows)
+    mislabel: Floats = np.minimum(1.0, _mislabel_rates(rows, labels) * doubt)
+    return fit_scores(matched, rows.score[known], wrong[known], mislabel[known], false_mean)
 
 
 def _views_by_points(rows: _Sightings, form: SizeCurve) -> _Views:
