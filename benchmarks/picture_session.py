@@ -5,13 +5,15 @@ Run: python benchmarks/picture_session.py [KIND...]
 The session is examples/search.yaml with a 640x480 camera at 5 Hz, flown to its end. Its agent is the reference agent,
 which leaves the pictures unread; the listener is a subscription of the same agent. `blind` is a detector on the pictures
 that finds nothing, `small` the one that ships; in the other sessions detections are those of the truth. CPU seconds are
-those of the session and the agent together, recording and start-up included. The sessions take their turn, and the best
-of the rounds counts, so that a loaded machine disturbs the ratio little.
+those of the session and the agent together, recording and start-up included. The sessions take their turn: the table has the
+best of the rounds, the median, and the median ratio to the session for nobody of the same round, so that a loaded machine
+disturbs the ratio little. Without compiled bytecode (PYTHONDONTWRITEBYTECODE) start-up takes seconds more.
 """
 
 from __future__ import annotations
 
 import os
+import statistics
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -32,7 +34,7 @@ FOLDER = Path(__file__).parent
 EXAMPLE = FOLDER.parent / "examples" / "search.yaml"
 LISTENERS = ("raw", "jpeg", "both")
 KINDS = ("nobody", "blind", "small", *LISTENERS)
-ROUNDS = 2
+ROUNDS = 5
 
 
 def fly_as_agent(listener: str) -> None:
@@ -97,15 +99,21 @@ def main(kinds: Sequence[str]) -> None:
             "perception": Perception(source="truth"),
         }
     )
-    speeds = dict.fromkeys(kinds, 0.0)
+    speeds: dict[str, list[float]] = {kind: [] for kind in kinds}
+    began = os.getloadavg()[0]
     for _ in range(ROUNDS):
         for kind in kinds:
             simulated_s, cpu_s = session(simspec, kind)
-            speeds[kind] = max(speeds[kind], simulated_s / cpu_s)
-    print(f"{'for':12}{'sim s / CPU s':>14}{'of nobody':>12}{'ms a frame':>12}")
-    for kind, speed in speeds.items():
-        frame_ms = 1e3 * (1.0 / speed - 1.0 / speeds["nobody"]) / camera.rate_hz
-        print(f"{kind:12}{speed:14.1f}{speed / speeds['nobody']:12.3f}{frame_ms:12.1f}")
+            speeds[kind].append(simulated_s / cpu_s)
+    print(f"simulated seconds per CPU second, {ROUNDS} rounds, load {began:.1f} to {os.getloadavg()[0]:.1f}")
+    print(f"{'for':12}{'best':>10}{'median':>10}{'of nobody':>12}{'ms a frame':>12}")
+    for kind, each in speeds.items():
+        pairs = list(zip(each, speeds["nobody"], strict=True))
+        ratio = statistics.median(speed / nobody for speed, nobody in pairs)
+        frame_ms = statistics.median(1e3 * (1.0 / speed - 1.0 / nobody) for speed, nobody in pairs)
+        print(
+            f"{kind:12}{max(each):10.1f}{statistics.median(each):10.1f}{ratio:12.3f}{frame_ms / camera.rate_hz:12.1f}"
+        )
 
 
 if __name__ == "__main__":
