@@ -10,6 +10,8 @@ import socket
 import threading
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -165,22 +167,36 @@ def test_an_agent_that_ends_or_falls_silent(
 @pytest.mark.flight
 def test_a_broker_that_goes_away_in_flight_is_named(tmp_path: Path) -> None:
     """In lockstep nobody knows what it lost, so the session ends, and its reason says why."""
-    with open_laboratory() as laboratory:
+    with open_laboratory() as laboratory, ExitStack() as way:
+        # A broker that is stopped may leave connections open; those of this way to it end with the way.
+        port = way.enter_context(server(partial(carry, laboratory.port)))
         laboratory.listen()
 
         def leave() -> None:
             until(lambda: any(topic.endswith("/agent/status") for topic in laboratory.topics()))
-            laboratory.stop()
+            way.close()
 
         thread = threading.Thread(target=leave)
         thread.start()
-        end, _, _ = flown(
-            tmp_path, laboratory.port, mission={"kind": "search_and_report", "time_limit_s": 600.0}
-        )
+        end, _, _ = flown(tmp_path, port, mission={"kind": "search_and_report", "time_limit_s": 600.0})
         thread.join()
     assert end.outcome is Outcome.AGENT_CRASHED
     assert "MQTT broker 127.0.0.1:" in end.reason
     assert "the connection is lost" in end.reason
+
+
+def carry(port: int, connection: socket.socket) -> None:
+    """Pass on all bytes between a connection and a server, in both directions."""
+    with socket.create_connection(("127.0.0.1", port)) as far:
+        threading.Thread(target=copy, args=(far, connection), daemon=True).start()
+        copy(connection, far)
+
+
+def copy(source: socket.socket, target: socket.socket) -> None:
+    with suppress(OSError):
+        while data := source.recv(1 << 16):
+            target.sendall(data)
+        target.shutdown(socket.SHUT_WR)
 
 
 def listen_and_say_nothing(connection: socket.socket) -> None:
