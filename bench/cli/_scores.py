@@ -317,8 +317,12 @@ def _campaign_decomposition(run: Path) -> str:
 
     The default one for a run outside a campaign.
     """
-    path = run.resolve().parent.parent / "decomposition.yaml"
-    return str(path) if run.resolve().parent.name == "runs" and path.is_file() else "search-and-report"
+    # In a large campaign a run lies in one of the folders 00 to 99 of runs/.
+    for runs in run.resolve().parents[:2]:
+        path = runs.parent / "decomposition.yaml"
+        if runs.name == "runs" and path.is_file():
+            return str(path)
+    return "search-and-report"
 
 
 def _of_table(path: Path, named: str) -> ScoreSource:

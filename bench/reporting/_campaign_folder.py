@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -162,11 +162,22 @@ def _floors(folder: Path, campaign: Mapping[str, Any], notes: list[str]) -> dict
 
 def _simspecs(folder: Path) -> dict[str, SimSpec]:
     simspecs: dict[str, SimSpec] = {}
-    for path in sorted((folder / "simspecs").glob("*.json")):
+    for path in sorted(_entries(folder / "simspecs"), key=lambda path: path.name):
+        if path.suffix != ".json":
+            continue
         # A damaged SimSpec loses its run the description of the situation; the run itself is still listed.
         if (simspec := parse_document(SimSpec, path.read_bytes())) is not None:
             simspecs[path.stem] = simspec
     return simspecs
+
+
+def _entries(parent: Path) -> Iterator[Path]:
+    """What lies in runs/ or simspecs/, in the folders 00 to 99 of a large campaign too."""
+    for path in parent.iterdir() if parent.is_dir() else ():
+        if len(path.name) == 2 and path.name.isdecimal():
+            yield from path.iterdir()
+        else:
+            yield path
 
 
 def _names_in_ids(campaign: Mapping[str, Any]) -> dict[str, str]:
@@ -188,14 +199,12 @@ def _runs(
     scored = {
         row["realization"]: row for row in scores.unique("realization", keep="first").iter_rows(named=True)
     }
-    folders = (
-        {path.name for path in (folder / "runs").iterdir() if path.is_dir()}
-        if (folder / "runs").is_dir()
-        else set()
-    )
+    folders = {path.name: path for path in _entries(folder / "runs") if path.is_dir()}
     # A session that waits has only its SimSpec; one that was killed has a folder without a result.
     names = sorted({*scored, *simspecs, *folders})
-    results = {name: _result(folder / "runs" / name / "result.json", notes) for name in names}
+    results = {
+        name: _result(folders[name] / "result.json", notes) if name in folders else None for name in names
+    }
     strangers = {
         name: count
         for name, result in results.items()
@@ -235,7 +244,7 @@ def _runs(
     early_stopping = stopped_early(scores)
     return tuple(
         _run(
-            folder,
+            folders.get(name),
             name,
             results[name],
             scored.get(name, {}),
@@ -257,7 +266,7 @@ def _result(path: Path, notes: list[str]) -> SessionResult | None:
 
 
 def _run(
-    folder: Path,
+    folder: Path | None,
     name: str,
     result: SessionResult | None,
     row: Mapping[str, Any],
@@ -266,7 +275,7 @@ def _run(
     early_stopping: bool,
 ) -> Run:
     parts = REALIZATION_ID.match(name)
-    recording = folder / "runs" / name / "recording.mcap"
+    recording = None if folder is None else folder / "recording.mcap"
     part = parts["agent"] if parts else "unknown"
     agent = row.get("agent") or (simspec.agent.label if simspec else names_in_ids.get(part, part))
     return Run(
@@ -279,7 +288,7 @@ def _run(
         reason=result.reason if result else "",
         simulated_s=result.simulated_s if result else 0.0,
         cpu_s=result.cpu_s + result.agent_cpu_s if result else 0.0,
-        recording=recording if recording.is_file() else None,
+        recording=recording if recording is not None and recording.is_file() else None,
         recording_sha256=result.recording_sha256 if result else None,
         # It flew and counts, yet scoring left it out: that happens only to replicates after the stop.
         truth_given=result is not None and "truth" in result.details,

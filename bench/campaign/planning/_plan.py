@@ -47,6 +47,8 @@ def plan_campaign(
         raise SetupError(faults)
     folder.path.mkdir(parents=True, exist_ok=True)
     write_input(folder.campaign, dump_yaml(_with_local_decomposition(campaign, folder, journal)), journal)
+    if len(known) < len(plans):
+        folder.lay_out(len(plans))
     placer = _Placer()
     added = [
         PlannedRealization(plan, intents[plan.id], placer.write(plan, folder))

@@ -56,6 +56,7 @@ class EvidenceLog:
         self.faults: list[Fault] = []
         self._digests: list[str] = []
         self._latest: dict[str, EvidenceEntry] = {}
+        self._results: dict[str, set[str]] = {}
         self._torn = False
         self._read()
 
@@ -67,6 +68,10 @@ class EvidenceLog:
     def last_of(self, realization: str) -> EvidenceEntry | None:
         """The latest line about a realization, `withdrawn` ones included."""
         return self._latest.get(realization)
+
+    def knows(self, realization: str, result_sha256: str) -> bool:
+        """Whether any line, also a withdrawn one, is about this result of a realization."""
+        return result_sha256 in self._results.get(realization, ())
 
     @property
     def head(self) -> str:
@@ -140,6 +145,7 @@ class EvidenceLog:
         self.entries.append(entry)
         self._digests.append(hashlib.sha256(line).hexdigest())
         self._latest[entry.realization] = entry
+        self._results.setdefault(entry.realization, set()).add(entry.result_sha256)
 
     @staticmethod
     def _line(entry: EvidenceEntry) -> bytes:

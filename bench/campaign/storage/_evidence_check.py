@@ -11,7 +11,7 @@ from bench.errors import Fault, SetupError
 from ._dropped import DROPPED
 from ._evidence import EvidenceEntry, EvidenceLog
 from ._files import digest_of
-from ._folder import RECORDING, RESULT, CampaignFolder, campaign_of
+from ._folder import RECORDING, RESULT, CampaignFolder, campaign_of, realization_in
 from ._inputs import adopt_inputs, input_faults
 from ._journal import Journal, JournalEntry, RealizationState, open_journal_to_read
 from ._manifest import Manifest, chain_fault, manifest_differences, read_manifest
@@ -228,7 +228,7 @@ def _manifest_faults(folder: CampaignFolder, journal: Journal, manifest: Manifes
         if parts[0] not in _EVIDENCE_FOLDERS or len(parts) < 2 or not path.is_file():
             continue
         # Flown or measured again since then, with a line in the chain: the next manifest has its new digests.
-        if parts[0] == "runs" and parts[1] in since:
+        if parts[0] == "runs" and realization_in(parts) in since:
             continue
         if digest_of(path) != sha256:
             yield Fault(str(path), f"has changed since {folder.manifest.name} was written", _REMEDY)

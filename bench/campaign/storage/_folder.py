@@ -12,6 +12,9 @@
     manifest.json.sig           a signature of the manifest, if somebody signed it
     floor.parquet               scores of the null agents and the oracle, if they flew
 
+In a campaign of more than `FLAT_RUNS` realizations, runs/ and simspecs/ hold 100 folders, 00 to 99, and each of these its
+share.
+
 Every file here is written whole or not at all.
 """
 
@@ -21,7 +24,8 @@ import fcntl
 import os
 import shutil
 import time
-from collections.abc import Iterator
+import zlib
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +37,10 @@ RECORDING = "recording.mcap"
 RESULT = "result.json"
 EVIDENCE = "evidence.jsonl"
 SIGNATURE = "manifest.json.sig"
+
+FLAT_RUNS = 900
+"""With the folders below, no folder has more than a thousand entries up to some 90,000 realizations."""
+_SHARE_FOLDERS = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,10 +86,17 @@ class CampaignFolder:
         return self.path / SIGNATURE
 
     def simspec(self, realization: str) -> Path:
-        return self.path / "simspecs" / f"{realization}.json"
+        return _placed(self.path / "simspecs", realization, f"{realization}.json")
 
     def run(self, realization: str) -> Path:
-        return self.path / "runs" / realization
+        return _placed(self.path / "runs", realization, realization)
+
+    def lay_out(self, realizations: int) -> None:
+        """Prepare the folder for so many realizations. What is there already stays where it is."""
+        if realizations > FLAT_RUNS:
+            for parent in ("runs", "simspecs"):
+                for number in range(_SHARE_FOLDERS):
+                    (self.path / parent / f"{number:02d}").mkdir(parents=True, exist_ok=True)
 
     def set_aside(self, realization: str, attempt: int) -> None:
         """Move a run's result to aside/, where it is kept for inspection and ignored by scoring."""
@@ -98,10 +113,30 @@ class CampaignFolder:
         return run
 
 
+def _placed(parent: Path, realization: str, name: str) -> Path:
+    """Where a realization's file or folder is, or is to be: below the folder of its share, if there are such."""
+    # By the id alone, so that nothing has to be looked up, and a campaign that grows moves nothing.
+    share = parent / f"{zlib.crc32(realization.encode()) % _SHARE_FOLDERS:02d}"
+    flat = parent / name
+    return share / name if share.is_dir() and not flat.exists() else flat
+
+
+def realization_in(parts: Sequence[str]) -> str:
+    """The realization of a file in runs/ or simspecs/, by the parts of its path in the campaign's folder."""
+    name = parts[2] if len(parts) > 2 and is_share_folder(parts[1]) else parts[1]
+    return name.removesuffix(".json")
+
+
+def is_share_folder(name: str) -> bool:
+    """Whether a folder in runs/ or simspecs/ holds a share of the realizations, and is none itself."""
+    return len(name) == 2 and name.isdecimal()
+
+
 def campaign_of(run: Path) -> CampaignFolder | None:
     """The campaign in whose folder a run lies; None for a run elsewhere."""
     run = run.resolve()
-    folder = CampaignFolder(run.parent.parent)
+    parent = run.parent.parent if is_share_folder(run.parent.name) else run.parent
+    folder = CampaignFolder(parent.parent)
     in_campaign = run == folder.run(run.name) and (folder.journal.is_file() or folder.evidence.is_file())
     return folder if in_campaign else None
 

@@ -47,8 +47,7 @@ def is_unnoted(journal: Journal, entry: JournalEntry, result: Path) -> bool:
     """Whether a result that the journal does not have is one that a killed runner had no time to note, or one
     that the chain of evidence knows. Any other was put there by somebody.
     """
-    known = {line.result_sha256 for line in journal.evidence.entries if line.realization == entry.id}
-    return entry.attempts > 0 or digest_of(result) in known
+    return entry.attempts > 0 or journal.evidence.knows(entry.id, digest_of(result))
 
 
 def reconcile(folder: CampaignFolder, journal: Journal) -> list[str]:
