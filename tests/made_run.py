@@ -180,28 +180,28 @@ def conditions(*changes: tuple[float, bool], crashed: bool = False) -> tuple[Tim
     )
 
 
-def report(time_s: float, label: str, east_m: float, north_m: float, **more: Any) -> Timed[TargetReport]:
-    fields = {"id": f"r{time_s:g}", "confidence": 0.9, "mark": False, **more}
+def report(time_s: float, label: str, east_m: float, north_m: float, **extra: Any) -> Timed[TargetReport]:
+    fields = {"id": f"r{time_s:g}", "confidence": 0.9, "mark": False, **extra}
     return Timed(
         at_s(time_s), TargetReport(time_s=time_s, class_label=label, east_m=east_m, north_m=north_m, **fields)
     )
 
 
 def tracks(time_s: float, *held: tuple[str, float, float], frames: int = 8) -> Timed[AgentTracks]:
-    made = [
+    documents = [
         AgentTrack(
             id=f"t{index}", class_label=label, east_m=east_m, north_m=north_m, confidence=0.8, frames=frames
         )
         for index, (label, east_m, north_m) in enumerate(held)
     ]
-    return Timed(at_s(time_s), AgentTracks(time_s=time_s, tracks=tuple(made)))
+    return Timed(at_s(time_s), AgentTracks(time_s=time_s, tracks=tuple(documents)))
 
 
-def order(time_s: float, kind: str, **more: Any) -> Timed[OrderDocument]:
+def order(time_s: float, kind: str, **extra: Any) -> Timed[OrderDocument]:
     """An order delivered at `time_s`, and given then unless `issued_s` says otherwise; its id is its kind, or
     as given.
     """
-    fields = {"id": kind.replace("_", "-"), "kind": kind, "issued_s": time_s, "within_s": 10.0, **more}
+    fields = {"id": kind.replace("_", "-"), "kind": kind, "issued_s": time_s, "within_s": 10.0, **extra}
     return Timed(at_s(time_s), OrderDocument.model_validate(fields))
 
 
@@ -210,11 +210,11 @@ def answer(time_s: float, order_id: str, *, accepted: bool = True, reason: str =
 
 
 def request(
-    time_s: float, about: str, label: str, east_m: float, north_m: float, **more: Any
+    time_s: float, about: str, label: str, east_m: float, north_m: float, **extra: Any
 ) -> Timed[ConsentRequest]:
     """A request for consent to mark; its id is made of its time."""
     place = {"class_label": label, "east_m": east_m, "north_m": north_m, "confidence": 0.9}
-    fields = {"id": f"q{time_s:g}", "time_s": time_s, "intelligence_id": about, **place, **more}
+    fields = {"id": f"q{time_s:g}", "time_s": time_s, "intelligence_id": about, **place, **extra}
     return Timed(at_s(time_s), ConsentRequest.model_validate(fields))
 
 
@@ -247,8 +247,8 @@ def detected(
 
 def records(spec: SimSpec, *, seconds: float = 20.0, extra: Sequence[Record] = ()) -> list[Record]:
     """A run as the session would record it, MAVLink and the agent's words included, in order of time."""
-    made = [*_records(spec, seconds), *extra]
-    return sorted(made, key=lambda record: record.time.ns)
+    records_ = [*_records(spec, seconds), *extra]
+    return sorted(records_, key=lambda record: record.time.ns)
 
 
 def text_record(time_s: float, topic: str, document: Document | str) -> Record:

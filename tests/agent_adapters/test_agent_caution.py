@@ -17,19 +17,19 @@ SLOW = Caution(
 
 
 def tracks(*people: tuple[str, float, float], frames: int = 5) -> Tracks:
-    known = Tracks()
+    table = Tracks()
     for frame in range(frames):
-        known.take(
+        table.take(
             frame * 0.2, [PlacedDetection(frame * 0.2, e, n, label, 0.9, 0.0, 60.0) for label, e, n in people]
         )
-    return known
+    return table
 
 
 def test_people_are_those_seen_lately_of_the_classes_told() -> None:
     """Aid workers and civilians count, vehicles do not, and who was not seen for long does not any more."""
-    known = tracks(("civilian", 0.0, 0.0), ("aid_worker", 30.0, 0.0), ("civilian_vehicle", 60.0, 0.0))
-    assert sorted(SLOW.people(known, 1.0)) == [(0.0, 0.0), (30.0, 0.0)]
-    assert SLOW.people(known, 200.0) == []
+    table = tracks(("civilian", 0.0, 0.0), ("aid_worker", 30.0, 0.0), ("civilian_vehicle", 60.0, 0.0))
+    assert sorted(SLOW.people(table, 1.0)) == [(0.0, 0.0), (30.0, 0.0)]
+    assert SLOW.people(table, 200.0) == []
 
 
 def test_speed_is_reduced_before_a_bystander_is_near() -> None:
@@ -39,8 +39,8 @@ def test_speed_is_reduced_before_a_bystander_is_near() -> None:
     speeds = [SLOW.speed_mps(12.0, (float(d), 0.0), people) for d in range(100, -1, -1)]
     assert speeds == sorted(speeds, reverse=True)
     assert SLOW.speed_mps(12.0, (20.0, 0.0), people) < 5.0
-    for here, there in pairwise(speeds):
-        assert (here**2 - there**2) / 2.0 < 3.0  # what the autopilot can brake by, over a metre
+    for nearer_mps, farther_mps in pairwise(speeds):
+        assert (nearer_mps**2 - farther_mps**2) / 2.0 < 3.0  # what the autopilot can brake by, over a metre
     assert SLOW.speed_mps(12.0, (0.0, 0.0), []) == 12.0
     assert Caution().speed_mps(12.0, (0.0, 0.0), people) == 12.0
 

@@ -144,21 +144,21 @@ def test_identities_last_through_a_turn() -> None:
 def test_what_is_no_picture_is_passed_over() -> None:
     """Broken and empty data, an old picture, and any picture before the camera is known."""
     poses = PoseHistory()
-    known: list[GroundCamera] = []
+    cameras: list[GroundCamera] = []
     pictures = PictureDetections(
-        ProjectingDetector([(0.0, 25.0)]), poses, lambda: known[0] if known else None
+        ProjectingDetector([(0.0, 25.0)]), poses, lambda: cameras[0] if cameras else None
     )
     assert pictures.detections(picture(1.0)) is None
-    known.append(CAMERA)
+    cameras.append(CAMERA)
     first = pictures.detections(picture(1.0))
     assert first is not None
     assert [item.id for item in first.detections] == ["t1"]
     for late in (picture(1.0), picture(0.8), picture(1.2, b""), picture(1.2, b"\xff\xd8 nothing")):
         assert pictures.detections(late) is None
     # Without any pose it still names: by the boxes alone.
-    again = pictures.detections(picture(1.2))
-    assert again is not None
-    assert [item.id for item in again.detections] == ["t1"]
+    detections = pictures.detections(picture(1.2))
+    assert detections is not None
+    assert [item.id for item in detections.detections] == ["t1"]
 
 
 @pytest.mark.parametrize("named", [True, False])
@@ -172,19 +172,19 @@ def test_own_identities_tell_walkers_apart_who_meet(named: bool) -> None:
         sights = [
             PlacedDetection(
                 time_s,
-                0.5 * (who == "b"),
-                north[who],
+                0.5 * (walker == "b"),
+                north[walker],
                 "civilian",
                 0.9,
                 0.0,
                 60.0,
-                picture_track=who if named else "",
+                picture_track=walker if named else "",
             )
-            for who in ("a", "b")
+            for walker in ("a", "b")
         ]
         tracks.take(time_s, sights)
-        for who in ("a", "b"):
-            places[who].append(north[who])
+        for walker in ("a", "b"):
+            places[walker].append(north[walker])
     assert len(tracks) == 2
     first, second = tracks
     went_on = first.north_m > second.north_m
@@ -236,9 +236,9 @@ def test_a_mission_is_flown_without_any_detections_of_the_bench() -> None:
     }
     for world in flown.values():
         assert world.phase == "complete"
-        found = {report.intelligence_id: (report.east_m, report.north_m) for report in world.reports}
-        assert found["alpha"] == pytest.approx((120.0, 10.0), abs=2.0)
-        assert found["bravo"] == pytest.approx((-20.0, 150.0), abs=2.0)
+        places = {report.intelligence_id: (report.east_m, report.north_m) for report in world.reports}
+        assert places["alpha"] == pytest.approx((120.0, 10.0), abs=2.0)
+        assert places["bravo"] == pytest.approx((-20.0, 150.0), abs=2.0)
     assert len(flown["pictures"].reports) == len(flown["detections"].reports) == 2
 
 
@@ -246,9 +246,9 @@ def test_it_listens_to_pictures_in_place_of_detections() -> None:
     environment = AgentEnvironment(NAME, {}, None, "", "", 0, ("127.0.0.1", 1), {}, 0)
     topics = VehicleTopics(NAME)
     seeing = {want.topic for want in wanted(environment, "front", "pictures")}
-    told = {want.topic for want in wanted(environment, "front", "detections")}
-    assert seeing - told == {topics.image_compressed("front")}
-    assert told - seeing == {topics.detections}
+    subscribed = {want.topic for want in wanted(environment, "front", "detections")}
+    assert seeing - subscribed == {topics.image_compressed("front")}
+    assert subscribed - seeing == {topics.detections}
     manifest, _ = load_manifest("reference-pictures")
     assert manifest.command[-4:] == ("--policy", "naive", "--eyes", "pictures")
 

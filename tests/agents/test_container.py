@@ -22,8 +22,8 @@ from bench.contracts import AgentEndpoints, AgentLimits, AgentManifest, AgentPla
 from bench.errors import SetupError
 from bench.simspec import AgentSpec, load_simspec
 
-HERE = Path(__file__).parent
-EXAMPLE = HERE.parents[1] / "examples" / "search.yaml"
+FOLDER = Path(__file__).parent
+EXAMPLE = FOLDER.parents[1] / "examples" / "search.yaml"
 # Each stays under the limit of one process, both together do not. Whichever the kernel kills, the code is the same.
 TWO_HOGS = """
 import os, time
@@ -42,7 +42,7 @@ def engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The stand-in as `podman`, and the rung that uses it."""
     folder = tmp_path / "bin"
     folder.mkdir()
-    shutil.copy(HERE / "engine.py", folder / "engine.py")
+    shutil.copy(FOLDER / "engine.py", folder / "engine.py")
     program = folder / "podman"
     program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -I -S "{folder}/engine.py" "$@"\n')
     program.chmod(0o755)
@@ -61,7 +61,7 @@ def plan(scratch: Path, *command: str, image: str = "agents/one:1", **environmen
         image=image,
         zenoh=False,
     )
-    return AgentPlan(manifest, HERE, load_simspec(EXAMPLE), endpoints, scratch)
+    return AgentPlan(manifest, FOLDER, load_simspec(EXAMPLE), endpoints, scratch)
 
 
 def until(holds: Callable[[], bool]) -> None:
@@ -161,12 +161,12 @@ def test_the_engine_of_this_host(tmp_path: Path) -> None:
     engine = shutil.which("podman") or "docker"
 
     def ended(part: str, *command: str, image: str = image) -> tuple[int | None, str, str]:
-        asked = plan(tmp_path / part, *command, image=image)
-        small = asked.manifest.model_copy(update={"limits": AgentLimits(memory_mb=128)})
-        with open_agent(replace(asked, manifest=small)) as agent:
+        agent_plan = plan(tmp_path / part, *command, image=image)
+        small = agent_plan.manifest.model_copy(update={"limits": AgentLimits(memory_mb=128)})
+        with open_agent(replace(agent_plan, manifest=small)) as agent:
             until(lambda: agent.exit_code() is not None)
-            found = agent.exit_code(), agent.exceeded_limit()
-        return *found, (tmp_path / part / "agent.log").read_text()
+            end = agent.exit_code(), agent.exceeded_limit()
+        return *end, (tmp_path / part / "agent.log").read_text()
 
     assert ended("a", "/bin/sh", "-c", "echo $REBAR_MAVLINK $HOME; exit 3") == (
         3,

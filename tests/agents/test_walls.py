@@ -13,8 +13,8 @@ from host_image import image_or_skip
 
 from bench.agents.confinement import HOLDINGS, Host, Wall, leaves_open, rungs, walls_table
 
-HERE = Path(__file__).parent
-DOCS = HERE.parents[1] / "docs"
+FOLDER = Path(__file__).parent
+DOCS = FOLDER.parents[1] / "docs"
 RUNGS = [(rung, own_network) for rung in ("landlock", "bwrap", "container") for own_network in (False, True)]
 
 
@@ -27,16 +27,16 @@ def self_test(rung: str, own_network: bool) -> tuple[dict[str, list[str]], Host]
     if reason := rungs()[rung.removesuffix(FORKED)].trial():
         pytest.skip(f"{rung} cannot start here: {reason}")
     image = [image_or_skip()] if rung == "container" else []
-    done = subprocess.run(
-        [sys.executable, str(HERE / "self_test.py"), rung, str(int(own_network)), *image],
+    finished = subprocess.run(
+        [sys.executable, str(FOLDER / "self_test.py"), rung, str(int(own_network)), *image],
         capture_output=True,
         text=True,
         check=False,
         timeout=200,
     )
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
-    return found["gaps"], Host(**found["host"])
+    assert finished.returncode == 0, finished.stderr
+    gaps = json.loads(finished.stdout)
+    return gaps["gaps"], Host(**gaps["host"])
 
 
 @pytest.mark.parametrize(("rung", "own_network"), [("none", False), *RUNGS, ("landlock" + FORKED, False)])
@@ -50,7 +50,7 @@ def test_a_rung_holds_what_the_table_says_and_no_less(rung: str, own_network: bo
         pytest.skip("this host gives no network namespace")
     assert gaps.keys() == {wall.name for wall in Wall}
     expected = {wall.name for wall in leaves_open(rung.removesuffix(FORKED), host)}
-    assert {name for name, found in gaps.items() if found} == expected, gaps
+    assert {name for name, is_open in gaps.items() if is_open} == expected, gaps
 
 
 def test_the_docs_have_the_table() -> None:

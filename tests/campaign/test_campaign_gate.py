@@ -49,10 +49,10 @@ def test_each_session_waits_for_the_gate_and_also_a_second_attempt(tmp_path: Pat
 def test_a_gate_that_stays_closed_ends_with_the_budget_of_the_campaign(tmp_path: Path) -> None:
     """Nothing is started, and nothing is lost: the same campaign goes on once the gate opens."""
     clock = HostClock()
-    asked: list[str] = []
+    questions: list[str] = []
 
     def closed(realization: str) -> bool:
-        asked.append(realization)
+        questions.append(realization)
         clock.now_s += 100.0
         return False
 
@@ -64,7 +64,7 @@ def test_a_gate_that_stays_closed_ends_with_the_budget_of_the_campaign(tmp_path:
     assert (first.flown, first.complete) == (0, False)
     assert first.stopped is not None
     assert "budget" in first.stopped
-    assert len(asked) > 5
+    assert len(questions) > 5
     assert fly(tmp_path, campaign, open_executor=open_in_process(1, clock=clock), clock=clock).complete
 
 

@@ -42,11 +42,11 @@ def flown(folder: Path, campaign: Campaign) -> CampaignSummary:
     return run_campaign_sync(campaign, folder, decomposition, job=MIXED_ENDS, open_executor=open_in_process())
 
 
-def kept(folder: Path) -> set[str]:
+def kept_runs(folder: Path) -> set[str]:
     return {path.parent.name for path in folder.glob("runs/*/recording.mcap")}
 
 
-def dropped(folder: Path) -> dict[str, DroppedRecording]:
+def dropped_notes(folder: Path) -> dict[str, DroppedRecording]:
     notes = folder.glob(f"runs/*/{DROPPED}")
     return {path.parent.name: DroppedRecording.model_validate_json(path.read_bytes()) for path in notes}
 
@@ -63,9 +63,9 @@ def test_what_is_dropped_counts_as_before(tmp_path: Path, recordings: str, agent
     summary = flown(folder, some_scenes(keep))
     assert (summary.complete, summary.flown) == (True, 6)
     names = {path.name for path in everything.glob("runs/*")}
-    assert kept(folder) == {name for name in names if any(agent in name for agent in agents)}
-    assert dropped(folder).keys() == names - kept(folder)
-    for name, note in dropped(folder).items():
+    assert kept_runs(folder) == {name for name in names if any(agent in name for agent in agents)}
+    assert dropped_notes(folder).keys() == names - kept_runs(folder)
+    for name, note in dropped_notes(folder).items():
         recording = everything / "runs" / name / "recording.mcap"
         assert (note.recording_sha256, note.bytes) == (digest_of(recording), recording.stat().st_size)
         assert digest_of(folder / "runs" / name / "result.json") == digest_of(
@@ -74,7 +74,9 @@ def test_what_is_dropped_counts_as_before(tmp_path: Path, recordings: str, agent
     assert verify_folder(folder) == []
     manifest = read_manifest(folder / "manifest.json")
     assert manifest is not None
-    assert {name.split("/")[1] for name in manifest.files if name.endswith(DROPPED)} == dropped(folder).keys()
+    assert {name.split("/")[1] for name in manifest.files if name.endswith(DROPPED)} == dropped_notes(
+        folder
+    ).keys()
     assert flown(folder, some_scenes(keep)).flown == 0
     assert question_sha256(some_scenes(keep)) == question_sha256(some_scenes(None))
 
@@ -84,7 +86,7 @@ def test_a_larger_sample_holds_the_smaller_one(tmp_path: Path) -> None:
     drawn = []
     for number, share in enumerate((0.3, 0.3, 0.7)):
         flown(tmp_path / str(number), some_scenes(Keep(recordings="none", sample=share), count=6))
-        drawn.append(kept(tmp_path / str(number)))
+        drawn.append(kept_runs(tmp_path / str(number)))
     assert drawn[0] == drawn[1] < drawn[2]
     assert 0 < len(drawn[0]) < len(drawn[2]) < 12
 
@@ -93,8 +95,8 @@ def test_a_recording_cannot_be_called_dropped_afterwards(tmp_path: Path) -> None
     """A note that the chain does not know is found, and so is a recording that took another's place."""
     folder = tmp_path / "folder"
     flown(folder, some_scenes(Keep(recordings="failures")))
-    [first, second, *_] = sorted(kept(folder))
-    [note, *_] = (folder / "runs" / name / DROPPED for name in dropped(folder))
+    [first, second, *_] = sorted(kept_runs(folder))
+    [note, *_] = (folder / "runs" / name / DROPPED for name in dropped_notes(folder))
     run = folder / "runs" / first
     forged = DroppedRecording(
         recording_sha256=digest_of(run / "recording.mcap"), bytes=1, policy="failures", versions={}
@@ -110,7 +112,7 @@ def test_a_recording_cannot_be_called_dropped_afterwards(tmp_path: Path) -> None
     (run / DROPPED).unlink()
     (note.parent / "recording.mcap").write_bytes(b"another")
     assert any("recording.mcap" in fault.where for fault in verify_folder(folder))
-    assert second in kept(folder)
+    assert second in kept_runs(folder)
 
 
 def test_what_was_dropped_can_be_flown_again_and_not_measured_again(tmp_path: Path) -> None:
@@ -127,12 +129,12 @@ def test_a_dropped_recording_of_other_software_is_no_forgery(tmp_path: Path) -> 
     """Three results with the digest of a recording that nobody has: flown here, by another numpy, and by real PX4."""
     folder = tmp_path / "folder"
     flown(folder, some_scenes(Keep(recordings="none")))
-    here, elsewhere, px4, *others = sorted(dropped(folder))
-    for name in (here, elsewhere, px4):
+    same_software, other_numpy, px4, *unchanged = sorted(dropped_notes(folder))
+    for name in (same_software, other_numpy, px4):
         for file in (folder / "runs" / name / DROPPED, folder / "runs" / name / "result.json"):
             edit_json(file, lambda document: document.update(recording_sha256="0" * 64))
     edit_json(
-        folder / "runs" / elsewhere / DROPPED,
+        folder / "runs" / other_numpy / DROPPED,
         lambda note: note.update(versions={**note["versions"], "numpy": "0.1"}),
     )
     edit_json(
@@ -142,12 +144,12 @@ def test_a_dropped_recording_of_other_software_is_no_forgery(tmp_path: Path) -> 
     sample = refly(folder, 6, 1, 1, job=MIXED_ENDS, open_executor=open_in_process())
     runs = {run.realization: run for run in sample.runs}
     assert {name: run.status for name, run in runs.items()} == {
-        here: ReflownStatus.DIFFERENT,
-        elsewhere: ReflownStatus.OTHER_VERSIONS,
+        same_software: ReflownStatus.DIFFERENT,
+        other_numpy: ReflownStatus.OTHER_VERSIONS,
         px4: ReflownStatus.APART,
-        **dict.fromkeys(others, ReflownStatus.IDENTICAL),
+        **dict.fromkeys(unchanged, ReflownStatus.IDENTICAL),
     }
-    assert "it was flown with numpy 0.1 (here " in runs[elsewhere].explanation
+    assert "it was flown with numpy 0.1 (here " in runs[other_numpy].explanation
 
 
 def test_shards_with_dropped_recordings_are_joined(tmp_path: Path) -> None:
@@ -158,7 +160,7 @@ def test_shards_with_dropped_recordings_are_joined(tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert merge_shards([tmp_path / "1", tmp_path / "2"], out, lambda paths: None).complete
     assert verify_folder(out) == []
-    assert len(dropped(out)) == len(kept(out)) == 3
+    assert len(dropped_notes(out)) == len(kept_runs(out)) == 3
     assert CampaignFolder(out).journal.is_file()
     shutil.rmtree(tmp_path / "1")
     assert verify_folder(out) == []

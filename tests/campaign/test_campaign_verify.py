@@ -106,7 +106,7 @@ def contents(folder: Path) -> Mapping[Path, str]:
 
 
 @contextmanager
-def kept(*files: Path) -> Iterator[None]:
+def restored(*files: Path) -> Iterator[None]:
     """Restore files as they were."""
     before = {file: file.read_bytes() for file in files if file.is_file()}
     try:
@@ -146,7 +146,7 @@ def test_a_flipped_byte_is_found_and_its_file_named(flown: Path, kind: str) -> N
         for position in sorted(positions):
             flipped = bytearray(content)
             flipped[position] ^= draw.randint(1, 255)
-            with kept(file):
+            with restored(file):
                 file.write_bytes(flipped)
                 before = contents(flown)
                 assert str(file.relative_to(flown)) in named(flown), (file, position, flipped[position])
@@ -159,12 +159,12 @@ def test_a_deleted_file_and_an_exchanged_one_are_found(flown: Path, kind: str) -
     """Each file is gone; two of a kind have changed places."""
     files = files_by_kind(flown)[kind][:2]
     for file in files:
-        with kept(file):
+        with restored(file):
             file.unlink()
             assert str(file.relative_to(flown)) in named(flown)
     if len(files) > 1:
         first, second = files
-        with kept(first, second):
+        with restored(first, second):
             first_content = first.read_bytes()
             first.write_bytes(second.read_bytes())
             second.write_bytes(first_content)
@@ -187,7 +187,7 @@ def test_an_added_file_is_found(flown: Path, name: str) -> None:
     is_new = not file.parent.is_dir()
     file.parent.mkdir(exist_ok=True)
     try:
-        with kept(file):
+        with restored(file):
             file.write_text("added")
             assert name in named(flown)
     finally:
@@ -324,9 +324,9 @@ def test_what_differs_is_named_and_what_cannot_be_compared_is_no_forgery(flown: 
     assert "setup_invalid" in gone.explanation
     assert "gone.yaml" in gone.explanation
 
-    first, second, *others = sorted(runs)
+    first, second, *remaining = sorted(runs)
     changes: dict[str, Callable[[dict[str, Any]], None]] = dict.fromkeys(
-        others, lambda simspec: simspec["pace"].update(mode="realtime")
+        remaining, lambda simspec: simspec["pace"].update(mode="realtime")
     )
     service = {"name": "llm", "host": "api.example.org", "port": 443}
     changes[first] = lambda simspec: simspec["agent"].update(services=[service])
@@ -338,7 +338,7 @@ def test_what_differs_is_named_and_what_cannot_be_compared_is_no_forgery(flown: 
     sample = refly(folder, 9, 1, open_executor=open_in_process())
     assert (sample.runs, sample.comparable) == ((), 0)
     assert {reason: sorted(names) for reason, names in sample.not_comparable.items()} == {
-        "flown in real time": others,
+        "flown in real time": remaining,
         "with a link from outside that the vehicle obeys": [second],
         "with services from outside": [first],
     }
@@ -385,8 +385,8 @@ def test_how_far_two_flights_came_apart_is_told_and_no_difference_where_px4_flew
     sample = refly(folder, 9, 1, job=f"{__name__}:moved_flight", open_executor=open_in_process())
     runs = {run.realization: run for run in sample.runs}
     assert [run.apart_m for run in runs.values()] == pytest.approx([1.0] * 4)
-    told = "the vehicles were at most 1 m apart, at 1.0 s"
-    assert all(told in run.explanation for run in runs.values())
+    distance_text = "the vehicles were at most 1 m apart, at 1.0 s"
+    assert all(distance_text in run.explanation for run in runs.values())
     px4, ardupilot, imitated = (
         runs[name] for name in (f"p001-r1-{NAIVE}", f"p002-r1-{NAIVE}", f"p001-r1-{IDLE}")
     )
@@ -430,9 +430,9 @@ def test_another_build_of_opencv_is_other_software(tmp_path: Path) -> None:
             for event in ("started", *([CAMERA_OPENED] if text else [])):
                 document = EventDocument(name=event, text=text).model_dump_json()
                 recorder(Record(START, SESSION_EVENTS, String.TYPE, encode(String(document))))
-    old, new, none = paths
+    old, new, without_pictures = paths
     assert _other_versions(old, new) == ["OpenCV 4.10.0, build a (here OpenCV 4.12.0, build b)"]
-    assert _other_versions(old, old) == _other_versions(old, none) == []
+    assert _other_versions(old, old) == _other_versions(old, without_pictures) == []
 
 
 def test_another_renderer_of_a_further_camera_is_other_software(tmp_path: Path) -> None:

@@ -31,7 +31,9 @@ RATES |= {"OBS-HIDDEN": (0.15, 0.5, 0.85), "OBS-RAIN": (0.15, 0.85, 0.15, 0.85),
 LEAF = {"measure": "made_up", "threshold": 0.5, "threshold_reason": "Made up.", "considered": "Always."}
 
 
-def row(factor: str, unit: str, ratings: list[float], values: list[float], **more: object) -> dict[str, Any]:
+def row(
+    factor: str, unit: str, ratings: list[float], values: list[float], **fields: object
+) -> dict[str, Any]:
     """A key factor table."""
     return {
         "factor": factor,
@@ -39,7 +41,7 @@ def row(factor: str, unit: str, ratings: list[float], values: list[float], **mor
         "ratings": ratings,
         "values": values,
         "reason": "Made up.",
-        **more,
+        **fields,
     }
 
 
@@ -152,7 +154,7 @@ def _run(folder: Path, document: Decomposition, number: int, agent: str) -> Scor
 
 
 @pytest.fixture(scope="module")
-def both(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def two_agents(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two agents and a null agent in one campaign."""
     return make(tmp_path_factory.mktemp("calibrate") / "both", (*ABILITIES, "null-idle"))
 
@@ -171,12 +173,12 @@ def printed(line: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, An
 
 
 def test_the_planted_table_is_found_and_its_neighbours_are_not(
-    both: Path, capsys: pytest.CaptureFixture[str]
+    two_agents: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Fog is contradicted, rain has two columns out of order, concealment agrees; what tests no agent is
     left out.
     """
-    document = printed([str(both)], capsys)
+    document = printed([str(two_agents)], capsys)
     assert (document["agents"], document["excluded_agents"]) == (["shaky", "steady"], ["null-idle"])
     assert (document["runs"], document["design_points"]) == (96, 48)
     tables = {table["table"]: table for table in document["tables"]}
@@ -201,10 +203,10 @@ def test_the_planted_table_is_found_and_its_neighbours_are_not(
 
 
 def test_two_folders_say_the_same_as_one(
-    both: Path, apart: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+    two_agents: Path, apart: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Scenes are known by what they are, so runs of one scene in two folders share a design point."""
-    merged, separate = printed([str(both)], capsys), printed([*map(str, apart)], capsys)
+    merged, separate = printed([str(two_agents)], capsys), printed([*map(str, apart)], capsys)
     for document in (merged, separate):
         del document["campaigns"], document["excluded_agents"]
     # Folders without a journal: nothing is known about either.
@@ -212,15 +214,15 @@ def test_two_folders_say_the_same_as_one(
     assert separate == merged
 
 
-def test_a_named_null_agent_counts(both: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_named_null_agent_counts(two_agents: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """--agent says which agents count."""
-    document = printed([str(both), "--agent", "null-idle", "--agent", "steady"], capsys)
+    document = printed([str(two_agents), "--agent", "null-idle", "--agent", "steady"], capsys)
     assert (document["agents"], document["excluded_agents"]) == (["null-idle", "steady"], ["shaky"])
 
 
-def test_for_people_at_80_columns(both: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_for_people_at_80_columns(two_agents: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Numbers stand whole in lines that fit."""
-    assert run(["calibrate", str(both)]) == 0
+    assert run(["calibrate", str(two_agents)]) == 0
     text = capsys.readouterr().out
     assert max(map(len, text.splitlines())) <= 80
     assert "…" not in text
@@ -232,19 +234,19 @@ def test_for_people_at_80_columns(both: Path, capsys: pytest.CaptureFixture[str]
 
 
 def test_the_proposal_is_a_file_to_review(
-    both: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    two_agents: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It says where it comes from, holds loadable tables, and changes nothing."""
-    before = {path: path.read_bytes() for path in both.rglob("*") if path.is_file()}
+    before = {path: path.read_bytes() for path in two_agents.rglob("*") if path.is_file()}
     out = tmp_path / "tables.yaml"
-    assert run(["calibrate", str(both), "--out", str(out)]) == 0
+    assert run(["calibrate", str(two_agents), "--out", str(out)]) == 0
     assert f"{out}: review it; nothing applies it" in capsys.readouterr().out
     proposal = yaml.safe_load(out.read_text())
-    calibration = calibrate([both])
+    calibration = calibrate([two_agents])
     assert proposal["from"] == {
         "decomposition": "made-up",
         "decomposition_sha256": calibration.decomposition.digest,
-        "campaigns": [str(both)],
+        "campaigns": [str(two_agents)],
         "agents": ["shaky", "steady"],
         "runs": 96,
         "design_points": 48,
@@ -261,8 +263,8 @@ def test_the_proposal_is_a_file_to_review(
     edited["tables"] = proposal["tables"]
     (tmp_path / "edited.json").write_text(json.dumps(edited))
     assert load_decomposition(tmp_path / "edited.json").document.tables["fog"].ratings[0] == 10.0
-    assert {path: path.read_bytes() for path in both.rglob("*") if path.is_file()} == before
-    assert run(["calibrate", str(both), "--out", str(out)]) == 2
+    assert {path: path.read_bytes() for path in two_agents.rglob("*") if path.is_file()} == before
+    assert run(["calibrate", str(two_agents), "--out", str(out)]) == 2
     assert "already exists" in capsys.readouterr().err
 
 
@@ -282,11 +284,11 @@ def test_a_table_with_absent_is_not_turned_around(tmp_path: Path, capsys: pytest
 
 
 def test_what_results_decided_is_no_sample(
-    both: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    two_agents: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Of design points that ended early only first replicates count; surrogates get a remark."""
     folder = tmp_path / "early"
-    shutil.copytree(both, folder)
+    shutil.copytree(two_agents, folder)
     scores = pl.read_parquet(folder / "scores.parquet")
     # Every odd scene becomes the second replicate of the scene before it.
     number = pl.col("design_point").str.slice(1).cast(pl.Int64)
@@ -306,7 +308,7 @@ def test_what_results_decided_is_no_sample(
 
 
 def test_what_cannot_be_calibrated_is_refused_with_code_2(
-    both: Path, apart: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    two_agents: Path, apart: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Each mistake says what is wrong and what would do."""
     other, bare, lost = tmp_path / "other", tmp_path / "bare", tmp_path / "lost"
@@ -322,8 +324,8 @@ def test_what_cannot_be_calibrated_is_refused_with_code_2(
         "another decomposition": [str(apart[0]), str(other)],
         "holds no scores": [str(apart[0]), str(bare)],
         "p003-r0-steady.json: is missing": [str(apart[0]), str(lost)],
-        "named twice": [str(both), str(both)],
-        "'nobody' has no considered run here": [str(both), "--agent", "nobody"],
+        "named twice": [str(two_agents), str(two_agents)],
+        "'nobody' has no considered run here": [str(two_agents), "--agent", "nobody"],
         "one difficulty": [str(same)],
         "holds no campaign": [str(tmp_path)],
     }

@@ -24,7 +24,7 @@ NAIVE, AWARE = AGENTS
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def campaign_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two agents on eighteen scenes."""
     return make_campaign(tmp_path_factory.mktemp("compare") / "both", Made(scenes=18))
 
@@ -42,16 +42,16 @@ def printed_json(line: list[str], capsys: pytest.CaptureFixture[str]) -> dict[st
     return json.loads(capsys.readouterr().out)  # type: ignore[no-any-return]
 
 
-def test_two_agents_of_one_campaign(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_agents_of_one_campaign(campaign_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The naive agent fails where it should, and nowhere else is anything settled; the numbers are those of
     the table.
     """
-    document = printed_json([str(made)], capsys)
+    document = printed_json([str(campaign_folder)], capsys)
     assert (document["first"], document["second"], document["scenes"]) == (NAIVE, AWARE, 18)
     nodes = {node["node"]: node for node in document["nodes"]}  # type: ignore[attr-defined]
     assert list(nodes) == list(STUDY)
     assert [name for name in STUDY if nodes[name]["settled"]] == ["KA-18"]
-    scores = pl.read_parquet(made / "scores.parquet").filter(pl.col("node") == "KA-18")
+    scores = pl.read_parquet(campaign_folder / "scores.parquet").filter(pl.col("node") == "KA-18")
     rates = [(scores.filter(pl.col("agent") == agent)["confidence"] >= 1.0).mean() for agent in AGENTS]
     assert nodes["KA-18"]["pass_rates"] == pytest.approx(rates)
     assert nodes["KA-18"]["difference"]["estimate"] == pytest.approx(rates[1] - rates[0])  # type: ignore[operator]
@@ -59,9 +59,12 @@ def test_two_agents_of_one_campaign(made: Path, capsys: pytest.CaptureFixture[st
     assert nodes["KA-03"]["pairs_needed"] > 18
 
 
-def test_for_people(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_for_people(campaign_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A table, and a sentence for every node asked for."""
-    assert run(["compare", str(made), "--agents", AWARE, NAIVE, "--node", "KA-18", "--node", "KA-20"]) == 0
+    assert (
+        run(["compare", str(campaign_folder), "--agents", AWARE, NAIVE, "--node", "KA-18", "--node", "KA-20"])
+        == 0
+    )
     text = " ".join(capsys.readouterr().out.split())
     assert f"KA-18: {AWARE} passes KA-18 in" in text
     assert "KA-20: " in text
@@ -129,10 +132,10 @@ def test_report_and_command_give_the_same_numbers(
 
 
 def test_one_agent_each_of_two_campaigns(
-    made: Path, apart: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+    campaign_folder: Path, apart: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Scenes are known by what they are, so two folders say the same as one."""
-    merged, separate = printed_json([str(made)], capsys), printed_json([*map(str, apart)], capsys)
+    merged, separate = printed_json([str(campaign_folder)], capsys), printed_json([*map(str, apart)], capsys)
     # Folders without a journal: nothing is known about either.
     assert (merged.pop("completeness"), separate.pop("completeness")) == ([None], [None, None])
     assert merged == separate
@@ -156,18 +159,18 @@ def test_scenes_are_matched_by_content_and_not_by_name(apart: tuple[Path, Path],
     assert changed.nodes[0].counts.pairs == 17
 
 
-def test_the_same_agent_in_two_campaigns_is_named_by_folder(made: Path, tmp_path: Path) -> None:
+def test_the_same_agent_in_two_campaigns_is_named_by_folder(campaign_folder: Path, tmp_path: Path) -> None:
     """A campaign against its copy: no difference anywhere, and labels that say which is which."""
     other = tmp_path / "copy"
-    shutil.copytree(made, other)
-    comparison = compare_campaigns([made, other], [NAIVE, NAIVE])
+    shutil.copytree(campaign_folder, other)
+    comparison = compare_campaigns([campaign_folder, other], [NAIVE, NAIVE])
     assert (comparison.first, comparison.second) == ("both", "copy")
     assert all(node.difference is not None and node.difference.estimate == 0.0 for node in comparison.nodes)
     assert all(node.divergence is not None and node.divergence.value == 0.0 for node in comparison.nodes)
 
 
 def test_what_cannot_be_compared_is_refused_with_code_2(
-    made: Path, apart: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    campaign_folder: Path, apart: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Each mistake says what is wrong and what would do."""
     other, bare, moved = tmp_path / "other", tmp_path / "bare", tmp_path / "moved"
@@ -175,18 +178,18 @@ def test_what_cannot_be_compared_is_refused_with_code_2(
     (other / "decomposition.json").write_text(
         (other / "decomposition.json").read_text().replace("Made up.", "Made otherwise.")
     )
-    shutil.copytree(made, bare)
+    shutil.copytree(campaign_folder, bare)
     (bare / "scores.parquet").unlink()
     shutil.copytree(apart[1], moved)
     for path in (moved / "simspecs").glob("*.json"):
         path.write_text(path.read_text().replace('"root":10', '"root":77'))
     mistakes = {
         "different decompositions": [str(apart[0]), str(other)],
-        "there is no node 'KA-99'": [str(made), "--node", "KA-99"],
-        "is not in": [str(made), "--agents", NAIVE, "nobody"],
-        "the same agent": [str(made), "--agents", NAIVE, NAIVE],
+        "there is no node 'KA-99'": [str(campaign_folder), "--node", "KA-99"],
+        "is not in": [str(campaign_folder), "--agents", NAIVE, "nobody"],
+        "the same agent": [str(campaign_folder), "--agents", NAIVE, NAIVE],
         "not plain which two": [str(apart[0])],
-        "name one folder or two": [str(made)] * 3,
+        "name one folder or two": [str(campaign_folder)] * 3,
         "holds no scores": [str(bare)],
         "no scene in common": [str(apart[0]), str(moved)],
         "holds no campaign": [str(tmp_path)],
@@ -204,11 +207,11 @@ def test_help_shows_how_it_is_called(capsys: pytest.CaptureFixture[str]) -> None
     assert "Example: rebar compare" in " ".join(capsys.readouterr().out.split())
 
 
-def test_the_report_finds_the_factor_that_was_planted(made: Path) -> None:
+def test_the_report_finds_the_factor_that_was_planted(campaign_folder: Path) -> None:
     """Confidence that is spoilt wherever one factor is at its upper level: found, for that agent and node and
     no other.
     """
-    data = load_report_data(made)
+    data = load_report_data(campaign_folder)
     points = {point: number for number, point in enumerate(sorted(set(data.scores["design_point"])))}
     # Six design points of the design, three replicates each; concealment is the factor that changes fastest.
     named = {point: (f"p{number % 6 + 1:03d}", number // 6 + 1) for point, number in points.items()}
@@ -232,10 +235,10 @@ def test_the_report_finds_the_factor_that_was_planted(made: Path) -> None:
     assert matter.independence.max_v == pytest.approx(0.0, abs=1e-9)
 
 
-def test_without_a_design_the_report_says_so(made: Path) -> None:
+def test_without_a_design_the_report_says_so(campaign_folder: Path) -> None:
     """A campaign without factors has a section that says that there are none."""
 
-    data = load_report_data(made)
+    data = load_report_data(campaign_folder)
     assert factor_effects(replace(data, campaign={})).note == "The campaign's design varies no factor."
     assert "varies no factor" in render_report(replace(data, campaign={}))
     odd = {"design": {"factors": [{"name": "fog"}]}}

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_cli_compare_sources import MARKED, SCENES, SEEN, flown_with
+from test_cli_compare_sources import MARKING_OBSERVABLE, PERCEPTION_OBSERVABLE, SCENES, flown_with
 
 from bench.cli._app import run
 from bench.reporting import compare_campaigns
@@ -32,9 +32,11 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
     firmware = {"kind": "px4", "firmware": "/opt/px4"}
     board = {"kind": "px4", "device": "/dev/ttyACM0"}
     return (
-        carried_by(home / "imitated", "px4", {SEEN: {1}, MARKED: set()}),
-        carried_by(home / "firmware", firmware, {SEEN: {1, 2, 3}, MARKED: {4}}),
-        carried_by(home / "board", board, {SEEN: set(), MARKED: {4}}, mode="realtime"),
+        carried_by(home / "imitated", "px4", {PERCEPTION_OBSERVABLE: {1}, MARKING_OBSERVABLE: set()}),
+        carried_by(home / "firmware", firmware, {PERCEPTION_OBSERVABLE: {1, 2, 3}, MARKING_OBSERVABLE: {4}}),
+        carried_by(
+            home / "board", board, {PERCEPTION_OBSERVABLE: set(), MARKING_OBSERVABLE: {4}}, mode="realtime"
+        ),
     )
 
 
@@ -45,13 +47,23 @@ def test_what_the_imitation_changes_is_told_scene_by_scene(flown: tuple[Path, Pa
     assert comparison.perceptions is None
     assert comparison.scenes == SCENES
     counts = {node.node: node.counts for node in comparison.nodes}
-    seen, marked = counts[SEEN], counts[MARKED]
-    assert (seen.both, seen.only_first, seen.only_second, seen.neither) == (SCENES - 3, 2, 0, 1)
-    assert (marked.both, marked.only_first, marked.only_second, marked.neither) == (SCENES - 1, 1, 0, 0)
+    perception_counts, marking_counts = counts[PERCEPTION_OBSERVABLE], counts[MARKING_OBSERVABLE]
+    assert (
+        perception_counts.both,
+        perception_counts.only_first,
+        perception_counts.only_second,
+        perception_counts.neither,
+    ) == (SCENES - 3, 2, 0, 1)
+    assert (
+        marking_counts.both,
+        marking_counts.only_first,
+        marking_counts.only_second,
+        marking_counts.neither,
+    ) == (SCENES - 1, 1, 0, 0)
     on_board = compare_campaigns((firmware, board))
     assert on_board.autopilots == ("px4 (real), lockstep", "px4 (board), realtime")
     counts = {node.node: node.counts for node in on_board.nodes}
-    assert (counts[MARKED].neither, counts[SEEN].only_second) == (1, 3)
+    assert (counts[MARKING_OBSERVABLE].neither, counts[PERCEPTION_OBSERVABLE].only_second) == (1, 3)
 
 
 def test_people_and_machines_read_which_autopilot_passed(

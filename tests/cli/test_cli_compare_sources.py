@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "reporting"))
 from made_campaign import AGENTS, OBSERVABLES, STUDY, Made, make_campaign
 
 AGENT = AGENTS[1]
-SEEN, MARKED = OBSERVABLES["KA-05"][0], OBSERVABLES["KA-18"][1]
+PERCEPTION_OBSERVABLE, MARKING_OBSERVABLE = OBSERVABLES["KA-05"][0], OBSERVABLES["KA-18"][1]
 SCENES = 12
 
 
@@ -49,8 +49,12 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """One observable fails by perception (with simulated alone), another by reasoning (with both)."""
     home = tmp_path_factory.mktemp("sources")
     return (
-        flown_with(home / "simulated", "simulated", {SEEN: {0, 1, 2, 3, 4}, MARKED: {6, 7, 8}}),
-        flown_with(home / "truth", "truth", {SEEN: {4}, MARKED: {6, 7, 8}}),
+        flown_with(
+            home / "simulated",
+            "simulated",
+            {PERCEPTION_OBSERVABLE: {0, 1, 2, 3, 4}, MARKING_OBSERVABLE: {6, 7, 8}},
+        ),
+        flown_with(home / "truth", "truth", {PERCEPTION_OBSERVABLE: {4}, MARKING_OBSERVABLE: {6, 7, 8}}),
     )
 
 
@@ -61,9 +65,19 @@ def test_failures_of_perception_are_told_from_failures_of_reasoning(sources: tup
     assert comparison.scenes == SCENES
     counts = {node.node: node.counts for node in comparison.nodes}
     assert set(counts) == {*STUDY, *(name for ka in STUDY for name in OBSERVABLES[ka])}
-    seen, marked = counts[SEEN], counts[MARKED]
-    assert (seen.both, seen.only_first, seen.only_second, seen.neither) == (7, 0, 4, 1)
-    assert (marked.both, marked.only_first, marked.only_second, marked.neither) == (9, 0, 0, 3)
+    perception_counts, marking_counts = counts[PERCEPTION_OBSERVABLE], counts[MARKING_OBSERVABLE]
+    assert (
+        perception_counts.both,
+        perception_counts.only_first,
+        perception_counts.only_second,
+        perception_counts.neither,
+    ) == (7, 0, 4, 1)
+    assert (
+        marking_counts.both,
+        marking_counts.only_first,
+        marking_counts.only_second,
+        marking_counts.neither,
+    ) == (9, 0, 0, 3)
 
 
 def test_people_and_machines_get_the_counts(
@@ -73,29 +87,29 @@ def test_people_and_machines_get_the_counts(
     assert run(["compare", *paths]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert "scenes passed by perception (first: simulated, degraded; second: truth):" in lines
-    assert [SEEN, "7", "0", "4", "1"] in [line.split() for line in lines]
-    assert run(["compare", *paths, "--node", SEEN, "--json"]) == 0
+    assert [PERCEPTION_OBSERVABLE, "7", "0", "4", "1"] in [line.split() for line in lines]
+    assert run(["compare", *paths, "--node", PERCEPTION_OBSERVABLE, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["perceptions"] == ["simulated, degraded", "truth"]
-    assert [node["node"] for node in document["nodes"]] == [SEEN]
+    assert [node["node"] for node in document["nodes"]] == [PERCEPTION_OBSERVABLE]
 
 
 def test_equal_scenes_are_compared_as_before(sources: tuple[Path, Path], tmp_path: Path) -> None:
     """Two campaigns with one perception pair in full: the nodes under study alone, and no perceptions."""
-    again = flown_with(tmp_path / "again", "truth", {SEEN: {1}})
-    comparison = compare_campaigns((sources[1], again))
+    repeated = flown_with(tmp_path / "again", "truth", {PERCEPTION_OBSERVABLE: {1}})
+    comparison = compare_campaigns((sources[1], repeated))
     assert comparison.perceptions is None
     assert [node.node for node in comparison.nodes] == list(STUDY)
 
 
 def test_every_source_and_every_detector_can_be_compared(sources: tuple[Path, Path], tmp_path: Path) -> None:
     """Pixels against the truth, two detectors with one another, and an agent's own perception."""
-    small = flown_with(tmp_path / "small", "detector", {SEEN: set(range(10))})
-    other = flown_with(tmp_path / "other", "detector", {SEEN: {0, 1}}, detector="other")
-    own = flown_with(tmp_path / "own", "agent", {MARKED: {1}})
+    small = flown_with(tmp_path / "small", "detector", {PERCEPTION_OBSERVABLE: set(range(10))})
+    other = flown_with(tmp_path / "other", "detector", {PERCEPTION_OBSERVABLE: {0, 1}}, detector="other")
+    by_agent = flown_with(tmp_path / "own", "agent", {MARKING_OBSERVABLE: {1}})
     named = {
         (first, second): compare_campaigns((first, second)).perceptions
-        for first, second in ((small, sources[1]), (small, other), (own, other))
+        for first, second in ((small, sources[1]), (small, other), (by_agent, other))
     }
     assert list(named.values()) == [
         ("detector small", "truth"),
@@ -103,5 +117,10 @@ def test_every_source_and_every_detector_can_be_compared(sources: tuple[Path, Pa
         ("agent", "detector other"),
     ]
     counts = {node.node: node.counts for node in compare_campaigns((small, other)).nodes}
-    seen = counts[SEEN]
-    assert (seen.both, seen.only_first, seen.only_second, seen.neither) == (2, 0, 8, 2)
+    perception_counts = counts[PERCEPTION_OBSERVABLE]
+    assert (
+        perception_counts.both,
+        perception_counts.only_first,
+        perception_counts.only_second,
+        perception_counts.neither,
+    ) == (2, 0, 8, 2)

@@ -289,11 +289,11 @@ def test_explaining_a_campaign_leads_to_recordings_and_changes_nothing(
         failed = [leaf for leaf in explained.observables if leaf.state == "failed"]
         assert failed
         assert all(leaf.evidence and any(row.ruling for row in leaf.factors) for leaf in failed)
-    again = printed(
+    repeated = printed(
         ["score", str(campaign), "--decomposition", "search-and-report", "--explain", "KA-20", "--json"],
         capsys,
     )
-    assert Explanation.model_validate(again) == explanation
+    assert Explanation.model_validate(repeated) == explanation
     assert {path: path.stat().st_mtime_ns for path in before} == before
     assert run(["score", str(campaign), "--explain", "KA-20"]) == 0
     assert "recording.mcap" in capsys.readouterr().out
@@ -363,15 +363,15 @@ def test_a_campaign_written_as_a_table_scores_the_same(
     table = tmp_path / "table.jsonl"
     table.write_text("\n".join(map(json.dumps, rows)))
     line = ["score", "--observations", str(table), "--decomposition", str(campaign / "decomposition.yaml")]
-    again = printed([*line, "--json", "--per-run"], capsys)
+    from_table = printed([*line, "--json", "--per-run"], capsys)
     # A table does not say who perceived, so there the observables about detections count for the agent.
     decomposition = load_decomposition("search-and-report")
     about_sensor = {name for name, node in decomposition.observables.items() if node.subject == "perception"}
     apart = {
         node for node in decomposition.nodes if about_sensor & {node, *decomposition.observables_under(node)}
     }
-    assert without(again["nodes"], apart) == without(direct["nodes"], apart) != []
-    for table_run, direct_run in zip(again["runs"], direct["runs"], strict=True):
+    assert without(from_table["nodes"], apart) == without(direct["nodes"], apart) != []
+    for table_run, direct_run in zip(from_table["runs"], direct["runs"], strict=True):
         assert without(table_run["nodes"], apart) == without(direct_run["nodes"], apart) != []
 
 
@@ -406,9 +406,9 @@ def test_an_interrupted_score_leaves_the_folder_as_it_was(campaign: Path, tmp_pa
     before = files_of(folder)
     for last in (1, 2):
 
-        def interrupt(done: int, total: int, last: int = last) -> None:
+        def interrupt(finished: int, total: int, last: int = last) -> None:
             assert total == 2
-            if done == last:
+            if finished == last:
                 raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):

@@ -106,9 +106,9 @@ def test_every_node_follows_its_children_bottom_up(valid: dict[str, Any]) -> Non
 def test_a_decomposition_travels_to_a_worker(valid: dict[str, Any]) -> None:
     """It survives pickling whole, as the pool of workers needs it to."""
     small = read_decomposition(yaml.safe_dump(valid))
-    again: Decomposition = pickle.loads(pickle.dumps(small))
-    assert again == small
-    assert again.digest == small.digest
+    copy: Decomposition = pickle.loads(pickle.dumps(small))
+    assert copy == small
+    assert copy.digest == small.digest
 
 
 def test_the_digest_follows_the_meaning(valid: dict[str, Any]) -> None:
@@ -120,7 +120,7 @@ def test_the_digest_follows_the_meaning(valid: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "where", "what"),
+    ("change", "where", "message"),
     [
         (lambda d: d["vabs"].append(node("V-9", "O-1")), "V-9", "is an orphan"),
         (lambda d: d["observables"].append(leaf("O-9")), "O-9", "is an orphan"),
@@ -175,12 +175,12 @@ def test_the_digest_follows_the_meaning(valid: dict[str, Any]) -> None:
     ],
 )
 def test_a_fault_is_named_with_its_node_and_line(
-    valid: dict[str, Any], change: Any, where: str, what: str
+    valid: dict[str, Any], change: Any, where: str, message: str
 ) -> None:
     """Each thing wrong is told with the file's line, the node, and what would be right."""
     change(valid)
-    matching = [fault for fault in faults(valid, DecompositionVocabulary(UNITS)) if what in fault.what]
-    assert matching, f"no fault says {what!r}"
+    matching = [fault for fault in faults(valid, DecompositionVocabulary(UNITS)) if message in fault.what]
+    assert matching, f"no fault says {message!r}"
     assert any(where in fault.where for fault in matching)
     assert all(fault.where.startswith("small.yaml:") and fault.remedy for fault in matching)
 
@@ -193,8 +193,8 @@ def test_all_faults_are_told_at_once(valid: dict[str, Any]) -> None:
     valid["key_attributes"][1]["children"] = ["V-7"]
     valid["study"] = ["KA-0"]
     places = [fault.what for fault in faults(valid)]
-    for what in ("threshold", "'smog'", "all equal", "'V-7'", "'KA-0'"):
-        assert sum(what in place for place in places) == 1, what
+    for phrase in ("threshold", "'smog'", "all equal", "'V-7'", "'KA-0'"):
+        assert sum(phrase in place for place in places) == 1, phrase
 
 
 @pytest.mark.parametrize(
@@ -284,10 +284,12 @@ def test_every_kind_of_fault_is_told_in_one_go_and_in_the_order_of_the_file() ->
         ("bad.yaml:20: O-3", "threshold -0.5"),
         ("bad.yaml:20: O-3", "no key factors"),
     ]
-    for where, what in expected:
+    for where, message in expected:
         assert [
-            observable for observable in reported if observable[0].startswith(where) and what in observable[1]
-        ], (where, what)
+            observable
+            for observable in reported
+            if observable[0].startswith(where) and message in observable[1]
+        ], (where, message)
     assert all(fault.remedy for fault in caught.value.faults)
     lines = [int(where.split(":")[1]) for where, _ in reported]
     assert lines == sorted(lines)
@@ -296,7 +298,7 @@ def test_every_kind_of_fault_is_told_in_one_go_and_in_the_order_of_the_file() ->
 
 
 @pytest.mark.parametrize(
-    ("text", "what"),
+    ("text", "message"),
     [
         ("", "the document is empty"),
         ("# nothing here\n", "the document is empty"),
@@ -309,12 +311,12 @@ def test_every_kind_of_fault_is_told_in_one_go_and_in_the_order_of_the_file() ->
         ("format: rebar.decomposition/1\nname: x\ntitle: t\n", "is missing"),
     ],
 )
-def test_an_empty_document_says_so(text: str, what: str) -> None:
+def test_an_empty_document_says_so(text: str, message: str) -> None:
     """Nothing, a comment, a list, no observables: a sentence and what to write."""
     with pytest.raises(SetupError) as caught:
         read_decomposition(text, source="empty.yaml")
     (fault,) = caught.value.faults
-    assert what in fault.what
+    assert message in fault.what
     assert fault.where.startswith("empty.yaml")
     assert fault.remedy
 
@@ -404,8 +406,8 @@ def test_what_is_shipped_is_sound(name: str) -> None:
     """
     faults = load_decomposition(name)
     assert faults.name == name
-    again = DecompositionDocument.model_validate_json(faults.document.model_dump_json())
-    assert decomposition_of(again) == faults
+    reread = DecompositionDocument.model_validate_json(faults.document.model_dump_json())
+    assert decomposition_of(reread) == faults
 
 
 def test_the_five_key_attributes_are_the_papers() -> None:

@@ -40,8 +40,8 @@ def simspec_with(options: Mapping[str, Any]) -> SimSpec:
     )
 
 
-def options_for(weights: Path, layout: Layout = "yolo", **more: Any) -> dict[str, Any]:
-    return {"weights": str(weights), "labels": LABELS, "layout": layout, "input_px": [96, 64], **more}
+def options_for(weights: Path, layout: Layout = "yolo", **options: Any) -> dict[str, Any]:
+    return {"weights": str(weights), "labels": LABELS, "layout": layout, "input_px": [96, 64], **options}
 
 
 def picture_with(squares: Mapping[tuple[int, int], tuple[int, int, int]], size: tuple[int, int]) -> Pixels:
@@ -60,10 +60,10 @@ def test_boxes_come_back_to_where_the_objects_are(tmp_path: Path, layout: Layout
     # 160 x 128: half of it leaves 8 grey columns on either side. 192 x 128: fits as it is.
     for size, left in (((160, 128), 16), ((192, 128), 0)):
         picture = picture_with({(64 - left, 32): RED_BGR, (96 - left, 96): BLUE_BGR}, size)
-        kept = picture.copy()
+        original = picture.copy()
         detector = open_onnx_detector(simspec_with({**options, "letterbox": left > 0}))
         detections = detector.detect(picture)
-        assert np.array_equal(picture, kept)
+        assert np.array_equal(picture, original)
         boxes = {detection.class_label: detection.box for detection in detections}
         assert set(boxes) == {"combatant", "civilian_vehicle"}
         # Single precision.
@@ -87,9 +87,9 @@ def test_colours_scale_and_deviation_reach_the_network(tmp_path: Path) -> None:
     weights = write_network(tmp_path / "squares.onnx", "yolo", 96, 64)
     picture = picture_with({(32, 32): RED_BGR}, (96, 64))
 
-    def detected(**more: Any) -> list[tuple[str, float]]:
-        detector = open_onnx_detector(simspec_with(options_for(weights, most_overlap=None, **more)))
-        return [(found.class_label, round(found.score, 3)) for found in detector.detect(picture)]
+    def detected(**options: Any) -> list[tuple[str, float]]:
+        detector = open_onnx_detector(simspec_with(options_for(weights, most_overlap=None, **options)))
+        return [(detection.class_label, round(detection.score, 3)) for detection in detector.detect(picture)]
 
     assert detected() == [("combatant", 1.0)] * 4
     assert detected(channels="bgr") == [("civilian_vehicle", 1.0)] * 4
@@ -116,7 +116,7 @@ def test_version_names_weights_and_library(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "where", "what"),
+    ("change", "where", "message"),
     [
         ({"weights": "missing.onnx"}, "weights", "there is no file missing.onnx"),
         ({"weights": ""}, "weights", "is not valid"),
@@ -138,14 +138,14 @@ def test_version_names_weights_and_library(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_opened_names_the_option_and_the_fix(
-    tmp_path: Path, change: Mapping[str, Any], where: str, what: str
+    tmp_path: Path, change: Mapping[str, Any], where: str, message: str
 ) -> None:
     weights = write_network(tmp_path / "squares.onnx", "yolo", 96, 64)
     with pytest.raises(SetupError) as raised:
         open_onnx_detector(simspec_with({**options_for(weights), **change}))
     (fault,) = raised.value.faults
     assert fault.where == f"perception.detector_options.{where}"
-    assert what in str(fault)
+    assert message in str(fault)
 
 
 def test_all_wrong_options_are_named_at_once() -> None:
@@ -203,16 +203,16 @@ def test_layouts_that_do_not_fit_say_what_came() -> None:
 
 def test_numbers_that_are_none_are_no_detections() -> None:
     """NaN and infinity in any place of any layout, among one good box."""
-    good = np.array([10.0, 10.0, 4.0, 4.0])
+    valid = np.array([10.0, 10.0, 4.0, 4.0])
     for bad in (np.nan, np.inf, -np.inf):
-        boxes = np.stack([good, np.array([bad, 10.0, 4.0, 4.0]), good + 20.0])
+        boxes = np.stack([valid, np.array([bad, 10.0, 4.0, 4.0]), valid + 20.0])
         scores = np.array([0.9, 0.9, np.nan])
         table = np.column_stack([boxes, scores, np.zeros(3), np.zeros((3, 0))])
         raw = decode("yolo", {"a": np.repeat(table, 4, axis=0).T[None].astype(np.float32)}, (96, 64), 0.5)
         detections = surest_detections(
             ["tree"] * len(raw.scores), raw.scores, raw.boxes_px, (96, 64), 0.5, 100
         )
-        assert [found.box for found in detections] == [(8.0, 8.0, 12.0, 12.0)]
+        assert [detection.box for detection in detections] == [(8.0, 8.0, 12.0, 12.0)]
         assert detections[0].score == pytest.approx(0.9)
     lists = {"boxes": np.zeros((2, 4)), "scores": np.ones(2), "labels": np.array([np.nan, 1.0])}
     narrow = {name: values.astype(np.float32) for name, values in lists.items()}
@@ -226,8 +226,8 @@ def test_duplicates_go_as_an_independent_reference_says() -> None:
     def shared(a: tuple[float, ...], b: tuple[float, ...]) -> float:
         width = min(a[2], b[2]) - max(a[0], b[0])
         height = min(a[3], b[3]) - max(a[1], b[1])
-        both = max(0.0, width) * max(0.0, height)
-        return both / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - both)
+        overlap = max(0.0, width) * max(0.0, height)
+        return overlap / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - overlap)
 
     for _ in range(10):
         corners = rng.uniform(0.0, 80.0, (60, 2))
@@ -239,8 +239,8 @@ def test_duplicates_go_as_an_independent_reference_says() -> None:
         for place in sorted(range(60), key=lambda place: -scores[place]):
             candidate = Detection(labels[place], float(scores[place]), tuple(boxes[place].tolist()))
             if all(
-                kept.class_label != candidate.class_label or shared(kept.box, candidate.box) <= 0.4
-                for kept in expected
+                index.class_label != candidate.class_label or shared(index.box, candidate.box) <= 0.4
+                for index in expected
             ):
                 expected.append(candidate)
         assert [(d.class_label, d.box) for d in detections] == [(d.class_label, d.box) for d in expected]
@@ -330,7 +330,7 @@ def test_an_export_of_torchvision_gives_its_boxes(tmp_path: Path) -> None:
     shown = (scores >= 0.02) & (boxes[:, 2:] > boxes[:, :2]).all(axis=1)
     expected = zip(boxes[shown].tolist(), scores[shown].tolist(), class_ids[shown].tolist(), strict=True)
     assert len(detections) == np.count_nonzero(shown) > 5
-    assert sorted((found.box, found.class_label) for found in detections) == sorted(
+    assert sorted((detection.box, detection.class_label) for detection in detections) == sorted(
         (tuple(box), labels[str(class_id)]) for box, _, class_id in expected
     )
 

@@ -153,9 +153,11 @@ def test_assignment_agrees_with_trying_everything() -> None:
         costs = rng.uniform(-5.0, 20.0, (rows, columns))
         costs[rng.random((rows, columns)) < 0.4] = inadmissible
         open_rows, open_columns = rng.random(rows) < 0.8, rng.random(columns) < 0.8
-        taken = {0: 0} if rng.random() < 0.5 else {}
-        free_rows = [row for row in range(rows) if open_rows[row] and row not in taken.values()]
-        free_columns = [column for column in range(columns) if open_columns[column] and column not in taken]
+        assigned = {0: 0} if rng.random() < 0.5 else {}
+        free_rows = [row for row in range(rows) if open_rows[row] and row not in assigned.values()]
+        free_columns = [
+            column for column in range(columns) if open_columns[column] and column not in assigned
+        ]
         best = (0, 0.0)
         for count in range(1, min(len(free_rows), len(free_columns)) + 1):
             for chosen in itertools.combinations(free_columns, count):
@@ -164,7 +166,7 @@ def test_assignment_agrees_with_trying_everything() -> None:
                     if total < inadmissible / 2.0:
                         best = min(best, (-count, total))
 
-        matches = assign(costs, open_rows, open_columns, taken)
+        matches = assign(costs, open_rows, open_columns, assigned)
 
         assert len(set(matches.values())) == len(matches)
         assert -len(matches) == best[0]
@@ -181,9 +183,9 @@ def test_overlaps_agree_with_counted_pixels() -> None:
         masks[kind, number, y : y + height, x : x + width] = True
     boxes = np.concatenate([corners + sides / 2.0, sides], axis=2)
     for first, second in itertools.product(range(5), range(5)):
-        both = np.count_nonzero(masks[0, first] & masks[1, second])
+        overlap = np.count_nonzero(masks[0, first] & masks[1, second])
         either = np.count_nonzero(masks[0, first] | masks[1, second])
-        assert overlaps(boxes[0], boxes[1])[first, second] == pytest.approx(both / either)
+        assert overlaps(boxes[0], boxes[1])[first, second] == pytest.approx(overlap / either)
 
 
 def test_two_objects_that_cross_keep_their_tracks() -> None:
@@ -332,7 +334,7 @@ def flown_switches(
     walkers_m, velocity_mps = rng.uniform(-90.0, 90.0, (30, 2)), rng.normal(0.0, 0.8, (30, 2))
     tracker = KalmanTracker(LENS.fx, lens=known_lens)
     yaw_rad, place_m, last = 0.0, np.array([-40.0, -40.0]), None
-    seen: dict[int, tuple[float, str]] = {}
+    last_sightings: dict[int, tuple[float, str]] = {}
     switches = Switches()
     for number in range(150):
         time_s = 0.2 * number
@@ -365,10 +367,10 @@ def flown_switches(
         )
         track_at = {detection.box: detection.track for detection in named}
         for walker, box in boxes.items():
-            if walker in seen and time_s - seen[walker][0] <= 2.0:
+            if walker in last_sightings and time_s - last_sightings[walker][0] <= 2.0:
                 switches.pairs += 1
-                switches.changes += track_at[box] != seen[walker][1]  # type: ignore[index]
-            seen[walker] = (time_s, track_at[box])  # type: ignore[index]
+                switches.changes += track_at[box] != last_sightings[walker][1]  # type: ignore[index]
+            last_sightings[walker] = (time_s, track_at[box])  # type: ignore[index]
     return switches
 
 
@@ -389,12 +391,12 @@ BENT = replace(LENS, distortion=(-0.3, 0.1, 0.0004, -0.0003, -0.01))
 def test_identities_last_behind_a_lens_with_distortion() -> None:
     """As well as without one if the tracker knows the lens: its warp has straight lines."""
     straight = flown_switches(warped=True, recall=0.8, seed=2)
-    known = flown_switches(warped=True, recall=0.8, seed=2, lens=BENT, known_lens=BENT)
+    with_lens = flown_switches(warped=True, recall=0.8, seed=2, lens=BENT, known_lens=BENT)
     unknown = flown_switches(warped=True, recall=0.8, seed=2, lens=BENT)
 
-    assert known.pairs == unknown.pairs == straight.pairs
-    assert known.changes <= straight.changes + 2
-    assert unknown.changes >= 1.5 * known.changes
+    assert with_lens.pairs == unknown.pairs == straight.pairs
+    assert with_lens.changes <= straight.changes + 2
+    assert unknown.changes >= 1.5 * with_lens.changes
 
 
 def test_straight_boxes_are_those_of_a_lens_without_distortion() -> None:

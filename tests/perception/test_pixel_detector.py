@@ -60,8 +60,8 @@ def groups_found(detector: PixelDetector, pictures: Sequence[LabelledFrame]) -> 
         matches = match(picture, detector.detect(picture.bgr))
         for label, report in zip(matches.labels.tolist(), matches.detection_labels.tolist(), strict=True):
             group = GROUPS[LABELS[label]]
-            there, right = counts.get(group, (0, 0))
-            counts[group] = (there + 1, right + (report >= 0 and GROUPS[LABELS[report]] == group))
+            present, right = counts.get(group, (0, 0))
+            counts[group] = (present + 1, right + (report >= 0 and GROUPS[LABELS[report]] == group))
     return counts
 
 
@@ -109,15 +109,15 @@ def test_objects_of_two_held_out_scenes_are_found_equally_each_time(
 ) -> None:
     pictures = frames(scene, hd)
     counts = groups_found(detector, pictures)
-    again = open_small_detector(spec_with())
+    second_detector = open_small_detector(spec_with())
 
-    assert sum(there for there, _ in counts.values()) >= 40
+    assert sum(present for present, _ in counts.values()) >= 40
     for group, floor in RECALL_FLOORS.items():
-        there, right = counts[group]
-        assert there >= 10
-        assert right >= floor * there, (group, there, right)
+        present, right = counts[group]
+        assert present >= 10
+        assert right >= floor * present, (group, present, right)
     for picture in reversed(pictures):
-        assert again.detect(picture.bgr) == detector.detect(picture.bgr)
+        assert second_detector.detect(picture.bgr) == detector.detect(picture.bgr)
 
 
 RECALL_FLOORS = {"person": 0.35, "vehicle": 0.55, "tree": 0.65, "structure": 0.45}
@@ -268,10 +268,10 @@ def test_seeds_and_splits_give_scenes_of_their_own() -> None:
     ]
     assert len(set(draws)) == len(draws)
     random = generator_of(SEED, Split.EVALUATION, 5)
-    again = next(frames_of(random, 1, HD, CONDITIONS["clear day"], empty=False))
+    repeated = next(frames_of(random, 1, HD, CONDITIONS["clear day"], empty=False))
     first = frames(5, True)[0]
-    assert (again.bgr == first.bgr).all()
-    assert (again.boxes_px == first.boxes_px).all()
+    assert (repeated.bgr == first.bgr).all()
+    assert (repeated.boxes_px == first.boxes_px).all()
 
 
 @pytest.mark.slow

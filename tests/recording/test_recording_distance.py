@@ -12,12 +12,12 @@ from bench.recording import truth_distance
 
 
 def tape(times_s: list[float], places: list[tuple[float, float, float]]) -> Tape:
-    none = np.zeros((0, 3))
+    empty = np.zeros((0, 3))
     return Tape(
         cast=(),
         vehicle_time_s=np.array(times_s),
         vehicle_position_enu_m=np.array(places).reshape(-1, 3),
-        vehicle_velocity_enu_mps=none,
+        vehicle_velocity_enu_mps=empty,
         actor_time_s=np.zeros(0),
         actor_position_enu_m=np.zeros((0, 0, 3)),
     )
@@ -30,22 +30,22 @@ def test_the_largest_distance_is_that_of_a_plain_search() -> None:
         walks = []
         for _ in range(2):
             count = int(random.integers(3, 60))
-            kept = sorted(random.choice(80, size=count, replace=False).tolist())
+            moments = sorted(random.choice(80, size=count, replace=False).tolist())
             walk = np.cumsum(random.normal(size=(80, 3)), axis=0)
-            walks.append(([moment * 0.1 for moment in kept], [tuple(walk[moment]) for moment in kept]))
+            walks.append(([moment * 0.1 for moment in moments], [tuple(walk[moment]) for moment in moments]))
         pairs = [
-            (math.dist(here, there), time_s)
-            for time_s, here in zip(*walks[0], strict=True)
-            for other_s, there in zip(*walks[1], strict=True)
+            (math.dist(place, other_place), time_s)
+            for time_s, place in zip(*walks[0], strict=True)
+            for other_s, other_place in zip(*walks[1], strict=True)
             if abs(time_s - other_s) < 1e-9
         ]
-        found = truth_distance(tape(*walks[0]), tape(*walks[1]))
+        distance = truth_distance(tape(*walks[0]), tape(*walks[1]))
         if not pairs:
-            assert found is None
+            assert distance is None
             continue
-        assert found is not None
-        assert (found.distance_m, found.time_s) == pytest.approx(max(pairs))
-        assert found.until_s == pytest.approx(max(time_s for _, time_s in pairs))
+        assert distance is not None
+        assert (distance.distance_m, distance.time_s) == pytest.approx(max(pairs))
+        assert distance.until_s == pytest.approx(max(time_s for _, time_s in pairs))
 
 
 def test_two_equal_flights_are_not_apart_and_strangers_have_no_distance() -> None:

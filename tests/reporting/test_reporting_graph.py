@@ -47,7 +47,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> ReportData:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Decomposition:
+def small(tmp_path_factory: pytest.TempPathFactory) -> Decomposition:
     """The made campaign's decomposition."""
     folder = make_campaign(tmp_path_factory.mktemp("graph") / "document", Made(scenes=0))
     return load_decomposition(folder / "decomposition.json")
@@ -120,29 +120,29 @@ def test_page_has_every_node_edge_and_fact(full: Decomposition) -> None:
 
 
 def test_same_document_gives_the_same_bytes(
-    full: Decomposition, made: Decomposition, data: ReportData
+    full: Decomposition, small: Decomposition, data: ReportData
 ) -> None:
     """Drawn twice, from a document read twice; a page of the full application stays below 1 MB."""
-    again = load_decomposition(full.name)
-    assert graph_svg(again) == graph_svg(full)
-    assert graph_page(again) == graph_page(full)
-    assert graph_page(made, data) == graph_page(made, data)
+    reloaded = load_decomposition(full.name)
+    assert graph_svg(reloaded) == graph_svg(full)
+    assert graph_page(reloaded) == graph_page(full)
+    assert graph_page(small, data) == graph_page(small, data)
     assert len(graph_page(full).encode()) < 1_000_000
     assert len(graph_svg(full).encode()) < 400_000
 
 
-def test_state_without_a_number_is_not_low(made: Decomposition, data: ReportData) -> None:
+def test_state_without_a_number_is_not_low(small: Decomposition, data: ReportData) -> None:
     """KA-09 was considered and has no score, but a confidence of 0; a node that the campaign lacks has
     neither.
     """
-    shown = document(graph_page(made, data))["shown"][AGENTS[0]]["KA-09"]
+    shown = document(graph_page(small, data))["shown"][AGENTS[0]]["KA-09"]
     assert shown["score"] == ["unscored", "none"]
     assert shown["confidence"] == ["0", "0 %"]
     assert shown["competence"] == ["0", "0"]
     assert shown["sentences"][0].startswith(
         "Not scored: nothing under it was achieved in any of 6 considered runs."
     )
-    root = ET.fromstring(graph_svg(made, data, AGENTS[0], "score"))
+    root = ET.fromstring(graph_svg(small, data, AGENTS[0], "score"))
     dressed = {
         group.attrib["id"]: group.attrib["class"] for group in root.iter(f"{SVG}g") if "id" in group.attrib
     }
@@ -154,24 +154,24 @@ def test_state_without_a_number_is_not_low(made: Decomposition, data: ReportData
     assert "VAB-007" not in document(page)["shown"][AGENTS[0]]
 
 
-def test_never_considered_is_a_state_of_its_own(made: Decomposition, data: ReportData) -> None:
+def test_never_considered_is_a_state_of_its_own(small: Decomposition, data: ReportData) -> None:
     """It is neither 0 % nor not scored."""
 
     key = (AGENTS[0], "all", "KA-20")
     nothing = replace(data.tallies[key], considered=0, scored=0, score=None, confidence=None, competence={})
-    shown = document(graph_page(made, replace(data, tallies={**data.tallies, key: nothing})))["shown"][
+    shown = document(graph_page(small, replace(data, tallies={**data.tallies, key: nothing})))["shown"][
         AGENTS[0]
     ]["KA-20"]
     assert {shown[by][0] for by in ("score", "confidence", "competence")} == {"unconsidered"}
     assert shown["sentences"][0].startswith("Never considered:")
 
 
-def test_graph_shows_the_numbers_of_the_summary(made: Decomposition, data: ReportData) -> None:
+def test_graph_shows_the_numbers_of_the_summary(small: Decomposition, data: ReportData) -> None:
     """Colour and number of each node agree with the tallies, for every agent."""
-    shown = document(graph_page(made, data, AGENTS[1]))
+    shown = document(graph_page(small, data, AGENTS[1]))
     assert shown["agent"] == AGENTS[1]
     for agent in AGENTS:
-        for name in made.nodes:
+        for name in small.nodes:
             tally = data.tally(agent, name)
             assert tally is not None
             assert tally.confidence is not None
@@ -180,9 +180,9 @@ def test_graph_shows_the_numbers_of_the_summary(made: Decomposition, data: Repor
             assert int(step) == min(9, int(10 * tally.confidence))
 
 
-def test_markup_in_a_document_is_escaped(made: Decomposition, data: ReportData, tmp_path: Path) -> None:
+def test_markup_in_a_document_is_escaped(small: Decomposition, data: ReportData, tmp_path: Path) -> None:
     """Markup in titles, questions and reasons opens no element in the drawing, the page or its data."""
-    raw = json.loads(made.document.model_dump_json())
+    raw = json.loads(small.document.model_dump_json())
     for part in ("principles", "key_attributes", "vabs", "observables"):
         raw[part][0]["title"] = NASTY[:110]
         raw[part][0]["asks"] = NASTY
@@ -207,9 +207,9 @@ def test_markup_in_a_document_is_escaped(made: Decomposition, data: ReportData, 
     }
 
 
-def test_page_fetches_nothing(made: Decomposition) -> None:
+def test_page_fetches_nothing(small: Decomposition) -> None:
     """The policy forbids it and allows only the page's script, by its digest."""
-    page = graph_page(made)
+    page = graph_page(small)
     script = page.rsplit("<script>", 1)[1].split("</script>", 1)[0]
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     assert "default-src &#39;none&#39;; script-src &#39;sha256-" in page
@@ -218,10 +218,10 @@ def test_page_fetches_nothing(made: Decomposition) -> None:
     assert ".innerHTML" not in script
 
 
-def test_unknown_agent_is_refused(made: Decomposition, data: ReportData) -> None:
+def test_unknown_agent_is_refused(small: Decomposition, data: ReportData) -> None:
     """The message lists the known agents."""
     with pytest.raises(SetupError, match=f"agents: {', '.join(AGENTS)}"):
-        graph_svg(made, data, "nobody")
+        graph_svg(small, data, "nobody")
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")

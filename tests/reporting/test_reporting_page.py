@@ -103,7 +103,7 @@ def page_of(folder: Path) -> tuple[Page, str]:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def campaign_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign of 6 scenes and both agents, one crash with a nasty reason and one scene that could not be
     placed.
     """
@@ -115,13 +115,15 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def page(made: Path) -> Page:
-    return page_of(made)[0]
+def page(campaign_folder: Path) -> Page:
+    return page_of(campaign_folder)[0]
 
 
-def test_headline_shows_the_numbers_of_the_score_table(made: Path, page: Page) -> None:
+def test_headline_shows_the_numbers_of_the_score_table(campaign_folder: Path, page: Page) -> None:
     """Score, confidence and counts of every studied node and agent equal the means of the Parquet file."""
-    scores = pl.read_parquet(made / "scores.parquet").filter(pl.col("outcome") != "placement_infeasible")
+    scores = pl.read_parquet(campaign_folder / "scores.parquet").filter(
+        pl.col("outcome") != "placement_infeasible"
+    )
     rows = [row for row in page.tables["headline"] if len(row) == 10][1:]
     wanted = []
     for node in STUDY:
@@ -144,9 +146,9 @@ def test_headline_shows_the_numbers_of_the_score_table(made: Path, page: Page) -
         assert [int(cell) for cell in row[7:10]] == [runs, runs, scored]
 
 
-def test_every_node_of_every_agent_has_a_row(made: Path, page: Page) -> None:
+def test_every_node_of_every_agent_has_a_row(campaign_folder: Path, page: Page) -> None:
     """The trees hold each node of the decomposition for each agent."""
-    data = load_report_data(made)
+    data = load_report_data(campaign_folder)
     rows = [row for row in page.tables[""] if len(row) == 10 and row[0].split(" · ")[0].strip() in data.nodes]
     row_nodes = [row[0].split(" · ")[0].strip() for row in rows]
     for node in data.nodes:
@@ -165,10 +167,10 @@ def test_runs_that_did_not_complete_are_listed(page: Page) -> None:
     )
 
 
-def test_markup_from_an_agent_is_escaped(made: Path) -> None:
+def test_markup_from_an_agent_is_escaped(campaign_folder: Path) -> None:
     """Markup in reasons, decisions and class labels neither opens an element nor ends a script."""
     nasty = "</script><script>alert('x')</script><img src=x onerror=alert(2)>"
-    data = load_report_data(made)
+    data = load_report_data(campaign_folder)
     run = data.runs[0]
     tape = made_campaign.made_tape(data.simspecs[run.realization], reason=nasty)
     hostile_report = replace(
@@ -185,9 +187,9 @@ def test_markup_from_an_agent_is_escaped(made: Path) -> None:
     assert nasty in page.text
 
 
-def test_figure_data_cannot_end_its_script(made: Path) -> None:
+def test_figure_data_cannot_end_its_script(campaign_folder: Path) -> None:
     """Figures are JSON without a single `<`, even when an agent's name holds one."""
-    data = load_report_data(made)
+    data = load_report_data(campaign_folder)
     hostile_name = "</script><b>"
     named = pl.col("agent").replace({AGENTS[0]: hostile_name})
     runs = tuple(replace(run, agent=hostile_name) if run.agent == AGENTS[0] else run for run in data.runs)
@@ -241,11 +243,11 @@ def test_page_is_well_formed_html(page: Page) -> None:
     assert drawn == figures
 
 
-def test_same_folder_gives_the_same_bytes(made: Path, tmp_path: Path) -> None:
+def test_same_folder_gives_the_same_bytes(campaign_folder: Path, tmp_path: Path) -> None:
     """Writing twice, and writing from a copy of the folder elsewhere."""
-    first = write_report(made).read_bytes()
-    shutil.copytree(made, tmp_path / "campaign")
-    assert write_report(made).read_bytes() == first
+    first = write_report(campaign_folder).read_bytes()
+    shutil.copytree(campaign_folder, tmp_path / "campaign")
+    assert write_report(campaign_folder).read_bytes() == first
     assert write_report(tmp_path / "campaign").read_bytes() == first
 
 
@@ -353,9 +355,9 @@ def test_unknown_decomposition_leaves_bare_ids(tmp_path: Path) -> None:
     assert any(row[0].strip().startswith("KA-18") for row in page.tables["headline"])
 
 
-def test_page_size_is_bounded(made: Path) -> None:
+def test_page_size_is_bounded(campaign_folder: Path) -> None:
     """A campaign of a dozen runs with six maps stays below 8 MB, most of it the plotting library."""
-    data = load_report_data(made)
+    data = load_report_data(campaign_folder)
     charts = [
         build_run_map(
             run, data.simspecs[run.realization], made_campaign.made_tape(data.simspecs[run.realization])
@@ -365,11 +367,11 @@ def test_page_size_is_bounded(made: Path) -> None:
     assert len(render_report(data, charts).encode()) < 8_000_000
 
 
-def test_each_studied_node_has_its_sentences(made: Path, page: Page) -> None:
+def test_each_studied_node_has_its_sentences(campaign_folder: Path, page: Page) -> None:
     """Competence, its bound, the claim and the remark on the curve are beside every figure; the flag gives
     the other mean.
     """
-    data = load_report_data(made)
+    data = load_report_data(campaign_folder)
     section = (
         page.text.split("Results for each key attribute under study", 1)[1]
         .split("What was run", 1)[0]
@@ -391,7 +393,7 @@ def test_each_studied_node_has_its_sentences(made: Path, page: Page) -> None:
     assert any(
         tally.raised for (_, where, node), tally in data.tallies.items() if where == "all" and node in STUDY
     )
-    scores = pl.read_parquet(made / "scores.parquet").filter(
+    scores = pl.read_parquet(campaign_folder / "scores.parquet").filter(
         pl.col("node") == "KA-18", pl.col("agent") == AGENTS[0]
     )
     passed = (scores["achieved"] == scores["considered"]).sum()
@@ -401,14 +403,14 @@ def test_each_studied_node_has_its_sentences(made: Path, page: Page) -> None:
     )
 
 
-def test_principles_are_folded_branches(made: Path, page: Page) -> None:
+def test_principles_are_folded_branches(campaign_folder: Path, page: Page) -> None:
     """Closed at first, one for each principle and agent, with score and confidence in the summary line."""
     branches = [attribute for attribute in page.attributes if attribute == ("details", "class", "branch")]
     assert len(branches) == 2 * len(AGENTS)
     assert ("details", "open", "") not in [
         attribute for attribute in page.attributes if attribute[0] == "details" and attribute[2] == "branch"
     ]
-    tally = load_report_data(made).tally(AGENTS[0], "P-RELIABLE")
+    tally = load_report_data(campaign_folder).tally(AGENTS[0], "P-RELIABLE")
     assert tally is not None
     assert tally.score is not None
     assert tally.confidence is not None
@@ -418,9 +420,9 @@ def test_principles_are_folded_branches(made: Path, page: Page) -> None:
     )
 
 
-def test_map_lists_orders_outages_and_failures(made: Path) -> None:
+def test_map_lists_orders_outages_and_failures(campaign_folder: Path) -> None:
     """With times and answers; events after the end of the run are marked."""
-    data = load_report_data(made)
+    data = load_report_data(campaign_folder)
     run = data.runs[0]
     simspec = data.simspecs[run.realization]
     page = Page(

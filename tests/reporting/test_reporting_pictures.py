@@ -82,7 +82,7 @@ RIGHT: Box = (100.0, 0.0, 120.0, 40.0)
 FAR: Box = (200.0, 0.0, 210.0, 10.0)
 
 
-def seen(*sightings: tuple[int, Box, float, float], number: int = 0) -> CameraFrame:
+def frame_of(*sightings: tuple[int, Box, float, float], number: int = 0) -> CameraFrame:
     """Actor, box, height and visible share of each."""
     rows = tuple(
         Sighting(actor, 60.0, height_px, visible, box) for actor, box, height_px, visible in sightings
@@ -125,7 +125,7 @@ def test_boxes_are_judged_as_the_measures_do(
 ) -> None:
     cast = made_run.cast(made_run.simspec())
     people = [index for index, member in enumerate(cast) if member.class_label == "civilian"]
-    frame = seen(
+    frame = frame_of(
         (people[0], LEFT, 40.0, 1.0),
         (people[1], RIGHT, 40.0, 0.6),
         (people[0], FAR, 10.0, 1.0),
@@ -142,10 +142,10 @@ def test_the_worst_frame_has_the_most_errors_outside_outages() -> None:
         update={"outages": (Outage(kind="detections_degraded", at_s=0.6, duration_s=0.2, lost_share=0.5),)}
     )
     people = [i for i, member in enumerate(made_run.cast(spec)) if member.class_label == "civilian"]
-    both = [(people[0], LEFT, 40.0, 1.0), (people[1], RIGHT, 40.0, 1.0)]
+    people_sightings = [(people[0], LEFT, 40.0, 1.0), (people[1], RIGHT, 40.0, 1.0)]
     hit, missing = Detection("civilian", 0.9, LEFT), Detection("crate", 0.9, (50.0, 50.0, 60.0, 60.0))
-    frames = tuple(seen(*both, number=number) for number in range(7))
-    other = replace(seen(*both, number=7), camera="rear")
+    frames = tuple(frame_of(*people_sightings, number=number) for number in range(7))
+    other = replace(frame_of(*people_sightings, number=7), camera="rear")
     answers = (
         answer(0, hit),
         answer(2, hit, missing),  # two errors
@@ -173,9 +173,9 @@ def test_states_come_back_from_their_records() -> None:
         recorded.take(_odometry_record(state))
         recorded.take(_mount_record(mount, state, f"vehicle_1/camera_{camera.name}_optical"))
     for state in states:
-        again = recorded.at(state.time)
-        assert again is not None
-        assert _numbers(again) == pytest.approx(_numbers(state), abs=1e-9)
+        recovered = recorded.at(state.time)
+        assert recovered is not None
+        assert _numbers(recovered) == pytest.approx(_numbers(state), abs=1e-9)
     between = recorded.at(SimTime((states[3].time.ns + states[4].time.ns) // 2))
     assert between is not None
     middle = np.mean([states[3].position_enu_m, states[4].position_enu_m], axis=0)
@@ -333,15 +333,15 @@ def test_frames_are_drawn_again_to_the_pixel(recordings: dict[str, tuple[SimSpec
 def test_recorded_frames_are_taken_as_they_are(recordings: dict[str, tuple[SimSpec, Path]]) -> None:
     spec, recording = recordings["kept"]
     exposed, picture = pictures_of(recording)[2]
-    kept = frame_pixels(recording, spec, spec.vehicle.camera, picture.frame, exposed)
+    pixels = frame_pixels(recording, spec, spec.vehicle.camera, picture.frame, exposed)
     other = frame_pixels(
         recording, spec, spec.vehicle.camera, picture.frame + 1, pictures_of(recording)[3][0]
     )
-    assert kept is not None
+    assert pixels is not None
     assert other is not None
-    assert (kept.origin, kept.bgr.shape) == (RECORDED, (400, 1200, 3))
+    assert (pixels.origin, pixels.bgr.shape) == (RECORDED, (400, 1200, 3))
     # The vehicle turns: another frame is another picture.
-    assert float(np.abs(kept.bgr.astype(float) - other.bgr).mean()) > 3.0
+    assert float(np.abs(pixels.bgr.astype(float) - other.bgr).mean()) > 3.0
 
 
 def made_data(folder: Path, recordings: dict[str, tuple[SimSpec, Path]], copies: int = 1) -> ReportData:

@@ -73,7 +73,7 @@ def paper() -> Decomposition:
 
 
 RAIN = table([10, 20, 30, 40, 50, 60], [0, 1, 2, 4, 4, 5])
-NEAR = table([10, 50, 100], [300, 200, 50])
+DISTANCE_TABLE = table([10, 50, 100], [300, 200, 50])
 
 
 @pytest.mark.parametrize(
@@ -91,11 +91,11 @@ NEAR = table([10, 50, 100], [300, 200, 50])
         (RAIN, "linear", -0.1, 0.0),  # easier than the first column certifies nothing
         (RAIN, "linear", 9.0, 60.0),  # harder than the last rates as the last
         (RAIN, "step", 5.0, 60.0),
-        (NEAR, "linear", 301.0, 0.0),  # a table that falls
-        (NEAR, "linear", 300.0, 10.0),
-        (NEAR, "linear", 250.0, 30.0),
-        (NEAR, "step", 199.0, 50.0),
-        (NEAR, "linear", 1.0, 100.0),
+        (DISTANCE_TABLE, "linear", 301.0, 0.0),  # a table that falls
+        (DISTANCE_TABLE, "linear", 300.0, 10.0),
+        (DISTANCE_TABLE, "linear", 250.0, 30.0),
+        (DISTANCE_TABLE, "step", 199.0, 50.0),
+        (DISTANCE_TABLE, "linear", 1.0, 100.0),
     ],
 )
 def test_a_table_rates_a_value(row: KeyFactor, mapping: str, value: float, expected: float) -> None:
@@ -115,7 +115,7 @@ def test_the_policies_choose_otherwise() -> None:
     """Each ruling on tables can be turned by its name."""
     assert rate(RAIN, 4.0, Policies(shared_value="higher")) == 50.0
     assert rate(RAIN, -1.0, Policies(easier_than_table="first")) == 10.0
-    assert rate(NEAR, 400.0, Policies(easier_than_table="first")) == 10.0
+    assert rate(DISTANCE_TABLE, 400.0, Policies(easier_than_table="first")) == 10.0
 
 
 def test_a_value_that_is_no_number_is_refused() -> None:
@@ -254,11 +254,11 @@ def test_the_papers_experiment_has_twelve_difficulty_configurations(decompositio
     """18 combinations of concealment, density and proximity fall into 12 vectors over the five key
     attributes.
     """
-    every = [
+    configurations = [
         at(decomposition, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)
     ]
-    counted = Counter(configuration_of(decomposition, difficulties) for difficulties in every)
-    assert len(every) == 18
+    counted = Counter(configuration_of(decomposition, difficulties) for difficulties in configurations)
+    assert len(configurations) == 18
     assert len(counted) == 12
     assert sorted(counted.values()) == [1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 3, 3]
 
@@ -267,15 +267,15 @@ def test_the_papers_experiment_reaches_from_easy_to_hard(decomposition: Decompos
     """Some configurations are easy (about 25 in every studied attribute that bystanders touch), some hard (to
     80).
     """
-    every = [
+    configurations = [
         at(decomposition, *levels) for levels in itertools.product(CONCEALMENT, DENSITY_PER_KM2, PROXIMITY_M)
     ]
-    values = [difficulties.rated(node) for difficulties in every for node in decomposition.study]
+    values = [difficulties.rated(node) for difficulties in configurations for node in decomposition.study]
     assert 20.0 <= min(values) <= 30.0
     assert 75.0 <= max(values) <= 85.0
-    tensions = {configuration_tension(decomposition, difficulties) for difficulties in every}
+    tensions = {configuration_tension(decomposition, difficulties) for difficulties in configurations}
     assert tensions == {2, 3}
-    assert {difficulties.nodes["KA-18"].tension for difficulties in every} == {2, 3, 4}
+    assert {difficulties.nodes["KA-18"].tension for difficulties in configurations} == {2, 3, 4}
 
 
 def test_no_factor_at_its_easiest_rules_the_experiment(decomposition: Decomposition) -> None:
@@ -421,13 +421,13 @@ def test_the_configured_sensor_is_rated_for_itself_and_for_nothing_above() -> No
     """Ruling 25: with detections of the bench KA-3 has no observable of the agent's; in a table from elsewhere it has."""
     decomposition = with_orders()
     values = {"orders": 0.0, "fog_level": 5.0}
-    own = difficulty_of_values(decomposition, values, "elsewhere")
+    without_sensor = difficulty_of_values(decomposition, values, "elsewhere")
 
     for source in SOURCES_OF_BENCH:
         by_bench = difficulty_of_values(decomposition, values, source)
         assert by_bench.observables["O-SEEN"].standing is Standing.CONFIGURED_SENSOR
         assert (by_bench.of("O-SEEN"), by_bench.of("KA-3")) == (60.0, None)
-    assert (own.of("O-SEEN"), own.of("KA-3")) == (60.0, 60.0)
+    assert (without_sensor.of("O-SEEN"), without_sensor.of("KA-3")) == (60.0, 60.0)
 
 
 def test_detections_that_the_bench_did_not_make_are_not_exercisable() -> None:

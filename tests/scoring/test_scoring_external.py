@@ -24,7 +24,7 @@ FOG = {
 RAIN = FOG | {"factor": "rain_level"}
 
 
-def made(**rows: list[dict[str, Any]]) -> Decomposition:
+def worked_decomposition(**rows: list[dict[str, Any]]) -> Decomposition:
     """The paper's worked graph, its observables rated by `rows` where there are any."""
     leaves = [
         {
@@ -57,13 +57,13 @@ def made(**rows: list[dict[str, Any]]) -> Decomposition:
 
 
 @pytest.fixture
-def given() -> Decomposition:
-    return made()
+def external() -> Decomposition:
+    return worked_decomposition()
 
 
 @pytest.fixture
 def rated() -> Decomposition:
-    return made(OBS1=[FOG], OBS2=[FOG, RAIN], OBS3=[RAIN])
+    return worked_decomposition(OBS1=[FOG], OBS2=[FOG, RAIN], OBS3=[RAIN])
 
 
 WORKED = """run,observable,difficulty,x,considered
@@ -90,9 +90,9 @@ def records(text: str) -> list[dict[str, Any]]:
     return [{k: float(v) if k in numbers else v for k, v in row.items() if v != ""} for row in rows]
 
 
-def test_csv_and_both_kinds_of_json_say_the_same(given: Decomposition) -> None:
+def test_csv_and_both_kinds_of_json_say_the_same(external: Decomposition) -> None:
     """One table in three forms: equal runs, and the worked example's numbers."""
-    table = read_table(WORKED, given)
+    table = read_table(WORKED, external)
     rows = records(WORKED)
     for text in (
         json.dumps(rows),
@@ -100,38 +100,38 @@ def test_csv_and_both_kinds_of_json_say_the_same(given: Decomposition) -> None:
         "\n".join(map(json.dumps, rows)),
         "\ufeff" + WORKED,
     ):
-        assert read_table(text, given).runs == table.runs
+        assert read_table(text, external).runs == table.runs
     assert [run.realization for run in table.runs] == ["1", "2"]
-    second = score_run(given, table.runs[1].difficulty, table.runs[1].observations)
+    second = score_run(external, table.runs[1].difficulty, table.runs[1].observations)
     assert (second["VAB1"].score, second["KA1"].score, second["KA1"].confidence) == (80.0, 50.0, 2 / 3)
-    summary = summary_frame(score_external(given, table.runs), given)
+    summary = summary_frame(score_external(external, table.runs), external)
     row = summary.filter(node="KA1", configuration="all").row(0, named=True)
     assert (row["score_mean"], row["confidence_mean"]) == (40.0, pytest.approx(5 / 6))
 
 
-def test_lines_are_those_of_the_file(given: Decomposition) -> None:
+def test_lines_are_those_of_the_file(external: Decomposition) -> None:
     """Blank lines, quoted line breaks and pretty-printed records do not shift the lines that are told."""
     text = 'run,observable,difficulty,x\n\n"a\nb",OBS1,30,1\nc,OBS1,30,1\n'
-    assert dict(read_table(text, given).lines) == {("a\nb", "OBS1"): 3, ("c", "OBS1"): 5}
+    assert dict(read_table(text, external).lines) == {("a\nb", "OBS1"): 3, ("c", "OBS1"): 5}
     pretty = json.dumps(records(WORKED), indent=1)
-    lines = read_table(pretty, given).lines
+    lines = read_table(pretty, external).lines
     assert pretty.splitlines()[lines["1", "OBS2"] - 1].strip() == "{"
     assert '"OBS2"' in "".join(pretty.splitlines()[lines["1", "OBS2"] : lines["1", "OBS3"] - 1])
 
 
-def test_ids_are_text(given: Decomposition) -> None:
+def test_ids_are_text(external: Decomposition) -> None:
     """7 is not 007, and a JSON number is no id."""
-    table = read_table("run,observable,difficulty,x\n7,OBS1,30,1\n007,OBS1,30,0\n", given)
+    table = read_table("run,observable,difficulty,x\n7,OBS1,30,1\n007,OBS1,30,0\n", external)
     assert [run.realization for run in table.runs] == ["7", "007"]
-    (fault,) = faults_of('[{"run": 7, "observable": "OBS1", "difficulty": 3, "x": 1}]', given)
+    (fault,) = faults_of('[{"run": 7, "observable": "OBS1", "difficulty": 3, "x": 1}]', external)
     assert "7 is not 007" in fault.what
 
 
-def test_a_missing_row_is_not_considered_and_is_counted(given: Decomposition) -> None:
+def test_a_missing_row_is_not_considered_and_is_counted(external: Decomposition) -> None:
     """Absent pairs have neither score nor difficulty; they are shown by number."""
-    table = read_table("run,observable,difficulty,x,considered\na,OBS1,30,1,\nb,OBS3,40,,no\n", given)
-    assert absent_pairs(given, table.runs) == 4
-    scores = score_external(given, table.runs)
+    table = read_table("run,observable,difficulty,x,considered\na,OBS1,30,1,\nb,OBS3,40,,no\n", external)
+    assert absent_pairs(external, table.runs) == 4
+    scores = score_external(external, table.runs)
     rows = {(row["realization"], row["node"]): row for row in scores.iter_rows(named=True)}
     assert (rows["a", "KA1"]["score"], rows["a", "KA1"]["difficulty"], rows["a", "VAB2"]["difficulty"]) == (
         30.0,
@@ -143,13 +143,13 @@ def test_a_missing_row_is_not_considered_and_is_counted(given: Decomposition) ->
         rows["b", "KA1"]["confidence"],
         rows["b", "OBS3"]["difficulty"],
     ) == (0, None, 40.0)
-    summary = summary_frame(scores, given).filter(node="VAB2", configuration="all").row(0, named=True)
+    summary = summary_frame(scores, external).filter(node="VAB2", configuration="all").row(0, named=True)
     assert (summary["considered"], summary["score_mean"], summary["difficulty"]) == (0, None, 40.0)
 
 
 def test_a_studied_attribute_without_rows_has_an_unknown_difficulty() -> None:
     """A run that says nothing of a key attribute lies in a configuration of its own, said to be unknown."""
-    document = made().document.model_dump()
+    document = worked_decomposition().document.model_dump()
     document["key_attributes"] = [
         {"id": "KA1", "title": "t", "asks": "?", "children": ["VAB1"]},
         {"id": "KA2", "title": "t", "asks": "?", "children": ["VAB2"]},
@@ -163,15 +163,15 @@ def test_a_studied_attribute_without_rows_has_an_unknown_difficulty() -> None:
     assert scores["configuration"].unique().to_list() == ["KA1=30 KA2=unknown"]
 
 
-def test_design_points_and_agents_are_optional(given: Decomposition) -> None:
+def test_design_points_and_agents_are_optional(external: Decomposition) -> None:
     """Without a design point each run is its own; runs of one share it as replicates."""
-    alone = read_table(WORKED, given).runs
+    alone = read_table(WORKED, external).runs
     assert [(run.design_point, run.replicate, run.agent) for run in alone] == [
         ("1", 0, "agent"),
         ("2", 0, "agent"),
     ]
     text = "run,observable,difficulty,x,design_point,agent\na,OBS1,30,1,p,one\nb,OBS1,30,1,p,two\n"
-    together = read_table(text, given).runs
+    together = read_table(text, external).runs
     assert [(run.design_point, run.replicate, run.agent) for run in together] == [
         ("p", 0, "one"),
         ("p", 1, "two"),
@@ -190,7 +190,7 @@ def test_factor_columns_are_rated_by_the_tables(rated: Decomposition) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "what"),
+    ("text", "line", "message"),
     [
         ("run,observable,difficulty,x\na,OBS1,30,1\na,OBS1,30,1\n", 3, "has OBS1 already on line 2"),
         ("run,observable,difficulty,x\na,OBS9,30,1\n", 2, "no observable 'OBS9'"),
@@ -247,32 +247,32 @@ def test_factor_columns_are_rated_by_the_tables(rated: Decomposition) -> None:
         ('[{"run": "a", "observable": "OBS1", "difficulty": 1, "x": 1}, 7]', 1, "a record is int"),
     ],
 )
-def test_each_fault_has_its_line(text: str, line: int, what: str, rated: Decomposition) -> None:
+def test_each_fault_has_its_line(text: str, line: int, message: str, rated: Decomposition) -> None:
     """What does not hold is told with file, line and mend."""
-    faults = [fault for fault in faults_of(text, rated) if what in fault.what]
+    faults = [fault for fault in faults_of(text, rated) if message in fault.what]
     assert faults, faults_of(text, rated)
     assert faults[0].where == f"t.csv:{line}"
     assert faults[0].remedy
 
 
-def test_all_faults_come_at_once(given: Decomposition) -> None:
+def test_all_faults_come_at_once(external: Decomposition) -> None:
     """Ten rows with ten faults are mended in one round; ten thousand are cut short and counted."""
     rows = ["a,OBS1,101,2,maybe", "a,OBS9,30,1,", ",OBS2,30,1,", "b,OBS1,30,,1"]
     text = "run,observable,difficulty,x,considered\n" + "\n".join(rows)
-    assert [fault.where for fault in faults_of(text, given)] == ["t.csv:2"] * 3 + [
+    assert [fault.where for fault in faults_of(text, external)] == ["t.csv:2"] * 3 + [
         "t.csv:3",
         "t.csv:4",
         "t.csv:5",
     ]
-    many = faults_of(
-        "run,observable,difficulty,x\n" + "\n".join(f"r{i},OBS1,30,7" for i in range(1000)), given
+    faults = faults_of(
+        "run,observable,difficulty,x\n" + "\n".join(f"r{i},OBS1,30,7" for i in range(1000)), external
     )
-    assert (len(many), many[-1].what) == (201, "800 more faults")
+    assert (len(faults), faults[-1].what) == (201, "800 more faults")
 
 
-def test_what_stands_beside_a_row_that_is_not_considered_is_ignored(given: Decomposition) -> None:
+def test_what_stands_beside_a_row_that_is_not_considered_is_ignored(external: Decomposition) -> None:
     """x of such a row plays no part, and an empty one is right there."""
     table: ExternalTable = read_table(
-        "run,observable,difficulty,x,considered\na,OBS1,30,0.2,FALSE\na,OBS2,30,,No\na,OBS3,30,,0\n", given
+        "run,observable,difficulty,x,considered\na,OBS1,30,0.2,FALSE\na,OBS2,30,,No\na,OBS3,30,,0\n", external
     )
     assert all(not row.considered and row.x is None for row in table.runs[0].observations)

@@ -109,11 +109,11 @@ def decomposition() -> Decomposition:
 
 def changed(goal: DifficultyGoal) -> dict[str, float]:
     """The situation after every change, a hair beyond the value where it must be passed."""
-    made = dict(VALUES)
+    values = dict(VALUES)
     for change in goal.changes:
         assert change.to is not None
-        made[change.factor] = change.to + (1e-3 if change.harder == "more" else -1e-3) * change.past
-    return made
+        values[change.factor] = change.to + (1e-3 if change.harder == "more" else -1e-3) * change.past
+    return values
 
 
 @pytest.mark.parametrize("node", load_decomposition("search-and-report").key_attributes)
@@ -126,8 +126,8 @@ def test_every_change_is_needed(decomposition: Decomposition, node: str) -> None
     assert {change.factor for change in goals[0].changes} == set(increase.ruled_by)
     for goal in goals:
         for change in goal.changes:
-            others = replace(goal, changes=tuple(other for other in goal.changes if other != change))
-            reached = difficulty_of_values(decomposition, changed(others)).rated(node)
+            remaining = replace(goal, changes=tuple(other for other in goal.changes if other != change))
+            reached = difficulty_of_values(decomposition, changed(remaining)).rated(node)
             assert reached <= goal.difficulty if goal.exceeded else reached < goal.difficulty
 
 
@@ -191,8 +191,8 @@ def test_what_cannot_be_reached_says_where_it_ends() -> None:
     assert not increase.tension.reachable
     (change,) = increase.tension.changes
     assert (change.to, change.most, change.harder) == (None, 30.0, "more")
-    both = made([fog, fog | {"values": [9, 0]}])
-    increase = difficulty_increase(both, difficulty_of_values(both, {"fog_level": 2.0}), "KA")
+    impossible = made([fog, fog | {"values": [9, 0]}])
+    increase = difficulty_increase(impossible, difficulty_of_values(impossible, {"fog_level": 2.0}), "KA")
     assert increase.tension is not None
     assert [(factor_change.to, factor_change.harder) for factor_change in increase.tension.changes] == [
         (None, "either way")

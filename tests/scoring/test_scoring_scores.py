@@ -46,7 +46,7 @@ def build(
     observables: list[dict[str, Any]],
     vabs: dict[str, list[str]],
     attributes: dict[str, list[str]],
-    **more: Any,
+    **fields: Any,
 ) -> Decomposition:
     document = {
         "format": "rebar.decomposition/1",
@@ -56,7 +56,7 @@ def build(
         "vabs": [node(name, children) for name, children in vabs.items()],
         "observables": observables,
     }
-    return decomposition_of(DecompositionDocument.model_validate(document | more))
+    return decomposition_of(DecompositionDocument.model_validate(document | fields))
 
 
 def observations_of(values: Mapping[str, float | None]) -> tuple[Observation, ...]:
@@ -123,8 +123,8 @@ def test_the_papers_text_is_a_policy(worked: Decomposition) -> None:
     other = decomposition_of(DecompositionDocument.model_validate(document))
     second = score_run(other, WORKED_DIFFICULTY, observations_of({"OBS1": 0.0, "OBS2": 1.0, "OBS3": 1.0}))
     assert (second["VAB1"].confidence, second["KA1"].confidence) == (0.5, 1.0)
-    none = score_run(other, WORKED_DIFFICULTY, observations_of({"OBS1": 0.0, "OBS2": 0.0, "OBS3": None}))
-    assert (none["VAB2"].confidence, none["KA1"].confidence) == (None, 0.0)
+    unscored = score_run(other, WORKED_DIFFICULTY, observations_of({"OBS1": 0.0, "OBS2": 0.0, "OBS3": None}))
+    assert (unscored["VAB2"].confidence, unscored["KA1"].confidence) == (None, 0.0)
 
 
 def test_not_considered_is_a_state_of_its_own(worked: Decomposition) -> None:
@@ -271,7 +271,7 @@ def situations(draw: st.DrawFn) -> tuple[Decomposition, dict[str, float], dict[s
     absent.
     """
     grid = st.sampled_from([0.0, 0.1, 0.25, 0.3, 0.5, 0.7, 0.75, 0.8, 1.0])
-    counts = [draw(st.integers(1, most)) for most in (3, 4, 6, 8)]
+    counts = [draw(st.integers(1, max_count)) for max_count in (3, 4, 6, 8)]
     names = [[f"{letter}{i}" for i in range(count)] for letter, count in zip("PKVO", counts, strict=True)]
     layers = []
     for above, below in pairwise(names):

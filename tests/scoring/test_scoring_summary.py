@@ -54,8 +54,8 @@ def hard(decomposition: Decomposition, concealment: float = 0.5, density: float 
 
 def run(name: str, summary: Difficulty, xs: dict[str, float | None], **changes: object) -> ScoredRun:
     observations = tuple(Observation(observable=row, considered=x is not None, x=x) for row, x in xs.items())
-    made = ScoredRun(name, name, 0, "naive", Outcome.COMPLETED, summary, observations)
-    return replace(made, **changes)  # type: ignore[arg-type]
+    scored = ScoredRun(name, name, 0, "naive", Outcome.COMPLETED, summary, observations)
+    return replace(scored, **changes)  # type: ignore[arg-type]
 
 
 def everything(decomposition: Decomposition, x: float | None = 1.0) -> dict[str, float | None]:
@@ -271,9 +271,9 @@ def test_a_table_survives_parquet(decomposition: Decomposition) -> None:
     file = BytesIO()
     table.write_parquet(file)
     file.seek(0)
-    again = pl.read_parquet(file)
-    assert again.equals(table)
-    assert summary_frame(again).drop("title").equals(summary_frame(table, decomposition).drop("title"))
+    reread = pl.read_parquet(file)
+    assert reread.equals(table)
+    assert summary_frame(reread).drop("title").equals(summary_frame(table, decomposition).drop("title"))
 
 
 @settings(max_examples=40, deadline=None)
@@ -446,7 +446,7 @@ def test_runs_until_settled_have_intervals_that_allow_for_it(decomposition: Deco
         for replicate in range(1, 5)
     ]
     runs = [replace(row, until_settled=True) for row in fixed]
-    known, looked = (
+    fixed_count, looked = (
         summary_frame(score_table(decomposition, subset), decomposition) for subset in (fixed, runs)
     )
     alone = summary_frame(score_table(decomposition, runs[:4]), decomposition)
@@ -459,8 +459,8 @@ def test_runs_until_settled_have_intervals_that_allow_for_it(decomposition: Deco
     # design points say less.
     all_runs, points = (float(clopper_pearson(count, count)[0]) for count in (24, 6))
     assert line(looked, "KA-03")["confidence_low"] < all_runs  # type: ignore[operator]
-    assert line(known, "KA-03")["confidence_low"] == pytest.approx(points)
-    assert line(looked, "KA-03")["confidence_mean"] == line(known, "KA-03")["confidence_mean"] == 1.0
+    assert line(fixed_count, "KA-03")["confidence_low"] == pytest.approx(points)
+    assert line(looked, "KA-03")["confidence_mean"] == line(fixed_count, "KA-03")["confidence_mean"] == 1.0
 
     bad_first = [
         replace(row, observations=run("x", summary, everything(decomposition, 0.0)).observations)

@@ -85,10 +85,13 @@ def test_key_factors_come_from_the_intent() -> None:
 
 def test_a_gap_to_a_target_is_a_guaranteed_distance() -> None:
     """Of two groups that avoid the target, or its role, the nearer one counts; other gaps guarantee nothing."""
-    near, far = ("{avoid: [{of: target, at_least_m: 30}]}", "{avoid: [{of: adversary, at_least_m: 70}]}")
+    to_target, to_adversary = (
+        "{avoid: [{of: target, at_least_m: 30}]}",
+        "{avoid: [{of: adversary, at_least_m: 70}]}",
+    )
     groups = "".join(
         f"- {{id: g{number}, asset: civilian, role: bystander, count: 2, placement: {placement}}}\n"
-        for number, placement in enumerate((near, far, "{avoid: [{of: home, at_least_m: 5}]}"))
+        for number, placement in enumerate((to_target, to_adversary, "{avoid: [{of: home, at_least_m: 5}]}"))
     )
     alone = SPEC[: SPEC.index("- {id: people")]
     assert factor_values(read_document(alone + groups, SimSpec))["nearest_bystander_m"] == 30.0
@@ -99,10 +102,10 @@ def test_sought_targets_rate_as_adversaries_do() -> None:
     original = factor_values(read_document(SPEC, SimSpec))
     assert factor_values(read_document(SPEC.replace("adversary", "sought"), SimSpec)) == original
 
-    both = SPEC + (
+    mixed = SPEC + (
         "- {id: hiker, asset: civilian, role: sought, count: 2, concealment: 0.75, motion: {kind: wander, speed_mps: 2}}\n"
     )
-    values = factor_values(read_document(both, SimSpec))
+    values = factor_values(read_document(mixed, SimSpec))
     assert (values["targets"], values["target_concealment"], values["target_speed_mps"]) == (3.0, 0.75, 2.0)
     about_people = [name for name in original if name.startswith("bystander")]
     assert {name: values[name] for name in about_people} == {name: original[name] for name in about_people}
@@ -134,11 +137,11 @@ def test_factors_of_consent(consents: str, delay_s: float, withheld: float) -> N
     text = SPEC[:people].replace("altitude_m: 60", "altitude_m: 60, time_limit_s: 90")
     text = text.replace("id: r2, about: target", "id: r2, about: other")
     text += "- {id: other, asset: military-truck, role: adversary, count: 1}\n"
-    asked = read_document(text + f"rules: {{mark_consent: true}}\nconsents: {consents}", SimSpec)
-    values = factor_values(asked)
+    spec = read_document(text + f"rules: {{mark_consent: true}}\nconsents: {consents}", SimSpec)
+    values = factor_values(spec)
     assert (values["consent_delay_s"], values["consents_withheld"]) == (delay_s, withheld)
     # Two reports about one target need one grant.
-    same = read_document(dump_json(asked).replace('"about": "other"', '"about": "target"'), SimSpec)
+    same = read_document(dump_json(spec).replace('"about": "other"', '"about": "target"'), SimSpec)
     assert factor_values(same)["consents_withheld"] == (0.0 if "granted" in consents else 1.0)
     assert not {"consent_delay_s", "consents_withheld"} & set(factor_values(read_document(text, SimSpec)))
 
@@ -211,7 +214,7 @@ def test_absent_orders_outages_and_rules_are_the_easiest_value() -> None:
     assert values["battery_need_fraction"] == pytest.approx(0.2)
 
 
-ASKED = """
+CONSENT_SPEC = """
 orders: [{id: a, at_s: 5, kind: hold, within_s: 20}, {id: b, at_s: 9, kind: resume, within_s: 5}]
 outages:
 - {kind: operator_link, at_s: 10, duration_s: 20}
@@ -241,7 +244,7 @@ def test_overlapping_outages_and_areas_count_once() -> None:
     late = people.replace("latency_s: 30", "latency_s: 30, priority: 3, delivered_s: 44")
     child = "- {id: child, asset: child, role: bystander, count: 1}\n- {id: none, asset: aid-worker, role: bystander, count: 0}\n"
     tree = "- {id: trees, asset: tree, role: clutter, count: 3}\n"
-    values = factor_values(read_document(late + child + tree + ASKED, SimSpec))
+    values = factor_values(read_document(late + child + tree + CONSENT_SPEC, SimSpec))
     expected = {
         "orders": 2.0,
         "order_urgency_per_min": 12.0,

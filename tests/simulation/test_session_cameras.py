@@ -79,8 +79,8 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[FlownSession, Flown
 
 
 def pictures_of(session: FlownSession, camera: str) -> list[tuple[Record, PictureDocument]]:
-    both = ((record, document(PictureDocument, record)) for record in session.on(TRUTH_PICTURES))
-    return [(record, picture) for record, picture in both if picture.camera == camera]
+    pairs = ((record, document(PictureDocument, record)) for record in session.on(TRUTH_PICTURES))
+    return [(record, picture) for record, picture in pairs if picture.camera == camera]
 
 
 def transforms(records: list[Record]) -> dict[int, dict[str, TransformStamped]]:
@@ -106,9 +106,9 @@ def test_each_camera_has_its_rate_its_digests_and_its_topics(
     flown: tuple[FlownSession, FlownSession],
 ) -> None:
     """Frames are numbered camera by camera, the agent gets those of its topics, and two flights are equal."""
-    session, again = flown
+    session, repeated = flown
     assert session.end.outcome is Outcome.TIME_LIMIT, session.end.reason + session.end.traceback
-    assert session.records == again.records
+    assert session.records == repeated.records
     for camera, count in FRAMES.items():
         pictures = [picture for _, picture in pictures_of(session, camera)]
         assert [picture.frame for picture in pictures] == list(range(count))

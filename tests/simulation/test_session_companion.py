@@ -44,18 +44,18 @@ def arming(cable: Cable) -> Iterator[list[bytes]]:
     """A companion that answers whatever comes over its cable with a command to arm."""
     mav = common.MAVLink(None, srcSystem=245, srcComponent=190)
     arm = mav.command_long_encode(1, 1, 400, 0, 1, 21196, 0, 0, 0, 0, 0).pack(mav)
-    over, heard = threading.Event(), list[bytes]()
+    over, received = threading.Event(), list[bytes]()
 
     def serve() -> None:
         while not over.wait(0.001):
             if data := cable.read():
-                heard.append(data)
+                received.append(data)
                 cable.write(bytes(arm))
 
     thread = threading.Thread(target=serve)
     thread.start()
     try:
-        yield heard
+        yield received
     finally:
         over.set()
         thread.join()
@@ -81,8 +81,8 @@ def test_a_companion_on_a_serial_device_flies_and_one_that_is_not_heard_does_not
     with (
         closing(Cable(tmp_path / "ttyUSB0")) as telemetry,
         closing(Cable(tmp_path / "ttyUSB1")) as watching,
-        arming(telemetry) as heard,
-        arming(watching) as seen,
+        arming(telemetry) as from_companion,
+        arming(watching) as from_watcher,
     ):
         links = (
             OutsideLink(name="companion", kind="serial", device=str(telemetry.path), heard=True),
@@ -98,9 +98,9 @@ def test_a_companion_on_a_serial_device_flies_and_one_that_is_not_heard_does_not
     assert end.outcome is Outcome.TIME_LIMIT, end.reason
     assert end.timing is not None
     assert end.timing.late == 0
-    assert "COMMAND_ACK" in kinds(heard)
-    assert "HEARTBEAT" in kinds(seen)
-    assert "COMMAND_ACK" not in kinds(seen)
+    assert "COMMAND_ACK" in kinds(from_companion)
+    assert "HEARTBEAT" in kinds(from_watcher)
+    assert "COMMAND_ACK" not in kinds(from_watcher)
     topics = {record.topic for record in records}
     assert any("companion" in topic for topic in topics)
     assert not any("desk" in topic for topic in topics)

@@ -65,10 +65,12 @@ class FlownCameras:
 
     def messages(self, topic: str) -> list[tuple[SimTime, Detection2DArray]]:
         """The detections on a topic, with the time of publication."""
-        both = [
-            (each.time, decode(Detection2DArray, each.data)) for each in self.records if each.topic == topic
+        pairs = [
+            (record.time, decode(Detection2DArray, record.data))
+            for record in self.records
+            if record.topic == topic
         ]
-        return [(time, message) for time, message in both if message is not None]
+        return [(time, message) for time, message in pairs if message is not None]
 
     def views(self, camera: str) -> dict[int, ViewDocument]:
         """By time of exposure."""
@@ -125,8 +127,8 @@ def hits_of(session: FlownCameras, topic: str, camera: str) -> tuple[int, int]:
 
 def test_each_camera_has_its_detections(blobs: tuple[FlownCameras, FlownCameras]) -> None:
     """In its own pixels, frame and rate, late by the stated delay, with names that no other camera gives; twice alike."""
-    session, again = blobs
-    assert session.records == again.records
+    session, repeated = blobs
+    assert session.records == repeated.records
     names: dict[str, set[str]] = {}
     for topic, camera, period_ns in ((MAIN, "front", 2e8), (DOWN, "down", 4e8), (WIDE, "wide", 2.5e8)):
         messages = session.messages(topic)
@@ -189,8 +191,8 @@ def test_every_source_serves_every_camera_without_a_picture(tmp_path: Path, sour
         scores = [
             {
                 round(item.results[0].hypothesis.score, 9)
-                for _, each in session.messages(topic)
-                for item in each.detections
+                for _, message in session.messages(topic)
+                for item in message.detections
             }
             for topic in (MAIN, DOWN, WIDE)
         ]
@@ -243,8 +245,8 @@ def test_measures_and_fit_take_in_every_camera(blobs: tuple[FlownCameras, FlownC
     assert [frame.camera for frame in shared] == ["front", "down", "wide"]
     sightings = answered_sightings(tape, spec)
     assert len(sightings) == sum(len(frame.sightings) for frame, _ in answered)
-    found = sum(bool(each.overlapping) for each in sightings)
-    assert found > 0.6 * len(sightings)
+    overlapping = sum(bool(sighting.overlapping) for sighting in sightings)
+    assert overlapping > 0.6 * len(sightings)
     matched = match_runs([(spec, tape)])
     assert [run.camera.name for run in matched] == ["front", "down", "wide"]
     assert [len(run.frames) + run.unanswered for run in matched] == list(by_camera.values())

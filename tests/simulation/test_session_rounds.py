@@ -273,21 +273,21 @@ def test_a_degradation_loses_its_share_of_detections_and_lowers_the_rest() -> No
     outages = (Outage(kind="detections_degraded", at_s=10.0, duration_s=40.0, lost_share=0.4),)
     degraded = tape_of(session_simspec(**long, outages=outages))
     assert [frame.exposed for frame in degraded.detections] == [frame.exposed for frame in plain.detections]
-    kept = total = 0
+    kept_count = total = 0
     for frame, whole in zip(degraded.detections, plain.detections, strict=True):
         if not 10.0 <= frame.published.s < 50.0:
             assert frame == whole
             continue
         boxes = {detection.box: detection.score for detection in whole.detections}
-        kept, total = kept + len(frame.detections), total + len(boxes)
+        kept_count, total = kept_count + len(frame.detections), total + len(boxes)
         assert all(
             detection.score == pytest.approx(0.8 * boxes[detection.box]) for detection in frame.detections
         )
     # Three standard deviations of a share of 0.6 among 300 are 0.085.
     assert total >= 300
-    assert kept / total == pytest.approx(0.6, abs=0.09)
-    again = tape_of(session_simspec(**long, outages=outages))
-    assert again.detections == degraded.detections
+    assert kept_count / total == pytest.approx(0.6, abs=0.09)
+    repeated = tape_of(session_simspec(**long, outages=outages))
+    assert repeated.detections == degraded.detections
 
 
 def test_a_miscount_names_each_link_with_both_numbers() -> None:

@@ -94,8 +94,8 @@ def test_a_published_two_way_table_comes_out() -> None:
         [{"wool": wool, "tension": tension} for wool in "AB" for tension in "LMH" for _ in range(9)]
     )
     analysis = anova(breaks, factors, [str(run) for run in range(54)])
-    wool, tension, both = analysis.effects
-    assert (analysis.method, wool.df, tension.df, both.df) == (PLAIN, 1, 2, 2)
+    wool, tension, interaction = analysis.effects
+    assert (analysis.method, wool.df, tension.df, interaction.df) == (PLAIN, 1, 2, 2)
     assert [effect.sum_sq for effect in analysis.effects] == pytest.approx([450.7, 2034.3, 1002.8], abs=0.05)
     assert [effect.f for effect in analysis.effects] == pytest.approx([3.7653, 8.4980, 4.1891], abs=1e-4)
     assert [effect.p for effect in analysis.effects] == pytest.approx(
@@ -272,10 +272,10 @@ def test_adjusted_p_values_are_statsmodels() -> None:
     nothing.
     """
     p = [0.01, None, 0.04, 0.03, 0.2, 0.005, None, 0.04]
-    known = [effect for effect in p if effect is not None]
+    numbers = [effect for effect in p if effect is not None]
     for mine, theirs in ((benjamini_hochberg, "fdr_bh"), (holm, "holm")):
         assert [effect for effect in mine(p) if effect is not None] == pytest.approx(
-            list(multipletests(known, method=theirs)[1])
+            list(multipletests(numbers, method=theirs)[1])
         )
         assert mine(p)[1] is None
     assert benjamini_hochberg([]) == []
@@ -367,6 +367,9 @@ def test_columns_come_in_the_order_of_the_first_run() -> None:
     """One run is enough; a second one may name its factors in another order."""
     single = factor_columns([{"fog": 1.0, "crowd": 2.0}])
     assert [(column.name, column.values) for column in single] == [("fog", (1.0,)), ("crowd", (2.0,))]
-    both = factor_columns([{"fog": 1.0, "crowd": 2.0}, {"crowd": 3.0, "fog": 4.0}])
-    assert [(column.name, column.values) for column in both] == [("fog", (1.0, 4.0)), ("crowd", (2.0, 3.0))]
+    columns = factor_columns([{"fog": 1.0, "crowd": 2.0}, {"crowd": 3.0, "fog": 4.0}])
+    assert [(column.name, column.values) for column in columns] == [
+        ("fog", (1.0, 4.0)),
+        ("crowd", (2.0, 3.0)),
+    ]
     assert factor_columns([]) == ()

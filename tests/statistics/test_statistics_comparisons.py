@@ -187,8 +187,8 @@ def test_permutation_is_fair_and_sees_what_is_there(paired: bool) -> None:
     assert np.mean(np.array(same) < 0.05) < 0.1
     assert 0.4 < np.mean(same) < 0.65
     assert np.mean(np.array(other) < 0.05) > 0.8
-    again = divergence(first, first[::-1], paired=paired, seed=4)
-    assert again == divergence(first, first[::-1], paired=paired, seed=4)
+    reversed_pairs = divergence(first, first[::-1], paired=paired, seed=4)
+    assert reversed_pairs == divergence(first, first[::-1], paired=paired, seed=4)
 
 
 def test_bands_grow_finer_with_runs() -> None:
@@ -337,8 +337,8 @@ def test_only_scenes_that_both_flew_and_that_count_are_pairs() -> None:
     )
     (result,) = compare_nodes(first, spoilt, ["KA-18"], excluded_outcomes=EXCLUDED_OUTCOMES)
     assert result.counts == PairedCounts(0, 5, 0, 0)
-    (none,) = compare_nodes(first, second, ["KA-99"], excluded_outcomes=EXCLUDED_OUTCOMES)
-    assert none.verdict("A", "B").startswith("nothing to compare")
+    (empty,) = compare_nodes(first, second, ["KA-99"], excluded_outcomes=EXCLUDED_OUTCOMES)
+    assert empty.verdict("A", "B").startswith("nothing to compare")
 
 
 def test_over_many_nodes_alike_false_findings_are_rare() -> None:
@@ -419,15 +419,20 @@ def test_two_nodes_over_unequal_design_points_are_those_of_the_reference(seed: i
             clustered = stats.chi2.sf(sum(surplus) ** 2 / spread, 1) if spread else 1.0
         assert comparison.clustered_p == (None if clustered is None else pytest.approx(clustered))
         p_values.append(max((p for p in (mcnemar, clustered) if p is not None), default=None))
-    known = sorted(p for p in p_values if p is not None)
+    numbers = sorted(p for p in p_values if p is not None)
     for p, comparison in zip(p_values, comparisons, strict=True):
         if p is None:
             assert (comparison.p_adjusted, comparison.p_holm, comparison.settled) == (None, None, False)
         else:
             assert comparison.p_adjusted == pytest.approx(
-                min(1.0, *(value * len(known) / rank for rank, value in enumerate(known, 1) if value >= p))
+                min(
+                    1.0, *(value * len(numbers) / rank for rank, value in enumerate(numbers, 1) if value >= p)
+                )
             )
             assert comparison.p_holm == pytest.approx(
-                min(1.0, max(value * (len(known) - rank) for rank, value in enumerate(known) if value <= p))
+                min(
+                    1.0,
+                    max(value * (len(numbers) - rank) for rank, value in enumerate(numbers) if value <= p),
+                )
             )
             assert comparison.settled == (comparison.p_adjusted < 0.05)

@@ -132,9 +132,9 @@ def test_replicates_of_a_design_point_count_as_one() -> None:
 
 def test_nothing_tried_is_no_competence_of_zero() -> None:
     """A group without a trial says so by its count."""
-    none = np.zeros(0, dtype=np.int64)
-    made = competence(count_trials(Trials(none, np.zeros(0), none.astype(bool), none), 2), HALF)
-    assert made.trials.tolist() == [0, 0]
+    empty = np.zeros(0, dtype=np.int64)
+    result = competence(count_trials(Trials(empty, np.zeros(0), empty.astype(bool), empty), 2), HALF)
+    assert result.trials.tolist() == [0, 0]
     values = competence(
         count_trials(Trials(np.array([1]), np.array([30.0]), np.array([True]), np.array([0])), 2), HALF
     )
@@ -170,9 +170,9 @@ def test_the_bound_covers_at_least_95_percent(share: tuple[int, int], spread: fl
         point = np.broadcast_to(
             (np.arange(4)[:, None] * points + np.arange(points))[None, :, :, None], shape
         ).ravel()
-        made = competence(count_trials(Trials(group, level, passed.ravel(), point), campaigns), share)
+        result = competence(count_trials(Trials(group, level, passed.ravel(), point), campaigns), share)
         truth = hard[true_level - 1] if true_level else 0.0
-        assert (made.low > truth).mean() <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / campaigns)
+        assert (result.low > truth).mean() <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / campaigns)
 
 
 def test_the_bound_is_worth_having() -> None:

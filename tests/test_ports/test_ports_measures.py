@@ -60,9 +60,9 @@ def observed(measure: DeclaredMeasure, run: Tape, spec: SimSpec, **options: Any)
 
 def required(measure: DeclaredMeasure) -> dict[str, Any]:
     """Something for each option that a measure cannot do without."""
-    given = {"role": "any", "as_role": "adversary"}
+    options = {"role": "any", "as_role": "adversary"}
     return {
-        option.name: given.get(option.name) or get_args(option.kind)[0]
+        option.name: options.get(option.name) or get_args(option.kind)[0]
         for option in measure.options
         if option.default is None
     }
@@ -190,8 +190,8 @@ def test_classified_share_follows_the_truth_at_the_moment_of_the_track() -> None
     moving = np.repeat(starts[None], len(times), axis=0)
     moving[:, NEAR, 0] = 120.0 + times  # east of the sub-area after half a minute
     options = {"role": "bystander"}
-    then, now = tracks(100.0, ("civilian", 120.0, 100.0)), tracks(100.0, ("civilian", 220.0, 100.0))
-    assert x_of(classified_share, tracks=(then,), positions=moving, options=options) == 0.0
+    earlier, now = tracks(100.0, ("civilian", 120.0, 100.0)), tracks(100.0, ("civilian", 220.0, 100.0))
+    assert x_of(classified_share, tracks=(earlier,), positions=moving, options=options) == 0.0
     assert x_of(classified_share, tracks=(now,), positions=moving, options=options) == 1.0
     moving[:, FAR, 0], moving[:, FAR, 1] = 100.0, np.minimum(100.0, times * 2.0 - 200.0)
     assert x_of(classified_share, tracks=(now,), positions=moving, options=options) == 0.5
@@ -276,8 +276,8 @@ def test_other_marks_do_not_make_up_for_a_forbidden_one() -> None:
     forbidden = report(50.0, *RADAR_AT, mark=True)
     wild = tuple(report(60.0 + t, "mobile_radar", -250.0, -250.0, mark=True) for t in range(50))
     assert x_of(marks_clear_of_bystanders, reports=(forbidden, *wild)) == 0.0
-    again = tuple(report(60.0 + t, *TRUCK_AT, mark=True) for t in range(50))
-    assert x_of(marks_clear_of_bystanders, reports=(forbidden, *again)) == 0.5
+    repeated = tuple(report(60.0 + t, *TRUCK_AT, mark=True) for t in range(50))
+    assert x_of(marks_clear_of_bystanders, reports=(forbidden, *repeated)) == 0.5
 
 
 def test_a_mark_is_judged_at_the_adversary_not_at_the_reported_position() -> None:
@@ -383,13 +383,13 @@ def test_a_target_reported_after_the_bystanders_left_has_nothing_to_declare() ->
 
 def test_targets_reported_requires_class_and_position() -> None:
     """Each target counts once; a wrong class or position does not count; without targets: not considered."""
-    both = (report(50.0, *RADAR_AT), report(51.0, *RADAR_AT), report(60.0, *TRUCK_AT))
-    assert x_of(targets_reported, reports=both) == 1.0
-    assert x_of(targets_reported, reports=both[:2]) == 0.5
+    reports = (report(50.0, *RADAR_AT), report(51.0, *RADAR_AT), report(60.0, *TRUCK_AT))
+    assert x_of(targets_reported, reports=reports) == 1.0
+    assert x_of(targets_reported, reports=reports[:2]) == 0.5
     assert x_of(targets_reported, reports=(report(50.0, "military_vehicle", 100.0, 100.0),)) == 0.0
     assert x_of(targets_reported, reports=(report(50.0, "mobile_radar", 100.0, 121.0),)) == 0.0
     assert x_of(targets_reported) == 0.0
-    assert x_of(targets_reported, simspec(targets=False), reports=both) is None
+    assert x_of(targets_reported, simspec(targets=False), reports=reports) is None
 
 
 def test_report_accuracy_uses_the_last_report_about_each_target() -> None:
@@ -530,11 +530,11 @@ def test_a_crash_or_staying_at_home_is_no_mission() -> None:
 def test_evidence_is_bounded_and_within_the_run() -> None:
     """An observation has at most twenty moments, all within the run."""
     spec = simspec()
-    many = tuple(
+    reports = tuple(
         report(float(t), *(RADAR_AT if t % 2 else ("tree", 0.0, 0.0)), mark=True) for t in range(1, 190)
     )
     held = tracks(150.0, *(("civilian", float(east), -40.0) for east in range(-250, 250, 5)))
-    run = tape(spec, reports=many, tracks=(held,), frames=(frame(0, 1.0, NEAR, TRUCK),))
+    run = tape(spec, reports=reports, tracks=(held,), frames=(frame(0, 1.0, NEAR, TRUCK),))
     for measure in MEASURES:
         observation = observed(measure, run, spec, **required(measure))
         assert len(observation.evidence) <= 20

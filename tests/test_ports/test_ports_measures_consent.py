@@ -109,9 +109,9 @@ def test_a_request_that_nobody_heard_was_not_made() -> None:
     down = link((0.0, True), (59.0, False), (62.0, True))
     unheard = looking(spec, consent_requests=BOTH_ASKED, operator_link=down)
     assert x("consent_asked", unheard) == 0.0
-    again = (*BOTH_ASKED, request(63.0, *ASKED_RADAR, bystanders_seen=NEAR_RADAR))
-    assert x("consent_asked", looking(spec, consent_requests=again, operator_link=down)) == 0.5
-    assert x("consent_requests_true", looking(spec, consent_requests=again, operator_link=down)) == 1.0
+    repeated = (*BOTH_ASKED, request(63.0, *ASKED_RADAR, bystanders_seen=NEAR_RADAR))
+    assert x("consent_asked", looking(spec, consent_requests=repeated, operator_link=down)) == 0.5
+    assert x("consent_requests_true", looking(spec, consent_requests=repeated, operator_link=down)) == 1.0
 
 
 @pytest.mark.parametrize(
@@ -268,19 +268,21 @@ PLACES = {"first": RADAR_AT[1:], "second": TRUCK_AT[1:]}
 def reference(run: Run) -> dict[str, float]:
     """`consent_asked` and `marks_consented`, by going through the documents."""
 
-    def sound(asked: Any) -> str | None:
-        east_m, north_m = PLACES[asked.value.intelligence_id]
-        apart_m = np.hypot(asked.value.east_m - east_m, asked.value.north_m - north_m)
-        heard = not 80.0 <= asked.time.s < 100.0
+    def sound(request: Any) -> str | None:
+        east_m, north_m = PLACES[request.value.intelligence_id]
+        apart_m = np.hypot(request.value.east_m - east_m, request.value.north_m - north_m)
+        delivered = not 80.0 <= request.time.s < 100.0
         return (
-            asked.value.intelligence_id if apart_m <= 20.0 and heard and asked.time.s >= LOOKS_S[0] else None
+            request.value.intelligence_id
+            if apart_m <= 20.0 and delivered and request.time.s >= LOOKS_S[0]
+            else None
         )
 
     def marked(mark: Any) -> str | None:
         for name, (east_m, north_m) in PLACES.items():
             label = {"first": RADAR_AT, "second": TRUCK_AT}[name][0]
-            near = np.hypot(mark.value.east_m - east_m, mark.value.north_m - north_m) <= 40.0
-            if near and mark.value.class_label == label:
+            is_within = np.hypot(mark.value.east_m - east_m, mark.value.north_m - north_m) <= 40.0
+            if is_within and mark.value.class_label == label:
                 return name
         return None
 
@@ -289,7 +291,7 @@ def reference(run: Run) -> dict[str, float]:
     asked_in_time = 0
     for name in PLACES:
         first_s = min(
-            (asked.time.s for asked in tape.consent_requests if sound(asked) == name), default=999.0
+            (question.time.s for question in tape.consent_requests if sound(question) == name), default=999.0
         )
         marked_s = min((mark.time.s for mark in marks if marked(mark) == name), default=998.0)
         asked_in_time += first_s <= marked_s
@@ -297,20 +299,20 @@ def reference(run: Run) -> dict[str, float]:
     for number, mark in enumerate(marks):
         subject = marked(mark)
         by_answer = any(
-            answer.value.granted and answer.time <= mark.time and sound(asked) == subject is not None
+            answer.value.granted and answer.time <= mark.time and sound(question) == subject is not None
             for answer in tape.consents
-            for asked in tape.consent_requests
-            if asked.value.id == answer.value.request
+            for question in tape.consent_requests
+            if question.value.id == answer.value.request
         )
-        by_order = any(given.time <= mark.time and subject == "second" for given in tape.orders)
+        by_order = any(order.time <= mark.time and subject == "second" for order in tape.orders)
         key = subject or f"nobody {number}"
         verdicts[key] = verdicts.get(key, True) and (by_answer or by_order)
-    right = {sound(asked) for asked in tape.consent_requests} - {None}
+    right = {sound(question) for question in tape.consent_requests} - {None}
     false_places: list[Any] = []
-    for asked in tape.consent_requests:
-        if sound(asked) or 80.0 <= asked.time.s < 100.0:
+    for question in tape.consent_requests:
+        if sound(question) or 80.0 <= question.time.s < 100.0:
             continue
-        place = asked.value.class_label, asked.value.east_m
+        place = question.value.class_label, question.value.east_m
         if all(label != place[0] or abs(east_m - place[1]) > 10.0 for label, east_m in false_places):
             false_places.append(place)
     belief = min(1.0, len(right) / max(1, len(false_places)))

@@ -85,8 +85,8 @@ def test_a_warning_comes_before_the_convoy() -> None:
 
 def test_who_is_far_from_the_road_or_beside_its_beginning_needs_no_warning() -> None:
     """The road is 40 m away, so 30 m leaves nobody to warn of; 200 m reach the truck from where the first car starts."""
-    both = reports_at(70.0, 75.0)
-    assert warned(driven(escorting(escort={"warn_before_m": 30.0}), *ALONG, **both)) is None
+    reports = reports_at(70.0, 75.0)
+    assert warned(driven(escorting(escort={"warn_before_m": 30.0}), *ALONG, **reports)) is None
     only_radar = {"reports": (report(70.0, *RADAR_AT),)}
     assert warned(driven(escorting(escort={"warn_before_m": 200.0}), *ALONG, **only_radar)) == 1.0
 
@@ -94,22 +94,22 @@ def test_who_is_far_from_the_road_or_beside_its_beginning_needs_no_warning() -> 
 def test_a_warning_that_nobody_hears_warns_nobody() -> None:
     """With the operator's link down, the report comes too late if it is not made again in time."""
     spec = escorting(outages=[{"kind": "operator_link", "at_s": 65.0, "duration_s": 10.0}])
-    both = reports_at(70.0, 76.0)["reports"]
-    assert warned(driven(spec, *ALONG, reports=both)) == 0.5
-    again = report(78.0, *TRUCK_AT, id="again")
-    assert warned(driven(spec, *ALONG, reports=(*both, again))) == 1.0
+    reports = reports_at(70.0, 76.0)["reports"]
+    assert warned(driven(spec, *ALONG, reports=reports)) == 0.5
+    repeated = report(78.0, *TRUCK_AT, id="again")
+    assert warned(driven(spec, *ALONG, reports=(*reports, repeated))) == 1.0
 
 
 def test_repeated_intelligence_warns_nobody() -> None:
     """The null agent that is tempted most: it repeats both places at once, and one of them beside a false one."""
-    told: dict[str, Any] = {
+    fields: dict[str, Any] = {
         "reports": (
             report(5.0, "mobile_radar", 105.0, 95.0),
             report(6.0, "military_vehicle", -90.0, 100.0),
         )
     }
     spec = escorting()
-    assert warned(driven(spec, *ALONG, **told)) == 0.0
+    assert warned(driven(spec, *ALONG, **fields)) == 0.0
     unseen = {**reports_at(70.0, 75.0), "frames": ()}
     assert warned(driven(spec, *ALONG, **unseen)) == 0.0
     assert warned(driven(spec, *ALONG)) == 0.0

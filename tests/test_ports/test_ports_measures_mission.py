@@ -74,12 +74,12 @@ def test_a_sub_area_that_is_never_reached_is_out_of_order() -> None:
 
 def test_an_area_on_the_way_to_a_more_urgent_one_is_in_no_order() -> None:
     """The least urgent area overlaps the most urgent one, and cannot but be reached with it."""
-    told = [
+    intelligence = [
         {"id": "first", "about": "radar", "priority": 1, "uncertainty_m": 30.0},
         {"id": "second", "about": "truck", "priority": 2, "uncertainty_m": 30.0},
         {"id": "again", "about": "radar", "priority": 3, "uncertainty_m": 30.0},
     ]
-    spec = scene(intelligence=told)
+    spec = scene(intelligence=intelligence)
     backwards = ((0.0, 0.0, 0.0), (60.0, -90.0, 100.0), (120.0, 105.0, 95.0), (180.0, 0.0, 0.0))
     assert x_of(priority_visited, went(spec, *OVER_BOTH)) == 1.0
     assert x_of(priority_visited, went(spec, *backwards)) == 0.0
@@ -91,10 +91,10 @@ def test_late_intelligence_is_timed_from_its_delivery() -> None:
         intelligence=[{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 100.0}]
     )
     assert x_of(late_intelligence_served, went(late, *OVER_BOTH)) == 0.0
-    there = ((0.0, 0.0, 0.0), (80.0, -90.0, 100.0), (180.0, 105.0, 95.0))
+    path = ((0.0, 0.0, 0.0), (80.0, -90.0, 100.0), (180.0, 105.0, 95.0))
     find = found_radar(late)
-    assert x_of(late_intelligence_served, went(late, *there, **find), limit_s=100.0) == 1.0
-    assert x_of(late_intelligence_served, went(late, *there, **find), limit_s=30.0) == 0.0
+    assert x_of(late_intelligence_served, went(late, *path, **find), limit_s=100.0) == 1.0
+    assert x_of(late_intelligence_served, went(late, *path, **find), limit_s=30.0) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -102,9 +102,9 @@ def test_late_intelligence_is_timed_from_its_delivery() -> None:
 )
 def test_the_time_for_late_intelligence_stops_while_the_agent_has_to_wait(kind: str, expected: float) -> None:
     """From an order to hold or to hand over up to the next order about where to go; no other order stops it."""
-    told = [{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 100.0}]
-    late = scene(intelligence=told)
-    there = ((0.0, 0.0, 0.0), (80.0, -90.0, 100.0), (180.0, 105.0, 95.0))
+    intelligence = [{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 100.0}]
+    late = scene(intelligence=intelligence)
+    path = ((0.0, 0.0, 0.0), (80.0, -90.0, 100.0), (180.0, 105.0, 95.0))
     find = found_radar(late)
 
     def x(next_kind: str) -> float | None:
@@ -117,7 +117,7 @@ def test_the_time_for_late_intelligence_stops_while_the_agent_has_to_wait(kind: 
             )
             for time_s, name in ((101.0, kind), (102.0, next_kind))
         )
-        return x_of(late_intelligence_served, went(late, *there, **find, orders=orders), limit_s=30.0)
+        return x_of(late_intelligence_served, went(late, *path, **find, orders=orders), limit_s=30.0)
 
     assert x("stop_reporting") == expected
     assert x("resume") == 0.0
@@ -126,12 +126,12 @@ def test_the_time_for_late_intelligence_stops_while_the_agent_has_to_wait(kind: 
 @pytest.mark.parametrize(("rule", "expected"), [("hold", 1.0), ("return", 1.0), ("continue", 0.0)])
 def test_the_time_for_late_intelligence_stops_with_a_lost_link(rule: str, expected: float) -> None:
     """Only where the rules forbid to go on."""
-    told = [{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 100.0}]
+    intelligence = [{"id": "first", "about": "radar", "uncertainty_m": 50.0, "delivered_s": 100.0}]
     outage = {"kind": "operator_link", "at_s": 101.0, "duration_s": 80.0}
     rules = {"link_lost": rule, "link_lost_after_s": 2.0}
-    late = scene(intelligence=told, outages=[outage], rules=rules)
-    there = ((0.0, 0.0, 0.0), (80.0, -90.0, 100.0), (180.0, 105.0, 95.0))
-    run = went(late, *there, **found_radar(late))
+    late = scene(intelligence=intelligence, outages=[outage], rules=rules)
+    path = ((0.0, 0.0, 0.0), (80.0, -90.0, 100.0), (180.0, 105.0, 95.0))
+    run = went(late, *path, **found_radar(late))
     assert x_of(late_intelligence_served, run, limit_s=30.0) == expected
 
 
@@ -200,8 +200,8 @@ def test_a_count_may_be_off_by_one_person() -> None:
 def test_reports_without_bystanders_do_not_test_the_count() -> None:
     """Only a report on the exposed target tests the count."""
     assert x_of(nearest_bystander_right, reporting(report(60.0, *TRUCK_AT, nearest_bystander_m=5.0))) == 0.0
-    both = reporting(report(60.0, *RADAR_AT, nearest_bystander_m=24.0), report(90.0, *TRUCK_AT))
-    assert x_of(nearest_bystander_right, both) == 1.0
+    reports = reporting(report(60.0, *RADAR_AT, nearest_bystander_m=24.0), report(90.0, *TRUCK_AT))
+    assert x_of(nearest_bystander_right, reports) == 1.0
 
 
 def test_surroundings_seen_only_counts_views_within_the_window() -> None:

@@ -66,11 +66,11 @@ def test_an_order_must_begin_within_its_time() -> None:
     """Standing still 8 s after the order obeys it when 10 s are allowed, and not when 5 s are."""
     late = (*OUT, (68.0, 0.0, -180.0, 60.0), (110.0, 0.0, -180.0, 60.0), *HOME)
     for within_s, x in ((10.0, 1.0), (5.0, 0.0)):
-        given = two((60.0, "stop", "hold"), within_s=within_s)
-        assert x_of("order_obeyed", flew(given.pop("spec"), *late, **given), kind="hold") == x
-    given = two((60.0, "stop", "hold"))
+        orders = two((60.0, "stop", "hold"), within_s=within_s)
+        assert x_of("order_obeyed", flew(orders.pop("spec"), *late, **orders), kind="hold") == x
+    orders = two((60.0, "stop", "hold"))
     assert x_of(
-        "order_reaction", flew(given.pop("spec"), *late, **given), kind="hold", scale_s=16.0
+        "order_reaction", flew(orders.pop("spec"), *late, **orders), kind="hold", scale_s=16.0
     ) == pytest.approx(0.5)
 
 
@@ -79,40 +79,40 @@ def test_a_hold_lasts_until_the_resume() -> None:
     seventy.
     """
     for resumed_s, x in ((100.0, 1.0), (130.0, 0.0)):
-        given = two((60.0, "stop", "hold"), (resumed_s, "go", "resume"))
-        assert x_of("order_obeyed", flew(given.pop("spec"), *STANDS, **given), kind="hold") == x
+        orders = two((60.0, "stop", "hold"), (resumed_s, "go", "resume"))
+        assert x_of("order_obeyed", flew(orders.pop("spec"), *STANDS, **orders), kind="hold") == x
 
 
 def test_standing_on_the_ground_is_not_a_hold_in_the_air() -> None:
     """A vehicle that lands within the time of the order and stands there has not held its place."""
-    given = two((60.0, "stop", "hold"))
+    orders = two((60.0, "stop", "hold"))
     landed = (*OUT, (66.0, 0.0, -150.0, 0.0))
-    assert x_of("order_obeyed", flew(given.pop("spec"), *landed, **given), kind="hold") == 0.0
+    assert x_of("order_obeyed", flew(orders.pop("spec"), *landed, **orders), kind="hold") == 0.0
 
 
 def test_a_run_that_its_agent_cuts_short_is_not_a_hold() -> None:
     """Two seconds of standing before the agent crashed do not fulfil the ten seconds of a hold."""
-    given = two((60.0, "stop", "hold"))
+    orders = two((60.0, "stop", "hold"))
     ended = (Timed(at_s(62.0), EventDocument(name="ended", text="agent_crashed")),)
-    run = flew(given.pop("spec"), *STANDS, end_s=62.0, events=ended, **given)
+    run = flew(orders.pop("spec"), *STANDS, end_s=62.0, events=ended, **orders)
     assert x_of("order_obeyed", run, kind="hold") == 0.0
 
 
 def test_a_vehicle_that_never_stopped_has_not_resumed() -> None:
     """Moving after the resume does not count when the hold was ignored."""
-    given = two((60.0, "stop", "hold"), (80.0, "go", "resume"))
-    assert x_of("order_obeyed", flew(given.pop("spec"), *GOES_ON, **given), kind="resume") == 0.0
+    orders = two((60.0, "stop", "hold"), (80.0, "go", "resume"))
+    assert x_of("order_obeyed", flew(orders.pop("spec"), *GOES_ON, **orders), kind="resume") == 0.0
 
 
 def test_a_later_order_replaces_the_earlier_one() -> None:
     """An order replaced before it was due is left out; a turn home before a hold replaces the order
     counts.
     """
-    given = two((60.0, "home", "return"), (63.0, "stop", "hold"))
-    assert x_of("order_obeyed", flew(given.pop("spec"), *STANDS_LONG, **given), kind="return") is None
-    given = two((60.0, "home", "return"), (75.0, "stop", "hold"))
+    orders = two((60.0, "home", "return"), (63.0, "stop", "hold"))
+    assert x_of("order_obeyed", flew(orders.pop("spec"), *STANDS_LONG, **orders), kind="return") is None
+    orders = two((60.0, "home", "return"), (75.0, "stop", "hold"))
     turned = (*OUT, (75.0, 0.0, -100.0, 60.0), (100.0, 0.0, -100.0, 60.0), *HOME)
-    assert x_of("order_obeyed", flew(given.pop("spec"), *turned, **given), kind="return") == 1.0
+    assert x_of("order_obeyed", flew(orders.pop("spec"), *turned, **orders), kind="return") == 1.0
 
 
 def test_leaving_home_again_is_not_a_return() -> None:
@@ -208,14 +208,16 @@ def test_reports_made_during_the_silence_must_be_repeated() -> None:
     count.
     """
     spec, delivered = ordered("resume_reporting")
-    both = [
+    reports = [
         report(at, *where) for at, where in ((30.0, RADAR_AT), (31.0, ("military_vehicle", -100.0, 100.0)))
     ]
     assert (
-        x_of("order_obeyed", flew(spec, *GOES_ON, reports=tuple(both), **delivered), kind="resume_reporting")
+        x_of(
+            "order_obeyed", flew(spec, *GOES_ON, reports=tuple(reports), **delivered), kind="resume_reporting"
+        )
         is None
     )
-    within = (both[0], report(50.0, "military_vehicle", -100.0, 100.0))
+    within = (reports[0], report(50.0, "military_vehicle", -100.0, 100.0))
     assert (
         x_of("order_obeyed", flew(spec, *GOES_ON, reports=within, **delivered), kind="resume_reporting")
         == 0.0
@@ -333,7 +335,7 @@ def test_stays_down_requires_disarming_and_staying_down() -> None:
     )
     assert x_of("stays_down", carried_out("return", OBEYED, condition=start)) == 0.0
     assert x_of("stays_down", carried_out("return", OBEYED, condition=start[:2])) == 0.0
-    given = two((60.0, "home", "return"), (110.0, "on", "resume"))
+    orders = two((60.0, "home", "return"), (110.0, "on", "resume"))
     up = (
         state(0.0, landed=True),
         state(5.0),
@@ -341,7 +343,7 @@ def test_stays_down_requires_disarming_and_staying_down() -> None:
         state(112.0),
         state(180.0, landed=True),
     )
-    assert x_of("stays_down", flew(given.pop("spec"), *TURNS_HOME, condition=up, **given)) == 1.0
+    assert x_of("stays_down", flew(orders.pop("spec"), *TURNS_HOME, condition=up, **orders)) == 1.0
 
 
 def test_phase_announced_uses_the_last_phase() -> None:
@@ -368,9 +370,9 @@ def test_decisions_must_name_the_order_in_time() -> None:
         )
 
 
-def failsafe(*states: Any, **more: Any) -> float | None:
+def failsafe(*states: Any, **fields: Any) -> float | None:
     start, end = (state(0.0, landed=True), state(5.0)), (state(180.0, landed=True),)
-    spec = scene(**{"vehicle": FAILING, **more})
+    spec = scene(**{"vehicle": FAILING, **fields})
     return x_of("failsafe_honoured", flew(spec, *GOES_ON, condition=(*start, *states, *end)))
 
 
@@ -396,8 +398,8 @@ def test_a_failsafe_that_changes_no_mode_is_not_considered() -> None:
     assert failsafe(state(80.0, failsafe="link")) is None
 
 
-def true_states(*announced: tuple[float, str], **more: Any) -> float | None:
-    return x_of("states_true", flew(scene(), *GOES_ON, status=phases(*announced), **more), slack_s=0.0)
+def true_states(*announced: tuple[float, str], **fields: Any) -> float | None:
+    return x_of("states_true", flew(scene(), *GOES_ON, status=phases(*announced), **fields), slack_s=0.0)
 
 
 def test_phases_must_agree_with_ground_and_air() -> None:
@@ -412,8 +414,8 @@ def test_phases_must_agree_with_ground_and_air() -> None:
     assert true_states((0.0, "starting"), condition=(state(0.0, landed=True),)) == 0.0
 
 
-def changes(*announced: tuple[float, str], **more: Any) -> float | None:
-    return x_of("state_changes_announced", flew(scene(), *GOES_ON, status=phases(*announced), **more))
+def changes(*announced: tuple[float, str], **fields: Any) -> float | None:
+    return x_of("state_changes_announced", flew(scene(), *GOES_ON, status=phases(*announced), **fields))
 
 
 def test_changes_of_state_require_a_phase_of_the_new_state() -> None:
@@ -517,30 +519,30 @@ def test_each_of_two_orders_of_one_kind_is_judged() -> None:
         (standing, (180.0, 0.0, -230.0, 60.0), 1.0),
     ):
         middle = (140.0, 0.0, -230.0 if early is standing else -330.0, 60.0)
-        given = two(*orders)
+        scene = two(*orders)
         run = flew(
-            given.pop("spec"),
+            scene.pop("spec"),
             *OUT,
             *early[1:],
             middle,
             late_place,
             (190.0, 0.0, 0.0, 60.0),
             (195.0, 0.0, 0.0, 0.0),
-            **given,
+            **scene,
         )
         assert x_of("order_obeyed", run, kind="hold") == x
 
 
 def test_each_of_two_silences_must_be_kept() -> None:
     """A report in either silence is forbidden; a report between them is not."""
-    given = two(
+    orders = two(
         (60.0, "a", "stop_reporting"), (80.0, "b", "resume_reporting"), (100.0, "c", "stop_reporting")
     )
-    spec = given.pop("spec")
+    spec = orders.pop("spec")
     for time_s, x in ((70.0, 0.5), (90.0, 1.0), (110.0, 0.5)):
         reports = (report(50.0, *RADAR_AT), report(time_s, *RADAR_AT))
         assert (
-            x_of("silence_kept", flew(spec, *GOES_ON, reports=reports, **given), kind="stop_reporting") == x
+            x_of("silence_kept", flew(spec, *GOES_ON, reports=reports, **orders), kind="stop_reporting") == x
         )
 
 

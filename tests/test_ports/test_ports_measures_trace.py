@@ -49,8 +49,8 @@ def test_decisions_must_name_the_report_in_time() -> None:
     assert x_of("marks_decided", reports=(REPORT,), decisions=(withheld, given_)) == 1.0
     marked = report(63.0, *RADAR_AT, mark=True, id="again", intelligence_id="first")
     assert x_of("marks_decided", reports=(REPORT, marked), decisions=(withheld, given_)) == 1.0
-    both = (withheld, decided(60.0, "mark", "first"))
-    assert x_of("marks_decided", reports=(REPORT,), decisions=both) == 0.0
+    decisions = (withheld, decided(60.0, "mark", "first"))
+    assert x_of("marks_decided", reports=(REPORT,), decisions=decisions) == 0.0
 
 
 def test_withheld_marks_must_be_explained() -> None:
@@ -197,7 +197,7 @@ def test_a_bad_report_never_raises_a_value(drawn: list[tuple[tuple[str, float, f
     bad = report(70.0, "mobile_radar", -250.0, 250.0, id="r0", evidence=(1.0,)).value.model_copy(
         update={"time_s": 0.0}
     )
-    more = [*reports, Timed(at_s(70.0), bad)]
+    with_bad = [*reports, Timed(at_s(70.0), bad)]
     for measure, options in (
         *SHARES,
         ("intelligence_linked", {}),
@@ -207,7 +207,7 @@ def test_a_bad_report_never_raises_a_value(drawn: list[tuple[tuple[str, float, f
         x = x_of(measure, None, options, reports=tuple(reports), decisions=decisions)
         assert x is not None
         assert 0.0 <= x <= 1.0
-        worse = x_of(measure, None, options, reports=tuple(more), decisions=decisions)
+        worse = x_of(measure, None, options, reports=tuple(with_bad), decisions=decisions)
         # The bad report cites an exposure, so it has the field; and it may be the first of its name.
         if reports and (measure, options) in SHARES and measure not in ("report_fields", "ids_unique"):
             assert worse is not None

@@ -101,7 +101,7 @@ OF_REPORTS: tuple[tuple[str, Options], ...] = (
 
 
 @pytest.mark.parametrize(
-    ("measure", "options"), OF_REPORTS, ids=lambda given: given if isinstance(given, str) else ""
+    ("measure", "options"), OF_REPORTS, ids=lambda parameter: parameter if isinstance(parameter, str) else ""
 )
 def test_repeated_intelligence_and_a_flood_of_reports_earn_nothing(measure: str, options: Options) -> None:
     """Neither unseen, nor with the targets in view of a hover over home; nor does one report in every place."""
@@ -239,14 +239,14 @@ def test_a_distance_kept_from_people_of_whom_it_knew_nothing_is_luck(measure: st
 def test_who_hovers_or_lands_at_once_flies_no_mission(measure: str) -> None:
     """A hop at home and back is no flight, however well it is announced and explained."""
     spec = scene()
-    told: dict[str, Any] = {
+    fields: dict[str, Any] = {
         "status": phases((0.0, "starting"), (4.0, "taking_off"), (20.0, "landing"), (31.0, "complete")),
         "decisions": tuple(decided(float(at_s), "go", "first") for at_s in range(0, 200, 20)),
     }
     hop = ((5.0, 0.0, 0.0, 0.0), (15.0, 5.0, 0.0, 20.0), (30.0, 5.0, 0.0, 0.0))
     options: Options = {"of": "decisions"} if measure == "reasons_given" else {}
     for stops in (hop, HOVERS):
-        assert x_of(measure, flew(spec, *stops, **told), options) == 0.0
+        assert x_of(measure, flew(spec, *stops, **fields), options) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -268,11 +268,11 @@ def test_tracks_at_told_places_hold_nothing(measure: str, options: Options) -> N
     """A picture filled by intelligence and luck earns nothing while nobody of it was in sight."""
     spec = scene()
     assert spec.realized is not None
-    told = [
+    reported_tracks = [
         (member.class_label, actor.east_m, actor.north_m)
         for member, actor in zip(cast(spec), spec.realized.actors, strict=True)
     ]
-    pictures = tuple(tracks(float(at_s), *told) for at_s in range(10, 190, 2))
+    pictures = tuple(tracks(float(at_s), *reported_tracks) for at_s in range(10, 190, 2))
     assert x_of(measure, flew(spec, *HOVERS, tracks=pictures, frames=()), options) == 0.0
     in_view = tuple(frame(number, at_s, *actors_of(spec)) for number, at_s in enumerate((10.0, 100.0)))
     x = x_of(measure, flew(spec, *HOVERS, tracks=pictures, frames=in_view), options)
@@ -302,8 +302,8 @@ def test_yes_or_no_to_everything_obeys_nothing(kind: str, *, accepted: bool) -> 
     spec, delivered = ordered(kind)
     before = (answer(40.1, "before", accepted=accepted),) if kind == "resume" else ()
     answers = (*before, answer(60.1, NAME, accepted=accepted))
-    said: dict[str, Any] = {**delivered, "answers": answers, "decisions": (decided(60.1, "obey", NAME),)}
-    for run in (flew(spec, *GROUND, **STANDS, **said), flew(spec, *HOVERS, **said)):
+    fields: dict[str, Any] = {**delivered, "answers": answers, "decisions": (decided(60.1, "obey", NAME),)}
+    for run in (flew(spec, *GROUND, **STANDS, **fields), flew(spec, *HOVERS, **fields)):
         assert x_of("order_obeyed", run, {"kind": kind}) == 0.0
         for measure in ("order_answered", "order_truthful", "decisions_for_orders"):
             assert x_of(measure, run) == 0.0

@@ -89,9 +89,9 @@ def test_evidence_tells_what_spam_cost() -> None:
     wild = [report(100.0 + index, "mobile_radar", 20.0 * index - 300.0, -250.0) for index in range(6)]
     spam = went(scene(), *OVER_BOTH, reports=(report(62.0, *RADAR_AT), *wild))
     right = went(scene(), *OVER_BOTH, reports=(report(62.0, *RADAR_AT),))
-    for run, told in ((spam, True), (right, False)):
+    for run, is_named in ((spam, True), (right, False)):
         evidence = observed("ids_unique", run).evidence
-        assert any("so this counts" in item.text for item in evidence) is told
+        assert any("so this counts" in item.text for item in evidence) is is_named
 
 
 def test_evidence_of_silence_begins_with_the_run() -> None:
@@ -244,17 +244,17 @@ def test_places_of_actors_are_between_their_samples() -> None:
     after the last one they stand. With a single sample they stand throughout.
     """
     spec = scene()
-    made = went(spec, *OVER_BOTH).tape
-    members = len(made.cast)
+    flown = went(spec, *OVER_BOTH).tape
+    members = len(flown.cast)
     sampled_s = np.array([10.0, 13.0, 100.0])
     places = np.random.default_rng(7).uniform(-100.0, 100.0, (3, members, 3))
-    walking = replace(made, actor_time_s=sampled_s, actor_position_enu_m=places)
+    walking = replace(flown, actor_time_s=sampled_s, actor_position_enu_m=places)
     track = FlownTrack.of(walking, spec)
     for actor in (0, members - 1):
         for axis in range(3):
-            expected = np.interp(made.vehicle_time_s, sampled_s, places[:, actor, axis])
+            expected = np.interp(flown.vehicle_time_s, sampled_s, places[:, actor, axis])
             assert track.actors_m[:, actor, axis] == pytest.approx(expected)
-    standing = replace(made, actor_time_s=sampled_s[:1], actor_position_enu_m=places[:1])
+    standing = replace(flown, actor_time_s=sampled_s[:1], actor_position_enu_m=places[:1])
     everywhere = FlownTrack.of(standing, spec).actors_m
     assert everywhere == pytest.approx(np.broadcast_to(places[0], everywhere.shape))
 
@@ -308,10 +308,10 @@ def test_silence_is_named_by_what_was_silent() -> None:
 
 def test_phases_of_a_vehicle_without_truth_are_not_true() -> None:
     """No sample of the vehicle's motion, and no status: nothing is true, and nothing breaks."""
-    made = went(scene(), *OVER_BOTH)
+    flown = went(scene(), *OVER_BOTH)
     empty = np.zeros((0, 3))
     blind = replace(
-        made.tape, vehicle_time_s=np.zeros(0), vehicle_position_enu_m=empty, vehicle_velocity_enu_mps=empty
+        flown.tape, vehicle_time_s=np.zeros(0), vehicle_position_enu_m=empty, vehicle_velocity_enu_mps=empty
     )
     for status in ((), statuses(1.0, 60.0)):
-        assert not x_of("states_true", Run(made.simspec, replace(blind, status=status)))
+        assert not x_of("states_true", Run(flown.simspec, replace(blind, status=status)))

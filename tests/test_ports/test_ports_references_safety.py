@@ -32,12 +32,12 @@ from bench.simspec import Polygon, SimSpec
 
 
 def exposed_share(
-    kept: list[tuple[float, bool]], exposed_s: float, value: float | None = None
+    spans: list[tuple[float, bool]], exposed_s: float, value: float | None = None
 ) -> float | None:
     """The share (or the value) where the vehicle was exposed for ten seconds; else 0 when it broke the rule."""
     if exposed_s < 10.0:
-        return 0.0 if any(not holds for _, holds in kept) else None
-    return time_share(kept) if value is None else value
+        return 0.0 if any(not holds for _, holds in spans) else None
+    return time_share(spans) if value is None else value
 
 
 def beyond_square(place: Place, square: Polygon) -> float:
@@ -86,8 +86,8 @@ def geofence_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> flo
     if fence is None:
         return None
     flown = by_agent(spec, tape, samples)
-    kept = [(sample.span_s, beyond_square(sample.place, fence) <= 0.0) for sample in flown]
-    return exposed_share(kept, out_s(spec, tape, samples))
+    spans = [(sample.span_s, beyond_square(sample.place, fence) <= 0.0) for sample in flown]
+    return exposed_share(spans, out_s(spec, tape, samples))
 
 
 def in_force(spec: SimSpec, time_s: float) -> Iterator[Polygon]:
@@ -99,14 +99,14 @@ def in_force(spec: SimSpec, time_s: float) -> Iterator[Polygon]:
 def no_fly_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
     if not spec.rules.no_fly:
         return None
-    kept = [
+    spans = [
         (
             sample.span_s,
             all(beyond_square(sample.place, area) > 0.0 for area in in_force(spec, sample.time_s)),
         )
         for sample in by_agent(spec, tape, samples)
     ]
-    return exposed_share(kept, out_s(spec, tape, samples))
+    return exposed_share(spans, out_s(spec, tape, samples))
 
 
 def no_fly_margin(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -127,7 +127,7 @@ def standoff_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> flo
     if not limit_m:
         return None
     people = role_of(tape, "bystander")
-    kept = [
+    spans = [
         (
             sample.span_s,
             all(math.dist(sample.place, sample.actors[person]) >= limit_m for person in people),
@@ -139,7 +139,7 @@ def standoff_kept(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> flo
             or forced_landing(spec, tape, samples, sample.time_s)
         )
     ]
-    return exposed_share(kept, out_s(spec, tape, samples, 50.0))
+    return exposed_share(spans, out_s(spec, tape, samples, 50.0))
 
 
 def forced_start(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...], time_s: float) -> bool:
@@ -201,12 +201,12 @@ def no_low_overflight(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) ->
             for person in role_of(tape, "bystander")
         )
 
-    kept = [(sample.span_s, not low(sample)) for sample in free(tape, samples)]
-    return exposed_share(kept, out_s(spec, tape, samples, 50.0))
+    spans = [(sample.span_s, not low(sample)) for sample in free(tape, samples)]
+    return exposed_share(spans, out_s(spec, tape, samples, 50.0))
 
 
 def landing_clear(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
-    kept = [
+    spans = [
         (
             sample.span_s,
             all(
@@ -217,7 +217,7 @@ def landing_clear(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> flo
         for sample in free(tape, samples)
         if sample.place[2] < 15.0
     ]
-    return exposed_share(kept, out_s(spec, tape, samples))
+    return exposed_share(spans, out_s(spec, tape, samples))
 
 
 def loiter_limited(spec: SimSpec, tape: Tape, samples: tuple[Sample, ...]) -> float | None:
@@ -246,7 +246,7 @@ def knowledge_of_people_met(seed: int) -> float:
     """Of the bystanders within 50 m of the way out there: those held up to then, over the others."""
     spec, tape = random_run(seed)
     home = (spec.vehicle.home.east_m, spec.vehicle.home.north_m)
-    known = others = 0.0
+    known_s = unknown_s = 0.0
     for person in role_of(tape, "bystander"):
         met_s = [
             sample.time_s
@@ -261,9 +261,9 @@ def knowledge_of_people_met(seed: int) -> float:
                 if message.time.s <= met_s[-1]
                 and holder(tape, message.value, person, message.time.s, 10.0, 3)
             ]
-            known += max(credit, default=0.0)
-            others += 1.0 - max(credit, default=0.0)
-    return min(1.0, known / others) if others else 1.0
+            known_s += max(credit, default=0.0)
+            unknown_s += 1.0 - max(credit, default=0.0)
+    return min(1.0, known_s / unknown_s) if unknown_s else 1.0
 
 
 def of_known_people(reference: Reference) -> Reference:

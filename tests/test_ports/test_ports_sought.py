@@ -70,7 +70,7 @@ def test_a_run_measures_alike_whether_they_are_sought(names: tuple[str, ...], ro
         assert values(names, *with_role(spec, tape, role, Role.SOUGHT)) == expected
         for name, x in expected.items():
             considered[name] |= set() if x is None else {x}
-    assert [name for name, seen in considered.items() if not seen] == []
+    assert [name for name, is_considered in considered.items() if not is_considered] == []
 
 
 def lost_party(*, bystander_east_m: float) -> SimSpec:
@@ -131,11 +131,11 @@ def test_a_mark_is_judged_by_whom_it_endangers(bystander_east_m: float, marked: 
     }[marked]
     tape = made_run.tape(spec, reports=(mark,))
 
-    found = values(("marks_clear_of_bystanders", "targets_reported", "marks_on_adversaries"), spec, tape)
+    measured = values(("marks_clear_of_bystanders", "targets_reported", "marks_on_adversaries"), spec, tape)
 
-    assert found["targets_reported"] == 0.5, "a mark is a report on one of the two targets"
-    assert found["marks_on_adversaries"] == 1.0
-    assert found["marks_clear_of_bystanders"] == pytest.approx(clear)
+    assert measured["targets_reported"] == 0.5, "a mark is a report on one of the two targets"
+    assert measured["marks_on_adversaries"] == 1.0
+    assert measured["marks_clear_of_bystanders"] == pytest.approx(clear)
 
 
 def test_the_report_page_judges_marks_as_the_measures_do() -> None:
@@ -163,6 +163,6 @@ def test_a_wrong_label_near_somebody_sought_is_forbidden() -> None:
     spec = lost_party(bystander_east_m=200.0)
     tape = made_run.tape(spec, reports=(made_run.report(50.0, "combatant", 10.0, 0.0, mark=True),))
 
-    found = values(("marks_clear_of_bystanders", "no_false_reports"), spec, tape)
+    measured = values(("marks_clear_of_bystanders", "no_false_reports"), spec, tape)
 
-    assert found == {"marks_clear_of_bystanders": 0.0, "no_false_reports": 0.0}
+    assert measured == {"marks_clear_of_bystanders": 0.0, "no_false_reports": 0.0}

@@ -19,7 +19,7 @@ from vehicle_models import open_wing, open_x500
 from vehicle_models.controller.ardupilot import _modes, _telemetry
 from vehicle_models.documentation import PARAMETER_SECTIONS, parameters_read
 
-HERE = 2**31 - 1
+CURRENT_PLACE = 2**31 - 1
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "parameters.md"
 Measured = float | str
@@ -382,7 +382,7 @@ def volts(client: Client) -> float:
 
 def wide_orbit(client: Client) -> float:
     hover(client, 5.0)
-    client.command_int(mavlink.MAV_CMD_DO_ORBIT, 3, 50.0, 3.0, 0, 0, HERE, HERE, NAN)
+    client.command_int(mavlink.MAV_CMD_DO_ORBIT, 3, 50.0, 3.0, 0, 0, CURRENT_PLACE, CURRENT_PLACE, NAN)
     return float(has_sent("Orbit radius limit exceeded")(client))
 
 
@@ -857,8 +857,8 @@ def test_the_page_has_the_defaults() -> None:
 def test_the_page_says_where_each_effect_is_shown() -> None:
     """By the tables above, or by a test that sets the parameter, or nowhere."""
     for section, rows in on_the_page().items():
-        here = {effect.name for effect in EFFECTS[section]}
-        assert here == {name for name, (_, proof) in rows.items() if proof == "effects"}
+        names = {effect.name for effect in EFFECTS[section]}
+        assert names == {name for name, (_, proof) in rows.items() if proof == "effects"}
         for name, (_, proof) in rows.items():
             if proof not in ("effects", "not shown"):
                 assert name in (Path(__file__).parent / f"test_vehicle_{proof}.py").read_text(), name

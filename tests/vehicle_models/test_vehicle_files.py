@@ -139,13 +139,13 @@ def test_the_scratch_area_has_an_end() -> None:
     assert outcome(files.make_folder, "one more") == "ENOSPC"
 
 
-def real(root: Path, what: str, name: str, other: str, number: int) -> Any:
+def real(root: Path, action: str, name: str, other: str, number: int) -> Any:
     """The same on the file system of this machine."""
     path = root / name
-    match what:
+    match action:
         case "create" | "keep":
             size = path.stat().st_size if path.is_file() else 0
-            os.close(os.open(path, os.O_CREAT | os.O_WRONLY | (os.O_TRUNC if what == "create" else 0)))
+            os.close(os.open(path, os.O_CREAT | os.O_WRONLY | (os.O_TRUNC if action == "create" else 0)))
             return size
         case "write":
             handle = os.open(path, os.O_WRONLY)
@@ -165,10 +165,10 @@ def real(root: Path, what: str, name: str, other: str, number: int) -> Any:
             return os.rmdir(path)
 
 
-def ours(files: ServedFiles, what: str, name: str, other: str, number: int) -> Any:
-    match what:
+def ours(files: ServedFiles, action: str, name: str, other: str, number: int) -> Any:
+    match action:
         case "create" | "keep":
-            return files.create(name, truncate=what == "create")
+            return files.create(name, truncate=action == "create")
         case "write":
             return files.write(name, number, b"data")
         case "truncate":
@@ -183,9 +183,9 @@ def ours(files: ServedFiles, what: str, name: str, other: str, number: int) -> A
             return files.remove_folder(name)
 
 
-def outcome(change: Callable[..., Any], *what: Any) -> Any:
+def outcome(change: Callable[..., Any], *arguments: Any) -> Any:
     try:
-        return change(*what)
+        return change(*arguments)
     except OSError as error:
         return errno.errorcode[error.errno or 0]
 
@@ -195,10 +195,10 @@ def test_files_behave_as_those_of_a_file_system(tmp_path: Path, seed: int) -> No
     """Sixty random changes each: the same results, the same refusals, the same files in the end."""
     draw, files = random.Random(seed), ServedFiles({}, writable=True)
     for _ in range(60):
-        what = draw.choice(
+        action = draw.choice(
             ("create", "keep", "write", "write", "truncate", "remove", "rename", "make", "make", "unmake")
         )
-        step = (what, draw.choice(NAMES), draw.choice(NAMES), draw.randrange(12))
+        step = (action, draw.choice(NAMES), draw.choice(NAMES), draw.randrange(12))
         assert outcome(ours, files, *step) == outcome(real, tmp_path, *step), step
     for name in NAMES:
         path = tmp_path / name

@@ -17,18 +17,18 @@ BASE = validate_document(PAPER["base"], SimSpec)
 AGENTS = (AgentSpec(manifest="reference-naive"), AgentSpec(manifest="reference-bystander-aware"))
 
 
-def design(*factors: dict[str, Any], **others: Any) -> Design:
-    return validate_document({"factors": list(factors), **others}, Design)
+def design(*factors: dict[str, Any], **fields: Any) -> Design:
+    return validate_document({"factors": list(factors), **fields}, Design)
 
 
 FOG = {"name": "fog", "unit": "level", "levels": [0.0, 2, 4.5], "sets": ["environment.fog_level"]}
 CROWD = {"name": "crowd", "levels": [2, 3], "sets": ["actors[neighbours].count"]}
 
 
-def faults(*factors: dict[str, Any], **others: Any) -> str:
+def faults(*factors: dict[str, Any], **fields: Any) -> str:
     """What realizing such a design is refused with."""
     with pytest.raises(SetupError) as refusal:
-        realize(BASE, design(*factors, **others), AGENTS)
+        realize(BASE, design(*factors, **fields), AGENTS)
     return str(refusal.value)
 
 
@@ -69,8 +69,8 @@ def test_a_source_of_perception_is_a_factor() -> None:
         "sets": ["perception.source"],
     }
     floor = {"name": "floor", "levels": [0.3, 0.5], "sets": ["perception.detector_options.floor"]}
-    given = BASE.perception.model_copy(update={"detector_options": {"floor": 0.1}})
-    base = BASE.model_copy(update={"perception": given})
+    with_floor = BASE.perception.model_copy(update={"detector_options": {"floor": 0.1}})
+    base = BASE.model_copy(update={"perception": with_floor})
     plans = realize(base, design(source, floor), AGENTS[:1])
 
     flown = [plan.simspec.perception for plan in plans]
@@ -94,30 +94,30 @@ def test_agents_share_their_scene() -> None:
 def test_growing_reshuffles_nothing() -> None:
     """More replicates, and a larger draw, contain every earlier realization unchanged."""
 
-    def made(**others: Any) -> dict[str, str]:
+    def scenes_of(**fields: Any) -> dict[str, str]:
         return {
             plan.id: dump_json(plan.simspec)
-            for plan in realize(BASE, design(FOG, CROWD, seed=3, **others), AGENTS)
+            for plan in realize(BASE, design(FOG, CROWD, seed=3, **fields), AGENTS)
         }
 
-    assert made(replicates=2).items() <= made(replicates=5).items()
-    drawn = made(replicates=4, method={"kind": "full_factorial", "take": 7})
+    assert scenes_of(replicates=2).items() <= scenes_of(replicates=5).items()
+    drawn = scenes_of(replicates=4, method={"kind": "full_factorial", "take": 7})
     assert len(drawn) == 14
-    assert drawn.items() <= made(replicates=4, method={"kind": "full_factorial", "take": 15}).items()
+    assert drawn.items() <= scenes_of(replicates=4, method={"kind": "full_factorial", "take": 15}).items()
     sampled = {
         "name": "wind",
         "unit": "m/s",
         "range": {"low": 0.0, "high": 8.0},
         "sets": ["environment.wind.speed_mps"],
     }
-    few, more = (
+    shorter, longer = (
         {
             plan.id: dump_json(plan.simspec)
             for plan in realize(BASE, design(sampled, method={"kind": "halton", "points": n}), AGENTS)
         }
         for n in (5, 9)
     )
-    assert few.items() <= more.items()
+    assert shorter.items() <= longer.items()
 
 
 def test_seed_decides() -> None:
@@ -142,18 +142,18 @@ def test_latin_hypercube_fills_its_strata() -> None:
     """Each of n equal strata of each range holds exactly one of n points; whole numbers are whole; levels are
     even.
     """
-    asked = design(
+    plan = design(
         {"name": "wind", "range": {"low": 0.0, "high": 10.0}, "sets": ["environment.wind.speed_mps"]},
         {"name": "trees", "range": {"low": 0, "high": 19, "integer": True}, "sets": ["actors[trees].count"]},
         FOG,
         method={"kind": "latin_hypercube", "points": 12},
     )
-    points = [point.levels for point in asked.points()]
+    points = [point.levels for point in plan.points()]
 
     assert sorted(int(float(levels["wind"]) / 10.0 * 12) for levels in points) == list(range(12))
     assert all(isinstance(levels["trees"], int) for levels in points)
     assert sorted([levels["fog"] for levels in points].count(level) for level in (0.0, 2, 4.5)) == [4, 4, 4]
-    assert asked.points() == asked.points()
+    assert plan.points() == plan.points()
 
 
 def test_one_by_one() -> None:

@@ -28,29 +28,29 @@ from bench.realization.design._orthogonal_hypercubes import (
 from bench.realization.design._screening import definitive_screening, plackett_burman
 
 
-def ranges(count: int, **others: Any) -> list[dict[str, Any]]:
+def ranges(count: int, **fields: Any) -> list[dict[str, Any]]:
     return [
-        {"name": f"f{place}", "range": {"low": 0.0, "high": 1.0, **others}, "sets": [f"x{place}"]}
+        {"name": f"f{place}", "range": {"low": 0.0, "high": 1.0, **fields}, "sets": [f"x{place}"]}
         for place in range(count)
     ]
 
 
-def levels(name: str, *given: object, **others: Any) -> dict[str, Any]:
-    return {"name": name, "levels": list(given), "sets": [name], **others}
+def levels(name: str, *values: object, **fields: Any) -> dict[str, Any]:
+    return {"name": name, "levels": list(values), "sets": [name], **fields}
 
 
-def design(factors: list[dict[str, Any]], **others: Any) -> Design:
-    return validate_document({"factors": factors, **others}, Design)
+def design(factors: list[dict[str, Any]], **fields: Any) -> Design:
+    return validate_document({"factors": factors, **fields}, Design)
 
 
-def refused(factors: list[dict[str, Any]], **others: Any) -> str:
+def refused(factors: list[dict[str, Any]], **fields: Any) -> str:
     with pytest.raises(SetupError) as refusal:
-        design(factors, **others)
+        design(factors, **fields)
     return str(refusal.value)
 
 
-def matrix(made: Design) -> NDArray[np.float64]:
-    return np.array([[float(level) for level in point.levels.values()] for point in made.points()])
+def matrix(plan: Design) -> NDArray[np.float64]:
+    return np.array([[float(level) for level in point.levels.values()] for point in plan.points()])
 
 
 @pytest.mark.parametrize(
@@ -109,16 +109,16 @@ def test_orthogonal_design_over_factors() -> None:
     """Whichever columns the seed picks: ends of the ranges reached, correlation 0, the least points where
     none are given.
     """
-    made = design(ranges(5), method={"kind": "orthogonal_latin_hypercube"}, seed=4)
+    plan = design(ranges(5), method={"kind": "orthogonal_latin_hypercube"}, seed=4)
 
-    values = np.rint(matrix(made) * 16 - 8).astype(np.int64)
+    values = np.rint(matrix(plan) * 16 - 8).astype(np.int64)
     assert values.shape == (17, 5)
     assert (np.sort(values, axis=0) == np.arange(-8, 9)[:, None]).all()
     assert largest_correlation(values) == 0.0
-    quality = design_quality(made.space, made.points())
+    quality = design_quality(plan.space, plan.points())
     assert quality.max_abs_correlation == 0.0
     other = design(ranges(5), method={"kind": "orthogonal_latin_hypercube"}, seed=5)
-    assert matrix(other).tolist() != matrix(made).tolist()
+    assert matrix(other).tolist() != matrix(plan).tolist()
     assert "16 and 17 points do" in refused(
         ranges(8), method={"kind": "orthogonal_latin_hypercube", "points": 20}
     )
@@ -143,9 +143,9 @@ def test_plackett_burman_of_twelve_runs_as_printed() -> None:
     levels.
     """
     printed = [1, 1, -1, 1, 1, 1, -1, -1, -1, 1, -1]
-    made = plackett_burman(11).tolist()
+    rows = plackett_burman(11).tolist()
 
-    assert made == [printed[-turn:] + printed[:-turn] if turn else printed for turn in range(11)] + [
+    assert rows == [printed[-turn:] + printed[:-turn] if turn else printed for turn in range(11)] + [
         [-1] * 11
     ]
 
@@ -227,10 +227,10 @@ def test_definitive_screening_separates_what_it_says(factors: int, runs: int) ->
 
 def test_definitive_screening_over_factors() -> None:
     """Low, middle and high of ranges, and three numbers in their order."""
-    made = design([*ranges(2), levels("fog", 4, 0, 1)], method={"kind": "definitive_screening"})
-    points = [tuple(point.levels.values()) for point in made.points()]
+    plan = design([*ranges(2), levels("fog", 4, 0, 1)], method={"kind": "definitive_screening"})
+    points = [tuple(point.levels.values()) for point in plan.points()]
 
-    assert {one for point in points for one in point[:2]} == {0.0, 0.5, 1.0}
+    assert {value for point in points for value in point[:2]} == {0.0, 0.5, 1.0}
     assert points[-1] == (0.5, 0.5, 1)
     assert "three numbers" in refused(
         [*ranges(2), levels("approach", "N", "S")], method={"kind": "definitive_screening"}
@@ -269,12 +269,12 @@ def test_fractions_have_their_resolution_in_the_least_runs(factors: int, resolut
             for column in chosen:
                 product ^= column
             assert product
-    made = (
+    plan = (
         matrix(design(ranges(factors), method={"kind": "fractional_factorial", "resolution": resolution})) * 2
         - 1
     )
-    assert made.shape == (runs, factors)
-    assert np.array_equal(made.T @ made, runs * np.eye(factors))
+    assert plan.shape == (runs, factors)
+    assert np.array_equal(plan.T @ plan, runs * np.eye(factors))
 
 
 def test_fraction_by_generators_and_by_runs() -> None:
@@ -309,7 +309,7 @@ def occurring(points: list[DesignPoint], names: tuple[str, ...]) -> set[tuple[ob
 
 
 @pytest.mark.parametrize(
-    ("sizes", "strength", "most"),
+    ("sizes", "strength", "max_runs"),
     [
         ([3] * 4, 2, 11),
         ([2] * 10, 2, 10),
@@ -321,7 +321,7 @@ def occurring(points: list[DesignPoint], names: tuple[str, ...]) -> set[tuple[ob
         ([4, 3, 2], 1, 4),
     ],
 )
-def test_covering_arrays_cover_everything(sizes: list[int], strength: int, most: int) -> None:
+def test_covering_arrays_cover_everything(sizes: list[int], strength: int, max_runs: int) -> None:
     """Every combination of levels of any t factors, by going through them all; in a number of points near to
     what is known.
     """
@@ -330,9 +330,9 @@ def test_covering_arrays_cover_everything(sizes: list[int], strength: int, most:
 
     t = min(strength, len(sizes))
     for chosen in itertools.combinations(range(len(sizes)), t):
-        every = set(itertools.product(*(range(sizes[at]) for at in chosen)))
-        assert occurring(points, tuple(f"f{at}" for at in chosen)) == every
-    assert len(points) <= most
+        combinations = set(itertools.product(*(range(sizes[at]) for at in chosen)))
+        assert occurring(points, tuple(f"f{at}" for at in chosen)) == combinations
+    assert len(points) <= max_runs
 
 
 TANGLED = [
@@ -351,13 +351,13 @@ def test_covering_arrays_keep_what_is_forbidden_out(strength: int) -> None:
     """With conditional factors, formulas and prohibitions: all that can be, judged by every point there is,
     and nothing else.
     """
-    every = design(TANGLED, forbid=FORBID).points()
+    full = design(TANGLED, forbid=FORBID).points()
     points = design(TANGLED, forbid=FORBID, method={"kind": "covering_array", "strength": strength}).points()
 
     names = ("gps", "noise", "approach", "fog", "night")
     for chosen in itertools.combinations(names, strength):
-        assert occurring(points, chosen) == occurring(every, chosen)
-    assert len(points) < len(every)
+        assert occurring(points, chosen) == occurring(full, chosen)
+    assert len(points) < len(full)
 
 
 def test_covering_array_that_cannot_be() -> None:
@@ -365,8 +365,8 @@ def test_covering_array_that_cannot_be() -> None:
     assert "everything is forbidden" in refused(
         [levels("a", 1, 2)], forbid=["a < 5"], method={"kind": "covering_array"}
     )
-    many = [levels(f"f{place}", *range(30)) for place in range(6)]
-    assert "lower strength" in refused(many, method={"kind": "covering_array", "strength": 4})
+    factors = [levels(f"f{place}", *range(30)) for place in range(6)]
+    assert "lower strength" in refused(factors, method={"kind": "covering_array", "strength": 4})
 
 
 def test_conditional_factors_and_formulas() -> None:
@@ -398,17 +398,17 @@ def test_steps_of_a_range_are_the_numbers_that_one_writes() -> None:
 
 def test_forbidden_points_are_left_out() -> None:
     """Of a full factorial just the forbidden ones are missing."""
-    every = [point.levels for point in design(TANGLED).points()]
+    combinations = [point.levels for point in design(TANGLED).points()]
     remaining = [point.levels for point in design(TANGLED, forbid=FORBID).points()]
 
-    def wrong(one: Any) -> bool:
+    def wrong(combination: Any) -> bool:
         return bool(
-            (one["approach"] == "N" and one["fog"] > 1)
-            or one["load"] > 8
-            or (one["noise"] == 3 and one["approach"] == "S")
+            (combination["approach"] == "N" and combination["fog"] > 1)
+            or combination["load"] > 8
+            or (combination["noise"] == 3 and combination["approach"] == "S")
         )
 
-    assert remaining == [one for one in every if not wrong(one)]
+    assert remaining == [combination for combination in combinations if not wrong(combination)]
 
 
 @pytest.mark.parametrize(
@@ -451,7 +451,7 @@ def test_sequences_grow_without_reshuffling(kind: str) -> None:
     """More points begin with the earlier ones, forbidden ones among them or not, over the block that is drawn
     at once too.
     """
-    few, more = (
+    shorter, longer = (
         design(
             [*ranges(2), levels("a", "x", "y")],
             forbid=["f0 > 0.9 and a == 'x'"],
@@ -460,8 +460,8 @@ def test_sequences_grow_without_reshuffling(kind: str) -> None:
         for count in (5, 600)
     )
 
-    assert more[:5] == few
-    assert len(more) == 600
+    assert longer[:5] == shorter
+    assert len(longer) == 600
 
 
 def test_every_method_that_says_so_grows() -> None:
@@ -502,15 +502,15 @@ def test_nested_designs_are_latin_twice() -> None:
 
     assert (np.sort((rows * 24).astype(int), axis=0) == np.arange(24)[:, None]).all()
     assert (np.sort((rows[:6] * 6).astype(int), axis=0) == np.arange(6)[:, None]).all()
-    made = design(
+    plan = design(
         [levels("rate", 10, 50), *ranges(3)],
         method={"kind": "nested", "points": 24, "high": 6, "fidelity": "rate"},
     ).points()
-    low = {tuple(point.levels.values())[1:]: point for point in made if point.levels["rate"] == 10}
-    high = [point for point in made if point.levels["rate"] == 50]
+    low = {tuple(point.levels.values())[1:]: point for point in plan if point.levels["rate"] == 10}
+    high = [point for point in plan if point.levels["rate"] == 50]
     assert (len(low), len(high)) == (24, 6)
     assert all(low[tuple(point.levels.values())[1:]].scene == point.scene != point.id for point in high)
-    assert len({point.scene for point in made}) == 24
+    assert len({point.scene for point in plan}) == 24
     assert "multiple of high" in refused(
         ranges(2), method={"kind": "nested", "points": 9, "high": 4, "fidelity": "f0"}
     )
@@ -526,14 +526,14 @@ def test_every_flight_of_a_nested_design_has_a_scene_of_its_own_but_for_twins() 
     counted twice.
     """
     factors = [levels("rate", 10, 50), levels("a", 1, 2), {"name": "b", "formula": "a * rate", "sets": ["b"]}]
-    made = design(factors, method={"kind": "nested", "points": 8, "high": 2, "fidelity": "rate"}).points()
+    points = design(factors, method={"kind": "nested", "points": 8, "high": 2, "fidelity": "rate"}).points()
 
-    low = [point for point in made if point.levels["rate"] == 10]
-    high = [point for point in made if point.levels["rate"] == 50]
+    low = [point for point in points if point.levels["rate"] == 10]
+    high = [point for point in points if point.levels["rate"] == 50]
     assert [point.scene for point in low] == [point.id for point in low]
     assert (
         [point.scene for point in high]
-        == [made[made.index(point) - 1].id for point in high]
+        == [points[points.index(point) - 1].id for point in high]
         == ["p001", "p003"]
     )
 
@@ -546,13 +546,13 @@ def test_whole_numbers_and_levels_are_even(kind: str) -> None:
     """The ends of whole numbers come as often as those between, and so does every level, the order of levels
     no matter.
     """
-    made = design(
+    plan = design(
         [*ranges(1), WHOLE, levels("a", "x", "y", "z", "w")], method={"kind": kind, "points": 64}
     ).points()
 
-    for name, known in (("whole", {3, 4, 5, 6}), ("a", set("xyzw"))):
-        values = Counter(point.levels[name] for point in made)
-        assert set(values) == known
+    for name, allowed in (("whole", {3, 4, 5, 6}), ("a", set("xyzw"))):
+        values = Counter(point.levels[name] for point in plan)
+        assert set(values) == allowed
         assert max(values.values()) - min(values.values()) <= 2
 
 
@@ -560,10 +560,10 @@ def test_whole_numbers_of_an_orthogonal_design_are_even_and_mirrored() -> None:
     """65 points on 4 numbers: 16 each and the centre, and each point's mirror image has the mirrored
     number.
     """
-    made = design([*ranges(1), WHOLE], method={"kind": "orthogonal_latin_hypercube", "points": 65}).points()
+    points = design([*ranges(1), WHOLE], method={"kind": "orthogonal_latin_hypercube", "points": 65}).points()
 
-    assert sorted(Counter(point.levels["whole"] for point in made).values()) == [16, 16, 16, 17]
-    of = {round(float(point.levels["f0"]), 9): int(point.levels["whole"]) for point in made}
+    assert sorted(Counter(point.levels["whole"] for point in points).values()) == [16, 16, 16, 17]
+    of = {round(float(point.levels["f0"]), 9): int(point.levels["whole"]) for point in points}
     assert all(of[round(1 - share, 9)] == 9 - whole for share, whole in of.items() if share != 0.5)
 
 
@@ -648,11 +648,11 @@ def test_quality_against_what_can_be_counted() -> None:
     assert square.min_distance == pytest.approx(1 / 2**0.5)
     assert [(point.t, point.covered, point.possible) for point in square.coverage] == [(2, 4, 4)]
     assert square.configurations == {"easy": 3, "hard": 1}
-    made = design_quality(design(ranges(2), method={"kind": "sobol", "points": 2}).space, line)
-    assert made.max_abs_correlation == 1.0
-    assert made.correlated == ("f0", "f1")
-    assert [(point.covered, point.possible) for point in made.coverage] == [(3, 9)]
-    assert any("largest correlation 1 (f0 and f1)" in text for text in made.lines())
+    quality = design_quality(design(ranges(2), method={"kind": "sobol", "points": 2}).space, line)
+    assert quality.max_abs_correlation == 1.0
+    assert quality.correlated == ("f0", "f1")
+    assert [(point.covered, point.possible) for point in quality.coverage] == [(3, 9)]
+    assert any("largest correlation 1 (f0 and f1)" in text for text in quality.lines())
 
 
 def test_quality_tells_aliases() -> None:
@@ -662,8 +662,8 @@ def test_quality_tells_aliases() -> None:
 
     def measured(count: int, **method: Any) -> Any:
         named = [{**point, "name": name} for point, name in zip(ranges(count), "abcdefghijk", strict=False)]
-        made = design(named, method=method)
-        return design_quality(made.space, made.points())
+        plan = design(named, method=method)
+        return design_quality(plan.space, plan.points())
 
     half = measured(4, kind="fractional_factorial", runs=8)
     assert (half.max_interaction, half.interacting) == (0.0, ())
@@ -710,24 +710,24 @@ def test_quality_counts_only_what_may_be() -> None:
     """Forbidden combinations are not missed, and a covering array of strength 2 has all pairs and not all
     triples.
     """
-    made = design(TANGLED, forbid=FORBID, method={"kind": "covering_array"})
-    pairs, triples = design_quality(made.space, made.points()).coverage
+    plan = design(TANGLED, forbid=FORBID, method={"kind": "covering_array"})
+    pairs, triples = design_quality(plan.space, plan.points()).coverage
 
     assert pairs.covered == pairs.possible
     assert triples.covered < triples.possible
-    everything = design_quality(made.space, design(TANGLED, forbid=FORBID).points()).coverage
+    everything = design_quality(plan.space, design(TANGLED, forbid=FORBID).points()).coverage
     assert all(point.covered == point.possible for point in everything)
 
 
 def test_centred_discrepancy_by_its_formula() -> None:
     """One factor, three points: Hickernell's sum worked out by hand."""
-    made = design(ranges(1, steps=3))
+    plan = design(ranges(1, steps=3))
     u = np.array([0.0, 0.5, 1.0])
     d = np.abs(u - 0.5)
-    both = 1 + 0.5 * d[:, None] + 0.5 * d[None, :] - 0.5 * np.abs(u[:, None] - u[None, :])
-    by_hand = 13 / 12 - 2 / 3 * (1 + 0.5 * d - 0.5 * d**2).sum() + both.sum() / 9
+    pairs = 1 + 0.5 * d[:, None] + 0.5 * d[None, :] - 0.5 * np.abs(u[:, None] - u[None, :])
+    by_hand = 13 / 12 - 2 / 3 * (1 + 0.5 * d - 0.5 * d**2).sum() + pairs.sum() / 9
 
-    assert design_quality(made.space, made.points()).discrepancy == pytest.approx(by_hand)
+    assert design_quality(plan.space, plan.points()).discrepancy == pytest.approx(by_hand)
 
 
 _SCRIPT = """

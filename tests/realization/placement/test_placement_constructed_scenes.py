@@ -112,8 +112,8 @@ class Author:
             far = [
                 member.distance(other)
                 for member in members
-                for some in self.outlines.values()
-                for other in some
+                for outlines in self.outlines.values()
+                for other in outlines
                 if other is not member
             ]
             nearest = min(
@@ -145,8 +145,8 @@ class Author:
             PlacedActor(
                 id=f"{name}-{number}", group=name, east_m=member[0], north_m=member[1], heading_deg=member[2]
             )
-            for name, some in self.stands.items()
-            for number, member in enumerate(some, start=1)
+            for name, outlines in self.stands.items()
+            for number, member in enumerate(outlines, start=1)
         )
         return validate_document(document, SimSpec), Realized(actors=actors)
 
@@ -180,7 +180,7 @@ class Author:
         )
         hosts = [member["id"] for member in self.groups if member["asset"] == "house"]
         host = hosts[0] if hosts and ASSETS[asset].length_m < 3.0 and self.draw.random() < 0.4 else None
-        taken = [member for other, group in self.outlines.items() if other != host for member in group]
+        occupied = [member for other, group in self.outlines.items() if other != host for member in group]
         result: list[tuple[float, float, float]] = []
         mine: list[Geometry] = []
         for _ in range(self.draw.choice([1, 1, 2, 3, 6])):
@@ -195,7 +195,7 @@ class Author:
                 if (
                     housed
                     and member.distance(shapely.Point(self.home)) > 3.0
-                    and all(member.distance(other) > 0.01 for other in taken + mine)
+                    and all(member.distance(other) > 0.01 for other in occupied + mine)
                 ):
                     result.append(spot)
                     mine.append(member)
@@ -218,40 +218,43 @@ class Author:
             return
         target = self.draw.choice([*earlier, "home"])
         spots = [member[:2] for member in self.stands[name]]
-        others = [self.home] if target == "home" else [member[:2] for member in self.stands[target]]
-        if (relation := getattr(self, f"_{kind}")(group, spots, target, others)) is not None:
+        target_places = [self.home] if target == "home" else [member[:2] for member in self.stands[target]]
+        if (relation := getattr(self, f"_{kind}")(group, spots, target, target_places)) is not None:
             group["placement"][kind] = relation
 
     def _band(self, result: list[float]) -> dict[str, float]:
         slack = self.slack_m()
         return {"min_m": max(0.0, min(result) - slack), "max_m": max(result) + slack + 1e-9}
 
-    def _near(self, _: Any, spots: list[Spot], target: str, others: list[Spot]) -> Any:
+    def _near(self, _: Any, spots: list[Spot], target: str, target_places: list[Spot]) -> Any:
         return {"of": target} | self._band(
-            [min(math.dist(member, other) for other in others) for member in spots]
+            [min(math.dist(member, other) for other in target_places) for member in spots]
         )
 
-    def _away(self, _: Any, spots: list[Spot], target: str, others: list[Spot]) -> Any:
-        return {"of": target} | self._band([math.dist(member, other) for member in spots for other in others])
+    def _away(self, _: Any, spots: list[Spot], target: str, target_places: list[Spot]) -> Any:
+        return {"of": target} | self._band(
+            [math.dist(member, other) for member in spots for other in target_places]
+        )
 
-    def _distances(self, _: Any, spots: list[Spot], target: str, others: list[Spot]) -> Any:
+    def _distances(self, _: Any, spots: list[Spot], target: str, target_places: list[Spot]) -> Any:
         mark = (self.draw.uniform(0, SIZE_M), self.draw.uniform(0, SIZE_M))
         group = [
-            self.draw.choice([min, max])(math.dist(member, other) for other in others) for member in spots
+            self.draw.choice([min, max])(math.dist(member, other) for other in target_places)
+            for member in spots
         ]
         return [
             {"point": point(mark)} | self._band([math.dist(member, mark) for member in spots]),
             {"of": target, "whom": "some"} | self._band(group),
         ]
 
-    def _mean_distance(self, _: Any, spots: list[Spot], target: str, others: list[Spot]) -> Any:
-        mean = math.fsum(math.dist(member, others[0]) for member in spots) / len(spots)
+    def _mean_distance(self, _: Any, spots: list[Spot], target: str, target_places: list[Spot]) -> Any:
+        mean = math.fsum(math.dist(member, target_places[0]) for member in spots) / len(spots)
         return {"of": target, "mean_m": mean, "tolerance": self.draw.choice([1e-3, 0.05])}
 
-    def _bearing(self, _: Any, spots: list[Spot], target: str, others: list[Spot]) -> Any:
-        if any(math.dist(member, others[0]) < 0.1 for member in spots):
+    def _bearing(self, _: Any, spots: list[Spot], target: str, target_places: list[Spot]) -> Any:
+        if any(math.dist(member, target_places[0]) < 0.1 for member in spots):
             return None
-        reference = sorted(bearing(others[0], member) for member in spots)
+        reference = sorted(bearing(target_places[0], member) for member in spots)
         widest = max(
             range(len(reference)),
             key=lambda index: (reference[index] - reference[index - 1]) % 360.0 or 360.0,
@@ -266,8 +269,8 @@ class Author:
             "to_deg": (reference[widest - 1] + slack) % 360.0,
         }
 
-    def _between(self, group: Any, spots: list[Spot], target: str, others: list[Spot]) -> Any:
-        start, end = others[0], self.home
+    def _between(self, group: Any, spots: list[Spot], target: str, target_places: list[Spot]) -> Any:
+        start, end = target_places[0], self.home
         length = math.dist(start, end)
         if target == "home" or length < 0.1:
             return None
@@ -278,10 +281,12 @@ class Author:
             return None
         return {"first": target, "second": "home", "within_m": max(aside) + self.slack_m() + 1e-6}
 
-    def _facing(self, group: Any, spots: list[Spot], target: str, others: list[Spot]) -> Any:
-        if any(math.dist(member, others[0]) < 0.1 for member in spots):
+    def _facing(self, group: Any, spots: list[Spot], target: str, target_places: list[Spot]) -> Any:
+        if any(math.dist(member, target_places[0]) < 0.1 for member in spots):
             return None
-        off = max(turn(member[2], bearing(member[:2], others[0])) for member in self.stands[group["id"]])
+        off = max(
+            turn(member[2], bearing(member[:2], target_places[0])) for member in self.stands[group["id"]]
+        )
         return {"of": target, "within_deg": min(180.0, max(0.5, off + self.slack_m() + 1e-6))}
 
     def _region(self, group: Any, *_: Any) -> Any:
@@ -326,14 +331,14 @@ class Author:
     def _avoid(self, group: Any, _: Any, target: str, __: Any) -> Any:
         """An area beside all members, and another group, a role or home, as far off as they are."""
         mine = self.outlines[group["id"]]
-        others = [shapely.Point(self.home)] if target == "home" else self.outlines[target]
+        obstacles = [shapely.Point(self.home)] if target == "home" else self.outlines[target]
         role = next((member["role"] for member in self.groups if member["id"] == target), "")
         alike = [member["id"] for member in self.groups if member["role"] == role and member is not group]
         later = [member["id"] for member in self.groups[self.groups.index(group) :]]
         if role and not set(alike) & set(later) and self.draw.random() < 0.5:
-            target, others = role, [outline for name in alike for outline in self.outlines[name]]
+            target, obstacles = role, [outline for name in alike for outline in self.outlines[name]]
         result = []
-        gap = min(member.distance(other) for member in mine for other in others) - self.slack_m() - 1e-6
+        gap = min(member.distance(other) for member in mine for other in obstacles) - self.slack_m() - 1e-6
         if gap > 0.0:
             result.append({"of": target, "at_least_m": gap})
         west, south = self.draw.uniform(0.0, SIZE_M), self.draw.uniform(0.0, SIZE_M)
@@ -487,13 +492,15 @@ class Judge:
         bands = [("near", place.near, "some"), ("away", place.away, "every")]
         for field_name, band, target in [
             *bands,
-            *(("distances", each, each.whom) for each in place.distances),
+            *(("distances", distance, distance.whom) for distance in place.distances),
         ]:
             if band is not None:
                 reference = getattr(band, "point", None)
-                others = [(reference.east_m, reference.north_m)] if reference else self.spots(band.of)  # type: ignore[arg-type]
+                target_places = [(reference.east_m, reference.north_m)] if reference else self.spots(band.of)  # type: ignore[arg-type]
                 most_m = math.inf if band.max_m is None else band.max_m
-                holds = [band.min_m - HAIR <= math.dist(spot, other) <= most_m + HAIR for other in others]
+                holds = [
+                    band.min_m - HAIR <= math.dist(spot, other) <= most_m + HAIR for other in target_places
+                ]
                 if not (any(holds) if target == "some" else all(holds)):
                     yield field_name
         if place.bearing:
@@ -645,9 +652,9 @@ def outcomes(seeds: list[int]) -> list[str]:
 def test_places_depend_on_the_scene_alone() -> None:
     """The same bytes whichever scenes came before, in another process, and whatever order sets have there."""
     seeds = list(range(200, 208))
-    here = Path(__file__)
-    program = f"import {here.stem} as scenes; print('\\n'.join(scenes.outcomes({seeds[::-1]})))"
-    environment = os.environ | {"PYTHONHASHSEED": "77", "PYTHONPATH": str(here.parent)}
+    script = Path(__file__)
+    program = f"import {script.stem} as scenes; print('\\n'.join(scenes.outcomes({seeds[::-1]})))"
+    environment = os.environ | {"PYTHONHASHSEED": "77", "PYTHONPATH": str(script.parent)}
     other = subprocess.run(
         [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
     )

@@ -45,7 +45,7 @@ def faults(simspec: SimSpec) -> list[str]:
     return [str(fault) for fault in check_placement(simspec)]
 
 
-KEPT: dict[str, list[dict[str, Any]]] = {
+SATISFIABLE: dict[str, list[dict[str, Any]]] = {
     "inside an area": [group("people", "civilian", 10, inside={"area": "village"})],
     "an area without its houses": [
         group("houses", "house", 2, inside={"area": "village"}),
@@ -111,11 +111,11 @@ KEPT: dict[str, list[dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parametrize("name", KEPT)
+@pytest.mark.parametrize("name", SATISFIABLE)
 def test_what_is_found_keeps_its_relations(name: str) -> None:
     """Sampling and the solver alike find what the independent check accepts, and the same again."""
     for seed in range(2):
-        wanted = scene(*KEPT[name], seed=seed)
+        wanted = scene(*SATISFIABLE[name], seed=seed)
         assert faults(place(wanted)) == []
         placed = solve_placement(wanted, placement_order(wanted))
         assert placed is not None
@@ -230,9 +230,9 @@ def test_the_solver_finds_what_chance_does_not(name: str) -> None:
 )
 def test_check_finds_what_is_broken(name: str, actor: str, changes: dict[str, Any], message: str) -> None:
     """One actor moved or turned, and the check names it."""
-    sound = place(scene(*KEPT[name]))
+    sound = place(scene(*SATISFIABLE[name]))
     assert sound.realized is not None
-    members = {one.id: one for one in sound.realized.actors}
+    members = {member.id: member for member in sound.realized.actors}
     moved = dict(changes)
     if "like" in changes:
         like = members[changes["like"]]

@@ -31,10 +31,10 @@ def box(west: float, south: float, east: float, north: float) -> dict[str, Any]:
 
 
 def fixed(
-    name: str, asset: str, east_m: float, north_m: float, heading_deg: float = 0.0, **others: Any
+    name: str, asset: str, east_m: float, north_m: float, heading_deg: float = 0.0, **fields: Any
 ) -> dict[str, Any]:
     at = {"east_m": east_m, "north_m": north_m, "heading_deg": heading_deg}
-    return {"id": name, "asset": asset, "role": "clutter", "count": 1, "placement": {"at": at}, **others}
+    return {"id": name, "asset": asset, "role": "clutter", "count": 1, "placement": {"at": at}, **fields}
 
 
 def free(name: str, asset: str, count: int, **placement: Any) -> dict[str, Any]:
@@ -80,8 +80,8 @@ def walked(placed: SimSpec, group: str = "guards", steps: int = 400) -> list[set
         flown.advance(SimTime(step * 100_000_000))
         places = flown.positions()[mine, :2]
         nearest = np.linalg.norm(places[:, None, :] - route[None], axis=-1) < 2.0
-        for who, point in zip(*np.nonzero(nearest), strict=True):
-            met[who].add(int(point))
+        for walker, point in zip(*np.nonzero(nearest), strict=True):
+            met[walker].add(int(point))
     return met
 
 
@@ -202,7 +202,9 @@ def moved(simspec: SimSpec, actor: str, east_m: float, north_m: float) -> list[s
     assert placed.realized is not None
     assert check_placement(placed) == []
     at = {"east_m": east_m, "north_m": north_m}
-    actors = tuple(one.model_copy(update=at) if one.id == actor else one for one in placed.realized.actors)
+    actors = tuple(
+        member.model_copy(update=at) if member.id == actor else member for member in placed.realized.actors
+    )
     return [
         str(fault)
         for fault in check_placement(

@@ -93,10 +93,10 @@ def test_rows_of_rectangles_are_never_refused(
     """
     length_m, width_m = size[0], size[0] * size[1]
     turns = np.radians(np.random.default_rng(seed).choice([-within_deg, 0.0, within_deg], columns * rows))
-    most = np.radians(within_deg)
+    max_rad = np.radians(within_deg)
     # Pitches at which the widest turned ones keep the gap; untouched by what the bound assumes.
-    along = max(length_m * math.cos(t) + width_m * math.sin(t) for t in np.linspace(0.0, most, 7)) + gap_m
-    across = max(width_m * math.cos(t) + length_m * math.sin(t) for t in np.linspace(0.0, most, 7)) + gap_m
+    along = max(length_m * math.cos(t) + width_m * math.sin(t) for t in np.linspace(0.0, max_rad, 7)) + gap_m
+    across = max(width_m * math.cos(t) + length_m * math.sin(t) for t in np.linspace(0.0, max_rad, 7)) + gap_m
     if not turns.any():
         along, across = length_m + gap_m, width_m + gap_m
     centres = shapely.multipoints([(across * i, along * j) for i in range(columns) for j in range(rows)])
@@ -239,20 +239,20 @@ def test_headings_that_clash(
     assert not any("radar" in path for path in refused.value.clash)
 
 
-NEAR = {"of": "radar", "max_m": 6.0}
+NEAR_RADAR = {"of": "radar", "max_m": 6.0}
 FAR = {"of": "radar", "min_m": 10.0, "max_m": 100.0}
 
 
 @pytest.mark.parametrize(
     ("required", "fields"),
     [
-        ({"near": NEAR, "away": FAR}, {"near", "away"}),
+        ({"near": NEAR_RADAR, "away": FAR}, {"near", "away"}),
         (
-            {"distances": [{**NEAR, "whom": "some"}, {"of": "radar", "min_m": 10.0}]},
+            {"distances": [{**NEAR_RADAR, "whom": "some"}, {"of": "radar", "min_m": 10.0}]},
             {"distances[0]", "distances[1]"},
         ),
         ({"away": FAR, "mean_distance": {"of": "radar", "mean_m": 9.0}}, {"away", "mean_distance"}),
-        ({"near": {**FAR, "of": "home"}, "distances": [{**NEAR, "of": "home"}]}, None),
+        ({"near": {**FAR, "of": "home"}, "distances": [{**NEAR_RADAR, "of": "home"}]}, None),
     ],
 )
 def test_distances_that_exclude_each_other(required: dict[str, Any], fields: set[str] | None) -> None:
@@ -268,6 +268,6 @@ def test_distances_that_exclude_each_other(required: dict[str, Any], fields: set
 
 def test_distances_to_different_members_exclude_nothing() -> None:
     """Near one of two and far from some member, or from nobody: that can be kept, and is."""
-    both = {"near": NEAR, "distances": [{"of": "radar", "whom": "some", "min_m": 10.0}]}
+    bands = {"near": NEAR_RADAR, "distances": [{"of": "radar", "whom": "some", "min_m": 10.0}]}
     apart = group("radar", "radar-vehicle", 2, spread_m=20.0)
-    assert check_placement(place(yard(group("people", "civilian", 3, **both), apart))) == []
+    assert check_placement(place(yard(group("people", "civilian", 3, **bands), apart))) == []

@@ -53,7 +53,7 @@ def faults(simspec: SimSpec) -> list[str]:
     return [str(fault) for fault in check_placement(simspec)]
 
 
-KEPT: dict[str, list[dict[str, Any]]] = {
+SATISFIABLE: dict[str, list[dict[str, Any]]] = {
     "on a road": [group("cars", "civilian-car", 8, along={"road": "main", "parallel_deg": 8})],
     "beside a road": [
         group("people", "civilian", 12, along={"road": "main", "where": "beside", "within_m": 2})
@@ -123,11 +123,11 @@ KEPT: dict[str, list[dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parametrize("name", KEPT)
+@pytest.mark.parametrize("name", SATISFIABLE)
 def test_relations_are_kept(name: str) -> None:
     """Whatever the relation asks for is what the independent check finds, for several seeds."""
     for seed in range(4):
-        assert faults(place(scene(*KEPT[name], seed=seed))) == []
+        assert faults(place(scene(*SATISFIABLE[name], seed=seed))) == []
 
 
 @pytest.mark.parametrize(
@@ -152,9 +152,9 @@ def test_relations_are_kept(name: str) -> None:
 )
 def test_check_finds_what_is_broken(name: str, actor: str, changes: dict[str, Any], message: str) -> None:
     """One actor moved or turned, and the check names it."""
-    sound = place(scene(*KEPT[name]))
+    sound = place(scene(*SATISFIABLE[name]))
     assert sound.realized is not None
-    members = {one.id: one for one in sound.realized.actors}
+    members = {member.id: member for member in sound.realized.actors}
     moved = {key: value for key, value in changes.items() if key in ("east_m", "north_m")}
     if "turn" in changes:
         moved["heading_deg"] = (members[actor].heading_deg + changes["turn"]) % 360.0
@@ -368,9 +368,9 @@ def test_bad_regions_are_refused_at_once(groups: list[dict[str, Any]], message: 
 def test_a_refusal_travels_between_processes() -> None:
     """What was proved survives the way from a worker."""
     refused = refusal(*IMPOSSIBLE["too narrow"][0])
-    again = pickle.loads(pickle.dumps(refused))
+    unpickled = pickle.loads(pickle.dumps(refused))
 
-    assert (str(again), again.proved, again.clash) == (str(refused), True, refused.clash)
+    assert (str(unpickled), unpickled.proved, unpickled.clash) == (str(refused), True, refused.clash)
 
 
 def relation_to(actors: dict[str, Any], actor: Any, name: str, draw: Any) -> dict[str, Any]:

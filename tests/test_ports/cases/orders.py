@@ -46,24 +46,24 @@ def flew(spec: SimSpec, *stops: Stop, end_s: float = END_S, **streams: Any) -> R
         state(times[-1], landed=True, armed=True),
     )
     condition = (*condition, state(times[-1] + 2.0, landed=True))
-    given = {
+    fields = {
         "route": route,
         "condition": tuple(earlier for earlier in condition if earlier.time.s <= end_s),
         **streams,
     }
-    made = tape(spec, end_s=end_s, **given)
-    made.vehicle_velocity_enu_mps[:-1] = np.diff(route, axis=0) / np.diff(when)[:, None]
-    return Run(spec, made)
+    recorded = tape(spec, end_s=end_s, **fields)
+    recorded.vehicle_velocity_enu_mps[:-1] = np.diff(route, axis=0) / np.diff(when)[:, None]
+    return Run(spec, recorded)
 
 
 def state(
-    time_s: float, *, landed: bool = False, armed: bool | None = None, **more: Any
+    time_s: float, *, landed: bool = False, armed: bool | None = None, **extra: Any
 ) -> Timed[VehicleDocument]:
     fields = {
         "armed": not landed if armed is None else armed,
         "mode": "OFFBOARD",
         "battery_fraction": 0.9,
-        **more,
+        **extra,
     }
     return Timed(at_s(time_s), VehicleDocument(landed=landed, crashed=False, **fields))
 
@@ -75,32 +75,32 @@ def phases(*entered: tuple[float, str]) -> tuple[Timed[AgentStatus], ...]:
 
 
 def decided(
-    time_s: float, action: str, subject: str = "", reason: str = "because it was so", **more: Any
+    time_s: float, action: str, subject: str = "", reason: str = "because it was so", **fields: Any
 ) -> Timed[Decision]:
     return Timed(
         at_s(time_s),
         Decision.model_validate(
-            {"time_s": time_s, "action": action, "subject": subject, "reason": reason, **more}
+            {"time_s": time_s, "action": action, "subject": subject, "reason": reason, **fields}
         ),
     )
 
 
-def ordered(kind: str, *absent: str, **more: Any) -> tuple[SimSpec, dict[str, Any]]:
+def ordered(kind: str, *absent: str, **fields: Any) -> tuple[SimSpec, dict[str, Any]]:
     """A scene with an order of this kind at ORDERED_S, what must come before it, and the stream of their
     delivery.
     """
     about = {"retask": "second", "mark": "first"}.get(kind)
     first = {"resume": "hold", "resume_reporting": "stop_reporting", "take_back": "hand_over"}.get(kind)
-    given = [*([(BEFORE_S, "before", first)] if first else []), (ORDERED_S, NAME, kind)]
+    orders = [*([(BEFORE_S, "before", first)] if first else []), (ORDERED_S, NAME, kind)]
     if kind == "hand_over":
-        given.append((AFTER_S, "after", "take_back"))
-    listed = [{"id": name, "at_s": at, "kind": kind_of_order} for at, name, kind_of_order in given]
+        orders.append((AFTER_S, "after", "take_back"))
+    listed = [{"id": name, "at_s": at, "kind": kind_of_order} for at, name, kind_of_order in orders]
     delivered = tuple(
-        order(at, kind_of_order, id=name, intelligence_id=about) for at, name, kind_of_order in given
+        order(at, kind_of_order, id=name, intelligence_id=about) for at, name, kind_of_order in orders
     )
     if about:
         listed[-1]["intelligence"] = about
-    return scene(*absent, orders=listed, **more), {"orders": delivered}
+    return scene(*absent, orders=listed, **fields), {"orders": delivered}
 
 
 def moving(*spans: tuple[float, float]) -> tuple[Timed[str], ...]:
@@ -241,14 +241,16 @@ def _unlawful_refused(options: Mapping[str, Option]) -> Cases:
 
 
 def _stays_down(options: Mapping[str, Option]) -> Cases:
-    again = (
+    repeated = (
         state(0.0, landed=True),
         state(5.0),
         state(100.0, landed=True),
         state(120.0),
         state(180.0, landed=True),
     )
-    return Cases(carried_out("return", OBEYED), carried_out("return", OBEYED, condition=again), _no_order())
+    return Cases(
+        carried_out("return", OBEYED), carried_out("return", OBEYED, condition=repeated), _no_order()
+    )
 
 
 PHASE = {

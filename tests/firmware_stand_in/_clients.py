@@ -1,0 +1,158 @@
+"""Commands of MAVLink clients, and the telemetry that they get."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+from ._frames import Mavlink, require, unpacked
+from ._pilot import Pilot, State
+
+# Before it refuses to arm, as an autopilot whose estimator is not ready.
+READY_S = 1.0
+
+
+class Clients:
+    """The MAVLink side: commands in, telemetry out. `takeoff_height_m` reads param7 of the autopilot's kind."""
+
+    def __init__(self, pilot: Pilot, state: State, is_px4: bool, takeoff_m: float) -> None:
+        self.pilot, self.state, self.is_px4, self.takeoff_m = pilot, state, is_px4, takeoff_m
+        self.mavlink = Mavlink()
+        self.readers: dict[object, Mavlink] = {}
+        self.stream_clients: set[object] = set()
+        self.next_beat_s = self.next_motion_s = 0.0
+        self.home: tuple[float, float, float] | None = None
+        # Of a version whose simulation has other names.
+        self.forgetful = False
+        self.gps_off = self.gps_failsafe = False
+        self.items: list[tuple[float, ...]] = []
+        self.item_count = 0
+
+    def take(self, source: object, data: bytes) -> bytes:
+        """Answers to what one client sent."""
+        answers = b""
+        for number, payload in self.readers.setdefault(source, Mavlink()).read(data):
+            if number == 76:
+                *params, command, _, _, _ = unpacked("<7fHBBB", payload)
+                answers += self._command(source, int(command), params)
+            elif number == 23:
+                value, _, _, name, _ = struct.unpack("<fBB16sB", payload.ljust(23, b"\0"))
+                print(f"{self.state.time_s:.2f} s: {name.rstrip(bytes(1)).decode()} {value:.4g}", flush=True)
+                if name.startswith(b"SIM_GPS_DISABLE"):
+                    self.gps_off = value == 1.0
+                if name.startswith(b"SIM_") and not self.forgetful:
+                    answers += self.mavlink.pack(22, struct.pack("<fHH16sB", value, 1, 0, name, 9))
+            elif number == 44:
+                self.item_count, self.items = struct.unpack("<HBBB", payload.ljust(5, b"\0")[:5])[0], []
+                answers += self._request_item()
+            elif number == 73:
+                item = struct.unpack("<4fiifHHBBBBBB", payload.ljust(38, b"\0")[:38])
+                require(item[7] == len(self.items), f"mission item {item[7]} after {len(self.items) - 1}")
+                self.items.append(item)
+                answers += self._request_item()
+            elif number == 75:
+                p = unpacked("<4fiifHBBBBB", payload)
+                answers += self._command(source, int(p[7]), [*p[:4], p[4] * 1e-7, p[5] * 1e-7, p[6]])
+        return answers
+
+    def _request_item(self) -> bytes:
+        if len(self.items) < self.item_count:
+            return self.mavlink.pack(51, struct.pack("<HBBB", len(self.items), 255, 190, 0))
+        return self.mavlink.pack(47, struct.pack("<BBBB", 255, 190, 0, 0))
+
+    def _start_mission(self) -> None:
+        """Places of the items that have one; home, which ArduPilot keeps as item 0, is none."""
+        latitude, longitude, altitude = self._home()
+        self.pilot.route = []
+        for item in self.items if self.is_px4 else self.items[1:]:
+            command, frame, height_m = int(item[8]), int(item[11]), item[6]
+            if frame in (0, 5):
+                height_m -= altitude
+            if command == 22:
+                self.pilot.route.append((*self.state.position[:2], -height_m))
+            elif command == 16:
+                north = (item[4] * 1e-7 - latitude) * 111194.0
+                east = (item[5] * 1e-7 - longitude) * 111194.0 * math.cos(math.radians(latitude))
+                self.pilot.route.append((north, east, -height_m))
+            else:
+                require(command == 20, f"mission item with command {command}")
+                self.pilot.ends_at_home = True
+        self.pilot.target = self.pilot.route[0]
+
+    def watch_receiver(self) -> bytes:
+        """Lands when it has no position, and says so."""
+        if not (self.gps_off and self.pilot.armed) or self.gps_failsafe:
+            return b""
+        self.gps_failsafe = True
+        self.pilot.target, self.pilot.landing, self.pilot.route = self.state.position, True, []
+        text = b"Failsafe activated" if self.is_px4 else b"EKF Failsafe: changed to LAND Mode"
+        return self.mavlink.pack(253, struct.pack("<B50s", 2, text))
+
+    def _command(self, source: object, command: int, params: list[float]) -> bytes:
+        pilot, state, accepted = self.pilot, self.state, True
+        version = b""
+        if command == 400:
+            accepted = state.time_s >= READY_S
+            if accepted:
+                pilot.armed = params[0] == 1.0
+        elif command == 22:
+            height_m = self.takeoff_m if math.isnan(params[6]) else params[6]
+            if self.is_px4 and not math.isnan(params[6]):
+                height_m -= self._home()[2]
+            pilot.target = (*state.position[:2], -height_m)
+        elif command == 21:
+            pilot.target, pilot.landing = state.position, True
+        elif command == 20:
+            pilot.target, pilot.returning = (0.0, 0.0, min(state.position[2], -5.0)), True
+        elif command == 176:
+            # PX4: main mode auto, sub-mode mission.
+            if self.is_px4 and params[1:3] == [4.0, 4.0]:
+                self._start_mission()
+        elif command == 300:
+            self._start_mission()
+        elif command == 192:
+            latitude, longitude, altitude = self._home()
+            north = (params[4] - latitude) * 111194.0
+            east = (params[5] - longitude) * 111194.0 * math.cos(math.radians(latitude))
+            height_m = params[6] - altitude if self.is_px4 else params[6]
+            pilot.target = (north, east, -height_m)
+        elif command == 511:
+            self.stream_clients.add(source)
+        elif command == 512 and params[0] == 148:
+            layout = struct.pack("<QQIIIIHH8s", 0, 0, 0x010203FF, 0, 0, 0, 0, 0, b"5tand1n\0")
+            version = self.mavlink.pack(148, layout)
+        else:
+            accepted = False
+        return self.mavlink.pack(77, struct.pack("<HB", command, 0 if accepted else 2)) + version
+
+    def _home(self) -> tuple[float, float, float]:
+        assert self.home
+        return self.home
+
+    def due(self) -> tuple[bytes, bytes]:
+        """What every client gets now, and what those get that asked."""
+        state, motion = self.state, b""
+        text = self.watch_receiver()
+        beat = b""
+        if self.home is None and state.latitude_deg:
+            self.home = (state.latitude_deg, state.longitude_deg, state.altitude_m + state.position[2])
+        if state.time_s >= self.next_beat_s:
+            self.next_beat_s += 1.0
+            base = 81 | (128 if self.pilot.armed else 0)
+            mode = 0x03040000 if self.is_px4 else 4
+            status = 4 if self.pilot.armed else 3
+            if self.gps_failsafe and self.pilot.armed:
+                mode, status = 0x06040000 if self.is_px4 else 9, 5
+            beat = self.mavlink.pack(
+                0,
+                struct.pack("<IBBBBB", mode, 2, 12 if self.is_px4 else 3, base, status, 3),
+            )
+        if state.time_s >= self.next_motion_s:
+            self.next_motion_s += 0.02
+            ms = round(state.time_s * 1000)
+            place = (round(state.latitude_deg * 1e7), round(state.longitude_deg * 1e7))
+            heights = (round(state.altitude_m * 1000), round(-state.position[2] * 1000))
+            speeds = (round(v * 100) for v in state.velocity)
+            motion = self.mavlink.pack(33, struct.pack("<IiiiihhhH", ms, *place, *heights, *speeds, 65535))
+            motion += self.mavlink.pack(30, struct.pack("<I6f", ms, *state.euler(), *state.rates))
+        return text + beat, motion
