@@ -168,7 +168,7 @@ def page(scale: float) -> None:
     with tempfile.TemporaryDirectory() as folder:
         pages = {}
         for name, part in (("quiet", 0.0), ("flooded", scale)):
-            campaign = made(Path(folder) / name, part)
+            campaign = written_session(Path(folder) / name, part)
             spent_s = _cpu_s(write_report, campaign)
             pages[name] = campaign / "report.html"
             print(
@@ -181,7 +181,7 @@ def page(scale: float) -> None:
             compare_pages(program, pages)
 
 
-def made(folder: Path, scale: float) -> Path:
+def written_session(folder: Path, scale: float) -> Path:
     """A campaign of one scene and two agents, the first of which floods."""
     campaign = make_campaign(folder, Made(scenes=1))
     for agent in AGENTS:
@@ -214,14 +214,15 @@ SHOWN = """new Promise((resolve) => {
 
 def compare_pages(program: str, pages: dict[str, Path]) -> None:
     """Wall and CPU seconds until each page is loaded and its map is shown; medians, and their ratios."""
-    seen: dict[str, list[dict[str, float]]] = {name: [] for name in pages}
+    runs: dict[str, list[dict[str, float]]] = {name: [] for name in pages}
     for _ in range(BROWSER_TRIES):
         # In turn, so that a drift of the host falls on all.
         for name, path in pages.items():
             with open_browser(program) as browser:
-                seen[name].append(browser.visit(path))
+                runs[name].append(browser.visit(path))
     middles = {
-        name: {key: median(one[key] for one in tries) for key in tries[0]} for name, tries in seen.items()
+        name: {key: median(timings[key] for timings in tries) for key in tries[0]}
+        for name, tries in runs.items()
     }
     for name, middle in middles.items():
         words = {"loaded_s": "loaded after", "shown_s": "map shown after", "cpu_s": "CPU of all its processes",

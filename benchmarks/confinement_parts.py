@@ -34,7 +34,7 @@ POLL_S = 0.001
 
 def cpu_s() -> float:
     """CPU seconds of this process and of all its children that have ended."""
-    usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    usages = [resource.getrusage(process) for process in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
 
@@ -119,9 +119,9 @@ def main() -> None:
         f"start and end of the box: {1e3 * start_s:.1f} ms of CPU more than unconfined "
         f"({1e3 * start_low_s:.1f} to {1e3 * start_high_s:.1f}), {options.starts} pairs"
     )
-    many = (*nothing[:-1], str(options.calls))
+    repeated = (*nothing[:-1], str(options.calls))
     added_s, *bounds_s = (
-        (value_s - start_s) / options.calls for value_s in difference_s(options.rung, many, spec, 30)
+        (value_s - start_s) / options.calls for value_s in difference_s(options.rung, repeated, spec, 30)
     )
     low, high = (f"{1e9 * bound_s:.0f}" for bound_s in bounds_s)
     print(f"each system call: {1e9 * added_s:.0f} ns more ({low} to {high})")

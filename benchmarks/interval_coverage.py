@@ -87,8 +87,8 @@ def count_cells(campaigns: int) -> Iterator[Cell]:
             rng = np.random.default_rng(
                 [clusters, replicates, round(100 * p), round(100 * correlation), number]
             )
-            made = generate(rng, p, correlation, (campaigns, clusters, replicates))
-            yield cell(name, f"p {p:g}, correlation {correlation:g}", p, made)
+            samples = generate(rng, p, correlation, (campaigns, clusters, replicates))
+            yield cell(name, f"p {p:g}, correlation {correlation:g}", p, samples)
 
 
 def ratio_cells(campaigns: int) -> Iterator[Cell]:
@@ -125,18 +125,18 @@ def print_table(cells: list[Cell]) -> None:
     print("| runs | design points x replicates | mean | 5 in 100 cells below | least | where | mean width |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
     groups: dict[tuple[str, int, int], list[Cell]] = {}
-    for each in cells:
-        groups.setdefault((each.family, each.clusters, each.replicates), []).append(each)
+    for cell in cells:
+        groups.setdefault((cell.family, cell.clusters, cell.replicates), []).append(cell)
     for (family, clusters, replicates), group in sorted(groups.items()):
-        covered = np.array([each.coverage for each in group])
-        worst = min(group, key=lambda each: each.coverage)
+        covered = np.array([cell.coverage for cell in group])
+        worst = min(group, key=lambda cell: cell.coverage)
         print(
             f"| {family} | {clusters} x {replicates} | {100 * covered.mean():.1f} | {100 * np.quantile(covered, 0.05):.1f} "
-            f"| {100 * worst.coverage:.1f} | {worst.text} | {np.mean([each.width for each in group]):.2f} |"
+            f"| {100 * worst.coverage:.1f} | {worst.text} | {np.mean([cell.width for cell in group]):.2f} |"
         )
-    every = np.array([each.coverage for each in cells])
-    below = ", ".join(f"{limit} %: {100 * np.mean(every < limit / 100):.1f} %" for limit in (90, 93, 95))
-    print(f"\n{len(cells)} cells, mean {100 * every.mean():.1f} %; share of cells below {below}\n")
+    coverage = np.array([cell.coverage for cell in cells])
+    below = ", ".join(f"{limit} %: {100 * np.mean(coverage < limit / 100):.1f} %" for limit in (90, 93, 95))
+    print(f"\n{len(cells)} cells, mean {100 * coverage.mean():.1f} %; share of cells below {below}\n")
 
 
 def print_wilson() -> None:

@@ -39,9 +39,9 @@ def main() -> None:
     )
     parser.add_argument("--against", type=Path, help="folder of a campaign that was flown in full")
     parser.add_argument("--rounds", type=int, default=5, help="the fastest counts")
-    asked = parser.parse_args()
-    told = foretells(asked.against) if asked.against else speed(asked.rounds)
-    print(json.dumps(told, indent=1))
+    options = parser.parse_args()
+    result = predictions(options.against) if options.against else speed(options.rounds)
+    print(json.dumps(result, indent=1))
 
 
 def speed(rounds: int) -> dict[str, float]:
@@ -72,7 +72,7 @@ def _cpu_s(work: Callable[[], object]) -> float:
     return time.process_time() - began_s
 
 
-def foretells(folder: Path) -> dict[str, object]:
+def predictions(folder: Path) -> dict[str, object]:
     """Correlations of what was flown in full with the same SimSpecs flown overhead."""
     full = read_runs(folder)
     measures = measures_of(full.decomposition)
@@ -88,24 +88,27 @@ def foretells(folder: Path) -> dict[str, object]:
         SessionResult.model_validate_json((folder / "runs" / name / "result.json").read_bytes()).simulated_s
         for name in names
     ]
-    said: dict[str, object] = {
+    result: dict[str, object] = {
         "realizations": len(names),
         "not computed": observed.missing,
         "length of the mission": _correlation(np.array(ended_s), observed.end_s, scenes),
     }
     for node in full.study:
         of_full, of_overhead = (table.filter(table["node"] == node).sort("realization") for table in tables)
-        said[node] = _node(of_full, of_overhead, names, scenes)
-    said["mean score of each agent and node"] = _means(tables, full.study)
+        result[node] = _node(of_full, of_overhead, names, scenes)
+    result["mean score of each agent and node"] = _means(tables, full.study)
     for index, name in enumerate(observed.observables):
         if name in computed(measures):
             truth = np.array(
-                [next(one.x for one in run.observations if one.observable == name) for run in full.runs],
+                [
+                    next(observation.x for observation in run.observations if observation.observable == name)
+                    for run in full.runs
+                ],
                 float,
             )
-            both = np.isfinite(truth) & observed.considered[:, index]
-            said[name] = _correlation(truth[both], observed.x[both, index], scenes[both])
-    return said
+            considered = np.isfinite(truth) & observed.considered[:, index]
+            result[name] = _correlation(truth[considered], observed.x[considered, index], scenes[considered])
+    return result
 
 
 def _node(
@@ -117,62 +120,62 @@ def _node(
         columns[label] = {
             column: frame[column].to_numpy().astype(float) for column in ("score", "confidence", "difficulty")
         }
-    one, other = columns["full"], columns["overhead"]
-    scored = np.isfinite(one["score"]) & np.isfinite(other["score"])
-    asked = np.isfinite(one["confidence"]) & np.isfinite(other["confidence"])
-    own = scenes[order]
-    passes = (one["confidence"][asked] >= 1.0) == (other["confidence"][asked] >= 1.0)
+    flown, overhead = columns["full"], columns["overhead"]
+    scored = np.isfinite(flown["score"]) & np.isfinite(overhead["score"])
+    considered = np.isfinite(flown["confidence"]) & np.isfinite(overhead["confidence"])
+    ordered_scenes = scenes[order]
+    passes = (flown["confidence"][considered] >= 1.0) == (overhead["confidence"][considered] >= 1.0)
     return {
-        "score": _correlation(one["score"][scored], other["score"][scored], own[scored]),
+        "score": _correlation(flown["score"][scored], overhead["score"][scored], ordered_scenes[scored]),
         "score less difficulty": _correlation(
-            (one["score"] - one["difficulty"])[scored],
-            (other["score"] - other["difficulty"])[scored],
-            own[scored],
+            (flown["score"] - flown["difficulty"])[scored],
+            (overhead["score"] - overhead["difficulty"])[scored],
+            ordered_scenes[scored],
         ),
         "same verdict": f"{int(passes.sum())} of {len(passes)}",
-        "scored alike": f"{int((np.isfinite(one['score']) == np.isfinite(other['score'])).sum())} of {len(names)}",
+        "scored alike": f"{int((np.isfinite(flown['score']) == np.isfinite(overhead['score'])).sum())} of {len(names)}",
     }
 
 
 def _means(tables: Sequence[pl.DataFrame], study: Sequence[str]) -> dict[str, object]:
     """Over the pairs of agent and node that have a mean score in both."""
-    found = [
+    frames = [
         table.filter(pl.col("node").is_in(study))
         .group_by("agent", "node")
         .agg(pl.col("score").mean())
         .sort("agent", "node")
         for table in tables
     ]
-    one, other = (frame["score"].to_numpy().astype(float) for frame in found)
-    both = np.isfinite(one) & np.isfinite(other)
-    return _correlation(one[both], other[both], np.arange(int(both.sum())))
+    full, overhead = (frame["score"].to_numpy().astype(float) for frame in frames)
+    finite = np.isfinite(full) & np.isfinite(overhead)
+    return _correlation(full[finite], overhead[finite], np.arange(int(finite.sum())))
 
 
 def _correlation(full: np.ndarray, over: np.ndarray, scenes: np.ndarray) -> dict[str, object]:
     if not len(full):
         return {"n": 0}
-    told: dict[str, object] = {
+    result: dict[str, object] = {
         "n": len(full),
         "mean full": _rounded(full.mean()),
         "mean overhead": _rounded(over.mean()),
     }
     if len(set(full)) < 2 or len(set(over)) < 2:
-        return told | {"rank correlation": "none: one of both never changes"}
-    told["spearman"] = _rounded(stats.spearmanr(full, over).statistic)
-    told["kendall"] = _rounded(stats.kendalltau(full, over).statistic)
-    told["spearman 95 %"] = _interval(full, over, scenes)
-    return told
+        return result | {"rank correlation": "none: one of both never changes"}
+    result["spearman"] = _rounded(stats.spearmanr(full, over).statistic)
+    result["kendall"] = _rounded(stats.kendalltau(full, over).statistic)
+    result["spearman 95 %"] = _interval(full, over, scenes)
+    return result
 
 
 def _interval(full: np.ndarray, over: np.ndarray, scenes: np.ndarray) -> list[float]:
     rng = np.random.Generator(np.random.PCG64(SEED))
     members = [np.flatnonzero(scenes == scene) for scene in np.unique(scenes)]
-    found = []
+    correlations = []
     for _ in range(SAMPLES):
         rows = np.concatenate([members[k] for k in rng.integers(len(members), size=len(members))])
         if len(set(full[rows])) > 1 and len(set(over[rows])) > 1:
-            found.append(stats.spearmanr(full[rows], over[rows]).statistic)
-    return [_rounded(value) for value in np.percentile(found, [2.5, 97.5])]
+            correlations.append(stats.spearmanr(full[rows], over[rows]).statistic)
+    return [_rounded(value) for value in np.percentile(correlations, [2.5, 97.5])]
 
 
 def _rounded(value: float) -> float:

@@ -40,9 +40,9 @@ def crowded(actors: int) -> SimSpec:
         for asset, count in counts.items()
     )
     placed = tuple(
-        PlacedActor(id=f"{asset}-{one}", group=asset, east_m=east, north_m=north, heading_deg=heading)
+        PlacedActor(id=f"{asset}-{number}", group=asset, east_m=east, north_m=north, heading_deg=heading)
         for asset, count in counts.items()
-        for one in range(count)
+        for number in range(count)
         for east, north, heading in [
             (*rng.uniform(-SIDE_M / 2, SIDE_M / 2, 2).tolist(), float(rng.uniform(0.0, 360.0)))
         ]
@@ -66,7 +66,7 @@ def measure(actors: int) -> str:
     opening_ms = (time.process_time() - began) * 1e3
     detector = open_detector(simspec, scene.cast)
     spent = np.zeros(3)
-    seen = detected = 0
+    sighted = detected = 0
     for number in range(FRAMES):
         now = SimTime(number * 200_000_000)
         angle = number * 0.05
@@ -81,10 +81,10 @@ def measure(actors: int) -> str:
         results = detector.due(now)
         marks.append(time.process_time())
         spent += np.diff(marks)
-        seen += len(frame.sightings)
-        detected += sum(len(one.detections) for one in results)
+        sighted += len(frame.sightings)
+        detected += sum(len(result.detections) for result in results)
     advance, look, detect = spent / FRAMES * 1e6
-    return f"{actors:6d} {opening_ms:9.1f} {advance:11.1f} {look:9.1f} {detect:12.1f} {seen / FRAMES:9.1f} {detected / FRAMES:10.1f}"
+    return f"{actors:6d} {opening_ms:9.1f} {advance:11.1f} {look:9.1f} {detect:12.1f} {sighted / FRAMES:9.1f} {detected / FRAMES:10.1f}"
 
 
 def main() -> None:

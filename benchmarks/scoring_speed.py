@@ -32,7 +32,7 @@ EDGES = (60, 140, 158)
 SITUATIONS = 12
 
 
-def made() -> Decomposition:
+def synthetic_decomposition() -> Decomposition:
     """A DAG of the application's size, with more than one parent for some nodes at every level."""
     rng = np.random.default_rng(1)
     names = [
@@ -131,7 +131,7 @@ def _run(
 
 def table(path: Path, count: int) -> Callable[[], object]:
     """Score the runs and write the table as Parquet."""
-    observables = made()
+    observables = synthetic_decomposition()
     runs = runs_of(observables, count)
 
     def step() -> None:
@@ -173,7 +173,7 @@ def competent(path: Path, count: int) -> Callable[[], object]:
 
 def summary(path: Path, count: int) -> Callable[[], object]:
     """Sum the table up: means, intervals, bootstrap and competence of every node, agent and configuration."""
-    observables, scores = made(), pl.read_parquet(path)
+    observables, scores = synthetic_decomposition(), pl.read_parquet(path)
     return lambda: summary_frame(scores, observables)
 
 

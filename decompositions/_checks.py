@@ -100,8 +100,8 @@ class DocumentChecks:
 
     def _line(self, place: DocumentPlace) -> int:
         """Line of the nearest enclosing path that is in the file, 0 where there is none."""
-        known = (place.path[:length] for length in range(len(place.path), 0, -1))
-        return next((self.lines[path] for path in known if path in self.lines), 0)
+        paths = (place.path[:length] for length in range(len(place.path), 0, -1))
+        return next((self.lines[path] for path in paths if path in self.lines), 0)
 
     def _emptiness(self) -> Iterator[Fault]:
         if not self.document.observables:
@@ -354,11 +354,11 @@ class DocumentChecks:
 
     def _study(self) -> Iterator[Fault]:
         place = DocumentPlace(("study",), "")
-        known = [node.id for node in self.document.key_attributes]
+        ids = [node.id for node in self.document.key_attributes]
         for index, node in enumerate(self.document.study):
-            if node not in known:
+            if node not in ids:
                 yield self._fault(
-                    place.at(index), f"there is no key attribute {node!r} to study", suggestion(node, known)
+                    place.at(index), f"there is no key attribute {node!r} to study", suggestion(node, ids)
                 )
         if len(set(self.document.study)) != len(self.document.study):
             yield self._fault(place, "a key attribute is studied twice", "list each once")
@@ -387,9 +387,9 @@ def _cycles(edges: Mapping[str, Sequence[str]]) -> Iterator[list[str]]:
         graph.remove_edge(cycle[-1], cycle[0])
 
 
-def suggestion(name: str, known: Iterable[str]) -> str:
+def suggestion(name: str, candidates: Iterable[str]) -> str:
     """A hint with the names that were probably meant, or else with the known names."""
-    names = list(known)
+    names = list(candidates)
     matches = difflib.get_close_matches(name, names, n=3)
     if matches:
         return f"did you mean {' or '.join(matches)}?"

@@ -58,16 +58,17 @@ def field_summary(clause: ClauseReading, values: dict[str, Any]) -> str:
     """
     if clause.status == "check" and not clause.fields:
         return "nothing"
-    told = [
+    changes = [
         path
         for path in clause.fields
         if not path.endswith(".id")
         and not (path.endswith(_IDENTITY) and f"{path.rpartition('.')[0]}.count" in clause.fields)
     ]
     parts = [
-        f"{_short_path(path)} {_value(values, path)}{_identity(values, path)}" for path in told[:SHOWN_FIELDS]
+        f"{_short_path(path)} {_value(values, path)}{_identity(values, path)}"
+        for path in changes[:SHOWN_FIELDS]
     ]
-    more = [f"and {len(told) - SHOWN_FIELDS} more"] if len(told) > SHOWN_FIELDS else []
+    more = [f"and {len(changes) - SHOWN_FIELDS} more"] if len(changes) > SHOWN_FIELDS else []
     return ", ".join([*parts, *more])
 
 

@@ -26,9 +26,9 @@ def _with_file(path: Path, fault: Fault) -> Fault:
     # A fault begins with the field of the document, as in `design.factors[0]: ...` or `actors[people].count:
     # ...`.
     field = re.split(r"[.\[: ]", fault.where, maxsplit=1)[0]
-    known = (
+    is_document = (
         field in Campaign.model_fields
         or field in SimSpec.model_fields
         or fault.where.startswith("design point ")
     )
-    return Fault(f"{path}: {fault.where}", fault.what, fault.remedy) if known else fault
+    return Fault(f"{path}: {fault.where}", fault.what, fault.remedy) if is_document else fault

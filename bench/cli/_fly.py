@@ -87,7 +87,7 @@ def fly(
     if interface:
         links += interface_links(autopilot, interface)
     options = {"--serial": serial, "--interface": interface, "--board": board}
-    if speed != 1.0 and (option := next((name for name, given in options.items() if given), None)):
+    if speed != 1.0 and (option := next((name for name, is_given in options.items() if is_given), None)):
         raise SetupError(
             Fault(
                 "--speed",

@@ -183,9 +183,9 @@ def _explained(base_simspec: BaseSimSpec) -> Iterator[str]:
 def _factors(ranges: Sequence[VariedField]) -> list[dict[str, Any]]:
     factors: list[dict[str, Any]] = []
     for varied in ranges:
-        taken = {factor["name"] for factor in factors}
+        names = {factor["name"] for factor in factors}
         # Two phrases may vary fields of the same name, and factors of a design have distinct names.
-        name = varied.name if varied.name not in taken else f"{varied.name}-{len(factors)}"
+        name = varied.name if varied.name not in names else f"{varied.name}-{len(factors)}"
         factor: dict[str, Any] = {"name": name}
         if varied.unit and not varied.choices:
             factor["unit"] = varied.unit

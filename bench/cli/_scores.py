@@ -423,7 +423,7 @@ def _tree_of_agent(explanation: Explanation, agent: AgentExplanation) -> Tree:
             )
         )
     if summary.competence_50 is not None:
-        least = "at least " if summary.competence_50_at_least else ""
+        prefix = "at least " if summary.competence_50_at_least else ""
         bound = (
             ""
             if summary.competence_50_low is None
@@ -431,7 +431,7 @@ def _tree_of_agent(explanation: Explanation, agent: AgentExplanation) -> Tree:
         )
         tree.add(
             Text(
-                f"competence {least}{summary.competence_50:.2f}{bound}: up to this difficulty half of such runs pass"
+                f"competence {prefix}{summary.competence_50:.2f}{bound}: up to this difficulty half of such runs pass"
             )
         )
     tree.add(

@@ -34,13 +34,13 @@ def load_plugin(group: PluginGroup, name: str) -> Any:
 
     Raises SetupError, naming what there is, when there is none of that name.
     """
-    known = plugins(group)
-    if name not in known:
+    available = plugins(group)
+    if name not in available:
         raise SetupError(
             Fault(
                 group,
                 f"there is no plug-in named {name!r}",
-                f"installed: {', '.join(sorted(known)) or 'none'}",
+                f"installed: {', '.join(sorted(available)) or 'none'}",
             )
         )
-    return known[name].load()
+    return available[name].load()

@@ -31,7 +31,7 @@ class TruthDistance:
 
 def truth_distance(first: Tape, second: Tape) -> TruthDistance | None:
     """How far apart the vehicle was in two recordings; None where they have no moment in common."""
-    times_ns, places, others = np.intersect1d(
+    times_ns, places, other_places = np.intersect1d(
         np.rint(first.vehicle_time_s * _NS_PER_S),
         np.rint(second.vehicle_time_s * _NS_PER_S),
         assume_unique=True,
@@ -40,7 +40,7 @@ def truth_distance(first: Tape, second: Tape) -> TruthDistance | None:
     if not times_ns.size:
         return None
     apart_m = np.linalg.norm(
-        first.vehicle_position_enu_m[places] - second.vehicle_position_enu_m[others], axis=1
+        first.vehicle_position_enu_m[places] - second.vehicle_position_enu_m[other_places], axis=1
     )
     largest = int(np.argmax(apart_m))
     return TruthDistance(

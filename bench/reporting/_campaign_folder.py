@@ -106,9 +106,9 @@ def _decomposition(folder: Path, reference: str, notes: list[str]) -> Decomposit
             str(next((path for path in (stored, folder / reference) if path.is_file()), reference))
         )
     except SetupError as error:
-        what = "; ".join(fault.what for fault in error.faults)
+        reasons = "; ".join(fault.what for fault in error.faults)
         notes.append(
-            f"The decomposition {reference!r} could not be read, so nodes have no titles here: {what}."
+            f"The decomposition {reference!r} could not be read, so nodes have no titles here: {reasons}."
         )
         return None
 

@@ -18,12 +18,12 @@ def studied_key_attributes(decomposition: Decomposition, study: Sequence[str] = 
 
     Raises SetupError for any other node.
     """
-    known = decomposition.at_level(Level.KEY_ATTRIBUTE)
-    unknown = [node for node in study if node not in known]
+    available = decomposition.at_level(Level.KEY_ATTRIBUTE)
+    unknown = [node for node in study if node not in available]
     if unknown:
         raise SetupError(
             [
-                Fault("study", f"there is no key attribute {node!r}", f"known: {', '.join(known)}")
+                Fault("study", f"there is no key attribute {node!r}", f"known: {', '.join(available)}")
                 for node in unknown
             ]
         )

@@ -345,10 +345,10 @@ def _require_values(decomposition: Decomposition, values: Mapping[str, float]) -
 
 
 def _missing_value(decomposition: Decomposition, factor: str, observables: list[str]) -> Fault:
-    known = FACTORS.get(factor)
+    definition = FACTORS.get(factor)
     remedy = (
-        f"it means: {known.text} Add that to the SimSpec"
-        if known
+        f"it means: {definition.text} Add that to the SimSpec"
+        if definition
         else "no SimSpec has this factor; correct the table"
     )
     return Fault(

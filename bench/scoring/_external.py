@@ -257,10 +257,10 @@ class _TableReader:
         """Log missing and unknown columns."""
         if not self._columns:
             return
-        known, first = (*KNOWN_COLUMNS, *self._decomposition.factors()), min(self._columns.values())
+        allowed, first = (*KNOWN_COLUMNS, *self._decomposition.factors()), min(self._columns.values())
         for name, line in self._columns.items():
-            if name not in known:
-                self._faults.add(line, f"unknown column {name!r}", f"known: {', '.join(known)}")
+            if name not in allowed:
+                self._faults.add(line, f"unknown column {name!r}", f"known: {', '.join(allowed)}")
         for name in REQUIRED_COLUMNS:
             if name not in self._columns:
                 self._faults.add(first, f"the column {name!r} is missing", "add it")
@@ -283,15 +283,15 @@ class _TableReader:
 
     def _check_difficulty(self, first: int) -> None:
         needed = ", ".join(f"{name} ({self._units[name]})" for name in self._decomposition.factors())
-        given = "difficulty" in self._columns
-        if given and self._factors:
+        has_difficulty = "difficulty" in self._columns
+        if has_difficulty and self._factors:
             also = ", ".join(self._factors)
             self._faults.add(
                 first,
                 f"the table has a difficulty and factor columns too: {also}",
                 "keep either the difficulty or the factors",
             )
-        if given:
+        if has_difficulty:
             return
         if not self._factors:
             remedy = (
@@ -327,11 +327,11 @@ class _TableReader:
         }
         common |= {column: self._number(row, column, -math.inf, math.inf) for column in self._factors}
         if observable is not None and observable not in self._decomposition.observables:
-            known = ", ".join(self._decomposition.observables)
+            names = ", ".join(self._decomposition.observables)
             self._faults.add(
                 row.line,
                 f"there is no observable {observable!r} in {self._decomposition.name}",
-                f"known: {known}"[:400],
+                f"known: {names}"[:400],
             )
             observable = None
         if name is None:

@@ -120,7 +120,7 @@ def worst_first(floors: Mapping[str, NodeFloor]) -> list[NodeFloor]:
 
     def key(node: NodeFloor) -> tuple[bool, float, str]:
         apart = node.discrimination
-        least = apart if apart is not None else 1.0 - (node.floor or 0.0)
-        return (node.floor is None, least, node.id)
+        distance = apart if apart is not None else 1.0 - (node.floor or 0.0)
+        return (node.floor is None, distance, node.id)
 
     return sorted(floors.values(), key=key)

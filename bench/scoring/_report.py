@@ -291,8 +291,8 @@ def _passed(scores: pl.DataFrame) -> dict[tuple[str, str, str], int]:
     whole = scores.filter((pl.col("considered") > 0) & (pl.col("achieved") == pl.col("considered"))).select(
         key
     )
-    both = pl.concat([whole, whole.with_columns(pl.lit("all").alias("configuration"))])
-    counted = both.group_by("agent", "configuration", "node").len()
+    with_totals = pl.concat([whole, whole.with_columns(pl.lit("all").alias("configuration"))])
+    counted = with_totals.group_by("agent", "configuration", "node").len()
     return {(agent, configuration, node): count for agent, configuration, node, count in counted.iter_rows()}
 
 
@@ -304,8 +304,8 @@ def _standings(scores: pl.DataFrame) -> dict[tuple[str, str, str], dict[str, Any
     rows = scores.select(
         *(pl.col(name).cast(pl.String) for name in key), "difficulty", standing.alias("standing")
     )
-    both = pl.concat([rows, rows.with_columns(pl.lit("all").alias("configuration"))])
-    grouped = both.group_by(key).agg(
+    with_totals = pl.concat([rows, rows.with_columns(pl.lit("all").alias("configuration"))])
+    grouped = with_totals.group_by(key).agg(
         exercisable=pl.col("difficulty").is_not_null().sum(),
         overruled=(pl.col("standing") == OVERRULED).sum(),
         configured_sensor=(pl.col("standing") == str(Standing.CONFIGURED_SENSOR)).any(),

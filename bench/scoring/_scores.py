@@ -157,26 +157,26 @@ def difficulty_columns(
         )
     if missing := [leaf for leaf in arrays.leaves if leaf not in difficulties]:
         raise ValueError(f"there is no difficulty of {', '.join(missing)}")
-    every = np.ones(len(arrays.leaves), dtype=np.bool_)
-    return np.array([difficulties[leaf] for leaf in arrays.leaves], dtype=np.float64), every, every
+    all_true = np.ones(len(arrays.leaves), dtype=np.bool_)
+    return np.array([difficulties[leaf] for leaf in arrays.leaves], dtype=np.float64), all_true, all_true
 
 
 def measured_column(arrays: DecompositionArrays, observations: Iterable[Observation]) -> tuple[Floats, Bools]:
     """Measured x of every leaf in one run, and whether it is considered. Raises as `score_run`."""
     x, considered = np.zeros(len(arrays.leaves)), np.zeros(len(arrays.leaves), dtype=np.bool_)
-    given = tuple(observations)
+    measured = tuple(observations)
     values = {
-        observation.observable: observation.x if observation.considered else None for observation in given
+        observation.observable: observation.x if observation.considered else None for observation in measured
     }
     places = [arrays.number.get(name) for name in values]
     # The slow search for the fault runs only where there is one: this function runs once for every run.
-    if len(values) < len(given) or None in places:
-        raise ValueError(_first_fault(arrays, given))
+    if len(values) < len(measured) or None in places:
+        raise ValueError(_first_fault(arrays, measured))
     numbers = np.array(places, dtype=np.int64)
-    considered[numbers] = [observation.considered for observation in given]
+    considered[numbers] = [observation.considered for observation in measured]
     x[numbers] = [0.0 if value is None else value for value in values.values()]
     if np.count_nonzero(considered) > len(values) - list(values.values()).count(None):
-        raise ValueError(_first_fault(arrays, given))
+        raise ValueError(_first_fault(arrays, measured))
     return x, considered
 
 

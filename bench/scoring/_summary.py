@@ -228,9 +228,9 @@ def _scene_sums(scores: pl.DataFrame) -> _SceneSums:
 def _ends(scores: pl.DataFrame, slot: Counts, size: int) -> tuple[Floats, Floats]:
     """Lowest and highest difficulty of each slot; infinite where it has none."""
     low, high = np.full(size, np.inf), np.full(size, -np.inf)
-    rated, known = _column(scores, "difficulty")
-    if not known.all():
-        slot, rated = slot[known], rated[known]
+    rated, is_known = _column(scores, "difficulty")
+    if not is_known.all():
+        slot, rated = slot[is_known], rated[is_known]
     np.minimum.at(low, slot, rated)
     np.maximum.at(high, slot, rated)
     return low, high
@@ -248,8 +248,8 @@ def _summed(scores: pl.DataFrame, slot: Counts, size: int) -> Iterator[tuple[str
     yield "excluded", count_rows(~is_counted)
     yield "until_settled", _until_settled(scores, is_counted, slot, size)
     for name, known_name in (("confidence", "considered"), ("score", "scored"), ("passed_score", "passable")):
-        values, known = _column(scores, name)
-        yield known_name, count_rows(known)
+        values, is_known = _column(scores, name)
+        yield known_name, count_rows(is_known)
         yield name, np.bincount(slot, weights=values, minlength=size)
         if name == "confidence":
             yield "confidence_squared", np.bincount(slot, weights=values**2, minlength=size)
@@ -497,5 +497,7 @@ def _tally_rows(scores: pl.DataFrame, groups: int) -> TrialCounts:
     )
 
 
-def _masked(values: pl.Series, known: pl.Series) -> pl.Series:
-    return pl.DataFrame({"value": values, "known": known}).select(pl.when("known").then("value")).to_series()
+def _masked(values: pl.Series, is_known: pl.Series) -> pl.Series:
+    return (
+        pl.DataFrame({"value": values, "known": is_known}).select(pl.when("known").then("value")).to_series()
+    )

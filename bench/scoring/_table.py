@@ -171,17 +171,17 @@ def _configurations(
     """The key of each run's difficulty configuration."""
     # Replicates and agents mostly share their difficulty object, so each is written once; `runs` keeps the
     # ids valid.
-    known: dict[int, str] = {}
+    names: dict[int, str] = {}
     for run in runs:
-        if id(run.difficulty) not in known:
-            known[id(run.difficulty)] = configuration_of(decomposition, run.difficulty, study)
-    return [known[id(run.difficulty)] for run in runs]
+        if id(run.difficulty) not in names:
+            names[id(run.difficulty)] = configuration_of(decomposition, run.difficulty, study)
+    return [names[id(run.difficulty)] for run in runs]
 
 
 def _x(arrays: DecompositionArrays, measured: MeasuredRuns, scores: ScoreArrays) -> pl.Series:
-    x, known = np.zeros_like(scores.score), np.zeros_like(scores.scored)
-    x[arrays.leaf_rows], known[arrays.leaf_rows] = measured.x, measured.considered
-    return _where(x, known)
+    x, is_known = np.zeros_like(scores.score), np.zeros_like(scores.scored)
+    x[arrays.leaf_rows], is_known[arrays.leaf_rows] = measured.x, measured.considered
+    return _where(x, is_known)
 
 
 def _rows(array: np.ndarray) -> np.ndarray:
@@ -189,10 +189,10 @@ def _rows(array: np.ndarray) -> np.ndarray:
     return array.T.ravel()
 
 
-def _where(values: np.ndarray, known: np.ndarray) -> pl.Series:
+def _where(values: np.ndarray, is_known: np.ndarray) -> pl.Series:
     """An array (nodes, runs) as one column, null where `known` is false."""
     # No score is NaN, so NaN can stand for null on the way from numpy to polars.
-    return pl.Series(np.where(known.T, values.T, np.nan).ravel()).fill_nan(None)
+    return pl.Series(np.where(is_known.T, values.T, np.nan).ravel()).fill_nan(None)
 
 
 def _gather(texts: list[str], index: np.ndarray) -> pl.Series:

@@ -43,8 +43,8 @@ def _error(field: FieldPath, message: str) -> InitErrorDetails:
 def rule_inconsistencies(rules: Rules) -> Iterator[Inconsistency]:
     """Where the rules contradict one another."""
     if (rules.bystander_slow_within_m is None) != (rules.bystander_slow_mps is None):
-        given = "bystander_slow_mps" if rules.bystander_slow_within_m is None else "bystander_slow_within_m"
-        yield (given,), "bystander_slow_within_m and bystander_slow_mps are one rule: give both or neither"
+        stated = "bystander_slow_mps" if rules.bystander_slow_within_m is None else "bystander_slow_within_m"
+        yield (stated,), "bystander_slow_within_m and bystander_slow_mps are one rule: give both or neither"
     if rules.min_altitude_m is not None and rules.min_altitude_m >= rules.max_altitude_m:
         yield (
             ("min_altitude_m",),
@@ -87,7 +87,7 @@ def _duplicate_ids(part: str, kind: str, ids: Sequence[str]) -> Iterator[Inconsi
 def _perception_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
     """Cameras of `perception.more_cameras` that are none of `vehicle.more_cameras`, or stand there twice."""
     names, main = simspec.perception.more_cameras, simspec.vehicle.camera.name
-    known = [camera.name for camera in simspec.vehicle.more_cameras]
+    cameras = [camera.name for camera in simspec.vehicle.more_cameras]
     for index, name in enumerate(names):
         field = ("perception", "more_cameras", index)
         if name == main:
@@ -95,10 +95,10 @@ def _perception_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
                 field,
                 f"{name!r} is the main camera, which always has detections; name further cameras alone",
             )
-        elif name not in known:
+        elif name not in cameras:
             yield (
                 field,
-                f"there is no camera {name!r} in vehicle.more_cameras (there: {', '.join(known) or 'none'})",
+                f"there is no camera {name!r} in vehicle.more_cameras (there: {', '.join(cameras) or 'none'})",
             )
         elif name in names[:index]:
             yield field, f"the camera {name!r} stands twice; name it once"
@@ -286,14 +286,14 @@ def _order_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
 
 
 def _consent_inconsistencies(simspec: SimSpec) -> Iterator[Inconsistency]:
-    known = [report.id for report in simspec.intelligence]
+    ids = [report.id for report in simspec.intelligence]
     named = [consent.intelligence for consent in simspec.consents]
     if named and not simspec.rules.mark_consent:
         yield ("consents",), "the operator answers no request: set rules.mark_consent, or remove consents"
     for index, report_id in enumerate(named):
         field = ("consents", index, "intelligence")
-        if report_id not in known:
-            yield field, f"consent names intelligence {report_id!r}, which is not one of {known}"
+        if report_id not in ids:
+            yield field, f"consent names intelligence {report_id!r}, which is not one of {ids}"
         elif report_id in named[:index]:
             yield field, f"intelligence {report_id!r} has two consents; keep one"
 

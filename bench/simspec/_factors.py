@@ -145,12 +145,12 @@ def _handover_s(simspec: SimSpec) -> float:
 
 def _kept_detections_share(simspec: SimSpec) -> float | None:
     # The mildest loss is the hardest to notice. A silent detector keeps nothing.
-    kept = [
+    shares = [
         1.0 - (outage.lost_share or 0.0) if outage.kind == "detections_degraded" else 0.0
         for outage in simspec.outages
         if outage.kind != "operator_link" and simspec.perception.by_bench
     ]
-    return max(kept, default=None)
+    return max(shares, default=None)
 
 
 def _gps_outage_s(simspec: SimSpec) -> float:

@@ -242,15 +242,18 @@ class Failure(Document):
 
     @model_validator(mode="after")
     def _fields_fit_the_kind(self) -> Self:
-        given = {name for name in self.model_fields_set if getattr(self, name) is not None} - {"at_s", "kind"}
-        if wrong := sorted(given - _FAILURE_FIELDS[self.kind]):
+        stated = {name for name in self.model_fields_set if getattr(self, name) is not None} - {
+            "at_s",
+            "kind",
+        }
+        if wrong := sorted(stated - _FAILURE_FIELDS[self.kind]):
             raise ValueError(
                 f"{self.kind} takes no {', '.join(wrong)}; it takes {', '.join(sorted(_FAILURE_FIELDS[self.kind]))}"
             )
         needed = {"gps_drift": "drift_mps", "battery_drop": "to_fraction", "motor_off": "instance"}.get(
             self.kind
         )
-        if needed and needed not in given:
+        if needed and needed not in stated:
             raise ValueError(f"{self.kind} needs {needed}")
         return self
 

@@ -161,9 +161,11 @@ class _EffectTester:
 
     def effect(self, term: Term) -> Effect:
         # Type II: the other terms are those that do not contain this one.
-        others = [other for other in self.terms.carried if not set(term.factors) <= set(other.factors)]
-        full, columns = design_matrix([*others, term], len(self.y))
-        reduced, _ = design_matrix(others, len(self.y))
+        remaining_terms = [
+            other for other in self.terms.carried if not set(term.factors) <= set(other.factors)
+        ]
+        full, columns = design_matrix([*remaining_terms, term], len(self.y))
+        reduced, _ = design_matrix(remaining_terms, len(self.y))
         sum_sq = max(0.0, _residual_ss(reduced, self.y) - _residual_ss(full, self.y))
         note = self.terms.note(term.name)
         if self.variance is None:

@@ -60,10 +60,10 @@ def bootstrap_means(
         means = np.sort(
             np.where(drawn > 0.0, weights @ sums / _QUANTUM / np.maximum(drawn, 1.0), np.nan).T, axis=1
         )
-    known = np.isfinite(means).sum(axis=1)
+    finite_counts = np.isfinite(means).sum(axis=1)
     tail = _tail(points[able], level)
-    ends[0, able] = _quantile(means, known, tail)
-    ends[1, able] = _quantile(means, known, 1.0 - tail)
+    ends[0, able] = _quantile(means, finite_counts, tail)
+    ends[1, able] = _quantile(means, finite_counts, 1.0 - tail)
     return ends[0], ends[1]
 
 
@@ -95,10 +95,10 @@ def _tail(points: Counts, level: float) -> Floats:
     return tail
 
 
-def _quantile(ordered: Floats, known: Counts, share: Floats) -> Floats:
+def _quantile(ordered: Floats, counts: Counts, share: Floats) -> Floats:
     """Quantile of the first `known` entries of each row, interpolated linearly."""
-    at = share * (known - 1)
+    at = share * (counts - 1)
     low = np.floor(at).astype(np.int64)
-    high = np.minimum(low + 1, known - 1)
+    high = np.minimum(low + 1, counts - 1)
     row = np.arange(ordered.shape[0])
     return ordered[row, low] + (at - low) * (ordered[row, high] - ordered[row, low])

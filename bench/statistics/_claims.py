@@ -64,17 +64,17 @@ def claim(passed: int, tried: int, share: float = 0.95, level: float = CONFIDENC
     counted = f"{passed} of {tried} runs passed"
     if passed == 0:
         # Printed bounds are rounded to the safe side.
-        most = math.ceil(pass_rate_at_most(0, tried, level) * 1000 - 1e-9) / 10
-        return f"{counted}: with {_percent(level)} confidence at most {most:.1f} % of such runs would (one-sided, exact)."
-    least = math.floor(pass_rate_at_least(passed, tried, level) * 1000 + 1e-9) / 10
-    more = further_passes_for_claim(passed, tried, share, level)
-    if more == 0:
+        upper_percent = math.ceil(pass_rate_at_most(0, tried, level) * 1000 - 1e-9) / 10
+        return f"{counted}: with {_percent(level)} confidence at most {upper_percent:.1f} % of such runs would (one-sided, exact)."
+    lower_percent = math.floor(pass_rate_at_least(passed, tried, level) * 1000 + 1e-9) / 10
+    further_passes = further_passes_for_claim(passed, tried, share, level)
+    if further_passes == 0:
         rest = f"which is enough to claim {_percent(share)}"
     elif passed == tried:
-        rest = f"{_needed_text(passes_for_claim(share, level), share)}: {more} more"
+        rest = f"{_needed_text(passes_for_claim(share, level), share)}: {further_passes} more"
     else:
-        rest = f"{more} more straight {'pass is' if more == 1 else 'passes are'} needed to claim {_percent(share)}"
-    return f"{counted}: with {_percent(level)} confidence at least {least:.1f} % of such runs would (one-sided, exact); {rest}."
+        rest = f"{further_passes} more straight {'pass is' if further_passes == 1 else 'passes are'} needed to claim {_percent(share)}"
+    return f"{counted}: with {_percent(level)} confidence at least {lower_percent:.1f} % of such runs would (one-sided, exact); {rest}."
 
 
 def _claims(passed: int, tried: int, share: float, level: float) -> bool:

@@ -104,9 +104,9 @@ def compare_nodes(
 
 
 def _compared(rows: pl.DataFrame, node: str, seed: int) -> NodeComparison:
-    both = rows.drop_nulls(["confidence", "confidence_second"])
+    pairs = rows.drop_nulls(["confidence", "confidence_second"])
     passed = list(
-        zip(both["confidence"] >= 1.0, both["confidence_second"] >= 1.0, both["design_point"], strict=True)
+        zip(pairs["confidence"] >= 1.0, pairs["confidence_second"] >= 1.0, pairs["design_point"], strict=True)
     )
     results = [(first, second) for first, second, _ in passed]
     counts = PairedCounts(
@@ -122,7 +122,7 @@ def _compared(rows: pl.DataFrame, node: str, seed: int) -> NodeComparison:
     return NodeComparison(
         node=node,
         level=str(rows["level"][0]) if rows.height else "",
-        points=both["design_point"].n_unique(),
+        points=pairs["design_point"].n_unique(),
         counts=counts,
         difference=counts.difference(),
         mcnemar_p=counts.mcnemar_p,

@@ -99,10 +99,10 @@ def count_design_points(
 def _counted(group: Counts, millionths: Counts, tried: Counts, passed: Counts, groups: int) -> TrialCounts:
     # Difficulties in millionths are at most 1e8, so they fit below the group number in one 64-bit key.
     keys, cell = np.unique((group << 32) | millionths, return_inverse=True)
-    most = int(tried.max(initial=0)) + 1
-    kinds, count = np.unique((cell * most + tried) * most + passed, return_counts=True)
+    size = int(tried.max(initial=0)) + 1
+    kinds, count = np.unique((cell * size + tried) * size + passed, return_counts=True)
     alike = pl.DataFrame(
-        {"cell": kinds // most**2, "tried": kinds // most % most, "passed": kinds % most, "points": count}
+        {"cell": kinds // size**2, "tried": kinds // size % size, "passed": kinds % size, "points": count}
     )
 
     def summed(values: Counts) -> Counts:

@@ -83,8 +83,8 @@ def difficulty_response(
     hard, ok = np.asarray(difficulty, dtype=np.float64), np.asarray(passed, dtype=np.float64)
     state = _state(hard, ok)
     if state in (CurveState.TOO_FEW, CurveState.ONE_DIFFICULTY):
-        none = np.zeros(0)
-        return Curve(state, hard.size, none, none, none, none, None)
+        empty = np.zeros(0)
+        return Curve(state, hard.size, empty, empty, empty, empty, None)
     middle, scale = float(hard.mean()), float(hard.std())
     design = np.stack([np.ones_like(hard), (hard - middle) / scale], axis=1)
     beta = _fit(design, ok)

@@ -65,7 +65,7 @@ def divergence(
         return None
     if paired and len(first) != len(second):
         raise ValueError(f"{len(first)} and {len(second)} runs cannot be paired")
-    band = next(width for least, width in BAND_WIDTHS if min(len(first), len(second)) >= least)
+    band = next(width for min_size, width in BAND_WIDTHS if min(len(first), len(second)) >= min_size)
     classes = [_outcome_class(first_rows, band) for first_rows in (*first, *second)]
     columns = {kind: place for place, kind in enumerate(sorted(set(classes)))}
     indicators = np.eye(len(columns))[[columns[kind] for kind in classes]]
@@ -111,7 +111,9 @@ def _shuffled_pairs(
     first: NDArray[np.float64], second: NDArray[np.float64], rng: np.random.Generator, shuffles: int
 ) -> NDArray[np.float64]:
     swap_change, start = second - first, first.sum(axis=0)
-    batches = [min(SHUFFLES_PER_BATCH, shuffles - done) for done in range(0, shuffles, SHUFFLES_PER_BATCH)]
+    batches = [
+        min(SHUFFLES_PER_BATCH, shuffles - shuffled) for shuffled in range(0, shuffles, SHUFFLES_PER_BATCH)
+    ]
     return np.vstack(
         [
             start + rng.integers(0, 2, size=(count, len(first))).astype(np.float64) @ swap_change

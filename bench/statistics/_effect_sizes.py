@@ -119,8 +119,8 @@ def cliffs_delta(
     return DifferenceEstimate(delta, max(-1.0, float(low)), min(1.0, float(high)))
 
 
-def _wins(values: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
+def _wins(values: NDArray[np.float64], opponents: NDArray[np.float64]) -> NDArray[np.float64]:
     """For each value the share of `others` below it minus the share above it."""
-    ordered = np.sort(others)
+    ordered = np.sort(opponents)
     below, not_above = np.searchsorted(ordered, values, "left"), np.searchsorted(ordered, values, "right")
-    return np.asarray((below + not_above) / len(others) - 1.0)
+    return np.asarray((below + not_above) / len(opponents) - 1.0)

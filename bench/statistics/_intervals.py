@@ -106,16 +106,16 @@ def bounded_mean(
     """
     p, n = np.asarray(mean, dtype=np.float64), np.asarray(runs, dtype=np.float64)
     c, square = np.asarray(clusters, dtype=np.float64), np.asarray(squared, dtype=np.float64)
-    known = n > 0.0
+    has_trials = n > 0.0
     # Clusters of unequal size: linearised values, which have the same mean and the same spread.
-    sizes = n / np.where(known, c, 1.0)
-    squares = c * p**2 + square / np.where(known, sizes, 1.0) ** 2
+    sizes = n / np.where(has_trials, c, 1.0)
+    squares = c * p**2 + square / np.where(has_trials, sizes, 1.0) ** 2
     weight = np.where(p * (1.0 - p) > 1e-12, ADDED_WEIGHT, 1.0)
     tail = (1.0 - level) / 2.0
     low = _weighted_mean_quantile(c * p, squares, c, weight, tail)
     # The upper end of a mean is the lower end of its complement.
     high = 1.0 - _weighted_mean_quantile(c * (1.0 - p), squares - 2.0 * c * p + c, c, weight, tail)
-    return np.where(known, low, 0.0), np.where(known, high, 1.0)
+    return np.where(has_trials, low, 0.0), np.where(has_trials, high, 1.0)
 
 
 def _weighted_mean_quantile(

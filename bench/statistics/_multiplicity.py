@@ -30,8 +30,8 @@ def holm(values: PValues) -> list[float | None]:
 
 def _ascending(values: PValues) -> tuple[list[int], NDArray[np.float64]]:
     """The p values in ascending order, with their places in `values`."""
-    known = sorted((value, place) for place, value in enumerate(values) if value is not None)
-    return [place for _, place in known], np.array([value for value, _ in known], dtype=np.float64)
+    ordered = sorted((value, place) for place, value in enumerate(values) if value is not None)
+    return [place for _, place in ordered], np.array([value for value, _ in ordered], dtype=np.float64)
 
 
 def _placed(adjusted: NDArray[np.float64], places: Sequence[int], count: int) -> list[float | None]:

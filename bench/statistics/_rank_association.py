@@ -82,29 +82,39 @@ def rank_association(
     """The association of trials' ratings with their failures. The same arguments give the same p."""
     ratings: Floats = np.asarray(rating, dtype=np.float64).round(DIFFICULTY_DECIMALS)
     fails = np.asarray(failed, dtype=np.bool_)
-    known = RankAssociation(
+    association = RankAssociation(
         trials=fails.size,
         failed=int(fails.sum()),
         design_points=len(set(design_points)),
         ratings=len(np.unique(ratings)),
     )
-    if known.ratings < 2:
-        return _without_tau(known, ONE_RATING if known.ratings else NEVER_CONSIDERED)
+    if association.ratings < 2:
+        return _without_tau(association, ONE_RATING if association.ratings else NEVER_CONSIDERED)
     pairs = _Pairs.of(ratings, fails, list(zip(agents, observables, strict=True)), design_points)
     tau = pairs.tau()
     if tau is None:
-        return _without_tau(known, NO_MIXED_STRATUM if not pairs.mixed else ONE_RATING)
-    if known.design_points < MIN_DESIGN_POINTS:
-        return _without_tau(known, TOO_FEW)
+        return _without_tau(association, NO_MIXED_STRATUM if not pairs.mixed else ONE_RATING)
+    if association.design_points < MIN_DESIGN_POINTS:
+        return _without_tau(association, TOO_FEW)
     low, high, note = _interval(tau, pairs.taus_without_one())
     p = _shuffled_p(pairs, _blocks(agents, design_points), np.random.default_rng(seed))
     return RankAssociation(
-        known.trials, known.failed, known.design_points, known.ratings, tau, low, high, p, note
+        association.trials,
+        association.failed,
+        association.design_points,
+        association.ratings,
+        tau,
+        low,
+        high,
+        p,
+        note,
     )
 
 
-def _without_tau(known: RankAssociation, note: str) -> RankAssociation:
-    return RankAssociation(known.trials, known.failed, known.design_points, known.ratings, note=note)
+def _without_tau(association: RankAssociation, note: str) -> RankAssociation:
+    return RankAssociation(
+        association.trials, association.failed, association.design_points, association.ratings, note=note
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,14 +144,14 @@ class _Pairs:
         failures, passes = np.zeros((2, len(codes), len(cells)))
         np.add.at(failures, (stratum, cell.ravel()), failed)
         np.add.at(passes, (stratum, cell.ravel()), ~failed)
-        both = failures + passes
+        totals = failures + passes
         return cls(
             rating=cells[:, 1],
             point=cells[:, 0].astype(np.int64),
             failures=failures,
             passes=passes,
             failure_pass=failures.T @ passes,
-            all_pairs=both.T @ both,
+            all_pairs=totals.T @ totals,
         )
 
     @property

@@ -123,8 +123,8 @@ class Terms:
 
     def note(self, term: str) -> str:
         """A warning for the reader of this term's numbers; empty where there is none."""
-        others = self.shared.get(term, ())
-        return f"cannot be told from {', '.join(others)}" if others else ""
+        aliases = self.shared.get(term, ())
+        return f"cannot be told from {', '.join(aliases)}" if aliases else ""
 
 
 def factor_columns(levels: Sequence[Mapping[str, FactorLevel | None]]) -> tuple[FactorColumn, ...]:
@@ -195,8 +195,8 @@ class _TermSelection:
         responsible.
         """
 
-        def free(others: Iterable[Term]) -> int:
-            base = _columns_of(self._runs, others)
+        def free(terms: Iterable[Term]) -> int:
+            base = _columns_of(self._runs, terms)
             return _rank(np.hstack([base, candidate.columns])) - _rank(base)
 
         lowest = free(self.carried)

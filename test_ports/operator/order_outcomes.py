@@ -399,8 +399,8 @@ class OrderOutcomes:
 
     def _retask(self, counted: CountedOrder, since_s: float) -> OrderOutcome | None:
         until_s = self.next_delivery_s(counted, *MOTION_ORDERS)
-        known = {item.id for item in self._simspec.intelligence if item.delivered_s <= since_s}
-        areas = {area.id: area for area in self._truth.sub_areas() if area.id in known}
+        delivered = {item.id for item in self._simspec.intelligence if item.delivered_s <= since_s}
+        areas = {area.id: area for area in self._truth.sub_areas() if area.id in delivered}
         ordered = areas.get(str(counted.order.intelligence))
         if ordered is None:
             return None
@@ -487,8 +487,8 @@ class OrderOutcomes:
             for report, subject in known_subjects(self._truth, self._tape)
             if subject is not None
         ]
-        known = {subject for report, subject in about if report.time.s <= stopped_s + GRACE_S}
-        if not {target.actor for target in self._truth.targets()} - known:
+        reported_before = {subject for report, subject in about if report.time.s <= stopped_s + GRACE_S}
+        if not {target.actor for target in self._truth.targets()} - reported_before:
             return None
         afterwards = [report for report, _ in about if since_s <= report.time.s < until_s]
         if not afterwards:

@@ -321,9 +321,9 @@ def _after_landing(
         if disarmed is not None
         else None
     )
-    again = risen or armed
-    if again is not None:
-        text = f"{'in the air' if risen else 'armed'} again at {again.time.s:.1f} s"
+    movement = risen or armed
+    if movement is not None:
+        text = f"{'in the air' if risen else 'armed'} again at {movement.time.s:.1f} s"
         return OrderOutcome(counted, False, math.inf, text)
     if disarmed is None and min(tape.end_s, until_s) > down_s + DISARM_S:
         return OrderOutcome(counted, False, math.inf, "it came down and was never disarmed")

@@ -127,7 +127,7 @@ def withholding_explained(
 def _explained(tape: Tape, simspec: SimSpec, actor: int, min_chars: int) -> Verdict:
     truth, limit_m = GroundTruth.of(tape, simspec), simspec.rules.no_mark_within_m
     reports = [report for report, subject in subjects_of_reports(truth, tape) if subject == actor]
-    known = any(subject == actor for _, subject in known_subjects(truth, tape))
+    is_reported = any(subject == actor for _, subject in known_subjects(truth, tape))
     # By the target and not by the reported place, as the marks themselves are judged.
     marks_clear = [
         truth.nearest_endangered_m(report.time.s, float(east_m), float(north_m), actor) >= limit_m
@@ -142,7 +142,7 @@ def _explained(tape: Tape, simspec: SimSpec, actor: int, min_chars: int) -> Verd
         for decision in tape.decisions
         if decision.value.action == "withhold_mark" and decision.value.subject in subjects
     )
-    if not known:
+    if not is_reported:
         right, text = False, "never reported with knowledge of it"
     elif not all(marks_clear):
         right, text = False, "marked near bystanders"

@@ -212,11 +212,11 @@ def confidence_honest(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -
 @measure
 def ids_unique(tape: Tape, simspec: SimSpec) -> Finding:
     """Number of different ids divided by the number of reports."""
-    known: set[str] = set()
+    earlier_ids: set[str] = set()
 
     def judge(report: Timed[TargetReport]) -> Verdict:
-        is_new = report.value.id not in known
-        known.add(report.value.id)
+        is_new = report.value.id not in earlier_ids
+        earlier_ids.add(report.value.id)
         return Verdict(
             report.time.s, is_new, f"report {report.value.id}{'' if is_new else ' repeats an earlier id'}"
         )

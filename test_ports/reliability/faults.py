@@ -223,10 +223,10 @@ def mission_steps(tape: Tape, simspec: SimSpec) -> list[Evidence]:
     steps = [
         Evidence(time_s=time_s, text=f"{name} reached") for name, time_s in reached if time_s is not None
     ]
-    known: set[int] = set()
+    reported: set[int] = set()
     for report, subject in known_subjects(truth, tape):
-        if subject is not None and subject not in known:
-            known.add(subject)
+        if subject is not None and subject not in reported:
+            reported.add(subject)
             steps.append(Evidence(time_s=report.time.s, text=f"{truth.cast[subject].id} reported"))
     return sorted(steps, key=lambda step: step.time_s)
 

@@ -102,7 +102,7 @@ def _still_share(track: FlownTrack, since_s: float, until_s: float) -> float | N
 
 def _kept_standing(tape: Tape, track: FlownTrack, simspec: SimSpec, outage: FaultSpan) -> bool:
     """Whether it was out, stood, and the last order about where to go before the outage was to hold."""
-    given = [
+    orders = [
         order.value.kind
         for order in tape.orders
         if order.time.s <= outage.at_s and order.value.kind in MOTION_ORDERS
@@ -110,7 +110,7 @@ def _kept_standing(tape: Tape, track: FlownTrack, simspec: SimSpec, outage: Faul
     went_out = track.seconds(track.out() & track.between(0.0, outage.until_s)) >= MIN_OUT_S
     since_s = outage.at_s + simspec.rules.link_lost_after_s
     still_share = _still_share(track, since_s, outage.until_s)
-    return given[-1:] == ["hold"] and went_out and still_share is not None and still_share >= HOLD_SHARE
+    return orders[-1:] == ["hold"] and went_out and still_share is not None and still_share >= HOLD_SHARE
 
 
 @measure
@@ -162,9 +162,9 @@ def _unheard(tape: Tape, outages: list[FaultSpan], outage: FaultSpan) -> list[Ti
     return _about_none_of(arrived, received)
 
 
-def _about_none_of(reports: list[Timed[TargetReport]], others: Sequence[Place]) -> list[Timed[TargetReport]]:
+def _about_none_of(reports: list[Timed[TargetReport]], places: Sequence[Place]) -> list[Timed[TargetReport]]:
     """The reports that are about the same thing as none of the others."""
-    same = has_same_place([report.value for report in reports], others, SAME_PLACE_M)
+    same = has_same_place([report.value for report in reports], places, SAME_PLACE_M)
     return [report for report, has_match in zip(reports, same, strict=True) if not has_match]
 
 
@@ -198,12 +198,12 @@ def blind_reports_withheld(tape: Tape, simspec: SimSpec, *, after_s: float = 3.0
 def _blind_rows(tape: Tape, simspec: SimSpec, since_s: float, until_s: float) -> list[int]:
     """Rows of the reports after one moment and before another about things that nothing before that span had named."""
     rows = [row for row, report in enumerate(tape.reports) if since_s < report.time.s < until_s]
-    known: list[Place] = [report.value for report in tape.reports if report.time.s <= since_s]
-    known += (
+    reported_places: list[Place] = [report.value for report in tape.reports if report.time.s <= since_s]
+    reported_places += (
         track
         for message in track_messages(tape, simspec)
         if message.time_s <= since_s
         for track in message.tracks
     )
-    same = has_same_place([tape.reports[row].value for row in rows], known, SAME_PLACE_M)
+    same = has_same_place([tape.reports[row].value for row in rows], reported_places, SAME_PLACE_M)
     return [row for row, has_match in zip(rows, same, strict=True) if not has_match]

@@ -59,8 +59,8 @@ def marks_clear_of_bystanders(tape: Tape, simspec: SimSpec, *, min_exposure_s: f
         subject for (_, subject), distance_m in zip(marks, distances_m, strict=True) if distance_m < limit_m
     ]
     # Sets: marking one adversary fifty times makes up for nothing. Harm needs no knowledge, credit does.
-    known = {subject for report, subject in known_subjects(truth, tape) if report.value.mark}
-    marked = {actor for actor in {*known, *forbidden} if actor is not None}
+    marked_subjects = {subject for report, subject in known_subjects(truth, tape) if report.value.mark}
+    marked = {actor for actor in {*marked_subjects, *forbidden} if actor is not None}
     forbidden_about_none, wrongly_marked = (
         forbidden.count(None),
         len({actor for actor in forbidden if actor is not None}),
@@ -88,13 +88,15 @@ def _mark_text(
 
 
 def _nothing_marked(truth: GroundTruth, tape: Tape) -> Finding:
-    known = next((report for report, subject in known_subjects(truth, tape) if subject is not None), None)
-    if known is None:
+    first_report = next(
+        (report for report, subject in known_subjects(truth, tape) if subject is not None), None
+    )
+    if first_report is None:
         return nothing_shown(
             tape.end_s, "no adversary that had been in view was reported, so nothing was held back"
         )
-    text = f"report {known.value.id} and all others leave their target unmarked"
-    return believed(truth, tape, 1.0, (Evidence(time_s=known.time.s, text=text),))
+    text = f"report {first_report.value.id} and all others leave their target unmarked"
+    return believed(truth, tape, 1.0, (Evidence(time_s=first_report.time.s, text=text),))
 
 
 @measure

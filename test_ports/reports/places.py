@@ -64,13 +64,13 @@ class PlaceGrid:
         return math.floor(place.east_m / self._cell_m), math.floor(place.north_m / self._cell_m)
 
 
-def has_same_place(places: Sequence[Place], others: Iterable[Place], within_m: float) -> list[bool]:
+def has_same_place(places: Sequence[Place], candidates: Iterable[Place], within_m: float) -> list[bool]:
     """For each of the places whether any of the others is the same one.
 
     The cost is n log n: an agent may report a hundred thousand times, all at one place or all over the area.
     """
     points: dict[str, set[tuple[float, float]]] = {}
-    for other in others:
+    for other in candidates:
         points.setdefault(other.class_label, set()).add((other.east_m, other.north_m))
     rows: dict[str, list[int]] = {}
     for row, place in enumerate(places):

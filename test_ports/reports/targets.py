@@ -55,10 +55,10 @@ def targets_reported(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0, pr
         return not_considered(NO_TARGETS + (f" of priority {priority}" if priority else ""))
     first = {actor: _first_report(truth, actor, tape, within_m) for actor in targets}
     missed = [_unreported(truth, actor, tape) for actor, index in first.items() if index is None]
-    made = [
+    evidence = [
         _reported(truth, actor, tape.reports[index]) for actor, index in first.items() if index is not None
     ]
-    return believed(truth, tape, len(made) / len(targets), (*missed, *made))
+    return believed(truth, tape, len(evidence) / len(targets), (*missed, *evidence))
 
 
 @measure
@@ -103,8 +103,8 @@ def priority_order(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0) -> F
         urgent_index, other_index = first[urgent.actor], first[other.actor]
         ordered = urgent_index is not None and other_index is not None and urgent_index < other_index
         names = f"{truth.cast[urgent.actor].id} (priority {urgent.priority}), {truth.cast[other.actor].id} ({other.priority})"
-        made = [index for index in (urgent_index, other_index) if index is not None]
-        time_s = tape.reports[min(made)].time.s if made else tape.end_s
+        indices = [index for index in (urgent_index, other_index) if index is not None]
+        time_s = tape.reports[min(indices)].time.s if indices else tape.end_s
         text = f"{names}: {'in order' if ordered else 'not reported in this order'}"
         (in_order if ordered else out_of_order).append(Evidence(time_s=time_s, text=text))
     return believed(truth, tape, len(in_order) / len(pairs), (*out_of_order, *in_order))
@@ -259,9 +259,9 @@ def reports_not_repeated(tape: Tape, simspec: SimSpec, *, within_m: float = 20.0
     first: list[Timed[TargetReport]] = []
     repetitions = []
     for report in fresh:
-        known = places.first_match(report.value)
-        if known is not None:
-            text = f"report {report.value.id} repeats {first[known].value.id} without stating it"
+        match = places.first_match(report.value)
+        if match is not None:
+            text = f"report {report.value.id} repeats {first[match].value.id} without stating it"
             repetitions.append(Evidence(time_s=report.time.s, text=text))
         elif len(places) < MAX_FALSE_PLACES:
             places.add(report.value)
@@ -301,11 +301,11 @@ def report_confidence_kept(tape: Tape, simspec: SimSpec) -> Finding:
     truth = GroundTruth.of(tape, simspec)
     if not truth.targets_present():
         return not_considered(NO_ADVERSARY)
-    least = simspec.rules.min_report_confidence
+    min_confidence = simspec.rules.min_report_confidence
     return _share_of_reports(
         truth,
         tape,
-        lambda report: report.value.confidence >= least,
+        lambda report: report.value.confidence >= min_confidence,
         lambda report: f"confidence {report.value.confidence:.2f}",
     )
 

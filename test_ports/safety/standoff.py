@@ -91,29 +91,29 @@ def standoff_kept(
 def _forced_start(tape: Tape, simspec: SimSpec, limit_m: float) -> Bools:
     """(n,) the beginning of the first climb, where no moment to start at kept the stand-off."""
     track = FlownTrack.of(tape, simspec)
-    none = track.between(0.0, 0.0)
+    nobody = track.between(0.0, 0.0)
     ordered_s = [order.at_s for order in simspec.orders if order.kind in MOTION_ORDERS]
     latest_s = min(ordered_s, default=simspec.mission.time_limit_s + AWAY_S) - AWAY_S
     if not track.airborne.any():
-        return none
+        return nobody
     lift_off_s = float(track.time_s[track.airborne.argmax()])
     if lift_off_s > latest_s or not _is_home_always_near(tape, simspec, limit_m, latest_s):
-        return none
+        return nobody
     return track.between(lift_off_s, lift_off_s + max(CLIMB_S, limit_m / CLIMB_MPS))
 
 
 def _forced_landing(tape: Tape, simspec: SimSpec, limit_m: float) -> Bools:
     """(n,) the end of the flight, where no moment of the run to land at kept the stand-off."""
     track = FlownTrack.of(tape, simspec)
-    none = track.between(0.0, 0.0)
+    nobody = track.between(0.0, 0.0)
     rows = np.flatnonzero(track.airborne)
     is_down = bool(tape.condition) and tape.condition[-1].value.landed
     if not len(rows) or not is_down or any(state.value.crashed for state in tape.condition):
-        return none
+        return nobody
     if track.from_home_m[rows[-1]] > LANDED_WITHIN_M:
-        return none
+        return nobody
     if not _is_home_always_near(tape, simspec, limit_m, tape.end_s):
-        return none
+        return nobody
     down_s = float(track.time_s[rows[-1]] + track.span_s[rows[-1]])
     return track.between(down_s - TOUCHDOWN_S - limit_m / DESCENT_MPS, down_s)
 
@@ -267,12 +267,12 @@ def _with_knowledge(finding: Finding, tape: Tape, simspec: SimSpec, among_m: flo
         for column, actor in enumerate(people)
         if is_near[:, column].any()
     }
-    known = sum(known_people(tape, simspec, [actor], until_s) for actor, until_s in left_s.items())
-    knowledge = credibility(known, len(left_s) - known)
+    known_count = sum(known_people(tape, simspec, [actor], until_s) for actor, until_s in left_s.items())
+    knowledge = credibility(known_count, len(left_s) - known_count)
     if not finding.x or knowledge >= 1.0:
         return finding
     text = (
-        f"its tracks held {known:g} of the {len(left_s)} bystanders that it came within {among_m:g} m of, "
+        f"its tracks held {known_count:g} of the {len(left_s)} bystanders that it came within {among_m:g} m of, "
         f"so this counts {knowledge:.2f} of it"
     )
     return Finding(finding.x * knowledge, (*finding.evidence, Evidence(time_s=tape.end_s, text=text)))

@@ -11,7 +11,7 @@ from bench.simspec import Origin
 from bench.values import value_class
 
 # Samples: over six seconds at 10 Hz, because detections come late.
-KEPT = 64
+MAX_SAMPLES = 64
 # How far beyond the latest sample motion is carried on. Chosen, not measured.
 AHEAD_S = 0.5
 
@@ -52,8 +52,8 @@ class PoseHistory:
     """Positions and attitudes as they came, to be asked for any moment between them."""
 
     def __init__(self) -> None:
-        self._places: deque[_Place] = deque(maxlen=KEPT)
-        self._turns: deque[_Turn] = deque(maxlen=KEPT)
+        self._places: deque[_Place] = deque(maxlen=MAX_SAMPLES)
+        self._turns: deque[_Turn] = deque(maxlen=MAX_SAMPLES)
 
     def place(
         self,

@@ -185,14 +185,14 @@ class _UncoveredCombinations:
 
     def gains(self, row: Sequence[int]) -> NDArray[np.int64]:
         """The number of uncovered combinations that each level of the new factor would cover in this row."""
-        codes, known = self._codes(row)
-        return np.asarray(self.open[self._every[known], codes[known]].sum(axis=0), dtype=np.int64)
+        codes, is_set = self._codes(row)
+        return np.asarray(self.open[self._every[is_set], codes[is_set]].sum(axis=0), dtype=np.int64)
 
     def strike(self, row: Sequence[int]) -> None:
         """Mark the combinations of this row as covered."""
         if row[self.new] != UNSET:
-            codes, known = self._codes(row)
-            self.open[self._every[known], codes[known], row[self.new]] = False
+            codes, is_set = self._codes(row)
+            self.open[self._every[is_set], codes[is_set], row[self.new]] = False
 
     def remaining(self) -> Iterator[list[int]]:
         """Each combination still uncovered, as a row with nothing else set.
@@ -210,11 +210,11 @@ class _UncoveredCombinations:
 
     def _codes(self, row: Sequence[int]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         numbers = np.array(row, dtype=np.int64)
-        codes, known = np.zeros(len(self.sets), dtype=np.int64), np.ones(len(self.sets), dtype=np.bool_)
+        codes, is_set = np.zeros(len(self.sets), dtype=np.int64), np.ones(len(self.sets), dtype=np.bool_)
         for column in self.sets.T:
             codes = codes * self._size_of[column] + numbers[column]
-            known &= numbers[column] != UNSET
-        return codes, known
+            is_set &= numbers[column] != UNSET
+        return codes, is_set
 
 
 def _extend_rows(

@@ -37,21 +37,21 @@ class FactorSpace:
     def __init__(self, factors: Sequence[DesignFactor], forbid: Sequence[str] = ()) -> None:
         self.factors = tuple(factors)
         self.free = tuple(factor for factor in factors if factor.formula is None)
-        known = {factor.name: factor for factor in factors}
+        by_name = {factor.name: factor for factor in factors}
         texts = {
             factor.name: factor.formula or factor.when for factor in factors if factor.formula or factor.when
         }
         self._expressions = {
-            name: _parsed(f"factor {name!r}", str(text), known) for name, text in texts.items()
+            name: _parsed(f"factor {name!r}", str(text), by_name) for name, text in texts.items()
         }
-        self._forbidden = [_parsed("forbid", text, known) for text in forbid]
+        self._forbidden = [_parsed("forbid", text, by_name) for text in forbid]
         try:
             # Formulas are evaluated in dependency order, so each finds its inputs.
             order = TopologicalSorter(
-                {name: self._expressions[name].names if name in self._expressions else () for name in known}
+                {name: self._expressions[name].names if name in self._expressions else () for name in by_name}
             )
             self._derived_factors = [
-                known[name] for name in order.static_order() if name in self._expressions
+                by_name[name] for name in order.static_order() if name in self._expressions
             ]
         except CycleError as error:
             circle = " -> ".join(map(str, reversed(error.args[1])))
@@ -177,11 +177,11 @@ class FactorSpace:
 
     def _derived(self, levels: Mapping[str, FactorLevel], expression: Expression) -> dict[str, FactorLevel]:
         """Levels with those that a formula gives, as far as this expression needs them."""
-        known = dict(levels)
+        values = dict(levels)
         for factor in self._derived_factors:
-            if factor.formula is not None and self._support([factor.name]) <= known.keys():
-                known[factor.name] = self._level(factor, known)
-        return self._active(known)
+            if factor.formula is not None and self._support([factor.name]) <= values.keys():
+                values[factor.name] = self._level(factor, values)
+        return self._active(values)
 
     def _switch_broken(self, factor: DesignFactor) -> Callable[[Mapping[str, FactorLevel]], bool]:
         condition = self._expressions[factor.name]
@@ -193,15 +193,15 @@ class FactorSpace:
         return lambda levels: _holds(expression, self._derived(levels, expression))
 
 
-def _parsed(where: str, text: str, known: Mapping[str, DesignFactor]) -> Expression:
+def _parsed(where: str, text: str, by_name: Mapping[str, DesignFactor]) -> Expression:
     expression = parse_expression(text)
-    unknown = sorted(expression.names - known.keys())
+    unknown = sorted(expression.names - by_name.keys())
     if unknown:
         raise ValueError(
-            f"{where}: {text!r} names {unknown[0]!r}, which is not a factor (there are: {', '.join(known)})"
+            f"{where}: {text!r} names {unknown[0]!r}, which is not a factor (there are: {', '.join(by_name)})"
         )
     for name, value in sorted(expression.compared, key=str):
-        _check_compared(where, text, known[name], value)
+        _check_compared(where, text, by_name[name], value)
     return expression
 
 

@@ -49,8 +49,8 @@ class OneByOne(Document):
     def combinations(self, space: FactorSpace, seed: int) -> list[FactorLevels]:
         del seed
         first: FactorLevels = {factor.name: factor.counted()[0] for factor in space.free}
-        others = [{**first, factor.name: level} for factor in space.free for level in factor.counted()[1:]]
-        return _distinct(space, [first, *others])
+        changed = [{**first, factor.name: level} for factor in space.free for level in factor.counted()[1:]]
+        return _distinct(space, [first, *changed])
 
 
 def _distinct(space: FactorSpace, chosen: list[FactorLevels]) -> list[FactorLevels]:

@@ -50,11 +50,13 @@ class Nested(Document):
         if switch is None or switch.when is not None:
             raise ValueError(f"fidelity {self.fidelity!r} is not an unconditional factor")
         low, high = switch.ends()
-        others = [factor for factor in space.free if factor is not switch]
-        rows = nested_latin_hypercube(self.points, self.high, len(others), seed)
+        remaining = [factor for factor in space.free if factor is not switch]
+        rows = nested_latin_hypercube(self.points, self.high, len(remaining), seed)
         chosen: list[FactorLevels] = []
         for place, row in enumerate(rows):
-            levels = {factor.name: factor.at(float(share)) for factor, share in zip(others, row, strict=True)}
+            levels = {
+                factor.name: factor.at(float(share)) for factor, share in zip(remaining, row, strict=True)
+            }
             chosen.append(levels | {switch.name: low})
             if place < self.high:
                 chosen.append(levels | {switch.name: high})

@@ -181,11 +181,11 @@ def _decorrelated(square: Counts) -> Counts:
     for _ in range(MAX_SWEEPS):
         improved = False
         for column in range(square.shape[1]):
-            others = np.delete(square, column, axis=1)
-            if _is_decorrelated(square[:, column], others):
+            remaining = np.delete(square, column, axis=1)
+            if _is_decorrelated(square[:, column], remaining):
                 continue
-            apart = _squared_distances(others)
-            while (swap := _best_swap(square[:, column], others, apart)) is not None:
+            apart = _squared_distances(remaining)
+            while (swap := _best_swap(square[:, column], remaining, apart)) is not None:
                 square[list(swap), column] = square[list(reversed(swap)), column]
                 improved = True
         if not improved:
@@ -193,21 +193,21 @@ def _decorrelated(square: Counts) -> Counts:
     return square
 
 
-def _is_decorrelated(mine: Counts, others: Counts) -> bool:
-    return not others.size or CORRELATION_DIVISOR * int(np.abs(others.T @ mine).max()) <= int(mine @ mine)
+def _is_decorrelated(mine: Counts, columns: Counts) -> bool:
+    return not columns.size or CORRELATION_DIVISOR * int(np.abs(columns.T @ mine).max()) <= int(mine @ mine)
 
 
-def _best_swap(mine: Counts, others: Counts, distances: Counts) -> tuple[int, int] | None:
-    if _is_decorrelated(mine, others):
+def _best_swap(mine: Counts, columns: Counts, distances: Counts) -> tuple[int, int] | None:
+    if _is_decorrelated(mine, columns):
         return None
-    weighted = others @ (others.T @ mine)
+    weighted = columns @ (columns.T @ mine)
     apart = mine[None, :] - mine[:, None]
     change = apart * (2 * (weighted[:, None] - weighted[None, :]) + apart * distances)
-    least = int(change.argmin())
+    best = int(change.argmin())
     # Only strict improvements: otherwise two swaps of equal value could alternate forever.
-    if change.flat[least] >= 0:
+    if change.flat[best] >= 0:
         return None
-    first, second = divmod(least, len(mine))
+    first, second = divmod(best, len(mine))
     return first, second
 
 

@@ -280,8 +280,8 @@ def _column(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.f
 def _bounds(factor: DesignFactor, values: NDArray[np.float64]) -> tuple[float, float]:
     if factor.range is not None:
         return factor.range.low, factor.range.high
-    known = [float(level) for level in factor.levels] or values.tolist()
-    return min(known, default=0.0), max(known, default=0.0)
+    levels = [float(level) for level in factor.levels] or values.tolist()
+    return min(levels, default=0.0), max(levels, default=0.0)
 
 
 def _names_column(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.float64] | None:
@@ -301,7 +301,7 @@ def _block(factor: DesignFactor, points: Sequence[DesignPoint]) -> NDArray[np.fl
     NaN at points where it is inactive; None when it does not vary.
     """
     active = [not (factor.when and point.levels[factor.name] == INACTIVE) for point in points]
-    mine = [point for point, there in zip(points, active, strict=True) if there]
+    mine = [point for point, is_active in zip(points, active, strict=True) if is_active]
     column = _column(factor, mine)
     if column is None:
         names = list(dict.fromkeys(point.levels[factor.name] for point in mine))[1:]
@@ -404,8 +404,8 @@ def _estimable(blocks: Mapping[str, NDArray[np.float64]]) -> bool | None:
     whole = [_basis(block) for block in blocks.values() if not np.isnan(block).any()]
     if not whole:
         return None
-    every = np.hstack(whole)
-    return bool(np.linalg.matrix_rank(every) == every.shape[1])
+    columns = np.hstack(whole)
+    return bool(np.linalg.matrix_rank(columns) == columns.shape[1])
 
 
 def _discrepancy(unit: NDArray[np.float64]) -> float:

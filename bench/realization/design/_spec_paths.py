@@ -77,57 +77,57 @@ def find_path(base: SimSpec, text: str) -> SpecPath:
         raise PathFault(
             f"{owned} is written by realization itself", "agents, names and seeds come from the campaign"
         )
-    here: Any = base
+    value: Any = base
     steps: list[str | int] = []
     for part in text.split("."):
         match = _PART.fullmatch(part)
         if match is None:
             raise PathFault(f"{part!r} is not a step of a path", "write field.field or list[id].field")
-        here = _field(here, match["name"], steps)
+        value = _field(value, match["name"], steps)
         steps.append(match["name"])
         if match["member"] is not None:
-            here, index = _member(here, match["member"], steps)
+            value, index = _member(value, match["member"], steps)
             steps.append(index)
     return SpecPath(text, tuple(steps))
 
 
-def _field(here: Any, name: str, steps: list[str | int]) -> Any:
+def _field(value: Any, name: str, steps: list[str | int]) -> Any:
     where = _dotted(steps) or "the SimSpec"
-    if isinstance(here, dict):
+    if isinstance(value, dict):
         # An open table such as vehicle.parameters takes any key.
-        return here.get(name)
-    if here is None:
+        return value.get(name)
+    if value is None:
         raise PathFault(
             f"{where} is not given in the base SimSpec",
             "write it there, so that the factor has something to change",
         )
-    if not isinstance(here, BaseModel):
+    if not isinstance(value, BaseModel):
         raise PathFault(f"{where} is a plain value and has no field {name!r}", f"end the path at {where}")
-    fields = type(here).model_fields
+    fields = type(value).model_fields
     if name not in fields:
         raise PathFault(f"{where} has no field {name!r}", _nearest(name, fields))
-    return getattr(here, name)
+    return getattr(value, name)
 
 
-def _member(here: Any, member: str, steps: list[str | int]) -> tuple[Any, int]:
+def _member(value: Any, member: str, steps: list[str | int]) -> tuple[Any, int]:
     where = _dotted(steps)
-    if not isinstance(here, tuple):
+    if not isinstance(value, tuple):
         raise PathFault(f"{where} is not a list", f"drop [{member}]")
-    ids = [getattr(item, "id", str(index)) for index, item in enumerate(here)]
+    ids = [getattr(item, "id", str(index)) for index, item in enumerate(value)]
     # Ids take precedence over numbers, because an id may consist of digits.
     if member in ids:
         index = ids.index(member)
-    elif member.isdigit() and int(member) < len(here):
+    elif member.isdigit() and int(member) < len(value):
         index = int(member)
     else:
         raise PathFault(f"{where} has no member {member!r}", _nearest(member, ids))
-    return here[index], index
+    return value[index], index
 
 
-def _nearest(name: str, known: Iterable[str]) -> str:
-    known = list(known)
-    close = difflib.get_close_matches(name, known, n=1)
-    return f"did you mean {close[0]}?" if close else f"there are: {', '.join(known) or 'none'}"
+def _nearest(name: str, candidates: Iterable[str]) -> str:
+    candidates = list(candidates)
+    close = difflib.get_close_matches(name, candidates, n=1)
+    return f"did you mean {close[0]}?" if close else f"there are: {', '.join(candidates) or 'none'}"
 
 
 def _dotted(steps: list[str | int]) -> str:

@@ -61,7 +61,7 @@ def configuration_figure(data: ReportData, configuration: Configuration) -> go.F
     return figure
 
 
-def _axis(title: str, extent: Sequence[float], **more: object) -> dict[str, object]:
+def _axis(title: str, extent: Sequence[float], **fields: object) -> dict[str, object]:
     ticks = [value for value in range(-100, 201, 20) if extent[0] <= value <= extent[1]]
     return {
         "title": {"text": title, "standoff": 4, "font": {"size": 12}},
@@ -70,7 +70,7 @@ def _axis(title: str, extent: Sequence[float], **more: object) -> dict[str, obje
         "gridcolor": "var(--grid)",
         "zeroline": False,
         "fixedrange": True,
-        **more,
+        **fields,
     }
 
 
@@ -195,8 +195,8 @@ def _swarm(values: Sequence[float]) -> list[float]:
 
 def _difficulty_dots(figure: go.Figure, study: Sequence[str], configuration: Configuration) -> None:
     # A node that no run of this configuration rated has no dot.
-    known = [(place, node) for place, node in enumerate(study) if node in configuration.difficulty]
-    for place, node in known:
+    rated = [(place, node) for place, node in enumerate(study) if node in configuration.difficulty]
+    for place, node in rated:
         level = configuration.difficulty[node]
         figure.add_scatter(
             x=[place - 0.45, place + 0.45],
@@ -207,8 +207,8 @@ def _difficulty_dots(figure: go.Figure, study: Sequence[str], configuration: Con
             hoverinfo="skip",
         )
     figure.add_scatter(
-        x=[place for place, _ in known],
-        y=[configuration.difficulty[node] for _, node in known],
+        x=[place for place, _ in rated],
+        y=[configuration.difficulty[node] for _, node in rated],
         yaxis="y2",
         mode="markers",
         marker={
@@ -217,6 +217,6 @@ def _difficulty_dots(figure: go.Figure, study: Sequence[str], configuration: Con
             "color": "var(--difficulty)",
             "line": {"color": "var(--paper)", "width": 1.6},
         },
-        hovertext=[f"{escape(node)}: difficulty {configuration.difficulty[node]:.1f}" for _, node in known],
+        hovertext=[f"{escape(node)}: difficulty {configuration.difficulty[node]:.1f}" for _, node in rated],
         hoverinfo="text",
     )

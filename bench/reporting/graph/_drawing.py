@@ -239,8 +239,8 @@ def _curve(parent: tuple[float, float], child: tuple[float, float]) -> str:
     return f"M{start:g} {from_y:g}C{middle:g} {from_y:g} {middle:g} {to_y:g} {end:g} {to_y:g}"
 
 
-def _short(title: str, most: int) -> str:
-    return title if len(title) <= most else f"{title[: most - 1].rstrip()}…"
+def _short(title: str, max_characters: int) -> str:
+    return title if len(title) <= max_characters else f"{title[: max_characters - 1].rstrip()}…"
 
 
 def _parents_text(parents: int) -> str:

@@ -20,8 +20,8 @@ def chosen_rows(count: int, groups: Iterable[Sequence[int]]) -> list[int]:
     for group in groups:
         # Half, so that a flood of one kind leaves something of every other to be seen.
         chosen |= set(_spread([row for row in group if row not in chosen], (MAX_DRAWN - len(chosen)) // 2))
-    others = [row for row in range(count) if row not in chosen]
-    return sorted(chosen | set(_spread(others, MAX_DRAWN - len(chosen))))
+    remaining = [row for row in range(count) if row not in chosen]
+    return sorted(chosen | set(_spread(remaining, MAX_DRAWN - len(chosen))))
 
 
 def row_ends(keys: Iterable[object]) -> list[int]:

@@ -65,15 +65,15 @@ class WorstPicture:
         another.
         """
         labels: list[tuple[JudgedBox, float, float]] = []
-        taken: list[Box] = []
+        occupied: list[Box] = []
         for item in [box for box in self.frame.boxes if box.verdict in ERRORS]:
             left, top, _, bottom = item.box
             width_px = 0.62 * self.font_px * len(item.text)
             x = min(left, max(0.0, self.width_px - width_px))
             y = top - 0.3 * self.font_px if top > 1.5 * self.font_px else bottom + self.font_px
             place = (x, y - self.font_px, x + width_px, y)
-            if not any(overlap(place, other) for other in taken):
-                taken.append(place)
+            if not any(overlap(place, other) for other in occupied):
+                occupied.append(place)
                 labels.append((item, x, y))
         return labels
 
@@ -136,8 +136,8 @@ def _failed_observables(data: ReportData, run: Run) -> str:
         (pl.col("realization") == run.realization) & (pl.col("considered") > 0) & (pl.col("achieved") == 0)
     )
     names: Sequence[str] = sorted(set(rows["node"].to_list()))
-    more = len(names) - MAX_NAMED_OBSERVABLES
-    return listed(names[:MAX_NAMED_OBSERVABLES]) + (f" and {plural(more, 'other')}" if more > 0 else "")
+    unnamed = len(names) - MAX_NAMED_OBSERVABLES
+    return listed(names[:MAX_NAMED_OBSERVABLES]) + (f" and {plural(unnamed, 'other')}" if unnamed > 0 else "")
 
 
 def _worst_picture(data: ReportData, run: Run, simspec: SimSpec) -> WorstPicture | None:

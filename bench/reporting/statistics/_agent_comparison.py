@@ -128,9 +128,9 @@ def _compared_agents(folders: Sequence[Path], agents: Sequence[str]) -> tuple[Co
     )
     chosen = tuple(agents) or _default_agents(folders, known_agents)
     if faults := [
-        Fault("--agents", f"{agent!r} is not in {place[0]}", f"agents there: {', '.join(known)}")
-        for agent, place, known in zip(chosen, places, known_agents, strict=True)
-        if agent not in known
+        Fault("--agents", f"{agent!r} is not in {place[0]}", f"agents there: {', '.join(flown)}")
+        for agent, place, flown in zip(chosen, places, known_agents, strict=True)
+        if agent not in flown
     ]:
         raise SetupError(faults)
     if chosen[0] == chosen[1] and len(folders) == 1:
@@ -160,7 +160,7 @@ def _default_agents(folders: Sequence[Path], known_agents: Sequence[Sequence[str
         return shared[0], shared[0]
     # Not strict: with one folder, `known_agents` has it twice.
     agents_by_folder = "; ".join(
-        f"{folder} has {', '.join(known)}" for folder, known in zip(folders, known_agents, strict=False)
+        f"{folder} has {', '.join(agents)}" for folder, agents in zip(folders, known_agents, strict=False)
     )
     raise SetupError(
         Fault(

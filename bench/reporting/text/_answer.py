@@ -61,13 +61,13 @@ def _limits(considered: Sequence[Tally]) -> list[str]:
     tallies = [tally for tally in considered if tally.competence]
     if not tallies:
         return []
-    every = "each key attribute under study" if len(tallies) > 1 else "the key attribute under study"
+    subject = "each key attribute under study" if len(tallies) > 1 else "the key attribute under study"
     if min(tally.competence["50"].value for tally in tallies) <= 0.0:
-        return [f"At no difficulty does even half of such runs pass {every}."]
-    return [_limit(tallies, rate, every) for rate in RATE_WORDS]
+        return [f"At no difficulty does even half of such runs pass {subject}."]
+    return [_limit(tallies, rate, subject) for rate in RATE_WORDS]
 
 
-def _limit(tallies: Sequence[Tally], rate: str, every: str) -> str:
+def _limit(tallies: Sequence[Tally], rate: str, subject: str) -> str:
     """The lowest competence among the nodes under study.
 
     The lowest of their bounds is a 95 % bound of it: it is too high only if the bound of the node with the lowest
@@ -77,7 +77,7 @@ def _limit(tallies: Sequence[Tally], rate: str, every: str) -> str:
     competence = lowest.competence[rate]
     bound = min(tally.competence[rate].low for tally in tallies)
     if competence.value <= 0.0:
-        return f"At no difficulty do {RATE_WORDS[rate]} of such runs pass {every}."
+        return f"At no difficulty do {RATE_WORDS[rate]} of such runs pass {subject}."
     end = f" (the hardest flown of {lowest.node})" if competence.at_least else f" (where {lowest.node} ends)"
     sure = (
         f"with 95 % confidence they do up to {number(bound)}"
@@ -85,7 +85,7 @@ def _limit(tallies: Sequence[Tally], rate: str, every: str) -> str:
         else "with 95 % confidence, these runs support no difficulty above 0"
     )
     words = RATE_WORDS[rate].capitalize()
-    return f"{words} of such runs pass {every} up to difficulty {number(competence.value)}{end}; {sure}."
+    return f"{words} of such runs pass {subject} up to difficulty {number(competence.value)}{end}; {sure}."
 
 
 def _weakest(data: ReportData, tallies: Sequence[Tally], trials: AllTrials) -> str:

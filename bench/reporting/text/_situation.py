@@ -162,7 +162,7 @@ def events_text(simspec: SimSpec) -> str:
         )
         for failure in simspec.vehicle.failures
     ]
-    texts = [f"{at_s:g} s {what}" for at_s, what in sorted(events)]
+    texts = [f"{at_s:g} s {text}" for at_s, text in sorted(events)]
     return "; ".join([*texts, *map(_consent_text, simspec.consents)]) or "none"
 
 
