@@ -6,7 +6,6 @@ again and returns how it ended. Every message goes to the tap as a record.
 
 from __future__ import annotations
 
-import os
 import signal
 import time
 from collections.abc import Callable, Generator, Mapping
@@ -61,6 +60,7 @@ from ._air_network import AirNetwork, open_air_network
 from ._before_takeoff import camera_faults, firmware_faults, link_faults, pace_faults, tick_faults
 from ._further_cameras import FurtherCameras, scene_faults
 from ._host_clock import HOST_CLOCK, HostClock
+from ._host_cores import usable_cores
 from ._host_memory import count_memory_kills
 from ._mission_information import MissionInformation
 from ._operator_pilot import OperatorPilot, open_operator_pilot, operator_links
@@ -297,7 +297,7 @@ class Session:
             self._run_steps(steps, started_s)
         except StopSession as end:
             self._progress.timing = timing = steps.summary()
-            host_s = (self._clock.now() - started_s) * (os.cpu_count() or 1)
+            host_s = (self._clock.now() - started_s) * usable_cores()
             share = (self._usage().cpu_s - cpu_s) / host_s if host_s > 0.0 else 0.0
             raise judged(end, timing, self._spec.pace, share) from None
 

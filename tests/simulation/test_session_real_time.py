@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import numpy as np
 import polars as pl
 import pytest
@@ -12,6 +15,7 @@ from bench.contracts import AgentUsage, Outcome, Record, StepTiming
 from bench.reporting._campaign_data import ReportData, Run
 from bench.reporting.text._campaign_facts import campaign_facts
 from bench.simspec import Mission, Pace
+from bench.simulation._host_cores import usable_cores
 from bench.simulation._session import SessionProgress
 from bench.simulation._step_timing import MIN_JUDGED_STEPS, StepClock, judged
 from bench.simulation._stop_session import StopSession
@@ -100,12 +104,27 @@ def test_an_agent_that_keeps_every_core_busy_cannot_drop_its_session(monkeypatch
     """Charged above half of the processor time of the host, here with two cores and with eight."""
     stalls = {1.0: 0.15, 3.0: 0.15}
     for cores in (2, 8):
-        monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
+        monkeypatch.setattr("bench.simulation._session.usable_cores", lambda cores=cores: float(cores))
         assert flown(stalls, agent_cores=0.5 * cores - 0.01)[0].outcome is Outcome.BENCH_TOO_SLOW
         end, _ = flown(stalls, agent_cores=0.5 * cores + 0.05)
         assert end.outcome is Outcome.AGENT_TIMEOUT
         assert "of the host's processor time" in end.reason
         assert flown({}, agent_cores=float(cores))[0].outcome is Outcome.TIME_LIMIT
+
+
+def test_the_cores_of_a_session_are_those_that_it_may_use(tmp_path: Path) -> None:
+    """A job or a container on a large machine: limits of its control groups count, the narrowest of them first."""
+    own_group, groups = tmp_path / "cgroup", tmp_path / "groups"
+    own_group.write_text("1:name=systemd:/\n0::/slurm/job\n")
+    (groups / "slurm" / "job").mkdir(parents=True)
+    allowed = len(os.sched_getaffinity(0))
+    assert usable_cores(groups, own_group) == usable_cores(groups, tmp_path / "missing") == allowed
+    (groups / "slurm" / "job" / "cpu.max").write_text("max 100000\n")
+    assert usable_cores(groups, own_group) == allowed
+    (groups / "slurm" / "cpu.max").write_text("50000 100000\n")
+    assert usable_cores(groups, own_group) == 0.5
+    (groups / "slurm" / "job" / "cpu.max").write_text("25000 100000\n")
+    assert usable_cores(groups, own_group) == 0.25
 
 
 def test_short_sessions_and_bench_errors_stay_as_they_are() -> None:
