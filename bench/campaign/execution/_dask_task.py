@@ -101,6 +101,8 @@ def _wanted() -> Callable[[], bool]:
 
     def is_wanted() -> bool:
         state = worker.state.tasks.get(key)
-        return worker.status is Status.running and state is not None and state.state == "executing"
+        # A worker that retires, or has paused because memory is short, lets end what it is at.
+        is_ending = worker.status in (Status.closing, Status.closed, Status.failed)
+        return not is_ending and state is not None and state.state == "executing"
 
     return is_wanted
