@@ -8,6 +8,7 @@ hide others.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
@@ -109,10 +110,10 @@ def sightings(
     )
     whole = _boxes(camera, posed)
     size = whole[:, 2:] - whole[:, :2]
-    limit = (camera.lens.width_px, camera.lens.height_px)
-    clipped = np.concatenate((np.clip(whole[:, :2], 0.0, limit), np.clip(whole[:, 2:], 0.0, limit)), axis=1)
+    clipped = whole.clip(0.0, (camera.lens.width_px, camera.lens.height_px) * 2)
+    inside = clipped[:, 2:] - clipped[:, :2]
     # The floor only avoids a division by zero: a box of no area has no share inside either.
-    inside_share = (clipped[:, 2:] - clipped[:, :2]).prod(axis=1) / np.maximum(size.prod(axis=1), 1e-9)
+    inside_share = inside[:, 0] * inside[:, 1] / np.maximum(size[:, 0] * size[:, 1], 1e-9)
     apparent = size.max(axis=1)
     large_enough = np.flatnonzero((inside_share >= LEAST_VISIBLE) & (apparent >= LEAST_SIZE_PX))
     if not len(large_enough):
@@ -141,8 +142,8 @@ def _may_be_in_sight(camera: PinholeCamera, centre: Floats, radius_m: Floats) ->
     half_width, half_height = camera.half_view
     # Spheres are cheap and never cull too much; the exact corners follow for the few that remain.
     may: NDArray[np.bool_] = (z > LEAST_DEPTH_M - radius_m) & ((x * x + y * y + z * z) < MAX_RANGE_M**2)
-    may &= np.abs(x) - z * half_width < radius_m * np.sqrt(1.0 + half_width * half_width)
-    may &= np.abs(y) - z * half_height < radius_m * np.sqrt(1.0 + half_height * half_height)
+    may &= np.abs(x) - z * half_width < radius_m * math.sqrt(1.0 + half_width * half_width)
+    may &= np.abs(y) - z * half_height < radius_m * math.sqrt(1.0 + half_height * half_height)
     return may
 
 
@@ -150,9 +151,9 @@ def _body_axes(camera_axes: Floats, headings_rad: Floats) -> Floats:
     """(k, 3, 3) length, width and height axes of upright bodies, as rows in camera coordinates."""
     s, c = np.sin(headings_rad)[:, None], np.cos(headings_rad)[:, None]
     east, north, up = camera_axes.T
-    return np.stack(
-        (s * east + c * north, c * east - s * north, np.broadcast_to(up, (len(headings_rad), 3))), axis=1
-    )
+    axes = np.empty((len(headings_rad), 3, 3))
+    axes[:, 0], axes[:, 1], axes[:, 2] = s * east + c * north, c * east - s * north, up
+    return axes
 
 
 def _boxes(camera: PinholeCamera, posed: _Posed) -> Floats:
@@ -174,6 +175,8 @@ def _hidden(shown: _Posed, solids: _Posed) -> Floats:
     hidden = np.zeros(len(shown.index))
     if not len(solids.index):
         return hidden
+    if len(hidden) <= _ROWS:
+        return _hidden_part(shown, solids)
     # Pairs of shown and solid bodies grow with the square of the crowd.
     for begin in range(0, len(hidden), _ROWS):
         rows = slice(begin, begin + _ROWS)
@@ -208,7 +211,7 @@ def _may_hide(shown: _Posed, solids: _Posed) -> NDArray[np.bool_]:
     """
     range_shown, range_solid = np.sqrt((shown.centre**2).sum(axis=1)), np.sqrt((solids.centre**2).sum(axis=1))
     cosine = (shown.centre @ solids.centre.T) / np.maximum(range_shown[:, None] * range_solid, 1e-9)
-    apart = np.arccos(np.clip(cosine, -1.0, 1.0))
+    apart = np.arccos(cosine.clip(-1.0, 1.0))
     overlap = apart <= _cone(shown.radius, range_shown)[:, None] + _cone(solids.radius, range_solid)
     before = (range_solid - solids.radius) < (range_shown + shown.radius)[:, None]
     may: NDArray[np.bool_] = overlap & before & (shown.index[:, None] != solids.index)
@@ -233,5 +236,5 @@ def _sample_points(shown: _Posed) -> Floats:
     # body.
     local = on_plane @ shown.axes[..., :2].transpose(0, 2, 1)
     bound = shown.half[:, None, :]
-    points: Floats = shown.centre[:, None, :] + np.clip(local, -bound, bound) @ shown.axes
+    points: Floats = shown.centre[:, None, :] + local.clip(-bound, bound) @ shown.axes
     return points
