@@ -1,11 +1,12 @@
 """The same agent on the same scenes with each source of perception, and the error model that is fitted to one of them.
 
-Run: python benchmarks/perception_sources.py FOLDER [--flights N] [--seeds N]
+Run: python benchmarks/perception_sources.py FOLDER [--flights N] [--seeds N] [--begin-score SCORE]
 
 Four scenes of campaigns/demo.yaml (fog 1 to 4, 35 m high, a camera of 640x480), flown by reference-naive with the truth,
 the simulated detector, the detector `small` and none. Prints how many scenes pass with the truth and with each other
 source, as docs/statistics.md has it; and the rates of `small`, of the model fitted to its recordings on the same frames,
-and of flights of the same scenes with that model, as docs/detection.md has it. Campaigns stay in FOLDER, and are not
+and of flights of the same scenes with that model, as docs/detection.md has it. With --begin-score, instead: the rates of
+`small` without and with perception.begin_score, as docs/pixel-detector.md has them. Campaigns stay in FOLDER, and are not
 flown again.
 """
 
@@ -17,6 +18,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -25,7 +27,7 @@ import numpy as np
 import yaml
 from scipy import stats
 
-from bench.contracts import SimTime, Tape
+from bench.contracts import DetectionFrame, SimTime, Tape
 from bench.perception import open_detector
 from bench.perception.fit import DetectorFit, fit_detector
 from bench.perception.fit._fit import BANDS_PX, _sightings
@@ -132,7 +134,7 @@ def on_same_frames(runs: Sequence[Run], fit: DetectorFit, seed: int) -> Rates:
     return rates_of(match_runs(made))
 
 
-def tape_with(tape: Tape, detections: Any) -> Tape:
+def tape_with(tape: Tape, detections: tuple[DetectionFrame, ...]) -> Tape:
     """The tape with other detections."""
     nothing = np.zeros(0)
     return Tape(
@@ -169,6 +171,54 @@ def print_rates(run: Rates, same: Sequence[Rates], flown: Sequence[Rates]) -> No
         print(f"{name:30}{share:10.4f}{total:8.0f}  {column(same, name):>20}  {column(flown, name):>20}")
 
 
+def begun(tape: Tape, begin_score: float) -> tuple[DetectionFrame, ...]:
+    """The detections of a tape as this perception.begin_score leaves them."""
+    tracks: set[str] = set()
+    results = []
+    for result in tape.detections:
+        tracks |= {item.track for item in result.detections if item.score >= begin_score}
+        kept = tuple(item for item in result.detections if item.track in tracks)
+        results.append(replace(result, detections=kept))
+    return tuple(results)
+
+
+def print_begin_scores(runs: Sequence[Run]) -> None:
+    """What a score to begin with takes away, beside a least score for every detection."""
+    names = ("detected", "of 8 to 12 px", f"right label, score {BIG_SCORE:g}", "false a frame")
+    print(f"{'on the same frames':24}", *(f"{name:>24}" for name in names))
+    for score in (0.0, 0.25, 0.3, 0.35, 0.4):
+        made = [(simspec, tape_with(tape, begun(tape, score))) for simspec, tape in runs]
+        print_row(f"begin_score {score:g}", rates_of(match_runs(made)), names)
+    for score in (0.2, 0.25, 0.3):
+        made = [(simspec, tape_with(tape, above(tape, score))) for simspec, tape in runs]
+        print_row(f"every score {score:g}", rates_of(match_runs(made)), names)
+
+
+def above(tape: Tape, least_score: float) -> tuple[DetectionFrame, ...]:
+    """The detections of a tape with at least this score."""
+    return tuple(
+        replace(result, detections=tuple(item for item in result.detections if item.score >= least_score))
+        for result in tape.detections
+    )
+
+
+def print_row(title: str, rates: Rates, names: Sequence[str]) -> None:
+    """Some rates, in one row."""
+    print(f"{title:24}", *(f"{rates[name][0] / rates[name][1]:24.3f}" for name in names))
+
+
+def print_begin_score(folder: Path, begin_score: float) -> None:
+    """The rates of the detector, of its flights with the score to begin with, and what that does to agents."""
+    truth, plain = (fly(folder, campaign(source, {"source": source})) for source in ("truth", "detector"))
+    name = f"begin-{round(100 * begin_score)}"
+    flown = fly(folder, campaign(name, {"source": "detector", "begin_score": begin_score}))
+    for other in (plain, flown):
+        print_comparison(truth, other)
+    runs = runs_of(plain)
+    print_rates(rates_of(match_runs(runs)), [], [rates_of(match_runs(runs_of(flown)))])
+    print_begin_scores(runs)
+
+
 def main() -> None:
     """Fly what is missing, and print both tables."""
     parser = argparse.ArgumentParser(
@@ -177,9 +227,13 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--flights", type=int, default=10, help="Flights of all scenes with the fitted model")
     parser.add_argument("--seeds", type=int, default=40, help="Draws of the fitted model on the same frames")
+    parser.add_argument("--begin-score", type=float, help="Compare this perception.begin_score with none")
     options = parser.parse_args()
     folder: Path = options.folder
     folder.mkdir(parents=True, exist_ok=True)
+    if options.begin_score is not None:
+        print_begin_score(folder, options.begin_score)
+        return
     flown = {source: fly(folder, campaign(source, {"source": source})) for source in SOURCES}
     for source in SOURCES[1:]:
         print_comparison(flown["truth"], flown[source])

@@ -82,6 +82,8 @@ class PictureDetector:
         self._lens = lens_of(camera)
         prefix = name_before_tracks(simspec, camera)
         self._tracks = KalmanTracker(self._lens.fx, lens=self._lens, prefix=prefix)
+        self._begin_score = simspec.perception.begin_score
+        self._begun: set[str] = set()
         self._ground: Floats | None = None
         self._latency = FrameLatency.of(simspec, camera)
         self._camera = camera.name if prefix else ""
@@ -94,7 +96,15 @@ class PictureDetector:
         detections = self._tracks.name(
             self._detect(frame.number, picture.bgr), frame.exposed, self._warp(picture)
         )
-        self._results.put(frame.exposed, self._latency.of_frame(frame.number), detections)
+        self._results.put(frame.exposed, self._latency.of_frame(frame.number), self._of_begun(detections))
+
+    def _of_begun(self, detections: Sequence[Detection]) -> tuple[Detection, ...]:
+        """The detections whose tracks have reached the score to begin with.
+
+        After the assignment, so that a doubtful detection can still be continued by a sure one.
+        """
+        self._begun.update(item.track for item in detections if item.score >= self._begin_score)
+        return tuple(item for item in detections if item.track in self._begun)
 
     def due(self, now: SimTime) -> Sequence[DetectionFrame]:
         return self._results.due(now)

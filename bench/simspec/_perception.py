@@ -296,6 +296,16 @@ class Perception(Document):
             description="Of source detector alone: options of the plug-in, which checks them when it opens.",
         ),
     ] = {}
+    begin_score: Annotated[
+        Fraction,
+        Field(
+            exclude_if=_is_zero,
+            description=(
+                "Of source detector alone: least score with which a track begins. Detections of a track that has not reached "
+                "it are left out."
+            ),
+        ),
+    ] = 0.0
     more_cameras: Annotated[
         tuple[RosName, ...],
         Field(

@@ -302,6 +302,35 @@ def test_boxes_end_at_the_border_and_pictures_are_not_to_be_changed() -> None:
     assert not bgr.any()
 
 
+def test_a_track_begins_with_its_first_sure_detection() -> None:
+    """What came before under its name is left out, what comes later is not; two tracks, one of which is never sure."""
+    scores = ((0.3, 0.2), (0.3, 0.2), (0.5, 0.35), (0.1, 0.3))
+
+    class TurningDetector:
+        def __init__(self) -> None:
+            self._rows = iter(scores)
+
+        def detect(self, bgr: Pixels) -> Sequence[Detection]:
+            rows = zip(next(self._rows), (10.0, 200.0), strict=True)
+            return [Detection("civilian", score, (x, 50.0, x + 20.0, 90.0)) for score, x in rows]
+
+    def published(begin_score: float) -> list[set[tuple[str, float]]]:
+        plain = pixels_simspec()
+        perception = plain.perception.model_copy(update={"begin_score": begin_score})
+        spec = plain.model_copy(update={"perception": perception})
+        detector = open_detector(spec, cast_of(spec), lambda _: TurningDetector())
+        for number in range(len(scores)):
+            detector.process(camera_frame(number, 2), picture_of(np.zeros((240, 320, 3), dtype=np.uint8)))
+        results = detector.due(SimTime(10**12))
+        return [{(item.track, item.score) for item in result.detections} for result in results]
+
+    every = published(0.0)
+    assert [sorted(score for _, score in row) for row in every] == [sorted(row) for row in scores]
+    assert {name for row in every for name, _ in row} == {"t1", "t2"}
+    assert published(0.4) == [set(), set(), {("t1", 0.5)}, {("t1", 0.1)}]
+    assert published(0.35) == [set(), set(), *every[2:]]
+
+
 def test_a_fault_of_the_detector_is_the_benchs(tmp_path: Path) -> None:
     """Not the agent's: one that fails ends the session as an error of the bench, one that is not installed before the
     start."""
