@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,7 @@ from bench.simspec import FACTORS, SimSpec, agent_name, factor_values
 from decompositions import Decomposition, load_decomposition
 
 from ._campaign_data import LEVEL_ORDER, Configuration, Node, ReportData, Run, stopped_early, tallies_of
+from ._simspec_files import SimSpecFiles
 
 # The substitution with which bench.realization makes an agent's label a part of realization ids.
 UNSAFE_LABEL_CHARACTERS = re.compile(r"[^a-z0-9_-]+")
@@ -56,11 +57,10 @@ def load_report_data(folder: Path) -> ReportData:
     floor_labels = _floor_labels(campaign)
     all_simspecs = _simspecs(folder)
     # Null agents and the oracle are no agents under test: nothing but floor and ceiling is about them.
-    all_runs = _runs(folder, scores, all_simspecs, _names_in_ids(campaign), notes)
+    all_runs, damaged = _runs(folder, scores, all_simspecs, _names_in_ids(campaign), notes)
     runs = tuple(run for run in all_runs if run.agent not in floor_labels)
-    simspecs = {
-        run.realization: all_simspecs[run.realization] for run in runs if run.realization in all_simspecs
-    }
+    # A damaged SimSpec loses its run the description of the situation; the run itself is still listed.
+    simspecs = all_simspecs.of(run.realization for run in runs if run.realization not in damaged)
     if informed := sorted({run.agent for run in runs if run.truth_given}):
         notes.append(
             f"Given the truth: {', '.join(informed)}. What is shown of it can be reached, and is no agent's result."
@@ -160,15 +160,13 @@ def _floors(folder: Path, campaign: Mapping[str, Any], notes: list[str]) -> dict
     return node_floors(scores, agent_name(str(oracle)) if oracle else None)
 
 
-def _simspecs(folder: Path) -> dict[str, SimSpec]:
-    simspecs: dict[str, SimSpec] = {}
-    for path in sorted(_entries(folder / "simspecs"), key=lambda path: path.name):
-        if path.suffix != ".json":
-            continue
-        # A damaged SimSpec loses its run the description of the situation; the run itself is still listed.
-        if (simspec := parse_document(SimSpec, path.read_bytes())) is not None:
-            simspecs[path.stem] = simspec
-    return simspecs
+def _simspecs(folder: Path) -> SimSpecFiles:
+    files = _entries(folder / "simspecs")
+    return SimSpecFiles({path.stem: path for path in sorted(files, key=_name) if path.suffix == ".json"})
+
+
+def _name(path: Path) -> str:
+    return path.name
 
 
 def _entries(parent: Path) -> Iterator[Path]:
@@ -194,66 +192,74 @@ def _runs(
     simspecs: Mapping[str, SimSpec],
     names_in_ids: Mapping[str, str],
     notes: list[str],
-) -> tuple[Run, ...]:
-    """Every realization that has scores, a SimSpec or a folder, in the order of their ids."""
+) -> tuple[tuple[Run, ...], frozenset[str]]:
+    """Every realization that has scores, a SimSpec or a folder, in the order of their ids; and those whose SimSpec is
+    damaged.
+    """
     scored = {
         row["realization"]: row for row in scores.unique("realization", keep="first").iter_rows(named=True)
     }
     folders = {path.name: path for path in _entries(folder / "runs") if path.is_dir()}
-    # A session that waits has only its SimSpec; one that was killed has a folder without a result.
-    names = sorted({*scored, *simspecs, *folders})
-    results = {
-        name: _result(folders[name] / "result.json", notes) if name in folders else None for name in names
-    }
-    strangers = {
-        name: count
-        for name, result in results.items()
-        if result is not None and (count := result.counters.get("tick_strangers", 0))
-    }
-    if strangers:
-        notes.append(
-            f"Programs other than the agent connected to a session's clock {sum(strangers.values())} times and were "
-            f"refused, in {', '.join(strangers)}."
-        )
-    informed = [
-        name for name, result in results.items() if result is not None and truth_sightings_of(result.details)
-    ]
-    if informed:
-        # Before all others: no number of such an agent means what it says.
-        notes.insert(
-            0,
-            "An agent saw the truth: it reported a honeypot, a target that nothing but the SimSpec shows, in "
-            f"{', '.join(informed)}. The tables of runs list these first.",
-        )
-    suspects = [
-        name for name, result in results.items() if result is not None and suspicions_of(result.details)
-    ]
-    if suspects:
-        notes.append(
-            "The bench was lost while an unconfined agent flew, which the host or the agent may have caused, in "
-            f"{', '.join(suspects)}. The tables of runs list these first."
-        )
-    failed = [
-        name for name, result in results.items() if result is not None and firmware_ends_of(result.details)
-    ]
-    if failed:
-        notes.append(
-            "A real autopilot failed in flight, which the firmware or the agent's messages may have caused, in "
-            f"{', '.join(failed)}. Such a run is flown once more; result.json says how it failed."
-        )
     early_stopping = stopped_early(scores)
-    return tuple(
-        _run(
-            folders.get(name),
-            name,
-            results[name],
-            scored.get(name, {}),
-            simspecs.get(name),
-            names_in_ids,
-            early_stopping,
-        )
-        for name in names
-    )
+    runs, damaged, remarks = [], [], _Remarks()
+    # A session that waits has only its SimSpec; one that was killed has a folder without a result. One result and one
+    # SimSpec at a time: all of them would not fit into memory.
+    for name in sorted({*scored, *simspecs, *folders}):
+        result = _result(folders[name] / "result.json", notes) if name in folders else None
+        simspec = simspecs.get(name)
+        if simspec is None:
+            damaged.append(name)
+        if result is not None:
+            remarks.add(name, result)
+        row = scored.get(name, {})
+        runs.append(_run(folders.get(name), name, result, row, simspec, names_in_ids, early_stopping))
+    remarks.write(notes)
+    return tuple(runs), frozenset(damaged)
+
+
+@dataclass(slots=True)
+class _Remarks:
+    """What readers must know of single runs before they look at any number."""
+
+    strangers: dict[str, int] = field(default_factory=dict)
+    informed: list[str] = field(default_factory=list)
+    suspects: list[str] = field(default_factory=list)
+    failed: list[str] = field(default_factory=list)
+
+    def add(self, name: str, result: SessionResult) -> None:
+        if count := result.counters.get("tick_strangers", 0):
+            self.strangers[name] = count
+        for names, holds in (
+            (self.informed, truth_sightings_of(result.details)),
+            (self.suspects, suspicions_of(result.details)),
+            (self.failed, firmware_ends_of(result.details)),
+        ):
+            if holds:
+                names.append(name)
+
+    def write(self, notes: list[str]) -> None:
+        if self.strangers:
+            notes.append(
+                f"Programs other than the agent connected to a session's clock {sum(self.strangers.values())} times and were "
+                f"refused, in {', '.join(self.strangers)}."
+            )
+        if self.informed:
+            # Before all others: no number of such an agent means what it says.
+            notes.insert(
+                0,
+                "An agent saw the truth: it reported a honeypot, a target that nothing but the SimSpec shows, in "
+                f"{', '.join(self.informed)}. The tables of runs list these first.",
+            )
+        if self.suspects:
+            notes.append(
+                "The bench was lost while an unconfined agent flew, which the host or the agent may have caused, in "
+                f"{', '.join(self.suspects)}. The tables of runs list these first."
+            )
+        if self.failed:
+            notes.append(
+                "A real autopilot failed in flight, which the firmware or the agent's messages may have caused, in "
+                f"{', '.join(self.failed)}. Such a run is flown once more; result.json says how it failed."
+            )
 
 
 def _result(path: Path, notes: list[str]) -> SessionResult | None:

@@ -34,7 +34,7 @@ PROFILE_STEP = 1.0
 # Other starts where a profile seems to end, and their spread in log odds. Of 42 bounds of fits with 11 to 23 columns for
 # 24 runs, 7 were too near without them, and 1 with them, against 9 starts everywhere.
 NUDGES, NUDGE = 4, 1.5
-# With more rows the curvature leaves out the squared hat matrix, whose share falls with the number of rows and whose
+# With more distinct rows the curvature leaves out the squared hat matrix, whose share falls with the number of rows and whose
 # size is its square: steps are a little worse, the maximum is the same.
 MAX_HAT_ROWS = 1000
 # Fewer events of the rarer outcome for each parameter get a remark: a rule of thumb of logistic regression is
@@ -206,6 +206,25 @@ class LikelihoodFit:
 
 
 @dataclass(frozen=True, slots=True)
+class DistinctRows:
+    """The runs of a regression by distinct rows of its columns: how many runs have each, and how many of them passed.
+
+    Replicates share their row, so a fit costs what its design points cost, however many runs there are.
+    """
+
+    x: Floats
+    count: Floats
+    passes: Floats
+
+    @staticmethod
+    def of(y: Floats, x: Floats) -> DistinctRows:
+        """Group runs: y (runs,) is 0 or 1, x (runs, columns)."""
+        rows, group, count = np.unique(x, axis=0, return_inverse=True, return_counts=True)
+        passes = np.bincount(group.ravel(), weights=y).astype(np.float64)
+        return DistinctRows(rows, count.astype(np.float64), passes)
+
+
+@dataclass(frozen=True, slots=True)
 class FirthFit:
     """A penalised fit; its tests and intervals come from the profile of the penalised likelihood, not from a
     normal.
@@ -216,15 +235,14 @@ class FirthFit:
     method: str
     beta: Floats
     likelihood: float
-    y: Floats
-    x: Floats
+    rows: DistinctRows
     design_effect: float
 
     def p(self, place: slice) -> float | None:
-        free = np.ones(self.x.shape[1], dtype=bool)
+        free = np.ones(len(self.beta), dtype=bool)
         free[place] = False
         start = np.where(free, self.beta, 0.0)
-        drop = 2 * (self.likelihood - _maximized(self.y, self.x, start, free, self.design_effect)[1])
+        drop = 2 * (self.likelihood - _maximized(self.rows, start, free, self.design_effect)[1])
         return float(stats.chi2.sf(max(0.0, drop) / self.design_effect, int((~free).sum())))
 
     def interval(self, column: int) -> tuple[float, float]:
@@ -268,11 +286,10 @@ class FirthFit:
 
     def _profile(self, column: int, fixed: float, starts: Sequence[Floats]) -> tuple[Floats, float]:
         """The highest of the maxima that these starts lead to, with the coefficient of `column` fixed."""
-        free = np.ones(self.x.shape[1], dtype=bool)
+        free = np.ones(len(self.beta), dtype=bool)
         free[column] = False
         maxima = [
-            _maximized(self.y, self.x, np.where(free, start, fixed), free, self.design_effect)
-            for start in starts
+            _maximized(self.rows, np.where(free, start, fixed), free, self.design_effect) for start in starts
         ]
         return max(maxima, key=lambda maximum: maximum[1])
 
@@ -300,24 +317,25 @@ def fit_logistic(
             )
             return LikelihoodFit(method, fit.params, fit.cov_params(), residual_df)
     free = np.ones(x.shape[1], dtype=bool)
-    beta, likelihood = _maximized(y, x, np.zeros(x.shape[1]), free, design_effect)
-    return FirthFit(FIRTH, beta, likelihood, y, x, design_effect)
+    rows = DistinctRows.of(y, x)
+    beta, likelihood = _maximized(rows, np.zeros(x.shape[1]), free, design_effect)
+    return FirthFit(FIRTH, beta, likelihood, rows, design_effect)
 
 
 def _maximized(
-    y: Floats, x: Floats, start: Floats, free: NDArray[np.bool_], design_effect: float
+    rows: DistinctRows, start: Floats, free: NDArray[np.bool_], design_effect: float
 ) -> tuple[Floats, float]:
     """The maximum of Firth's penalised likelihood over the free coefficients, by Newton steps with step
     halving.
     """
-    beta, value = start.copy(), _penalized_likelihood(y, x, start, design_effect)
+    beta, value = start.copy(), _penalized_likelihood(rows, start, design_effect)
     for _ in range(200):
-        slope, curvature, information = _derivatives(y, x, beta, design_effect)
+        slope, curvature, information = _derivatives(rows, beta, design_effect)
         step = np.zeros_like(beta)
         step[free] = _ascent(slope[free], curvature[np.ix_(free, free)], information[np.ix_(free, free)])
         step *= min(1.0, 5.0 / max(float(np.abs(step).max()), 1e-300))
         for _ in range(30):
-            if (new := _penalized_likelihood(y, x, beta + step, design_effect)) >= value - 1e-13:
+            if (new := _penalized_likelihood(rows, beta + step, design_effect)) >= value - 1e-13:
                 break
             step /= 2
         beta, gain, value = beta + step, new - value, new
@@ -348,39 +366,44 @@ def _inverse(information: Floats) -> Floats:
     return np.asarray(np.linalg.inv(information), dtype=np.float64)
 
 
-def _derivatives(y: Floats, x: Floats, beta: Floats, design_effect: float) -> tuple[Floats, Floats, Floats]:
+def _derivatives(rows: DistinctRows, beta: Floats, design_effect: float) -> tuple[Floats, Floats, Floats]:
     """Slope of the penalised likelihood, its curvature (second derivatives with their sign turned), and the
     information, which is the curvature without the penalty.
 
     With W the diagonal of `weight`, H the hat matrix of W^(1/2) X and T the diagonal of `skew`, which is
     1 - 2 p, the penalty k/2 log|X'WX| has the slope k/2 X'T diag(H) and the curvature
-    k X'(diag(H) (W - T^2 / 2) + T (H * H) T / 2) X, * by elements.
+    k X'(diag(H) (W - T^2 / 2) + T (H * H) T / 2) X, * by elements. Each sum over runs is one over distinct rows, which
+    count as often as they occur.
     """
+    x, count = rows.x, rows.count
     chance = _probability(x @ beta)
     weight, skew = chance * (1 - chance), 1 - 2 * chance
     root = x * np.sqrt(weight)[:, None]
-    information = root.T @ root
+    information = (root * count[:, None]).T @ root
     half = root @ _inverse(information)
     leverage = (half * root).sum(axis=1)
-    slope = x.T @ (y - chance + design_effect * leverage * skew / 2)
-    diagonal = weight + design_effect * leverage * (weight - skew**2 / 2)
+    slope = x.T @ (rows.passes - count * chance + design_effect * count * leverage * skew / 2)
+    diagonal = count * (weight + design_effect * leverage * (weight - skew**2 / 2))
     curvature = (x * diagonal[:, None]).T @ x
-    if len(y) <= MAX_HAT_ROWS:
-        skewed = x * skew[:, None]
+    if len(count) <= MAX_HAT_ROWS:
+        skewed = x * (count * skew)[:, None]
         curvature += design_effect / 2 * skewed.T @ (half @ root.T) ** 2 @ skewed
     return slope, curvature, information
 
 
-def _penalized_likelihood(y: Floats, x: Floats, beta: Floats, design_effect: float) -> float:
+def _penalized_likelihood(rows: DistinctRows, beta: Floats, design_effect: float) -> float:
     """Where k rows count as one, their likelihood is divided by k; multiplied by k, so that rows keep their
     weight, that is a penalty of k times its usual size.
     """
-    line = x @ beta
+    line = rows.x @ beta
     chance = _probability(line)
-    sign, size = np.linalg.slogdet((x * (chance * (1 - chance))[:, None]).T @ x)
+    weight = rows.count * chance * (1 - chance)
+    sign, size = np.linalg.slogdet((rows.x * weight[:, None]).T @ rows.x)
     if sign <= 0:
         return -np.inf
-    return float((y * line - np.logaddexp(0.0, line)).sum() + 0.5 * design_effect * size)
+    return float(
+        (rows.passes * line - rows.count * np.logaddexp(0.0, line)).sum() + 0.5 * design_effect * size
+    )
 
 
 def _probability(line: Floats) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,16 +71,25 @@ def campaign_facts(data: ReportData) -> list[Fact]:
         *_firmware(data),
         *_real_time(data),
     ]
-    specs = list(data.simspecs.values())
-    if not specs:
+    if not data.simspecs:
         return [*facts, Fact("Situation", "no SimSpec is here")]
-    facts += [_fact_over_runs(name, [read(spec) for spec in specs]) for name, read in _SITUATION]
-    groups = {group.id: None for spec in specs for group in spec.actors}
-    facts += [
-        _fact_over_runs(f"Actors: {group_id}", [_group(spec, group_id) for spec in specs])
-        for group_id in groups
-    ]
-    return [*facts, _fact_over_runs("Intelligence", [intelligence_text(spec) for spec in specs])]
+    situation: dict[str, set[str]] = {name: set() for name, _ in _SITUATION}
+    groups: dict[str, set[str]] = {}
+    present: Counter[str] = Counter()
+    intelligence: set[str] = set()
+    # Once through: each is read from its file.
+    for spec in data.simspecs.values():
+        for name, read in _SITUATION:
+            situation[name].add(read(spec))
+        for group in spec.actors:
+            groups.setdefault(group.id, set()).add(group_text(group, spec.world.area.area_m2))
+            present[group.id] += 1
+        intelligence.add(intelligence_text(spec))
+    facts += [_fact_over_runs(name, texts) for name, texts in situation.items()]
+    for group_id, texts in groups.items():
+        absent = {"none"} if present[group_id] < len(data.simspecs) else set()
+        facts.append(_fact_over_runs(f"Actors: {group_id}", texts | absent))
+    return [*facts, _fact_over_runs("Intelligence", intelligence)]
 
 
 def _shard(data: ReportData) -> list[Fact]:
@@ -136,7 +145,7 @@ def _design(data: ReportData) -> str:
     return f"{kind.replace('_', ' ')}, {points}, {plural(len({run.scene for run in data.runs}), 'scene')}, replicates included"
 
 
-def _fact_over_runs(name: str, texts: Sequence[str]) -> Fact:
+def _fact_over_runs(name: str, texts: Iterable[str]) -> Fact:
     # By number: 10 follows 9, not 1.
     different = sorted(set(texts), key=_numeric_order)
     more = f" · and {len(different) - SHOWN_VALUES} more" if len(different) > SHOWN_VALUES else ""
@@ -149,11 +158,6 @@ def _numeric_order(text: str) -> tuple[float, str]:
         return (float(head), text)
     except ValueError:
         return (0.0, text)
-
-
-def _group(simspec: SimSpec, name: str) -> str:
-    group = next((group for group in simspec.actors if group.id == name), None)
-    return "none" if group is None else group_text(group, simspec.world.area.area_m2)
 
 
 def factor_rows(data: ReportData) -> list[dict[str, str]]:
