@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 from typing import cast
@@ -318,8 +318,9 @@ def with_quantities(words: Sequence[Word], unknown: list[tuple[Word, Word]]) -> 
             else ()
         )
         span = word.span.joined(words[end - 1].span)
-        if quantity is None:
-            read.append(word)
+        if quantity is None or (word.text in ("a", "an") and _is_ground(words[end - 1])):
+            # `in a yard of 80 by 50 m`.
+            read.append(replace(word, meanings=(), filler=True) if quantity else word)
             index += 1
             continue
         read.append(
@@ -353,6 +354,10 @@ def _no_unit(words: Sequence[Word], at: int) -> bool:
         meaning.kind in ("FROM", "AWAY", "APART", "DIR", "BEFORE", "AFTER")
         for meaning in words[at + 1].meanings
     )
+
+
+def _is_ground(word: Word) -> bool:
+    return any(meaning.kind == "GROUND" for meaning in word.meanings)
 
 
 def _quantity(tree: Tree[Token], words: Sequence[Word]) -> Quantity | None:

@@ -31,6 +31,8 @@ EAST_WEST = 90.0
 """The value of an axis from east to west."""
 CORNERS_OF_A_CIRCLE = 16
 MIDDLE_SHARE = 1 / 3
+MIN_AREA_M = 100.0
+"""Ground with a shorter side is a place in the area of interest, unless the text says so. Chosen."""
 
 
 @dataclass(slots=True)
@@ -307,7 +309,10 @@ class GroundReader:
         self._rules()
 
     def _is_the_area(self) -> GroundPiece | None:
-        """The only ground with a size, where it reaches beyond the usual area and is to be the area of interest."""
+        """The only ground with a size, where it is to be the area of interest.
+
+        It reaches beyond the usual area, or the text names it once, and puts nothing there: what else would it be for?
+        """
         sized = [piece for piece in self.pieces.values() if piece.size_m or piece.corners or piece.radius_m]
         if len(sized) != 1 or self.world.radius_m or self.world.middle is not None:
             return None
@@ -316,7 +321,10 @@ class GroundReader:
         if not free or piece.size_m is None or piece.extent is None:
             return None
         usual = (self._defaults.area_east_m, self._defaults.area_north_m)
-        if all(side <= most for side, most in zip(piece.size_m, usual, strict=True)):
+        small = all(side <= most for side, most in zip(piece.size_m, usual, strict=True))
+        told_of = piece.within or piece.outside or piece.mentioned or self._fence is not None
+        again = sum(1 for _, named in self._mentions if named is piece) > 1
+        if small and (told_of or again or min(piece.size_m) < MIN_AREA_M):
             return None
         readings = ["yes", f"no, the area is the usual one, {usual[0]:g} m by {usual[1]:g} m"]
         return (
