@@ -7,7 +7,7 @@ import os
 import secrets
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -16,6 +16,7 @@ import typer
 
 from bench.errors import Fault, SetupError
 
+from ._event_lines import open_event_lines
 from ._examples import shipped
 from ._executors import executor_named
 from ._fault_paths import file_in_faults
@@ -127,6 +128,10 @@ def run(
             help="Host seconds of a core for one session, to estimate the cost with --dry-run",
         ),
     ] = None,
+    events: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Append every event to this file as a line of JSON"),
+    ] = None,
     mqtt: Annotated[
         str | None,
         typer.Option(
@@ -186,6 +191,7 @@ def run(
             isolation=isolation,
             shard=shard,
             open_executor=open_executor,
+            events=events,
             laboratory=LaboratoryOptions(mqtt, mqtt_ca, stand_ready, stand_announce, stand_release),
         )
 
@@ -441,6 +447,7 @@ def _run(
     isolation: Isolation | None = None,
     shard: str | None = None,
     open_executor: OpenExecutor | None = None,
+    events: Path | None = None,
     laboratory: LaboratoryOptions | None = None,
 ) -> None:
     from bench.campaign import (
@@ -470,6 +477,7 @@ def _run(
     with (
         open_laboratory(laboratory or LaboratoryOptions(), campaign.name) as bus,
         open_progress(campaign.name, quiet=as_json) as progress,
+        open_event_lines(events, campaign.name) if events else nullcontext() as event_lines,
     ):
         try:
             summary = run_campaign_sync(
@@ -477,7 +485,7 @@ def _run(
                 folder,
                 decomposition,
                 workers=workers,
-                observers=[progress, *([bus.notify] if bus else [])],
+                observers=[progress, *([bus.notify] if bus else []), *([event_lines] if event_lines else [])],
                 rerun=parse_rerun_outcomes(again),
                 accept=parse_accepted_outcomes(accept),
                 finish=lambda paths: finished.append(finish_campaign(paths.path)),

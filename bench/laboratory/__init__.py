@@ -15,3 +15,4 @@ from ._bus import open_bus as open_bus
 from ._documents import CampaignMessage as CampaignMessage
 from ._documents import CampaignStatus as CampaignStatus
 from ._documents import StandMessage as StandMessage
+from ._documents import message_of as message_of
