@@ -158,6 +158,10 @@ def test_the_worst_frame_has_the_most_errors_outside_outages() -> None:
     assert worst is not None
     assert (worst.number, worst.errors, worst.counts[Verdict.HIT]) == (2, 2, 1)
     assert worst_frame(spec, made_run.tape(spec, frames=frames, detections=answers[:0])) is None
+    rear = replace(answer(7, missing, missing), camera="rear")
+    worst = worst_frame(spec, made_run.tape(spec, frames=(*frames, other), detections=(*answers, rear)))
+    assert worst is not None
+    assert (worst.camera, worst.number, worst.errors) == ("rear", 7, 4)
 
 
 def test_states_come_back_from_their_records() -> None:

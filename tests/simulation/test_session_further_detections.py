@@ -27,6 +27,7 @@ from bench.perception.fit import fit_detector
 from bench.perception.fit._matching import match_runs
 from bench.recording import TapeBuilder, open_recording, read_records
 from bench.recording.viewers import export_for_viewers
+from bench.reporting.pictures._frame_pixels import DRAWN_AGAIN, frame_pixels
 from bench.simspec import Camera, DetectionModel, Mission, Outage, Perception, PerceptionSource, SimSpec
 from bench.simulation import SessionEnd, SessionPlan, open_plain_scene, run_session
 from bench.simulation._further_cameras import scene_faults
@@ -280,6 +281,23 @@ def test_an_export_shows_the_detections_of_each_camera(tmp_path: Path) -> None:
     assert counts["/viewer/wide/empty_picture"] == counts[TOPICS.camera_info("wide")]
     assert counts["/viewer/detections"] == counts[MAIN]
     assert counts["/viewer/empty_picture"] == counts[TOPICS.camera_info("front")]
+
+
+def test_the_report_draws_frames_of_further_cameras_again(
+    blobs: tuple[FlownCameras, FlownCameras], tmp_path: Path
+) -> None:
+    """Equal in every pixel, from the recording alone."""
+    session, _ = blobs
+    path = tmp_path / "recording.mcap"
+    with open_recording(path, simspec=session.spec, versions={}) as recorder:
+        for record in session.records:
+            recorder(record)
+    for camera in session.spec.perceiving_cameras[1:]:
+        view_ns, view = list(session.views(camera.name).items())[3]
+        pixels = frame_pixels(path, session.spec, camera, view.frame, SimTime(view_ns))
+        assert pixels is not None
+        assert pixels.origin == DRAWN_AGAIN
+        assert pixels.bgr.shape == (camera.height_px, camera.width_px, 3)
 
 
 class MainCameraScene:
