@@ -14,7 +14,7 @@ import pytest
 from agent_adapters.reference.surrogate import Observed, computed, observe, pack
 from bench.contracts import lens_of
 from bench.errors import SetupError
-from bench.simspec import AgentSpec, DetectionModel, Environment, Perception, SimSpec
+from bench.simspec import AgentSpec, DetectionModel, Environment, Perception, ScoreQuantiles, SimSpec
 
 NAIVE, AWARE = "reference-naive", "reference-bystander-aware"
 
@@ -181,14 +181,17 @@ def test_what_no_surrogate_flies_is_refused_all_at_once() -> None:
 
     own = scene(perception=Perception(source="agent"))
     confused = scene(perception=Perception(model=DetectionModel(confusion={"combatant": {"civilian": 0.2}})))
+    scored = scene(perception=Perception(model=DetectionModel(scores=ScoreQuantiles(right=(0.1, 0.9)))))
+    many = scene(vehicle={"more_cameras": [{"name": "down"}]}, perception=Perception(more_cameras=("down",)))
 
     with pytest.raises(SetupError) as refused:
-        pack([stranger, broken, empty, tuned, own, confused])
+        pack([stranger, broken, empty, tuned, own, confused, scored, many])
 
     where = [fault.where for fault in refused.value.faults]
     assert where == [
         *("agents", "vehicle.failures[0]", "vehicle.failures[0]", "agent.options"),
-        *("perception.source: agent", "perception.model.confusion"),
+        *("perception.source: agent", "perception.model.confusion", "perception.model.scores"),
+        "perception.more_cameras",
     ]
 
 

@@ -180,8 +180,11 @@ def unfit(simspec: SimSpec) -> list[Fault]:
                 "jitter_share",
                 "false_labels",
                 "false_score",
+                "scores",
             )
         },
+        # Measures count what further cameras show, and surrogates have one.
+        "perception.more_cameras": bool(simspec.perception.more_cameras),
         # The surrogates know three roles: whoever is sought is a target and protected, which none of them is.
         "role: sought": any(group.role is Role.SOUGHT for group in simspec.actors),
     }
