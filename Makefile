@@ -11,7 +11,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Two cores: both environments are installed at once. pip compiles whole packages, of which most modules are never
 # imported (half of its CPU time); Python compiles at the first import.
 PIP_INSTALL := install --quiet --disable-pip-version-check --no-compile
-# But a confined agent cannot write bytecode: each of its sessions would compile the agent anew, half a CPU second.
+# But a confined agent cannot write bytecode: each of its sessions would compile the agent anew, a tenth of a CPU second.
 COMPILE_AGENTS = $(BIN)/python -m compileall -q agent_adapters
 
 .PHONY: demo test quick slow clients real mutants check lock lock-check clean
