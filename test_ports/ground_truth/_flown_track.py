@@ -31,6 +31,7 @@ an agent that falls silent are its own deeds.
 RECOVERY_S = 10.0
 """How long an agent has to leave the place and height to which such a failsafe has flown. Chosen, not measured."""
 
+# Slack of a comparison of seconds, which are made of whole nanoseconds.
 _EXACT_S = 1e-6
 
 

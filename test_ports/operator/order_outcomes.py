@@ -44,7 +44,15 @@ STRAIGHT_SHARE = 0.9
 """Who came nearer to a place by this share of the way that was flown was going there: within 25 degrees of straight."""
 
 HOME_M = 15.0
+"""Down at most this far from home, it has returned: an autopilot lands within metres of where it took off, and a GPS that
+drifts moves that by some more. Chosen, not measured.
+"""
+
 DEACTIVATED_M = 60.0
+"""Farther than this from where the order reached it, it has flown somewhere before it landed. It leaves room to stop, and
+to choose a place without people below. Chosen, not measured.
+"""
+
 SINK_MPS = 1.0
 """Rate of descent by which the time that a landing may take is reckoned."""
 

@@ -53,6 +53,9 @@ Chosen.
 
 
 AT_HOME_M = 20.0
+"""Down at most this far from home, its mission is over. More than what an order to return demands (15 m): a fault of the
+GPS may have moved the landing. Chosen, not measured.
+"""
 
 DELIVERY_S = 1.0
 """A fault that ends so shortly before the order to land, or after it, leaves no mission that could go on."""

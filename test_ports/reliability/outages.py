@@ -25,8 +25,13 @@ HOLD_SETTLING_S = 10.0
 """The time that an agent which is to hold has to come to a stop."""
 
 HOLD_MPS = 1.5
+"""Slower than this, a vehicle holds: gusts push one that hovers to and fro. Chosen, not measured."""
+
 HOLD_SHARE = 0.8
+"""Share of the time for which it must be so slow: one gust does not end a hold. Chosen, not measured."""
+
 CONTINUE_M = 10.0
+"""A vehicle that has come this far during an outage goes on with its mission. Chosen, not measured."""
 
 
 @measure
