@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -27,6 +27,15 @@ class Document(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True, defer_build=True
     )
+
+
+def is_default(default: object) -> Callable[[object], bool]:
+    """For `exclude_if` of a field: leave it out of what is written while it has its default.
+
+    Fields that a format got later do so. Documents without them keep their bytes, and with these their digests: recordings,
+    frozen benchmarks and published manifests are compared by them.
+    """
+    return lambda value: value == default
 
 
 D = TypeVar("D", bound=BaseModel)

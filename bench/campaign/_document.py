@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from bench.documents import Document, load_document, validate_document
+from bench.documents import Document, is_default, load_document, validate_document
 from bench.errors import Fault, SetupError
 from bench.realization import BASE, Bases, Design, DesignFactor
 from bench.simspec import AgentSpec, Identifier, Isolation, PaceMode, SimSpec
@@ -223,19 +223,18 @@ class Campaign(Document):
     honeypots: Annotated[
         Honeypots | None,
         Field(
-            # Left out where it is absent: the files of campaigns without it stay as they are.
-            exclude_if=lambda honeypots: honeypots is None,
+            exclude_if=is_default(None),
             description="Put honeypots into a share of the scenes; none if absent.",
         ),
     ] = None
     keep: Annotated[
         Keep | None,
-        Field(exclude_if=lambda keep: keep is None, description="Which recordings stay; all if absent."),
+        Field(exclude_if=is_default(None), description="Which recordings stay; all if absent."),
     ] = None
     shard: Annotated[
         str | None,
         Field(
-            exclude_if=lambda shard: shard is None,
+            exclude_if=is_default(None),
             description="`2/8`: this folder holds the second of eight parts of the campaign. Set by --shard.",
         ),
     ] = None

@@ -12,7 +12,7 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field, ValidationError
 
-from bench.documents import Document
+from bench.documents import Document, is_default
 from bench.simspec import Fraction, Identifier, OrderKind, Origin, Point, TimeWindow
 
 # Limits on everything that an agent sends: it is outside the trust boundary, and its words go into reports.
@@ -25,7 +25,7 @@ PeopleExpected = Annotated[
         ge=0.0,
         le=10_000.0,
         # Left out when absent, so that recordings of agents that do not state it keep their bytes.
-        exclude_if=lambda people: people is None,
+        exclude_if=is_default(None),
         description="Bystanders expected within the no-mark distance at some moment of the next 30 s, seen or not.",
     ),
 ]
@@ -113,16 +113,14 @@ class MissionOrder(Document):
     mark_consent: Annotated[
         bool,
         Field(
-            # Left out where it does not hold, so that recordings without the rule keep their bytes.
-            exclude_if=lambda consent: not consent,
+            exclude_if=is_default(False),
             description="Mark only what the operator has granted in answer to a ConsentRequest, or has ordered.",
         ),
     ] = False
     escort: Annotated[
         EscortDocument | None,
         Field(
-            # Left out where there is none, for the same reason.
-            exclude_if=lambda escort: escort is None,
+            exclude_if=is_default(None),
             description="Whom to stay with and to warn, beside the search.",
         ),
     ] = None

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from bench.documents import Document
+from bench.documents import Document, is_default
 
 from ._ground import Point
 from ._placement import Placement
@@ -35,7 +35,7 @@ class Motion(Document):
         Field(
             ge=0.0,
             le=7200.0,
-            exclude_if=lambda depart_s: depart_s == 0.0,
+            exclude_if=is_default(0.0),
             description="Simulated time at which it sets off.",
         ),
     ] = 0.0
@@ -43,7 +43,7 @@ class Motion(Document):
         float | None,
         Field(
             gt=0.0,
-            exclude_if=lambda halt_s: halt_s is None,
+            exclude_if=is_default(None),
             description="Simulated time at which it stops for good, wherever it is; never when absent.",
         ),
     ] = None

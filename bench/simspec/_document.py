@@ -21,7 +21,7 @@ from pydantic import (
     model_validator,
 )
 
-from bench.documents import Document
+from bench.documents import Document, is_default
 
 from ._actors import ActorGroup
 from ._consistency import raise_inconsistencies, situation_inconsistencies
@@ -91,7 +91,7 @@ class Mission(Document):
         Escort | None,
         Field(
             # Left out where there is none: SimSpecs without escort keep their bytes.
-            exclude_if=lambda escort: escort is None,
+            exclude_if=is_default(None),
             description="Whom to stay with and to warn, beside the search.",
         ),
     ] = None
@@ -130,7 +130,7 @@ class Outage(Document):
             gt=0.0,
             lt=1.0,
             description="Share of the detections that detections_degraded loses.",
-            exclude_if=lambda share: share is None,
+            exclude_if=is_default(None),
         ),
     ] = None
 
@@ -176,7 +176,7 @@ class AgentSpec(Document):
         Field(
             description="How the agent must be confined, in place of what its manifest says.",
             # Digests of situations that demand nothing stay as they were published.
-            exclude_if=lambda isolation: isolation is None,
+            exclude_if=is_default(None),
         ),
     ] = None
     services: Annotated[
@@ -185,7 +185,7 @@ class AgentSpec(Document):
             max_length=16,
             description="Services outside of the session that the agent may ask, by TCP.",
             # As above: digests of situations that let nothing in stay as they were published.
-            exclude_if=lambda services: not services,
+            exclude_if=is_default(()),
         ),
     ] = ()
 
@@ -193,7 +193,7 @@ class AgentSpec(Document):
         OutsideAir | None,
         Field(
             description="Where an agent on another computer reaches the session's air network.",
-            exclude_if=lambda air: air is None,
+            exclude_if=is_default(None),
         ),
     ] = None
 
@@ -226,7 +226,7 @@ class Pace(Document):
         Field(
             ge=0.0,
             le=1.0,
-            exclude_if=lambda share: share == MAX_LATE_SHARE,
+            exclude_if=is_default(MAX_LATE_SHARE),
             description="In real time: the largest share of steps that may begin late, by more than their own length, for "
             "the session to count. With more it ends as bench_too_slow.",
         ),
@@ -291,7 +291,7 @@ class Realized(Document):
         # In a file they stand among the actors, where whoever reads it takes them for such; here they are their ids.
         WithJsonSchema({"type": "array", "items": {"type": "string"}}),
         Field(
-            exclude_if=lambda honeypots: not honeypots,
+            exclude_if=is_default(()),
             description="Ids of those actors that are nowhere but in this document: no camera shows them.",
         ),
     ] = ()
@@ -351,7 +351,7 @@ class SimSpec(Document):
         Field(
             max_length=32,
             # Left out when empty, so that SimSpecs without it keep their bytes.
-            exclude_if=lambda consents: not consents,
+            exclude_if=is_default(()),
             description="The operator's answers to requests to mark.",
         ),
     ] = ()
@@ -366,7 +366,7 @@ class SimSpec(Document):
         bool,
         Field(
             # Left out where there is none: digests of published questions stay as they are.
-            exclude_if=lambda honeypot: not honeypot,
+            exclude_if=is_default(False),
             description="Whether placement adds a target that is nowhere but in the file: who reports it has read it.",
         ),
     ] = False

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from bench.documents import Document
+from bench.documents import Document, is_default
 
 from ._quantities import Identifier, Metres
 
@@ -112,7 +112,7 @@ class World(Document):
     ground: Annotated[
         GroundKind,
         Field(
-            exclude_if=lambda kind: kind == "grass",
+            exclude_if=is_default("grass"),
             description="What the ground is made of, for the camera's pictures alone.",
         ),
     ] = "grass"

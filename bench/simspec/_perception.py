@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, JsonValue, model_validator
 
-from bench.documents import Document
+from bench.documents import Document, is_default
 
 from ._assets import ASSETS
 from ._quantities import Fraction, NotNegative, Positive, RosName
@@ -20,10 +20,6 @@ FALSE_SCORE_MEAN = 2.0 / 7.0
 
 CLASS_LABELS = tuple(sorted({asset.class_label for asset in ASSETS.values()}))
 """Every class label of the asset catalogue."""
-
-
-def _is_zero(value: float) -> bool:
-    return value == 0.0
 
 
 class SizePoint(Document):
@@ -81,7 +77,7 @@ class DetectionModel(Document):
     size_curve: Annotated[
         tuple[SizePoint, ...],
         Field(
-            exclude_if=lambda points: not points,
+            exclude_if=is_default(()),
             description=(
                 "Replaces half_height_px, slope and ceiling: straight lines over the logarithm of the size between these "
                 "points, constant beyond them. In order of size."
@@ -91,7 +87,7 @@ class DetectionModel(Document):
     class_factors: Annotated[
         dict[str, NotNegative],
         Field(
-            exclude_if=lambda factors: not factors,
+            exclude_if=is_default({}),
             description="Factor on the probability of detection by true label, 1 where none is given; the product ends at 1.",
         ),
     ] = {}
@@ -104,7 +100,7 @@ class DetectionModel(Document):
     dust_extinction_per_m: Annotated[
         NotNegative,
         Field(
-            exclude_if=lambda extinction: extinction == DUST_EXTINCTION_PER_M,
+            exclude_if=is_default(DUST_EXTINCTION_PER_M),
             description="Extinction per metre at dust level 1; grows as the level squared.",
         ),
     ] = DUST_EXTINCTION_PER_M
@@ -126,7 +122,7 @@ class DetectionModel(Document):
     confusion: Annotated[
         dict[str, dict[str, Fraction]],
         Field(
-            exclude_if=lambda rows: not rows,
+            exclude_if=is_default({}),
             description=(
                 "Probability of each wrong label at the threshold of detection, by true label. A row replaces `mislabel` "
                 "for its class; an empty row means never mislabelled. Without a row: one of the asset's look-alikes, "
@@ -140,22 +136,20 @@ class DetectionModel(Document):
     jitter_share: Annotated[
         Fraction,
         Field(
-            exclude_if=_is_zero,
+            exclude_if=is_default(0.0),
             description="The same as a share of the box's width or height, added in squares.",
         ),
     ] = 0.0
     drift_px: Annotated[
         NotNegative,
         Field(
-            exclude_if=_is_zero,
+            exclude_if=is_default(0.0),
             description="Standard deviation of the part of a box's displacement that lasts over frames.",
         ),
     ] = 0.0
     drift_s: Annotated[
         Positive,
-        Field(
-            exclude_if=lambda span_s: span_s == 2.0, description="Time over which this part is correlated."
-        ),
+        Field(exclude_if=is_default(2.0), description="Time over which this part is correlated."),
     ] = 2.0
     false_per_frame: Annotated[
         NotNegative, Field(description="Mean number of false detections in one frame.")
@@ -163,14 +157,14 @@ class DetectionModel(Document):
     false_persistence_s: Annotated[
         NotNegative,
         Field(
-            exclude_if=_is_zero,
+            exclude_if=is_default(0.0),
             description="Mean time for which a false detection stays in the picture; 0: a single frame.",
         ),
     ] = 0.0
     false_labels: Annotated[
         dict[str, Fraction],
         Field(
-            exclude_if=lambda shares: not shares,
+            exclude_if=is_default({}),
             description="Share of each label among false detections; none: every label that can be one, as often.",
         ),
     ] = {}
@@ -179,14 +173,14 @@ class DetectionModel(Document):
         Field(
             gt=0.0,
             lt=1.0,
-            exclude_if=lambda mean: mean == FALSE_SCORE_MEAN,
+            exclude_if=is_default(FALSE_SCORE_MEAN),
             description="Mean score of false detections: a beta distribution whose parameters add up to 7.",
         ),
     ] = FALSE_SCORE_MEAN
     scores: Annotated[
         ScoreQuantiles,
         Field(
-            exclude_if=lambda scores: scores == ScoreQuantiles(),
+            exclude_if=is_default(ScoreQuantiles()),
             description="Quantiles of the scores, in place of those that follow from the odds of a wrong label.",
         ),
     ] = ScoreQuantiles()
@@ -195,14 +189,14 @@ class DetectionModel(Document):
         NotNegative,
         Field(
             le=5.0,
-            exclude_if=_is_zero,
+            exclude_if=is_default(0.0),
             description="Greatest additional delay of a frame; each is uniform between 0 and this.",
         ),
     ] = 0.0
     id_switches_per_s: Annotated[
         NotNegative,
         Field(
-            exclude_if=_is_zero,
+            exclude_if=is_default(0.0),
             description="Rate at which the track id of a detected object changes.",
         ),
     ] = 0.0
@@ -285,14 +279,14 @@ class Perception(Document):
     detector: Annotated[
         str | None,
         Field(
-            exclude_if=lambda name: name is None,
+            exclude_if=is_default(None),
             description="Of source detector alone: an entry point of group rebar.detectors; none: small.",
         ),
     ] = None
     detector_options: Annotated[
         dict[str, JsonValue],
         Field(
-            exclude_if=lambda options: not options,
+            exclude_if=is_default({}),
             description="Of source detector alone: options of the plug-in, which checks them when it opens.",
         ),
     ] = {}
@@ -310,7 +304,7 @@ class Perception(Document):
         tuple[RosName, ...],
         Field(
             # Digests of SimSpecs that came before this field stay as they were published.
-            exclude_if=lambda names: not names,
+            exclude_if=is_default(()),
             description=(
                 "Names of the cameras of vehicle.more_cameras whose frames perception works on too. The main camera's always "
                 "are."

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from bench.documents import Document
+from bench.documents import Document, is_default
 
 from ._ground import Home, Point, Polygon
 from ._quantities import Identifier, NotNegative, Positive
@@ -323,7 +323,7 @@ class Placement(Document):
     extent_m: Annotated[
         Positive | None,
         Field(
-            exclude_if=lambda extent_m: extent_m is None,
+            exclude_if=is_default(None),
             description="Largest permitted distance between two members of this group, centre to centre.",
         ),
     ] = None
@@ -331,7 +331,7 @@ class Placement(Document):
         tuple[Avoid, ...],
         Field(
             max_length=16,
-            exclude_if=lambda avoid: not avoid,
+            exclude_if=is_default(()),
             description="Areas, groups, roles or home to keep out of and away from, edge to edge.",
         ),
     ] = ()
@@ -339,7 +339,7 @@ class Placement(Document):
         tuple[AreaCount, ...],
         Field(
             max_length=4,
-            exclude_if=lambda counts: not counts,
+            exclude_if=is_default(()),
             description="How many members stand inside which areas.",
         ),
     ] = ()

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from bench.documents import Document
+from bench.documents import Document, is_default
 
 from ._consistency import raise_inconsistencies, rule_inconsistencies
 from ._ground import Polygon
@@ -105,7 +105,7 @@ class Rules(Document):
         bool,
         Field(
             # Left out where it does not hold: SimSpecs without it keep their bytes, and so their digests.
-            exclude_if=lambda consent: not consent,
+            exclude_if=is_default(False),
             description="The agent must ask the operator before it marks a target, and mark only what was granted. An order to mark needs no request.",
         ),
     ] = False

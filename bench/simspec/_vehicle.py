@@ -6,14 +6,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from bench.documents import Document
+from bench.documents import Document, is_default
 
 from ._ground import Home
 from ._quantities import Fraction, Identifier, RosName
-
-
-def _is_zero(value: float) -> bool:
-    return value == 0.0
 
 
 def _is_absent(value: object) -> bool:
@@ -86,7 +82,7 @@ class Camera(Document):
     distortion: Annotated[
         Distortion,
         Field(
-            exclude_if=lambda distortion: distortion == NO_LENS_DISTORTION,
+            exclude_if=is_default(NO_LENS_DISTORTION),
             description="Distortion of the lens, in pictures, camera_info and the boxes of detections.",
         ),
     ] = NO_LENS_DISTORTION
@@ -102,14 +98,14 @@ class Camera(Document):
     record_frames: Annotated[
         bool,
         Field(
-            exclude_if=lambda recorded: not recorded,
+            exclude_if=is_default(False),
             description="Whether every picture is rendered, and recorded as JPEG, also when nobody listens to the pictures.",
         ),
     ] = False
     record_boxes: Annotated[
         bool,
         Field(
-            exclude_if=lambda recorded: not recorded,
+            exclude_if=is_default(False),
             description=(
                 "Whether every picture is rendered, and the box and the visible share of each actor in it recorded."
             ),
@@ -118,21 +114,21 @@ class Camera(Document):
     record_masks: Annotated[
         bool,
         Field(
-            exclude_if=lambda recorded: not recorded,
+            exclude_if=is_default(False),
             description="Whether every picture is rendered, and recorded which actor each of its pixels shows.",
         ),
     ] = False
     record_depth: Annotated[
         bool,
         Field(
-            exclude_if=lambda recorded: not recorded,
+            exclude_if=is_default(False),
             description="Whether every picture is rendered, and the depth of each of its pixels recorded.",
         ),
     ] = False
     renderer: Annotated[
         Identifier,
         Field(
-            exclude_if=lambda name: name == DEFAULT_RENDERER,
+            exclude_if=is_default(DEFAULT_RENDERER),
             description="What draws the pictures: an entry point of group rebar.renderers.",
         ),
     ] = DEFAULT_RENDERER
@@ -143,22 +139,25 @@ class Camera(Document):
         Field(
             ge=0.0,
             le=20.0,
-            exclude_if=lambda factor: factor == 1.0,
+            exclude_if=is_default(1.0),
             description="Factor on the noise of the camera's pictures.",
         ),
     ] = 1.0
     lens_dirt: Annotated[
         Fraction,
-        Field(exclude_if=_is_zero, description="Dirt on the lens: 0 is clean."),
+        Field(exclude_if=is_default(0.0), description="Dirt on the lens: 0 is clean."),
     ] = 0.0
     dropped_share: Annotated[
         Fraction,
-        Field(exclude_if=_is_zero, description="Probability that the camera loses the picture of a frame."),
+        Field(
+            exclude_if=is_default(0.0),
+            description="Probability that the camera loses the picture of a frame.",
+        ),
     ] = 0.0
     frozen_share: Annotated[
         Fraction,
         Field(
-            exclude_if=_is_zero,
+            exclude_if=is_default(0.0),
             description="Share of the frames in which the camera repeats its last picture, some five in a row.",
         ),
     ] = 0.0
@@ -167,7 +166,7 @@ class Camera(Document):
         Field(
             ge=-5.0,
             le=5.0,
-            exclude_if=_is_zero,
+            exclude_if=is_default(0.0),
             description="Exposure of the pictures against the automatic one, in stops: +1 is twice as bright.",
         ),
     ] = 0.0
@@ -278,14 +277,14 @@ class OutsideLink(Document):
         str,
         Field(
             max_length=15,
-            exclude_if=lambda name: not name,
+            exclude_if=is_default(""),
             description="Network interface of the host to listen on, such as eth0, in place of `host`.",
         ),
     ] = ""
     device: Annotated[
         str,
         Field(
-            exclude_if=lambda path: not path,
+            exclude_if=is_default(""),
             description="The serial device, such as /dev/serial/by-id/usb-... or /dev/ttyUSB0.",
         ),
     ] = ""
@@ -294,7 +293,7 @@ class OutsideLink(Document):
         Field(
             ge=9600,
             le=4_000_000,
-            exclude_if=lambda baud: baud == DEFAULT_BAUD,
+            exclude_if=is_default(DEFAULT_BAUD),
             description="Speed of the serial device.",
         ),
     ] = DEFAULT_BAUD
@@ -444,7 +443,7 @@ class VehicleSpec(Document):
         Field(
             max_length=7,
             # Digests of SimSpecs with one camera stay as they were published.
-            exclude_if=lambda cameras: not cameras,
+            exclude_if=is_default(()),
             description="Further cameras, which give pictures, and detections where perception.more_cameras names them. With "
             "`gimbal`, one hangs on the main camera's gimbal.",
         ),
@@ -462,7 +461,7 @@ class VehicleSpec(Document):
             description="Whether MAVLink clients, the agent among them, may set the parameters of the simulation (PX4: "
             "SIM_*, SIH_*, SYS_FAILURE_EN, SYS_HITL; ArduPilot: SIM_*) and inject failures.",
             # Frozen questions are compared by digest, and none of them gives an agent the simulation.
-            exclude_if=lambda allowed: not allowed,
+            exclude_if=is_default(False),
         ),
     ] = False
     failures: Annotated[
@@ -474,7 +473,7 @@ class VehicleSpec(Document):
             max_length=8,
             description="MAVLink links to the host's network, such as for a ground station.",
             # As above: digests of situations without such a link stay as they were published.
-            exclude_if=lambda links: not links,
+            exclude_if=is_default(()),
         ),
     ] = ()
 
