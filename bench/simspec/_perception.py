@@ -293,7 +293,7 @@ class Perception(Document):
     begin_score: Annotated[
         Fraction,
         Field(
-            exclude_if=_is_zero,
+            exclude_if=is_default(0.0),
             description=(
                 "Of source detector alone: least score with which a track begins. Detections of a track that has not reached "
                 "it are left out."
