@@ -16,6 +16,7 @@ from bench.statistics._regression import (
     FIRTH,
     LIKELIHOOD,
     MAX_HAT_ROWS,
+    DistinctRows,
     FirthFit,
     fit_logistic,
     separated,
@@ -316,3 +317,16 @@ def test_luck_of_design_points_is_no_effect_and_no_bend() -> None:
     assert all(0.005 < np.mean(result) < 0.1 for result in wrong.values()), {
         name: np.mean(result) for name, result in wrong.items()
     }
+
+
+def test_replicates_add_no_rows_to_a_fit() -> None:
+    """Twelve design points with 2,000 runs are twelve rows; the passes are all there."""
+    rng = np.random.default_rng(5)
+    points = rng.normal(size=(12, 4))
+    place = rng.integers(0, 12, 2000)
+    y = np.where(rng.random(2000) < 0.4, 1.0, 0.0)
+    rows = DistinctRows.of(y, points[place])
+    assert rows.x.shape == (12, 4)
+    for row, count, passes in zip(rows.x, rows.count, rows.passes, strict=True):
+        same = (points[place] == row).all(axis=1)
+        assert (count, passes) == (same.sum(), y[same].sum())

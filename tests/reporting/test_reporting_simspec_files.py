@@ -1,0 +1,47 @@
+"""SimSpecs of a large campaign: read when asked for, and never all in memory."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+from pathlib import Path
+
+import pytest
+from made_run import simspec
+
+from bench.reporting._simspec_files import SimSpecFiles
+
+
+@pytest.fixture
+def paths(tmp_path: Path) -> dict[str, Path]:
+    """Twelve SimSpecs, one of them damaged and one gone."""
+    paths = {f"p{number:03d}-r1-a": tmp_path / f"{number}.json" for number in range(12)}
+    text = simspec().model_dump_json()
+    for path in paths.values():
+        path.write_text(text)
+    paths["p003-r1-a"].write_text(text[: len(text) // 2])
+    paths["p004-r1-a"].unlink()
+    return paths
+
+
+def test_no_more_are_kept_than_said(paths: dict[str, Path]) -> None:
+    """Whatever is read, and however often; the others are read again."""
+    files = SimSpecFiles(paths, kept=5)
+    read = {name: weakref.ref(files[name]) for name in paths if files.get(name) is not None}
+    gc.collect()
+    alive = {name for name, reference in read.items() if reference() is not None}
+    assert len(read) == 10
+    assert len(alive) == 5
+    assert all((files[name] is files[name]) is (name in alive) for name in read)
+    assert all(files[name] == files[name] for name in read)
+
+
+def test_damaged_and_missing_ones_are_none(paths: dict[str, Path]) -> None:
+    files = SimSpecFiles(paths)
+    for name in ("p003-r1-a", "p004-r1-a", "p099-r1-a"):
+        assert files.get(name) is None
+        with pytest.raises(KeyError):
+            files[name]
+    chosen = files.of(["p001-r1-a", "p000-r1-a", "p099-r1-a"])
+    assert list(chosen) == ["p001-r1-a", "p000-r1-a"]
+    assert [spec.name for spec in chosen.values()] == ["made", "made"]
