@@ -107,12 +107,12 @@ def main(kinds: Sequence[str]) -> None:
             speeds[kind].append(simulated_s / cpu_s)
     print(f"simulated seconds per CPU second, {ROUNDS} rounds, load {began:.1f} to {os.getloadavg()[0]:.1f}")
     print(f"{'for':12}{'best':>10}{'median':>10}{'of nobody':>12}{'ms a frame':>12}")
-    for kind, each in speeds.items():
-        pairs = list(zip(each, speeds["nobody"], strict=True))
+    for kind, of_rounds in speeds.items():
+        pairs = list(zip(of_rounds, speeds["nobody"], strict=True))
         ratio = statistics.median(speed / nobody for speed, nobody in pairs)
         frame_ms = statistics.median(1e3 * (1.0 / speed - 1.0 / nobody) for speed, nobody in pairs)
         print(
-            f"{kind:12}{max(each):10.1f}{statistics.median(each):10.1f}{ratio:12.3f}{frame_ms / camera.rate_hz:12.1f}"
+            f"{kind:12}{max(of_rounds):10.1f}{statistics.median(of_rounds):10.1f}{ratio:12.3f}{frame_ms / camera.rate_hz:12.1f}"
         )
 
 
