@@ -37,6 +37,8 @@ from ._terms import (
 
 # Below this share of the total sum of squares a residual is rounding: float64 carries squares to about 1e-32.
 NEGLIGIBLE_SHARE = 1e-20
+MAX_WHOLE_CLUSTER = 100
+"""Runs of one design point up to which its whole matrix is decomposed, as published results were. Chosen."""
 CLUSTERED = "OLS type II, errors by design point (CR2)"
 PLAIN = "OLS type II"
 # scipy documents its p value of Shapiro-Wilk as accurate up to 5000 values.
@@ -209,18 +211,39 @@ def scaled_residuals(
     None where a single cluster determines a coefficient.
     """
     residual = y - x @ _coefficients(x, y)
-    bread = np.linalg.pinv(x.T @ x)
+    bread = np.asarray(np.linalg.pinv(x.T @ x), dtype=np.float64)
     scaled = np.empty_like(residual)
     for cluster in range(int(clusters.max()) + 1):
         members = clusters == cluster
-        eigenvalues, eigenvectors = np.linalg.eigh(
-            np.eye(int(members.sum())) - x[members] @ bread @ x[members].T
-        )
-        # A zero eigenvalue means leverage 1: the residuals of this cluster are zero whatever happened in it.
-        if eigenvalues[0] < 1e-9:
+        part = _scaled_cluster(residual[members], x[members], bread)
+        if part is None:
             return None
-        scaled[members] = eigenvectors @ ((eigenvectors.T @ residual[members]) / np.sqrt(eigenvalues))
+        scaled[members] = part
     return scaled
+
+
+def _scaled_cluster(
+    residual: NDArray[np.float64], x: NDArray[np.float64], bread: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
+    """The residuals of one cluster times (1 - X B X') to the power -1/2; None where that is singular.
+
+    Of a large cluster only the span of X is looked at: whatever is orthogonal to it stays as it is. The time then grows with
+    the number of runs, and not with its cube.
+    """
+    if len(x) <= MAX_WHOLE_CLUSTER:
+        eigenvalues, eigenvectors = np.linalg.eigh(np.eye(len(x)) - x @ bread @ x.T)
+    else:
+        basis, triangle = np.linalg.qr(x)
+        eigenvalues, rotation = np.linalg.eigh(np.eye(x.shape[1]) - triangle @ bread @ triangle.T)
+        eigenvectors = basis @ rotation
+    # A zero eigenvalue means leverage 1: the residuals of this cluster are zero whatever happened in it.
+    if eigenvalues[0] < 1e-9:
+        return None
+    inside = eigenvectors.T @ residual
+    scaled = eigenvectors @ (inside / np.sqrt(eigenvalues))
+    if len(x) > MAX_WHOLE_CLUSTER:
+        scaled += residual - eigenvectors @ inside
+    return np.asarray(scaled, dtype=np.float64)
 
 
 def clustered_errors(

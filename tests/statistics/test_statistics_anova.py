@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from scipy.linalg import sqrtm
 from statsmodels.regression.linear_model import OLS
 from statsmodels.stats.diagnostic import het_breuschpagan
 from statsmodels.stats.multitest import multipletests
@@ -134,6 +135,30 @@ def test_errors_of_single_runs_are_statsmodels_hc2() -> None:
     assert scaled is not None
     errors = clustered_errors(scaled, np.arange(30), np.linalg.pinv(x).T)
     assert errors.T @ errors == pytest.approx(OLS(y, x).fit().cov_HC2)
+
+
+@pytest.mark.parametrize("size", [20, 130])
+@pytest.mark.parametrize("within", [True, False])
+def test_residuals_of_small_and_large_clusters_are_scaled_by_the_inverse_root(
+    size: int, within: bool
+) -> None:
+    """Four clusters, whose columns differ within them or only between them, beside scipy's matrix root."""
+    draws = np.random.default_rng(size)
+    clusters = np.repeat(np.arange(4), size)
+    between = np.array([0.0, 1.0, 2.5, 4.0])[clusters]
+    x = np.column_stack([np.ones(4 * size), draws.normal(size=4 * size) if within else between])
+    y = draws.normal(size=4 * size)
+    residual = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
+    bread = np.linalg.inv(x.T @ x)
+    expected = np.concatenate(
+        [
+            np.linalg.inv(np.real(sqrtm(np.eye(size) - x[part] @ bread @ x[part].T))) @ residual[part]
+            for part in (clusters == number for number in range(4))
+        ]
+    )
+    scaled = scaled_residuals(y, x, clusters)
+    assert scaled is not None
+    assert scaled == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("replicates", [1, 3])
