@@ -149,9 +149,10 @@ def relay_pid() -> int:
 
 def test_what_cannot_be_reached_is_said_before_the_flight(tmp_path: Path) -> None:
     """One that is down and one without an address, beside one that answers; before a campaign and before a session."""
-    with server(echo) as port:
-        pass
-    with server(echo) as up:
+    # Bound and not listening: nobody else gets the port, and it refuses connections.
+    with socket.socket() as silent, server(echo) as up:
+        silent.bind(("127.0.0.1", 0))
+        port = silent.getsockname()[1]
         services = (
             service("down", port),
             service("lost", 80, "no-such-host.invalid"),
