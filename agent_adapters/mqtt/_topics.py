@@ -34,6 +34,8 @@ class MirroredTopics:
             Wanted(topics.operator_link, String, latched=True, depth=1),
             Wanted(topics.detections, Detection2DArray),
             *(Wanted(topics.camera_info(camera), CameraInfo) for camera in self.cameras),
+            # Those of a further camera; the main one's are above.
+            *(Wanted(topics.camera_detections(camera), Detection2DArray) for camera in self.cameras),
             *(
                 Wanted(topics.image_compressed(camera), CompressedImage)
                 for camera in (self.cameras if self.pictures else ())

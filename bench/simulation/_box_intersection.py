@@ -34,7 +34,10 @@ def crosses_box(
 def crosses_rectangle(
     start: tuple[float, float], end: tuple[float, float], half: tuple[float, float]
 ) -> bool:
-    """`crosses_box` for one segment in two dimensions, a hundredth of its cost."""
+    """`crosses_box` for one segment in two dimensions, in plain numbers: arrays so small cost many times as much.
+
+    East and north, or along and across, in metres.
+    """
     entry, leave = -math.inf, math.inf
     for begin, finish, extent in zip(start, end, half, strict=True):
         along = finish - begin

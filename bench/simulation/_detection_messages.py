@@ -28,7 +28,7 @@ from bench.streams import (
 from ._air_network import RecordedPublisher
 from ._frames import optical_frame
 
-# Sub-stream of the perception seed; the detector has 0 and 1.
+# Sub-stream of the perception seed; bench/perception/_draws.py has the others.
 _LOSS_DRAWS = 2
 
 _NOWHERE = PoseWithCovariance(

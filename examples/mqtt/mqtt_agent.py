@@ -17,7 +17,8 @@ import aiomqtt
 
 URL, VEHICLE = urlsplit(os.environ["REBAR_MQTT"]), os.environ["REBAR_VEHICLE"]
 PREFIX = URL.path.strip("/")
-DEGREE_M, HEIGHT_M, NEAR_M = 111_200.0, 30.0, 5.0
+DEGREE_M, HEIGHT_M = 111_200.0, 30.0
+ARRIVED = 450  # in 1e-7 degrees, as MAVLink states positions: some 5 m
 ARM, TAKE_OFF, LAND, REPOSITION = 400, 22, 21, 192  # MAV_CMD
 documents: dict[str, list[Any]] = {}  # every document that has come, by topic
 mavlink: dict[str, Any] = {}  # the last message of each name
@@ -46,7 +47,7 @@ def fly() -> Iterator[tuple[str, str, dict[str, Any]]]:
         there = {"command": REPOSITION, "param1": 8, "param2": 1, "param4": None, "x": x, "y": y}
         while (
             math.hypot(mavlink["GLOBAL_POSITION_INT"]["lat"] - x, mavlink["GLOBAL_POSITION_INT"]["lon"] - y)
-            > 450
+            > ARRIVED
         ):
             yield "searching", "COMMAND_INT", {**there, "z": ground_m + HEIGHT_M}
     while mavlink["HEARTBEAT"]["base_mode"] & 128:

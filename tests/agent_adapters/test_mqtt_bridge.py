@@ -51,17 +51,27 @@ def _collected() -> Iterator[None]:
 
 
 def flown(
-    folder: Path, port: int | None, *manner: str, **changes: Any
+    folder: Path, port: int | None, *manner: str, options: tuple[str, ...] = (), **changes: Any
 ) -> tuple[SessionEnd, list[Record], str]:
     """A session of one second behind a bridge: how it ended, its records, and what bridge and agent printed.
 
-    `port`: of a broker that the SimSpec lets in; None for one of the bridge's own.
+    `port`: of a broker that the SimSpec lets in; None for one of the bridge's own. `options`: of the bridge.
     """
     broker = [] if port is None else ["--broker", "service:bus"]
     services = () if port is None else (OutsideService(name="bus", host="127.0.0.1", port=port),)
     manifest = AgentManifest(
         name="tester",
-        command=("{python}", "-m", "agent_adapters.mqtt", *broker, "--", "{python}", str(AGENT), *manner),
+        command=(
+            "{python}",
+            "-m",
+            "agent_adapters.mqtt",
+            *broker,
+            *options,
+            "--",
+            "{python}",
+            str(AGENT),
+            *manner,
+        ),
         pace=("lockstep",),
     )
     # So long that no test meets one by a slow host.
@@ -93,9 +103,14 @@ def address_of(port: int, password: str = "") -> BrokerAddress:
 @pytest.mark.flight
 def test_two_sessions_through_a_broker_are_one_and_the_same(tmp_path: Path) -> None:
     """The agent gets all that the bench sends, in its order; its own words are recorded at its ticks, twice alike."""
+    cameras: dict[str, Any] = {
+        "options": ("--camera", "front", "--camera", "down"),
+        "vehicle": {"model": "still", "more_cameras": [{"name": "down", "tilt_deg": 90.0}]},
+        "perception": {"more_cameras": ["down"]},
+    }
     with open_laboratory() as laboratory:
         laboratory.listen()
-        ends = [flown(tmp_path / name, laboratory.port) for name in ("first", "second")]
+        ends = [flown(tmp_path / name, laboratory.port, **cameras) for name in ("first", "second")]
         until(lambda: [topic.rpartition("/")[2] for topic in laboratory.topics()].count("end") == 2)
         heard = laboratory.heard
     (end, records, output), (_, again, _) = ends
@@ -112,7 +127,14 @@ def test_two_sessions_through_a_broker_are_one_and_the_same(tmp_path: Path) -> N
     )
     seen = Counter(m.topic.removeprefix(f"{prefix}/") for m in heard if m.topic.startswith(f"{prefix}/"))
     recorded = Counter(record.topic.lstrip("/") for record in records)
-    for name in ("clock", "tf", "vehicle_1/mission", "vehicle_1/detections", "vehicle_1/agent/status"):
+    of_vehicle = (
+        "mission",
+        "detections",
+        "camera/down/detections",
+        "camera/down/camera_info",
+        "agent/status",
+    )
+    for name in ("clock", "tf", *(f"vehicle_1/{name}" for name in of_vehicle)):
         assert seen[name] == recorded[name] > 0, name
     order = next(m.payload for m in heard if m.topic == f"{prefix}/vehicle_1/mission")
     assert MissionOrder.model_validate(order).time_limit_s == 1.0

@@ -94,22 +94,24 @@ def test_what_is_read_of_another_sentence_is_to_be_checked(text: str, free: list
     assert all(f"# check: {quote!r}" in annotated_yaml(result) for quote in free)
 
 
-def test_no_fact_that_judges_found_silently_wrong_stands_in_a_controlled_sentence() -> None:
-    """In 30 descriptions by strangers 27 facts were silently wrong or missing; none where the text is controlled."""
-    texts = {
-        entry["id"]: entry["text"] for entry in yaml.safe_load((JUDGED / "fifth.yaml").read_text("utf-8"))
-    }
+def test_no_fact_that_judges_found_wrong_stands_in_a_controlled_sentence() -> None:
+    """Judges of eight sets of 30 descriptions found 54 facts silently wrong or missing, and others wrong under a mark."""
     counts: Counter[tuple[str, bool]] = Counter()
-    for judged in yaml.safe_load((JUDGED / "fifth_verdicts.yaml").read_text("utf-8")):
-        text = texts[judged["id"]]
-        sentences = controlled_in(text)
-        for fact in judged["facts"]:
-            at = text.lower().find(fact["words"].lower())
-            known = next((known for end, known in sentences if at < end), False)
-            counts[fact["verdict"].partition("-")[0], known] += 1
-    assert counts["SILENT", True] == 0
-    assert counts["SILENT", False] >= 25
-    assert counts["RIGHT", True] >= 15
+    for verdicts in JUDGED.glob("*_verdicts.yaml"):
+        name = verdicts.name.replace("_verdicts", "")
+        texts = {entry["id"]: entry["text"] for entry in yaml.safe_load((JUDGED / name).read_text("utf-8"))}
+        for judged in yaml.safe_load(verdicts.read_text("utf-8")):
+            text = texts[judged["id"]]
+            sentences = controlled_in(text)
+            for fact in judged["facts"]:
+                at = text.lower().find(fact["words"].lower())
+                in_controlled = next((controlled for end, controlled in sentences if at < end), False)
+                verdict = str(fact["verdict"])
+                is_wrong = verdict.startswith("SILENT") or verdict.endswith("WRONG")
+                counts["wrong" if is_wrong else verdict, in_controlled] += 1
+    assert counts["wrong", True] == 0
+    assert counts["wrong", False] >= 50
+    assert counts["RIGHT", True] >= 120
 
 
 def controlled_in(text: str) -> list[tuple[int, bool]]:

@@ -15,6 +15,7 @@ from bench.contracts import SimTime, cast_of, convoy_places_m, escort_document
 from bench.errors import SetupError
 from bench.simspec import ActorGroup, Escort, Motion, Point, Polygon, Role, SimSpec
 from bench.simulation import open_plain_scene
+from bench.simulation._box_intersection import crosses_box, crosses_rectangle
 
 WANDER = Motion(kind="wander", speed_mps=2.0, radius_m=20.0, pause_s=3.0)
 CIVILIANS = [("civilian", 10.0 * a, 10.0 * b, 30.0 * (a + 3)) for a in range(-3, 4) for b in range(-3, 4)]
@@ -330,3 +331,16 @@ def test_a_convoy_drives_as_the_agent_is_told(seed: int) -> None:
     driven = poses_at(spec, times_s)[:, :, :2]
     # A moment of MIN_STAY_S at most is lost at a point of the route where two arrivals come close.
     np.testing.assert_allclose(convoy_places_m(plan, times_s), driven, atol=0.25 * motion.speed_mps + 1e-6)
+
+
+def test_a_rectangle_is_crossed_where_the_box_of_arrays_is() -> None:
+    """On random segments, some of them parallel to a side, and some that only touch."""
+    draws = np.random.default_rng(7)
+    starts, ends = draws.integers(-4, 5, (2, 3000, 2)).astype(np.float64)
+    halves = draws.integers(1, 4, (3000, 2)).astype(np.float64)
+    crossed = [
+        crosses_rectangle(tuple(start), tuple(end), tuple(half))
+        for start, end, half in zip(starts.tolist(), ends.tolist(), halves.tolist(), strict=True)
+    ]
+    assert crossed == crosses_box(starts, ends, halves).tolist()
+    assert 300 < sum(crossed) < 2700

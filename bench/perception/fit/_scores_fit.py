@@ -1,4 +1,4 @@
-"""Quantiles of the scores, where they are not those that the stated model gives."""
+"""Quantiles of the scores of detections, where the scores that the model states do not fit them."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ STEPS = 20
 """Between two quantiles lies a twentieth of the scores; chosen, so that a least score of a detector is kept sharply."""
 
 SIGNIFICANT = 3.0
-"""The stated scores do not fit where the greatest difference of the distributions is larger by this than sqrt((n + m) / nm);
-1.6 is exceeded by chance once in a hundred. Chosen: scores of one object are alike in a detector on pictures."""
+"""Least statistic of the two-sample Kolmogorov-Smirnov test, in units of sqrt((n + m) / nm), at which the stated scores do not
+fit. Independent scores exceed 1.63 by chance once in a hundred (Smirnov 1948). Chosen higher, because a detector on pictures
+gives one object similar scores in many frames."""
 
 
 def fit_scores(
@@ -56,7 +57,7 @@ def fit_scores(
 
 
 def _quantiles(scores: Floats, stated: Floats) -> tuple[float, ...]:
-    """None where the stated scores do, or where too little was seen."""
+    """The quantiles of scores; empty where the stated ones fit them, or where there are too few."""
     if len(scores) < MIN_SCORES:
         return ()
     apart = float(stats.ks_2samp(scores, stated).statistic)
