@@ -18,6 +18,7 @@ from bench.campaign import (
     CampaignEvent,
     CampaignPaused,
     CampaignPlanned,
+    MissingRunsRetried,
     RealizationFinished,
     RealizationRetried,
     RealizationStarted,
@@ -83,7 +84,8 @@ class LaboratoryBus:
         self._number = self._dropped = 0
         self._status = CampaignStatus(campaign=campaign, state="running")
         self._status_sent: CampaignStatus | None = None
-        self._outcomes: Counter[str] = Counter()
+        self._outcomes: dict[str, str] = {}
+        self._outcome_counts: Counter[str] = Counter()
         self._running: dict[str, None] = {}
         self._announced: str | None = None
         self._opened: str | None = None
@@ -110,9 +112,15 @@ class LaboratoryBus:
                 case RealizationRetried(realization, outcome):
                     self._release(realization, outcome)
                 case RealizationFinished(realization, outcome):
-                    self._outcomes[str(outcome)] += 1
+                    self._forget_outcome(realization)
+                    self._outcomes[realization] = str(outcome)
+                    self._outcome_counts[str(outcome)] += 1
                     self._release(realization, outcome)
                     self._change(done=event.done, total=event.total)
+                case MissingRunsRetried(realizations, done, total):
+                    for realization in realizations:
+                        self._forget_outcome(realization)
+                    self._change(done=done, total=total)
                 case _:
                     pass
 
@@ -170,6 +178,11 @@ class LaboratoryBus:
 
     # What follows up to `_serve` is called with the lock held.
 
+    def _forget_outcome(self, realization: str) -> None:
+        # A run whose result was set aside, or whose design point was reopened, is flown again and counted then.
+        if (outcome := self._outcomes.pop(realization, None)) is not None:
+            self._outcome_counts[outcome] -= 1
+
     def _release(self, realization: str, outcome: object) -> None:
         flew = self._running.pop(realization, 0) is None
         if flew and self._stand.release is not None:
@@ -192,7 +205,8 @@ class LaboratoryBus:
         self._put(_Sending(topic, message.model_dump_json(exclude_none=True)))
 
     def _change(self, **fields: object) -> None:
-        known = {"running": tuple(self._running), "outcomes": dict(self._outcomes)}
+        # Unary plus leaves out the outcomes that no run has any more.
+        known = {"running": tuple(self._running), "outcomes": dict(+self._outcome_counts)}
         self._status = self._status.model_copy(update={**known, **fields})
         self._awaken()
 

@@ -137,9 +137,29 @@ def test_two_campaigns_tell_their_events_in_order(laboratory: Laboratory) -> Non
     until(lambda: set(laboratory.topics()) >= retained)
     assert {message.topic for message in laboratory.heard if message.retained} == retained
     status = CampaignStatus.model_validate(laboratory.payloads("bay-2/first/status")[0])
-    assert (status.done, status.total, status.running) == (3, 3, ())
-    assert status.outcomes == {"agent_crashed": 1, "completed": 1}
+    assert (status.done, status.total, status.running) == (2, 3, ())
+    assert status.outcomes == {"completed": 1}
     assert {"format": "rebar.score-report/1"} in laboratory.payloads("bay-2/first/scores")
+
+
+def test_runs_that_are_flown_again_count_once(laboratory: Laboratory) -> None:
+    """Also those that end otherwise the second time, and those of a design point that was reopened."""
+    laboratory.listen()
+    crashed, lost, settled = Outcome.AGENT_CRASHED, Outcome.WORKER_LOST, Outcome.SETTLED
+    with open_bus(broker_of(laboratory), "demo", warn=never) as bus:
+        bus.notify(CampaignPlanned(4, 0))
+        for done, (realization, outcome) in enumerate(
+            zip("abcd", (lost, lost, crashed, settled), strict=True), 1
+        ):
+            bus.notify(RealizationFinished(realization, outcome, "", 1.0, done, 4))
+        bus.notify(MissingRunsRetried(("a", "b"), 2, 4))
+        bus.notify(RealizationFinished("a", Outcome.COMPLETED, "", 1.0, 3, 4))
+        bus.notify(RealizationFinished("b", lost, "again", 1.0, 4, 4))
+        bus.notify(RealizationFinished("d", Outcome.COMPLETED, "", 1.0, 4, 4))
+        bus.end("complete")
+    until(lambda: "complete" in states(laboratory, "demo"))
+    status = CampaignStatus.model_validate(laboratory.payloads("bay-2/demo/status")[-1])
+    assert (status.done, status.outcomes) == (4, {"agent_crashed": 1, "completed": 2, "worker_lost": 1})
 
 
 def test_a_broker_that_comes_late_gets_everything() -> None:
