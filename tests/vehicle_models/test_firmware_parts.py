@@ -28,6 +28,7 @@ from vehicle_models.firmware._body import Body
 from vehicle_models.firmware._gate import Gate
 from vehicle_models.firmware._instances import claimed_instance
 from vehicle_models.firmware._pace import ThreadWatch, held_on
+from vehicle_models.firmware._px4 import Px4Kind
 from vehicle_models.firmware._telemetry import Telemetry
 from vehicle_models.x500 import ROTORS
 
@@ -274,6 +275,20 @@ def test_the_watch_waits_for_threads_that_run() -> None:
             finally:
                 watch.close()
                 process.kill()
+
+
+def test_quiet_is_refused_where_sleep_cannot_be_seen(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("vehicle_models.firmware._pace.unseen_reason", lambda: "/proc is closed")
+    for name in ("bin/px4", "etc/init.d-posix/rcS"):
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).touch(mode=0o755)
+    faults = {
+        pace: Px4Kind().faults(RealAutopilot(kind="px4", firmware=str(tmp_path), pace=pace), [])
+        for pace in ("quiet", "one_core")
+    }
+    assert faults["one_core"] == []
+    assert [fault.where for fault in faults["quiet"]] == ["vehicle.autopilot.pace"]
+    assert "/proc is closed" in str(SetupError(faults["quiet"]))
 
 
 def test_a_simspec_names_an_imitation_or_a_firmware() -> None:

@@ -19,7 +19,7 @@ from ._body import Body
 from ._firmware import Budgets, FirmwarePlan, program_faults, program_identity
 from ._instances import claimed_instance
 from ._mavlink_ports import MavlinkPort, UdpPort
-from ._pace import ThreadWatch, core_of
+from ._pace import ThreadWatch, core_of, quiet_fault
 from ._program import FirmwareProgram, open_program
 from ._px4_link import PHYSICS_PORT, Px4Link
 from ._px4_samples import Px4Samples
@@ -53,6 +53,8 @@ class Px4Kind:
         assert isinstance(autopilot, RealAutopilot)
         firmware = Path(autopilot.firmware)
         faults = program_faults(self.program(firmware), [firmware / _START_SCRIPT])
+        if autopilot.pace == "quiet" and (fault := quiet_fault()):
+            faults.append(fault)
         return [*faults, *_failure_faults(failures)]
 
     @contextmanager

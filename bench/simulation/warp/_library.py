@@ -12,8 +12,7 @@ from functools import cache
 from pathlib import Path
 
 from bench.errors import Fault, SetupError
-
-from ._threads import unseen_reason
+from bench.process_threads import unseen_reason
 
 SOURCE = Path(__file__).with_name("preload.c")
 # Optimised, because programs read clocks in their inner loops; initial-exec storage needs no allocation in a handler.

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from bench.contracts import Outcome, ProcessRoot, SimTime, WarpAccess
 from bench.errors import Fault, SetupError
+from bench.process_threads import ProcessThreads
 
 from .._agent_time import AgentTime
 from .._host_clock import HostClock
@@ -18,7 +19,6 @@ from .._stop_session import StopSession
 from ._library import FIELD, built_library, library_digest
 from ._pages import START_NS, WarpPages, make_pages
 from ._programs import Programs
-from ._threads import ProcessThreads
 
 CLOCK_FILE, WAITERS_FILE, LIBRARY_FILE = "warp-clock", "warp-waiters", "librebar-warp.so"
 # Of ld.so(8): LD_PRELOAD has no way to quote them.

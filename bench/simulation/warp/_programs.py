@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from bench.errors import Fault, SetupError
-
-from ._threads import ProcessThreads, WatchedProcess
+from bench.process_threads import ProcessThreads, WatchedProcess
 
 # From <elf.h>: the header of a 64-bit file from e_type on, one program header, one section header.
 _HEADER = struct.Struct("<HHIQQQIHHHHHH")
