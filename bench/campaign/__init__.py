@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from ._events import RealizationRetried as RealizationRetried
     from ._events import RealizationStarted as RealizationStarted
     from ._events import ResultLost as ResultLost
+    from ._events import SessionProgressed as SessionProgressed
     from ._runner import CampaignSummary as CampaignSummary
     from ._runner import Finish as Finish
     from ._runner import run_campaign as run_campaign
@@ -155,6 +156,7 @@ _MODULES = {
     "ReflownStatus": "results._refly",
     "ResultLost": "_events",
     "Situation": "_document",
+    "SessionProgressed": "_events",
     "StartGate": "execution._dispatcher",
     "Stopping": "_document",
     "Task": "execution._task",

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from bench.contracts import Outcome
+from bench.contracts import Outcome, ProgressUpdate
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +27,17 @@ class RealizationStarted:
     realization: str
     worker: str
     attempt: int
+
+
+@dataclass(frozen=True, slots=True)
+class SessionProgressed:
+    """How far the session of a running realization is, every two host seconds at most.
+
+    An observer that is slow gets the newest one alone, and none once the attempt has ended.
+    """
+
+    realization: str
+    update: ProgressUpdate
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +99,7 @@ class CampaignStopping:
 CampaignEvent = (
     CampaignPlanned
     | RealizationStarted
+    | SessionProgressed
     | RealizationRetried
     | RealizationFinished
     | ResultLost
@@ -112,6 +124,8 @@ class _EventStream:
     def __init__(self, observer: Observer, limit: int) -> None:
         self._observer, self._limit = observer, limit
         self._waiting: deque[CampaignEvent] = deque()
+        # Apart from the others, which it must never push out, and delivered after them.
+        self._progress: dict[str, SessionProgressed] = {}
         self._changed = threading.Condition()
         self._closed = False
         self.faults = self.dropped = 0
@@ -122,10 +136,10 @@ class _EventStream:
 
     def put(self, event: CampaignEvent) -> None:
         with self._changed:
-            if len(self._waiting) >= self._limit:
-                self._waiting.popleft()
-                self.dropped += 1
-            self._waiting.append(event)
+            if isinstance(event, SessionProgressed):
+                self._progress[event.realization] = event
+            else:
+                self._append(event)
             self._changed.notify()
 
     def close(self) -> None:
@@ -139,6 +153,14 @@ class _EventStream:
             self.dropped += len(self._waiting)
             self._waiting.clear()
 
+    def _append(self, event: CampaignEvent) -> None:
+        if isinstance(event, RealizationFinished | RealizationRetried):
+            self._progress.pop(event.realization, None)
+        if len(self._waiting) >= self._limit:
+            self._waiting.popleft()
+            self.dropped += 1
+        self._waiting.append(event)
+
     def _deliver(self) -> None:
         while (event := self._next()) is not None:
             # A display that fails must not cost hours of flights.
@@ -149,8 +171,12 @@ class _EventStream:
 
     def _next(self) -> CampaignEvent | None:
         with self._changed:
-            self._changed.wait_for(lambda: self._waiting or self._closed)
-            return self._waiting.popleft() if self._waiting else None
+            self._changed.wait_for(lambda: self._waiting or self._progress or self._closed)
+            if self._waiting:
+                return self._waiting.popleft()
+            if self._closed:
+                return None
+            return self._progress.pop(next(iter(self._progress)))
 
 
 class Observers:

@@ -12,6 +12,7 @@ from rich.progress import (
     MofNCompleteColumn,
     Progress,
     ProgressColumn,
+    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -29,6 +30,7 @@ from bench.campaign import (
     RealizationFinished,
     RealizationRetried,
     ResultLost,
+    SessionProgressed,
 )
 from bench.contracts import Outcome
 
@@ -36,6 +38,8 @@ from ._tables import CONTINUATION_INDENT, wrapped
 
 # Some three lines of a terminal; the report and the journal have the whole reason.
 MAX_REASON_CHARACTERS = 200
+# More would push the lines of failed sessions off a terminal of 24 lines.
+MAX_SESSION_BARS = 8
 
 
 @contextmanager
@@ -75,6 +79,7 @@ def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
         return
     with Progress(*_columns(), console=console) as progress:
         bar = progress.add_task(title, total=None)
+        sessions = _SessionBars(progress)
 
         def show_line(line: str) -> None:
             text = wrapped(line, console.width, CONTINUATION_INDENT)
@@ -82,6 +87,7 @@ def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
             progress.console.print(text, markup=False, soft_wrap=True)
 
         def show(event: CampaignEvent) -> None:
+            sessions.show(event)
             match event:
                 case CampaignPlanned(total, done):
                     progress.update(bar, total=total, completed=done)
@@ -99,6 +105,32 @@ def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
                     pass
 
         yield show
+
+
+class _SessionBars:
+    """A bar for each session that has said how far it is, in simulated seconds of its time limit."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self._bars: dict[str, TaskID] = {}
+
+    def show(self, event: CampaignEvent) -> None:
+        match event:
+            case SessionProgressed(realization, update):
+                if realization not in self._bars and len(self._bars) >= MAX_SESSION_BARS:
+                    return
+                if realization not in self._bars:
+                    self._bars[realization] = self._progress.add_task(realization, total=update.time_limit_s)
+                self._progress.update(
+                    self._bars[realization],
+                    completed=update.simulated_s,
+                    description=f"  {realization}: {update.phase or 'flying'}, {update.speed:.0f}x",
+                )
+            case RealizationFinished(realization) | RealizationRetried(realization):
+                if (bar := self._bars.pop(realization, None)) is not None:
+                    self._progress.remove_task(bar)
+            case _:
+                pass
 
 
 def _brief(reason: str) -> str:

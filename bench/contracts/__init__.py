@@ -90,6 +90,9 @@ if TYPE_CHECKING:
     from ._plugins import PluginGroup as PluginGroup
     from ._plugins import load_plugin as load_plugin
     from ._plugins import plugins as plugins
+    from ._progress import OnProgress as OnProgress
+    from ._progress import ProgressUpdate as ProgressUpdate
+    from ._progress import ignore_progress as ignore_progress
     from ._realized import realized_of as realized_of
     from ._record import Record as Record
     from ._record import Tap as Tap
@@ -259,6 +262,9 @@ _MODULES = {
     "PluginGroup": "_plugins",
     "load_plugin": "_plugins",
     "plugins": "_plugins",
+    "OnProgress": "_progress",
+    "ProgressUpdate": "_progress",
+    "ignore_progress": "_progress",
     "realized_of": "_realized",
     "Record": "_record",
     "Tap": "_record",

@@ -22,6 +22,7 @@ from bench.campaign import (
     RealizationFinished,
     RealizationRetried,
     RealizationStarted,
+    SessionProgressed,
 )
 
 from ._broker import Broker, check_topic
@@ -80,6 +81,8 @@ class LaboratoryBus:
         )
         self._topics = f"{broker.prefix}/{campaign}"
         self._sendings: deque[_Sending] = deque()
+        # The newest progress of each session. Apart from the messages: it must never push out one of them.
+        self._progress: dict[str, SessionProgressed] = {}
         self._lock = threading.Lock()
         self._number = self._dropped = 0
         self._status = CampaignStatus(campaign=campaign, state="running")
@@ -99,8 +102,11 @@ class LaboratoryBus:
     def notify(self, event: CampaignEvent) -> None:
         """Send an event, and the status that follows from it."""
         with self._lock:
-            self._number += 1
-            self._send_message(message_of(event, self._campaign, self._number, self._utc_now()))
+            if isinstance(event, SessionProgressed):
+                self._progress[event.realization] = event
+                self._awaken()
+                return
+            self._put(self._event_sending(event))
             match event:
                 case CampaignPlanned(total, done):
                     self._change(total=total, done=done)
@@ -135,15 +141,14 @@ class LaboratoryBus:
                     self._send_to_stand(self._stand.announce, realization, ended=None)
                 if self._stand.ready is not None:
                     self._number += 1
-                    self._send_message(
-                        CampaignMessage(
-                            campaign=self._campaign,
-                            event="waiting",
-                            number=self._number,
-                            sent_utc=self._utc_now(),
-                            realization=realization,
-                        )
+                    waiting = CampaignMessage(
+                        campaign=self._campaign,
+                        event="waiting",
+                        number=self._number,
+                        sent_utc=self._utc_now(),
+                        realization=realization,
                     )
+                    self._put(self._sending_of(waiting))
                     self._change(state="waiting")
             if self._stand.ready is not None and self._opened != realization:
                 return False
@@ -184,6 +189,7 @@ class LaboratoryBus:
             self._outcome_counts[outcome] -= 1
 
     def _release(self, realization: str, outcome: object) -> None:
+        self._progress.pop(realization, None)
         flew = self._running.pop(realization, 0) is None
         if flew and self._stand.release is not None:
             self._send_to_stand(self._stand.release, realization, ended=outcome)
@@ -200,9 +206,12 @@ class LaboratoryBus:
         )
         self._put(_Sending(topic, message.model_dump_json(exclude_none=True)))
 
-    def _send_message(self, message: CampaignMessage) -> None:
-        topic = f"{self._topics}/event/{message.event}"
-        self._put(_Sending(topic, message.model_dump_json(exclude_none=True)))
+    def _event_sending(self, event: CampaignEvent) -> _Sending:
+        self._number += 1
+        return self._sending_of(message_of(event, self._campaign, self._number, self._utc_now()))
+
+    def _sending_of(self, message: CampaignMessage) -> _Sending:
+        return _Sending(f"{self._topics}/event/{message.event}", message.model_dump_json(exclude_none=True))
 
     def _change(self, **fields: object) -> None:
         # Unary plus leaves out the outcomes that no run has any more.
@@ -287,8 +296,7 @@ class LaboratoryBus:
     async def _send_all(self, client: aiomqtt.Client) -> bool:
         """Send all that waits, and the status; whether the bus is closed."""
         self._wake.clear()
-        while self._sendings:
-            sending = self._sendings[0]
+        while (sending := self._next_sending()) is not None:
             retained = sending.topic == f"{self._topics}/scores"
             await client.publish(sending.topic, sending.payload, qos=_QOS, retain=retained)
             with self._lock:
@@ -307,6 +315,16 @@ class LaboratoryBus:
             )
             self._status_sent = status
         return closing and not self._sendings
+
+    def _next_sending(self) -> _Sending | None:
+        """The next message that waits; the progress of a session when no other does."""
+        with self._lock:
+            if self._sendings:
+                return self._sendings[0]
+            if self._closing or not self._progress:
+                return None
+            # Numbered only now: what a newer one replaced leaves no gap.
+            return self._event_sending(self._progress.pop(next(iter(self._progress))))
 
     async def _listen(self, client: aiomqtt.Client) -> None:
         try:

@@ -16,6 +16,7 @@ from bench.campaign import (
     RealizationFinished,
     RealizationRetried,
     RealizationStarted,
+    SessionProgressed,
 )
 from bench.contracts import Outcome
 from bench.documents import Document
@@ -24,6 +25,7 @@ EventName = Literal[
     "planned",
     "waiting",
     "started",
+    "progress",
     "retried",
     "finished",
     "result_lost",
@@ -50,7 +52,20 @@ class CampaignMessage(Document):
     attempt: int | None = None
     outcome: Outcome | None = None
     reason: str | None = None
-    wall_s: Annotated[float | None, Field(description="Host seconds that the session took.")] = None
+    wall_s: Annotated[
+        float | None, Field(description="Host seconds that the session took, in `progress`: so far.")
+    ] = None
+    simulated_s: Annotated[float | None, Field(description="Simulated seconds flown so far.")] = None
+    time_limit_s: Annotated[
+        float | None, Field(description="Simulated seconds after which the session ends; most end before.")
+    ] = None
+    speed: Annotated[
+        float | None,
+        Field(description="Simulated seconds for each host second, since the progress before."),
+    ] = None
+    phase: Annotated[
+        str | None, Field(description="The phase that the agent stated last; null before the first.")
+    ] = None
     pause_s: Annotated[
         float | None, Field(description="Host seconds until the next attempt at the earliest.")
     ] = None
@@ -103,6 +118,16 @@ def message_of(event: CampaignEvent, campaign: str, number: int, sent_utc: dt.da
             return message("planned", total=total, done=done)
         case RealizationStarted(realization, worker, attempt):
             return message("started", realization=realization, worker=worker, attempt=attempt)
+        case SessionProgressed(realization, update):
+            return message(
+                "progress",
+                realization=realization,
+                wall_s=update.wall_s,
+                simulated_s=update.simulated_s,
+                time_limit_s=update.time_limit_s,
+                speed=update.speed,
+                phase=update.phase,
+            )
         case RealizationRetried(realization, outcome, reason, pause_s):
             return message(
                 "retried", realization=realization, outcome=outcome, reason=reason, pause_s=pause_s

@@ -31,6 +31,7 @@ from bench.contracts import (
     HasProcessRoot,
     LinkSpec,
     MavlinkNeed,
+    OnProgress,
     OpenAgent,
     OpenPixelDetector,
     OpenRenderer,
@@ -47,6 +48,7 @@ from bench.contracts import (
     Vehicle,
     VehiclePlan,
     VehicleTopics,
+    ignore_progress,
     load_plugin,
     parse_document,
     realized_of,
@@ -67,6 +69,7 @@ from ._operator_pilot import OperatorPilot, open_operator_pilot, operator_links
 from ._outside_links import outside_links, recorded_links
 from ._pictures import camera_pictures
 from ._ports import reserved_udp_port
+from ._progress_updates import ProgressUpdates
 from ._services import Services, open_services
 from ._step_timing import StepClock, judged
 from ._stop_session import StopSession
@@ -90,7 +93,7 @@ class SessionPlan:
     `clock`. `memory_kills` counts the processes that the kernel killed for want of memory. The agent reads
     no file in `hidden`. `open_renderer` draws the pictures of every camera; None: the plug-in that each one names. `open_on_pixels` is the
     detector on them; None: the plug-in that the SimSpec names. `artefacts` is where a real autopilot's console and logs
-    are left; None: they are discarded.
+    are left; None: they are discarded. `on_progress` learns every two host seconds how far the session is.
     """
 
     simspec: SimSpec
@@ -105,6 +108,7 @@ class SessionPlan:
     open_renderer: OpenRenderer | None = None
     open_on_pixels: OpenPixelDetector | None = None
     artefacts: Path | None = None
+    on_progress: OnProgress = ignore_progress
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +225,9 @@ class Session:
         self._next_frame_ns = 0
         self._clock = plan.clock
         self._agent_time = AgentTime(plan.clock, self._usage)
-        self._wall_deadline_s = plan.clock.now() + plan.simspec.budgets.wall_s
+        started_s = plan.clock.now()
+        self._wall_deadline_s = started_s + plan.simspec.budgets.wall_s
+        self._updates = ProgressUpdates(plan.on_progress, plan.simspec.mission.time_limit_s, started_s)
         self._memory_kills = plan.memory_kills()
 
     def attach(self, agent: AgentProcess, ticks: TickServer | None, warp: Warp | None = None) -> None:
@@ -417,7 +423,12 @@ class Session:
             raise StopSession(
                 Outcome.TIME_LIMIT, f"the time limit of {self._spec.mission.time_limit_s:g} s is reached"
             )
-        if self._clock.now() > self._wall_deadline_s:
+        self._check_wall_time()
+
+    def _check_wall_time(self) -> None:
+        host_s = self._clock.now()
+        self._updates.publish_due(self._progress.now, host_s)
+        if host_s > self._wall_deadline_s:
             raise self._out_of_wall_time()
 
     def _out_of_wall_time(self) -> StopSession:
@@ -444,7 +455,10 @@ class Session:
     def _process_documents(self, documents: dict[str, list[str | bytes]]) -> None:
         for text in documents.get(self._topics.status, ()):
             status = parse_document(AgentStatus, text)
-            if status is not None and status.phase in ("complete", "aborted"):
+            if status is None:
+                continue
+            self._updates.phase = status.phase
+            if status.phase in ("complete", "aborted"):
                 self._complete = True
         for text in documents.get(self._topics.consent_requests, ()):
             request = parse_document(ConsentRequest, text)
@@ -465,8 +479,7 @@ class Session:
     def _check_waiting(self) -> None:
         """End the session while it waits, if the agent has ended or the wall budget is used up."""
         self._check_agent()
-        if self._clock.now() > self._wall_deadline_s:
-            raise self._out_of_wall_time()
+        self._check_wall_time()
 
     def _check_agent(self) -> None:
         assert self._agent is not None

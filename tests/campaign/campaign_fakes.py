@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from bench.contracts import FIRMWARE_FAILED, Outcome, SessionResult
+from bench.contracts import FIRMWARE_FAILED, OnProgress, Outcome, ProgressUpdate, SessionResult
 from bench.errors import Fault, SetupError
 from bench.simspec import ActorGroup, AgentSpec, Budgets, Point, Polygon, Role, SimSpec, World
 
@@ -112,6 +112,22 @@ def mixed_ends(simspec: SimSpec, decomposition: object, folder: Path, realizatio
     return SessionResult(realization=realization, outcome=outcome, simulated_s=1.0)
 
 
+TELLING = "campaign_fakes:telling_flight"
+UPDATES = tuple(
+    ProgressUpdate(simulated_s=20.0 * number, time_limit_s=60.0, wall_s=2.0 * number, speed=10.0, phase=phase)
+    for number, phase in enumerate(("taking_off", "searching"), 1)
+)
+
+
+def telling_flight(
+    simspec: SimSpec, decomposition: object, folder: Path, realization: str, on_progress: OnProgress
+) -> SessionResult:
+    """A session that says twice how far it is."""
+    for update in UPDATES:
+        on_progress(update)
+    return mixed_ends(simspec, decomposition, folder, realization)
+
+
 FORFEIT = "campaign_fakes:fake_forfeit"
 
 
@@ -132,15 +148,17 @@ def fake_confined(simspec: SimSpec, decomposition: Script, folder: Path, realiza
     )
 
 
+YARD = Polygon(corners=tuple(Point(east_m=e, north_m=n) for e, n in ((0, 0), (50, 0), (50, 50), (0, 50))))
+
+
 def small_campaign(points: int = 3, replicates: int = 2, **budgets: Any) -> Campaign:
     """A campaign of points x replicates realizations over a yard with a few people in it."""
     from bench.campaign import Campaign, CampaignBudgets
     from bench.realization import Design, DesignFactor
 
-    yard = Polygon(corners=tuple(Point(east_m=e, north_m=n) for e, n in ((0, 0), (50, 0), (50, 50), (0, 50))))
     base = SimSpec(
         name="yard",
-        world=World(area=yard),
+        world=World(area=YARD),
         actors=(ActorGroup(id="people", asset="civilian", role=Role.BYSTANDER, count=4),),
         budgets=Budgets(wall_s=60.0),
     )

@@ -12,8 +12,8 @@ from pathlib import Path
 from anyio.lowlevel import checkpoint
 
 from bench.campaign import OnStart, OpenExecutor, Task, WorkerPlan, digest_of
-from bench.campaign.execution._task import load_job
-from bench.contracts import SessionFailure, SessionResult
+from bench.campaign.execution._task import load_job, with_progress
+from bench.contracts import OnProgress, SessionFailure, SessionResult, ignore_progress
 from bench.documents import load_document
 from bench.simspec import SimSpec
 
@@ -54,7 +54,9 @@ class InProcessExecutor:
         self.capacity, self._order = workers, order
         self._clock = clock or HostClock()
 
-    async def fly(self, task: Task, on_start: OnStart) -> SessionResult:
+    async def fly(
+        self, task: Task, on_start: OnStart, on_progress: OnProgress = ignore_progress
+    ) -> SessionResult:
         self._clock.flying += 1
         self._clock.starts.append((self._clock.now_s, task.realization))
         try:
@@ -62,14 +64,14 @@ class InProcessExecutor:
             on_start(f"w{self._clock.flying}")
             for _ in range(self._order.randint(1, 2 * self.capacity)):
                 await checkpoint()
-            return self._result(task)
+            return self._result(task, on_progress)
         finally:
             self._clock.flying -= 1
             self._clock.ends.append((self._clock.now_s, task.realization))
 
-    def _result(self, task: Task) -> SessionResult:
+    def _result(self, task: Task, on_progress: OnProgress) -> SessionResult:
         simspec = load_document(task.simspec, SimSpec)
-        job = load_job(task.job) if task.job else self._job
+        job = with_progress(load_job(task.job) if task.job else self._job, on_progress)
         try:
             result = job(simspec, self._decomposition, task.folder, task.realization)
         except Exception as error:  # as a worker does

@@ -3,17 +3,34 @@
 from __future__ import annotations
 
 import threading
+from multiprocessing import Pipe
 from pathlib import Path
 from typing import cast
 
 import anyio
 import pytest
-from campaign_fakes import JOB, Script, fly, small_campaign
+from campaign_fakes import JOB, TELLING, UPDATES, YARD, Script, fly, small_campaign
 from in_process_executor import open_in_process
 
-from bench.campaign import CampaignEvent, CampaignPlanned, CampaignSummary, RealizationFinished, run_campaign
+from bench.campaign import (
+    CampaignEvent,
+    CampaignPlanned,
+    CampaignSummary,
+    Executor,
+    RealizationFinished,
+    RealizationRetried,
+    RealizationStarted,
+    SessionProgressed,
+    Task,
+    WorkerPlan,
+    open_local_pool,
+    run_campaign,
+)
 from bench.campaign._events import open_observers
-from bench.contracts import Outcome
+from bench.campaign.execution._worker import _progress_sender
+from bench.contracts import Outcome, ProgressUpdate
+from bench.documents import dump_json
+from bench.simspec import SimSpec, World
 from decompositions import Decomposition
 
 SCRIPT = cast(Decomposition, Script())
@@ -119,3 +136,89 @@ def test_events_beyond_the_limit_drop_the_oldest() -> None:
         assert observers.dropped == 5
         stuck.set()
     assert delivered == planned[:1]
+
+
+def test_a_slow_observer_gets_the_newest_progress_after_all_other_events() -> None:
+    """Progress pushes nothing out, and none comes of an attempt that has ended."""
+    stuck, started = threading.Event(), threading.Event()
+    delivered: list[CampaignEvent] = []
+
+    def wait(event: CampaignEvent) -> None:
+        delivered.append(event)
+        started.set()
+        stuck.wait()
+
+    events: list[CampaignEvent] = [
+        CampaignPlanned(total=3, done=0),
+        *(RealizationStarted(realization, "w1", 1) for realization in "abc"),
+        RealizationRetried("b", Outcome.WORKER_LOST, "", 0.0),
+        RealizationFinished("c", Outcome.COMPLETED, "", 1.0, 1, 3),
+    ]
+    last = threading.Event()
+
+    def wait_and_tell(event: CampaignEvent) -> None:
+        wait(event)
+        if isinstance(event, SessionProgressed):
+            last.set()
+
+    with open_observers(wait_and_tell, limit=5) as observers:
+        observers.notify(events[0])
+        started.wait()
+        for event in events[1:4]:
+            observers.notify(event)
+        for update in UPDATES * 10:
+            for realization in "abc":
+                observers.notify(SessionProgressed(realization, update))
+        for event in events[4:]:
+            observers.notify(event)
+        stuck.set()
+        assert last.wait(60.0)
+        assert observers.dropped == 0
+    assert delivered == [*events, SessionProgressed("a", UPDATES[-1])]
+
+
+def test_sessions_of_a_local_worker_tell_their_progress(tmp_path: Path) -> None:
+    """Two sessions of one worker process, each between its start and its result; a job that tells nothing flies too."""
+    heard: list[tuple[str, object]] = []
+    simspec = tmp_path / "simspec.json"
+    simspec.write_text(dump_json(SimSpec(name="yard", world=World(area=YARD))))
+
+    async def fly_two() -> None:
+        async with open_local_pool(WorkerPlan(TELLING, None, own_network=False), 1, tmp_path) as pool:
+            for name, job in (("first", None), ("second", None), ("silent", "campaign_fakes:mixed_ends")):
+                await fly_one(pool, name, job)
+
+    async def fly_one(pool: Executor, name: str, job: str | None) -> None:
+        folder = tmp_path / name
+        folder.mkdir()
+        result = await pool.fly(
+            Task(name, simspec, folder, 60.0, job),
+            lambda worker: heard.append((name, worker)),
+            lambda update: heard.append((name, update)),
+        )
+        heard.append((name, result.outcome))
+
+    anyio.run(fly_two)
+    ends = Outcome.COMPLETED
+    assert heard == [
+        *(("first", item) for item in ("w1", *UPDATES, ends)),
+        *(("second", item) for item in ("w1", *UPDATES, ends)),
+        *(("silent", item) for item in ("w1", ends)),
+    ]
+
+
+def test_a_runner_that_does_not_read_holds_no_session_up() -> None:
+    """Updates that find no room are dropped; what comes first is whole, and a runner that is gone is no error."""
+    runner, worker = Pipe()
+    with runner, worker:
+        send = _progress_sender(worker)
+        updates = [ProgressUpdate(float(number), 600.0, 1.0, 1.0) for number in range(5000)]
+        for update in updates:
+            send(update)
+        received = []
+        while runner.poll():
+            received.append(runner.recv().update)
+        assert received == updates[: len(received)]
+        assert 10 < len(received) < len(updates)
+        runner.close()
+        send(updates[0])

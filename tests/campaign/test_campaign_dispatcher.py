@@ -26,7 +26,7 @@ from bench.campaign import (
     digest_of,
     open_journal,
 )
-from bench.contracts import Outcome, SessionResult
+from bench.contracts import OnProgress, Outcome, SessionResult, ignore_progress
 from bench.errors import SetupError
 from bench.simspec import AgentSpec
 from bench.statistics import StoppingRule
@@ -51,8 +51,10 @@ def test_a_result_of_another_realization_is_refused(tmp_path: Path) -> None:
     """An executor that mixes two tasks up ends the run, and no result is noted under a wrong name."""
 
     class Mixed(InProcessExecutor):
-        async def fly(self, task: Task, on_start: OnStart) -> SessionResult:
-            result = await super().fly(task, on_start)
+        async def fly(
+            self, task: Task, on_start: OnStart, on_progress: OnProgress = ignore_progress
+        ) -> SessionResult:
+            result = await super().fly(task, on_start, on_progress)
             return result.model_copy(update={"realization": "p003-r2-fake"})
 
     @asynccontextmanager

@@ -28,8 +28,9 @@ from bench.campaign import (
     RealizationRetried,
     RealizationStarted,
     ResultLost,
+    SessionProgressed,
 )
-from bench.contracts import Outcome
+from bench.contracts import Outcome, ProgressUpdate
 from bench.errors import SetupError
 from bench.laboratory import (
     Broker,
@@ -160,6 +161,40 @@ def test_runs_that_are_flown_again_count_once(laboratory: Laboratory) -> None:
     until(lambda: "complete" in states(laboratory, "demo"))
     status = CampaignStatus.model_validate(laboratory.payloads("bay-2/demo/status")[-1])
     assert (status.done, status.outcomes) == (4, {"agent_crashed": 1, "completed": 2, "worker_lost": 1})
+
+
+def test_progress_is_the_newest_of_each_session_and_leaves_no_gap(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A broker that was away gets every event, then the newest progress of the sessions that still fly."""
+    monkeypatch.setattr(bus_module, "RECONNECT_S", 0.01)
+    with open_laboratory(started=False) as laboratory:
+        warnings: list[str] = []
+        with open_bus(broker_of(laboratory), "demo", warn=warnings.append) as bus:
+            for event in EVENTS[:4]:
+                bus.notify(event)
+            for number in range(1, 21):
+                for name in "ab":
+                    bus.notify(
+                        SessionProgressed(
+                            name, ProgressUpdate(3.0 * number, 600.0, float(number), 3.0, "transit")
+                        )
+                    )
+            bus.notify(RealizationFinished("b", Outcome.COMPLETED, "", 20.5, 1, 3))
+            until(lambda: bool(warnings))
+            laboratory.start()
+            laboratory.listen()
+            until(lambda: len(messages(laboratory, "demo")) == 6)
+            bus.end("incomplete")
+        told = messages(laboratory, "demo")
+    assert [message.event for message in told] == [*NAMES[:4], "finished", "progress"]
+    assert [message.number for message in told] == [1, 2, 3, 4, 5, 6]
+    progress = told[-1]
+    assert (progress.realization, progress.simulated_s, progress.time_limit_s, progress.wall_s) == (
+        "a",
+        60.0,
+        600.0,
+        20.0,
+    )
+    assert (progress.speed, progress.phase) == (3.0, "transit")
 
 
 def test_a_broker_that_comes_late_gets_everything() -> None:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -15,15 +16,20 @@ from test_session import session_simspec
 from bench.agents import open_agent
 from bench.contracts import (
     Ack,
+    AgentStatus,
     AgentUsage,
     Hello,
+    OnProgress,
     Outcome,
+    ProgressUpdate,
     Record,
     SimTime,
     Tape,
     Tick,
     VehicleCondition,
     VehiclePlan,
+    VehicleTopics,
+    ignore_progress,
 )
 from bench.perception import open_detector
 from bench.recording import TapeBuilder
@@ -31,6 +37,7 @@ from bench.simspec import Budgets, Camera, DetectionModel, Mission, Order, Outag
 from bench.simulation import HostClock, Session, SessionPlan, open_plain_scene
 from bench.simulation._air_network import open_air_network
 from bench.simulation._mission_information import orders
+from bench.simulation._progress_updates import UPDATE_PERIOD_S
 from bench.simulation._session import SessionProgress, _miscount
 from bench.simulation._stop_session import StopSession
 from bench.simulation._truth import TruthRecorder
@@ -93,7 +100,12 @@ class ScriptedVehicle(StillVehicle):
 
 @contextmanager
 def session_of(
-    spec: SimSpec, host: Host, agent: FakeAgent, records: list[Record], bench_s: float = 0.0
+    spec: SimSpec,
+    host: Host,
+    agent: FakeAgent,
+    records: list[Record],
+    bench_s: float = 0.0,
+    on_progress: OnProgress = ignore_progress,
 ) -> Iterator[tuple[Session, ScriptedVehicle]]:
     """A session with fakes, in which the bench spends `bench_s` of host time in each round."""
 
@@ -102,7 +114,16 @@ def session_of(
         if record.topic == "/clock":
             host.spend(bench_s)
 
-    plan = SessionPlan(spec, agent_manifest("idle"), Path(), open_agent, Path(), tap, host.clock)
+    plan = SessionPlan(
+        spec,
+        agent_manifest("idle"),
+        Path(),
+        open_agent,
+        Path(),
+        tap,
+        host.clock,
+        on_progress=on_progress,
+    )
     vehicle = ScriptedVehicle(VehiclePlan(spec, ()))
     scene = open_plain_scene(spec)
     with open_air_network(spec, tap, zenoh=False, clock=host.clock) as air:
@@ -241,6 +262,51 @@ def test_orders_due_at_the_same_time_keep_the_order_of_the_simspec() -> None:
     assert [order.id for order in orders(spec)] == ["earlier", "second-by-name", "a-first-by-name"]
     delivered = [(order.time.s, order.value.id) for order in tape_of(spec).orders]
     assert delivered == [(0.5, "earlier"), (1.0, "second-by-name"), (1.0, "a-first-by-name")]
+
+
+def updates_of(
+    spec: SimSpec, reply_s: float, monkeypatch: pytest.MonkeyPatch
+) -> tuple[list[ProgressUpdate], list[Record]]:
+    """The progress of a session whose agent takes `reply_s` for each tick, and what was recorded of it."""
+    host, records, updates = Host(), list[Record](), list[ProgressUpdate]()
+    phases = iter(["starting", "taking_off", *["searching"] * 10_000])
+
+    def receive(now: SimTime, topics: object, budget_s: float) -> dict[str, list[str | bytes]]:
+        status = AgentStatus.model_validate({"time_s": now.s, "phase": next(phases)})
+        return {VehicleTopics(spec.vehicle.name).status: [status.model_dump_json()]}
+
+    with session_of(spec, host, FakeAgent(host, reply_s), records, on_progress=updates.append) as (
+        session,
+        _,
+    ):
+        monkeypatch.setattr(session._air, "receive", receive)
+        with pytest.raises(StopSession):
+            session.run()
+    return updates, records
+
+
+@pytest.mark.parametrize("reply_s", [0.25, 1.5])
+def test_progress_comes_at_a_bounded_rate_of_the_hosts_time(
+    reply_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However fast simulated time passes; the recording knows nothing of it."""
+    spec = session_simspec(mission=Mission(time_limit_s=3.0))
+    updates, records = updates_of(spec, reply_s, monkeypatch)
+    # The last tick ends the session, and has no progress.
+    ticks = round(3.0 / spec.pace.tick_s) - 1
+    period_s = reply_s * math.ceil(UPDATE_PERIOD_S / reply_s)
+    assert [update.wall_s for update in updates] == pytest.approx(
+        [period_s * (number + 1) for number in range(int((ticks * reply_s) / period_s))]
+    )
+    assert {update.time_limit_s for update in updates} == {3.0}
+    for update in updates:
+        assert update.speed == pytest.approx(spec.pace.tick_s / reply_s, abs=5e-4)
+        assert update.simulated_s == pytest.approx(update.wall_s * update.speed, rel=1e-2)
+    assert updates[-1].phase == "searching"
+    if reply_s > 1.0:
+        assert updates[0].phase == "taking_off"
+    quick, same_records = updates_of(spec, 0.0, monkeypatch)
+    assert (quick, same_records) == ([], records)
 
 
 def test_simultaneous_failures_are_separate_events() -> None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import anyio
 
-from bench.contracts import Outcome, SessionResult
+from bench.contracts import OnProgress, Outcome, SessionResult, ignore_progress
 from bench.errors import Fault, SetupError
 
 from .._versions import versions
@@ -55,7 +55,9 @@ class DaskExecutor:
     def capacity(self) -> int:
         return self._threads if self._at_most is None else min(self._threads, self._at_most)
 
-    async def fly(self, task: Task, on_start: OnStart) -> SessionResult:
+    async def fly(
+        self, task: Task, on_start: OnStart, on_progress: OnProgress = ignore_progress
+    ) -> SessionResult:
         self._submitted += 1
         on_start(WORKER)
         future = self._client.submit(

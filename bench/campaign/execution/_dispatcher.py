@@ -12,7 +12,7 @@ from pathlib import Path
 import anyio
 from anyio.abc import TaskGroup
 
-from bench.contracts import Outcome, SessionResult
+from bench.contracts import Outcome, ProgressUpdate, SessionResult
 from bench.errors import Fault, SetupError
 from bench.realization import RealizationPlan
 
@@ -23,6 +23,7 @@ from .._events import (
     RealizationFinished,
     RealizationRetried,
     RealizationStarted,
+    SessionProgressed,
 )
 from .._versions import versions
 from ..early_stopping._decisions import PointKey
@@ -178,7 +179,9 @@ class Dispatcher:
     async def _fly_one(self, executor: Executor, realization: str) -> None:
         """Fly a realization once, as a task of its own."""
         task = self._task(realization)
-        result = await executor.fly(task, partial(self._note_start, realization))
+        result = await executor.fly(
+            task, partial(self._note_start, realization), partial(self._tell_progress, realization)
+        )
         # It would replace a result that may be in scores already.
         if result.realization != realization:
             raise TypeError(
@@ -260,6 +263,9 @@ class Dispatcher:
         self._suspects.start(realization)
         attempt = self._journal.start(realization, worker)
         self._observers.notify(RealizationStarted(realization, worker, attempt))
+
+    def _tell_progress(self, realization: str, update: ProgressUpdate) -> None:
+        self._observers.notify(SessionProgressed(realization, update))
 
     def _take_in(self, result: SessionResult) -> None:
         key = self._running.pop(result.realization)

@@ -7,7 +7,7 @@ from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 from typing import Protocol
 
-from bench.contracts import SessionResult
+from bench.contracts import OnProgress, SessionResult, ignore_progress
 
 from ._task import Task, WorkerPlan
 
@@ -22,9 +22,12 @@ class Executor(Protocol):
     def capacity(self) -> int:
         """How many tasks it can fly at once now. May change, also to zero, while workers come and go."""
 
-    async def fly(self, task: Task, on_start: OnStart) -> SessionResult:
+    async def fly(
+        self, task: Task, on_start: OnStart, on_progress: OnProgress = ignore_progress
+    ) -> SessionResult:
         """Fly a task; only while fewer than `capacity` fly. Whatever becomes of the session or of its worker is a result.
 
+        `on_progress` is called with what the executor learns of the session while it flies, which may be nothing.
         Cancelled, it kills the session and its agent. Raises WorkersUnusable when no task can be flown any more.
         """
 

@@ -26,11 +26,13 @@ from bench.contracts import (
     AgentPlan,
     AgentProcess,
     Observation,
+    OnProgress,
     OpenAgent,
     Outcome,
     Record,
     SessionFailure,
     SessionResult,
+    ignore_progress,
     traceback_details,
 )
 from bench.documents import dump_json
@@ -56,7 +58,11 @@ AUTOPILOT_LOGS = "autopilot"
 
 
 def fly_realization(
-    simspec: SimSpec, decomposition: Decomposition, folder: Path, realization: str
+    simspec: SimSpec,
+    decomposition: Decomposition,
+    folder: Path,
+    realization: str,
+    on_progress: OnProgress = ignore_progress,
 ) -> SessionResult:
     """Fly one realization into `folder`, created if it does not exist, and return its result without writing
     it.
@@ -65,17 +71,21 @@ def fly_realization(
     a result, never an exception. Positions that come with the SimSpec are checked before the flight:
     SETUP_INVALID if they break what the SimSpec asks for.
     """
-    return _fly(simspec, decomposition, folder, realization, open_agent)
+    return _fly(simspec, decomposition, folder, realization, open_agent, on_progress)
 
 
 def fly_confined(
-    simspec: SimSpec, decomposition: Decomposition, folder: Path, realization: str
+    simspec: SimSpec,
+    decomposition: Decomposition,
+    folder: Path,
+    realization: str,
+    on_progress: OnProgress = ignore_progress,
 ) -> SessionResult:
     """As `fly_realization`, with the agent on the strongest rung that starts here, whatever its manifest asks for.
 
     SimSpec and recording stay those of the campaign; the rung stands in the details of the result.
     """
-    return _fly(simspec, decomposition, folder, realization, _open_confined, isolation="auto")
+    return _fly(simspec, decomposition, folder, realization, _open_confined, on_progress, isolation="auto")
 
 
 def _open_confined(plan: AgentPlan) -> AbstractContextManager[AgentProcess]:
@@ -96,6 +106,7 @@ def _fly(
     folder: Path,
     realization: str,
     open_agent: OpenAgent,
+    on_progress: OnProgress = ignore_progress,
     *,
     isolation: Isolation | None = None,
 ) -> SessionResult:
@@ -131,6 +142,7 @@ def _fly(
             tap,
             hidden=(folder.resolve(),),
             artefacts=folder / AUTOPILOT_LOGS,
+            on_progress=on_progress,
         )
         end = _without_host_faults(run_session(plan), plan)
         log = Path(scratch, AGENT_LOG)

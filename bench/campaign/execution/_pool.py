@@ -21,11 +21,19 @@ from typing import Any
 
 import anyio
 
-from bench.contracts import Outcome, SessionResult
+from bench.contracts import OnProgress, Outcome, SessionResult, ignore_progress
 
 from ._executor import OnStart
 from ._processes import await_exit, kill_tree, processes_marked
-from ._task import JobNotImportable, Task, TaskEnded, WorkerPlan, WorkerReady, WorkersUnusable
+from ._task import (
+    JobNotImportable,
+    Task,
+    TaskEnded,
+    TaskProgress,
+    WorkerPlan,
+    WorkerReady,
+    WorkersUnusable,
+)
 
 # The spans below are chosen, not measured: long enough for a busy machine, since a span that is too short
 # costs a session.
@@ -140,12 +148,14 @@ class LocalPool:
         self._started_count = 0
         self._false_starts = 0
 
-    async def fly(self, task: Task, on_start: OnStart) -> SessionResult:
+    async def fly(
+        self, task: Task, on_start: OnStart, on_progress: OnProgress = ignore_progress
+    ) -> SessionResult:
         worker = self._idle_worker() or self._start_worker()
         answer: TaskEnded | SessionResult | None = None
         try:
             on_start(worker.name)
-            answer = await self._answer(worker, task)
+            answer = await self._answer(worker, task, on_progress)
         finally:
             # Also when the runner stops: a session is killed with its agent, never left behind.
             if isinstance(answer, TaskEnded):
@@ -159,15 +169,19 @@ class LocalPool:
         while self._idle:
             self._idle.pop().kill()
 
-    async def _answer(self, worker: _Worker, task: Task) -> TaskEnded | SessionResult:
+    async def _answer(
+        self, worker: _Worker, task: Task, on_progress: OnProgress
+    ) -> TaskEnded | SessionResult:
         """What a worker made of a task, or the result in the place of what it could not send."""
         if not worker.ready and (lost := await self._make_ready(worker)) is not None:
             return _substitute(task, Outcome.WORKER_LOST, lost)
         # The session's budget does not pay for the worker's imports.
         began = self._clock()
         worker.send(task)
+        deadline = began + task.wall_s + self._grace_s
         try:
-            message = await self._receive(worker, began + task.wall_s + self._grace_s)
+            while isinstance(message := await self._receive(worker, deadline), TaskProgress):
+                on_progress(message.update)
         except TimeoutError:
             reason = f"the session was killed {self._grace_s:g} s after its budget of {task.wall_s:g} s"
             return _substitute(task, Outcome.WALL_BUDGET, reason, self._clock() - began)

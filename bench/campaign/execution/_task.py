@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import importlib
+import inspect
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
-from bench.contracts import SessionResult
+from bench.contracts import OnProgress, ProgressUpdate, SessionResult
 from bench.errors import RebarError
 from bench.simspec import SimSpec
 
@@ -26,7 +29,7 @@ class Job(Protocol):
     """What a worker does with a realization: fly it into `folder`, which exists and is empty, and return the
     result.
 
-    The job does not write the result.
+    The job does not write the result. One with a parameter `on_progress` is given what to tell how far its session is.
     """
 
     def __call__(
@@ -73,6 +76,13 @@ class JobNotImportable:
 
 
 @dataclass(frozen=True, slots=True)
+class TaskProgress:
+    """How far the session of the worker's task is."""
+
+    update: ProgressUpdate
+
+
+@dataclass(frozen=True, slots=True)
 class TaskEnded:
     """A task is over."""
 
@@ -94,3 +104,11 @@ def load_job(path: str) -> Job:
     module, _, name = path.partition(":")
     job: Job = getattr(importlib.import_module(module), name)
     return job
+
+
+def with_progress(job: Job, on_progress: OnProgress) -> Job:
+    """The job with somebody to tell how far its session is; the same one if it tells nobody."""
+    if "on_progress" not in inspect.signature(job).parameters:
+        return job
+    telling_job: Callable[..., SessionResult] = job
+    return partial(telling_job, on_progress=on_progress)

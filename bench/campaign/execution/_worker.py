@@ -4,20 +4,32 @@ from __future__ import annotations
 
 import faulthandler
 import os
+import select
 import threading
 import time
 import traceback
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
-from bench.contracts import Outcome, SessionFailure, SessionResult
+from bench.contracts import OnProgress, Outcome, ProgressUpdate, SessionFailure, SessionResult
 from bench.documents import load_json_document
 from bench.simspec import SimSpec
 
 from ..storage._files import digest_of
 from ..storage._folder import RECORDING
 from ._processes import kill_tree
-from ._task import Job, JobNotImportable, Task, TaskEnded, WorkerPlan, WorkerReady, load_job
+from ._task import (
+    Job,
+    JobNotImportable,
+    Task,
+    TaskEnded,
+    TaskProgress,
+    WorkerPlan,
+    WorkerReady,
+    load_job,
+    with_progress,
+)
 
 
 def main(link_fd: int, lifeline_fd: int, name: str) -> None:
@@ -44,7 +56,8 @@ def main(link_fd: int, lifeline_fd: int, name: str) -> None:
             task: Task = link.recv()
         except EOFError:
             return
-        link.send(TaskEnded(task.realization, name, _result(job, task, plan.decomposition)))
+        result = _result(job, task, plan.decomposition, _progress_sender(link))
+        link.send(TaskEnded(task.realization, name, result))
 
 
 def _die_with_runner(lifeline_fd: int) -> None:
@@ -56,10 +69,25 @@ def _die_with_runner(lifeline_fd: int) -> None:
     kill_tree(os.getpid())
 
 
-def _result(job: Job, task: Task, decomposition: Any) -> SessionResult:
+def _progress_sender(link: Connection[Any, Any]) -> OnProgress:
+    """What sends updates to the runner."""
+    poll = select.poll()
+    poll.register(link, select.POLLOUT)
+
+    def send(update: ProgressUpdate) -> None:
+        # A runner that is stopped, or busy for minutes, does not read: the session must not wait for it. The socket is
+        # writable while a quarter of its buffer is in use at most, so a message of 300 bytes never blocks.
+        with suppress(OSError):
+            if poll.poll(0):
+                link.send(TaskProgress(update))
+
+    return send
+
+
+def _result(job: Job, task: Task, decomposition: Any, on_progress: OnProgress) -> SessionResult:
     began = time.monotonic()
     try:
-        job = load_job(task.job) if task.job else job
+        job = with_progress(load_job(task.job) if task.job else job, on_progress)
         result = job(
             simspec=load_json_document(task.simspec, SimSpec),
             decomposition=decomposition,
