@@ -39,6 +39,7 @@ from .storage._completeness import (
 )
 from .storage._completeness import accept as accept_outcomes
 from .storage._evidence_check import check_evidence
+from .storage._firmware_ends import drawn_out_realizations
 from .storage._folder import CampaignFolder, open_lock
 from .storage._journal import Journal, open_journal
 from .storage._manifest import write_manifest
@@ -106,8 +107,8 @@ async def run_campaign(
     Call it again on the same folder to resume. Sessions are tasks of the running event loop; planning and scoring keep
     the loop busy. Cancelled, it kills the sessions and their agents. `observers` get each event. `workers` overrides the campaign's budget, which overrides the
     number of cores. Realizations that may have failed because of the host are flown again, with at least two
-    attempts in every run; their earlier results are kept in aside/. `accept` leaves those that have one of its
-    outcomes now as they are, for good; `rerun` takes that back. `forfeit_job` takes the place of `job` for a realization
+    attempts in every run (unless their firmware failed in flight, see `rerun`); their earlier results are kept in aside/. `accept` leaves those that have one of its
+    outcomes now as they are, for good; `rerun` takes that back, and flies once more what failed with its firmware in flight. `forfeit_job` takes the place of `job` for a realization
     whose agent broke the bench, `confined_job` after an attempt that an unconfined agent may have broken. `memory_kills`
     counts the processes that the kernel killed for want of memory. `clock` (default: the host's monotonic clock) gives the
     host seconds by which the campaign's total budget and the pauses before retries are judged. `gate` says whether a realization may start now; it
@@ -136,7 +137,7 @@ async def run_campaign(
         for realization in reconcile(paths, journal):
             events.notify(ResultLost(realization))
         accept_outcomes(journal, accept, withdrawn=rerun)
-        reset_for_rerun(paths, journal)
+        reset_for_rerun(paths, journal, rerun)
         # Whoever asked for the missing runs gets them with this run.
         take_retry_request(folder)
         early_stopping = EarlyStopping(
@@ -259,7 +260,9 @@ def _outcomes(journal: Journal) -> dict[Outcome, int]:
 
 def _completeness(journal: Journal) -> Completeness:
     return completeness_of(
-        ((entry, entry.outcome) for entry in journal.entries()), accepted_realizations(journal)
+        ((entry, entry.outcome) for entry in journal.entries()),
+        accepted_realizations(journal),
+        drawn_out_realizations(journal),
     )
 
 

@@ -137,6 +137,16 @@ def test_the_first_line_counts_names_and_explains() -> None:
     assert infeasible[1] == (
         "To go without them for good, run `rebar run out/campaign.yaml --out out --accept placement_infeasible`."
     )
+    drawn_out = Completeness(9, {Outcome.BENCH_ERROR: 2}, drawn_out=2).lines(Path("out"))[1]
+    assert drawn_out == (
+        "The real autopilot of 2 of them failed in flight in each attempt: "
+        "`rebar run out/campaign.yaml --out out --again bench_error` flies these once more. "
+        "To go without them for good, run `rebar run out/campaign.yaml --out out --accept bench_error`."
+    )
+    some = Completeness(9, {Outcome.BENCH_ERROR: 3}, drawn_out=2).lines(Path("out"))[1]
+    assert some.startswith(
+        "Run `rebar run out/campaign.yaml --out out` to fly them. The real autopilot of 2 of them"
+    )
     assert Completeness(24, {}).lines(Path("out")) == []
     # Beside a writer the remedy is to wait, and complete numbers may change too.
     found = Completeness(24, missing, writer="7").lines(Path("out"))

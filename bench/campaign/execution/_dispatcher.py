@@ -110,7 +110,7 @@ class Dispatcher:
         self._bench_faults = BenchFaultWatch()
         self._retries, self._clock = retries, clock
         self._suspects, self._forfeit_job = suspects, forfeit_job
-        self._firmware = FirmwareWatch()
+        self._firmware = FirmwareWatch(journal)
         self._gate, self._gate_is_closed = gate, False
         self._retention = retention
         self._running: dict[str, PointKey | None] = {}

@@ -1,39 +1,40 @@
-"""Runs whose real autopilot failed in flight: each is flown once more, and marked however that goes.
-
-An agent talks to the firmware, so it may have found a message on which it fails, and could draw another session for one
-that goes badly. Nobody can tell that from a firmware that fails by itself, so the draws are limited, and shown.
-"""
+"""Runs whose real autopilot failed in flight: each is flown once more, and marked however that goes."""
 
 from __future__ import annotations
 
 from bench.contracts import FIRMWARE_ENDS, FIRMWARE_FAILED, Outcome, SessionResult
 
-MAX_RERUNS = 1
-"""Further flights of a realization in one run of a campaign after its firmware has failed in flight."""
+from ..storage._firmware_ends import MAX_RERUNS, add_firmware_ends, firmware_ends
+from ..storage._journal import Journal
+
 _REASON_CHARACTERS = 300
 
 
 class FirmwareWatch:
-    """Follows the attempts at every realization in one run of a campaign."""
+    """Follows the attempts at every realization, those of earlier runs of the campaign too."""
 
-    def __init__(self) -> None:
-        self._ends: dict[str, list[str]] = {}
+    def __init__(self, journal: Journal) -> None:
+        self._journal = journal
 
     def record(self, result: SessionResult) -> None:
         """An attempt has ended."""
         if failed_in_flight(result):
             text = f"after {result.simulated_s:.1f} s: {result.reason}"
-            self._ends.setdefault(result.realization, []).append(text[:_REASON_CHARACTERS])
+            # Before the attempt's own end: an agent that kills the runner between the two gains no draw.
+            add_firmware_ends(self._journal, {result.realization: [text[:_REASON_CHARACTERS]]})
 
     def is_exhausted(self, result: SessionResult) -> bool:
-        """Whether a failed attempt was the last one of this run of the campaign."""
-        return failed_in_flight(result) and len(self._ends[result.realization]) > MAX_RERUNS
+        """Whether a failed attempt was the last one, unless a person asks for another."""
+        return failed_in_flight(result) and len(self._ends(result)) > MAX_RERUNS
 
     def marked(self, result: SessionResult) -> SessionResult:
         """The result with how its firmware failed in earlier attempts; also one that went well in the end."""
-        ends = self._ends.get(result.realization)
+        ends = self._ends(result)
         details = {**result.details, FIRMWARE_ENDS: ends}
         return result.model_copy(update={"details": details}) if ends else result
+
+    def _ends(self, result: SessionResult) -> list[str]:
+        return firmware_ends(self._journal).get(result.realization, [])
 
 
 def failed_in_flight(result: SessionResult) -> bool:

@@ -38,6 +38,7 @@ from ..storage._completeness import NOT_FINISHED, Completeness, accepted_realiza
 from ..storage._dropped import dropped_recording
 from ..storage._evidence_check import changed_tables, check_evidence, evidence_faults
 from ..storage._files import digest_of, write_whole
+from ..storage._firmware_ends import drawn_out_realizations
 from ..storage._folder import RECORDING, RESULT, CampaignFolder, open_lock, writing_process
 from ..storage._inputs import write_input
 from ..storage._journal import JournalEntry, open_journal
@@ -303,12 +304,13 @@ def _read_results(folder: CampaignFolder, *, check: bool = False) -> _Results:
     writer = writing_process(folder.path)
     with open_journal(folder.journal) as journal:
         entries, stops, accepted = journal.entries(), journal.stops(), accepted_realizations(journal)
+        drawn_out = drawn_out_realizations(journal)
         # Beside a writer, files are newer than the chain that was read a moment ago.
         if check and writer is None and (faults := evidence_faults(folder, journal)):
             raise SetupError(faults)
     ends = tuple((entry, _result(folder, entry)) for entry in entries)
     outcomes = ((entry, result.outcome if result else None) for entry, result in ends)
-    return _Results(ends, stops, replace(completeness_of(outcomes, accepted), writer=writer))
+    return _Results(ends, stops, replace(completeness_of(outcomes, accepted, drawn_out), writer=writer))
 
 
 def _scored_runs(

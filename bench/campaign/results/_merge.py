@@ -20,6 +20,7 @@ from ..storage._completeness import accepted_realizations, adopt_accepted
 from ..storage._dropped import dropped_recording
 from ..storage._evidence_check import verify_folder
 from ..storage._files import digest_of
+from ..storage._firmware_ends import add_firmware_ends, firmware_ends
 from ..storage._folder import RESULT, CampaignFolder, open_lock
 from ..storage._journal import Journal, JournalEntry, open_journal, open_journal_to_read
 from ..storage._manifest import Manifest, read_manifest
@@ -66,6 +67,7 @@ def merge_shards(folders: Sequence[Path], out: Path, finish: Finish) -> Campaign
                 for entry in source.entries():
                     _adopt(entry, planned[entry.id], shard, paths, journal)
                 adopt_accepted(journal, accepted_realizations(source))
+                add_firmware_ends(journal, firmware_ends(source))
                 stops |= source.stops()
             _keep_evidence(shard, paths)
         journal.set_stops(stops)

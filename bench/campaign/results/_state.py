@@ -14,6 +14,7 @@ from bench.errors import Fault, SetupError
 
 from .._document import Campaign
 from ..storage._completeness import accepted_realizations, completeness_of
+from ..storage._firmware_ends import drawn_out_realizations
 from ..storage._folder import CampaignFolder, writing_process
 from ..storage._journal import RealizationState, open_journal_to_read
 from ..storage._pause import is_paused
@@ -61,7 +62,9 @@ def campaign_state(folder: Path) -> CampaignState:
     with open_journal_to_read(paths.journal) as journal:
         entries = journal.entries()
         completeness = completeness_of(
-            ((entry, entry.outcome) for entry in entries), accepted_realizations(journal)
+            ((entry, entry.outcome) for entry in entries),
+            accepted_realizations(journal),
+            drawn_out_realizations(journal),
         )
     # A runner that was killed leaves what it flew as running.
     running = [entry.id for entry in entries if process and entry.state is RealizationState.RUNNING]

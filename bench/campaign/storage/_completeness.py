@@ -42,14 +42,16 @@ _REASON_CHARACTERS = 160
 @dataclass(frozen=True, slots=True)
 class Completeness:
     """How many of a campaign's `total` runs are `missing`, by outcome; `example` is one of them with its
-    reason. `accepted` are the realizations without a run that a person took as they are. `writer` is the id
-    of another process that was writing in the folder at that moment.
+    reason. `accepted` are the realizations without a run that a person took as they are. `drawn_out` of the missing ones
+    are not flown again by themselves, because their real autopilot failed in flight. `writer` is the id of another process
+    that was writing in the folder at that moment.
     """
 
     total: int
     missing: Mapping[str, int]
     example: str = ""
     accepted: tuple[str, ...] = ()
+    drawn_out: int = 0
     writer: str | None = None
 
     @property
@@ -71,8 +73,14 @@ class Completeness:
         if busy:
             return [f"{head}; {busy}.", "Wait until it ends."]
         command = shlex.join(["rebar", "run", str(folder / "campaign.yaml"), "--out", str(folder)])
-        fliable = self.missing.keys() - {Outcome.PLACEMENT_INFEASIBLE}
+        infeasible = self.missing.get(Outcome.PLACEMENT_INFEASIBLE, 0)
+        fliable = sum(self.missing.values()) - infeasible > self.drawn_out
         remedies = [f"Run `{command}` to fly them."] if fliable else []
+        if self.drawn_out:
+            again = f"`{command} --again {Outcome.BENCH_ERROR}`"
+            remedies.append(
+                f"The real autopilot of {self.drawn_out} of them failed in flight in each attempt: {again} flies these once more."
+            )
         acceptable = [f"--accept {outcome}" for outcome in sorted(self.missing.keys() & ACCEPTABLE_OUTCOMES)]
         if acceptable:
             remedies.append(f"To go without them for good, add {' '.join(acceptable)} to that command.")
@@ -82,10 +90,12 @@ class Completeness:
 
 
 def completeness_of(
-    ends: Iterable[tuple[JournalEntry, Outcome | None]], accepted: Collection[str]
+    ends: Iterable[tuple[JournalEntry, Outcome | None]],
+    accepted: Collection[str],
+    drawn_out: Collection[str] = (),
 ) -> Completeness:
     """Compare the realizations of a campaign, each with its outcome, None without a result."""
-    total, missing, example, accepted_ids = 0, Counter[str](), "", []
+    total, missing, example, accepted_ids, drawn_out_count = 0, Counter[str](), "", [], 0
     for entry, outcome in ends:
         total += 1
         if outcome is not None and (outcome.counts or outcome is Outcome.SETTLED):
@@ -94,11 +104,12 @@ def completeness_of(
             accepted_ids.append(entry.id)
             continue
         missing[outcome or NOT_FINISHED] += 1
+        drawn_out_count += entry.id in drawn_out
         if outcome is not None and not example:
             # The last line of a traceback says what went wrong.
             reason = next(reversed(entry.reason.strip().splitlines()), "")
             example = f"{entry.id}: {reason[:_REASON_CHARACTERS]}"
-    return Completeness(total, dict(missing), example, tuple(accepted_ids))
+    return Completeness(total, dict(missing), example, tuple(accepted_ids), drawn_out_count)
 
 
 def accepted_realizations(journal: Journal) -> frozenset[str]:

@@ -10,6 +10,7 @@ from bench.errors import Fault, SetupError
 
 from ._completeness import PROVISIONAL_OUTCOMES, accepted_realizations
 from ._files import digest_of
+from ._firmware_ends import drawn_out_realizations
 from ._folder import RESULT, CampaignFolder
 from ._journal import Journal, JournalEntry, RealizationState
 from ._results import read_result
@@ -26,14 +27,17 @@ def parse_rerun_outcomes(names: Collection[str]) -> frozenset[Outcome]:
     return frozenset(map(Outcome, names))
 
 
-def reset_for_rerun(folder: CampaignFolder, journal: Journal) -> list[str]:
+def reset_for_rerun(folder: CampaignFolder, journal: Journal, rerun: Collection[Outcome] = ()) -> list[str]:
     """Plan every realization again whose outcome is provisional and not accepted, and return their ids.
 
-    The results are kept in aside/.
+    One whose real autopilot failed in flight as often as it may is planned again only if its outcome is in `rerun`. The
+    results are kept in aside/.
     """
-    accepted = accepted_realizations(journal)
+    accepted, drawn_out = accepted_realizations(journal), drawn_out_realizations(journal)
     reset = []
     for entry in journal.entries():
+        if entry.id in drawn_out and entry.outcome not in rerun:
+            continue
         if entry.outcome in PROVISIONAL_OUTCOMES and entry.id not in accepted:
             # The file first: after a crash in between, `reconcile` sees that the result is gone and plans it
             # again.
