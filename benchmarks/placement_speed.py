@@ -172,7 +172,7 @@ def _many(design: Design, base: SimSpec, agents: Any, count: int) -> None:
         for plan in plans:
             digest.update(CampaignFolder(Path(folder)).simspec(plan.id).read_bytes())
     print(
-        f"{len(plans)} realizations designed, placed, written by two processes: {host:.1f} s, {len(refused)} refused"
+        f"{len(plans)} realizations designed, placed, written by two processes: {host:.1f} s, {len(refused.infeasible)} refused"
     )
     print(f"SHA-256 of them all: {digest.hexdigest()}")
 

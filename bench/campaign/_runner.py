@@ -131,7 +131,9 @@ async def run_campaign(
         campaign = _with_options_of_folder(campaign, paths)
         journal.release()
         check_fidelity(campaign, journal)
-        plans = plan_campaign(campaign, paths, journal, decomposition, _takeoff_check(campaign, job))
+        # Cores that this process may use: a container often grants fewer than the machine has.
+        limit = workers or campaign.budgets.workers or len(os.sched_getaffinity(0))
+        plans = plan_campaign(campaign, paths, journal, decomposition, _takeoff_check(campaign, job), limit)
         # First what the disk holds, then what the user wants: both options are about results, not about stale
         # entries.
         for realization in reconcile(paths, journal):
@@ -169,8 +171,6 @@ async def run_campaign(
             dispatcher.finish(result)
         dispatcher.stop_decided_points()
         if dispatcher.waiting:
-            # Cores that this process may use: a container often grants fewer than the machine has.
-            limit = workers or campaign.budgets.workers or len(os.sched_getaffinity(0))
             plan = WorkerPlan(job_at(campaign.fidelity, job), decomposition)
             with first_error_alone():
                 async with (

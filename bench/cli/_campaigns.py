@@ -260,7 +260,9 @@ def realize(
     document = load_campaign(campaign)
     with file_in_faults(campaign):
         plans = realizations(document)
-        infeasible = write_scenes(plans, CampaignFolder(out), workers or len(os.sched_getaffinity(0)))
+        infeasible = write_scenes(
+            plans, CampaignFolder(out), workers or len(os.sched_getaffinity(0))
+        ).infeasible
     written = [plan.id for plan in plans if plan.id not in infeasible]
     if as_json:
         quality = campaign_quality(document).model_dump(mode="json")

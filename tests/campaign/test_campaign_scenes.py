@@ -4,12 +4,23 @@ and places differ.
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
+from campaign_fakes import Script, small_campaign
 
-from bench.campaign import CampaignFolder, fly_realization, load_measurable_decomposition, write_scenes
+from bench.campaign import (
+    CampaignFolder,
+    fly_realization,
+    load_measurable_decomposition,
+    open_journal,
+    write_scenes,
+)
+from bench.campaign.planning._plan import plan_campaign
+from bench.campaign.storage._files import digest_of
 from bench.contracts import Outcome
 from bench.documents import dump_json, validate_document
 from bench.errors import Fault
@@ -42,8 +53,8 @@ def test_any_number_of_workers_writes_the_same(tmp_path: Path) -> None:
     together = write_scenes(plans, CampaignFolder(tmp_path / "two"), 2)
 
     assert together == alone
-    assert len(alone) == 220
-    assert all("proved" in reason for reason in alone.values())
+    assert len(alone.infeasible) == 220
+    assert all("proved" in reason for reason in alone.infeasible.values())
     assert written(tmp_path / "two") == written(tmp_path / "one")
     assert len(written(tmp_path / "one")) == 220
     for text in list(written(tmp_path / "one").values())[:5]:
@@ -99,3 +110,41 @@ def test_judge_answers_for_actors_of_no_group() -> None:
         str(fault) for fault in check_placement(more)
     ]
     assert dump_json(more)
+
+
+_SCRIPT = """
+import math
+from bench.campaign.execution._parallel import map_in_processes
+print(map_in_processes(math.sqrt, [4.0, 9.0], 2))
+"""
+
+
+def test_a_script_without_a_guard_may_use_several_processes(tmp_path: Path) -> None:
+    """multiprocessing would run the script again in each of them, and refuse."""
+    (tmp_path / "script.py").write_text(_SCRIPT)
+    done = subprocess.run([sys.executable, str(tmp_path / "script.py")], capture_output=True, text=True)
+    assert (done.stdout, done.returncode) == ("[2.0, 3.0]\n", 0), done.stderr
+
+
+def test_several_processes_plan_what_one_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The journals have the same digests, also where a scene has no room and a SimSpec was lost in between."""
+    monkeypatch.setattr("bench.campaign.planning._scenes.FEW_SCENES", 1)
+    spread = {"name": "spread", "levels": [2.0, 200.0], "sets": ["actors[people].placement.spread_m"]}
+    campaign = small_campaign().model_copy(
+        update={
+            "base": base(spread_m=1.0),
+            "design": validate_document({"factors": [spread], "seed": 3, "replicates": 2}, Design),
+            "agents": (AgentSpec(manifest="first"), AgentSpec(manifest="second")),
+        }
+    )
+    digests = []
+    for workers in (1, 2, 2):
+        folder = CampaignFolder(tmp_path / str(workers))
+        with open_journal(folder.journal) as journal:
+            plans = plan_campaign(campaign, folder, journal, cast(Any, Script()), workers=workers)
+            digests.append([(entry.id, entry.simspec_sha256) for entry in journal.entries()])
+        assert all(digest_of(folder.simspec(name)) == digest for name, digest in digests[-1])
+        folder.simspec(plans[0].id).unlink()
+        folder.simspec(plans[-1].id).write_text("{}")
+    assert digests[0] == digests[1] == digests[2]
+    assert len(digests[0]) == 8

@@ -5,11 +5,15 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from typing import TypeVar
+from contextlib import contextmanager
+from multiprocessing.context import SpawnContext, SpawnProcess
+from types import ModuleType
+from typing import Any, TypeVar
 
 from ._task import WorkersUnusable
 
@@ -41,10 +45,9 @@ def map_in_processes(
         for item in items:
             take(job(item))
         return results
-    # Spawned, not forked: imported libraries run threads, whose locks a forked child would inherit held.
     pool = ProcessPoolExecutor(
         min(workers, len(items)),
-        mp_context=multiprocessing.get_context("spawn"),
+        mp_context=_FreshContext(),
         initializer=_leave_interruption_to_parent,
     )
     try:
@@ -58,6 +61,31 @@ def map_in_processes(
         # What is waiting is dropped: an interrupted command shall end with the items that are under way.
         pool.shutdown(cancel_futures=True)
     return results
+
+
+class _FreshProcess(SpawnProcess):
+    """A process that does not run the user's script again, which therefore needs no `if __name__ == "__main__"`."""
+
+    @staticmethod
+    def _Popen(process_obj: Any) -> Any:  # noqa: N802, the hook of multiprocessing
+        with _without_main():
+            return SpawnProcess._Popen(process_obj)
+
+
+class _FreshContext(SpawnContext):
+    # Spawned, not forked: imported libraries run threads, whose locks a forked child would inherit held.
+    Process = _FreshProcess
+
+
+@contextmanager
+def _without_main() -> Iterator[None]:
+    """multiprocessing tells a new process to import what stands in `sys.modules` as `__main__`."""
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
 
 
 def _leave_interruption_to_parent() -> None:

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from bench.contracts import Outcome, SessionResult
-from bench.documents import dump_json, dump_yaml, read_text
+from bench.documents import dump_yaml, read_text
 from bench.errors import Fault, SetupError
 from bench.realization import PlacementInfeasible, RealizationPlan, place
 from bench.simspec import SimSpec, factor_values
 from decompositions import Decomposition
 
 from .._document import Campaign
-from ..storage._files import digest_of, write_whole
+from ..storage._files import digest_of
 from ..storage._folder import CampaignFolder
 from ..storage._inputs import write_input
-from ..storage._journal import Journal, PlannedRealization
+from ..storage._journal import Journal, JournalEntry, PlannedRealization
 from ..storage._results import write_result
 from ._realizations import intents_of, realizations
+from ._scenes import write_scenes
 
 CheckTakeoff = Callable[[Iterable[SimSpec]], list[Fault]]
 """Finds what is known to be wrong with sessions of these SimSpecs before any of them flies."""
@@ -30,8 +31,10 @@ def plan_campaign(
     journal: Journal,
     decomposition: Decomposition,
     check_takeoff: CheckTakeoff = lambda simspecs: [],
+    workers: int = 1,
 ) -> list[RealizationPlan]:
-    """Every realization of the campaign, added to the journal, with its SimSpec in simspecs/.
+    """Every realization of the campaign, added to the journal, with its SimSpec in simspecs/. Up to `workers` processes
+    place the actors.
 
     Entries that the journal has already stay as they are. Raises SetupError if they belong to another
     campaign, if the decomposition cannot rate one of the situations (such a session could be flown and never
@@ -49,20 +52,20 @@ def plan_campaign(
     write_input(folder.campaign, dump_yaml(_with_local_decomposition(campaign, folder, journal)), journal)
     if len(known) < len(plans):
         folder.lay_out(len(plans))
-    placer = _Placer()
-    added = [
-        PlannedRealization(plan, intents[plan.id], placer.write(plan, folder))
-        for plan in plans
-        if plan.id not in known
-    ]
+    added = [plan for plan in plans if plan.id not in known]
+    digests = write_scenes(added, folder, workers, with_infeasible=True).digests
     journal.note("decomposition_sha256", decomposition.digest)
     # After the files: an entry in the journal promises that its SimSpec is on disk.
-    journal.add(added)
-    for plan in plans:
-        entry, path = known.get(plan.id), folder.simspec(plan.id)
-        if entry and not (path.is_file() and digest_of(path) == entry.simspec_sha256):
-            _restore(plan, folder, placer, entry.simspec_sha256)
+    journal.add(PlannedRealization(plan, intents[plan.id], digests[plan.id]) for plan in added)
+    _restore(
+        [plan for plan in plans if plan.id in known and not _is_intact(known[plan.id], folder)], folder, known
+    )
     return plans
+
+
+def _is_intact(entry: JournalEntry, folder: CampaignFolder) -> bool:
+    path = folder.simspec(entry.id)
+    return path.is_file() and digest_of(path) == entry.simspec_sha256
 
 
 def _with_local_decomposition(campaign: Campaign, folder: CampaignFolder, journal: Journal) -> Campaign:
@@ -151,39 +154,19 @@ def _check_rated(plans: Iterable[RealizationPlan], decomposition: Decomposition)
             difficulty_of_values(decomposition, values)
 
 
-class _Placer:
-    """Places each scene once for all agents that fly it."""
-
-    def __init__(self) -> None:
-        self._scene: tuple[str, int] | None = None
-        self._placed: SimSpec | None = None
-
-    def write(self, plan: RealizationPlan, folder: CampaignFolder) -> str:
-        """Write the realized SimSpec, without positions if there is no room, and return its SHA-256."""
-        scene = (plan.design_point, plan.replicate)
-        # Plans of one scene follow each other, so the last placement is the only one worth keeping.
-        if scene != self._scene:
-            self._scene, self._placed = scene, _placed(plan.simspec)
-        realized = self._placed.realized if self._placed else None
-        return write_whole(
-            folder.simspec(plan.id), dump_json(plan.simspec.model_copy(update={"realized": realized}))
+def _restore(
+    plans: Sequence[RealizationPlan], folder: CampaignFolder, entries: Mapping[str, JournalEntry]
+) -> None:
+    """Write SimSpecs that were lost or damaged again, from their seeds."""
+    digests = write_scenes(plans, folder, with_infeasible=True).digests
+    faults = [
+        Fault(
+            str(folder.simspec(name)),
+            "differs from what the journal noted, and cannot be restored",
+            "name another folder",
         )
-
-
-def _placed(simspec: SimSpec) -> SimSpec | None:
-    try:
-        return place(simspec)
-    except PlacementInfeasible:
-        return None
-
-
-def _restore(plan: RealizationPlan, folder: CampaignFolder, placer: _Placer, expected_sha256: str) -> None:
-    """Write a SimSpec that was lost or damaged again, from its seeds."""
-    if placer.write(plan, folder) != expected_sha256:
-        raise SetupError(
-            Fault(
-                str(folder.simspec(plan.id)),
-                "differs from what the journal noted, and cannot be restored",
-                "name another folder",
-            )
-        )
+        for name, digest in digests.items()
+        if digest != entries[name].simspec_sha256
+    ]
+    if faults:
+        raise SetupError(faults)

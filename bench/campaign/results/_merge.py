@@ -59,7 +59,7 @@ def merge_shards(folders: Sequence[Path], out: Path, finish: Finish) -> Campaign
     with open_lock(out), open_journal(paths.journal) as journal:
         check_fidelity(campaign, journal)
         # No look before take-off: nothing flies here, and the agents may be elsewhere.
-        plan_campaign(campaign, paths, journal, decomposition)
+        plan_campaign(campaign, paths, journal, decomposition, workers=len(os.sched_getaffinity(0)))
         planned = {entry.id: entry for entry in journal.entries()}
         stops: dict[tuple[str, str], int] = {}
         for shard in sorted(shards, key=lambda shard: shard.number):
