@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import socket
+import sqlite3
 from functools import partial
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from bench.campaign import (
     Observer,
     OpenExecutor,
     RealizationRetried,
+    RealizationStarted,
     WorkersUnusable,
     load_measurable_decomposition,
     open_dask,
@@ -47,6 +50,18 @@ def fly(
 def entries(folder: Path) -> dict[str, JournalEntry]:
     with open_journal(folder / "journal.sqlite") as journal:
         return {entry.id: entry for entry in journal.entries()}
+
+
+def attempt_workers(folder: Path) -> dict[str, list[str]]:
+    """The workers of each realization's attempts, as the journal has them."""
+    workers: dict[str, list[str]] = {}
+    with sqlite3.connect(folder / "journal.sqlite") as database:
+        for realization, worker in database.execute(
+            "SELECT realization, worker FROM attempts ORDER BY number"
+        ):
+            workers.setdefault(realization, []).append(worker)
+    database.close()
+    return workers
 
 
 def evidence(folder: Path) -> dict[str, tuple[Outcome | None, bytes]]:
@@ -80,6 +95,15 @@ def test_a_cluster_gives_what_local_processes_give(tmp_path: Path) -> None:
     attempts = {name: entry.attempts for name, entry in entries(tmp_path / "cluster").items()}
     assert attempts == {name: 2 if name == retried[0].realization else 1 for name in attempts}
     assert verify_folder(tmp_path / "cluster") == []
+    # The journal names the worker of every attempt by machine and process; the killed one is not that of the retry.
+    workers = attempt_workers(tmp_path / "cluster")
+    assert {name.split()[0] for names in workers.values() for name in names} == {socket.gethostname()}
+    assert len({name for names in workers.values() for name in names}) == 2
+    killed, survivor = workers.pop(retried[0].realization)
+    assert killed != survivor
+    assert all(name.split()[1].startswith("tcp://127.0.0.1:") for name in (killed, survivor))
+    started = [event for event in events if isinstance(event, RealizationStarted)]
+    assert {event.worker for event in started} == {killed, survivor}
 
 
 def test_a_lost_scheduler_costs_what_was_under_way(tmp_path: Path) -> None:

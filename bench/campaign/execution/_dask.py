@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from bench.contracts import OnProgress, Outcome, SessionResult, ignore_progress
 from bench.errors import Fault, SetupError
 
 from .._versions import versions
+from ._cluster_task import NAME, STARTED, ClusterTask
 from ._executor import OnStart
 from ._task import Task, WorkerPlan, WorkersUnusable
 
@@ -33,11 +35,26 @@ LOOK_S = 1.0
 LOOKS_BEFORE_WARNING = 10
 """Looks in a row without a worker before somebody is warned. Chosen: workers take some seconds to start."""
 WORKER = "dask"
-"""The worker of every attempt in the journal: which one it is, the scheduler decides later."""
+"""The worker of an attempt that ended before its worker had said which one it is."""
 
 # Evaluated on the worker. A function of ours would be pickled by its name, and the scheduler, which unpickles tasks,
 # would have to import it.
 _FLY = "__import__('bench.campaign.execution._dask_task', fromlist=['fly_document']).fly_document(document)"
+
+
+@dataclass(slots=True)
+class _Start:
+    """Where a task was started, once its worker has said so."""
+
+    worker: str = WORKER
+    said: anyio.Event = field(default_factory=anyio.Event)
+    announced: bool = False
+
+    async def announce(self, on_start: OnStart) -> None:
+        """Wait until the worker has said which one it is, and pass it on."""
+        await self.said.wait()
+        self.announced = True
+        on_start(self.worker)
 
 
 class DaskExecutor:
@@ -50,6 +67,9 @@ class DaskExecutor:
         self._warn = warn
         self._threads = 0
         self._submitted = 0
+        self._starts: dict[str, _Start] = {}
+        # The scheduler forgets the events of this topic, which has its own too, when the client leaves.
+        client.subscribe_topic(client.id, self._note_start)
 
     @property
     def capacity(self) -> int:
@@ -59,18 +79,25 @@ class DaskExecutor:
         self, task: Task, on_start: OnStart, on_progress: OnProgress = ignore_progress
     ) -> SessionResult:
         self._submitted += 1
-        on_start(WORKER)
+        key = f"{task.realization}-{self._client.id}-{self._submitted}"
+        start = self._starts[key] = _Start()
         future = self._client.submit(
             eval,
             _FLY,
             {"document": self._document(task)},
-            key=f"{task.realization}-{self._client.id}-{self._submitted}",
+            key=key,
             pure=False,
             retries=0,
         )
         try:
-            result, files = await self._answer(future, task)
+            async with anyio.create_task_group() as tasks:
+                tasks.start_soon(start.announce, on_start)
+                result, files = await self._answer(future, task)
+                tasks.cancel_scope.cancel()
+            if not start.announced:
+                on_start(start.worker)
         finally:
+            del self._starts[key]
             # Also of a task that has ended: the cluster forgets its recording.
             with anyio.CancelScope(shield=True), anyio.move_on_after(CANCEL_S):
                 await future.cancel()
@@ -92,6 +119,13 @@ class DaskExecutor:
                     f"the Dask scheduler at {self._address} has no workers; the campaign waits for one"
                 )
             await anyio.sleep(LOOK_S)
+
+    def _note_start(self, event: tuple[float, dict[str, Any]]) -> None:
+        _, message = event
+        start = self._starts.get(message.get(STARTED, ""))
+        if start is not None:
+            start.worker = message[NAME]
+            start.said.set()
 
     async def _answer(self, future: Any, task: Task) -> tuple[SessionResult, dict[str, bytes]]:
         from concurrent.futures import CancelledError
@@ -118,8 +152,6 @@ class DaskExecutor:
         return SessionResult.model_validate_json(result), files
 
     def _document(self, task: Task) -> bytes:
-        from ._dask_task import ClusterTask
-
         document = ClusterTask(
             realization=task.realization,
             simspec=task.simspec.read_text(),
@@ -128,6 +160,7 @@ class DaskExecutor:
             wall_s=task.wall_s,
             own_network=self._plan.own_network,
             versions=versions(),
+            runner=self._client.id,
         )
         return document.model_dump_json().encode()
 

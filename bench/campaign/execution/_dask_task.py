@@ -2,37 +2,24 @@
 
 from __future__ import annotations
 
+import socket
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 import anyio
-from pydantic import BaseModel, ConfigDict
 
 from bench.contracts import SessionResult
-from decompositions import DecompositionDocument, decomposition_of
+from decompositions import decomposition_of
 
 from .._versions import versions
 from ._blocking import first_error_alone
+from ._cluster_task import NAME, STARTED, ClusterTask
 from ._pool import open_local_pool
 from ._task import Task, WorkerPlan, WorkersUnusable
 
 CANCELLED_S = 0.5
 """Host seconds between two looks at whether the task is still wanted. Chosen: a look costs microseconds."""
-
-
-class ClusterTask(BaseModel):
-    """A task with everything that it needs: a cluster's machines share no disk with the runner."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    realization: str
-    simspec: str
-    decomposition: DecompositionDocument
-    job: str
-    wall_s: float
-    own_network: bool
-    versions: dict[str, str]
 
 
 def fly_document(document: bytes) -> tuple[bytes, dict[str, bytes]]:
@@ -41,6 +28,7 @@ def fly_document(document: bytes) -> tuple[bytes, dict[str, bytes]]:
     Raises WorkersUnusable where this worker cannot fly it, and CancelledTask once nobody waits for it.
     """
     task = ClusterTask.model_validate_json(document)
+    _tell_start(task.runner)
     if faults := version_faults(task.versions, versions()):
         raise WorkersUnusable("; ".join(faults))
     with tempfile.TemporaryDirectory(prefix="rebar-dask-") as folder:
@@ -89,6 +77,18 @@ async def _cancel_unwanted(is_wanted: Callable[[], bool]) -> None:
     while is_wanted():  # noqa: ASYNC110 - Dask sets no event; the state of its task is all that it shows
         await anyio.sleep(CANCELLED_S)
     raise CancelledTask
+
+
+def _tell_start(runner: str) -> None:
+    """Tell the runner which worker has started the task that this thread is at."""
+    from distributed import get_worker
+    from distributed.worker import thread_state
+
+    worker = get_worker()
+    # The address names the process, as in the scheduler's own tables; behind a bridge or in a container it may not
+    # name the machine.
+    name = f"{socket.gethostname()} {worker.address}"
+    worker.log_event(runner, {STARTED: thread_state.key, NAME: name})
 
 
 def _wanted() -> Callable[[], bool]:
