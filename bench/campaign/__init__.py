@@ -92,6 +92,10 @@ if TYPE_CHECKING:
     from .results._state import campaign_state as campaign_state
     from .storage._completeness import Completeness as Completeness
     from .storage._completeness import parse_accepted_outcomes as parse_accepted_outcomes
+    from .storage._elsewhere import check_store as check_store
+    from .storage._elsewhere import open_recorded as open_recorded
+    from .storage._elsewhere import runs_elsewhere as runs_elsewhere
+    from .storage._elsewhere import store_faults as store_faults
     from .storage._evidence_check import check_run as check_run
     from .storage._evidence_check import verify_folder as verify_folder
     from .storage._files import digest_of as digest_of
@@ -168,6 +172,7 @@ _MODULES = {
     "can_check_signatures": "storage._signature",
     "check_options": "results._measures",
     "check_run": "storage._evidence_check",
+    "check_store": "storage._elsewhere",
     "digest_of": "storage._files",
     "estimate_campaign": "planning._estimate",
     "fingerprint_of": "storage._signature",
@@ -184,6 +189,7 @@ _MODULES = {
     "open_dask": "execution._dask",
     "open_journal": "storage._journal",
     "open_local_pool": "execution._pool",
+    "open_recorded": "storage._elsewhere",
     "parse_accepted_outcomes": "storage._completeness",
     "parse_rerun_outcomes": "storage._recovery",
     "parse_shard": "_document",
@@ -201,6 +207,8 @@ _MODULES = {
     "resume_campaign": "storage._pause",
     "run_campaign": "_runner",
     "run_campaign_sync": "_runner",
+    "runs_elsewhere": "storage._elsewhere",
+    "store_faults": "storage._elsewhere",
     "sign_manifest": "storage._signature",
     "situation_tensions": "planning._realizations",
     "takeoff_faults": "planning._before_takeoff",

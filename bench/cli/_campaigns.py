@@ -79,6 +79,13 @@ def run(
             help="Where sessions fly: in processes of this machine, or on a Dask cluster",
         ),
     ] = "local",
+    recordings: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            help="Where workers of a Dask cluster put the recordings, for example s3://bucket/folder. Default: they come back",
+        ),
+    ] = None,
     again: Annotated[
         list[str] | None,
         typer.Option(
@@ -164,7 +171,7 @@ def run(
 
     Example: rebar run campaigns/paper.yaml --out out/paper
     """
-    open_executor = executor_named(executor, workers)
+    open_executor = executor_named(executor, workers, recordings)
     if dry_run:
         with file_in_faults(campaign):
             _print_plan(
@@ -191,6 +198,7 @@ def run(
             isolation=isolation,
             shard=shard,
             open_executor=open_executor,
+            stores_recordings=recordings is not None,
             events=events,
             laboratory=LaboratoryOptions(mqtt, mqtt_ca, stand_ready, stand_announce, stand_release),
         )
@@ -322,6 +330,12 @@ def verify(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Sessions at once for --refly. Default: the number of cores")
     ] = None,
+    recordings: Annotated[
+        bool,
+        typer.Option(
+            "--recordings", help="Read the recordings that are kept at a URL too, and compare their digests"
+        ),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
 ) -> None:
     """Check every file of a campaign against its manifest, its chain of evidence and its journal.
@@ -330,13 +344,24 @@ def verify(
 
     Example: rebar verify out/demo --refly 5
     """
-    from bench.campaign import CampaignFolder, digest_of, load_campaign, question_sha256, verify_folder
+    from bench.campaign import (
+        CampaignFolder,
+        digest_of,
+        load_campaign,
+        question_sha256,
+        runs_elsewhere,
+        store_faults,
+        verify_folder,
+    )
 
     if refly is None and (seed is not None or workers is not None):
         raise SetupError(
             Fault("--seed" if seed is not None else "--workers", "is for --refly alone", "give --refly N too")
         )
     faults = [str(fault) for fault in verify_folder(folder, digest, signed_by)]
+    stored = runs_elsewhere(folder)
+    if recordings and not faults:
+        faults = [str(fault) for fault in store_faults(stored)]
     manifest = CampaignFolder(folder).manifest
     actual = digest_of(manifest) if manifest.is_file() else None
     # Of a folder that was changed it would say nothing.
@@ -346,6 +371,7 @@ def verify(
             print("\n".join(faults))
         else:
             _print_verified(folder, actual, str(question), signed_by)
+            _print_stored(len(stored), checked=recordings)
     # A repetition of what is not what was flown would prove nothing.
     sample = None if refly is None or faults else _reflown(folder, refly, seed, workers, as_json=as_json)
     if as_json:
@@ -403,6 +429,16 @@ def _print_verified(folder: Path, manifest_sha256: str | None, question: str, si
     print(f"situations and design: {question}")
 
 
+def _print_stored(count: int, *, checked: bool) -> None:
+    if count:
+        what = (
+            "and have the digests of their sessions"
+            if checked
+            else "not read: --recordings compares them too"
+        )
+        print(f"{count} recordings are kept at a URL ({what})")
+
+
 def _reflown(
     folder: Path, count: int, seed: int | None, workers: int | None, *, as_json: bool
 ) -> ReflownSample:
@@ -449,6 +485,7 @@ def _run(
     isolation: Isolation | None = None,
     shard: str | None = None,
     open_executor: OpenExecutor | None = None,
+    stores_recordings: bool = False,
     events: Path | None = None,
     laboratory: LaboratoryOptions | None = None,
 ) -> None:
@@ -466,6 +503,9 @@ def _run(
     from ._scores import campaign_report
 
     campaign = _adjusted(load_campaign(path), pace, isolation, shard)
+    if stores_recordings and campaign.keep is not None:
+        what = "and keep in the campaign file both say what becomes of recordings"
+        raise SetupError(Fault("--recordings", what, "give one of them"))
     if floor:
         campaign = with_floor(campaign)
     try:

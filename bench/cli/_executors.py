@@ -12,11 +12,16 @@ if TYPE_CHECKING:
     from bench.campaign import OpenExecutor
 
 
-def executor_named(option: str, workers: int | None) -> OpenExecutor:
-    """What opens the executor of `local`, `dask` or `dask=ADDRESS`. Raises SetupError for any other text."""
-    from bench.campaign import open_dask, open_local_pool
+def executor_named(option: str, workers: int | None, recordings: str | None = None) -> OpenExecutor:
+    """What opens the executor of `local`, `dask` or `dask=ADDRESS`, whose workers keep recordings below the URL
+    `recordings`. Raises SetupError for any other text, and for recordings of local sessions.
+    """
+    from bench.campaign import check_store, open_dask, open_local_pool
 
     name, has_address, address = option.partition("=")
+    if option == "local" and recordings is not None:
+        what = "is for sessions on a cluster; those of this machine are recorded into the campaign's folder"
+        raise SetupError(Fault("--recordings", what, "give --executor dask too, or --out for another folder"))
     if option == "local":
         return open_local_pool
     if name != "dask" or (has_address and not address):
@@ -28,9 +33,11 @@ def executor_named(option: str, workers: int | None) -> OpenExecutor:
                 "for example dask=tcp://node1:8786",
             )
         )
+    if recordings is not None:
+        check_store("--recordings", recordings)
     # A cluster has as many sessions at once as it has threads, unless --workers says less; this machine's cores
     # say nothing about it.
-    return partial(open_dask, address=address or None, at_most=workers, warn=_warn)
+    return partial(open_dask, address=address or None, at_most=workers, recordings=recordings, warn=_warn)
 
 
 def _warn(warning: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -27,13 +28,14 @@ def export(
 
     Example: rebar export out/demo/runs/p000-r0-oracle --foxglove --out viewer.mcap
     """
+    from bench.campaign import open_recorded
     from bench.errors import Fault, SetupError
     from bench.recording.viewers import export_for_viewers
 
     if not foxglove:
         raise SetupError(Fault("rebar export", "no form is named", "add --foxglove"))
-    source = recording / "recording.mcap" if recording.is_dir() else recording
-    result = export_for_viewers(source, out)
+    with open_recorded(recording) if recording.is_dir() else nullcontext(recording) as source:
+        result = export_for_viewers(source / "recording.mcap" if source.is_dir() else source, out)
     lines = [
         f"{result.copied} messages copied, {result.derived} added.",
         f"pictures: {'those of the recording' if result.pictures else 'none; boxes are drawn on grey frames'}",

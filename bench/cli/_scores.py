@@ -277,15 +277,16 @@ def _of_campaign(
 
 
 def _of_run(folder: Path, named: str | None) -> ScoreSource:
-    from bench.campaign import check_run, load_measurable_decomposition, rescore
+    from bench.campaign import check_run, load_measurable_decomposition, open_recorded, rescore
     from bench.recording import read_simspec
     from bench.scoring import ScoredRun, Sources, difficulty_of, score_table, summary_frame
 
     decomposition = load_measurable_decomposition(named or _campaign_decomposition(folder))
     check_run(folder)
-    result = rescore(folder, decomposition)
     recording = folder / "recording.mcap"
-    simspec = read_simspec(recording)
+    with open_recorded(folder) as recorded:
+        result = rescore(recorded, decomposition)
+        simspec = read_simspec(recorded / recording.name)
     run = ScoredRun(
         realization=result.realization,
         # A run by itself has no design: it is a design point of its own.

@@ -16,7 +16,8 @@ NAME = "name"
 class ClusterTask(BaseModel):
     """A task with everything that it needs: a cluster's machines share no disk with the runner.
 
-    `runner` is the topic on the scheduler where the runner learns which worker has started the task.
+    `runner` is the topic on the scheduler where the runner learns which worker has started the task, `recordings` the URL
+    below which the recording is kept; None sends it back.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -29,3 +30,14 @@ class ClusterTask(BaseModel):
     own_network: bool
     versions: dict[str, str]
     runner: str
+    recordings: str | None = None
+
+
+class StoredRecording(BaseModel):
+    """Where a worker has put a recording; or why it could not, so that the recording comes back instead."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    url: str
+    bytes: int
+    fault: str = ""

@@ -19,7 +19,8 @@ from bench.contracts import OnProgress, Outcome, SessionResult, ignore_progress
 from bench.errors import Fault, SetupError
 
 from .._versions import versions
-from ._cluster_task import NAME, STARTED, ClusterTask
+from ..storage._dropped import DroppedRecording, note_pending
+from ._cluster_task import NAME, STARTED, ClusterTask, StoredRecording
 from ._executor import OnStart
 from ._task import Task, WorkerPlan, WorkersUnusable
 
@@ -61,10 +62,16 @@ class DaskExecutor:
     """Tasks on the worker threads of a cluster, one session to a thread."""
 
     def __init__(
-        self, client: Client, plan: WorkerPlan, address: str, at_most: int | None, warn: Callable[[str], None]
+        self,
+        client: Client,
+        plan: WorkerPlan,
+        address: str,
+        at_most: int | None,
+        recordings: str | None,
+        warn: Callable[[str], None],
     ) -> None:
         self._client, self._plan, self._address, self._at_most = client, plan, address, at_most
-        self._warn = warn
+        self._warn, self._recordings = warn, recordings
         self._threads = 0
         self._submitted = 0
         self._starts: dict[str, _Start] = {}
@@ -92,7 +99,7 @@ class DaskExecutor:
         try:
             async with anyio.create_task_group() as tasks:
                 tasks.start_soon(start.announce, on_start)
-                result, files = await self._answer(future, task)
+                result, files, stored = await self._answer(future, task)
                 tasks.cancel_scope.cancel()
             if not start.announced:
                 on_start(start.worker)
@@ -105,6 +112,8 @@ class DaskExecutor:
             path = task.folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
+        if stored is not None:
+            self._note_stored(task, result, stored)
         return result
 
     async def watch(self) -> None:
@@ -127,15 +136,30 @@ class DaskExecutor:
             start.worker = message[NAME]
             start.said.set()
 
-    async def _answer(self, future: Any, task: Task) -> tuple[SessionResult, dict[str, bytes]]:
+    def _note_stored(self, task: Task, result: SessionResult, stored: StoredRecording) -> None:
+        if stored.fault or result.recording_sha256 is None:
+            self._warn(f"{task.realization}: {stored.url} took no recording, so it came back: {stored.fault}")
+            return
+        note = DroppedRecording(
+            recording_sha256=result.recording_sha256,
+            bytes=stored.bytes,
+            policy=f"kept at {self._recordings}",
+            versions=versions(),
+            kept_at=stored.url,
+        )
+        note_pending(task.folder, note)
+
+    async def _answer(
+        self, future: Any, task: Task
+    ) -> tuple[SessionResult, dict[str, bytes], StoredRecording | None]:
         from concurrent.futures import CancelledError
 
         from distributed import KilledWorker
 
         try:
-            result, files = await future
+            result, files, stored = await future
         except KilledWorker as error:
-            return _failure(task, Outcome.WORKER_LOST, f"the Dask worker is gone: {error}"), {}
+            return _failure(task, Outcome.WORKER_LOST, f"the Dask worker is gone: {error}"), {}, None
         except (CancelledError, OSError) as error:
             raise WorkersUnusable(
                 f"the Dask scheduler at {self._address} is gone. "
@@ -148,8 +172,9 @@ class DaskExecutor:
         except WorkersUnusable:
             raise
         except Exception as error:
-            return _failure(task, Outcome.BENCH_ERROR, f"{type(error).__name__}: {error}"), {}
-        return SessionResult.model_validate_json(result), files
+            return _failure(task, Outcome.BENCH_ERROR, f"{type(error).__name__}: {error}"), {}, None
+        where = StoredRecording.model_validate_json(stored) if stored else None
+        return SessionResult.model_validate_json(result), files, where
 
     def _document(self, task: Task) -> bytes:
         document = ClusterTask(
@@ -161,6 +186,7 @@ class DaskExecutor:
             own_network=self._plan.own_network,
             versions=versions(),
             runner=self._client.id,
+            recordings=self._recordings,
         )
         return document.model_dump_json().encode()
 
@@ -177,12 +203,14 @@ async def open_dask(
     *,
     address: str | None = None,
     at_most: int | None = None,
+    recordings: str | None = None,
     connect_s: float = CONNECT_S,
     warn: Callable[[str], None] = lambda warning: None,
 ) -> AsyncIterator[DaskExecutor]:
     """Yield an executor over the cluster at `address`, for `at_most` sessions at once (None: all of its threads).
 
-    Without an address, over `workers` processes on this machine. `warn` is told when there are no workers. Raises SetupError if `distributed` is not installed,
+    Without an address, over `workers` processes on this machine. `recordings` is the URL below which workers keep the
+    recordings; None: they come back. `warn` is told when there are no workers. Raises SetupError if `distributed` is not installed,
     no scheduler answers, or the scheduler would repeat lost tasks by itself.
     """
     del folder
@@ -218,7 +246,7 @@ async def open_dask(
             ) from error
         if address is not None:
             await _check_scheduler(client, address)
-        executor = DaskExecutor(client, plan, address or "this machine", at_most, warn)
+        executor = DaskExecutor(client, plan, address or "this machine", at_most, recordings, warn)
         async with anyio.create_task_group() as tasks:
             tasks.start_soon(executor.watch)
             yield executor

@@ -5,25 +5,32 @@ from __future__ import annotations
 import socket
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import anyio
+import anyio.to_thread
 
 from bench.contracts import SessionResult
 from decompositions import decomposition_of
 
 from .._versions import versions
+from ..storage._elsewhere import store_recording
+from ..storage._folder import RECORDING
 from ._blocking import first_error_alone
-from ._cluster_task import NAME, STARTED, ClusterTask
+from ._cluster_task import NAME, STARTED, ClusterTask, StoredRecording
 from ._pool import open_local_pool
 from ._task import Task, WorkerPlan, WorkersUnusable
 
+STORE_LIMIT_S = 300.0
+"""Host seconds that a recording may take to its store. Chosen: one of 10 MB needs 270 kbit/s."""
 CANCELLED_S = 0.5
 """Host seconds between two looks at whether the task is still wanted. Chosen: a look costs microseconds."""
 
 
-def fly_document(document: bytes) -> tuple[bytes, dict[str, bytes]]:
-    """Fly a `ClusterTask` and return the `SessionResult`, both as JSON, with every file of its run folder.
+def fly_document(document: bytes) -> tuple[bytes, dict[str, bytes], bytes]:
+    """Fly a `ClusterTask` and return the `SessionResult`, both as JSON, with every file of its run folder, and the
+    `StoredRecording` (empty: the recording is among the files).
 
     Raises WorkersUnusable where this worker cannot fly it, and CancelledTask once nobody waits for it.
     """
@@ -35,12 +42,34 @@ def fly_document(document: bytes) -> tuple[bytes, dict[str, bytes]]:
         with first_error_alone():
             result = anyio.run(_fly, task, Path(folder), _wanted())
         run = Path(folder, "run")
+        stored = _stored(task, run, result)
         files = {
             str(path.relative_to(run)): path.read_bytes()
             for path in sorted(run.rglob("*"))
             if path.is_file() and not path.is_symlink()
         }
-        return result.model_dump_json().encode(), files
+        return result.model_dump_json().encode(), files, stored.model_dump_json().encode() if stored else b""
+
+
+def _stored(task: ClusterTask, run: Path, result: SessionResult) -> StoredRecording | None:
+    """Put the recording where it is to be kept. One that cannot be stays in the run's folder."""
+    recording = run / RECORDING
+    if task.recordings is None or result.recording_sha256 is None or not recording.is_file():
+        return None
+    store = partial(store_recording, recording, task.recordings, task.realization, result.recording_sha256)
+    try:
+        url = anyio.run(_within_limit, store)
+    # Whatever a file system raises: a recording that comes back over the cluster is better than none.
+    except Exception as error:
+        return StoredRecording(url=task.recordings, bytes=0, fault=f"{type(error).__name__}: {error}")
+    stored = StoredRecording(url=url, bytes=recording.stat().st_size)
+    recording.unlink()
+    return stored
+
+
+async def _within_limit(store: Callable[[], str]) -> str:
+    with anyio.fail_after(STORE_LIMIT_S):
+        return await anyio.to_thread.run_sync(store, abandon_on_cancel=True)
 
 
 def version_faults(wanted: dict[str, str], installed: dict[str, str]) -> list[str]:

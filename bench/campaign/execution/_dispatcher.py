@@ -29,7 +29,7 @@ from .._versions import versions
 from ..early_stopping._decisions import PointKey
 from ..early_stopping._early_stopping import EarlyStopping
 from ..storage._completeness import PROVISIONAL_OUTCOMES
-from ..storage._dropped import drop_recording
+from ..storage._dropped import drop_recording, pending_note, settle_note
 from ..storage._folder import CampaignFolder
 from ..storage._journal import Journal, RealizationState
 from ..storage._pause import take_retry_request
@@ -298,7 +298,10 @@ class Dispatcher:
             result = self._firmware.marked(self._suspects.marked(result))
             run = self._folder.run(result.realization)
             self._journal.finish(result, write_result(run, result))
-            if self._retention is not None and self._retention.drops(
+            if (note := pending_note(run)) is not None:
+                self._journal.drop(result.realization, note.policy)
+                settle_note(run)
+            elif self._retention is not None and self._retention.drops(
                 result, self._folder.simspec(result.realization)
             ):
                 self._journal.drop(result.realization, self._retention.policy)

@@ -36,6 +36,7 @@ from ..early_stopping._decisions import PointKey, is_after_stop, outcome_name
 from ..execution._parallel import OnDone, map_in_processes
 from ..storage._completeness import NOT_FINISHED, Completeness, accepted_realizations, completeness_of
 from ..storage._dropped import dropped_recording
+from ..storage._elsewhere import drop_again, recordings_elsewhere
 from ..storage._evidence_check import changed_tables, check_evidence, evidence_faults
 from ..storage._files import digest_of, write_whole
 from ..storage._firmware_ends import drawn_out_realizations
@@ -155,15 +156,24 @@ def rescore_campaign(
     with open_lock(path), open_journal(folder.journal) as journal:
         check_evidence(folder, journal)
         runs = {entry.id: folder.run(entry.id) for entry in journal.entries()}
-        if dropped := [name for name, run in runs.items() if dropped_recording(run) is not None]:
+        elsewhere = recordings_elsewhere(runs)
+        if dropped := [
+            name for name, run in runs.items() if name not in elsewhere and dropped_recording(run) is not None
+        ]:
             what = f"{len(dropped)} of its recordings were dropped when they were flown (keep), so they cannot be measured"
             raise SetupError(
                 Fault(str(path), what, "fly it with keep: {recordings: all} into another folder")
             )
-        recorded = {name: run for name, run in runs.items() if (run / RECORDING).is_file()}
+        recorded = {
+            name: run for name, run in runs.items() if (run / RECORDING).is_file() or name in elsewhere
+        }
         digests = journal.recordings()
         faults = [
-            fault for name, run in recorded.items() for fault in recording_faults(run, digests.get(name))
+            fault
+            for name, run in recorded.items()
+            # Of one that lies elsewhere the digest is compared when it is fetched.
+            if name not in elsewhere
+            for fault in recording_faults(run, digests.get(name))
         ]
         # Before any result is written: otherwise a fault would leave half of the campaign measured in the new
         # way.
@@ -178,6 +188,7 @@ def rescore_campaign(
         )
         for run, result in zip(recorded.values(), results, strict=True):
             journal.measure(result, write_result(run, result))
+            drop_again(journal, run, result)
     return finish_campaign(path, other_decomposition)
 
 

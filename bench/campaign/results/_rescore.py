@@ -10,6 +10,7 @@ from bench.errors import Fault, SetupError
 from bench.recording import read_simspec, read_tape
 from decompositions import Decomposition
 
+from ..storage._elsewhere import open_recorded
 from ..storage._files import digest_of
 from ..storage._folder import RECORDING, RESULT, campaign_of
 from ._honeypots import truth_details
@@ -24,9 +25,14 @@ _REMEDY_ELSEWHERE = f"restore it from a copy, or delete {RESULT} to score the re
 def rescore(folder: Path, decomposition: Decomposition) -> SessionResult:
     """The result of the run in `folder`, with its observations measured again from `recording.mcap`.
 
-    The outcome is taken from `result.json` if there is one, and from the recording otherwise. Raises
+    A recording that is kept at a URL is fetched, and deleted again. The outcome is taken from `result.json` if there is one, and from the recording otherwise. Raises
     SetupError if the folder has no readable recording, or one that differs from the recording of its result.
     """
+    with open_recorded(folder) as recorded:
+        return _measured_again(recorded, decomposition)
+
+
+def _measured_again(folder: Path, decomposition: Decomposition) -> SessionResult:
     recording = folder / RECORDING
     if not recording.is_file():
         raise SetupError(

@@ -12,16 +12,18 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError
 
-from bench.documents import Document, dump_json
+from bench.documents import Document, dump_json, is_default
 
 from ._files import write_whole
 from ._folder import RECORDING
 
 DROPPED = "recording.dropped"
+# Until the chain of evidence has its line: a note that the chain does not know is taken for a forgery.
+_PENDING = ".recording.dropped"
 
 
 class DroppedRecording(Document):
-    """A recording that was deleted when its session was over."""
+    """A recording that is not in the run's folder: deleted when its session was over, or kept at a URL."""
 
     format: Literal["rebar.dropped-recording/1"] = "rebar.dropped-recording/1"
     recording_sha256: str
@@ -33,6 +35,28 @@ class DroppedRecording(Document):
             description="Of the software that flew it: another one need not give the same recording again."
         ),
     ]
+    kept_at: Annotated[
+        str | None,
+        Field(exclude_if=is_default(None), description="URL at which it lies; absent: it was deleted."),
+    ] = None
+
+
+def note_pending(run: Path, note: DroppedRecording) -> None:
+    """Put the note of a recording that lies elsewhere into a run's folder, without effect as yet."""
+    write_whole(run / _PENDING, dump_json(note))
+
+
+def pending_note(run: Path) -> DroppedRecording | None:
+    """The note that waits for its line in the chain, if one does."""
+    try:
+        return DroppedRecording.model_validate_json((run / _PENDING).read_bytes())
+    except (FileNotFoundError, ValidationError):
+        return None
+
+
+def settle_note(run: Path) -> None:
+    """Let the waiting note stand for the recording. Its line in the chain must have been written before."""
+    (run / _PENDING).rename(run / DROPPED)
 
 
 def drop_recording(run: Path, recording_sha256: str, policy: str, versions: Mapping[str, str]) -> None:
