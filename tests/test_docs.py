@@ -10,13 +10,16 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
-    [
+    page
+    for page in [
         *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
         *ROOT.glob("docs/**/*.md"),
         *ROOT.glob("docker/*.md"),
         *ROOT.glob("examples/**/*.md"),
         *ROOT.glob("tests/**/*.md"),
     ]
+    # Of packages that npm has installed beside the example in Node.
+    if "node_modules" not in page.parts
 )
 
 

@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 FOLDERS = ("campaigns", "decompositions", "examples")
+_SUFFIXES = (".yaml", ".py", ".toml", ".js", ".json")
 
 
 def register(app: typer.Typer) -> None:
@@ -62,7 +63,8 @@ def shipped_files() -> Iterator[tuple[str, Path]]:
     for top in FOLDERS:
         folder = _folder(top)
         for path in folder.rglob("*"):
-            if path.is_file() and path.suffix in (".yaml", ".py", ".toml"):
+            # What npm installs beside an example is not shipped, and has more files than everything else.
+            if "node_modules" not in path.parts and path.is_file() and path.suffix in _SUFFIXES:
                 yield f"{top}/{path.relative_to(folder).as_posix()}", path
 
 

@@ -37,6 +37,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
 ]
 AGENT = Path(__file__).with_name("mqtt_agents.py")
+NODE_AGENT = Path(__file__).parents[2] / "examples" / "mqtt" / "mqtt_agent.js"
 needs_mosquitto = pytest.mark.skipif(
     shutil.which("mosquitto", path="/usr/sbin:/usr/bin:/usr/local/sbin") is None,
     reason="mosquitto is not installed",
@@ -51,11 +52,18 @@ def _collected() -> Iterator[None]:
 
 
 def flown(
-    folder: Path, port: int | None, *manner: str, options: tuple[str, ...] = (), **changes: Any
+    folder: Path,
+    port: int | None,
+    *manner: str,
+    options: tuple[str, ...] = (),
+    command: tuple[str, ...] = ("{python}", str(AGENT)),
+    home: Path | None = None,
+    **changes: Any,
 ) -> tuple[SessionEnd, list[Record], str]:
     """A session of one second behind a bridge: how it ended, its records, and what bridge and agent printed.
 
-    `port`: of a broker that the SimSpec lets in; None for one of the bridge's own. `options`: of the bridge.
+    `port`: of a broker that the SimSpec lets in; None for one of the bridge's own. `options`: of the bridge. `command`: of
+    the agent, whose manifest lies in `home`.
     """
     broker = [] if port is None else ["--broker", "service:bus"]
     services = () if port is None else (OutsideService(name="bus", host="127.0.0.1", port=port),)
@@ -68,8 +76,7 @@ def flown(
             *broker,
             *options,
             "--",
-            "{python}",
-            str(AGENT),
+            *command,
             *manner,
         ),
         pace=("lockstep",),
@@ -84,7 +91,9 @@ def flown(
     }
     spec = simspec(**{**made, **changes})
     records: list[Record] = []
-    end = run_session(SessionPlan(spec, manifest, folder, open_agent, folder / "scratch", records.append))
+    end = run_session(
+        SessionPlan(spec, manifest, home or folder, open_agent, folder / "scratch", records.append)
+    )
     return end, records, (folder / "scratch" / "agent.log").read_text()
 
 
@@ -350,6 +359,25 @@ def test_a_session_with_a_broker_of_its_own(tmp_path: Path) -> None:
     with open_laboratory() as laboratory:
         _, other, _ = flown(tmp_path / "let in", laboratory.port)
     assert records == other
+
+
+@needs_mosquitto
+@pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
+@pytest.mark.skipif(
+    not (NODE_AGENT.parent / "node_modules" / "mqtt").is_dir(),
+    reason=f"the npm package mqtt is not installed: npm install --no-package-lock in {NODE_AGENT.parent}",
+)
+@pytest.mark.flight
+def test_the_agent_in_node_answers_every_tick(tmp_path: Path) -> None:
+    """The example, at its first steps: what it says is recorded at the ticks that it answers."""
+    end, records, output = flown(
+        tmp_path, None, command=("node", "{folder}/mqtt_agent.js"), home=NODE_AGENT.parent
+    )
+    assert end.outcome is Outcome.TIME_LIMIT
+    use = use_of(output)
+    assert (use["ticks"], use["refused"], use["unsent"]) == (10, 0, 0)
+    statuses = [record for record in records if record.topic == VehicleTopics("vehicle_1").status]
+    assert [record.time.s for record in statuses] == [0.0]
 
 
 def test_the_page_has_every_topic_with_its_type() -> None:
