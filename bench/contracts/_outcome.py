@@ -235,7 +235,9 @@ def services_of(details: Mapping[str, object]) -> tuple[ServiceUse, ...]:
 class StepTiming(Document):
     """How punctually a session in real time began its steps. A delay is counted from the moment at which a step was due;
     percentiles of delays are its jitter. A step is late when it began more than `late_after_s`, its own length, too late:
-    what the agent sent for it was then taken by another step.
+    what the agent sent for it was then taken by another step. `late_without_input` is how many would have been late if the
+    bench had had nothing to do with what the agent sends, and `late_input_share` which part of the host's time between two
+    steps, of which the second was late, that work took; None where it was not counted.
     """
 
     steps: int
@@ -245,6 +247,8 @@ class StepTiming(Document):
     delay_p95_s: float
     delay_p99_s: float
     delay_max_s: float
+    late_without_input: int | None = None
+    late_input_share: float | None = None
 
     @property
     def late_share(self) -> float:

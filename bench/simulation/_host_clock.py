@@ -20,13 +20,16 @@ class HostClock:
     """Host seconds, for budgets and for the realtime pace alone: they never become simulated time.
 
     `thread_starved` is how long the calling thread has been ready to run without a core so far, and
-    `others_starved` the same summed over the other threads of this process, which carry the air network.
+    `others_starved` the same summed over the other threads of this process, which carry the air network. `thread_cpu` is
+    the CPU time of the calling thread, and `air_readers_cpu` that of the threads that read what agents send over Zenoh.
     """
 
     now: Callable[[], float] = time.monotonic
     sleep: Callable[[float], None] = time.sleep
     thread_starved: Callable[[], float] = _no_delay
     others_starved: Callable[[], float] = _no_delay
+    thread_cpu: Callable[[], float] = _no_delay
+    air_readers_cpu: Callable[[], float] = _no_delay
 
 
 class _Schedstat:
@@ -80,9 +83,61 @@ def _starved_s(thread: str) -> float:
 def others_starved_s() -> float:
     """Summed run delay of the threads of this process that live now, without the calling one."""
     own = str(threading.get_native_id())
+    return sum(_starved_s(thread) for thread in _threads() if thread != own)
+
+
+def _threads() -> list[str]:
     with suppress(OSError):
-        return sum(_starved_s(thread) for thread in os.listdir("/proc/self/task") if thread != own)
-    return 0.0
+        return os.listdir("/proc/self/task")
+    return []
 
 
-HOST_CLOCK = HostClock(thread_starved=thread_starved_s, others_starved=others_starved_s)
+class _AirReaders:
+    """The threads of this process that accept and read Zenoh's connections, and what they cost.
+
+    Known by the names that Zenoh gives to its runtimes. Those that send have others, so what the bench itself publishes is
+    not among it.
+    """
+
+    def __init__(self) -> None:
+        self._process = os.getpid()
+        # Kept open, and names read once: a session in real time asks at every step.
+        self._schedstats: dict[str, int] = {}
+        self._cpu_ns: dict[str, int] = {}
+        self._ended_ns = 0
+        self._others: set[str] = set()
+
+    def cpu_s(self) -> float:
+        """Their CPU time so far; 0 where the system does not tell."""
+        # A forked process has other threads under the same numbers.
+        if self._process != os.getpid():
+            self._process = os.getpid()
+            self._schedstats, self._cpu_ns, self._others = {}, {}, set()
+        present = set(_threads())
+        self._others &= present
+        for thread in present - self._others - self._schedstats.keys():
+            self._add(thread)
+        for thread, file in list(self._schedstats.items()):
+            try:
+                self._cpu_ns[thread] = int(os.pread(file, 100, 0).split()[0])
+            except (OSError, ValueError, IndexError):
+                # It has ended, as those do that Zenoh starts for a while.
+                self._ended_ns += self._cpu_ns.pop(thread, 0)
+                os.close(self._schedstats.pop(thread))
+        return (self._ended_ns + sum(self._cpu_ns.values())) / 1e9
+
+    def _add(self, thread: str) -> None:
+        folder = Path("/proc/self/task", thread)
+        with suppress(OSError):
+            if (folder / "comm").read_bytes().startswith((b"rx-", b"acc-", b"net-")):
+                self._schedstats[thread] = os.open(folder / "schedstat", os.O_RDONLY | os.O_CLOEXEC)
+            else:
+                self._others.add(thread)
+
+
+HOST_CLOCK = HostClock(
+    thread_starved=thread_starved_s,
+    others_starved=others_starved_s,
+    thread_cpu=time.thread_time,
+    air_readers_cpu=_AirReaders().cpu_s,
+)

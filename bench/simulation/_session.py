@@ -57,6 +57,7 @@ from bench.errors import Fault, SetupError
 from bench.perception import PictureDetector, open_detectors
 from bench.simspec import SimSpec
 
+from ._agent_input import AgentInput
 from ._agent_time import AgentTime
 from ._air_network import AirNetwork, open_air_network
 from ._before_takeoff import camera_faults, firmware_faults, link_faults, pace_faults, tick_faults
@@ -225,6 +226,7 @@ class Session:
         self._next_frame_ns = 0
         self._clock = plan.clock
         self._agent_time = AgentTime(plan.clock, self._usage)
+        self._agent_input = AgentInput(plan.clock)
         started_s = plan.clock.now()
         self._wall_deadline_s = started_s + plan.simspec.budgets.wall_s
         self._updates = ProgressUpdates(plan.on_progress, plan.simspec.mission.time_limit_s, started_s)
@@ -290,8 +292,10 @@ class Session:
             with self._agent_time.waiting():
                 ack = ticks.exchange(tick, budgets.reply_s)
                 self._receive_exactly(ack.links)
+                # Inside, because it may state samples long before it sends them.
+                documents = self._air.receive(now, ack.topics, COUNT_BUDGET_S)
             self._receive_from_operator()
-            self._process_documents(self._air.receive(now, ack.topics, COUNT_BUDGET_S))
+            self._process_documents(documents)
             self._advance(self._spec.pace.tick_s)
             number += 1
 
@@ -304,7 +308,8 @@ class Session:
         except StopSession as end:
             self._progress.timing = timing = steps.summary()
             host_s = (self._clock.now() - started_s) * usable_cores()
-            share = (self._usage().cpu_s - cpu_s) / host_s if host_s > 0.0 else 0.0
+            used_s = self._usage().cpu_s - cpu_s + self._agent_input.cpu_s
+            share = used_s / host_s if host_s > 0.0 else 0.0
             raise judged(end, timing, self._spec.pace, share) from None
 
     def _run_steps(self, steps: StepClock, started_s: float) -> None:
@@ -319,9 +324,10 @@ class Session:
             ahead_s = now.s - (self._clock.now() - started_s)
             if ahead_s > 0:
                 self._clock.sleep(ahead_s)
-            steps.record(self._clock.now() - started_s - now.s)
-            self._vehicle.receive()
-            self._process_documents(self._air.receive(now, None, 0.0))
+            steps.record(self._clock.now() - started_s - now.s, self._agent_input.delay_since_mark_s())
+            with self._agent_input.taking():
+                self._vehicle.receive()
+                self._process_documents(self._air.receive(now, None, 0.0))
             self._advance(self._vehicle.step_s)
 
     def _run_warp(self, warp: Warp) -> None:
@@ -338,9 +344,10 @@ class Session:
             self._check_agent()
             # Then it lives until the next step, and acts at the moments for which it waits.
             warp.run_until(now.after(self._vehicle.step_s))
-            received = self._vehicle.receive()
+            with self._agent_input.taking():
+                received = self._vehicle.receive()
+                documents = self._air.receive(now, None, 0.0)
             self._receive_from_operator()
-            documents = self._air.receive(now, None, 0.0)
             warp.agent_has_spoken = (
                 warp.agent_has_spoken or bool(documents) or any(received[name] for name in self._agent_links)
             )
@@ -439,6 +446,7 @@ class Session:
         """
         wall_s = self._spec.budgets.wall_s
         own_s, waited_s = self._agent_time.own_s(), self._agent_time.waited_s
+        own_s, waited_s = own_s + self._agent_input.taken_s, waited_s + self._agent_input.taken_s
         if own_s > wall_s / 2:
             reason = (
                 f"the agent took {own_s:.0f} s of the session's {wall_s:g} s of the host's time to answer"

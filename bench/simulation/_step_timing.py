@@ -13,21 +13,37 @@ from ._stop_session import StopSession
 # A second of the default controller. Until then agents load their libraries on the same host, and one late step would
 # be a large share.
 MIN_JUDGED_STEPS = 50
-# As for the wall budget: the agent is charged when the larger part is its own.
-AGENT_CPU_SHARE = 0.5
+# As for the wall budget: the agent is charged when the larger part is its own, of the host's processor time or of what made
+# steps late.
+AGENT_CPU_SHARE = INPUT_SHARE = 0.5
 
 
 class StepClock:
-    """Keeps how late each step began after the moment at which it was due. `late_after_s` is the step's length."""
+    """Keeps how late each step began after the moment at which it was due. `late_after_s` is the step's length.
+
+    Beside it runs the same session without its agent's input: what the host was late by itself.
+    """
 
     def __init__(self, late_after_s: float) -> None:
         self._late_after_s = late_after_s
         self._delays_s = array("d")
-        self._late = 0
+        self._late = self._late_without_input = 0
+        self._last_s = self._last_without_input_s = 0.0
+        # Host seconds between two steps of which the second was late, and those of the agent's input among them.
+        self._lost_s = self._lost_to_input_s = 0.0
 
-    def record(self, delay_s: float) -> None:
-        """A step begins `delay_s` host seconds after it was due; negative: before."""
+    def record(self, delay_s: float, input_s: float = 0.0) -> None:
+        """A step begins `delay_s` host seconds after it was due; negative: before. Since the last one the agent's input
+        delayed the session by `input_s`.
+        """
         delay_s = max(delay_s, 0.0)
+        # What was lost or made up since the last step stays so without the input.
+        without_input_s = max(self._last_without_input_s + delay_s - self._last_s - input_s, 0.0)
+        if delay_s > self._late_after_s:
+            self._lost_s += delay_s - self._last_s + self._late_after_s
+            self._lost_to_input_s += input_s
+        self._last_s, self._last_without_input_s = delay_s, without_input_s
+        self._late_without_input += without_input_s > self._late_after_s
         self._delays_s.append(delay_s)
         self._late += delay_s > self._late_after_s
 
@@ -43,15 +59,17 @@ class StepClock:
             delay_p95_s=most,
             delay_p99_s=nearly_all,
             delay_max_s=largest,
+            late_without_input=self._late_without_input,
+            late_input_share=self._lost_to_input_s / self._lost_s if self._lost_s > 0.0 else 0.0,
         )
 
 
 def judged(end: StopSession, timing: StepTiming, pace: Pace, agent_cpu_share: float) -> StopSession:
     """The end as it was, or the one that a host earns which was too slow for real time.
 
-    `agent_cpu_share` is the part of the host's processor time that the agent's processes used. A run that ends as
-    BENCH_TOO_SLOW is flown again, so an agent could drop one that goes badly by keeping every core busy: then the late
-    steps are its own.
+    `agent_cpu_share` is the part of the host's processor time that the agent's processes and the bench's work on its input
+    used. A run that ends as BENCH_TOO_SLOW is flown again, so an agent could drop one that goes badly by keeping every core
+    busy, or the bench: then the late steps are its own.
     """
     if not end.outcome.counts or timing.steps < MIN_JUDGED_STEPS or timing.late_share <= pace.max_late_share:
         return end
@@ -60,9 +78,26 @@ def judged(end: StopSession, timing: StepTiming, pace: Pace, agent_cpu_share: fl
         f"{end.outcome}: {end.reason}"
     )
     if agent_cpu_share > AGENT_CPU_SHARE:
-        used = f"the agent's processes used {agent_cpu_share:.0%} of the host's processor time, so that "
+        used = (
+            f"the agent's processes, and the bench's work on what they sent, used {agent_cpu_share:.0%} of the host's "
+            "processor time, so that "
+        )
         return StopSession(Outcome.AGENT_TIMEOUT, used + reason)
+    if _late_by_input(timing, pace):
+        flooded = f"the agent kept the bench busy: without what it sent {timing.late_without_input:,} steps had been late, but "
+        return StopSession(Outcome.AGENT_FLOODED, flooded + reason)
     return StopSession(Outcome.BENCH_TOO_SLOW, reason)
+
+
+def _late_by_input(timing: StepTiming, pace: Pace) -> bool:
+    """Whether the session had been in time without the agent's input, which also took most of the time that was lost.
+
+    Either alone would not do: ordinary messages of an agent may be the last straw on a slow host.
+    """
+    without, share = timing.late_without_input, timing.late_input_share
+    if without is None or share is None:
+        return False
+    return without <= timing.steps * pace.max_late_share and share > INPUT_SHARE
 
 
 def _percentile(ordered: list[float], share: float) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -22,6 +24,7 @@ from bench.simulation._allowance import (
     Limit,
     TopicAllowance,
 )
+from bench.simulation._host_clock import HOST_CLOCK, _AirReaders
 from bench.simulation._stop_session import StopSession
 from bench.simulation._truth import TruthRecorder
 from bench.streams import Publisher, String, open_client
@@ -95,6 +98,44 @@ def test_two_topics_have_limits_of_their_own(air: Air) -> None:
     assert len(air.drops) == 1
     assert air.network.counters()["air_dropped"] == 300
     assert len(air.records) == 1100
+
+
+def test_what_the_air_network_reads_for_an_agent_is_counted(air: Air) -> None:
+    """By the CPU time of the threads that read its connection, which goes on rising also where a thread of theirs ends."""
+    readings = [HOST_CLOCK.air_readers_cpu()]
+    for topic in (TOPICS.decisions, TOPICS.reports):
+        air.send(topic, 200)
+        air.receive(0.0)
+        readings.append(HOST_CLOCK.air_readers_cpu())
+    assert 0.0 <= readings[0] < readings[1] < readings[2]
+
+
+def test_a_reader_that_has_ended_keeps_its_part() -> None:
+    """Two threads with a reader's name and one without, which end one after the other."""
+    libc, readers, ending = ctypes.CDLL(None), _AirReaders(), [threading.Event() for _ in range(3)]
+    named = threading.Barrier(4)
+
+    def work(name: bytes, over: threading.Event) -> None:
+        libc.prctl(15, name)  # PR_SET_NAME
+        sum(range(200_000))
+        named.wait()
+        over.wait()
+
+    threads = [
+        threading.Thread(target=work, args=(name, over))
+        for name, over in zip((b"rx-7", b"acc-7", b"tx-7"), ending, strict=True)
+    ]
+    before_s = _AirReaders().cpu_s()
+    for thread in threads:
+        thread.start()
+    named.wait()
+    readings = [readers.cpu_s()]
+    for over, thread in zip(ending, threads, strict=True):
+        over.set()
+        thread.join()
+        readings.append(readers.cpu_s())
+    assert readings[0] > before_s
+    assert readings == sorted(readings)
 
 
 def test_long_documents_use_up_the_bytes(air: Air) -> None:

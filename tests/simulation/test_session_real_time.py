@@ -127,6 +127,77 @@ def test_the_cores_of_a_session_are_those_that_it_may_use(tmp_path: Path) -> Non
     assert usable_cores(groups, own_group) == 0.25
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_late_steps_without_input_are_those_of_a_session_without_it(seed: int) -> None:
+    """Beside a second session that spends the same on everything else, and sleeps whenever it is early."""
+    random = np.random.default_rng(seed)
+    spent_s, input_s = random.exponential(0.012, 2000), random.exponential(0.012, 2000)
+    clock, late, delay_s, without_s = StepClock(STEP_S), 0, 0.0, 0.0
+    for own_s, taken_s in zip(spent_s, input_s, strict=True):
+        delay_s = max(delay_s + own_s + taken_s - STEP_S, 0.0)
+        without_s = max(without_s + own_s - STEP_S, 0.0)
+        late += without_s > STEP_S
+        clock.record(delay_s, taken_s)
+    timing = clock.summary()
+    assert timing.late_without_input == late
+    assert 0 < late < timing.late
+
+
+def flooded(
+    taken_s: float, read_s: float, host_s: float, readers: float = 1.0, agent_cores: float = 0.0
+) -> tuple[StopSession, int]:
+    """A session whose first four simulated seconds of eight an agent spoils: at every second step the bench takes `taken_s`
+    to take in what it sends, has no core for `read_s` because the air network reads it with `readers` threads' worth of
+    CPU time, and loses `host_s` to other programs.
+    """
+    host, records = Host(), list[Record]()
+    spec = session_simspec(pace=Pace(mode="realtime"), mission=Mission(time_limit_s=8.0))
+    with session_of(spec, host, FakeAgent(host), records) as (session, vehicle):
+        session.attach(IdleProcess(host), None)  # type: ignore[arg-type]
+
+        def receive() -> dict[str, int]:
+            if vehicle.time.s < 4.0 and round(vehicle.time.s / STEP_S) % 2:
+                host.spend(taken_s + read_s + host_s)
+                host.thread_cpu_s += taken_s
+                host.thread_starved_s += read_s + host_s
+                host.air_readers_cpu_s += read_s * readers
+            host.usage = AgentUsage(cpu_s=agent_cores * host.now_s)
+            return {}
+
+        vehicle.receive = receive  # type: ignore[method-assign]
+        with pytest.raises(StopSession) as end:
+            session.run()
+        timing = session._progress.timing
+    assert timing is not None
+    assert timing.late_without_input is not None
+    return end.value, timing.late_without_input
+
+
+def test_an_agent_that_floods_the_bench_cannot_drop_its_session(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Charged by what its messages cost the bench, by either way; not for ordinary ones on a host that is slow anyway."""
+    monkeypatch.setattr("bench.simulation._session.usable_cores", lambda: 8.0)
+    for taken_s, read_s in ((0.05, 0.0), (0.0, 0.05), (0.025, 0.025)):
+        end, without = flooded(taken_s, read_s, 0.0)
+        assert (end.outcome, without) == (Outcome.AGENT_FLOODED, 0)
+        assert "without what it sent 0 steps had been late, but " in end.reason
+        assert "had ended as time_limit" in end.reason
+    # The same by other programs alone, or by far the most of it.
+    for taken_s, read_s, host_s in ((0.0, 0.0, 0.05), (0.004, 0.004, 0.05)):
+        end, without = flooded(taken_s, read_s, host_s)
+        assert end.outcome is Outcome.BENCH_TOO_SLOW
+        assert without > 100
+    # The air network had a core for a tenth of the time in which the session had none: others had it for the rest.
+    assert flooded(0.0, 0.05, 0.0, readers=0.1)[0].outcome is Outcome.BENCH_TOO_SLOW
+
+
+def test_the_bench_s_work_on_input_counts_with_the_agent_s_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The agent has 0.4 of the only core, and the air network reads for 1.5 s of eight; or 0.3 of it."""
+    monkeypatch.setattr("bench.simulation._session.usable_cores", lambda: 1.0)
+    for cores, outcome in ((0.4, Outcome.AGENT_TIMEOUT), (0.3, Outcome.BENCH_TOO_SLOW)):
+        end, _ = flooded(0.0, 0.015, 0.035, agent_cores=cores)
+        assert end.outcome is outcome
+
+
 def test_short_sessions_and_bench_errors_stay_as_they_are() -> None:
     def timing(steps: int) -> StepTiming:
         clock = StepClock(STEP_S)

@@ -53,9 +53,16 @@ class Host:
         self.now_s = 0.0
         self.thread_starved_s = 0.0
         self.others_starved_s = 0.0
+        self.thread_cpu_s = 0.0
+        self.air_readers_cpu_s = 0.0
         self.usage = AgentUsage()
         self.clock = HostClock(
-            lambda: self.now_s, self.spend, lambda: self.thread_starved_s, lambda: self.others_starved_s
+            lambda: self.now_s,
+            self.spend,
+            lambda: self.thread_starved_s,
+            lambda: self.others_starved_s,
+            lambda: self.thread_cpu_s,
+            lambda: self.air_readers_cpu_s,
         )
 
     def spend(self, span_s: float) -> None:
@@ -139,6 +146,23 @@ def end_of(spec: SimSpec, agent: FakeAgent, host: Host, bench_s: float = 0.0) ->
     with session_of(spec, host, agent, [], bench_s) as (session, _), pytest.raises(StopSession) as end:
         session.run()
     return end.value
+
+
+@pytest.mark.parametrize(("late_s", "outcome"), [(1.125, Outcome.AGENT_TIMEOUT), (0.0, Outcome.WALL_BUDGET)])
+def test_samples_that_come_long_after_the_ack_are_the_agents_time(late_s: float, outcome: Outcome) -> None:
+    """The session waits for them, in every tick: an agent could use up the wall budget that way."""
+    host = Host()
+    with session_of(session_simspec(**LONG), host, FakeAgent(host), [], 1.0) as (session, _):
+        receive = session._air.receive
+
+        def receive_late(*arguments: object) -> dict[str, list[str | bytes]]:
+            host.spend(late_s)
+            return receive(*arguments)  # type: ignore[arg-type]
+
+        session._air.receive = receive_late  # type: ignore[method-assign, assignment]
+        with pytest.raises(StopSession) as end:
+            session.run()
+    assert end.value.outcome is outcome
 
 
 def tape_of(spec: SimSpec, vehicle_script: Mapping[float, tuple[str, ...]] | None = None) -> Tape:
