@@ -130,6 +130,8 @@ def _open_agent(address: BrokerAddress, command: list[str]) -> Iterator[subproce
         return
     variables = {name: value for name, value in os.environ.items() if name not in _OWN_VARIABLES}
     variables |= {"REBAR_MQTT": address.agent_url, "REBAR_MQTT_PASSWORD": address.agent.password}
+    if address.authority is not None:
+        variables["REBAR_MQTT_CA"] = str(address.authority.resolve())
     try:
         process = subprocess.Popen(command, env=variables)
     except OSError as error:

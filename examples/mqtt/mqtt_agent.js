@@ -2,9 +2,10 @@
 // pace. Install its client here first: npm install --no-package-lock. mqtt_agent_node.yaml starts it behind the bridge;
 // docs/mqtt-agents.md describes the topics.
 "use strict";
+const fs = require("node:fs");
 const mqtt = require("mqtt");
 
-const { REBAR_MQTT, REBAR_MQTT_PASSWORD, REBAR_VEHICLE } = process.env;
+const { REBAR_MQTT, REBAR_MQTT_PASSWORD, REBAR_MQTT_CA, REBAR_VEHICLE } = process.env;
 const prefix = new URL(REBAR_MQTT).pathname.slice(1);
 const DEGREE_M = 111_200, HEIGHT_M = 30;
 const ARRIVED = 450; // in 1e-7 degrees, as MAVLink states positions: some 5 m
@@ -38,7 +39,11 @@ function* fly() {
 const flight = fly();
 let tick = null, due_s = 0;
 // Without reconnecting: in lockstep nobody knows what a lost connection has lost. The bench sees the agent end.
-const client = mqtt.connect(REBAR_MQTT, { password: REBAR_MQTT_PASSWORD, reconnectPeriod: 0 });
+const client = mqtt.connect(REBAR_MQTT, {
+  password: REBAR_MQTT_PASSWORD,
+  ca: REBAR_MQTT_CA && fs.readFileSync(REBAR_MQTT_CA), // of a broker by TLS that no public authority vouches for
+  reconnectPeriod: 0,
+});
 
 function send(topic, document) {
   sent[topic] = (sent[topic] ?? 0) + 1;

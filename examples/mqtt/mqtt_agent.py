@@ -8,6 +8,7 @@ import json
 import math
 import os
 import socket
+import ssl
 from collections import Counter
 from collections.abc import Iterator
 from typing import Any
@@ -59,8 +60,14 @@ def fly() -> Iterator[tuple[str, str, dict[str, Any]]]:
 async def main() -> None:
     user, password = URL.username, os.environ["REBAR_MQTT_PASSWORD"]
     no_delay = [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)]
+    tls = URL.scheme == "mqtts"
     async with aiomqtt.Client(
-        str(URL.hostname), URL.port or 1883, username=user, password=password, socket_options=no_delay
+        str(URL.hostname),
+        URL.port or 1883,
+        username=user,
+        password=password,
+        tls_context=ssl.create_default_context(cafile=os.environ.get("REBAR_MQTT_CA")) if tls else None,
+        socket_options=no_delay,
     ) as broker:
         received, sent, flight, due_s = Counter[str](), Counter[str](), fly(), 0.0
         tick: dict[str, Any] | None = None

@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import socket
+import sys
 import threading
 from collections import Counter
 from collections.abc import Iterator
@@ -19,7 +20,9 @@ import pytest
 from embedded_broker import open_laboratory, until
 from host_servers import server
 from made_run import simspec
+from mosquitto import certificate, needs_mosquitto, open_mosquitto
 
+from agent_adapters.mqtt.__main__ import _open_agent
 from agent_adapters.mqtt._broker import Account, BrokerAddress, broker_address, open_own_broker
 from agent_adapters.mqtt._connection import open_connection
 from agent_adapters.mqtt._topics import MirroredTopics
@@ -38,10 +41,6 @@ pytestmark = [
 ]
 AGENT = Path(__file__).with_name("mqtt_agents.py")
 NODE_AGENT = Path(__file__).parents[2] / "examples" / "mqtt" / "mqtt_agent.js"
-needs_mosquitto = pytest.mark.skipif(
-    shutil.which("mosquitto", path="/usr/sbin:/usr/bin:/usr/local/sbin") is None,
-    reason="mosquitto is not installed",
-)
 
 
 @pytest.fixture(autouse=True)
@@ -317,6 +316,41 @@ def test_a_missing_broker_names_its_package(tmp_path: Path, monkeypatch: pytest.
         open_own_broker(tmp_path, places=str(tmp_path)),
     ):
         pass
+
+
+@needs_mosquitto
+@pytest.mark.process
+def test_a_mosquitto_by_tls_and_those_whom_it_or_the_bridge_refuses(tmp_path: Path) -> None:
+    """Its certificate must be the one that is vouched for, and the password right; the agent learns both."""
+    authority, key = certificate(tmp_path, "broker")
+    stranger, _ = certificate(tmp_path, "stranger")
+    right, wrong = tmp_path / "right", tmp_path / "wrong"
+    right.write_text("secret\n")
+    wrong.write_text("guessed\n")
+    with open_mosquitto(tmp_path, {"rig": "secret"}, authority, key) as broker:
+        url = f"mqtts://rig@localhost:{broker.port}/bay"
+        address = broker_address(url, right, authority, {})
+        with open_connection(address, ["#"]) as first, open_connection(address, ["b"]) as second:
+            second.publish("a", "one")
+            first.publish("b", "two")
+            assert [arrival.payload for arrival in second.take(60.0)] == [b"two"]
+            assert {arrival.payload for arrival in first.take(60.0)} <= {b"one", b"two"}
+        for password, trusted, reason in (
+            (right, stranger, "certificate verify failed"),
+            (wrong, authority, "Not authorized"),
+        ):
+            refused = broker_address(url, password, trusted, {})
+            with pytest.raises(LinkLost, match=reason), open_connection(refused, ["#"]):
+                pass
+        names = ("REBAR_MQTT", "REBAR_MQTT_PASSWORD", "REBAR_MQTT_CA")
+        printed = tmp_path / "printed"
+        code = (
+            f"import os; open({str(printed)!r}, 'w').write(' '.join(os.environ[name] for name in {names!r}))"
+        )
+        with _open_agent(address, [sys.executable, "-c", code]) as process:
+            assert process is not None
+            process.wait()
+        assert printed.read_text() == f"{url} secret {authority}"
 
 
 @needs_mosquitto

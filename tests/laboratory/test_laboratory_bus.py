@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime as dt
 import gc
 import socket
 import ssl
@@ -12,10 +11,8 @@ from pathlib import Path
 
 import aiomqtt
 import pytest
-from cryptography import x509
-from cryptography.hazmat.primitives import hashes, serialization
-from cryptography.hazmat.primitives.asymmetric import ec
 from embedded_broker import Laboratory, open_laboratory, until
+from mosquitto import certificate, needs_mosquitto, open_mosquitto
 from pwdlib import PasswordHash
 from pwdlib.hashers.argon2 import Argon2Hasher
 
@@ -322,32 +319,6 @@ def test_an_announcement_alone_waits_for_nobody(laboratory: Laboratory) -> None:
     until(lambda: len(laboratory.payloads("relay/on")) == 2)
 
 
-def certificate(folder: Path, name: str) -> tuple[Path, Path]:
-    """A self-signed certificate for 127.0.0.1 and its key."""
-    key = ec.generate_private_key(ec.SECP256R1())
-    subject = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, name)])
-    now = dt.datetime.now(dt.UTC)
-    signed = (
-        x509.CertificateBuilder()
-        .subject_name(subject)
-        .issuer_name(subject)
-        .public_key(key.public_key())
-        .serial_number(x509.random_serial_number())
-        .not_valid_before(now - dt.timedelta(days=1))
-        .not_valid_after(now + dt.timedelta(days=1))
-        .add_extension(x509.SubjectAlternativeName([x509.DNSName("localhost")]), critical=False)
-        .add_extension(x509.BasicConstraints(ca=True, path_length=None), critical=True)
-        .sign(key, hashes.SHA256())
-    )
-    paths = folder / f"{name}.pem", folder / f"{name}.key"
-    paths[0].write_bytes(signed.public_bytes(serialization.Encoding.PEM))
-    unencrypted = serialization.NoEncryption()
-    paths[1].write_bytes(
-        key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, unencrypted)
-    )
-    return paths
-
-
 # The client of MQTT forgets to close a socket whose certificate it refuses.
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_password_and_certificate_are_checked_by_both_sides(tmp_path: Path) -> None:
@@ -381,6 +352,43 @@ def test_password_and_certificate_are_checked_by_both_sides(tmp_path: Path) -> N
         assert messages(laboratory, "intruder") == []
     # Here, where the filter above holds.
     gc.collect()
+
+
+@needs_mosquitto
+@pytest.mark.process
+def test_a_mosquitto_by_tls_that_restarts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has the last will while the bench is away, and gets what it missed, and the status that it has forgotten."""
+    monkeypatch.setattr(bus_module, "RECONNECT_S", 0.05)
+    authority, key = certificate(tmp_path, "broker")
+    access = {
+        "tls_context": ssl.create_default_context(cafile=str(authority)),
+        "username": "rig",
+        "password": "secret",
+    }
+    warnings: list[str] = []
+    with (
+        open_mosquitto(tmp_path, {"rig": "secret"}, authority, key) as broker,
+        open_laboratory(started=False) as laboratory,
+    ):
+        laboratory.host, laboratory.port = "localhost", broker.port
+        url = f"mqtts://rig@localhost:{broker.port}/bay-2"
+        with open_bus(parse_broker(url, "secret", authority), "demo", warn=warnings.append) as bus:
+            bus.notify(EVENTS[1])
+            laboratory.listen(**access)
+            until(lambda: "running" in states(laboratory, "demo"))
+            broker.stop()
+            until(lambda: bool(warnings))
+            for event in EVENTS[2:]:
+                bus.notify(event)
+            laboratory.heard.clear()
+            broker.start()
+            laboratory.listen(**access)
+            bus.notify(EVENTS[0])
+            bus.end("complete")
+            until(lambda: "complete" in states(laboratory, "demo"))
+    assert len(warnings) == 1
+    # A subscriber that comes back may be later than what waited: the newest are there, and the status in any case.
+    assert messages(laboratory, "demo")[-1].number == len(EVENTS)
 
 
 @pytest.mark.parametrize(
