@@ -115,55 +115,49 @@ def test_an_observer_that_is_stuck_costs_its_own_events_alone(tmp_path: Path) ->
     assert sum(isinstance(event, RealizationFinished) for event in events) == 6
 
 
+class StuckObserver:
+    """Takes an event, and waits with it until it is released."""
+
+    def __init__(self) -> None:
+        self.released, self.started, self.progressed = (threading.Event() for _ in range(3))
+        self.delivered: list[CampaignEvent] = []
+
+    def __call__(self, event: CampaignEvent) -> None:
+        self.delivered.append(event)
+        self.started.set()
+        if isinstance(event, SessionProgressed):
+            self.progressed.set()
+        self.released.wait()
+
+
 def test_events_beyond_the_limit_drop_the_oldest() -> None:
     """Counted; what is delivered keeps its order. An observer that never comes back loses what waits for it."""
-    stuck, started = threading.Event(), threading.Event()
-    delivered: list[CampaignEvent] = []
-
-    def wait(event: CampaignEvent) -> None:
-        delivered.append(event)
-        started.set()
-        stuck.wait()
-
+    stuck = StuckObserver()
     planned = [CampaignPlanned(total=6, done=number) for number in range(6)]
-    with open_observers(wait, limit=2) as observers:
+    with open_observers(stuck, limit=2) as observers:
         observers.notify(planned[0])
-        started.wait()
+        stuck.started.wait()
         for event in planned[1:]:
             observers.notify(event)
         assert observers.dropped == 3
         observers.close(span_s=0.0)
         assert observers.dropped == 5
-        stuck.set()
-    assert delivered == planned[:1]
+        stuck.released.set()
+    assert stuck.delivered == planned[:1]
 
 
 def test_a_slow_observer_gets_the_newest_progress_after_all_other_events() -> None:
     """Progress pushes nothing out, and none comes of an attempt that has ended."""
-    stuck, started = threading.Event(), threading.Event()
-    delivered: list[CampaignEvent] = []
-
-    def wait(event: CampaignEvent) -> None:
-        delivered.append(event)
-        started.set()
-        stuck.wait()
-
+    stuck = StuckObserver()
     events: list[CampaignEvent] = [
         CampaignPlanned(total=3, done=0),
         *(RealizationStarted(realization, "w1", 1) for realization in "abc"),
         RealizationRetried("b", Outcome.WORKER_LOST, "", 0.0),
         RealizationFinished("c", Outcome.COMPLETED, "", 1.0, 1, 3),
     ]
-    last = threading.Event()
-
-    def wait_and_tell(event: CampaignEvent) -> None:
-        wait(event)
-        if isinstance(event, SessionProgressed):
-            last.set()
-
-    with open_observers(wait_and_tell, limit=5) as observers:
+    with open_observers(stuck, limit=5) as observers:
         observers.notify(events[0])
-        started.wait()
+        stuck.started.wait()
         for event in events[1:4]:
             observers.notify(event)
         for update in UPDATES * 10:
@@ -171,15 +165,15 @@ def test_a_slow_observer_gets_the_newest_progress_after_all_other_events() -> No
                 observers.notify(SessionProgressed(realization, update))
         for event in events[4:]:
             observers.notify(event)
-        stuck.set()
-        assert last.wait(60.0)
+        stuck.released.set()
+        assert stuck.progressed.wait(60.0)
         assert observers.dropped == 0
-    assert delivered == [*events, SessionProgressed("a", UPDATES[-1])]
+    assert stuck.delivered == [*events, SessionProgressed("a", UPDATES[-1])]
 
 
 def test_sessions_of_a_local_worker_tell_their_progress(tmp_path: Path) -> None:
     """Two sessions of one worker process, each between its start and its result; a job that tells nothing flies too."""
-    heard: list[tuple[str, object]] = []
+    calls: list[tuple[str, object]] = []
     simspec = tmp_path / "simspec.json"
     simspec.write_text(dump_json(SimSpec(name="yard", world=World(area=YARD))))
 
@@ -193,14 +187,14 @@ def test_sessions_of_a_local_worker_tell_their_progress(tmp_path: Path) -> None:
         folder.mkdir()
         result = await pool.fly(
             Task(name, simspec, folder, 60.0, job),
-            lambda worker: heard.append((name, worker)),
-            lambda update: heard.append((name, update)),
+            lambda worker: calls.append((name, worker)),
+            lambda update: calls.append((name, update)),
         )
-        heard.append((name, result.outcome))
+        calls.append((name, result.outcome))
 
     anyio.run(fly_two)
     ends = Outcome.COMPLETED
-    assert heard == [
+    assert calls == [
         *(("first", item) for item in ("w1", *UPDATES, ends)),
         *(("second", item) for item in ("w1", *UPDATES, ends)),
         *(("silent", item) for item in ("w1", ends)),

@@ -104,10 +104,10 @@ def test_recordings_of_a_cluster_go_to_a_url_and_the_folder_vouches_for_them(
     scores = rescore_campaign(folder, workers=1)
     assert scores.outcomes == {Outcome.AGENT_BROKE_BENCH: 2}
     for name, run in stored.items():
-        again, before = read_result(run, name), read_result(local / "runs" / name, name)
-        assert again is not None
-        assert before is not None
-        assert again.observations == before.observations
+        measured, flown = read_result(run, name), read_result(local / "runs" / name, name)
+        assert measured is not None
+        assert flown is not None
+        assert measured.observations == flown.observations
     assert verify_folder(folder) == []
     assert list(folder.glob("runs/**/recording.mcap")) == []
     assert rebar(["verify", str(folder)]) == 0

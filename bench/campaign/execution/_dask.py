@@ -48,12 +48,12 @@ class _Start:
     """Where a task was started, once its worker has said so."""
 
     worker: str = WORKER
-    said: anyio.Event = field(default_factory=anyio.Event)
+    reported: anyio.Event = field(default_factory=anyio.Event)
     announced: bool = False
 
     async def announce(self, on_start: OnStart) -> None:
         """Wait until the worker has said which one it is, and pass it on."""
-        await self.said.wait()
+        await self.reported.wait()
         self.announced = True
         on_start(self.worker)
 
@@ -134,7 +134,7 @@ class DaskExecutor:
         start = self._starts.get(message.get(STARTED, ""))
         if start is not None:
             start.worker = message[NAME]
-            start.said.set()
+            start.reported.set()
 
     def _note_stored(self, task: Task, result: SessionResult, stored: StoredRecording) -> None:
         if stored.fault or result.recording_sha256 is None:

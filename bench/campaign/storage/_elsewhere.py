@@ -88,8 +88,13 @@ def open_fetched(run: Path, note: DroppedRecording) -> Iterator[Path]:
             system, path = _file_system(note.kept_at)
             system.get_file(path, str(copy / RECORDING))
         if digest_of(copy / RECORDING) != note.recording_sha256:
-            what = "has changed since its session: its digest differs from the one in the campaign's folder"
-            raise SetupError(Fault(note.kept_at, what, "restore it from a copy"))
+            raise SetupError(
+                Fault(
+                    note.kept_at,
+                    "has changed since its session: its digest differs from the one in the campaign's folder",
+                    "restore it from a copy",
+                )
+            )
         if (run / RESULT).is_file():
             (copy / RESULT).write_bytes((run / RESULT).read_bytes())
         yield copy
