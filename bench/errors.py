@@ -61,6 +61,10 @@ class VehicleFault(RebarError):
     """The simulated vehicle left the range in which its model means anything (NaN, runaway state)."""
 
 
+class AgentBoxKilled(RebarError):
+    """Somebody killed a process around the agent, which the agent cannot reach: an operator, or the kernel for memory."""
+
+
 class FirmwareFault(RebarError):
     """The program of a real autopilot ended, hung, or sent what it never sends; or its port was taken."""
 

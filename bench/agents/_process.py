@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from bench.contracts import AgentPlan, AgentUsage, ProcessRoot
-from bench.errors import Fault, SetupError
+from bench.errors import AgentBoxKilled, Fault, SetupError
 from bench.simspec import seed_of
 
 from ._program import expand_command, expand_placeholders
@@ -297,7 +297,12 @@ class LocalProcess:
 
     def exit_code(self) -> int | None:
         code = self._process.poll()
-        if code is not None and not self._ended and (failure := self._process.start_failure()):
+        if code is None or self._ended:
+            return code
+        # A limit may have ended the whole box: that end is the agent's own.
+        if not self._process.exceeded_limit() and (killed := self._process.killed_from_outside()):
+            raise AgentBoxKilled(f"{killed} was killed by somebody outside, and the agent with it")
+        if failure := self._process.start_failure():
             remedy = "restore the program, or correct the command in the manifest"
             raise SetupError(Fault("agent.manifest", f"{self._program} {failure}{self._last_line()}", remedy))
         return code

@@ -12,7 +12,14 @@ from typing import Annotated, Any, Self
 from pydantic import Field, ValidationError
 
 from bench.documents import Document
-from bench.errors import DetectorFault, FirmwareFault, PlacementInfeasible, SetupError, VehicleFault
+from bench.errors import (
+    AgentBoxKilled,
+    DetectorFault,
+    FirmwareFault,
+    PlacementInfeasible,
+    SetupError,
+    VehicleFault,
+)
 
 
 class Blame(StrEnum):
@@ -332,6 +339,8 @@ class SessionFailure:
                 # The model's numbers ran away: the text says which, and the frames of our stack would say
                 # nothing more.
                 return cls(Outcome.BENCH_ERROR, f"the vehicle model failed: {error}")
+            case AgentBoxKilled():
+                return cls(Outcome.BENCH_ERROR, str(error))
             case FirmwareFault():
                 # Its own words are in the text; our frames only say who was waiting for it.
                 return cls(Outcome.BENCH_ERROR, f"{FIRMWARE_FAILED}: {error}")

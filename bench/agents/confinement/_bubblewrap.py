@@ -25,6 +25,7 @@ from ._box import AGENT_UID, Box
 from ._cgroup import ControlGroup
 from ._limits import counts_by_namespace, process_limits, threads_of
 from ._readable_paths import SYSTEM_FILES, SYSTEM_FOLDERS, gpu_devices, open_to_others, with_targets
+from ._rung import killed_name
 from ._system_calls import filter_program
 
 PROGRAM = "bwrap"
@@ -187,6 +188,11 @@ class BubblewrapProcess:
     def exceeded_limit(self) -> str:
         return f"{self._limits.memory_mb} MB of memory" if self._group.memory_kills() else ""
 
+    def killed_from_outside(self) -> str:
+        self.poll()
+        # An agent that is killed is an exit code of the outer process, which is in no namespace of the agent's.
+        return killed_name("the outer process of bubblewrap", self._outer.returncode)
+
     def ask_to_end(self) -> None:
         if self._agent_pid is None:
             self._agent_pid = _first_child(self._inner_pid)
@@ -296,7 +302,10 @@ class BubblewrapProcess:
             return
         self._outer.returncode = code = os.waitstatus_to_exitcode(status)
         self._code = _SIGNAL_BASE - code if code > _SIGNAL_BASE else code
-        # It dies with the outer one, whose child it was.
+        # It dies with the outer one, whose child it was; but not where that one was killed before it could say so.
+        if code < 0:
+            with suppress(ProcessLookupError):
+                os.kill(self._inner_pid, signal.SIGKILL)
         _, _, inner_spent = _wait4(self._inner_pid, 0)
         self._inner_reaped = True
         self._reaped_cpu_s = spent + inner_spent

@@ -22,6 +22,7 @@ from .._process_usage import ProcessTreeUsage
 from ._box import AGENT_UID, Box
 from ._limits import process_limits
 from ._readable_paths import gpu_devices, with_targets
+from ._rung import killed_name
 from ._system_calls import engine_profile
 
 # In this order: podman's containers can share the network namespace of the bench, docker's daemon has its own.
@@ -164,6 +165,9 @@ class ContainerProcess:
         # another scratch folder.
         killed = self._state().get("OOMKilled") or self._note.exists()
         return f"{self._limits.memory_mb} MB of memory" if killed else ""
+
+    def killed_from_outside(self) -> str:
+        return killed_name("the client of the container engine", self.poll())
 
     def ask_to_end(self) -> None:
         if self.poll() is None:

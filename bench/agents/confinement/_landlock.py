@@ -164,6 +164,10 @@ class LandlockedProcess:
             return f"{self._limits.scratch_mb} MB in its folder"
         return f"{self._limits.memory_mb} MB of memory" if self._group.memory_kills() else ""
 
+    def killed_from_outside(self) -> str:
+        # The launcher shares the agent's namespace of processes.
+        return ""
+
     def ask_to_end(self) -> None:
         agent = self._stated("pid")
         # Only while the launcher holds its number: nobody else reaps the agent.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 from typing import Protocol
 
@@ -40,11 +41,19 @@ class ConfinedProcess(Protocol):
     def exceeded_limit(self) -> str:
         """The limit for which the kernel killed the agent, in words; empty if there is none."""
 
+    def killed_from_outside(self) -> str:
+        """Which process around the agent, out of its reach, a signal has ended; empty if none, or if nobody can tell."""
+
     def ask_to_end(self) -> None:
         """Send SIGTERM to the agent."""
 
     def end(self) -> None:
         """Kill what still runs and leave nothing behind: no process, shared memory, folder or cgroup."""
+
+
+def killed_name(process: str, code: int | None) -> str:
+    """A process in words if a signal ended it, else nothing."""
+    return f"{process} ({signal.Signals(-code).name})" if code is not None and code < 0 else ""
 
 
 class Rung(Protocol):

@@ -96,6 +96,9 @@ class UnconfinedProcess:
     def exceeded_limit(self) -> str:
         return ""
 
+    def killed_from_outside(self) -> str:
+        return ""
+
     def ask_to_end(self) -> None:
         self._signal(signal.SIGTERM)
 
