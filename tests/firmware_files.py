@@ -8,18 +8,22 @@ from pathlib import Path
 import firmware_stand_in
 
 
-def install_firmware(folder: Path, kind: str) -> Path:
-    """The firmware as a user would name it: PX4's folder, ArduPilot's program."""
+def install_firmware(folder: Path, kind: str, *, imitates: bool = False) -> Path:
+    """The firmware as a user would name it: PX4's folder, ArduPilot's program.
+
+    The crude stand-in, or one that `imitates`: the bench's own flight controller on the protocols of the real one.
+    """
     program = folder / "bin" / "px4" if kind == "px4" else folder / "arducopter"
     program.parent.mkdir(parents=True)
     # Isolated (-I, -S): it uses the standard library alone, so it cannot take the bench's own codec.
+    module, flags = ("imitated_firmware", "-P") if imitates else ("firmware_stand_in", "-IS")
     tests = Path(firmware_stand_in.__file__).parents[1]
     lines = (
-        f"#!{sys.executable} -IS",
+        f"#!{sys.executable} {flags}",
         "import sys",
         f"sys.path.insert(0, {str(tests)!r})",
-        "import firmware_stand_in",
-        "firmware_stand_in.main()",
+        f"import {module}",
+        f"{module}.main()",
     )
     program.write_text("\n".join(lines) + "\n", encoding="utf-8")
     program.chmod(0o755)

@@ -7,7 +7,9 @@ import math
 import socket
 import struct
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol
 
 from ._ardupilot_checks import AnswerChecks
 from ._clients import Clients
@@ -19,7 +21,57 @@ from ._pilot import Pilot, State
 OTHER_PORTS_AT = 100
 
 
-def fly_ardupilot() -> None:
+class ArduPilotSide(Protocol):
+    """What flies and talks to MAVLink clients; made when the first port is to be opened, and waits for a client on it."""
+
+    def open_other_ports(self) -> None: ...
+
+    def serve(self) -> None:
+        """Hear the clients and send telemetry, after one more answer of the physics."""
+
+    def rotors(self) -> list[float]: ...
+
+
+class CrudeArduPilot:
+    def __init__(self, instance: int, parameters: dict[str, float], state: State) -> None:
+        self.instance, self.state = instance, state
+        self.pilot = Pilot(0.174, 0.016)
+        self.clients = Clients(self.pilot, state, is_px4=False, takeoff_m=10.0)
+        self.clients.forgetful = parameters.get("STAND_IN_FORGETS", 0) == 1
+        first = socket.create_server(("127.0.0.1", 5760 + 10 * instance))
+        self.servers: list[socket.socket] = []
+        self.sockets = [first.accept()[0]]
+        self.sockets[0].setblocking(False)
+
+    def open_other_ports(self) -> None:
+        self.servers = [
+            socket.create_server(("127.0.0.1", port + 10 * self.instance)) for port in (5762, 5763)
+        ]
+        for server in self.servers:
+            server.setblocking(False)
+
+    def serve(self) -> None:
+        for server in self.servers:
+            with contextlib.suppress(BlockingIOError):
+                client = server.accept()[0]
+                client.setblocking(False)
+                self.sockets.append(client)
+        beat, motion = self.clients.due()
+        for client in self.sockets:
+            answers = b""
+            with contextlib.suppress(BlockingIOError):
+                answers = self.clients.take(client, client.recv(65536))
+            out = beat + (motion if client in self.clients.stream_clients else b"") + answers
+            if out:
+                client.sendall(out)
+
+    def rotors(self) -> list[float]:
+        return self.pilot.rotors(self.state)
+
+
+def fly_ardupilot(
+    open_side: Callable[[int, dict[str, float], State], ArduPilotSide] = CrudeArduPilot,
+) -> None:
     options = dict(zip(sys.argv[1:-1:2], sys.argv[2:-1:2], strict=True))
     require(sys.argv[-1].startswith("-I"), f"arguments {sys.argv[1:]}")
     instance = int(sys.argv[-1][2:])
@@ -39,21 +91,15 @@ def fly_ardupilot() -> None:
     require(rate_hz >= 720, f"SIM_RATE_HZ {rate_hz}: the gyro is too slow for a main loop of 400 Hz")
     faults = Faults(int(parameters.get("STAND_IN_FAULT", 0)))
     Path("eeprom.bin").write_bytes(bytes(16))
-    first = socket.create_server(("127.0.0.1", 5760 + 10 * instance))
-    servers: list[socket.socket] = []
+    state = State()
     # The world begins with a client on the first port.
-    sockets = [first.accept()[0]]
-    sockets[0].setblocking(False)
+    side = open_side(instance, parameters, state)
     if parameters["LOG_BACKEND_TYPE"]:
         Path("logs").mkdir()
         Path("logs", "00000001.BIN").write_bytes(b"DataFlash of the stand-in")
     physics = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     physics.connect(("127.0.0.1", 9002 + 10 * instance))
     physics.settimeout(PATIENCE_S)
-    state = State()
-    pilot = Pilot(0.174, 0.016)
-    clients = Clients(pilot, state, is_px4=False, takeoff_m=10.0)
-    clients.forgetful = parameters.get("STAND_IN_FORGETS", 0) == 1
     count, answer, pulses = 0, b"", [1000] * 16
     checks = AnswerChecks(state, rate_hz, (latitude, longitude, altitude), math.radians(heading))
     while True:
@@ -70,24 +116,8 @@ def fly_ardupilot() -> None:
         if count == int(parameters.get("STAND_IN_RESTART", -1)):
             count = 0
         if count == OTHER_PORTS_AT:
-            servers = [socket.create_server(("127.0.0.1", port + 10 * instance)) for port in (5762, 5763)]
-            for server in servers:
-                server.setblocking(False)
-        for server in servers:
-            try:
-                client = server.accept()[0]
-            except BlockingIOError:
-                continue
-            client.setblocking(False)
-            sockets.append(client)
-        beat, motion = clients.due()
-        for client in sockets:
-            answers = b""
-            with contextlib.suppress(BlockingIOError):
-                answers = clients.take(client, client.recv(65536))
-            out = beat + (motion if client in clients.stream_clients else b"") + answers
-            if out:
-                client.sendall(out)
-        rotors = pilot.rotors(state)
+            side.open_other_ports()
+        side.serve()
+        rotors = side.rotors()
         faults.act(state, physics)
         pulses = [round(1000 + 1000 * share) for share in rotors] + [1500] * 12

@@ -78,9 +78,12 @@ class Pilot:
         )
         sink = 2.0 if down < -3.0 else 0.5
         speed_d = sink if self.landing else self._bounded(1.2 * (self.target[2] - down), 3.0)
+        return self.rotors_for(state, (speed_n, speed_e, speed_d))
+
+    def rotors_for(self, state: State, velocity: Vector) -> list[float]:
+        """Rotor speeds that lead to a velocity (m/s, north, east, down) at `heading_rad`."""
         push = [
-            self._bounded(1.5 * (want - v), 3.0)
-            for want, v in zip((speed_n, speed_e, speed_d), state.velocity, strict=True)
+            self._bounded(1.5 * (want - v), 3.0) for want, v in zip(velocity, state.velocity, strict=True)
         ]
         roll, pitch, yaw = state.euler()
         forward = push[0] * math.cos(yaw) + push[1] * math.sin(yaw)

@@ -9,7 +9,9 @@ import socket
 import struct
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol
 
 from ._clients import Clients
 from ._faults import PATIENCE_S, Faults
@@ -21,7 +23,45 @@ from ._px4_checks import SampleChecks
 GPS_PATIENCE_US = 2_000_000
 
 
-def fly_px4() -> None:
+class Px4Side(Protocol):
+    """What flies and talks to MAVLink clients."""
+
+    armed: bool
+
+    def rotors(self, *, gps_off: bool) -> list[float]:
+        """Rotor speeds for the state after one more sample."""
+
+    def serve(self) -> None:
+        """Hear the clients and send telemetry, after the answer to the sample."""
+
+
+class CrudePx4:
+    def __init__(self, instance: int, parameters: dict[str, float], state: State) -> None:
+        self.state = state
+        self.pilot = Pilot(parameters["CA_ROTOR0_PX"], parameters["CA_ROTOR0_KM"])
+        self.clients = Clients(
+            self.pilot, state, is_px4=True, takeoff_m=parameters.get("MIS_TAKEOFF_ALT", 2.5)
+        )
+        self.ports = []
+        for local, far in ((14580 + instance, 14540 + instance), (18570 + instance, 14550)):
+            port = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            port.bind(("127.0.0.1", local))
+            port.setblocking(False)
+            self.ports.append((port, ("127.0.0.1", far)))
+
+    @property
+    def armed(self) -> bool:
+        return self.pilot.armed
+
+    def rotors(self, *, gps_off: bool) -> list[float]:
+        self.clients.gps_off = gps_off
+        return self.pilot.rotors(self.state)
+
+    def serve(self) -> None:
+        serve_datagrams(self.clients, self.ports)
+
+
+def fly_px4(open_side: Callable[[int, dict[str, float], State], Px4Side] = CrudePx4) -> None:
     parameters = {
         name[10:]: float(text) for name, text in os.environ.items() if name.startswith("PX4_PARAM_")
     }
@@ -45,15 +85,8 @@ def fly_px4() -> None:
     Path(f"/tmp/px4_lock-{instance}").touch()
     faults = Faults(int(parameters.get("STAND_IN_FAULT", 0)))
     link = connected(4560 + instance)
-    ports = []
-    for local, far in ((14580 + instance, 14540 + instance), (18570 + instance, 14550)):
-        port = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        port.bind(("127.0.0.1", local))
-        port.setblocking(False)
-        ports.append((port, ("127.0.0.1", far)))
     state = State()
-    pilot = Pilot(places[0][0], places[0][2])
-    clients = Clients(pilot, state, is_px4=True, takeoff_m=parameters.get("MIS_TAKEOFF_ALT", 2.5))
+    side = open_side(instance, parameters, state)
     checks = SampleChecks(state, 1e6 / 5000)
     mavlink = Mavlink()
     link.sendall(mavlink.pack(0, struct.pack("<IBBBBB", 0, 2, 12, 0, 0, 3)))
@@ -77,19 +110,19 @@ def fly_px4() -> None:
                 checks.take_truth(payload)
             else:
                 require(number == 107, f"message {number} on the simulator link")
-                checks.take_sensor(payload, pilot.armed)
+                checks.take_sensor(payload, side.armed)
                 samples += 1
                 # Outputs do not run before the eighth sample.
                 answered = samples > 8
-                rotors = pilot.rotors(state)
+                last_fix_us = (checks.gps_times or [0])[-1]
+                rotors = side.rotors(gps_off=checks.time_us - last_fix_us > GPS_PATIENCE_US)
                 faults.act(state, link)
                 if answered:
                     controls = struct.pack(
-                        "<QQ16fB", checks.time_us, 1, *rotors, *[0.0] * 12, 128 if pilot.armed else 0
+                        "<QQ16fB", checks.time_us, 1, *rotors, *[0.0] * 12, 128 if side.armed else 0
                     )
                     link.sendall(mavlink.pack(93, controls))
-        clients.gps_off = checks.time_us - (checks.gps_times or [0])[-1] > GPS_PATIENCE_US
-        serve_datagrams(clients, ports)
+        side.serve()
 
 
 def serve_datagrams(clients: Clients, ports: list[tuple[socket.socket, tuple[str, int]]]) -> None:

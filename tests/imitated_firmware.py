@@ -1,0 +1,243 @@
+"""The bench's imitated autopilot as firmware: a program in the place of PX4 or ArduCopter that an agent can fly a mission with.
+
+The stand-in of `firmware_stand_in` checks the physics link and keeps the vehicle in the air; modes, commands, telemetry and
+missions are those of the bench's own flight controller, on the autopilot's own ports. So agents meet the autopilot that they
+know, behind the path that a real one takes.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from firmware_stand_in import Pilot, State
+from firmware_stand_in._ardupilot import fly_ardupilot
+from firmware_stand_in._px4 import fly_px4
+
+from bench.contracts import LinkSpec, Vector, VehiclePlan
+from bench.documents import validate_document
+from bench.simspec import SimSpec
+from vehicle_models._battery import BatteryModel
+from vehicle_models._jsbsim import StartPose, VehicleMotion
+from vehicle_models._vehicle import Aircraft, Plant, SteeredAirframe
+from vehicle_models.controller import AUTOPILOTS, FlightTarget, open_links
+from vehicle_models.x500 import HOVER_THRUST, ROTOR_ARM_M, ROTOR_TORQUE_M
+
+CONTROLLER_HZ = 50
+# The stand-in's checks have a limit of what the vehicle may feel.
+TURN_MAX_RADPS = 1.0
+NEAR_GROUND_M = 0.03
+
+
+def main() -> None:
+    """Fly as the autopilot by whose name the program was started."""
+    with ExitStack() as stack:
+        if Path(sys.argv[0]).name == "px4":
+            fly_px4(lambda instance, parameters, state: stack.enter_context(_px4(instance, state)))
+        else:
+            fly_ardupilot(
+                lambda instance, parameters, state: stack.enter_context(
+                    _ardupilot(instance, state, int(parameters["SIM_RATE_HZ"]))
+                )
+            )
+
+
+class TruePlant:
+    """The vehicle as the physics link shows it."""
+
+    def __init__(self, state: State, place: StartPose) -> None:
+        self._state, self._place = state, place
+        self.motion = VehicleMotion()
+        self.advance()
+
+    def advance(self) -> None:
+        state, motion = self._state, self.motion
+        motion.north_m, motion.east_m, down_m = state.position
+        motion.up_m = 0.0 if -down_m < NEAR_GROUND_M else -down_m
+        motion.vn_mps, motion.ve_mps, motion.vd_mps = state.velocity
+        motion.roll_rad, motion.pitch_rad, motion.yaw_rad = state.euler()
+        motion.p_radps, motion.q_radps, motion.r_radps = state.rates
+
+    def set_wind_ned_mps(self, wind: Vector) -> None:
+        """The wind is the bench's."""
+
+    def set_gust_ned_mps(self, gust: Vector) -> None:
+        """So are gusts."""
+
+    def specific_force_mps2(self) -> Vector:
+        return (0.0, 0.0, -9.81)
+
+    def set_works(self, rotor: int, works: bool) -> None:
+        """So are rotors that fail."""
+
+
+class CrudeAirframe:
+    """Turns targets of the flight controller into rotor speeds, in place of PX4's and ArduPilot's inner loops."""
+
+    def __init__(self, state: State, step_s: float) -> None:
+        self._state, self._step_s = state, step_s
+        self._pilot = Pilot(ROTOR_ARM_M, ROTOR_TORQUE_M)
+        self._armed = False
+        self._target: FlightTarget | None = None
+        self.error_enu_m: Vector = (0.0, 0.0, 0.0)
+
+    def arm(self) -> None:
+        self._armed = True
+        self._pilot.heading_rad = self._state.euler()[2]
+
+    def disarm(self) -> None:
+        self._armed, self._target = False, None
+
+    def rest(self) -> None:
+        self._target = None
+        self._pilot.heading_rad = self._state.euler()[2]
+
+    def fly(self, target: FlightTarget) -> None:
+        self._target = target
+        turn_rad = target.yawrate_radps * self._step_s
+        if target.yaw_rad is not None:
+            turn_rad = math.remainder(target.yaw_rad - self._pilot.heading_rad, 2 * math.pi)
+        limit_rad = TURN_MAX_RADPS * self._step_s
+        self._pilot.heading_rad += min(max(turn_rad, -limit_rad), limit_rad)
+
+    def rotors(self) -> list[float]:
+        """Speeds for the present state, 0 to 1."""
+        target = self._target
+        if target is None:
+            return [0.1 if self._armed else 0.0] * 4
+        north, east, down = self._state.position
+        velocity_n, velocity_e, velocity_d = target.velocity_ned_mps
+        if target.north_east_m is not None:
+            to_north, to_east = target.north_east_m[0] - north, target.north_east_m[1] - east
+            share = min(1.0, target.speed_max_mps / max(1e-6, 0.8 * math.hypot(to_north, to_east)))
+            velocity_n += 0.8 * share * to_north
+            velocity_e += 0.8 * share * to_east
+        if target.down_m is not None:
+            climb = 1.0 * (target.down_m - down)
+            velocity_d += min(max(climb, -target.climb_max_mps), target.descent_max_mps)
+        return self._pilot.rotors_for(self._state, (velocity_n, velocity_e, velocity_d))
+
+    def outputs(self) -> list[float]:
+        return self.rotors()
+
+    def commanded_attitude(self) -> tuple[float, float, float, float]:
+        return (*self._state.euler(), HOVER_THRUST)
+
+    def test_rotor(self, number: int, share: float) -> None:
+        """Not part of any flight here."""
+
+    def specific_force_mps2(self) -> Vector:
+        return (0.0, 0.0, -9.81)
+
+
+class Imitation(Aircraft):
+    """The bench's flight controller on a vehicle that somebody else simulates."""
+
+    autopilots = AUTOPILOTS
+    hover_thrust = HOVER_THRUST
+    rotors = 4
+
+    def __init__(self, plan: VehiclePlan, links: list[Any], state: State) -> None:
+        self._state = state
+        super().__init__(plan, links)
+
+    @property
+    def armed(self) -> bool:
+        return self._flight.armed
+
+    def rotor_speeds(self) -> list[float]:
+        return self._crude.rotors()
+
+    def _build(self, place: StartPose) -> tuple[Plant, SteeredAirframe]:
+        self._crude = CrudeAirframe(self._state, self.step_s)
+        return TruePlant(self._state, place), self._crude
+
+    def _drain(self, battery: BatteryModel) -> None:
+        """The bench drains a battery of its own."""
+
+    def _crashed(self, speed_before_mps: float) -> bool:
+        return False
+
+
+class ImitatedSide:
+    """PX4's or ArduPilot's side of `firmware_stand_in`: built when the link has told where the vehicle stands."""
+
+    def __init__(self, kind: str, links: list[Any], specs: list[LinkSpec], state: State, rate_hz: int) -> None:
+        self._kind, self._links, self._specs, self._state = kind, links, specs, state
+        self._every = rate_hz // CONTROLLER_HZ
+        self._samples = 0
+        self._has_all_ports = True
+        self._imitation: Imitation | None = None
+
+    @property
+    def armed(self) -> bool:
+        return self._imitation is not None and self._imitation.armed
+
+    def rotors(self, *, gps_off: bool = False) -> list[float]:
+        del gps_off
+        return self._imitation.rotor_speeds() if self._imitation else [0.0] * 4
+
+    def serve(self) -> None:
+        self._samples += 1
+        if self._imitation is None:
+            if not (self._state.latitude_deg and self._has_all_ports):
+                return
+            self._imitation = self._made()
+        if self._samples % self._every == 0:
+            self._imitation.receive()
+            self._imitation.step()
+
+    def _made(self) -> Imitation:
+        state = self._state
+        corners = [{"east_m": e, "north_m": n} for e, n in ((-9e3, -9e3), (9e3, -9e3), (9e3, 9e3), (-9e3, 9e3))]
+        origin = {
+            "latitude_deg": state.latitude_deg,
+            "longitude_deg": state.longitude_deg,
+            "altitude_m": state.altitude_m,
+        }
+        document = {
+            "name": "imitated-firmware",
+            "world": {"area": {"corners": corners}, "origin": origin},
+            "vehicle": {"autopilot": self._kind},
+        }
+        plan = VehiclePlan(validate_document(document, SimSpec), tuple(self._specs), CONTROLLER_HZ)
+        return Imitation(plan, self._links, state)
+
+
+class ImitatedArduPilot(ImitatedSide):
+    def __init__(self, instance: int, state: State, rate_hz: int, stack: ExitStack) -> None:
+        spec = LinkSpec("first", "tcp_in", port=5760 + 10 * instance)
+        links = stack.enter_context(open_links((spec,)))
+        while not links[0].connected():
+            links[0].poll()
+            time.sleep(0.001)
+        super().__init__("ardupilot", links, [spec], state, rate_hz)
+        self._instance, self._stack = instance, stack
+        self._has_all_ports = False
+
+    def open_other_ports(self) -> None:
+        specs = [LinkSpec(f"tcp-{port}", "tcp_in", port=port + 10 * self._instance) for port in (5762, 5763)]
+        self._links += self._stack.enter_context(open_links(tuple(specs)))
+        self._specs += specs
+        self._has_all_ports = True
+
+
+@contextmanager
+def _px4(instance: int, state: State) -> Iterator[ImitatedSide]:
+    specs = [
+        LinkSpec("onboard", "udp_in", port=14580 + instance),
+        LinkSpec("gcs", "udp_in", port=18570 + instance, streams="gcs"),
+    ]
+    with open_links(tuple(specs)) as links:
+        yield ImitatedSide("px4", links, specs, state, 200)
+
+
+@contextmanager
+def _ardupilot(instance: int, state: State, rate_hz: int) -> Iterator[ImitatedArduPilot]:
+    with ExitStack() as stack:
+        yield ImitatedArduPilot(instance, state, rate_hz, stack)
