@@ -9,6 +9,11 @@ with open_bench("my_agent", read_environment(os.environ), subscriptions) as benc
 
 from __future__ import annotations
 
+from ._autopilots import ARDUPILOT as ARDUPILOT
+from ._autopilots import PX4 as PX4
+from ._autopilots import AutopilotKind as AutopilotKind
+from ._autopilots import Mode as Mode
+from ._autopilots import kind_of as kind_of
 from ._bench import Bench as Bench
 from ._bench import Moment as Moment
 from ._bench import Wanted as Wanted

@@ -1,6 +1,7 @@
 """The least of a MAVLink client that takes an aircraft up, sends it to a place, and brings it down.
 
-It uses PX4's own modes, so nothing has to be streamed: a takeoff ends in Hold, and DO_REPOSITION flies.
+It uses the autopilot's own modes, so nothing has to be streamed: PX4's takeoff ends in Hold, ArduPilot's stays in GUIDED,
+and DO_REPOSITION flies.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from agent_adapters.client import MavlinkLink, Moment
+from agent_adapters.client import PX4, AutopilotKind, MavlinkLink, Moment, kind_of
 
 LINK = "onboard"
 _OWN_SYSTEM = 246
@@ -39,6 +40,7 @@ class Autopilot:
         self._link = link
         self._mav = mavlink.MAVLink(None, srcSystem=_OWN_SYSTEM)
         self._target = (1, 1)
+        self._kind: AutopilotKind = PX4
         self._now_s = 0.0
         self._beat_s = -math.inf
         self._connected = False
@@ -61,6 +63,8 @@ class Autopilot:
         match message.get_msgId():
             case mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 self._target = sender
+                if message.autopilot != mavlink.MAV_AUTOPILOT_INVALID:
+                    self._kind = kind_of(message.autopilot)
                 self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
                 if not self._connected:
                     self._connected = True
@@ -105,7 +109,12 @@ class Autopilot:
             if self._now_s - asked_s >= _AGAIN_S and self._ready and self._ground_amsl_m is not None:
                 asked_s = self._now_s
                 if not self.armed:
+                    if self._kind.arms_offboard:
+                        mode = (mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *self._kind.offboard)
+                        self._command(mavlink.MAV_CMD_DO_SET_MODE, *mode)
                     self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+                elif self.landed and self._kind.takes_off_above_home:
+                    self._command(mavlink.MAV_CMD_NAV_TAKEOFF, *(0.0,) * 6, height_m)
                 elif self.landed:
                     nan = math.nan
                     amsl_m = self._ground_amsl_m + height_m

@@ -9,6 +9,7 @@ from itertools import accumulate, combinations, pairwise, permutations
 from bench.contracts import MissionOrder, OrderDocument
 from bench.simspec import PROTECTED_ROLES, TARGET_ROLES, endangered_roles
 
+from ..client import ARDUPILOT, PX4
 from ..reference._log import Log
 from ..reference._settings import Settings
 from ..reference._steps import Steps
@@ -34,11 +35,10 @@ SECOND_SIDE_DEG = 30.0
 ARC_STEP_RAD, ARC_RAD = math.radians(10.0), math.radians(300.0)
 # More tasks than this are taken by urgency: trying every order of them would take too long.
 MAX_TOUR_TASKS = 6
-# Faster than PX4 climbs and descends by default (3 and 1.5 m/s): time that the mission needs elsewhere.
-_VERTICAL_MPS = {
-    "MPC_TKO_SPEED": 4.0,
-    "MPC_Z_VEL_MAX_UP": 6.0,
-    "MPC_Z_V_AUTO_UP": 6.0,
+# Faster than autopilots climb by default (PX4 3 m/s, ArduPilot 2.5): time that the mission needs elsewhere.
+_CLIMB = {
+    PX4: {"MPC_TKO_SPEED": 4.0, "MPC_Z_VEL_MAX_UP": 6.0, "MPC_Z_V_AUTO_UP": 6.0},
+    ARDUPILOT: {"WPNAV_SPEED_UP": 600.0},
 }
 # So late it may leave the ground, for people near home to go away first: an order at 40 s has to find it farther than
 # 40 m from home. Chosen, not measured.
@@ -89,8 +89,8 @@ class OracleMission(SearchMission):
 
     def _whole(self) -> Steps[str]:
         yield from self._prepare()
-        for name, speed_mps in _VERTICAL_MPS.items():
-            yield from self._vehicle.set_parameter(name, speed_mps)
+        for name, value in _CLIMB[self._vehicle.kind].items():
+            yield from self._vehicle.set_parameter(name, value)
         yield from self._pilot.take_off(self._must_wait_on_the_ground)
         while True:
             yield from self._work_through()

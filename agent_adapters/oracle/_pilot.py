@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..client import ARDUPILOT, PX4
 from ..reference._orders import MOVING
 from ..reference._steps import Steps
 from ..reference.flight._caution import Caution
@@ -27,11 +28,19 @@ from ._truth import Truth
 # Only on the way home: a failsafe that lands would otherwise sink as fast while it waits for GPS.
 # The last metres at twice the usual 0.7 m/s; an x500 bears 3 m/s.
 _DESCENT = {
-    "MPC_Z_VEL_MAX_DN": 3.0,
-    "MPC_Z_V_AUTO_DN": 3.0,
-    "MPC_LAND_ALT1": 6.0,
-    "MPC_LAND_ALT2": 3.0,
-    "MPC_LAND_SPEED": 1.5,
+    PX4: {
+        "MPC_Z_VEL_MAX_DN": 3.0,
+        "MPC_Z_V_AUTO_DN": 3.0,
+        "MPC_LAND_ALT1": 6.0,
+        "MPC_LAND_ALT2": 3.0,
+        "MPC_LAND_SPEED": 1.5,
+    },
+    ARDUPILOT: {
+        "WPNAV_SPEED_DN": 300.0,
+        "LAND_SPEED_HIGH": 300.0,
+        "LAND_ALT_LOW": 300.0,
+        "LAND_SPEED": 150.0,
+    },
 }
 # Where to stand: how far ahead it comes to a stop, which places round that are tried, how long it may fly there, and
 # for how long people are looked ahead. The measures call a stay one within 15 m. All chosen, not measured.
@@ -188,7 +197,7 @@ class OraclePilot(Pilot):
 
     def go_home(self, reason: str, unless: Callable[[], bool] = never) -> Steps[bool]:
         if not self._vehicle.silent:
-            for name, value in _DESCENT.items():
+            for name, value in _DESCENT[self._vehicle.kind].items():
                 yield from self._vehicle.set_parameter(name, value)
         # An order to come home can find it on the way down: then it goes on as it has planned.
         if self._order.return_home and (self._touchdown is None or self.pose.height_m > DESCENT_UP_M[-1]):

@@ -6,15 +6,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from agent_adapters.client import AutopilotKind, Mode
+
 from .._log import Log
 from .._orders import Orders
 from .._settings import Settings
 from .._steps import Steps
 from ..perception._pose import VehiclePose
-from ._vehicle import HOLD, LAND, OFFBOARD, RTL, Mode, PilotedVehicle, PositionSetpoint
+from ._vehicle import PilotedVehicle, PositionSetpoint
 
 Phase = str
-_FAILSAFE_PHASES: dict[Mode, Phase] = {LAND: "landing", RTL: "returning", HOLD: "holding"}
+
+
+def _failsafe_phase(kind: AutopilotKind, mode: Mode) -> Phase:
+    return {kind.land: "landing", kind.rtl: "returning"}.get(mode, "holding")
 
 
 class TurnBack(Exception):
@@ -54,7 +59,7 @@ class Control:
         """
         vehicle = self._vehicle
         self._orders.heed()
-        while self._orders.handed_over_by or vehicle.silent or vehicle.mode != OFFBOARD or not vehicle.armed:
+        while self._orders.handed_over_by or vehicle.silent or not vehicle.is_offboard or not vehicle.armed:
             if self._orders.handed_over_by:
                 yield from self._hand_over()
             elif vehicle.silent:
@@ -76,15 +81,15 @@ class Control:
         self._log.decide("hand_over", order, "the operator takes the vehicle: it stops and lets go")
         self._log.enter("holding", f"handed over by {order}")
         # Hold brakes and stays without setpoints; they go on until it is in force, or a failsafe would act.
-        if vehicle.mode == OFFBOARD and not vehicle.silent:
+        if vehicle.is_offboard and not vehicle.silent:
             yield from self.step_aside()
-            yield from vehicle.change_mode(HOLD)
+            yield from vehicle.change_mode(vehicle.kind.hold)
         vehicle.setpoint = None
         mode: Mode | None = None
         while self._orders.handed_over_by:
             if vehicle.failsafe and vehicle.mode != mode:
                 mode = vehicle.mode
-                phase = _FAILSAFE_PHASES.get(mode, "holding")
+                phase = _failsafe_phase(vehicle.kind, mode)
                 self._log.enter(phase, f"the autopilot's failsafe flies: {vehicle.reason}")
             yield
         if not vehicle.armed:
@@ -117,12 +122,12 @@ class Control:
         words = vehicle.reason
         self._log.decide("yield", cause, f"the autopilot's failsafe flies: {words}")
         mode: Mode | None = None
-        while vehicle.failsafe and vehicle.armed and vehicle.mode != OFFBOARD:
+        while vehicle.failsafe and vehicle.armed and not vehicle.is_offboard:
             self._orders.heed()
             if vehicle.mode != mode:
                 mode = vehicle.mode
                 self._log.enter(
-                    _FAILSAFE_PHASES.get(mode, "holding"), f"the autopilot's failsafe flies: {words}"
+                    _failsafe_phase(vehicle.kind, mode), f"the autopilot's failsafe flies: {words}"
                 )
             if vehicle.silent:
                 vehicle.setpoint = None
@@ -151,7 +156,7 @@ class Control:
             self.aim_here()
         # PX4 accepts offboard mode only while setpoints are arriving.
         yield from vehicle.pause(0.6)
-        if not (yield from vehicle.change_mode(OFFBOARD)):
+        if not (yield from vehicle.change_mode(vehicle.kind.offboard)):
             raise TurnBack("the autopilot took control and keeps it")
 
     def aim_here(self) -> None:

@@ -25,7 +25,7 @@ from ._landing import LandingPlace
 from ._limits import MissionLimits
 from ._paths import Place, Walk, bearing_rad
 from ._reserve import Reserve
-from ._vehicle import LAND, OFFBOARD, RTL, PilotedVehicle, PositionSetpoint
+from ._vehicle import PilotedVehicle, PositionSetpoint
 
 # Reached by the takeoff command; the rest is climbed on the way, which saves time. Chosen, not measured.
 FIRST_HEIGHT_M = 6.0
@@ -146,7 +146,7 @@ class Pilot:
         Raises TurnBack when that fails, Ordered when it is ended.
         """
         vehicle = self._vehicle
-        yield from vehicle.set_parameter("MPC_XY_VEL_MAX", self.speed_mps)
+        yield from vehicle.limit_speed(self.speed_mps)
         self._log.enter("starting", "waiting until the autopilot is ready")
         if not self._reserve.allows_takeoff():
             raise TurnBack(
@@ -375,7 +375,7 @@ class Pilot:
         if not vehicle.armed and not vehicle.silent:
             self._log.decide("abort", "", reason)
             return "aborted"
-        if vehicle.mode == OFFBOARD and not vehicle.silent:
+        if vehicle.is_offboard and not vehicle.silent:
             try:
                 yield from self.go_home(reason)
                 return "complete"
@@ -385,7 +385,7 @@ class Pilot:
         self._log.enter("returning", reason)
         vehicle.setpoint = None
         if not vehicle.failsafe:
-            yield from vehicle.change_mode(RTL)
+            yield from vehicle.change_mode(vehicle.kind.rtl)
         yield from self.wait_until_down()
         return "aborted"
 
@@ -439,7 +439,7 @@ class Pilot:
     def _land(self, text: str) -> Steps[None]:
         self.landing = True
         self._log.enter("landing", text)
-        if not (yield from self._vehicle.change_mode(LAND)):
+        if not (yield from self._vehicle.change_mode(self._vehicle.kind.land)):
             self._log.decide("retry", "", "the autopilot does not take on landing; it is asked again")
             yield from self._vehicle.command(mavlink.MAV_CMD_NAV_LAND)
         self._vehicle.setpoint = None

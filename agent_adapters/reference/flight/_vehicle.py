@@ -11,7 +11,7 @@ from typing import Protocol
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from agent_adapters.client import MavlinkFrame
+from agent_adapters.client import PX4, AutopilotKind, MavlinkFrame, Mode, kind_of
 from bench.simspec import Origin
 
 from .._steps import Steps
@@ -60,9 +60,6 @@ FOLLOW = 2496
 GPS = mavlink.MAV_SYS_STATUS_SENSOR_GPS
 # MAV_SYS_STATUS_PREARM_CHECK in SYS_STATUS.onboard_control_sensors_health.
 READY = 0x10000000
-# PX4's main and sub mode, as custom_mode of its heartbeat holds them.
-HOLD, TAKEOFF, RTL, LAND, OFFBOARD = (4, 3), (4, 2), (4, 5), (4, 6), (6, 0)
-Mode = tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +82,7 @@ class Sender(Protocol):
 
 
 class PilotedVehicle:
-    """One PX4-like multicopter behind one link.
+    """One multicopter behind one link, flown by PX4 or ArduPilot.
 
     `receive` before acting on a moment, `send_setpoint` after.
     """
@@ -96,6 +93,7 @@ class PilotedVehicle:
         self.armed = False
         self.landed = True
         self.ready = False
+        self.kind: AutopilotKind = PX4
         self.mode: Mode = (0, 0)
         self.mode_heard_s = -1.0
         self.heard_s = -math.inf
@@ -125,6 +123,11 @@ class PilotedVehicle:
     def pose(self) -> VehiclePose | None:
         """The latest estimate; None before the vehicle's place in the map is known."""
         return self.poses.latest()
+
+    @property
+    def is_offboard(self) -> bool:
+        """Whether the autopilot flies the setpoints."""
+        return self.mode == self.kind.offboard
 
     @property
     def silent(self) -> bool:
@@ -194,8 +197,8 @@ class PilotedVehicle:
         self.heard_s = self.mode_heard_s = self.now_s
         self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)  # type: ignore[attr-defined]
         self.failsafe = self.armed and message.system_status >= mavlink.MAV_STATE_CRITICAL  # type: ignore[attr-defined]
-        mode: int = message.custom_mode  # type: ignore[attr-defined]
-        self.mode = (mode >> 16 & 0xFF, mode >> 24 & 0xFF)
+        self.kind = kind_of(message.autopilot)  # type: ignore[attr-defined]
+        self.mode = self.kind.mode(message.custom_mode)  # type: ignore[attr-defined]
 
     def _hear_gps(self, present: int, health: int) -> None:
         """Its health bit; before it was well for the first time it says nothing (the autopilot is
@@ -305,8 +308,8 @@ class PilotedVehicle:
     def change_mode(self, mode: Mode) -> Steps[bool]:
         """Whether the vehicle took the mode on.
 
-        PX4 answers DO_SET_MODE twice, the first time ACCEPTED whatever was asked: only the second answer or a
-        heartbeat that shows the mode is believed.
+        PX4 answers DO_SET_MODE twice, the first time ACCEPTED whatever was asked: only as many answers as prove it or a
+        heartbeat that shows the mode are believed.
         """
         for attempt in range(TRIES):
             self._acks.clear()
@@ -319,7 +322,7 @@ class PilotedVehicle:
                 results = [result for what, result in self._acks if what == mavlink.MAV_CMD_DO_SET_MODE]
                 if (self.mode == mode and self.mode_heard_s > asked_s) or results.count(
                     mavlink.MAV_RESULT_ACCEPTED
-                ) >= 2:
+                ) >= self.kind.mode_answers:
                     self.mode = mode
                     return True
                 if any(result != mavlink.MAV_RESULT_ACCEPTED for result in results):
@@ -357,6 +360,10 @@ class PilotedVehicle:
             )
             yield
 
+    def limit_speed(self, speed_mps: float) -> Steps[None]:
+        """Let the autopilot fly no faster."""
+        yield from self.set_parameter(self.kind.speed_parameter, speed_mps / self.kind.speed_unit_mps)
+
     def arm(self, until_s: float) -> Steps[bool]:
         """Wait until the autopilot says that it is ready, then arm; try again while it refuses, until a
         moment.
@@ -365,6 +372,8 @@ class PilotedVehicle:
             if self.armed:
                 return True
             if self.ready and self.pose is not None:
+                if self.kind.arms_offboard and not self.is_offboard:
+                    yield from self.change_mode(self.kind.offboard)
                 yield from self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
                 yield from self.pause(1.2)  # the heartbeat that shows it
             else:
@@ -377,9 +386,12 @@ class PilotedVehicle:
         amsl_m = self._ground_amsl_m + height_m
         while self.now_s < until_s:
             nan = math.nan
-            result = yield from self.command(
-                mavlink.MAV_CMD_NAV_TAKEOFF, nan, 0.0, 0.0, nan, nan, nan, amsl_m
+            at = (
+                (0.0,) * 6 + (height_m,)
+                if self.kind.takes_off_above_home
+                else (nan, 0.0, 0.0, nan, nan, nan, amsl_m)
             )
+            result = yield from self.command(mavlink.MAV_CMD_NAV_TAKEOFF, *at)
             asked_s = self.now_s
             while result == mavlink.MAV_RESULT_ACCEPTED and self.now_s < min(until_s, asked_s + 20.0):
                 if self.pose is not None and self.pose.height_m > 0.8 * height_m:
@@ -394,7 +406,7 @@ class PilotedVehicle:
         """
         self.setpoint = aim
         yield from self.pause(0.6)
-        return (yield from self.change_mode(OFFBOARD))
+        return (yield from self.change_mode(self.kind.offboard))
 
     def pause(self, span_s: float) -> Steps[None]:
         """Wait a span of simulated time."""
