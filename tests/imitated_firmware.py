@@ -15,15 +15,17 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from firmware_stand_in import Pilot, State
 from firmware_stand_in._ardupilot import fly_ardupilot
 from firmware_stand_in._px4 import fly_px4
 
 from bench.contracts import LinkSpec, Vector, VehiclePlan
 from bench.documents import validate_document
-from bench.simspec import SimSpec
+from bench.simspec import Gps, SimSpec
 from vehicle_models._battery import BatteryModel
 from vehicle_models._jsbsim import StartPose, VehicleMotion
+from vehicle_models._navigation import Navigation
 from vehicle_models._vehicle import Aircraft, Plant, SteeredAirframe
 from vehicle_models.controller import AUTOPILOTS, FlightTarget, open_links
 from vehicle_models.x500 import HOVER_THRUST, ROTOR_ARM_M, ROTOR_TORQUE_M
@@ -45,6 +47,30 @@ def main() -> None:
                     _ardupilot(instance, state, int(parameters["SIM_RATE_HZ"]))
                 )
             )
+
+
+class HeardNavigation(Navigation):
+    """The estimate of position with the errors of the fixes that come over the link of PX4."""
+
+    def __init__(self, state: State, step_s: float, random: np.random.Generator) -> None:
+        super().__init__(Gps(), step_s, random)
+        self._state = state
+        self._heard_us = 0
+
+    def step(self) -> None:
+        if self.off:
+            self._dead_reckon()
+            return
+        if self._state.fix_us != self._heard_us:
+            self._heard_us = self._state.fix_us
+            north_m, east_m = self._state.fix_error_m
+            self.fix_error_enu_m = (east_m, north_m, 0.0)
+            self.fixes += 1
+        # As fast as an estimator follows its receiver.
+        share = 2.0 / CONTROLLER_HZ
+        self.error_enu_m = tuple(  # type: ignore[assignment]
+            now + share * (fix - now) for now, fix in zip(self.error_enu_m, self.fix_error_enu_m, strict=True)
+        )
 
 
 class TruePlant:
@@ -111,6 +137,7 @@ class CrudeAirframe:
         if target is None:
             return [0.1 if self._armed else 0.0] * 4
         north, east, down = self._state.position
+        north, east = north + self.error_enu_m[1], east + self.error_enu_m[0]
         velocity_n, velocity_e, velocity_d = target.velocity_ned_mps
         if target.north_east_m is not None:
             to_north, to_east = target.north_east_m[0] - north, target.north_east_m[1] - east
@@ -145,10 +172,15 @@ class Imitation(Aircraft):
     def __init__(self, plan: VehiclePlan, links: list[Any], state: State) -> None:
         self._state = state
         super().__init__(plan, links)
+        self._navigation = HeardNavigation(state, self.step_s, np.random.default_rng(1))
 
     @property
     def armed(self) -> bool:
         return self._flight.armed
+
+    def set_gps_off(self, off: bool) -> None:
+        if off != self._navigation.off:
+            self._navigation.set_off(off)
 
     def rotor_speeds(self) -> list[float]:
         return self._crude.rotors()
@@ -167,7 +199,9 @@ class Imitation(Aircraft):
 class ImitatedSide:
     """PX4's or ArduPilot's side of `firmware_stand_in`: built when the link has told where the vehicle stands."""
 
-    def __init__(self, kind: str, links: list[Any], specs: list[LinkSpec], state: State, rate_hz: int) -> None:
+    def __init__(
+        self, kind: str, links: list[Any], specs: list[LinkSpec], state: State, rate_hz: int
+    ) -> None:
         self._kind, self._links, self._specs, self._state = kind, links, specs, state
         self._every = rate_hz // CONTROLLER_HZ
         self._samples = 0
@@ -179,7 +213,8 @@ class ImitatedSide:
         return self._imitation is not None and self._imitation.armed
 
     def rotors(self, *, gps_off: bool = False) -> list[float]:
-        del gps_off
+        if self._imitation:
+            self._imitation.set_gps_off(gps_off)
         return self._imitation.rotor_speeds() if self._imitation else [0.0] * 4
 
     def serve(self) -> None:
@@ -194,7 +229,9 @@ class ImitatedSide:
 
     def _made(self) -> Imitation:
         state = self._state
-        corners = [{"east_m": e, "north_m": n} for e, n in ((-9e3, -9e3), (9e3, -9e3), (9e3, 9e3), (-9e3, 9e3))]
+        corners = [
+            {"east_m": e, "north_m": n} for e, n in ((-9e3, -9e3), (9e3, -9e3), (9e3, 9e3), (-9e3, 9e3))
+        ]
         origin = {
             "latitude_deg": state.latitude_deg,
             "longitude_deg": state.longitude_deg,

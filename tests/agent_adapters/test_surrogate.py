@@ -184,14 +184,16 @@ def test_what_no_surrogate_flies_is_refused_all_at_once() -> None:
     scored = scene(perception=Perception(model=DetectionModel(scores=ScoreQuantiles(right=(0.1, 0.9)))))
     many = scene(vehicle={"more_cameras": [{"name": "down"}]}, perception=Perception(more_cameras=("down",)))
 
+    other = scene(vehicle={"autopilot": "ardupilot"})
+
     with pytest.raises(SetupError) as refused:
-        pack([stranger, broken, empty, tuned, own, confused, scored, many])
+        pack([stranger, broken, empty, tuned, own, confused, scored, many, other])
 
     where = [fault.where for fault in refused.value.faults]
     assert where == [
         *("agents", "vehicle.failures[0]", "vehicle.failures[0]", "agent.options"),
         *("perception.source: agent", "perception.model.confusion", "perception.model.scores"),
-        "perception.more_cameras",
+        *("perception.more_cameras", "vehicle.autopilot"),
     ]
 
 

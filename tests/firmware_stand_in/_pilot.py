@@ -21,6 +21,9 @@ class State:
         self.quaternion = (1.0, 0.0, 0.0, 0.0)
         self.rates: Vector = (0.0, 0.0, 0.0)
         self.latitude_deg = self.longitude_deg = self.altitude_m = 0.0
+        # What the receiver of PX4 said last: metres north and east of the truth, and when.
+        self.fix_error_m = (0.0, 0.0)
+        self.fix_us = 0
 
     def euler(self) -> Vector:
         w, x, y, z = self.quaternion

@@ -26,7 +26,8 @@ GPS_PATIENCE_US = 2_000_000
 class Px4Side(Protocol):
     """What flies and talks to MAVLink clients."""
 
-    armed: bool
+    @property
+    def armed(self) -> bool: ...
 
     def rotors(self, *, gps_off: bool) -> list[float]:
         """Rotor speeds for the state after one more sample."""

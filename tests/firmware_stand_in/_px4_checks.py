@@ -58,6 +58,7 @@ class SampleChecks:
                 math.hypot(north, east) < 30.0,
                 f"HIL_GPS is {north:.1f} m north and {east:.1f} m east of the truth",
             )
+            state.fix_error_m, state.fix_us = (north, east), self.gps_us
             require(
                 abs(p[3] / 1000 - state.altitude_m) < 5.0,
                 f"HIL_GPS altitude {p[3]} mm at {state.altitude_m} m",

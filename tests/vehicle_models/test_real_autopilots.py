@@ -143,11 +143,13 @@ def upload(kind: str, client: Client, places: list[tuple[float, float]]) -> None
             if message.get_type() in ("MISSION_REQUEST_INT", "MISSION_REQUEST"):
                 number, (latitude_e7, longitude_e7), height_m = items[message.seq]
                 place = (latitude_e7, longitude_e7, height_m)
+                # PX4 takes a return, which has no place, in no frame of places.
+                at = mavlink.MAV_FRAME_MISSION if number == command.MAV_CMD_NAV_RETURN_TO_LAUNCH else frame
                 # No delay, passed within 2 m, straight through, with whatever heading.
                 parameters = (0.0, 2.0, 0.0, NAN)
                 client.send(
                     mavlink.MAVLink_mission_item_int_message(
-                        1, 1, message.seq, frame, number, 0, 1, *parameters, *place, 0
+                        1, 1, message.seq, at, number, 0, 1, *parameters, *place, 0
                     )
                 )
             elif message.get_type() == "MISSION_ACK":

@@ -169,6 +169,8 @@ def unfit(simspec: SimSpec) -> list[Fault]:
         )
     unsupported: dict[str, object] = {
         "vehicle.model": simspec.vehicle.model not in VEHICLE_MODELS,
+        # Times on the ground, climb, descent and failsafes are PX4's.
+        "vehicle.autopilot": simspec.vehicle.autopilot != "px4",
         "agent.options": simspec.agent.options,
         f"perception.source: {simspec.perception.source}": simspec.perception.source in ("agent", "detector"),
         **{
