@@ -5,14 +5,17 @@ from __future__ import annotations
 import os
 import platform
 import shutil
+import subprocess
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 from bench.errors import SetupError
+from bench.process_threads import ProcessThreads
 from bench.simulation.warp._library import built_library
-from bench.simulation.warp._programs import unreachable_reason
+from bench.simulation.warp._programs import UNENTERED_S, Programs, unreachable_reason
 
 pytestmark = pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="warp is for Linux with glibc")
 
@@ -92,3 +95,33 @@ def test_programs_that_the_library_cannot_reach_are_known_by_their_file(tmp_path
     assert unreachable_reason(script) == ""
     assert unreachable_reason(tmp_path / "missing") == ""
     assert os.path.exists(ordinary)
+
+
+@pytest.mark.process
+def test_a_program_that_has_ended_is_no_program_without_the_library() -> None:
+    """Two are followed and seen without it long ago; the one that has ended meanwhile, and that nobody has reaped, is not
+    refused for it.
+    """
+    with (
+        subprocess.Popen(["sleep", "1000"]) as living,
+        subprocess.Popen(["sleep", "1000"]) as ended,
+    ):
+        try:
+            refusals = {}
+            for process in (living, ended):
+                with closing(ProcessThreads(process.pid, root_is_box=False, with_bench=False)) as threads:
+                    threads.scan()
+                    programs, (followed,) = Programs(threads), threads.processes.values()
+                    assert programs.unentered(set()) == [followed]
+                    while not programs.refusal(followed, 0.0) and not followed.threads[process.pid].rests():
+                        os.sched_yield()
+                    followed.unentered_since_s = 0.0
+                    if process is ended:
+                        process.kill()
+                        os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+                    refusals[process.pid] = programs.refusal(followed, UNENTERED_S + 1.0)
+        finally:
+            living.kill()
+            ended.kill()
+    assert "runs without the library for warp" in refusals[living.pid]
+    assert refusals[ended.pid] == ""

@@ -8,7 +8,7 @@ import os
 import platform
 import struct
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -44,6 +44,11 @@ _NOW, _RELEASED = 2, 4
 _SLOTS_USED, _OVERFLOWED = 4, 5
 _FIRST_SLOT = (24 + MAX_PROCESSES * _PROCESS.itemsize) // 8
 _SLOT_NUMBERS = _SLOT.itemsize // 8
+# Counted in 32 bits: ids of processes, each followed by its futex; and of a slot's process, behind its deadline.
+_FIRST_PID, _PROCESS_HEADS = 24 // 4, _PROCESS.itemsize // 4
+_LAST_PID = _FIRST_PID + MAX_PROCESSES * _PROCESS_HEADS
+_FIRST_OWNER, _SLOT_HEADS = _FIRST_SLOT * 2 + 2, _SLOT.itemsize // 4
+_WORD = 0xFFFFFFFF
 _FUTEX = {"x86_64": 202, "aarch64": 98}
 _FUTEX_WAKE = 1
 _WAKE_OFFSET = 4
@@ -73,7 +78,7 @@ class WarpPages:
         self._processes = page["processes"]
         self._pids: NDArray[np.int32] = self._processes["pid"]
         self._owners: NDArray[np.int32] = self._slots["pid"]
-        self._wake_address = self._processes.ctypes.data + _WAKE_OFFSET
+        self._first_futex = self._processes.ctypes.data + _WAKE_OFFSET
         self._futex = _FUTEX[platform.machine()]
 
     @property
@@ -93,8 +98,7 @@ class WarpPages:
 
     def earliest_ns(self) -> int | None:
         """The first moment for which a thread or a timer of the agent waits; None while nothing waits for one."""
-        end = _FIRST_SLOT + self._heads[_SLOTS_USED] * _SLOT_NUMBERS
-        return min(filter(None, self._numbers[_FIRST_SLOT:end:_SLOT_NUMBERS]), default=None)
+        return min(filter(None, self._deadlines_ns()), default=None)
 
     def is_due(self) -> bool:
         """Whether something waits for a moment that has come."""
@@ -103,10 +107,11 @@ class WarpPages:
 
     def wake_due(self) -> None:
         """Wake each process in which something is due."""
-        if self.is_due():
-            deadlines = self._slots["deadline_ns"]
-            due = (deadlines > 0) & (deadlines <= self.now_ns)
-            self._wake(set(self._owners[due].tolist()))
+        # Of a dozen slots: calls of numpy on all of them cost four times as much.
+        now_ns, deadlines_ns = self._clock[_NOW], self._deadlines_ns()
+        due = [slot for slot, deadline_ns in enumerate(deadlines_ns) if 0 < deadline_ns <= now_ns]
+        if due:
+            self._wake({self._heads[_FIRST_OWNER + slot * _SLOT_HEADS] for slot in due})
 
     def waiters(self) -> list[Waiter]:
         """Everything that waits, by its place in the page."""
@@ -135,12 +140,18 @@ class WarpPages:
         """Whether the agent had more processes or waits at once than the page holds, so that time must not go on."""
         return bool(self._heads[_OVERFLOWED])
 
-    def _wake(self, pids: set[int]) -> None:
-        for index in np.flatnonzero(self._pids):
-            if int(self._pids[index]) in pids:
-                self._processes["wake"][index] += np.uint32(1)
-                address = ctypes.c_void_p(self._wake_address + int(index) * _PROCESS.itemsize)
-                _libc().syscall(self._futex, address, _FUTEX_WAKE, 2**31 - 1, None, None, 0)
+    def _deadlines_ns(self) -> list[int]:
+        """Of each slot that was ever used; 0 in those that are free."""
+        end = _FIRST_SLOT + self._heads[_SLOTS_USED] * _SLOT_NUMBERS
+        return self._numbers[_FIRST_SLOT:end:_SLOT_NUMBERS].tolist()
+
+    def _wake(self, pids: Collection[int]) -> None:
+        for index, pid in enumerate(self._heads[_FIRST_PID:_LAST_PID:_PROCESS_HEADS].tolist()):
+            if pid and pid in pids:
+                futex = _FIRST_PID + index * _PROCESS_HEADS + 1
+                self._heads[futex] = (self._heads[futex] + 1) & _WORD
+                address = self._first_futex + index * _PROCESS.itemsize
+                _system_call()(self._futex, address, _FUTEX_WAKE, 2**31 - 1, None, None, 0)
 
 
 def make_pages(clock: Path, waiters: Path, utc_ns: int) -> WarpPages:
@@ -166,5 +177,11 @@ def _mapped(path: Path, size: int, mode: int) -> mmap.mmap:
 
 
 @cache
-def _libc() -> ctypes.CDLL:
-    return ctypes.CDLL(None)
+def _system_call() -> Callable[..., int]:
+    call = ctypes.CDLL(None).syscall
+    # With its types it takes plain numbers, which costs a third of objects made for each call.
+    call.argtypes = (
+        *(ctypes.c_long, ctypes.c_void_p, ctypes.c_int, ctypes.c_int),
+        *(ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int),
+    )
+    return call

@@ -88,6 +88,9 @@ class Programs:
 
     def refusal(self, process: WatchedProcess, now_s: float) -> str:
         """Why a process that has not entered never will, by the host's clock `now_s`; empty while it may just start."""
+        # It has ended since it was last looked for: nothing is mapped in it any more, and it sleeps for good.
+        if _program_of(process) is None:
+            return ""
         path = Path(f"/proc/{process.pid}/exe")
         name = _name_of(process)
         if reason := unreachable_reason(path):
@@ -115,6 +118,7 @@ def _has_library(process: WatchedProcess, entered: Set[int]) -> bool:
             and not unreachable_reason(Path(f"/proc/{process.pid}/exe"))
         ):
             process.program = program
+            process.unentered_since_s = None
     return process.program is not None
 
 
@@ -142,7 +146,7 @@ def _name_of(process: WatchedProcess) -> str:
 
 def _rests(process: WatchedProcess) -> bool:
     with suppress(OSError):
-        return all(thread.rests() for thread in process.threads.values())
+        return all(thread.rests() and thread.still_rests() for thread in process.threads.values())
     return False
 
 
