@@ -187,6 +187,9 @@ class RunningArduPilot:
             "SIM_BATT_VOLTAGE": _FULL_V * rest_volts_share(battery_fraction),
         }
 
+    def settle(self) -> None:
+        """It does nothing between two packets."""
+
     def last_words(self) -> str:
         return self.program.last_words()
 

@@ -60,6 +60,9 @@ class RunningFirmware(Protocol):
     def fly_sample(self, *, new_fix: bool) -> None:
         """Make one step of the physics and get the autopilot's outputs for it. `new_fix`: the receiver has a new fix."""
 
+    def settle(self) -> None:
+        """Wait until the autopilot has done all that the last sample made it do, at paces that promise it."""
+
     def last_words(self) -> str:
         """What it wrote last, for an error."""
 

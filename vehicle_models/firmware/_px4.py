@@ -178,14 +178,16 @@ class RunningPx4:
         self.armed: bool | None = False
         self._plant, self._link, self._watch = body.plant, sockets.link, watch
         self._samples = Px4Samples(simspec, body)
+        self._is_starting = True
 
     def fly_sample(self, *, new_fix: bool) -> None:
         time_us = self._samples.advance()
+        self._is_starting = time_us < _STARTING_US
         messages = self._samples.messages(
             time_us, new_fix=new_fix, truth_interval_us=self._link.truth_interval_us
         )
         if self._watch:
-            self._watch.wait(starting=time_us < _STARTING_US)
+            self._watch.wait(starting=self._is_starting)
         controls = self._link.exchange(time_us, b"".join(messages))
         if controls is None:
             return
@@ -194,6 +196,10 @@ class RunningPx4:
         self._plant.turn_rotors(
             [0.0 if math.isnan(share) else share for share in controls.outputs[: len(ROTORS)]]
         )
+
+    def settle(self) -> None:
+        if self._watch:
+            self._watch.wait(starting=self._is_starting)
 
     def last_words(self) -> str:
         return self.program.last_words()

@@ -262,6 +262,9 @@ class RunningBoard:
         if ahead_s > 0.0:
             self._clock.sleep(ahead_s)
 
+    def settle(self) -> None:
+        """A board's threads cannot be seen."""
+
     def last_words(self) -> str:
         return f"; {self._line.reader.garbage_bytes} bytes that are no MAVLink came"
 

@@ -258,11 +258,13 @@ class FirmwareX500:
             plant.set_gust_ned_mps(self._gusts.step(plant.motion.up_m, plant.motion.airspeed_mps))
         new_fix = navigation.fixes != self._fixes and not navigation.off
         self._fixes = navigation.fixes
+        self._request(running)
         with held_on(running.cores):
             for number in range(self._samples_per_step):
                 running.fly_sample(new_fix=new_fix and number == 0)
+            # What is read of the autopilot next, and sent to it, then finds it after the last sample, never amid it.
+            running.settle()
         self._flown_steps += 1
-        self._request(running)
         self._battery.drain(plant.thrust_n(), self.step_s)
         if self._battery.fraction <= 0.0:
             self._stop_rotors()
