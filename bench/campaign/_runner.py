@@ -105,14 +105,20 @@ async def run_campaign(
     requested.
 
     Call it again on the same folder to resume. Sessions are tasks of the running event loop; planning and scoring keep
-    the loop busy. Cancelled, it kills the sessions and their agents. `observers` get each event. `workers` overrides the campaign's budget, which overrides the
-    number of cores. Realizations that may have failed because of the host are flown again, with at least two
-    attempts in every run (unless their firmware failed in flight, see `rerun`); their earlier results are kept in aside/. `accept` leaves those that have one of its
-    outcomes now as they are, for good; `rerun` takes that back, and flies once more what failed with its firmware in flight. `forfeit_job` takes the place of `job` for a realization
-    whose agent broke the bench, `confined_job` after an attempt that an unconfined agent may have broken. `memory_kills`
-    counts the processes that the kernel killed for want of memory. `clock` (default: the host's monotonic clock) gives the
-    host seconds by which the campaign's total budget and the pauses before retries are judged. `gate` says whether a realization may start now; it
-    is asked again until it may, and the total budget runs meanwhile.
+    the loop busy. Cancelled, it kills the sessions and their agents. Realizations that may have failed because of the host
+    are flown again, with at least two attempts in every run; their earlier results are kept in aside/. What failed with its
+    firmware in flight is flown once more alone, over all runs.
+
+    `workers`: overrides the campaign's budget, which overrides the number of cores.
+    `observers`: get each event.
+    `rerun`: outcomes that are flown again, what failed with its firmware included.
+    `accept`: outcomes whose realizations stay as they are, for good; `rerun` takes that back.
+    `forfeit_job`: takes the place of `job` for a realization whose agent broke the bench.
+    `confined_job`: takes it after an attempt that an unconfined agent may have broken.
+    `memory_kills`: counts the processes that the kernel killed for want of memory.
+    `clock`: gives the host seconds by which the total budget and the pauses before retries are judged (default: the host's
+    monotonic clock).
+    `gate`: says whether a realization may start now; it is asked again until it may, and the total budget runs meanwhile.
 
     Raises SetupError for a campaign that cannot be realized and for a folder that is in use, belongs to
     another campaign or holds files that were changed since they were written, WorkersUnusable if no worker
