@@ -14,7 +14,7 @@ import numpy as np
 
 from bench.documents import validate_document
 from bench.errors import Fault, SetupError
-from bench.simspec import AgentSpec, Seeds, SimSpec
+from bench.simspec import AgentSpec, SimSpec
 
 from .design._design import Design, DesignPoint
 from .design._factors import BASE, DesignFactor, FactorLevel
@@ -26,19 +26,31 @@ from .design._stratified import Difficulties
 class RealizationPlan:
     """One SimSpec to fly: which design point, replicate and agent it stands for. Nothing is placed yet.
 
-    Plans of the same design point and replicate share every seed, hence the scene, whatever the agent.
+    Plans of the same design point and replicate share every seed, hence the scene, whatever the agent. `situation` is
+    that of the design point, which all its plans share.
     """
 
     id: str
     design_point: str
     replicate: int
     levels: Mapping[str, FactorLevel]
-    simspec: SimSpec
+    situation: SimSpec
+    agent_spec: AgentSpec
+    root_seed: int
+
+    @property
+    def simspec(self) -> SimSpec:
+        """The SimSpec, made anew each time: kept, those of a large campaign would take ten times the plans."""
+        seeds = self.situation.seeds.model_copy(update={"root": self.root_seed})
+        # A base may come with places of its own; they belong to other seeds, so they are dropped.
+        return self.situation.model_copy(
+            update={"name": self.id, "agent": self.agent_spec, "seeds": seeds, "realized": None}
+        )
 
     @property
     def agent(self) -> str:
         """The agent's label."""
-        return self.simspec.agent.label
+        return self.agent_spec.label
 
 
 Rating = Callable[[SimSpec], Mapping[str, float | None]]
@@ -118,10 +130,8 @@ def _plan(
     scene: SimSpec, design: Design, point: DesignPoint, replicate: int, agent: AgentSpec, label: str
 ) -> RealizationPlan:
     name = f"{point.id}-r{replicate}-{label}"
-    seeds = Seeds(**scene.seeds.model_dump() | {"root": scene_seed(design.seed, point.scene, replicate)})
-    # A base may come with places of its own; they belong to other seeds, so they are dropped.
-    simspec = scene.model_copy(update={"name": name, "agent": agent, "seeds": seeds, "realized": None})
-    return RealizationPlan(name, point.id, replicate, point.levels, simspec)
+    seed = scene_seed(design.seed, point.scene, replicate)
+    return RealizationPlan(name, point.id, replicate, point.levels, scene, agent, seed)
 
 
 def _labels(agents: Sequence[AgentSpec]) -> list[str]:

@@ -147,7 +147,10 @@ class Configuration:
 
 @dataclass(frozen=True, slots=True)
 class ReportData:
-    """Everything that the report shows, before it becomes sentences, tables and figures."""
+    """Everything that the report shows, before it becomes sentences, tables and figures.
+
+    `scores` has the columns SCORE_COLUMNS of bench.scoring, its texts as categories.
+    """
 
     name: str
     description: str

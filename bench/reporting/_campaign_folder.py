@@ -6,6 +6,7 @@ Whatever is missing or damaged becomes a note in the report; only a folder that 
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -30,12 +31,18 @@ from bench.contracts import (
 )
 from bench.documents import parse_text, read_text
 from bench.errors import Fault, SetupError
-from bench.scoring import EXCLUDED_OUTCOMES, SCORE_COLUMNS, NodeFloor, node_floors, summary_frame
+from bench.scoring import (
+    EXCLUDED_OUTCOMES,
+    NodeFloor,
+    node_floors,
+    summary_frame,
+)
 from bench.simspec import FACTORS, SimSpec, agent_name, factor_values
 from decompositions import Decomposition, load_decomposition
 
 from ._campaign_data import LEVEL_ORDER, Configuration, Node, ReportData, Run, stopped_early, tallies_of
-from ._simspec_files import SimSpecFiles
+from ._score_file import load_scores, scored_runs
+from ._simspec_files import SimSpecFiles, situations_of
 
 # The substitution with which bench.realization makes an agent's label a part of realization ids.
 UNSAFE_LABEL_CHARACTERS = re.compile(r"[^a-z0-9_-]+")
@@ -53,7 +60,7 @@ def load_report_data(folder: Path) -> ReportData:
     notes: list[str] = []
     campaign = _mapping(parse_text(read_text(folder / "campaign.yaml"), str(folder / "campaign.yaml"))[0])
     document = _decomposition(folder, str(campaign.get("decomposition", "")), notes)
-    scores = _scores(folder, notes)
+    scores = load_scores(folder, notes)
     floor_labels = _floor_labels(campaign)
     all_simspecs = _simspecs(folder)
     # Null agents and the oracle are no agents under test: nothing but floor and ceiling is about them.
@@ -113,32 +120,6 @@ def _decomposition(folder: Path, reference: str, notes: list[str]) -> Decomposit
         return None
 
 
-def _scores(folder: Path, notes: list[str]) -> pl.DataFrame:
-    path = folder / "scores.parquet"
-    if not path.is_file():
-        notes.append(
-            f"There is no scores.parquet: nothing has been scored yet. `rebar score {folder.name}` makes it."
-        )
-        return _NO_SCORES
-    try:
-        frame = pl.read_parquet(path)
-    except (OSError, pl.exceptions.PolarsError) as error:
-        notes.append(
-            f"scores.parquet could not be read ({error}). `rebar score {folder.name}` makes it anew."
-        )
-        return _NO_SCORES
-    if missing := sorted(set(SCORE_COLUMNS) - set(frame.columns)):
-        notes.append(
-            f"scores.parquet lacks the columns {', '.join(missing)}. `rebar score {folder.name}` makes it anew."
-        )
-        return _NO_SCORES
-    # The same folder gives the same bytes, whatever the order in which scoring wrote its rows.
-    return frame.sort("realization", "node", maintain_order=True)
-
-
-_NO_SCORES = pl.DataFrame(schema=SCORE_COLUMNS)
-
-
 def _floor_labels(campaign: Mapping[str, Any]) -> frozenset[str]:
     floor = _mapping(campaign.get("floor"))
     specs = [*(floor.get("agents") or ()), floor.get("oracle")]
@@ -161,21 +142,17 @@ def _floors(folder: Path, campaign: Mapping[str, Any], notes: list[str]) -> dict
 
 
 def _simspecs(folder: Path) -> SimSpecFiles:
-    files = _entries(folder / "simspecs")
-    return SimSpecFiles({path.stem: path for path in sorted(files, key=_name) if path.suffix == ".json"})
+    files = sorted((name, path) for name, path in _entries(folder / "simspecs") if name.endswith(".json"))
+    return SimSpecFiles({name.removesuffix(".json"): path for name, path in files})
 
 
-def _name(path: Path) -> str:
-    return path.name
-
-
-def _entries(parent: Path) -> Iterator[Path]:
-    """What lies in runs/ or simspecs/, in the folders 00 to 99 of a large campaign too."""
-    for path in parent.iterdir() if parent.is_dir() else ():
-        if len(path.name) == 2 and path.name.isdecimal():
-            yield from path.iterdir()
+def _entries(parent: Path) -> Iterator[tuple[str, str]]:
+    """Name and path of what lies in runs/ or simspecs/, in the folders 00 to 99 of a large campaign too."""
+    for entry in os.scandir(parent) if parent.is_dir() else ():
+        if len(entry.name) == 2 and entry.name.isdecimal():
+            yield from ((inner.name, inner.path) for inner in os.scandir(entry))
         else:
-            yield path
+            yield entry.name, entry.path
 
 
 def _names_in_ids(campaign: Mapping[str, Any]) -> dict[str, str]:
@@ -196,23 +173,22 @@ def _runs(
     """Every realization that has scores, a SimSpec or a folder, in the order of their ids; and those whose SimSpec is
     damaged.
     """
-    scored = {
-        row["realization"]: row for row in scores.unique("realization", keep="first").iter_rows(named=True)
-    }
-    folders = {path.name: path for path in _entries(folder / "runs") if path.is_dir()}
+    scored = scored_runs(scores)
+    folders = {name: path for name, path in _entries(folder / "runs") if Path(path).is_dir()}
     early_stopping = stopped_early(scores)
     runs, damaged, remarks = [], [], _Remarks()
     # A session that waits has only its SimSpec; one that was killed has a folder without a result. One result and one
     # SimSpec at a time: all of them would not fit into memory.
     for name in sorted({*scored, *simspecs, *folders}):
-        result = _result(folders[name] / "result.json", notes) if name in folders else None
+        run_folder = Path(folders[name]) if name in folders else None
+        result = _result(run_folder / "result.json", notes) if run_folder is not None else None
         simspec = simspecs.get(name)
         if simspec is None:
             damaged.append(name)
         if result is not None:
             remarks.add(name, result)
         row = scored.get(name, {})
-        runs.append(_run(folders.get(name), name, result, row, simspec, names_in_ids, early_stopping))
+        runs.append(_run(run_folder, name, result, row, simspec, names_in_ids, early_stopping))
     remarks.write(notes)
     return tuple(runs), frozenset(damaged)
 
@@ -370,7 +346,9 @@ def _configurations(
     scores: pl.DataFrame, study: Sequence[str], agents: Sequence[str], simspecs: Mapping[str, SimSpec]
 ) -> tuple[Configuration, ...]:
     """Easiest first: by the lowest studied difficulty, then by all of them."""
-    keyed = scores.filter(pl.col("configuration").is_not_null(), ~pl.col("outcome").is_in(EXCLUDED_OUTCOMES))
+    keyed = scores.select("realization", "agent", "configuration", "node", "difficulty", "outcome").filter(
+        pl.col("configuration").is_not_null(), ~pl.col("outcome").is_in(EXCLUDED_OUTCOMES)
+    )
     varied = _varied_factors(simspecs)
     configurations = []
     # Sorted, because Polars returns groups in no fixed order.
@@ -400,11 +378,16 @@ def _configurations(
 
 def _varied_factors(simspecs: Mapping[str, SimSpec]) -> dict[str, dict[str, float]]:
     """For each key factor that varies: its value in every realization."""
-    values = {name: factor_values(simspec) for name, simspec in simspecs.items()}
-    columns = {
-        factor: {name: row[factor] for name, row in values.items() if factor in row} for factor in FACTORS
-    }
-    return {factor: column for factor, column in columns.items() if len(set(column.values())) > 1}
+    # Replicates share their situation: its values are one object, however many runs have it.
+    situations: dict[tuple[float | None, ...], dict[str, float]] = {}
+    values: dict[str, dict[str, float]] = {}
+    for name, simspec in situations_of(simspecs):
+        row = factor_values(simspec)
+        values[name] = situations.setdefault(tuple(row.get(factor) for factor in FACTORS), row)
+    varied = [
+        factor for factor in FACTORS if len({row[factor] for row in situations.values() if factor in row}) > 1
+    ]
+    return {factor: {name: row[factor] for name, row in values.items() if factor in row} for factor in varied}
 
 
 def _manifest(folder: Path, notes: list[str]) -> dict[str, Any]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from importlib.metadata import version
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from ._page_sections import (
     outcome_counts,
     studied_nodes,
 )
+from ._simspec_files import situations_of
 from .figures._configuration import MIN_VIOLIN_SCORES, MIN_VIOLIN_SPREAD
 from .figures._factor_effects import factor_effects_figure
 from .figures._style import agent_styles
@@ -78,7 +80,8 @@ def write_report(folder: Path, *, runs_on_map: int = 6) -> Path:
     path = folder / "report.html"
     # Hidden and with this ending, as the campaign's other files are while they are written: verification passes over it.
     draft = folder / ".report.html.part"
-    draft.write_text(render_report(data, charts, map_notes, pictures, picture_notes), encoding="utf-8")
+    with draft.open("w", encoding="utf-8") as file:
+        file.writelines(page_pieces(data, charts, map_notes, pictures, picture_notes))
     # Renamed at the end: a reader, or a browser that reloads, never gets half a page.
     draft.replace(path)
     return path
@@ -91,7 +94,18 @@ def render_report(
     pictures: Sequence[WorstPicture] = (),
     picture_notes: Sequence[str] = (),
 ) -> str:
-    """The page as text.
+    """The page as text; `page_pieces` says what the arguments are."""
+    return "".join(page_pieces(data, charts, map_notes, pictures, picture_notes))
+
+
+def page_pieces(
+    data: ReportData,
+    charts: Sequence[RunMap] = (),
+    map_notes: Sequence[str] = (),
+    pictures: Sequence[WorstPicture] = (),
+    picture_notes: Sequence[str] = (),
+) -> Iterator[str]:
+    """The page as text, piece by piece: with 20,000 runs it has 18 MB, and would be in memory several times.
 
     `charts` are the runs to show from above, `pictures` the frames in which a detector failed; the notes say what cannot
     be shown.
@@ -128,7 +142,7 @@ def render_report(
         "panels": configuration_panels(data, shown, figures),
         "sensor": sensor_observables(data),
         "style_of": {style.name: style for style in shown},
-        "detectors": detector_sentences(simspec.perception for simspec in data.simspecs.values()),
+        "detectors": detector_sentences(simspec.perception for _, simspec in situations_of(data.simspecs)),
         "maps": [map_section(chart, place, figures) for place, chart in enumerate(charts, start=1)],
         "map_notes": map_notes,
         "pictures": pictures,
@@ -144,7 +158,9 @@ def render_report(
         "probed": any(run.probes for run in runs),
         "failures": [run for run in runs if run.outcome is not Outcome.COMPLETED],
         "provenance": provenance_of(data),
-        "manifest": [row for row in flattened(data.manifest) if _is_shown(row[0])][:MANIFEST_ROWS],
+        "manifest": list(
+            islice((row for row in flattened(data.manifest) if _is_shown(row[0])), MANIFEST_ROWS)
+        ),
         "labels": {configuration.key: configuration.label for configuration in data.configurations},
         "glossary": GLOSSARY,
         "violin_from": MIN_VIOLIN_SCORES,
@@ -154,8 +170,8 @@ def render_report(
         "plotly": Markup(plotly),
         "script": Markup(script),
     }
-    page = _environment().get_template("report.html.j2").render(context)
-    return with_table_notes(page, context["fidelity"])
+    pieces = _environment().get_template("report.html.j2").generate(context)
+    return with_table_notes(pieces, context["fidelity"])
 
 
 def _charts(data: ReportData, count: int) -> tuple[list[RunMap], list[str]]:

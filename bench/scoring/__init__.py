@@ -54,6 +54,8 @@ if TYPE_CHECKING:
     from ._table import ScoredRun as ScoredRun
     from ._table import absent_pairs as absent_pairs
     from ._table import score_table as score_table
+    from ._table_file import ScoreTableWriter as ScoreTableWriter
+    from ._table_file import read_score_table as read_score_table
 
 # The module of each name: difficulty, which planning needs, takes neither summaries nor their statistics.
 _MODULES = {
@@ -97,6 +99,8 @@ _MODULES = {
     "ScoredRun": "_table",
     "absent_pairs": "_table",
     "score_table": "_table",
+    "ScoreTableWriter": "_table_file",
+    "read_score_table": "_table_file",
 }
 
 __getattr__ = lazy_names(__name__, _MODULES)

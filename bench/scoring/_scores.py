@@ -212,7 +212,10 @@ def _inner_scores(
         if arrays.policies.inner_score == "minimum":
             children_score = np.where(child_scored, score[children], np.inf).min(axis=0)
         else:
-            children_score = np.where(child_scored, score[children], 0.0).sum(axis=0) / np.maximum(count, 1)
+            # Child by child: numpy adds the only column of a single run in another order than columns of many, and
+            # a run has one score whatever it is scored with.
+            total = sum(np.where(child_scored, score[children], 0.0))
+            children_score = total / np.maximum(count, 1)
         score[row] = np.where(scored[row], children_score, 0.0)
     scored[arrays.leaf_rows] = leaf_scored
     return score, scored

@@ -122,9 +122,19 @@ class _TextCodes:
 
     @classmethod
     def of(cls, column: pl.Series) -> _TextCodes:
-        names = column.drop_nulls().unique(maintain_order=True).cast(pl.String)
-        numbers = column.cast(pl.String).cast(pl.Enum(names)).to_physical().cast(pl.Int32)
-        return cls(tuple(names), numbers.fill_null(-1).to_numpy())
+        distinct = column.drop_nulls().unique(maintain_order=True)
+        if column.dtype == pl.Categorical:
+            # By their numbers: as texts, a column of a large table would take several times its memory.
+            numbers = distinct.to_physical().to_numpy()
+            # A null gets the number after all others, at which nothing is placed.
+            null = int(numbers.max(initial=0)) + 1
+            place = np.full(null + 1, -1, dtype=np.int32)
+            place[numbers] = np.arange(len(distinct))
+            codes = column.to_physical().fill_null(null).to_numpy()
+            return cls(tuple(distinct.cast(pl.String)), place[codes])
+        names = distinct.cast(pl.String)
+        places = column.cast(pl.String).cast(pl.Enum(names)).to_physical().cast(pl.Int32)
+        return cls(tuple(names), places.fill_null(-1).to_numpy())
 
 
 @dataclass(frozen=True, slots=True)

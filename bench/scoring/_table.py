@@ -127,9 +127,14 @@ def absent_pairs(decomposition: Decomposition, runs: Sequence[ScoredRun]) -> int
 def _require_unique(runs: Sequence[ScoredRun]) -> None:
     realizations: set[str] = set()
     for run in runs:
-        if run.realization in realizations:
-            raise ValueError(f"the realization {run.realization!r} appears twice")
-        realizations.add(run.realization)
+        require_new(run, realizations)
+
+
+def require_new(run: ScoredRun, realizations: set[str]) -> None:
+    """Add a run's realization to those that are known. Raises ValueError if it is one of them."""
+    if run.realization in realizations:
+        raise ValueError(f"the realization {run.realization!r} appears twice")
+    realizations.add(run.realization)
 
 
 def _measured(arrays: DecompositionArrays, runs: Sequence[ScoredRun]) -> MeasuredRuns:

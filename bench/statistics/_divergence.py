@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 SHUFFLES = 2000
 # Bounds the memory of one matrix product; the draws do not depend on it.
-SHUFFLES_PER_BATCH = 200
+SHUFFLES_PER_BATCH = 20
 # Least number of runs a side and the width of bands from there on. Chosen, not measured.
 BAND_WIDTHS = ((200, 5.0), (50, 10.0), (0, 20.0))
 NOT_CONSIDERED, FAILED, BANDS = 0, 1, 2

@@ -47,8 +47,8 @@ Confidences = Mapping[str, float]
 
 def cut_short(plan: RealizationPlan, limit_s: float) -> RealizationPlan:
     """The scene with another time limit; what comes after it does not happen."""
-    mission = plan.simspec.mission.model_copy(update={"time_limit_s": limit_s})
-    return replace(plan, simspec=plan.simspec.model_copy(update={"mission": mission}))
+    mission = plan.situation.mission.model_copy(update={"time_limit_s": limit_s})
+    return replace(plan, situation=plan.situation.model_copy(update={"mission": mission}))
 
 
 def confidences(

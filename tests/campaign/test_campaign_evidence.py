@@ -366,7 +366,7 @@ def test_what_is_gone_is_flown_again_with_a_word(tmp_path: Path) -> None:
     assert flown(tmp_path, observers=[events.append]).flown == 2
     lost = [event.realization for event in events if isinstance(event, ResultLost)]
     assert lost == [FIRST, SECOND]
-    kinds = [(line.kind, line.realization) for line in EvidenceLog(tmp_path / "evidence.jsonl").entries[6:]]
+    kinds = [(line.kind, line.realization) for line in EvidenceLog(tmp_path / "evidence.jsonl").entries(6)]
     assert kinds == [("withdrawn", FIRST), ("withdrawn", SECOND), ("flown", FIRST), ("flown", SECOND)]
     assert verify_folder(tmp_path) == []
 
@@ -389,7 +389,7 @@ def test_results_of_a_folder_without_a_chain_are_adopted(tmp_path: Path) -> None
     (tmp_path / "manifest.json").unlink()
     edit_journal(tmp_path, ("DELETE FROM facts WHERE name = ?", ("evidence",)))
     assert flown(tmp_path).flown == 0
-    assert {line.kind for line in EvidenceLog(tmp_path / "evidence.jsonl").entries} == {"adopted"}
+    assert {line.kind for line in EvidenceLog(tmp_path / "evidence.jsonl").entries()} == {"adopted"}
     assert verify_folder(tmp_path) == []
 
 

@@ -134,7 +134,7 @@ def partial(tmp_path: Path) -> Path:
     simspec = made_simspec(0, "reference-naive")
     finished = sorted(path.parent for path in (folder / "runs").glob("*/result.json"))
     names = [*(run_folder.name for run_folder in finished), MISSING]
-    plans = [RealizationPlan(name, name[:4], 0, {}, simspec) for name in names]
+    plans = [RealizationPlan(name, name[:4], 0, {}, simspec, simspec.agent, 0) for name in names]
     with open_journal(folder / "journal.sqlite") as journal:
         journal.add(PlannedRealization(plan, "", "") for plan in plans)
         for run_folder in finished:

@@ -225,7 +225,7 @@ def test_run_without_samples_can_be_drawn(data: ReportData) -> None:
 def test_terminal_shows_the_numbers_of_the_summary(data: ReportData) -> None:
     """Table and lines have the score and confidence of the summary; brackets in names are not markup."""
     summary = summary_frame(
-        data.scores.with_columns(pl.col("agent").str.replace("reference-naive", "[red]naive"))
+        data.scores.with_columns(pl.col("agent").cast(pl.String).str.replace("reference-naive", "[red]naive"))
     )
     console = Console(width=200, record=True, file=StringIO())
     for table in score_tables(summary, STUDY):

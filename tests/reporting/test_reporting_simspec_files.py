@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from made_run import simspec
 
-from bench.reporting._simspec_files import SimSpecFiles
+from bench.reporting._simspec_files import SimSpecFiles, situations_of
 
 
 @pytest.fixture
@@ -45,3 +45,32 @@ def test_damaged_and_missing_ones_are_none(paths: dict[str, Path]) -> None:
     chosen = files.of(["p001-r1-a", "p000-r1-a", "p099-r1-a"])
     assert list(chosen) == ["p001-r1-a", "p000-r1-a"]
     assert [spec.name for spec in chosen.values()] == ["made", "made"]
+
+
+def test_files_of_one_situation_are_read_once(tmp_path: Path) -> None:
+    """They differ in name, agent and seeds; another fog is another situation, and only so many are kept."""
+    paths: dict[str, Path] = {}
+    for number in range(8):
+        base = simspec()
+        spec = base.model_copy(
+            update={
+                "name": f"scene-{number}",
+                "seeds": base.seeds.model_copy(update={"root": number}),
+                "environment": base.environment.model_copy(update={"fog_level": float(number // 2)}),
+            }
+        )
+        paths[f"p{number:03d}"] = tmp_path / f"{number}.json"
+        paths[f"p{number:03d}"].write_text(spec.model_dump_json())
+    files = SimSpecFiles(paths, kept=3)
+    fogs = {name: files[name].environment.fog_level for name in paths}
+    for path in (*list(paths.values())[:6], paths["p007"]):
+        path.unlink()
+    files = files.of(list(paths)[:7])
+    # The fourth situation is not kept, so the file is read again.
+    situations = dict(situations_of(files))
+    assert {name: spec.environment.fog_level for name, spec in situations.items()} == {
+        name: fogs[name] for name in list(paths)[:7]
+    }
+    assert situations["p000"] is situations["p001"]
+    assert situations["p000"] is not situations["p002"]
+    assert dict(situations_of({"a": simspec()})) == {"a": simspec()}

@@ -118,7 +118,7 @@ class Dispatcher:
         self.total = len(plans)
         # Planning compared the files in simspecs/ with the journal's digests: none has to be read again for
         # its budget.
-        self._wall_s = {plan.id: plan.simspec.budgets.wall_s for plan in plans}
+        self._wall_s = {plan.id: plan.situation.budgets.wall_s for plan in plans}
         self.flown = 0
         self.stopped: str | None = None
         entries = journal.entries()

@@ -140,7 +140,7 @@ def _confined_job() -> str | None:
 
 def _isolation_of(plans: Iterable[RealizationPlan]) -> Callable[[str], str]:
     """The rung that confines the agent of a realization here; empty where none can be told."""
-    agents = {plan.id: plan.simspec.agent for plan in plans}
+    agents = {plan.id: plan.agent_spec for plan in plans}
 
     def isolation(realization: str) -> str:
         from bench.agents import load_manifest, rung_of

@@ -13,7 +13,7 @@ import numpy as np
 from bench.documents import dump_json
 from bench.errors import Fault, SetupError
 from bench.realization import DesignQuality, Rating, RealizationPlan, realize
-from bench.simspec import AgentSpec
+from bench.simspec import AgentSpec, SimSpec
 
 from .._document import Campaign, FloorPlan, parse_shard
 
@@ -77,8 +77,13 @@ def _with_honeypots(plans: list[RealizationPlan], campaign: Campaign) -> list[Re
     if campaign.honeypots is None:
         return plans
     share, seed = campaign.honeypots.share, campaign.design.seed
+    # One for all scenes of a design point that have a honeypot, as without.
+    situations: dict[str, SimSpec] = {}
+    for plan in plans:
+        if plan.design_point not in situations:
+            situations[plan.design_point] = plan.situation.model_copy(update={"honeypot": True})
     return [
-        replace(plan, simspec=plan.simspec.model_copy(update={"honeypot": True}))
+        replace(plan, situation=situations[plan.design_point])
         if _scene_number(seed, b"honeypots", (plan.design_point, plan.replicate)) < share * 2**64
         else plan
         for plan in plans

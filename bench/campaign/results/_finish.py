@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import io
 import os
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
 
 import polars as pl
 
-from bench.contracts import Outcome, SessionResult, truth_sightings_of
+from bench.contracts import Outcome, SessionResult
 from bench.documents import dump_yaml, load_document, load_json_document
 from bench.errors import Fault, SetupError
 from bench.reporting import write_report
@@ -21,32 +20,37 @@ from bench.scoring import (
     Difficulty,
     NodeFloor,
     ScoredRun,
+    ScoreTableWriter,
     difficulty_of,
     node_floors,
+    read_score_table,
     score_table,
     studied_key_attributes,
     summary_frame,
 )
-from bench.simspec import SimSpec
+from bench.simspec import SimSpec, factor_values
 from decompositions import Decomposition
 
 from .._document import Campaign
 from .._versions import versions
-from ..early_stopping._decisions import PointKey, is_after_stop, outcome_name
+from ..early_stopping._decisions import is_after_stop
 from ..execution._parallel import OnDone, map_in_processes
-from ..storage._completeness import NOT_FINISHED, Completeness, accepted_realizations, completeness_of
+from ..storage._completeness import Completeness
 from ..storage._dropped import dropped_recording
 from ..storage._elsewhere import drop_again, recordings_elsewhere
-from ..storage._evidence_check import changed_tables, check_evidence, evidence_faults
-from ..storage._files import digest_of, write_whole
-from ..storage._firmware_ends import drawn_out_realizations
-from ..storage._folder import RECORDING, RESULT, CampaignFolder, open_lock, writing_process
+from ..storage._evidence_check import changed_tables, check_evidence
+from ..storage._files import write_whole
+from ..storage._folder import RECORDING, CampaignFolder, open_lock
 from ..storage._inputs import write_input
 from ..storage._journal import JournalEntry, open_journal
 from ..storage._manifest import write_manifest
-from ..storage._results import read_result, write_result
+from ..storage._results import write_result
+from ._campaign_results import CampaignResults
 from ._measures import load_measurable_decomposition
-from ._rescore import recording_faults, rescore
+from ._rescore import pack_rescored, recording_faults, rescore, unpack_rescored
+
+RATED_SITUATIONS = 256
+"""Difficulties that are kept for other scenes with the same factors; each takes some 10 kB (measured on the demo's)."""
 
 RECORDINGS_PER_WORKER = 8
 """With fewer recordings, a second process has not imported the measures before the first one is done."""
@@ -87,17 +91,22 @@ def finish_campaign(path: Path, other_decomposition: str | None = None) -> Finis
 def _finish_campaign(path: Path, other_decomposition: str | None) -> FinishedCampaign:
     folder, campaign, decomposition = read_campaign_folder(path, other_decomposition)
     rewritten = tuple(changed_tables(folder))
-    results = _read_results(folder)
-    all_runs = _scored_runs(folder, campaign, decomposition, results)
-    runs, floor_runs = _split(all_runs, campaign)
+    results = CampaignResults.read(folder)
+    tested, floor = (ScoreTableWriter(decomposition, campaign.study) for _ in range(2))
+    # One result at a time: a table is a hundredth of what all of them would take.
+    for run in _scored_runs(folder, campaign, decomposition, results):
+        (floor if run.agent in campaign.floor_labels else tested).add(run)
     with open_journal(folder.journal) as journal:
         write_input(folder.decomposition, dump_yaml(decomposition.document), journal)
-    scores = score_table(decomposition, runs, campaign.study)
-    _write_table(folder.scores, scores)
+    scores, floor_scores = tested.content(), floor.content()
+    write_whole(folder.scores, scores)
     # A table of its own: whatever reads scores.parquet is about the agents under test.
-    floor_scores = score_table(decomposition, floor_runs, campaign.study)
     if campaign.floor is not None:
-        _write_table(folder.floor, floor_scores)
+        write_whole(folder.floor, floor_scores)
+    # Before the report, which reads the table itself: it is in memory once.
+    summary = summary_frame(read_score_table(scores), decomposition)
+    floors = node_floors(read_score_table(floor_scores), campaign.oracle_label)
+    del tested, floor, scores, floor_scores
 
     def seal() -> None:
         write_manifest(
@@ -116,27 +125,15 @@ def _finish_campaign(path: Path, other_decomposition: str | None) -> FinishedCam
     report = write_report(folder.path)
     seal()
     return FinishedCampaign(
-        summary_frame(scores, decomposition),
+        summary,
         studied_key_attributes(decomposition, campaign.study),
         results.outcomes,
         results.completeness,
         report,
         rewritten,
-        node_floors(floor_scores, campaign.oracle_label),
-        results.saw_truth,
+        floors,
+        tuple(results.saw_truth),
     )
-
-
-def _split(runs: Sequence[ScoredRun], campaign: Campaign) -> tuple[list[ScoredRun], list[ScoredRun]]:
-    """The runs of the agents under test, and those of the floor."""
-    tested = [run for run in runs if run.agent not in campaign.floor_labels]
-    return tested, [run for run in runs if run.agent in campaign.floor_labels]
-
-
-def _write_table(path: Path, table: pl.DataFrame) -> None:
-    buffer = io.BytesIO()
-    table.write_parquet(buffer)
-    write_whole(path, buffer.getvalue())
 
 
 def rescore_campaign(
@@ -180,13 +177,14 @@ def rescore_campaign(
         if faults:
             raise SetupError(faults)
         # All before the first is written: an interruption leaves results, scores and report as they were.
-        results = map_in_processes(
-            partial(rescore, decomposition=decomposition),
+        packed_results = map_in_processes(
+            partial(pack_rescored, decomposition=decomposition),
             list(recorded.values()),
             _workers(workers, campaign, len(recorded)),
             on_measured,
         )
-        for run, result in zip(recorded.values(), results, strict=True):
+        for run, packed in zip(recorded.values(), packed_results, strict=True):
+            result = unpack_rescored(packed)
             journal.measure(result, write_result(run, result))
             drop_again(journal, run, result)
     return finish_campaign(path, other_decomposition)
@@ -229,8 +227,8 @@ def read_runs(path: Path, other_decomposition: str | None = None) -> CampaignRun
     Beside a process that is writing, nothing is checked; `completeness` names it.
     """
     folder, campaign, decomposition = read_campaign_folder(path, other_decomposition)
-    results = _read_results(folder, check=True)
-    runs = _scored_runs(folder, campaign, decomposition, results)
+    results = CampaignResults.read(folder, check=True)
+    runs = list(_scored_runs(folder, campaign, decomposition, results))
     recordings = {run.realization: folder.run(run.realization) / RECORDING for run in runs}
     recordings = {name: recording for name, recording in recordings.items() if recording.is_file()}
     if other_decomposition is not None:
@@ -240,17 +238,16 @@ def read_runs(path: Path, other_decomposition: str | None = None) -> CampaignRun
             else run
             for run in runs
         ]
-    reasons = {entry.id: entry.reason for entry, _ in results.ends}
-    tested, floor_runs = _split(runs, campaign)
+    reasons = {entry.id: entry.reason for entry in results.entries}
     return CampaignRuns(
         decomposition,
         studied_key_attributes(decomposition, campaign.study),
-        tuple(tested),
+        tuple(run for run in runs if run.agent not in campaign.floor_labels),
         recordings,
         reasons,
         results.completeness,
         campaign.fidelity,
-        tuple(floor_runs),
+        tuple(run for run in runs if run.agent in campaign.floor_labels),
         campaign.oracle_label,
     )
 
@@ -260,7 +257,11 @@ def campaign_completeness(path: Path) -> Completeness | None:
 
     None for a folder without a journal, such as results that were copied without it.
     """
-    return _read_results(CampaignFolder(path)).completeness if is_campaign(path) else None
+    if not is_campaign(path):
+        return None
+    results = CampaignResults.read(CampaignFolder(path))
+    deque(results.ends(), maxlen=0)
+    return results.completeness
 
 
 def read_campaign_folder(
@@ -285,75 +286,50 @@ def is_campaign(path: Path) -> bool:
     return (path / "campaign.yaml").is_file() and (path / "journal.sqlite").is_file()
 
 
-@dataclass(frozen=True, slots=True)
-class _Results:
-    """Every realization of a journal with its result, None without one; and where design points stopped
-    early.
+def _scored_runs(
+    folder: CampaignFolder, campaign: Campaign, decomposition: Decomposition, results: CampaignResults
+) -> Iterator[ScoredRun]:
+    """The runs that count. No run after a stop counts, flown or not."""
+    scenes = _SceneDifficulty(folder, decomposition)
+    for entry, result in results.ends():
+        if (
+            result is not None
+            and result.outcome is not Outcome.SETTLED
+            and not is_after_stop(entry, results.stops)
+        ):
+            yield _scored_run(entry, result, scenes.of(entry), campaign.stopping is not None)
+
+
+@dataclass(slots=True)
+class _SceneDifficulty:
+    """The difficulty of one scene after another: a property of the scene, the same for every agent.
+
+    Scenes with equal factors share one object, which scoring then looks at once.
     """
 
-    ends: tuple[tuple[JournalEntry, SessionResult | None], ...]
-    stops: Mapping[PointKey, int]
-    completeness: Completeness
+    folder: CampaignFolder
+    decomposition: Decomposition
+    _scene: tuple[str, int] | None = None
+    _difficulty: Difficulty | None = None
+    _rated: dict[tuple[object, ...], Difficulty] = field(default_factory=dict)
 
-    @property
-    def outcomes(self) -> dict[str, int]:
-        """The number of realizations by outcome."""
-        return dict(
-            Counter(
-                outcome_name(entry, result.outcome, self.stops) if result else NOT_FINISHED
-                for entry, result in self.ends
-            )
-        )
+    def of(self, entry: JournalEntry) -> Difficulty:
+        """The difficulty of the scene that a realization flies."""
+        scene = (entry.design_point, entry.replicate)
+        # Agents of a scene follow each other in the journal, so mostly the last one is asked for again.
+        if self._difficulty is None or scene != self._scene:
+            self._scene, self._difficulty = scene, self._rate(entry)
+        return self._difficulty
 
-    @property
-    def saw_truth(self) -> tuple[str, ...]:
-        """The realizations whose agents reported a honeypot."""
-        return tuple(entry.id for entry, result in self.ends if result and truth_sightings_of(result.details))
-
-
-def _read_results(folder: CampaignFolder, *, check: bool = False) -> _Results:
-    writer = writing_process(folder.path)
-    with open_journal(folder.journal) as journal:
-        entries, stops, accepted = journal.entries(), journal.stops(), accepted_realizations(journal)
-        drawn_out = drawn_out_realizations(journal)
-        # Beside a writer, files are newer than the chain that was read a moment ago.
-        if check and writer is None and (faults := evidence_faults(folder, journal)):
-            raise SetupError(faults)
-    ends = tuple((entry, _result(folder, entry)) for entry in entries)
-    outcomes = ((entry, result.outcome if result else None) for entry, result in ends)
-    return _Results(ends, stops, replace(completeness_of(outcomes, accepted, drawn_out), writer=writer))
-
-
-def _scored_runs(
-    folder: CampaignFolder, campaign: Campaign, decomposition: Decomposition, results: _Results
-) -> list[ScoredRun]:
-    """The runs that count. No run after a stop counts, flown or not."""
-    runs = []
-    stops = results.stops
-    rated: dict[tuple[str, int], Difficulty] = {}
-    for entry, result in results.ends:
-        if result is not None and result.outcome is not Outcome.SETTLED and not is_after_stop(entry, stops):
-            # Difficulty is a property of the scene, the same for every agent.
-            scene = (entry.design_point, entry.replicate)
-            if scene not in rated:
-                rated[scene] = difficulty_of(
-                    decomposition, load_json_document(folder.simspec(entry.id), SimSpec)
-                )
-            runs.append(_scored_run(entry, result, rated[scene], campaign.stopping is not None))
-    return runs
-
-
-def _result(folder: CampaignFolder, entry: JournalEntry) -> SessionResult | None:
-    """The result that the journal noted. None if the file was changed since."""
-    run = folder.run(entry.id)
-    result = read_result(run, entry.id)
-    if (
-        result is not None
-        and entry.result_sha256 is not None
-        and digest_of(run / RESULT) != entry.result_sha256
-    ):
-        return None
-    return result
+    def _rate(self, entry: JournalEntry) -> Difficulty:
+        simspec = load_json_document(self.folder.simspec(entry.id), SimSpec)
+        values = factor_values(simspec)
+        situation = (simspec.perception.source, *values.items())
+        if situation not in self._rated:
+            if len(self._rated) == RATED_SITUATIONS:
+                self._rated.clear()
+            self._rated[situation] = difficulty_of(self.decomposition, simspec)
+        return self._rated[situation]
 
 
 def _scored_run(

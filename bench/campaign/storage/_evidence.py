@@ -9,6 +9,9 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Iterator
+from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -47,42 +50,54 @@ class EvidenceLog:
     """The chain of one campaign folder as it was when this was made. Only the holder of the folder's lock adds
     to it.
 
-    `entries` are the lines up to the first that does not follow from the one before; `faults` names that one.
+    `faults` names the first line that does not follow from the one before; only the lines before it count. Lines are
+    kept as they are in the file, and parsed when they are asked for: parsed, they take five times as much.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.entries: list[EvidenceEntry] = []
         self.faults: list[Fault] = []
-        self._digests: list[str] = []
-        self._latest: dict[str, EvidenceEntry] = {}
-        self._results: dict[str, set[str]] = {}
+        self._lines: list[bytes] = []
+        self._latest: dict[str, int] = {}
         self._torn = False
         self._read()
 
+    def __len__(self) -> int:
+        return len(self._lines)
+
+    def entries(self, begin: int = 0) -> Iterator[EvidenceEntry]:
+        """The lines, in their order, without the first `begin` of them."""
+        return map(_parsed, islice(self._lines, begin, None))
+
     def result_of(self, realization: str) -> EvidenceEntry | None:
         """The line about the result that a realization has; None if it has none."""
-        entry = self._latest.get(realization)
+        entry = self.last_of(realization)
         return None if entry is None or entry.kind == "withdrawn" else entry
 
     def last_of(self, realization: str) -> EvidenceEntry | None:
         """The latest line about a realization, `withdrawn` ones included."""
-        return self._latest.get(realization)
+        place = self._latest.get(realization)
+        return None if place is None else _parsed(self._lines[place])
 
     def knows(self, realization: str, result_sha256: str) -> bool:
         """Whether any line, also a withdrawn one, is about this result of a realization."""
-        return result_sha256 in self._results.get(realization, ())
+        return (realization, result_sha256) in self._results
+
+    @cached_property
+    def _results(self) -> set[tuple[str, str]]:
+        # Asked for only where journal and files disagree, and then perhaps for every realization.
+        return {(entry.realization, entry.result_sha256) for entry in self.entries()}
 
     @property
     def head(self) -> str:
         """The digest of the last line, which stands for the whole chain."""
-        return self._digests[-1] if self._digests else FIRST_PREVIOUS
+        return str(self.digest_at(len(self)))
 
     def digest_at(self, count: int) -> str | None:
         """The digest of the chain's first `count` lines; None if it has fewer."""
-        if count > len(self._digests):
+        if count > len(self):
             return None
-        return self._digests[count - 1] if count else FIRST_PREVIOUS
+        return hashlib.sha256(self._lines[count - 1]).hexdigest() if count else FIRST_PREVIOUS
 
     def add_result(self, kind: Kind, result: SessionResult, result_sha256: str) -> None:
         """Add a line about a result, unless the latest one about its realization says the same."""
@@ -91,7 +106,7 @@ class EvidenceLog:
             return
         self._add(
             EvidenceEntry(
-                number=len(self.entries) + 1,
+                number=len(self) + 1,
                 kind=kind,
                 realization=result.realization,
                 outcome=result.outcome,
@@ -108,7 +123,7 @@ class EvidenceLog:
             self._add(
                 last.model_copy(
                     update={
-                        "number": len(self.entries) + 1,
+                        "number": len(self) + 1,
                         "kind": "dropped",
                         "note": f"kept are: {policy}",
                         "previous": self.head,
@@ -119,7 +134,7 @@ class EvidenceLog:
     def withdraw(self, realization: str, note: str) -> None:
         """Add a line that the realization has no result any more, if it had one."""
         if self.result_of(realization) is not None:
-            number = len(self.entries) + 1
+            number = len(self) + 1
             self._add(
                 EvidenceEntry(
                     number=number, kind="withdrawn", realization=realization, note=note, previous=self.head
@@ -130,11 +145,11 @@ class EvidenceLog:
         # What follows a broken line would prove nothing, and would look as if somebody had checked it.
         if self.faults:
             raise SetupError(self.faults)
-        line = entry.model_dump_json(exclude_defaults=True).encode()
+        line = _line(entry)
         with self.path.open("ab") as file:
             if self._torn:
                 # A power cut in mid-line; its result was not noted either.
-                file.truncate(sum(len(self._line(whole)) + 1 for whole in self.entries))
+                file.truncate(sum(len(whole) + 1 for whole in self._lines))
                 self._torn = False
             file.write(line + b"\n")
             file.flush()
@@ -142,14 +157,10 @@ class EvidenceLog:
         self._take(entry, line)
 
     def _take(self, entry: EvidenceEntry, line: bytes) -> None:
-        self.entries.append(entry)
-        self._digests.append(hashlib.sha256(line).hexdigest())
-        self._latest[entry.realization] = entry
-        self._results.setdefault(entry.realization, set()).add(entry.result_sha256)
-
-    @staticmethod
-    def _line(entry: EvidenceEntry) -> bytes:
-        return entry.model_dump_json(exclude_defaults=True).encode()
+        self._latest[entry.realization] = len(self._lines)
+        self._lines.append(line)
+        if "_results" in self.__dict__:
+            self._results.add((entry.realization, entry.result_sha256))
 
     def _read(self) -> None:
         try:
@@ -168,7 +179,7 @@ class EvidenceLog:
                 or entry.number != number
                 or entry.previous != self.head
                 # Other spellings of the same line would have other digests.
-                or self._line(entry) != line
+                or _line(entry) != line
             ):
                 self.faults = [
                     Fault(
@@ -179,3 +190,11 @@ class EvidenceLog:
                 ]
                 return
             self._take(entry, line)
+
+
+def _line(entry: EvidenceEntry) -> bytes:
+    return entry.model_dump_json(exclude_defaults=True).encode()
+
+
+def _parsed(line: bytes) -> EvidenceEntry:
+    return EvidenceEntry.model_validate_json(line)

@@ -142,7 +142,7 @@ def changed_tables(folder: CampaignFolder) -> list[str]:
 
 def adopt_evidence(folder: CampaignFolder, journal: Journal) -> None:
     """Begin the chain of a folder that has none: results that the journal holds are `adopted` into it."""
-    if not journal.evidence.entries:
+    if not len(journal.evidence):
         for entry in journal.entries():
             result = _noted_result(folder, entry)
             if result is not None and entry.result_sha256 is not None:
@@ -186,7 +186,7 @@ def _faults_of(
     done = entry.state is RealizationState.DONE
     line = journal.evidence.result_of(entry.id)
     if line is None:
-        if done and journal.evidence.entries:
+        if done and len(journal.evidence):
             what = f"holds a result of {entry.id} that {journal.evidence.path.name} does not know"
             yield Fault(str(folder.journal), what, _REMEDY)
         elif (
@@ -221,7 +221,7 @@ def _manifest_faults(folder: CampaignFolder, journal: Journal, manifest: Manifes
     if (fault := chain_fault(log, manifest)) is not None:
         yield fault
         return
-    since = {line.realization for line in log.entries[stated.lines if stated else 0 :]}
+    since = {line.realization for line in log.entries(stated.lines if stated else 0)}
     for name, sha256 in manifest.files.items():
         parts = PurePosixPath(name).parts
         path = folder.path / name

@@ -68,6 +68,10 @@ INTERRUPTED = "interrupted"
 """What the journal notes as the outcome of an attempt whose runner ended first. No session ends with it."""
 
 
+Levels = Mapping[str, bool | int | float | str]
+"""Factor levels by factor."""
+
+
 class RealizationState(StrEnum):
     PLANNED = "planned"
     RUNNING = "running"
@@ -82,7 +86,7 @@ class JournalEntry:
     design_point: str
     replicate: int
     agent: str
-    levels: Mapping[str, bool | int | float | str]
+    levels: Levels
     intent_sha256: str
     simspec_sha256: str
     state: RealizationState
@@ -133,7 +137,10 @@ class Journal:
             "(SELECT count(*) FROM attempts a WHERE a.realization = r.id), outcome, reason, wall_s, result_sha256 "
             "FROM realizations r ORDER BY number"
         )
-        return [_entry(row) for row in rows]
+        # Realizations share design points, agents and levels: each is one object, however many have it.
+        texts: dict[str, str] = {}
+        levels: dict[str, Levels] = {}
+        return [_entry(row, texts, levels) for row in rows]
 
     def fact(self, name: str) -> str | None:
         """A fact about the folder, None if it was never noted."""
@@ -155,10 +162,10 @@ class Journal:
             self._database.executemany(
                 "INSERT INTO realizations (id, number, design_point, replicate, agent, levels, intent_sha256, simspec_sha256) "
                 "VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
-                [
+                (
                     _row(number, realization)
                     for number, realization in enumerate(realizations, start=last + 1)
-                ],
+                ),
             )
 
     def start(self, realization: str, worker: str) -> int:
@@ -418,7 +425,7 @@ def _row(number: int, realization: PlannedRealization) -> tuple[str | int, ...]:
     return (*ids, levels, realization.intent_sha256, realization.simspec_sha256)
 
 
-def _entry(row: tuple[object, ...]) -> JournalEntry:
+def _entry(row: tuple[object, ...], texts: dict[str, str], known_levels: dict[str, Levels]) -> JournalEntry:
     # The columns of the query in `entries`, in its order.
     (
         realization,
@@ -435,12 +442,14 @@ def _entry(row: tuple[object, ...]) -> JournalEntry:
         wall,
         result,
     ) = row
+    if str(levels) not in known_levels:
+        known_levels[str(levels)] = json.loads(str(levels))
     return JournalEntry(
         id=str(realization),
-        design_point=str(point),
+        design_point=texts.setdefault(str(point), str(point)),
         replicate=int(str(replicate)),
-        agent=str(agent),
-        levels=json.loads(str(levels)),
+        agent=texts.setdefault(str(agent), str(agent)),
+        levels=known_levels[str(levels)],
         intent_sha256=str(intent),
         simspec_sha256=str(simspec),
         state=RealizationState(str(state)),

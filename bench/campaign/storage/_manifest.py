@@ -107,7 +107,7 @@ def write_manifest(
         missing=dict(sorted(completeness.missing.items())),
         accepted=completeness.accepted,
         pace=pace,
-        evidence=EvidenceHead(lines=len(evidence.entries), head=evidence.head),
+        evidence=EvidenceHead(lines=len(evidence), head=evidence.head),
         versions=dict(versions),
         files={name: digest for name, digest in digests.items() if not _is_of_host(name)},
         host_files={name: digest for name, digest in digests.items() if _is_of_host(name)}

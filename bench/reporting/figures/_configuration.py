@@ -75,7 +75,11 @@ def _axis(title: str, extent: Sequence[float], **fields: object) -> dict[str, ob
 
 
 def _scores_of(scores: pl.DataFrame, configuration: Configuration) -> Values:
-    rows = scores.filter(pl.col("configuration") == configuration.key).drop_nulls("score").sort("realization")
+    rows = (
+        scores.select("realization", "agent", "node", "score", "configuration")
+        .filter(pl.col("configuration") == configuration.key, pl.col("score").is_not_null())
+        .sort("realization", maintain_order=True)
+    )
     values: Values = {}
     for row in rows.select("agent", "node", "score").iter_rows():
         values.setdefault((row[0], row[1]), []).append(row[2])

@@ -82,17 +82,17 @@ def compare_agents(data: ReportData, first: str, second: str, *, seed: int = 0) 
 def _compared(first: ComparedAgent, second: ComparedAgent, nodes: Sequence[str], seed: int) -> Comparison:
     """The one computation behind the report and `rebar compare`."""
     scenes = None if first.data is second.data else _shared_scenes(first, second)
-    first_rows, second_rows = _shared_scene_rows(first, second, scenes)
     perceptions, autopilots = (scenes.perceptions, scenes.autopilots) if scenes else (None, None)
     # p values are adjusted over the nodes compared. Those under study were chosen before the flights; what the reader
     # of a result chooses is not.
     compared_nodes = nodes or tuple(dict.fromkeys((*first.data.study, *second.data.study)))
     if (perceptions or autopilots) and not nodes:
         compared_nodes = _with_observables(first.data, compared_nodes)
+    count, first_rows, second_rows = _shared_scene_rows(first, second, scenes, compared_nodes)
     return Comparison(
         first.label,
         second.label,
-        first_rows["realization"].n_unique(),
+        count,
         compare_nodes(
             first_rows, second_rows, compared_nodes, excluded_outcomes=EXCLUDED_OUTCOMES, seed=seed
         ),
@@ -250,40 +250,48 @@ def _descriptions(
     return first, second
 
 
-def _rows_that_count(side: ComparedAgent) -> pl.DataFrame:
-    return side.data.scores.filter(
-        pl.col("agent") == side.agent, ~pl.col("outcome").is_in(list(EXCLUDED_OUTCOMES))
-    )
+_SCENE = ["design_point", "replicate"]
+_COMPARED_COLUMNS = ["realization", *_SCENE, "node", "level", "score", "confidence", "outcome"]
+
+
+def _rows_that_count(side: ComparedAgent, columns: Sequence[str], *nodes: str) -> pl.DataFrame:
+    """Some columns of the runs of one side, over these nodes: a table of all would be in memory once more."""
+    of_side = pl.col("agent") == side.agent, ~pl.col("outcome").is_in(list(EXCLUDED_OUTCOMES))
+    of_nodes = [pl.col("node").is_in(list(nodes))] if nodes else []
+    filtered = [*columns, "agent", "outcome", "node"]
+    return side.data.scores.select(list(dict.fromkeys(filtered))).filter(*of_side, *of_nodes).select(columns)
 
 
 def _shared_scene_rows(
-    first: ComparedAgent, second: ComparedAgent, scenes: SharedScenes | None
-) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """The rows of both sides in the scenes that both flew, with the realizations and design points of the
-    first side; `scenes` is None within one campaign.
+    first: ComparedAgent, second: ComparedAgent, scenes: SharedScenes | None, nodes: Sequence[str]
+) -> tuple[int, pl.DataFrame, pl.DataFrame]:
+    """The number of scenes that both sides flew, and the rows of both in them over `nodes`, with the realizations and
+    design points of the first side; `scenes` is None within one campaign.
     """
-    first_rows, second_rows = _rows_that_count(first), _rows_that_count(second)
+    first_rows, second_rows = (_rows_that_count(side, _COMPARED_COLUMNS, *nodes) for side in (first, second))
+    first_runs, second_runs = (
+        _rows_that_count(side, ["realization", *_SCENE]).unique("realization") for side in (first, second)
+    )
     if scenes is None:
         # A campaign gives all its agents the same scene at each design point and replicate, also where the SimSpecs are
         # lost.
-        shared_keys = ["design_point", "replicate"]
         return (
-            first_rows.join(second_rows.select(shared_keys).unique(), on=shared_keys, how="semi"),
-            second_rows.join(first_rows.select(shared_keys).unique(), on=shared_keys, how="semi"),
+            first_runs.join(second_runs, on=_SCENE, how="semi").height,
+            first_rows.join(second_runs, on=_SCENE, how="semi"),
+            second_rows.join(first_runs, on=_SCENE, how="semi"),
         )
     shared = scenes.first_by_second
     key = pl.col("realization")
-    named = (
-        first_rows.unique("realization")
-        .filter(key.is_in(list(shared.values())))
-        .select("realization", "design_point", "replicate")
-    )
+    named = first_runs.filter(key.is_in(list(shared.values())))
     renamed = second_rows.with_columns(
-        key.cast(pl.String).replace_strict(shared, default=None, return_dtype=pl.String)
+        key.cast(pl.String)
+        .replace_strict(shared, default=None, return_dtype=pl.String)
+        .cast(first_rows.schema["realization"])
     ).drop_nulls("realization")
     return (
+        named.height,
         first_rows.filter(key.is_in(list(shared.values()))),
-        renamed.drop("design_point", "replicate").join(named, on="realization", how="inner"),
+        renamed.drop(_SCENE).join(named, on="realization", how="inner"),
     )
 
 
@@ -292,7 +300,7 @@ def _realizations_by_scene(side: ComparedAgent, ignored: Sequence[str] = ()) -> 
 
     A scene that this leaves with several realizations is left out: which of them is meant cannot be known.
     """
-    flown = _rows_that_count(side)["realization"].unique(maintain_order=True)
+    flown = _rows_that_count(side, ["realization"])["realization"].unique(maintain_order=True)
     realizations: dict[str, list[str]] = {}
     for realization in flown:
         if realization in side.data.simspecs:

@@ -79,7 +79,8 @@ def campaign_design_quality(data: ReportData) -> DesignQuality | None:
         return None
     labels = {configuration.key: configuration.label for configuration in data.configurations}
     rated = (
-        data.scores.filter(pl.col("configuration").is_in(list(labels)))
+        data.scores.select("design_point", "configuration")
+        .filter(pl.col("configuration").is_in(list(labels)))
         .unique("design_point")
         .sort("design_point")
     )

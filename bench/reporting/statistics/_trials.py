@@ -40,15 +40,23 @@ def trials_of(scores: pl.DataFrame) -> AllTrials:
     answers for.
     """
     # Outcomes that do not count, such as a lost worker, say nothing about the agent.
-    counted = scores.filter(
-        pl.col("considered") > 0, ~pl.col("outcome").is_in([str(o) for o in Outcome if not o.counts])
+    counted = (
+        # Without the columns that are not needed: a filter copies all, and a table may be large.
+        scores.select("agent", "node", "difficulty", "achieved", "considered", "design_point", "outcome")
+        .filter(pl.col("considered") > 0, ~pl.col("outcome").is_in([str(o) for o in Outcome if not o.counts]))
+        .with_columns((pl.col("achieved") == pl.col("considered")).alias("passed"))
+        .select("agent", "node", "difficulty", "passed", "design_point")
     )
-    grouped = counted.group_by("agent", "node", maintain_order=True).agg(
-        pl.col("difficulty"),
-        (pl.col("achieved") == pl.col("considered")).alias("passed"),
-        pl.col("design_point"),
-    )
+    grouped = counted.group_by("agent", "node", maintain_order=True).all()
+    # Replicates share difficulties and names of design points: each is one object, however many trials have it.
+    numbers: dict[float, float] = {}
+    names: dict[str, str] = {}
     return {
-        (agent, node): NodeTrials(tuple(hard), tuple(ok), tuple(points))
-        for agent, node, hard, ok, points in grouped.iter_rows()
+        (agent, node): NodeTrials(
+            tuple(numbers.setdefault(number, number) for number in difficulty),
+            tuple(passed),
+            tuple(names.setdefault(name, name) for name in points),
+        )
+        # Row by row: Polars would make lists of all rows at once.
+        for agent, node, difficulty, passed, points in grouped.iter_rows(buffer_size=1)
     }

@@ -8,16 +8,21 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import polars as pl
+
 from bench.contracts import Outcome
 from bench.simspec import FACTORS, SimSpec
 
 from .._campaign_data import Configuration, ReportData
+from .._simspec_files import situations_of
 from ._format import listed, plural
 from ._sensor import perception_in_short
 from ._situation import events_text, group_text, intelligence_text, rules_text
 
 # Chosen: a fact stays a line or two.
 SHOWN_VALUES = 6
+ROWS_AT_ONCE = 20_000
+"""Rows of a score table that are written as CSV together. Chosen: some 3 MB of text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +82,8 @@ def campaign_facts(data: ReportData) -> list[Fact]:
     groups: dict[str, set[str]] = {}
     present: Counter[str] = Counter()
     intelligence: set[str] = set()
-    # Once through: each is read from its file.
-    for spec in data.simspecs.values():
+    # Once through: each may be read from its file.
+    for _, spec in situations_of(data.simspecs):
         for name, read in _SITUATION:
             situation[name].add(read(spec))
         for group in spec.actors:
@@ -212,6 +217,14 @@ def _unit(factor: str) -> str:
     return "" if unit in ("1", "level") else f" {unit.replace('1/km2', 'per km²')}"
 
 
+def _digest_of(scores: pl.DataFrame) -> str:
+    """SHA-256 of a score table as CSV, written in parts: as one text, a large table would be more than the page."""
+    digest = hashlib.sha256()
+    for number, rows in enumerate(scores.iter_slices(ROWS_AT_ONCE) if scores.height else [scores]):
+        digest.update(rows.write_csv(include_header=number == 0).encode())
+    return digest.hexdigest()
+
+
 def provenance_of(data: ReportData) -> list[Fact]:
     """Where the numbers come from: digests of the decomposition and of the scores, versions, seeds."""
     design = data.campaign.get("design")
@@ -223,7 +236,7 @@ def provenance_of(data: ReportData) -> list[Fact]:
         else ""
     )
     # Of the content as CSV: Parquet files with equal rows may differ in their bytes.
-    digest = hashlib.sha256(data.scores.write_csv().encode()).hexdigest()
+    digest = _digest_of(data.scores)
     return [
         Fact("Decomposition", data.decomposition or "not stated"),
         Fact("SHA-256 of the decomposition", data.decomposition_sha256 or "not known"),

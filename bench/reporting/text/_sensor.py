@@ -59,7 +59,9 @@ def sensor_observables(data: ReportData) -> list[SensorObservable]:
 
 
 def _readings(scores: pl.DataFrame, agents: Sequence[str]) -> dict[str, list[SensorReading]]:
-    about_sensor = scores.filter(
+    about_sensor = scores.select(
+        "agent", "node", "outcome", "standing", "considered", "achieved", "x"
+    ).filter(
         (pl.col("standing") == str(Standing.CONFIGURED_SENSOR))
         & ~pl.col("outcome").is_in(EXCLUDED_OUTCOMES)
         & pl.col("agent").is_in(agents)
@@ -85,8 +87,8 @@ def only_about_sensor(scores: pl.DataFrame) -> set[tuple[str, str]]:
     """Agents and observables whose every exercisable run is about the detector: their numbers describe no
     agent.
     """
-    exercisable = scores.filter(pl.col("standing").is_not_null()).filter(
-        pl.col("standing") != str(Standing.NOT_EXERCISABLE)
+    exercisable = scores.select("agent", "node", "standing").filter(
+        pl.col("standing").is_not_null(), pl.col("standing") != str(Standing.NOT_EXERCISABLE)
     )
     whole = exercisable.group_by("agent", "node").agg(
         (pl.col("standing") == str(Standing.CONFIGURED_SENSOR)).all().alias("about_sensor")
