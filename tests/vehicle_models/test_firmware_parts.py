@@ -143,8 +143,9 @@ def test_the_gate_withholds_what_changes_the_simulation_or_ends_the_program() ->
     assert not strict.admits(bytes(first.pack(PACKER, force_mavlink1=True)))
 
 
-def transfer(opcode: int, path: bytes, sequence: int = 7) -> bytes:
-    payload = struct.pack("<HBBBBBBI", sequence, 2, opcode, len(path), 0, 0, 0, 0) + path
+def transfer(opcode: int, path: bytes, sequence: int = 7, stated_bytes: int | None = None) -> bytes:
+    size = len(path) if stated_bytes is None else stated_bytes
+    payload = struct.pack("<HBBBBBBI", sequence, 2, opcode, size, 0, 0, 0, 0) + path
     return frame(mavlink.MAVLink_file_transfer_protocol_message(0, 3, 1, list(payload.ljust(251, b"\0"))))
 
 
@@ -181,6 +182,46 @@ def test_files_of_the_autopilot_are_read_and_plans_are_written_but_nothing_else_
     sequence, session, opcode, size, requested, *_ = struct.unpack_from("<HBBBBBBI", bytes(answer.payload))
     assert (sequence, session, opcode, size, requested, answer.payload[12]) == (0, 2, 129, 1, 11, 9)
     assert gate.take_answers() == []
+
+
+def test_no_file_of_the_host_is_read_through_the_autopilot(tmp_path: Path) -> None:
+    """Nor listed, nor judged by its checksum: a program on this machine could read the truth of the session."""
+    secret = tmp_path / "simspec.json"
+    secret.touch()
+    hosts = (
+        b"../../etc/passwd",
+        b"/fs/microsd/../../..",
+        b"@SYS/../..",
+        b"/etc/passwd",
+        bytes(tmp_path),
+        bytes(secret),
+    )
+    own = (
+        b"",
+        b"/",
+        b"/fs/microsd/log",
+        b"etc/extras/general.json.xz",
+        b"/etc/extras/a.json",
+        b"@SYS/threads.txt",
+        b"a..b",
+    )
+    for control in (False, True):
+        for opcode in (3, 4, 14):
+            gate = Gate(simulation_control=control)
+            assert [gate.admits(transfer(opcode, path)) for path in own] == [True] * len(own)
+            assert [gate.admits(transfer(opcode, path)) for path in hosts] == [False] * len(hosts)
+            assert len(gate.take_answers()) == gate.refused == len(hosts)
+        # ArduPilot reads up to a zero and PX4 by the stated size: neither is led past the gate by the other's manner.
+        gate = Gate(simulation_control=control)
+        assert not gate.admits(transfer(4, b"/etc/passwd", stated_bytes=2))
+        assert gate.admits(transfer(4, b"/log\0/../../etc/passwd"))
+
+
+def test_a_plan_is_no_plan_by_its_stated_size_alone() -> None:
+    gate = Gate(simulation_control=False)
+    assert not gate.admits(transfer(6, b"@PARAM/param.pck", stated_bytes=0))
+    assert not gate.admits(transfer(6, b"@MISSION/mission.dat", stated_bytes=3))
+    assert gate.admits(transfer(6, b"@MISSION/mission.dat\0"))
 
 
 def test_the_estimate_is_what_the_autopilot_says_of_itself() -> None:

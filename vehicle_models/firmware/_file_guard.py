@@ -1,11 +1,13 @@
-"""Keeps agents from changing files of a real autopilot by MAVLink FTP, and answers them in its place.
+"""Keeps agents from changing files of a real autopilot by MAVLink FTP, and from reading the host's, and answers them in its
+place.
 
-By such a file an agent could set any parameter (ArduPilot: @PARAM/param.pck; PX4: the file of its parameters) or put a start
+The program of an autopilot on this machine can read what its user can: the truth of the session, for example. By such a file an agent could set any parameter (ArduPilot: @PARAM/param.pck; PX4: the file of its parameters) or put a start
 script in place. A session to write begins with one of the opcodes here.
 """
 
 from __future__ import annotations
 
+import os
 import struct
 
 from ..controller.files._ftp import FtpOpcode
@@ -18,6 +20,7 @@ _TRANSFER_AT = 3
 _TRANSFER = struct.Struct("<HBBBBBBI")
 _TRANSFER_BYTES = 251
 _UPLOADS = frozenset({FtpOpcode.CREATE, FtpOpcode.OPEN_WRITE, FtpOpcode.TRUNCATE})
+_READS = frozenset({FtpOpcode.LIST, FtpOpcode.OPEN, FtpOpcode.CRC32})
 _CHANGES = _UPLOADS | {FtpOpcode.REMOVE, FtpOpcode.MAKE_FOLDER, FtpOpcode.REMOVE_FOLDER, FtpOpcode.RENAME}
 # Plans are uploaded to virtual files of ArduPilot. Renaming is no upload: its second path may lead anywhere.
 _PLANS = (b"@MISSION/", b"@FENCE/", b"@RALLY/")
@@ -25,17 +28,43 @@ _FILE_PROTECTED = 9
 _AUTOPILOT_COMPONENT = 1
 
 
+def host_refusal(frame: bytes) -> bytes | None:
+    """The autopilot's refusal of a FILE_TRANSFER_PROTOCOL that would read outside its folder; None for any other.
+
+    An absolute path is the autopilot's own (PX4 and ArduPilot put their folder before it) unless the host has such a file.
+    """
+    opcode, paths = _request(frame)
+    return _refusal(frame) if opcode in _READS and any(map(_leads_outside, paths)) else None
+
+
+def _leads_outside(path: bytes) -> bool:
+    is_of_host = path.startswith(b"/") and path.strip(b"/") != b"" and os.path.lexists(path)
+    return b".." in path.split(b"/") or is_of_host
+
+
 def file_refusal(frame: bytes) -> bytes | None:
     """The autopilot's refusal of a FILE_TRANSFER_PROTOCOL that changes anything but plans; None for any other.
 
     Without an answer a client would ask again and again.
     """
+    opcode, paths = _request(frame)
+    is_plan = all(path.startswith(_PLANS) for path in paths)
+    return None if opcode not in _CHANGES or (is_plan and opcode in _UPLOADS) else _refusal(frame)
+
+
+def _request(frame: bytes) -> tuple[int, tuple[bytes, bytes]]:
+    """Opcode, and the path that follows (of RENAME the first of two) as PX4 reads it and as ArduPilot does: by its stated
+    size, or up to a zero wherever that is.
+    """
     payload = payload_of(frame, _TRANSFER_AT + _TRANSFER_BYTES)
-    sequence, session, opcode, size, *_ = _TRANSFER.unpack_from(payload, _TRANSFER_AT)
-    data_at = _TRANSFER_AT + _TRANSFER.size
-    is_plan = payload[data_at : data_at + size].startswith(_PLANS)
-    if opcode not in _CHANGES or (is_plan and opcode in _UPLOADS):
-        return None
+    _, _, opcode, size, *_ = _TRANSFER.unpack_from(payload, _TRANSFER_AT)
+    data = payload[_TRANSFER_AT + _TRANSFER.size :]
+    return opcode, (data[:size].split(b"\0")[0], data.split(b"\0")[0])
+
+
+def _refusal(frame: bytes) -> bytes:
+    payload = payload_of(frame, _TRANSFER_AT + _TRANSFER_BYTES)
+    sequence, session, opcode, *_ = _TRANSFER.unpack_from(payload, _TRANSFER_AT)
     refusal = _TRANSFER.pack((sequence + 1) & 0xFFFF, session, FtpOpcode.NAK, 1, opcode, 0, 0, 0)
     content = (refusal + bytes([_FILE_PROTECTED])).ljust(_TRANSFER_BYTES, b"\0")
     system, component = sender(frame)

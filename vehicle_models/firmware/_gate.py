@@ -1,7 +1,7 @@
 """What of an agent's MAVLink never reaches a real autopilot: what would change the simulation, or end the program.
 
 The imitated flight controller refuses the same (docs/flight-controller.md). An agent whose program could be ended by a
-message could drop a session that goes badly.
+message could drop a session that goes badly. Nor what would read files of the host through it.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import struct
 
 from ..controller.links._enums import MAV_CMD
 from ..controller.links._frames import message_id, payload_of
-from ._file_guard import FILE_TRANSFER_PROTOCOL, file_refusal
+from ._file_guard import FILE_TRANSFER_PROTOCOL, file_refusal, host_refusal
 
 PARAM_SET, COMMAND_INT, COMMAND_LONG, _SERIAL_CONTROL = 23, 75, 76, 126
 # HIL_STATE, HIL_CONTROLS, HIL_RC_INPUTS_RAW, HIL_ACTUATOR_CONTROLS, HIL_SENSOR, HIL_GPS, HIL_OPTICAL_FLOW,
@@ -24,7 +24,7 @@ _COMMAND_AT, _NAME_AT, _NAME_BYTES = 28, 6, 16
 
 
 class Gate:
-    """Counts what it withholds. With `simulation_control` only the end of the program is withheld."""
+    """Counts what it withholds. With `simulation_control` only the end of the program and files of the host are withheld."""
 
     def __init__(self, simulation_control: bool) -> None:
         self._simulation_control = simulation_control
@@ -33,7 +33,11 @@ class Gate:
 
     def admits(self, frame: bytes) -> bool:
         """Whether a whole frame may go to the autopilot."""
-        withheld = _ends_program(frame) or (not self._simulation_control and self._changes_simulation(frame))
+        withheld = (
+            _ends_program(frame)
+            or self._reads_host(frame)
+            or (not self._simulation_control and self._changes_simulation(frame))
+        )
         self.refused += withheld
         return not withheld
 
@@ -43,6 +47,12 @@ class Gate:
         """
         answers, self._answers = self._answers, []
         return answers
+
+    def _reads_host(self, frame: bytes) -> bool:
+        if message_id(frame) == FILE_TRANSFER_PROTOCOL and (answer := host_refusal(frame)):
+            self._answers.append(answer)
+            return True
+        return False
 
     def _changes_simulation(self, frame: bytes) -> bool:
         number = message_id(frame)
