@@ -143,6 +143,22 @@ def test_the_gate_withholds_what_changes_the_simulation_or_ends_the_program() ->
     assert not strict.admits(bytes(first.pack(PACKER, force_mavlink1=True)))
 
 
+def test_the_truth_of_the_simulation_is_not_passed_on() -> None:
+    motion = (*(0,) * 3, *(0,) * 3, 0, 0, 0, *(0,) * 3, 0, 0, *(0,) * 3)
+    truths = [
+        mavlink.MAVLink_hil_state_quaternion_message(0, (1, 0, 0, 0), *motion[3:]),
+        mavlink.MAVLink_sim_state_message(1, *(0,) * 20),
+    ]
+    estimate = frame(mavlink.MAVLink_attitude_message(1, 0.1, -0.2, 0.3, 0.4, 0.5, 0.6))
+    # SIMSTATE stands in a dialect of its own: only its header counts here.
+    frames = [*map(frame, truths), bytes([0xFD, 1, 0, 0, 0, 1, 1, 164, 0, 0, 0, 0, 0])]
+    assert [Gate(simulation_control=False).states_truth(each) for each in (*frames, estimate)] == [
+        *[True] * 3,
+        False,
+    ]
+    assert not any(Gate(simulation_control=True).states_truth(each) for each in frames)
+
+
 def transfer(opcode: int, path: bytes, sequence: int = 7, stated_bytes: int | None = None) -> bytes:
     size = len(path) if stated_bytes is None else stated_bytes
     payload = struct.pack("<HBBBBBBI", sequence, 2, opcode, size, 0, 0, 0, 0) + path

@@ -1,4 +1,5 @@
-"""What of an agent's MAVLink never reaches a real autopilot: what would change the simulation, or end the program.
+"""What of an agent's MAVLink never reaches a real autopilot: what would change the simulation, or end the program. And what of
+the autopilot's never reaches an agent: the truth that only a simulation knows.
 
 The imitated flight controller refuses the same (docs/flight-controller.md). An agent whose program could be ended by a
 message could drop a session that goes badly. Nor what would read files of the host through it.
@@ -16,6 +17,8 @@ PARAM_SET, COMMAND_INT, COMMAND_LONG, _SERIAL_CONTROL = 23, 75, 76, 126
 # HIL_STATE, HIL_CONTROLS, HIL_RC_INPUTS_RAW, HIL_ACTUATOR_CONTROLS, HIL_SENSOR, HIL_GPS, HIL_OPTICAL_FLOW,
 # HIL_STATE_QUATERNION.
 _SIMULATOR_MESSAGES = frozenset({90, 91, 92, 93, 107, 113, 114, 115})
+# HIL_STATE, SIM_STATE, HIL_STATE_QUATERNION, SIMSTATE: PX4 sends its ground truth on request, ArduPilot with ATTITUDE.
+_TRUTH_MESSAGES = frozenset({90, 108, 115, 164})
 _SIMULATION_PARAMETERS = (b"SIM_", b"SIH_", b"SYS_FAILURE_EN", b"SYS_HITL")
 # The first parameter of PREFLIGHT_STORAGE. Others load or reset all parameters, those of the simulation too.
 _SAVE_PARAMETERS = 1.0
@@ -40,6 +43,10 @@ class Gate:
         )
         self.refused += withheld
         return not withheld
+
+    def states_truth(self, frame: bytes) -> bool:
+        """Whether a frame of the autopilot states the true motion, which the imitation does not tell either."""
+        return not self._simulation_control and message_id(frame) in _TRUTH_MESSAGES
 
     def take_answers(self) -> list[bytes]:
         """What the asking client is to hear in the autopilot's place. Clients of other messages do without an answer, as on

@@ -323,6 +323,7 @@ class FirmwareX500:
             frames = port.read()
             if port is running.estimate_port:
                 self._telemetry.take(frames)
+            frames = [frame for frame in frames if not self._gate.states_truth(frame)]
             if not frames:
                 continue
             for link in self._links:
