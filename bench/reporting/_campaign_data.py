@@ -34,7 +34,7 @@ class Run:
     refused, by kind. `isolation` is the rung that confined the agent and `network` whose network it had ("own", or
     why the host's); `open_walls` are the names of the walls that the rung did not hold there. None where nothing is
     recorded. `services` are those that the SimSpec let in from outside. `timing` is of runs in real time, and `losses`
-    counts what was lost on the links, by kind.
+    counts what was lost on the links, by kind. `root_seed` is that of the SimSpec; None where there is none.
     """
 
     realization: str
@@ -60,6 +60,7 @@ class Run:
     firmware: str | None = None
     timing: StepTiming | None = None
     losses: Mapping[str, int] = field(default_factory=dict)
+    root_seed: int | None = None
 
     @property
     def scene(self) -> tuple[str, int]:

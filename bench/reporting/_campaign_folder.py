@@ -42,7 +42,7 @@ from decompositions import Decomposition, load_decomposition
 
 from ._campaign_data import LEVEL_ORDER, Configuration, Node, ReportData, Run, stopped_early, tallies_of
 from ._score_file import load_scores, scored_runs
-from ._simspec_files import SimSpecFiles, situations_of
+from ._simspec_files import KEPT_SIMSPECS, SimSpecFiles, situations_of
 
 # The substitution with which bench.realization makes an agent's label a part of realization ids.
 UNSAFE_LABEL_CHARACTERS = re.compile(r"[^a-z0-9_-]+")
@@ -284,6 +284,7 @@ def _run(
         firmware=_detail(result, FIRMWARE),
         timing=timing_of(result.details) if result else None,
         losses=losses_of(result.counters) if result else {},
+        root_seed=simspec.seeds.root if simspec else None,
         after_stop=early_stopping and not row and result is not None and result.outcome.counts,
     )
 
@@ -381,8 +382,12 @@ def _varied_factors(simspecs: Mapping[str, SimSpec]) -> dict[str, dict[str, floa
     # Replicates share their situation: its values are one object, however many runs have it.
     situations: dict[tuple[float | None, ...], dict[str, float]] = {}
     values: dict[str, dict[str, float]] = {}
+    rated: dict[int, tuple[SimSpec, dict[str, float]]] = {}
     for name, simspec in situations_of(simspecs):
-        row = factor_values(simspec)
+        # With the SimSpec itself: its identity is that of another one once it is gone.
+        _, row = rated.get(id(simspec)) or (simspec, factor_values(simspec))
+        if len(rated) < KEPT_SIMSPECS:
+            rated[id(simspec)] = simspec, row
         values[name] = situations.setdefault(tuple(row.get(factor) for factor in FACTORS), row)
     varied = [
         factor for factor in FACTORS if len({row[factor] for row in situations.values() if factor in row}) > 1
