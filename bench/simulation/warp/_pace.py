@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import math
 import os
 import shutil
 import tempfile
@@ -31,10 +33,12 @@ GRAIN_NS = 1_000_000
 # second with each simulated one: a program that keeps up in real time never uses it up. Chosen.
 FREE_CPU_S = 1.0
 # Looks at an agent that is at work before the first pause: a millisecond, in which most work is done. In between others get
-# the core. Sleeping that long ended some 0.1 ms late, which made a third of the flight of examples/patrol.yaml.
-LOOKS_BEFORE_PAUSES = 30
-# Between two later looks: a tenth of the time waited so far, within these limits. Chosen.
-SHORTEST_PAUSE_S, LONGEST_PAUSE_S, PAUSE_GROWTH = 0.0001, 0.001, 1.1
+# the core, which on a busy host takes long, and then pauses are shorter: no such looks for a while. Chosen.
+LOOKS_BEFORE_PAUSES, SLOW_YIELD_S, BUSY_S = 30, 0.0005, 1.0
+# Between two later looks: a tenth to a fifth of the time waited so far, within these limits. Chosen.
+SHORTEST_PAUSE_S, LONGEST_PAUSE_S, PAUSE_GROWTH = 0.00002, 0.001, 1.15
+# prctl(2): by how much sleeps of the calling thread may end late. By default 0.05 ms, more than most pauses; 0 restores that.
+_PR_SET_TIMERSLACK, _SLACK_NS = 29, 1000
 # How often a wait looks at CPU time, budgets and the process itself; more often the less credit is left.
 CHECK_S, SHORTEST_CHECK_S = 0.05, 0.002
 # How often every process is looked at anew for the program that it runs.
@@ -88,6 +92,7 @@ class Warp:
         self._scans = 0
         self._looked_s = 0.0
         self._by_cpu = False
+        self._busy_until_s = -math.inf
         self._credit_s = FREE_CPU_S
         self._accounted = _Account(0.0, 0.0, START_NS)
 
@@ -104,6 +109,8 @@ class Warp:
         self._programs = Programs(self._threads)
         self._check, self._agent_time = check, agent_time
         self._credit_s = self.start_budget_s
+        # Not before: what the agent starts would inherit it.
+        _set_timer_slack(_SLACK_NS)
 
     def settle(self) -> None:
         """Wait until the agent rests: it has taken in what was sent, done what was due, and waits for more.
@@ -139,6 +146,7 @@ class Warp:
         """Let go of the agent's processes."""
         if self._threads is not None:
             self._threads.close()
+            _set_timer_slack(0)
 
     def _rests(self) -> bool:
         """One look: nobody is due, every process has the library, and all threads sleep."""
@@ -200,8 +208,10 @@ class Warp:
                         self._by_cpu = True
                         return
                 looks += 1
-                if looks < LOOKS_BEFORE_PAUSES:
+                if looks < LOOKS_BEFORE_PAUSES and now_s >= self._busy_until_s:
                     os.sched_yield()
+                    if self._clock.now() - now_s > SLOW_YIELD_S:
+                        self._busy_until_s = now_s + BUSY_S
                     continue
                 self._clock.sleep(pause_s)
                 pause_s = min(pause_s * PAUSE_GROWTH, LONGEST_PAUSE_S)
@@ -217,6 +227,10 @@ class Warp:
         most_s = FREE_CPU_S if self.agent_has_spoken else self.start_budget_s
         self._credit_s = min(self._credit_s + lived_s - used_s, most_s)
         self._accounted = present
+
+
+def _set_timer_slack(slack_ns: int) -> None:
+    ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, slack_ns, 0, 0, 0)
 
 
 @contextmanager
