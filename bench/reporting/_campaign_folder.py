@@ -9,7 +9,7 @@ import json
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,6 @@ from bench.contracts import (
     FIRMWARE,
     Outcome,
     SessionResult,
-    firmware_ends_of,
     losses_of,
     open_walls_of,
     parse_document,
@@ -41,6 +40,7 @@ from bench.simspec import FACTORS, SimSpec, agent_name, factor_values
 from decompositions import Decomposition, load_decomposition
 
 from ._campaign_data import LEVEL_ORDER, Configuration, Node, ReportData, Run, stopped_early, tallies_of
+from ._remarks import Remarks
 from ._score_file import load_scores, scored_runs
 from ._simspec_files import KEPT_SIMSPECS, SimSpecFiles, situations_of
 
@@ -176,7 +176,7 @@ def _runs(
     scored = scored_runs(scores)
     folders = {name: path for name, path in _entries(folder / "runs") if Path(path).is_dir()}
     early_stopping = stopped_early(scores)
-    runs, damaged, remarks = [], [], _Remarks()
+    runs, damaged, remarks = [], [], Remarks()
     # A session that waits has only its SimSpec; one that was killed has a folder without a result. One result and one
     # SimSpec at a time: all of them would not fit into memory.
     for name in sorted({*scored, *simspecs, *folders}):
@@ -191,51 +191,6 @@ def _runs(
         runs.append(_run(run_folder, name, result, row, simspec, names_in_ids, early_stopping))
     remarks.write(notes)
     return tuple(runs), frozenset(damaged)
-
-
-@dataclass(slots=True)
-class _Remarks:
-    """What readers must know of single runs before they look at any number."""
-
-    strangers: dict[str, int] = field(default_factory=dict)
-    informed: list[str] = field(default_factory=list)
-    suspects: list[str] = field(default_factory=list)
-    failed: list[str] = field(default_factory=list)
-
-    def add(self, name: str, result: SessionResult) -> None:
-        if count := result.counters.get("tick_strangers", 0):
-            self.strangers[name] = count
-        for names, holds in (
-            (self.informed, truth_sightings_of(result.details)),
-            (self.suspects, suspicions_of(result.details)),
-            (self.failed, firmware_ends_of(result.details)),
-        ):
-            if holds:
-                names.append(name)
-
-    def write(self, notes: list[str]) -> None:
-        if self.strangers:
-            notes.append(
-                f"Programs other than the agent connected to a session's clock {sum(self.strangers.values())} times and were "
-                f"refused, in {', '.join(self.strangers)}."
-            )
-        if self.informed:
-            # Before all others: no number of such an agent means what it says.
-            notes.insert(
-                0,
-                "An agent saw the truth: it reported a honeypot, a target that nothing but the SimSpec shows, in "
-                f"{', '.join(self.informed)}. The tables of runs list these first.",
-            )
-        if self.suspects:
-            notes.append(
-                "The bench was lost while an unconfined agent flew, which the host or the agent may have caused, in "
-                f"{', '.join(self.suspects)}. The tables of runs list these first."
-            )
-        if self.failed:
-            notes.append(
-                "A real autopilot failed in flight, which the firmware or the agent's messages may have caused, in "
-                f"{', '.join(self.failed)}. Such a run is flown once more; result.json says how it failed."
-            )
 
 
 def _result(path: Path, notes: list[str]) -> SessionResult | None:
