@@ -57,7 +57,7 @@ def test_the_reference_agent_searches_with_ardupilot(tmp_path: Path) -> None:
 
 def test_null_agents_leave_the_ground_with_ardupilot(tmp_path: Path) -> None:
     """A floor of agents that stayed there would be lower than the one with PX4."""
-    assert values(flown(tmp_path, "ardupilot", "null-random"))[LOOKED]
+    assert values(flown(tmp_path, "ardupilot", "null-random", 80.0))[LOOKED]
 
 
 @pytest.mark.process

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import socket
 import ssl
+import threading
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -160,10 +161,28 @@ def test_runs_that_are_flown_again_count_once(laboratory: Laboratory) -> None:
     assert (status.done, status.outcomes) == (4, {"agent_crashed": 1, "completed": 2, "worker_lost": 1})
 
 
-def test_progress_is_the_newest_of_each_session_and_leaves_no_gap(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A broker that was away gets every event, then the newest progress of the sessions that still fly."""
+@pytest.fixture
+def in_reach(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
+    """Whether the bus reaches its broker: set once the test's listener has subscribed, so that it misses nothing."""
+    reached = threading.Event()
+
+    class DistantClient(aiomqtt.Client):
+        async def __aenter__(self) -> DistantClient:
+            # The bus alone has a last will.
+            if self._client._will and not reached.is_set():
+                raise aiomqtt.MqttError("out of reach")
+            await super().__aenter__()
+            return self
+
+    monkeypatch.setattr(aiomqtt, "Client", DistantClient)
     monkeypatch.setattr(bus_module, "RECONNECT_S", 0.01)
-    with open_laboratory(started=False) as laboratory:
+    return reached
+
+
+def test_progress_is_the_newest_of_each_session_and_leaves_no_gap(in_reach: threading.Event) -> None:
+    """A broker that was away gets every event, then the newest progress of the sessions that still fly."""
+    with open_laboratory() as laboratory:
+        laboratory.listen()
         warnings: list[str] = []
         with open_bus(broker_of(laboratory), "demo", warn=warnings.append) as bus:
             for event in EVENTS[:4]:
@@ -177,8 +196,7 @@ def test_progress_is_the_newest_of_each_session_and_leaves_no_gap(monkeypatch: p
                     )
             bus.notify(RealizationFinished("b", Outcome.COMPLETED, "", 20.5, 1, 3))
             until(lambda: bool(warnings))
-            laboratory.start()
-            laboratory.listen()
+            in_reach.set()
             until(lambda: len(messages(laboratory, "demo")) == 6)
             bus.end("incomplete")
         told = messages(laboratory, "demo")
@@ -194,16 +212,16 @@ def test_progress_is_the_newest_of_each_session_and_leaves_no_gap(monkeypatch: p
     assert (progress.speed, progress.phase) == (3.0, "transit")
 
 
-def test_a_broker_that_comes_late_gets_everything() -> None:
+def test_a_broker_that_comes_late_gets_everything(in_reach: threading.Event) -> None:
     """The run goes on without it; one warning is given, and nothing is lost."""
     warnings: list[str] = []
-    with open_laboratory(started=False) as laboratory:
+    with open_laboratory() as laboratory:
+        laboratory.listen()
         with open_bus(broker_of(laboratory), "demo", warn=warnings.append) as bus:
             for event in EVENTS[:5]:
                 bus.notify(event)
             until(lambda: bool(warnings))
-            laboratory.start()
-            laboratory.listen()
+            in_reach.set()
             for event in EVENTS[5:]:
                 bus.notify(event)
             until(lambda: len(messages(laboratory, "demo")) == len(EVENTS))
@@ -212,7 +230,7 @@ def test_a_broker_that_comes_late_gets_everything() -> None:
     assert len(warnings) == 1
 
 
-def test_a_broker_that_restarts_gets_what_it_missed_and_the_status() -> None:
+def test_a_broker_that_restarts_gets_what_it_missed_and_the_status(in_reach: threading.Event) -> None:
     """A broker that forgot everything is told the status again, and hears every event at least once."""
     warnings: list[str] = []
     with (
@@ -220,8 +238,10 @@ def test_a_broker_that_restarts_gets_what_it_missed_and_the_status() -> None:
         open_bus(broker_of(laboratory), "demo", warn=warnings.append) as bus,
     ):
         laboratory.listen()
+        in_reach.set()
         bus.notify(EVENTS[0])
         until(lambda: len(messages(laboratory, "demo")) == 1)
+        in_reach.clear()
         laboratory.stop()
         until(lambda: bool(warnings))
         for event in EVENTS[1:]:
@@ -229,6 +249,7 @@ def test_a_broker_that_restarts_gets_what_it_missed_and_the_status() -> None:
         laboratory.heard.clear()
         laboratory.start()
         laboratory.listen()
+        in_reach.set()
         until(lambda: {message.number for message in messages(laboratory, "demo")} >= {2, 8, len(EVENTS)})
         until(lambda: "running" in states(laboratory, "demo"))
 
