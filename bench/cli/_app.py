@@ -19,6 +19,7 @@ from . import (
     _camera,
     _compare,
     _decomposition,
+    _evidence,
     _examples,
     _export,
     _fit_detector,
@@ -75,7 +76,7 @@ def options(
 
 
 for commands in (
-    *(_campaigns, _status, _sessions, _scores, _compare, _calibrate, _decomposition),
+    *(_campaigns, _evidence, _status, _sessions, _scores, _compare, _calibrate, _decomposition),
     *(_camera, _graph, _look, _prose, _new, _fly, _next, _fit_detector, _examples, _export, _machine),
 ):
     commands.register(app)

@@ -1,14 +1,12 @@
-"""Commands for campaigns and their folders: demo, run, realize, report, verify, sign."""
+"""Commands that fly campaigns and report them: demo, run, retry, merge, realize, report."""
 
 from __future__ import annotations
 
 import json
 import os
-import secrets
 import sys
 from collections.abc import Sequence
 from contextlib import nullcontext, suppress
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -31,7 +29,6 @@ if TYPE_CHECKING:
         CampaignSummary,
         FinishedCampaign,
         OpenExecutor,
-        ReflownSample,
     )
     from bench.simspec import Isolation
 
@@ -46,7 +43,7 @@ IsolationOption = Annotated[
 # Commands import what they need themselves: otherwise `rebar --help` would wait for the simulator.
 def register(app: typer.Typer) -> None:
     """Add the commands."""
-    for command in (demo, run, retry, merge, realize, report, verify, sign):
+    for command in (demo, run, retry, merge, realize, report):
         app.command()(command)
 
 
@@ -301,174 +298,6 @@ def report(folder: Annotated[Path, typer.Argument(help="Folder of a campaign")])
     print_rewritten(finished.rewritten)
     print(finished.report)
     if not finished.completeness.complete:
-        raise typer.Exit(INCOMPLETE_EXIT_CODE)
-
-
-def verify(
-    folder: Annotated[Path, typer.Argument(help="Folder of a campaign")],
-    digest: Annotated[
-        str | None,
-        typer.Option(help="SHA-256 of the manifest as `rebar run` printed it and you published it"),
-    ] = None,
-    signed_by: Annotated[
-        Path | None,
-        typer.Option(
-            "--signed-by",
-            metavar="KEY",
-            help="Public key (OpenSSH or PEM) that must have signed the manifest",
-        ),
-    ] = None,
-    refly: Annotated[
-        int | None,
-        typer.Option(
-            "--refly", min=1, metavar="N", help="Fly N drawn lockstep runs again and compare them bit for bit"
-        ),
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="Seed that draws the runs of --refly. Default: a new one")
-    ] = None,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Sessions at once for --refly. Default: the number of cores")
-    ] = None,
-    recordings: Annotated[
-        bool,
-        typer.Option(
-            "--recordings", help="Read the recordings that are kept at a URL too, and compare their digests"
-        ),
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON")] = False,
-) -> None:
-    """Check every file of a campaign against its manifest, its chain of evidence and its journal.
-
-    Ends with code 1 if something differs, and with code 3 if runs of --refly could not be compared.
-
-    Example: rebar verify out/demo --refly 5
-    """
-    from bench.campaign import (
-        CampaignFolder,
-        digest_of,
-        load_campaign,
-        question_sha256,
-        runs_elsewhere,
-        store_faults,
-        verify_folder,
-    )
-
-    if refly is None and (seed is not None or workers is not None):
-        raise SetupError(
-            Fault("--seed" if seed is not None else "--workers", "is for --refly alone", "give --refly N too")
-        )
-    faults = [str(fault) for fault in verify_folder(folder, digest, signed_by)]
-    stored = runs_elsewhere(folder)
-    if recordings and not faults:
-        faults = [str(fault) for fault in store_faults(stored)]
-    manifest = CampaignFolder(folder).manifest
-    actual = digest_of(manifest) if manifest.is_file() else None
-    # Of a folder that was changed it would say nothing.
-    question = None if faults else question_sha256(load_campaign(CampaignFolder(folder).campaign))
-    if not as_json:
-        if faults:
-            print("\n".join(faults))
-        else:
-            _print_verified(folder, actual, str(question), signed_by)
-            _print_stored(len(stored), checked=recordings)
-    # A repetition of what is not what was flown would prove nothing.
-    sample = None if refly is None or faults else _reflown(folder, refly, seed, workers, as_json=as_json)
-    if as_json:
-        document = {"manifest_sha256": actual, "faults": faults, "question_sha256": question}
-        print(
-            json.dumps(
-                {"folder": str(folder), **document, "refly": None if sample is None else asdict(sample)}
-            )
-        )
-    if faults:
-        raise typer.Exit(1)
-    if sample is not None:
-        _exit_for(sample)
-
-
-def sign(
-    folder: Annotated[Path, typer.Argument(help="Folder of a complete campaign")],
-    key: Annotated[
-        Path,
-        typer.Option(metavar="KEY", help="Private Ed25519 key of ssh-keygen or openssl (OpenSSH or PEM)"),
-    ],
-) -> None:
-    """Check a campaign as `rebar verify` does, and sign its manifest, which stands for every file.
-
-    Example: rebar sign out/demo --key ~/.ssh/id_ed25519
-    """
-    from bench.campaign import CampaignFolder, digest_of, sign_manifest, verify_folder
-
-    paths = CampaignFolder(folder)
-    # An earlier signature is about to be replaced, so whether it fits is of no interest.
-    faults = [fault for fault in verify_folder(folder) if fault.where != paths.signature.name]
-    if faults:
-        raise SetupError(faults)
-    signer = sign_manifest(folder, key, lambda: str(typer.prompt("passphrase", hide_input=True, err=True)))
-    print(f"manifest SHA-256: {digest_of(paths.manifest)}")
-    print(f"signed with the key {signer}: {paths.signature}")
-
-
-def _print_verified(folder: Path, manifest_sha256: str | None, question: str, signed_by: Path | None) -> None:
-    from bench.campaign import CampaignFolder, can_check_signatures, fingerprint_of, read_signature
-
-    has_chain = CampaignFolder(folder).evidence.is_file()
-    chain = "the chain of evidence" if has_chain else "(there is no chain of evidence)"
-    if manifest_sha256 is None:
-        print(f"{folder}: all results match {chain} and the journal; there is no manifest yet")
-    else:
-        print(f"{folder}: all files match the manifest, {chain} and the journal")
-        print(f"manifest SHA-256: {manifest_sha256}")
-    if (signature := read_signature(folder)) is not None:
-        signer = fingerprint_of(signature.public_key)
-        whose = f"that of {signed_by}" if signed_by else "--signed-by KEY checks whose it is"
-        if not can_check_signatures():
-            whose = "not checked: pip install 'rebar-bench[sign]'"
-        print(f"signed with the key {signer} ({whose})")
-    print(f"situations and design: {question}")
-
-
-def _print_stored(count: int, *, checked: bool) -> None:
-    if count:
-        what = (
-            "and have the digests of their sessions"
-            if checked
-            else "not read: --recordings compares them too"
-        )
-        print(f"{count} recordings are kept at a URL ({what})")
-
-
-def _reflown(
-    folder: Path, count: int, seed: int | None, workers: int | None, *, as_json: bool
-) -> ReflownSample:
-    from bench.campaign import refly
-
-    # A seed that nobody knew while the campaign flew: otherwise the runs that nobody would repeat could be known.
-    drawn_seed = secrets.randbelow(2**32) if seed is None else seed
-    sample = refly(folder, count, drawn_seed, workers or len(os.sched_getaffinity(0)))
-    if not as_json:
-        print(f"flown again, drawn with --seed {drawn_seed}: {len(sample.runs)} of {sample.comparable} runs")
-        for run in sample.runs:
-            print(f"{run.realization}: {run.status}" + (f": {run.explanation}" if run.explanation else ""))
-        for reason, names in sample.not_comparable.items():
-            print(f"not comparable, {reason}: {len(names)} runs ({_first_of(names)})")
-    return sample
-
-
-def _first_of(names: Sequence[str], most: int = 5) -> str:
-    more = f" and {len(names) - most} more; --json lists all" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
-
-
-def _exit_for(sample: ReflownSample) -> None:
-    """Raises typer.Exit if a run differs, or if one or all could not be compared."""
-    from bench.campaign import ReflownStatus
-
-    statuses = {run.status for run in sample.runs}
-    if ReflownStatus.DIFFERENT in statuses:
-        raise typer.Exit(1)
-    if statuses != {ReflownStatus.IDENTICAL}:
         raise typer.Exit(INCOMPLETE_EXIT_CODE)
 
 

@@ -35,7 +35,7 @@ from bench.campaign import (
 from bench.campaign._versions import versions
 from bench.campaign.results._refly import _other_versions
 from bench.cli._app import run
-from bench.cli._campaigns import _exit_for
+from bench.cli._evidence import _exit_for
 from bench.contracts import (
     CAMERA_OPENED,
     SESSION_EVENTS,
