@@ -31,8 +31,9 @@ from vehicle_models.controller import AUTOPILOTS, FlightTarget, open_links
 from vehicle_models.x500 import HOVER_THRUST, ROTOR_ARM_M, ROTOR_TORQUE_M
 
 CONTROLLER_HZ = 50
-# The stand-in's checks have a limit of what the vehicle may feel.
+# As fast as the X500 of the bench turns.
 TURN_MAX_RADPS = 1.0
+# Positions come with rounding and with a receiver's error: below this it stands.
 NEAR_GROUND_M = 0.03
 
 

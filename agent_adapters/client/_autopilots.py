@@ -1,10 +1,10 @@
-"""What the kinds of autopilots are told differently."""
+"""How an agent speaks with PX4 and with ArduPilot where the two differ: modes, arming, takeoff, parameters."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-MAV_AUTOPILOT_ARDUPILOTMEGA = 3
+_ARDUPILOTMEGA = 3  # of MAV_AUTOPILOT; the client does without pymavlink
 
 Mode = tuple[int, int]
 """Parameters 2 and 3 of DO_SET_MODE: PX4's main and sub mode; ArduPilot's custom mode and 0."""
@@ -12,12 +12,13 @@ Mode = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class AutopilotKind:
-    """Modes and manners of one kind of autopilot.
+    """What an agent must know of one kind of autopilot.
 
-    `offboard` flies the setpoints of a companion computer; `hold` brakes and stays. `mode_answers` says how many answers
-    ACCEPTED to DO_SET_MODE prove it: PX4 gives the first whatever was asked. `arms_offboard`: arming and takeoff need
-    the mode `offboard`. `takes_off_above_home`: the height of NAV_TAKEOFF is above home, not above mean sea level.
-    `speed_parameter` limits the horizontal speed, in units of `speed_unit_mps`.
+    `offboard` flies the setpoints of a companion computer; `hold` brakes and stays. With `has_sub_modes` a heartbeat's
+    custom mode holds a main and a sub mode. `mode_answers` says how many answers ACCEPTED to DO_SET_MODE prove the change:
+    PX4 gives the first whatever was asked. `arms_offboard`: arming and takeoff need the mode `offboard`.
+    `takes_off_above_home`: the height of NAV_TAKEOFF is above home, not above mean sea level. `speed_parameter` limits the
+    horizontal speed, in units of `speed_unit_mps`.
     """
 
     offboard: Mode
@@ -38,6 +39,7 @@ class AutopilotKind:
         return custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
 
 
+# Modes: px4_custom_mode.h of PX4, and Mode::Number in mode.h of ArduCopter.
 PX4 = AutopilotKind(
     offboard=(6, 0),
     hold=(4, 3),
@@ -66,4 +68,4 @@ ARDUPILOT = AutopilotKind(
 
 def kind_of(autopilot: int) -> AutopilotKind:
     """The kind that a heartbeat's `autopilot` (MAV_AUTOPILOT) states; any other than ArduPilot is flown as PX4."""
-    return ARDUPILOT if autopilot == MAV_AUTOPILOT_ARDUPILOTMEGA else PX4
+    return ARDUPILOT if autopilot == _ARDUPILOTMEGA else PX4

@@ -51,7 +51,7 @@ def write_scenes(
     scenes = [
         list(scene) for _, scene in groupby(plans, key=lambda plan: (plan.design_point, plan.replicate))
     ]
-    if workers == 1 or len(scenes) < FEW_SCENES:
+    if len(scenes) < FEW_SCENES:
         workers = 1
     size = max(1, -(-len(scenes) // (workers * _BATCHES_PER_PROCESS)))
     batches = [scenes[start : start + size] for start in range(0, len(scenes), size)]

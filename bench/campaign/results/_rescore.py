@@ -26,7 +26,7 @@ _REMEDY_ELSEWHERE = f"restore it from a copy, or delete {RESULT} to score the re
 def rescore(folder: Path, decomposition: Decomposition) -> SessionResult:
     """The result of the run in `folder`, with its observations measured again from `recording.mcap`.
 
-    A recording that is kept at a URL is fetched, and deleted again. The outcome is taken from `result.json` if there is one, and from the recording otherwise. Raises
+    A recording that is kept at a URL is fetched, and the copy deleted afterwards. The outcome is taken from `result.json` if there is one, and from the recording otherwise. Raises
     SetupError if the folder has no readable recording, or one that differs from the recording of its result.
     """
     with open_recorded(folder) as recorded:
