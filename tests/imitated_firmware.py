@@ -223,12 +223,12 @@ class ImitatedSide:
         if self._imitation is None:
             if not (self._state.latitude_deg and self._has_all_ports):
                 return
-            self._imitation = self._made()
+            self._imitation = self._build_imitation()
         if self._samples % self._every == 0:
             self._imitation.receive()
             self._imitation.step()
 
-    def _made(self) -> Imitation:
+    def _build_imitation(self) -> Imitation:
         state = self._state
         corners = [
             {"east_m": e, "north_m": n} for e, n in ((-9e3, -9e3), (9e3, -9e3), (9e3, 9e3), (-9e3, 9e3))

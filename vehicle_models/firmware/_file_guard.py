@@ -1,8 +1,9 @@
 """Keeps agents from changing files of a real autopilot by MAVLink FTP, and from reading the host's, and answers them in its
 place.
 
-The program of an autopilot on this machine can read what its user can: the truth of the session, for example. By such a file an agent could set any parameter (ArduPilot: @PARAM/param.pck; PX4: the file of its parameters) or put a start
-script in place. A session to write begins with one of the opcodes here.
+By a file of its own an agent could set any parameter (ArduPilot: @PARAM/param.pck; PX4: the file of its parameters) or put a
+start script in place. A session to write begins with one of the opcodes here. And the program of an autopilot on this machine
+can read what the user of the bench can, the truth of the session for example.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ _AUTOPILOT_COMPONENT = 1
 def host_refusal(frame: bytes) -> bytes | None:
     """The autopilot's refusal of a FILE_TRANSFER_PROTOCOL that would read outside its folder; None for any other.
 
-    An absolute path is the autopilot's own (PX4 and ArduPilot put their folder before it) unless the host has such a file.
+    An absolute path is refused only where the host has such a file. PX4 puts its working folder before it (observed);
+    whether every ArduPilot does is not known, and need not be.
     """
     opcode, paths = _request(frame)
     return _refusal(frame) if opcode in _READS and any(map(_leads_outside, paths)) else None
