@@ -319,7 +319,6 @@ def _run(
     laboratory: LaboratoryOptions | None = None,
 ) -> None:
     from bench.campaign import (
-        finish_campaign,
         load_campaign,
         load_measurable_decomposition,
         parse_accepted_outcomes,
@@ -359,7 +358,7 @@ def _run(
                 observers=[progress, *([bus.notify] if bus else []), *([event_lines] if event_lines else [])],
                 rerun=parse_rerun_outcomes(again),
                 accept=parse_accepted_outcomes(accept),
-                finish=lambda paths: finished.append(finish_campaign(paths.path)),
+                finish=lambda paths: finished.append(_finish_flown(paths.path)),
                 open_executor=open_executor or executor_named("local", None),
                 gate=gate_of(bus),
             )
@@ -424,6 +423,13 @@ def _show_scores(
     print(f"report: {scores.report}")
     print(f"manifest SHA-256: {digest_of(CampaignFolder(folder).manifest)}")
     print("publish it, and check it with: rebar verify --digest")
+
+
+def _finish_flown(folder: Path) -> FinishedCampaign:
+    # Imported when all have flown: statistics and report take longer to load than the first session to start.
+    from bench.campaign import finish_campaign
+
+    return finish_campaign(folder)
 
 
 def _adjusted(
