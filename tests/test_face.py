@@ -56,6 +56,7 @@ LAZY_ROOMS = [
     ),
     *(f"bench.{room}" for room in ("simspec", "statistics", "streams")),
     *("bench.realization.design", "bench.realization.placement", "decompositions"),
+    "agent_adapters.reference",
 ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -63,6 +64,14 @@ def read_environment(
         seed=seed,
         tick_secret=variables.get("REBAR_TICK_SECRET", ""),
     )
+
+
+def use_one_thread() -> None:
+    """Keep NumPy to the calling thread, where nobody has said otherwise. To be called before NumPy is first imported.
+
+    The threads of its linear algebra cost a third of its import, and sessions already run one on each core.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def _host_and_port(text: str | None, faults: list[Fault]) -> tuple[str, int] | None:

@@ -5,15 +5,17 @@ from __future__ import annotations
 import os
 import sys
 
-from agent_adapters.client import read_environment
+from agent_adapters.client import read_environment, use_one_thread
 from bench.errors import LinkLost, SetupError
-
-from ..reference.mission._mission import MissionOrderMissing
-from ._agent import run
 
 
 def main() -> int:
     """0 when the session ended in order, 1 when the bench was lost, 2 when the agent was started wrongly."""
+    use_one_thread()
+    # Only now: NumPy starts its threads when it is imported.
+    from ..reference.mission._mission import MissionOrderMissing
+    from ._agent import run
+
     try:
         ended = run(read_environment(os.environ), os.environ.get("REBAR_TRUTH", ""))
     except SetupError as error:

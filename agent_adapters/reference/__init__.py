@@ -7,7 +7,21 @@ decides.
 
 from __future__ import annotations
 
-from ._settings import Settings as Settings
-from ._steps import Steps as Steps
-from .perception._camera import GroundCamera as GroundCamera
-from .perception._pose import VehiclePose as VehiclePose
+from typing import TYPE_CHECKING
+
+from bench.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ._settings import Settings as Settings
+    from ._steps import Steps as Steps
+    from .perception._camera import GroundCamera as GroundCamera
+    from .perception._pose import VehiclePose as VehiclePose
+
+_MODULES = {
+    "GroundCamera": "perception._camera",
+    "Settings": "_settings",
+    "Steps": "_steps",
+    "VehiclePose": "perception._pose",
+}
+
+__getattr__ = lazy_names(__name__, _MODULES)

@@ -9,12 +9,10 @@ import os
 import sys
 from typing import get_args
 
-from agent_adapters.client import read_environment
+from agent_adapters.client import read_environment, use_one_thread
 from bench.errors import LinkLost, SetupError
 
-from ._agent import run
 from ._settings import Eyes, PolicyName
-from .mission._mission import MissionOrderMissing
 
 
 def main() -> int:
@@ -34,6 +32,11 @@ def main() -> int:
         help="what it sees with: the bench's detections, or a detector of its own on the pictures",
     )
     arguments = parser.parse_args()
+    use_one_thread()
+    # Only now: NumPy starts its threads when it is imported.
+    from ._agent import run
+    from .mission._mission import MissionOrderMissing
+
     try:
         ended = run(read_environment(os.environ), arguments.policy, arguments.eyes)
     except SetupError as error:

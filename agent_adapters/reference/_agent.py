@@ -14,7 +14,6 @@ from bench.contracts import (
     MissionOrder,
     OperatorLinkDocument,
     OrderDocument,
-    PixelDetector,
     VehicleTopics,
     parse_document,
 )
@@ -29,6 +28,8 @@ from .perception._perception import ObjectPerception
 from .perception._pose import PoseHistory
 
 if TYPE_CHECKING:
+    from bench.contracts import PixelDetector
+
     from .perception._pictures import PictureDetections
 
 LINK = "onboard"
