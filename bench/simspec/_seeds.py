@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -22,8 +23,14 @@ def seed_of(seeds: Seeds, stream: RandomStream) -> int:
     stated: int | None = getattr(seeds, stream)
     if stated is not None:
         return stated
+    return _derived_seed(seeds.root, stream)
+
+
+# The streams of a few scenes: whoever asks for one of a scene's streams asks for all its paths.
+@lru_cache(64)
+def _derived_seed(root: int, stream: RandomStream) -> int:
     # By name and not by position, so that a new stream leaves the draws of all others as they were.
-    sequence = np.random.SeedSequence([seeds.root, zlib.crc32(stream.encode())])
+    sequence = np.random.SeedSequence([root, zlib.crc32(stream.encode())])
     return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 

@@ -13,7 +13,7 @@ import shapely
 
 from bench.simspec import ActorGroup, AreaCount, SimSpec
 
-from ._geometry import Geometry, areal_parts, grown_at_most, polygon_ground
+from ._geometry import Geometry, areal_parts, grown_at_most, polygon_ground, prepared_ground
 from ._groups import centre_ground, inner_radius_m
 
 # Moves of single members between parts, for each part: enough to forget where they began. Chosen, not measured.
@@ -31,6 +31,11 @@ class GroundPart:
 def named_area(simspec: SimSpec, name: str) -> Geometry:
     """An area of the world as a shapely polygon."""
     return polygon_ground(next(area for area in simspec.world.areas if area.id == name))
+
+
+def prepared_area(simspec: SimSpec, name: str) -> Geometry:
+    """The same, prepared for many questions."""
+    return prepared_ground(next(area for area in simspec.world.areas if area.id == name))
 
 
 def ground_parts(

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Iterator
+from functools import lru_cache
 
 import shapely
 
@@ -141,8 +142,8 @@ def _collision_faults(simspec: SimSpec, realized: Realized, footprints: Outlines
                     f"{wanted:g} m are required",
                 )
     home = shapely.Point(simspec.vehicle.home.east_m, simspec.vehicle.home.north_m)
-    for (actor, outline), at in zip(known, fixed, strict=True):
-        if not at and shapely.distance(home, outline) < HOME_CLEARANCE_M - SLACK_M:
+    for (actor, _), at, distance_m in zip(known, fixed, shapely.distance(home, outlines), strict=True):
+        if not at and distance_m < HOME_CLEARANCE_M - SLACK_M:
             yield Fault(
                 f"realized: {actor.id}",
                 "is too close to the vehicle's home",
@@ -225,10 +226,13 @@ def _group_faults(
             if _turn_deg(actor.heading_deg, place.at.heading_deg) > SLACK_DEG:
                 yield Fault(f"realized: {actor.id}", "has another heading than placement.at", "turn it")
         return
-    region = _polygon(place.region or simspec.world.area).buffer(SLACK_M)
+    outlined = [actor.id for actor in actors if actor.id in outlines]
+    covered = shapely.covers(
+        _grown_polygon(place.region or simspec.world.area), [outlines[name] for name in outlined]
+    )
+    outside = {name for name, is_covered in zip(outlined, covered, strict=True) if not is_covered}
     for actor in actors:
-        outline = outlines.get(actor.id)
-        if outline is not None and not region.covers(outline):
+        if actor.id in outside:
             yield Fault(
                 f"realized: {actor.id}", "stands outside its region", "keep the whole footprint inside"
             )
@@ -592,6 +596,11 @@ def _is_open(
 
 def _polygon(polygon: Polygon) -> shapely.Polygon:
     return shapely.Polygon([(corner.east_m, corner.north_m) for corner in polygon.corners])
+
+
+@lru_cache(64)
+def _grown_polygon(polygon: Polygon) -> shapely.Polygon:
+    return _polygon(polygon).buffer(SLACK_M)
 
 
 def _distance_m(first: PlacedActor, second: PlacedActor) -> float:

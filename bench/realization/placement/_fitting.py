@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import cos, pi, sin, sqrt
 
 import numpy as np
@@ -16,6 +17,11 @@ from ._geometry import Geometry, shrunk_at_most
 NARROWEST_SPAN_RAD = pi / 1440.0
 
 
+# Answers that are kept: the groups of a campaign's scenes ask the same ones again and again. Chosen, not measured.
+REMEMBERED_ANSWERS = 1024
+
+
+@lru_cache(REMEMBERED_ANSWERS)
 def may_fit(ground: Geometry, asset: Asset) -> bool:
     """Whether the asset's footprint may lie wholly in the ground at some heading; False is a proof that it cannot.
 

@@ -39,7 +39,10 @@ class Footprints:
     def axes(self) -> Floats:
         """(n, 2, 2) unit vectors along and across the heading, east/north."""
         sine, cosine = np.sin(self.heading_rad), np.cos(self.heading_rad)
-        return np.stack([np.stack([sine, cosine], axis=-1), np.stack([cosine, -sine], axis=-1)], axis=-2)
+        axes: Floats = np.empty((len(self), 2, 2))
+        axes[:, 0, 0], axes[:, 0, 1] = sine, cosine
+        axes[:, 1, 0], axes[:, 1, 1] = cosine, -sine
+        return axes
 
     def corners(self) -> Floats:
         """(n, 4, 2) corners in order around each rectangle."""

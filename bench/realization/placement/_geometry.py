@@ -4,8 +4,10 @@ at random.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import pairwise
 from math import cos, pi
+from threading import get_ident
 from typing import Any
 
 import numpy as np
@@ -47,9 +49,47 @@ MAX_COORDINATES = 64
 SIMPLIFY_M = 0.1
 
 
+# Scenes of a campaign share their few polygons. Large enough for one campaign, and small in memory. Chosen, not
+# measured.
+REMEMBERED_POLYGONS = 256
+
+
+Corners = tuple[tuple[float, float], ...]
+"""East and north of each corner: compared sooner than the documents that they come from."""
+
+
 def polygon_ground(polygon: Polygon) -> Geometry:
-    """The polygon as a shapely polygon."""
-    return shapely.Polygon([(corner.east_m, corner.north_m) for corner in polygon.corners])
+    """The polygon as a shapely polygon, which all who ask share: do not prepare it."""
+    return _ground(_corners(polygon))
+
+
+def prepared_ground(polygon: Polygon) -> Geometry:
+    """The same, prepared for many questions by one thread."""
+    return _prepared_ground(_corners(polygon), get_ident())
+
+
+def _corners(polygon: Polygon) -> Corners:
+    return tuple([(corner.east_m, corner.north_m) for corner in polygon.corners])
+
+
+@lru_cache(REMEMBERED_POLYGONS)
+def _ground(corners: Corners) -> Geometry:
+    return shapely.Polygon(corners)
+
+
+@lru_cache(REMEMBERED_POLYGONS)
+def _prepared_ground(corners: Corners, thread: int) -> Geometry:
+    # For each thread its own: GEOS builds a prepared polygon's index at the first question, without a lock.
+    del thread
+    ground = shapely.Polygon(corners)
+    shapely.prepare(ground)
+    return ground
+
+
+@lru_cache(REMEMBERED_POLYGONS)
+def is_convex(ground: Geometry) -> bool:
+    """Whether a polygon has no bays."""
+    return bool(ground.equals(ground.convex_hull))
 
 
 def grown_at_least(geometry: Geometry, distance_m: float) -> Geometry:

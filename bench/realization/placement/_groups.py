@@ -17,6 +17,8 @@ def is_home(simspec: SimSpec, name: str | None) -> bool:
 
 def member_count(simspec: SimSpec, group: ActorGroup) -> int:
     """How many members the group has in this scene: drawn from the placement seed where a range is given."""
+    if isinstance(group.count, int):
+        return group.count
     if not isinstance(group.count, CountRange):
         return group.member_count(simspec.world.area.area_m2)
     # A separate random stream: a drawn count gives the same places as the same count written as a number.

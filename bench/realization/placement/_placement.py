@@ -30,7 +30,7 @@ from bench.simspec import (
 
 from ._check import check_placement
 from ._footprint import Footprints
-from ._geometry import Geometry, polygon_ground
+from ._geometry import Geometry, polygon_ground, prepared_ground
 from ._groups import member_count, prerequisite_groups
 from ._honeypot import honeypots
 from .proofs._capacity import check_areas
@@ -178,6 +178,8 @@ def _spec_faults(simspec: SimSpec) -> Iterator[Fault]:
     yield from _polygon_faults("world.area", simspec.world.area)
     for index, area in enumerate(simspec.world.areas):
         yield from _polygon_faults(f"world.areas[{index}] ({area.id})", area)
+    area_m2 = simspec.world.area.area_m2
+    least = {group.id: group.member_count(area_m2) for group in simspec.actors}
     for index, group in enumerate(simspec.actors):
         where = f"actors[{index}] ({group.id})"
         if fault := asset_fault(f"{where}.asset", group.asset):
@@ -189,7 +191,6 @@ def _spec_faults(simspec: SimSpec) -> Iterator[Fault]:
         yield from _pair_faults(simspec, where, group)
         if group.placement.region:
             yield from _polygon_faults(f"{where}.placement.region", group.placement.region)
-        least = {other.id: other.member_count(simspec.world.area.area_m2) for other in simspec.actors}
         if member_count(simspec, group) and (
             empty := [other for other in sorted(_groups_named(group)) if least.get(other) == 0]
         ):
@@ -199,7 +200,7 @@ def _spec_faults(simspec: SimSpec) -> Iterator[Fault]:
                 "give it members or drop the relation",
             )
     for index, report in enumerate(simspec.intelligence):
-        if not simspec.group(report.about).member_count(simspec.world.area.area_m2):
+        if not simspec.group(report.about).member_count(area_m2):
             yield Fault(
                 f"intelligence[{index}].about",
                 f"group {report.about!r} has no members",
@@ -246,13 +247,18 @@ def _realized(simspec: SimSpec, placed: Mapping[str, Footprints], method: str) -
         PlacedActor(
             id=f"{group.id}-{number}",
             group=group.id,
-            east_m=float(centre[0]),
-            north_m=float(centre[1]),
-            heading_deg=round(float(np.degrees(heading)), 6) % 360.0,
+            east_m=east_m,
+            north_m=north_m,
+            heading_deg=round(heading_deg, 6) % 360.0,
         )
         for group in simspec.actors
-        for number, (centre, heading) in enumerate(
-            zip(placed[group.id].centre_m, placed[group.id].heading_rad, strict=True), start=1
+        for number, ((east_m, north_m), heading_deg) in enumerate(
+            zip(
+                placed[group.id].centre_m.tolist(),
+                np.degrees(placed[group.id].heading_rad).tolist(),
+                strict=True,
+            ),
+            start=1,
         )
     ]
     reports = _reports(simspec, placed)
@@ -261,8 +267,7 @@ def _realized(simspec: SimSpec, placed: Mapping[str, Footprints], method: str) -
 
 
 def _reports(simspec: SimSpec, placed: Mapping[str, Footprints]) -> tuple[PlacedReport, ...]:
-    area = polygon_ground(simspec.world.area)
-    shapely.prepare(area)
+    area = prepared_ground(simspec.world.area)
     return tuple(
         _report(
             report, placed[report.about].centre_m[0], area, generator(simspec.seeds, "intelligence", index)

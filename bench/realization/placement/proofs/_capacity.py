@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
+from functools import lru_cache, partial
 from math import hypot, pi
 
 from bench.errors import PlacementInfeasible
 from bench.simspec import ASSETS, ActorGroup, Near, Polygon, SimSpec
 
 from .._area_counts import named_area
-from .._fitting import may_fit
+from .._fitting import REMEMBERED_ANSWERS, may_fit
 from .._geometry import grown_at_least, polygon_ground, road_ground
 from .._groups import hosts_of, is_home, member_count, region_of
 from .._infeasible import fewest_groups
@@ -83,7 +83,12 @@ def _area_needs(
     """
     gap = min(group.placement.separation_m for group in groups)
     need = sum(member_count(simspec, group) * grown_area_m2(group, gap) for group in groups)
-    return gap, need, grown_at_least(polygon_ground(region), gap / 2.0).area
+    return gap, need, _offered_m2(region, gap)
+
+
+@lru_cache(REMEMBERED_ANSWERS)
+def _offered_m2(region: Polygon, gap_m: float) -> float:
+    return float(grown_at_least(polygon_ground(region), gap_m / 2.0).area)
 
 
 def _overfull(simspec: SimSpec, region: Polygon, groups: Sequence[ActorGroup]) -> bool:

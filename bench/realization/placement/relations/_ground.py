@@ -10,14 +10,15 @@ import shapely
 from bench.arrays import Bools
 from bench.simspec import ActorGroup, Along, AreaCount, Road, SimSpec
 
-from .._area_counts import named_area
+from .._area_counts import prepared_area
 from .._footprint import Footprints, are_inside, joined, too_close, too_close_pairs
 from .._geometry import (
     EVERYWHERE,
     Geometry,
     grown_at_least,
     grown_at_most,
-    polygon_ground,
+    is_convex,
+    prepared_ground,
     road_ground,
     road_heading_deg,
 )
@@ -28,8 +29,7 @@ from ._relation import HOME_CLEARANCE_M, Relation, field_path
 
 def ground_relations(simspec: SimSpec, group: ActorGroup) -> list[Relation]:
     """The relations of the group that depend on no other group."""
-    region = polygon_ground(region_of(simspec, group))
-    shapely.prepare(region)
+    region = prepared_ground(region_of(simspec, group))
     relations = [_inside_region(group, region)]
     if group.placement.inside and group.placement.inside.area:
         relations.append(_in_area(simspec, group, group.placement.inside.area))
@@ -57,8 +57,7 @@ def _inside_region(group: ActorGroup, region: Geometry) -> Relation:
 
 
 def _in_area(simspec: SimSpec, group: ActorGroup, name: str) -> Relation:
-    area = polygon_ground(next(candidate for candidate in simspec.world.areas if candidate.id == name))
-    shapely.prepare(area)
+    area = prepared_ground(next(candidate for candidate in simspec.world.areas if candidate.id == name))
     return _within(
         field_path(group, "inside"), f"stand inside area {name!r} of {area.area:.0f} m2", group, area
     )
@@ -66,8 +65,7 @@ def _in_area(simspec: SimSpec, group: ActorGroup, name: str) -> Relation:
 
 def _outside(simspec: SimSpec, group: ActorGroup, number: int, name: str, gap_m: float) -> Relation:
     """No part of the footprint in an area, nor nearer to it than a gap."""
-    area = named_area(simspec, name)
-    shapely.prepare(area)
+    area = prepared_area(simspec, name)
     gap_text = f", at least {gap_m:g} m off it" if gap_m else ""
 
     def keeps(candidates: Footprints) -> Bools:
@@ -86,11 +84,10 @@ def _outside(simspec: SimSpec, group: ActorGroup, number: int, name: str, gap_m:
 
 def _off_the_border(simspec: SimSpec, group: ActorGroup, number: int, count: AreaCount) -> Relation:
     """The whole footprint inside an area, or no part of it; on one side alone where the count says so."""
-    area, members = named_area(simspec, count.area), member_count(simspec, group)
+    area, members = prepared_area(simspec, count.area), member_count(simspec, group)
     text = f"stand with {count.text} of its {members} members inside area {count.area!r}, and none across its border"
     path = field_path(group, f"counts[{number}]")
     inside, outside = _within(path, text, group, area), _outside(simspec, group, number, count.area, 0.0)
-    shapely.prepare(area)
     if count.low >= members > 0:
         return inside
     if count.high(members) == 0:
@@ -111,7 +108,7 @@ def _heading_relation(group: ActorGroup, heading_deg: float, within_deg: float) 
 
 
 def _within(path: str, text: str, group: ActorGroup, region: Geometry) -> Relation:
-    convex = region.equals(region.convex_hull)
+    convex = is_convex(region)
 
     def keeps(candidates: Footprints) -> Bools:
         corners = candidates.corners()
