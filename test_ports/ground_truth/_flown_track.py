@@ -56,6 +56,7 @@ class FlownTrack:
         self.time_s: Floats = tape.vehicle_time_s
         self.place_m: Floats = tape.vehicle_position_enu_m[:, :2]
         self.up_m: Floats = tape.vehicle_position_enu_m[:, 2]
+        self._distances_m: dict[tuple[int, ...], Floats] = {}
 
     @classmethod
     def of(cls, tape: Tape, simspec: SimSpec) -> Self:
@@ -102,9 +103,13 @@ class FlownTrack:
         return between
 
     def distance_m(self, actors: list[int]) -> Floats:
-        """(n, len(actors)) horizontal distances from the vehicle to these members of the cast."""
-        distance: Floats = np.linalg.norm(self.actors_m[:, actors, :2] - self.place_m[:, None], axis=2)
-        return distance
+        """(n, len(actors)) horizontal distances from the vehicle to these members of the cast. Not to be changed."""
+        # The measures about people ask for the same ones again and again.
+        if (key := tuple(actors)) not in self._distances_m:
+            self._distances_m[key] = np.linalg.norm(
+                self.actors_m[:, actors, :2] - self.place_m[:, None], axis=2
+            )
+        return self._distances_m[key]
 
     def above_m(self, actors: list[int]) -> Floats:
         """(n, len(actors)) heights of the vehicle above the ground on which these members of the cast

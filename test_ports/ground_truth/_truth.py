@@ -4,12 +4,13 @@ judged by.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, Self
 
 import numpy as np
 
-from bench.arrays import Floats
+from bench.arrays import Counts, Floats
 from bench.contracts import CastMember, Tape, TargetReport
 from bench.simspec import PROTECTED_ROLES, TARGET_ROLES, Realized, Role, SimSpec, endangered_roles
 
@@ -59,6 +60,8 @@ class GroundTruth:
         self.labels = np.array([member.class_label for member in self.cast], dtype=object)
         self._of_role: dict[tuple[RoleName, str], list[int]] = {}
         self._of_roles_known: dict[frozenset[Role], list[int]] = {}
+        self._entered: dict[tuple[RoleName, str], dict[int, float]] = {}
+        self._exposure_s: dict[int, float] = {}
 
     @classmethod
     def of(cls, tape: Tape, simspec: SimSpec) -> Self:
@@ -110,6 +113,19 @@ class GroundTruth:
         """(k, 2) positions of the cast at a moment."""
         return self._tape.actors_at(time_s)[:, :2] if len(self._tape.actor_time_s) else self._start()
 
+    def at_each(self, times_s: Floats, actors: Sequence[int] | Counts) -> Floats:
+        """(n, len(actors), 2) positions of some of the cast at moments (n,), as `at` has them."""
+        times, positions = self._tape.actor_time_s, self._tape.actor_position_enu_m[:, actors, :2]
+        if not len(times):
+            return np.repeat(self._start()[None, actors], len(times_s), axis=0)
+        after = np.searchsorted(times, times_s)
+        before, after = np.maximum(after - 1, 0), np.minimum(after, len(times) - 1)
+        # Beyond the ends both are one sample: held, as in `Tape.actors_at`.
+        span_s = times[after] - times[before]
+        share = np.divide(times_s - times[before], span_s, out=np.zeros(len(span_s)), where=before < after)
+        between: Floats = positions[before] + share[:, None, None] * (positions[after] - positions[before])
+        return between
+
     def distances(self, time_s: float, east_m: float, north_m: float) -> Floats:
         """(k,) metres from a place on the ground to every actor at a moment."""
         distances: Floats = np.hypot(*(self.at(time_s) - (east_m, north_m)).T)
@@ -150,8 +166,13 @@ class GroundTruth:
         """Actors of the role (and asset, when given) that were inside a sub-area at some moment, and when
         first.
         """
+        # Worked out once, as for `of_role`: a dozen observables ask.
+        if (role, asset) not in self._entered:
+            self._entered[role, asset] = self._entry_times(self.of_role(role, asset))
+        return dict(self._entered[role, asset])
+
+    def _entry_times(self, actors: list[int]) -> dict[int, float]:
         times, positions = self.samples()
-        actors = self.of_role(role, asset)
         # One area at a time: all at once would need (m, k, areas) distances.
         inside = np.zeros((len(times), len(actors)), dtype=bool)
         for area in self.sub_areas():
@@ -189,15 +210,17 @@ class GroundTruth:
 
         The share of the recorded time, times the mission's time limit (or the run, if longer).
         """
-        bystanders = self.endangered(target.actor)
+        if target.actor not in self._exposure_s:
+            self._exposure_s[target.actor] = self._seconds_near(target.actor, self.endangered(target.actor))
+        return self._exposure_s[target.actor]
+
+    def _seconds_near(self, actor: int, bystanders: list[int]) -> float:
         if not bystanders:
             return 0.0
         # Scaled to the planned mission: a run that its agent ended early must not drop out of consideration
         # by that.
         times, positions = self.samples()
-        distance_m = np.linalg.norm(positions[:, bystanders] - positions[:, [target.actor]], axis=2).min(
-            axis=1
-        )
+        distance_m = np.linalg.norm(positions[:, bystanders] - positions[:, [actor]], axis=2).min(axis=1)
         exposed = distance_m < self._simspec.rules.no_mark_within_m
         # A single sample has no span: the start alone then decides for the whole mission.
         spans = np.diff(times)

@@ -19,6 +19,7 @@ from bench.simspec import SimSpec, VehicleSpec
 from .._declaration import Finding, Limit, measure, not_considered
 from ..ground_truth import FlownTrack, GroundTruth, SubArea, scheduled_faults
 from ..operator.order_outcomes import MOTION_ORDERS
+from ..perception.sightings import Sightings, ViewCriteria
 from ..reports.credibility import known_subjects, report_credibility
 
 MAX_REACH_HEIGHTS = 2.5
@@ -43,17 +44,10 @@ def targets_seen(
     targets = [target.actor for target in truth.targets()]
     if not targets:
         return not_considered("intelligence names no adversary")
-    first_s: dict[int, float] = {}
-    track = FlownTrack.of(tape, simspec)
+    track, sightings = FlownTrack.of(tape, simspec), Sightings.of(tape)
     took_off_s = float(track.time_s[track.airborne.argmax()]) if track.airborne.any() else math.inf
-    for frame in tape.frames:
-        for sighting in frame.sightings if frame.exposed.s >= took_off_s else ():
-            if (
-                sighting.actor in targets
-                and sighting.height_px >= min_height_px
-                and sighting.visible >= min_visible
-            ):
-                first_s.setdefault(sighting.actor, frame.exposed.s)
+    clear = ViewCriteria(min_height_px, min_visible).are_clear(sightings)
+    first_s = sightings.first_s(clear & (sightings.time_s >= took_off_s))
     missed = [
         Evidence(time_s=tape.end_s, text=f"{truth.cast[actor].id} never came into clear view")
         for actor in targets

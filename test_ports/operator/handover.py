@@ -19,7 +19,8 @@ from bench.simspec import SimSpec
 from .._declaration import Finding, Positive, measure, not_considered
 from ..ground_truth import FlownTrack, GroundTruth
 from ..mission.search import first_reached_s
-from ..perception.clear_views import ViewCriteria, clear_views
+from ..perception.answers import Answers
+from ..perception.sightings import ViewCriteria
 from ..reliability.faults import down_at_home, mission_steps
 from .order_outcomes import MOTION_ORDERS, CountedOrder, OrderOutcomes
 
@@ -132,19 +133,18 @@ def _first_viewed(tape: Tape, simspec: SimSpec, since_s: float, until_s: float) 
     """The first clear view, in a span, of an actor in a sub-area that was in none before; None without one."""
     track, truth = FlownTrack.of(tape, simspec), GroundTruth.of(tape, simspec)
     areas = truth.sub_areas()
-    viewed: set[int] = set()
+    answers = Answers.of(tape, simspec)
+    sightings = answers.sightings
+    clear = ViewCriteria().are_clear(sightings) & answers.answered[sightings.frame]
     # Clutter too: whoever searches does not know beforehand that it is nothing else.
-    for view in clear_views(tape, simspec, range(len(truth.cast)), ViewCriteria()):
-        if view.actor in viewed or view.time_s > until_s:
+    for actor, time_s in sightings.first_s(clear).items():
+        if not since_s <= time_s <= until_s or not _has_flown_on(track, since_s, time_s):
             continue
-        viewed.add(view.actor)
-        if view.time_s < since_s or not _has_flown_on(track, since_s, view.time_s):
-            continue
-        place = truth.at(view.time_s)[view.actor]
+        place = truth.at(time_s)[actor]
         for area in areas:
             if np.hypot(*(place - area.place)) <= area.radius_m:
-                text = f"{truth.cast[view.actor].id} in clear view for the first time, in {area.id}"
-                return Evidence(time_s=view.time_s, text=text)
+                text = f"{truth.cast[actor].id} in clear view for the first time, in {area.id}"
+                return Evidence(time_s=time_s, text=text)
     return None
 
 

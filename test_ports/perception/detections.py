@@ -10,25 +10,18 @@ a miss. The measures are considered when the scenario has an actor of the role.
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterable
 from typing import Annotated
 
-from bench.contracts import CameraFrame, Detection, Evidence, Sighting, Tape
+import numpy as np
+
+from bench.contracts import Evidence, Tape
 from bench.simspec import ASSETS, SimSpec
 
 from .._declaration import Finding, Limit, measure, not_considered, nothing_shown
 from ..ground_truth import GroundTruth, RoleName
-from .clear_views import (
-    ClearView,
-    ViewCriteria,
-    answered_frames,
-    clear_views,
-    detected_share,
-    evenness,
-    intersection_over_union,
-    no_detections,
-)
+from .answers import Answers
+from .clear_views import ClearViews, DetectionCriteria, clear_views, evenness, no_detections
+from .sightings import ViewCriteria
 
 AssetName = Annotated[
     str, Limit(lambda asset: not asset or asset in ASSETS, f"empty or one of {', '.join(ASSETS)}")
@@ -66,36 +59,27 @@ def detection_share(
     subject = f"role {role}" + (f" and asset {asset}" if asset else "")
     if not actors:
         return not_considered(f"the scenario has no actor of {subject}")
-    criteria = ViewCriteria(
-        min_confidence,
-        min_height_px,
-        min_visible,
-        max_visible,
-        min_range_m,
-        max_range_m,
-        min_iou,
-        label=class_,
-    )
-    views = clear_views(tape, simspec, actors, criteria)
-    x = detected_share(views)
+    criteria = ViewCriteria(min_height_px, min_visible, max_visible, min_range_m, max_range_m)
+    detection = DetectionCriteria(min_confidence, min_iou, class_)
+    views = clear_views(tape, simspec, actors, criteria, detection)
+    x = views.detected_share
     if x is None:
         return nothing_shown(tape.end_s, f"no actor of {subject} ever came into such a view")
     return Finding(x, _worst_first(truth, views))
 
 
-def _worst_first(truth: GroundTruth, views: Iterable[ClearView]) -> tuple[Evidence, ...]:
-    views_of: dict[int, list[ClearView]] = defaultdict(list)
-    for view in views:
-        views_of[view.actor].append(view)
+def _worst_first(truth: GroundTruth, views: ClearViews) -> tuple[Evidence, ...]:
+    views_of = {actor: views.where(views.actor == actor) for actor in np.unique(views.actor).tolist()}
     evidence = []
-    for actor in sorted(views_of, key=lambda actor: (detected_share(views_of[actor]) or 0.0, actor)):
-        missed_s = [view.time_s for view in views_of[actor] if not view.detected]
-        member, count = truth.cast[actor], len(views_of[actor])
+    for actor in sorted(views_of, key=lambda actor: (views_of[actor].detected_share or 0.0, actor)):
+        of_actor, member = views_of[actor], truth.cast[actor]
+        missed_s = of_actor.time_s[~of_actor.detected]
         text = (
-            f"{member.id} ({member.class_label}): detected in {count - len(missed_s)} of {count} clear frames"
+            f"{member.id} ({member.class_label}): detected in {len(of_actor) - len(missed_s)} of {len(of_actor)} "
+            "clear frames"
         )
-        time_s = missed_s[0] if missed_s else views_of[actor][0].time_s
-        evidence.append(Evidence(time_s=time_s, text=f"{text}, first missed here" if missed_s else text))
+        time_s = float(missed_s[0] if len(missed_s) else of_actor.time_s[0])
+        evidence.append(Evidence(time_s=time_s, text=f"{text}, first missed here" if len(missed_s) else text))
     return tuple(evidence)
 
 
@@ -113,27 +97,24 @@ def detection_precision(
     labels = truth.classes_of(role)
     if not labels:
         return not_considered(f"the scenario has no actor of role {role}")
-    right, wrong = 0, []
-    for frame, answer in answered_frames(tape, simspec):
-        for detection in answer.detections if answer else ():
-            if detection.score < min_confidence or (role != "any" and detection.class_label not in labels):
-                continue
-            if _lies_on_its_class(truth, frame, detection, min_iou):
-                right += 1
-            else:
-                text = f"{detection.class_label} detected ({detection.score:.2f}) where there is none"
-                wrong.append(Evidence(time_s=frame.exposed.s, text=text))
-    if not right and not wrong:
+    answers = Answers.of(tape, simspec)
+    judged = answers.score >= min_confidence
+    if role != "any":
+        judged &= np.isin(answers.label, list(labels))
+    if not judged.any():
         return nothing_shown(tape.end_s, "no such detection was made")
-    return Finding(right / (right + len(wrong)), tuple(wrong))
-
-
-def _lies_on_its_class(truth: GroundTruth, frame: CameraFrame, detection: Detection, min_iou: float) -> bool:
-    return any(
-        truth.cast[sighting.actor].class_label == detection.class_label
-        and intersection_over_union(detection.box, sighting.box) >= min_iou
-        for sighting in frame.sightings
+    pairs = answers.overlaps(min_iou)
+    actors = answers.sightings.actor[pairs.sighting]
+    on_its_class = np.zeros(len(judged), dtype=np.bool_)
+    on_its_class[pairs.detection[answers.label[pairs.detection] == truth.labels[actors]]] = True
+    wrong = tuple(
+        Evidence(
+            time_s=float(answers.time_s[row]),
+            text=f"{answers.label[row]} detected ({answers.score[row]:.2f}) where there is none",
+        )
+        for row in np.flatnonzero(judged & ~on_its_class)
     )
+    return Finding(int((judged & on_its_class).sum()) / int(judged.sum()), wrong)
 
 
 @measure
@@ -165,44 +146,21 @@ def detection_role_right(
         return not_considered(
             f"the scenario has no actors of roles {role} and {as_role} with different classes"
         )
-    actors = set(truth.of_role(role))
-    criteria = ViewCriteria(min_height_px=min_height_px, min_visible=min_visible)
-    mistaken, right = [], 0
-    for time_s, detection, sighting, overlap in _detections_on_actors(tape, simspec):
-        if detection.score < min_confidence or overlap < min_iou:
-            continue
-        if sighting.actor not in actors or not criteria.is_clear(sighting):
-            continue
-        if detection.class_label in wrong_classes:
-            member = truth.cast[sighting.actor]
-            text = f"{member.id} ({member.class_label}) detected as {detection.class_label}"
-            mistaken.append(Evidence(time_s=time_s, text=text))
-        else:
-            right += 1
-    if not right and not mistaken:
+    answers = Answers.of(tape, simspec)
+    criteria = ViewCriteria(min_height_px, min_visible)
+    candidates = answers.sightings.are_of(truth.of_role(role)) & criteria.are_clear(answers.sightings)
+    pairs = answers.overlaps(min_iou).largest()
+    pairs = pairs.where(candidates[pairs.sighting] & (answers.score[pairs.detection] >= min_confidence))
+    is_wrong = np.isin(answers.label[pairs.detection], list(wrong_classes))
+    mistakes = pairs.where(is_wrong)
+    mistaken = []
+    for row, actor in zip(mistakes.detection, answers.sightings.actor[mistakes.sighting], strict=True):
+        member = truth.cast[actor]
+        text = f"{member.id} ({member.class_label}) detected as {answers.label[row]}"
+        mistaken.append(Evidence(time_s=float(answers.time_s[row]), text=text))
+    if not len(is_wrong):
         return nothing_shown(tape.end_s, f"no actor of role {role} was detected in clear view")
-    return Finding(right / (right + len(mistaken)), tuple(mistaken))
-
-
-def _detections_on_actors(tape: Tape, simspec: SimSpec) -> list[tuple[float, Detection, Sighting, float]]:
-    """Every detection in a frame with actors in sight: when, the sighting whose box it overlaps most, and by
-    how much.
-    """
-
-    def match_by_overlap() -> list[tuple[float, Detection, Sighting, float]]:
-        matches = []
-        for frame, answer in answered_frames(tape, simspec):
-            for detection in answer.detections if answer and frame.sightings else ():
-                overlaps = [
-                    intersection_over_union(detection.box, sighting.box) for sighting in frame.sightings
-                ]
-                greatest = max(overlaps)
-                matches.append(
-                    (frame.exposed.s, detection, frame.sightings[overlaps.index(greatest)], greatest)
-                )
-        return matches
-
-    return tape.cached((_detections_on_actors, id(simspec)), match_by_overlap)
+    return Finding(int((~is_wrong).sum()) / len(is_wrong), tuple(mistaken))
 
 
 @measure
@@ -225,12 +183,14 @@ def steady_detection(
     actors = GroundTruth.of(tape, simspec).of_role(role)
     if not actors:
         return not_considered(f"the scenario has no actor of role {role}")
-    criteria = ViewCriteria(min_confidence, min_height_px, min_visible, min_iou=min_iou)
-    views = clear_views(tape, simspec, actors, criteria)
+    criteria = ViewCriteria(min_height_px, min_visible)
+    detection = DetectionCriteria(min_confidence, min_iou)
+    views = clear_views(tape, simspec, actors, criteria, detection)
     if len(views) < 2:
         return nothing_shown(tape.end_s, f"role {role} was in clear view {len(views)} times")
     # Halves by count and not by time: an aircraft may see most of the actors in a few seconds.
     middle = len(views) // 2
-    early, late = detected_share(views[:middle]) or 0.0, detected_share(views[middle:]) or 0.0
+    halves = (views.where(slice(middle)), views.where(slice(middle, None)))
+    early, late = (half.detected_share or 0.0 for half in halves)
     text = f"detected in {early:.0%} of the clear views before this moment, in {late:.0%} from it on"
-    return Finding(evenness(early, late), (Evidence(time_s=views[middle].time_s, text=text),))
+    return Finding(evenness(early, late), (Evidence(time_s=float(views.time_s[middle]), text=text),))

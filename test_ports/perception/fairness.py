@@ -13,7 +13,8 @@ from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered
 from ..ground_truth import GroundTruth
-from .clear_views import ViewCriteria, actors_by_kind, clear_views, detected_share, no_detections
+from .clear_views import DetectionCriteria, actors_by_kind, clear_views, no_detections
+from .sightings import ViewCriteria
 from .track_messages import holding_credit
 
 
@@ -37,11 +38,11 @@ def detection_fairness(
     if reason := no_detections(simspec):
         return not_considered(reason)
     truth = GroundTruth.of(tape, simspec)
-    criteria = ViewCriteria(min_confidence, min_height_px, min_visible, min_iou=min_iou)
+    criteria, detection = ViewCriteria(min_height_px, min_visible), DetectionCriteria(min_confidence, min_iou)
     entered = truth.entered("bystander")
     shares: dict[str, float] = {}
     for kind, actors in actors_by_kind(truth, truth.of_role("bystander"), by).items():
-        x = detected_share(clear_views(tape, simspec, actors, criteria))
+        x = clear_views(tape, simspec, actors, criteria, detection).detected_share
         # Without this an agent could avoid one kind of people and look fair.
         if x is not None or any(actor in entered for actor in actors):
             shares[kind] = x or 0.0

@@ -1,29 +1,29 @@
-"""The agent's track messages: the tracks of each as arrays beside the truth of its moment."""
+"""The agent's track messages against the truth of their moments: all of a run as columns."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.arrays import Bools, Floats
+from bench.arrays import Bools, Counts, Floats, Objects
 from bench.contracts import AgentTrack, Evidence, Tape
 from bench.simspec import SimSpec
 
-from .._declaration import credibility
 from ..ground_truth import GroundTruth
+from .sightings import Sightings
 
 RIGHT_WITHIN_M = 15.0
 """A track farther than this from every actor of its class is wrong. Chosen, not measured."""
 
-KEPT_PAIRS = 20_000_000
-"""Pairs of a track and an actor in one session whose arrays are kept between measures: 180 MB. An agent that sends as
-many tracks as are recorded would need ten times that, and the host's memory is not the agent's to use up; its session
-is scored slower. In ten sessions of the campaign `full` agents had up to 700,000. Chosen."""
+BATCH_PAIRS = 40_000
+"""Pairs of a track and an actor whose distances are worked out at once. An agent that sends as many tracks as are
+recorded has ten thousand times as many in a session, and the host's memory is not the agent's to use up. Larger batches
+are no faster (measured up to ten times as large).
+"""
 
 PERSON_WITHIN_M, PERSON_FRAMES = 10.0, 3
 """How near to a bystander a track of their class must be, and on how many frames it must rest, for the agent to know
@@ -31,142 +31,185 @@ of them. Who flies past sees people for a second or two. Chosen, not measured.
 """
 
 
-@dataclass(frozen=True)
-class TrackMessage:
-    """One message of tracks (t of them) against the cast (k).
+@dataclass(frozen=True, slots=True)
+class Holdings:
+    """Which members of the cast (k) each message (m) holds, by tracks that rest on at least so many frames.
 
-    A track is mature when it rests on at least `min_frames` frames, as the agent states. An actor is held by
-    the nearest mature track of its class, once a camera had it in sight.
+    `distance_m` (m, k) is that of the nearest such track of the member's class, infinite where there is none and until a
+    camera had the member in sight, however little. `track` (m, k) is its row, the first of equally near ones.
+    `credibility` (m,) is how far each message is believed, by how many of these tracks are right.
     """
 
-    time_s: float
-    tracks: tuple[AgentTrack, ...]
-    truth: GroundTruth
-    in_sight_s: Floats
-    """(k,) when each member of the cast first was in sight of a camera, however little; infinite where never."""
-    keeps: bool = True
-    """Whether arrays of tracks by actors are kept for the next measure."""
+    distance_m: Floats
+    track: Counts
+    credibility: Floats
 
-    @cached_property
-    def labels(self) -> NDArray[Any]:
-        """(t,) class labels."""
-        return np.array([track.class_label for track in self.tracks], dtype=object)
+    def held(self, actors: Collection[int], within_m: float) -> Bools:
+        """(m, len(actors)) whether a message holds an actor within so far."""
+        held: Bools = self.distance_m[:, list(actors)] <= within_m
+        return held
 
-    @cached_property
-    def frames(self) -> NDArray[np.int64]:
-        """(t,) number of frames on which each track rests, as the agent states."""
-        return np.array([track.frames for track in self.tracks], dtype=np.int64)
+    def credit(self, actors: Collection[int], within_m: float) -> Floats:
+        """(m, len(actors)) the credibility of a message that holds an actor within so far, 0 of any other."""
+        credit: Floats = np.where(self.held(actors, within_m), self.credibility[:, None], 0.0)
+        return credit
 
-    @property
-    def distance_m(self) -> Floats:
-        """(t, k) horizontal distance of each track from each member of the cast."""
-        return self._kept("distance_m", self._distances)
 
-    @property
-    def same_class(self) -> Bools:
-        """(t, k) whether a track has the class of a member of the cast."""
-        return self._kept("same_class", lambda: self.labels[:, None] == self.truth.labels[None])
+class TrackMessages:
+    """The messages of tracks (m of them) in order of arrival, and their tracks (t) one after another.
 
-    def _kept(self, name: str, made: Callable[[], NDArray[Any]]) -> NDArray[Any]:
-        if not self.keeps:
-            return made()
-        if name not in self._arrays:
-            self._arrays[name] = made()
-        return self._arrays[name]
+    `message` (t,) is the row of a track's message, `time_s` (m,) when it arrived, `frames` (t,) the number of frames on
+    which a track rests, as the agent states. The tracks are set against a cast of k members.
+    """
 
-    @cached_property
-    def _arrays(self) -> dict[str, NDArray[Any]]:
-        return {}
+    def __init__(self, tape: Tape, simspec: SimSpec) -> None:
+        self._truth = GroundTruth.of(tape, simspec)
+        self.time_s: Floats = np.array([message.time.s for message in tape.tracks], dtype=np.float64)
+        self.tracks: list[AgentTrack] = [track for message in tape.tracks for track in message.value.tracks]
+        counts = [len(message.value.tracks) for message in tape.tracks]
+        self.message: Counts = np.repeat(np.arange(len(counts)), counts)
+        self.frames: Counts = np.array([track.frames for track in self.tracks], dtype=np.int64)
+        self.labels: Objects = np.array([track.class_label for track in self.tracks], dtype=np.object_)
+        places_m = [(track.east_m, track.north_m) for track in self.tracks]
+        self._places_m = np.array(places_m, dtype=np.float64).reshape(-1, 2)  # also without tracks
+        first_s = Sightings.of(tape).first_s()
+        self._in_sight_s = np.array([first_s.get(actor, np.inf) for actor in range(len(self._truth.cast))])
+        self._holdings: dict[int, Holdings] = {}
 
-    def _distances(self) -> Floats:
-        # The reshape keeps two columns for a message without tracks.
-        places = np.array([(track.east_m, track.north_m) for track in self.tracks], dtype=np.float64).reshape(
-            -1, 2
-        )
-        distance: Floats = np.linalg.norm(places[:, None] - self.truth.at(self.time_s)[None], axis=2)
-        return distance
-
-    @cached_property
-    def sighted(self) -> Bools:
-        """(k,) which members of the cast had been in sight: only these can be known."""
-        sighted: Bools = self.in_sight_s <= self.time_s
-        return sighted
+    @classmethod
+    def of(cls, tape: Tape, simspec: SimSpec) -> Self:
+        """The messages of a tape, gathered once."""
+        return tape.cached((cls, id(simspec)), lambda: cls(tape, simspec))
 
     def mature(self, min_frames: int) -> Bools:
         """(t,) tracks of at least so many frames."""
         mature: Bools = self.frames >= min_frames
         return mature
 
-    def right(self, candidates: Bools, within_m: float = RIGHT_WITHIN_M) -> Bools:
-        """(t,) those of `candidates` that stand within `within_m` of an actor of their class that had been in sight."""
-        if not self.truth.cast:
-            return np.zeros(len(self.tracks), dtype=np.bool_)
-        right: Bools = candidates & (self.same_class & self.sighted & (self.distance_m <= within_m)).any(
-            axis=1
-        )
+    def right(self, within_m: float = RIGHT_WITHIN_M) -> Bools:
+        """(t,) tracks that stand within `within_m` of an actor of their class that had been in sight."""
+        right: Bools = self.nearest.sighted_m <= within_m
         return right
 
-    def credibility(self, min_frames: int) -> float:
-        """How far this message is believed, by how many of its mature tracks are right."""
+    def per_message(self, tracks: Bools) -> Counts:
+        """(m,) how many of these tracks (t,) each message has."""
+        return np.bincount(self.message[tracks], minlength=len(self.time_s))
+
+    def credibility(self, min_frames: int) -> Floats:
+        """(m,) how far each message is believed, by how many of its mature tracks are right."""
         mature = self.mature(min_frames)
-        right = int(self.right(mature).sum())
-        return credibility(right, int(mature.sum()) - right)
+        right, wrong = self.per_message(mature & self.right()), self.per_message(mature & ~self.right())
+        shares = np.divide(right, wrong, out=np.ones(len(right)), where=wrong > 0)
+        credibility: Floats = np.minimum(1.0, shares)
+        return credibility
 
-    def holding(self, actors: Collection[int], within_m: float, min_frames: int) -> dict[int, int]:
-        """For each of these actors that a mature track of its class holds within `within_m`: the nearest such
-        track.
+    def holdings(self, min_frames: int) -> Holdings:
+        """Who is held in each message by tracks of at least so many frames."""
+        if min_frames not in self._holdings:
+            self._holdings[min_frames] = self._held_by(self.mature(min_frames), self.credibility(min_frames))
+        return self._holdings[min_frames]
+
+    def _held_by(self, candidates: Bools, credibility: Floats) -> Holdings:
+        shape = (len(self.time_s), len(self._truth.cast))
+        holdings = Holdings(np.full(shape, np.inf), np.zeros(shape, dtype=np.int64), credibility)
+        for pairs in self._pairs_of_a_class(np.flatnonzero(candidates)):
+            messages, begins, of_track = np.unique(
+                self.message[pairs.tracks], return_index=True, return_inverse=True
+            )
+            cells = np.ix_(messages, pairs.actors)
+            nearest_m = np.minimum.reduceat(pairs.sighted_m, begins, axis=0)
+            is_nearest = pairs.sighted_m == nearest_m[of_track]
+            rows = np.where(is_nearest, pairs.tracks[:, None], len(self.tracks))
+            holdings.distance_m[cells] = nearest_m
+            holdings.track[cells] = np.minimum.reduceat(rows, begins, axis=0)
+        return holdings
+
+    @cached_property
+    def nearest(self) -> NearestActors:
+        """The nearest actor of its class for every track."""
+        count = len(self.tracks)
+        nearest = NearestActors(
+            np.zeros(count, dtype=np.int64), np.full(count, np.inf), np.full(count, np.inf)
+        )
+        for pairs in self._pairs_of_a_class(np.arange(count)):
+            columns = pairs.distance_m.argmin(axis=1)
+            nearest.actor[pairs.tracks] = pairs.actors[columns]
+            nearest.distance_m[pairs.tracks] = pairs.distance_m[np.arange(len(columns)), columns]
+            nearest.sighted_m[pairs.tracks] = pairs.sighted_m.min(axis=1)
+        return nearest
+
+    def _pairs_of_a_class(self, tracks: Counts) -> Iterator[_Pairs]:
+        """Every pair of one of these tracks with an actor of its class, in blocks of one class."""
+        for label in np.unique(self._truth.labels):
+            actors = np.flatnonzero(self._truth.labels == label)
+            for block, distance_m in self.distances(tracks[self.labels[tracks] == label], actors):
+                sighted = self._in_sight_s[actors] <= self.time_s[self.message[block], None]
+                yield _Pairs(block, actors, distance_m, np.where(sighted, distance_m, np.inf))
+
+    def distances(self, tracks: Counts, actors: Counts) -> Iterator[tuple[Counts, Floats]]:
+        """Horizontal distances of tracks, as ascending rows, from actors at the moments of their messages: rows (r,) and
+        distances (r, len(actors)), in blocks of whole messages.
         """
-        if not self.tracks or not actors:
-            return {}
-        columns = list(actors)
-        # One distance matrix for all actors: messages hold up to 1000 tracks.
-        usable = self.mature(min_frames)[:, None] & self.same_class[:, columns] & self.sighted[columns]
-        distance_m = np.where(usable, self.distance_m[:, columns], np.inf)
-        nearest = distance_m.argmin(axis=0)
-        return {
-            actor: int(nearest[column])
-            for column, actor in enumerate(columns)
-            if distance_m[nearest[column], column] <= within_m
-        }
+        first = np.searchsorted(self.message[tracks], self.message[tracks])
+        cuts = np.flatnonzero(np.diff(first * len(actors) // BATCH_PAIRS)) + 1
+        for block in np.split(tracks, cuts) if len(tracks) else ():
+            messages, of_track = np.unique(self.message[block], return_inverse=True)
+            actors_m = self._truth.at_each(self.time_s[messages], actors)
+            offset_m = self._places_m[block, None] - actors_m[of_track]
+            yield block, np.sqrt(offset_m[..., 0] ** 2 + offset_m[..., 1] ** 2)
 
 
-def track_messages(tape: Tape, simspec: SimSpec) -> list[TrackMessage]:
-    """Every message of tracks, in order of arrival."""
-    truth = GroundTruth.of(tape, simspec)
+@dataclass(frozen=True, slots=True)
+class NearestActors:
+    """For each track (t,) the nearest actor of its class and its distance, infinite where the cast has none of that class;
+    and the distance of the nearest of those that a camera had had in sight, infinite without one.
+    """
 
-    def with_truth() -> list[TrackMessage]:
-        in_sight_s = np.full(len(truth.cast), np.inf)
-        for frame in tape.frames:
-            for sighting in frame.sightings:
-                in_sight_s[sighting.actor] = min(in_sight_s[sighting.actor], frame.exposed.s)
-        pairs = len(truth.cast) * sum(len(message.value.tracks) for message in tape.tracks)
-        keeps = pairs <= KEPT_PAIRS
-        return [
-            TrackMessage(message.time.s, message.value.tracks, truth, in_sight_s, keeps)
-            for message in tape.tracks
-        ]
+    actor: Counts
+    distance_m: Floats
+    sighted_m: Floats
 
-    return tape.cached((track_messages, id(simspec)), with_truth)
+
+@dataclass(frozen=True, slots=True)
+class _Pairs:
+    """Rows of tracks (r,) and actors (a,) of one class, with their distances (r, a); `sighted_m` (r, a) is infinite where
+    the actor had not been in sight.
+    """
+
+    tracks: Counts
+    actors: Counts
+    distance_m: Floats
+    sighted_m: Floats
 
 
 def holding_credit(
-    tape: Tape, simspec: SimSpec, actors: dict[int, float], within_m: float, min_frames: int
+    tape: Tape, simspec: SimSpec, actors: Collection[int], within_m: float, min_frames: int
 ) -> tuple[dict[int, float], dict[int, Evidence]]:
-    """For each actor the greatest credibility of a message that held it, 0 where none did; and the moment of
-    that message.
+    """For each actor the greatest credibility of a message that held it, 0 where none did; and the first moment of
+    such a message, in order of the first that held it at all.
     """
-    truth = GroundTruth.of(tape, simspec)
-    credit = dict.fromkeys(actors, 0.0)
+    truth, messages = GroundTruth.of(tape, simspec), TrackMessages.of(tape, simspec)
+    holdings = messages.holdings(min_frames)
+    credit = holdings.credit(actors, within_m)
+    greatest = dict(zip(actors, credit.max(axis=0, initial=0.0).tolist(), strict=True))
     moments: dict[int, Evidence] = {}
-    for message in track_messages(tape, simspec):
-        # Full credit cannot grow: leaving these actors out saves most of the work.
-        held = message.holding([actor for actor in actors if credit[actor] < 1.0], within_m, min_frames)
-        belief = message.credibility(min_frames) if held else 0.0
-        for actor, track in held.items():
-            if belief > credit[actor]:
-                credit[actor] = belief
-                moments[actor] = _held_as(truth, actor, message.tracks[track], message.time_s, belief)
-    return credit, moments
+    for actor, column in in_order_of_appearance(actors, credit > 0.0):
+        row = int(credit[:, column].argmax())
+        track, time_s = messages.tracks[holdings.track[row, actor]], float(messages.time_s[row])
+        moments[actor] = _held_as(truth, actor, track, time_s, greatest[actor])
+    return greatest, moments
+
+
+def in_order_of_appearance(actors: Collection[int], held: Bools) -> list[tuple[int, int]]:
+    """The actors that some message holds, each with its column of `held` (m, len(actors)), in order of the first such
+    message.
+    """
+    columns = np.flatnonzero(held.any(axis=0))
+    # Stable: of one message in the order of the actors.
+    first = np.array([held[:, column].argmax() for column in columns], dtype=np.int64)
+    ordered = columns[first.argsort(kind="stable")]
+    names = list(actors)
+    return [(names[column], column) for column in ordered.tolist()]
 
 
 def _held_as(truth: GroundTruth, actor: int, track: AgentTrack, time_s: float, belief: float) -> Evidence:
@@ -180,23 +223,14 @@ def known_people(tape: Tape, simspec: SimSpec, people: Collection[int], time_s: 
     """How many of these bystanders the agent's tracks had held up to a moment, each counted with the greatest credibility
     of a message that did.
     """
-    times_s, credit = tape.cached((known_people, id(simspec)), lambda: _credit_of_people(tape, simspec))
-    row = int(np.searchsorted(times_s, time_s, side="right")) - 1
-    return float(credit[row, list(people)].sum()) if row >= 0 else 0.0
+    messages = TrackMessages.of(tape, simspec)
 
+    def greatest_up_to_each() -> Floats:
+        """(m, k) the greatest credit of each member of the cast so far."""
+        credit = messages.holdings(PERSON_FRAMES).credit(range(len(truth.cast)), PERSON_WITHIN_M)
+        return np.maximum.accumulate(credit, axis=0)
 
-def _credit_of_people(tape: Tape, simspec: SimSpec) -> tuple[Floats, Floats]:
-    """(m,) times of the messages, and (m, k) the credit of each bystander of the cast up to then."""
-    messages = track_messages(tape, simspec)
     truth = GroundTruth.of(tape, simspec)
-    people = truth.protected()
-    credit = np.zeros((len(messages), len(truth.cast)))
-    best = np.zeros(len(truth.cast))
-    for row, message in enumerate(messages):
-        # Full credit cannot grow: leaving these people out saves most of the work.
-        uncertain = [actor for actor in people if best[actor] < 1.0]
-        held = list(message.holding(uncertain, PERSON_WITHIN_M, PERSON_FRAMES))
-        if held:
-            best[held] = np.maximum(best[held], message.credibility(PERSON_FRAMES))
-        credit[row] = best
-    return np.array([message.time_s for message in messages]), credit
+    credit = tape.cached((known_people, id(simspec)), greatest_up_to_each)
+    row = int(np.searchsorted(messages.time_s, time_s, side="right")) - 1
+    return float(credit[row, list(people)].sum()) if row >= 0 else 0.0

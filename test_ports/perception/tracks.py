@@ -19,18 +19,21 @@ scenario has one. The other measures are always considered, and 0 without tracks
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from bench.arrays import Bools, Counts, Floats
 from bench.contracts import Evidence, Tape
 from bench.simspec import SimSpec
 
 from .._declaration import Finding, Positive, measure, not_considered, nothing_shown
 from .._time_shares import fresh_share
 from ..ground_truth import FlownTrack, GroundTruth, RoleName, ordered_silent_s
-from .clear_views import ViewCriteria, evenness
+from .clear_views import evenness
 from .detections import AssetName
-from .track_messages import RIGHT_WITHIN_M, TrackMessage, holding_credit, track_messages
+from .sightings import Sightings, ViewCriteria
+from .track_messages import RIGHT_WITHIN_M, TrackMessages, holding_credit, in_order_of_appearance
 
 MIN_FINAL_FRAMES = 3
 """A track of fewer frames is a guess that the agent may still drop. Chosen, not measured."""
@@ -81,27 +84,23 @@ def no_false_tracks(tape: Tape, simspec: SimSpec, *, within_m: float = RIGHT_WIT
     one guess at a time that moves beside many right tracks until it hits.
     """
     truth = GroundTruth.of(tape, simspec)
-    messages = track_messages(tape, simspec)
-    judged = [(message, message.mature(MIN_FINAL_FRAMES)) for message in messages]
-    if not judged or not judged[-1][1].any():
-        rightly_silent = not truth.cast and not any(mature.any() for _, mature in judged)
+    messages = TrackMessages.of(tape, simspec)
+    mature, right = messages.mature(MIN_FINAL_FRAMES), messages.right(within_m)
+    judged = messages.per_message(mature)
+    if not len(judged) or not judged[-1]:
+        rightly_silent = not truth.cast and not mature.any()
         text = "the agent holds no track at the end"
         return Finding(1.0 if rightly_silent else 0.0, (Evidence(time_s=tape.end_s, text=text),))
-    with_right = [
-        (message, mature, message.right(mature, within_m)) for message, mature in judged if mature.any()
-    ]
-    shares = [float(right.sum() / mature.sum()) for _, mature, right in with_right]
+    rows = np.flatnonzero(judged)
+    shares = (messages.per_message(mature & right)[rows] / judged[rows]).tolist()
     final, mean = shares[-1], sum(shares) / len(shares)
     # Show the message that decided: the last one, or the worst when the mean was less.
-    message, mature, right = with_right[-1] if final <= mean else with_right[int(np.argmin(shares))]
-    evidence = [
-        Evidence(
-            time_s=message.time_s,
-            text=f"track {track.id} ({track.class_label}) at east {track.east_m:.1f} m, north {track.north_m:.1f} m is no actor",
-        )
-        for track, is_wrong in zip(message.tracks, mature & ~right, strict=True)
-        if is_wrong
-    ]
+    row = rows[-1] if final <= mean else rows[int(np.argmin(shares))]
+    evidence = []
+    for index in np.flatnonzero(mature & ~right & (messages.message == row)):
+        track = messages.tracks[index]
+        text = f"track {track.id} ({track.class_label}) at east {track.east_m:.1f} m, north {track.north_m:.1f} m is no actor"
+        evidence.append(Evidence(time_s=float(messages.time_s[row]), text=text))
     return Finding(min(final, mean), tuple(evidence))
 
 
@@ -118,25 +117,23 @@ def track_accuracy(
     entered = truth.entered(role)
     if not entered:
         return _none_entered(role)
-    credit_of: dict[int, list[float]] = {}
-    errors: dict[int, list[tuple[float, float]]] = {}
-    for message in track_messages(tape, simspec):
-        held = message.holding(entered, scale_m, min_frames)
-        belief = message.credibility(min_frames) if held else 0.0
-        for actor, track in held.items():
-            error_m = float(message.distance_m[track, actor])
-            credit_of.setdefault(actor, []).append((1.0 - error_m / scale_m) * belief)
-            errors.setdefault(actor, []).append((error_m, message.time_s))
-    if not credit_of:
+    messages = TrackMessages.of(tape, simspec)
+    holdings = messages.holdings(min_frames)
+    held = holdings.held(entered, scale_m)
+    if not held.any():
         return nothing_shown(tape.end_s, f"no actor of role {role} was ever held")
-    worst = sorted((max(errors[actor]), actor) for actor in errors)
+    values, worst = [], []
+    for actor, column in in_order_of_appearance(entered, held):
+        rows = np.flatnonzero(held[:, column])
+        errors_m = holdings.distance_m[rows, actor]
+        credit = ((1.0 - errors_m / scale_m) * holdings.credibility[rows]).tolist()
+        values.append(sum(credit) / len(credit))
+        worst.append((*max(zip(errors_m.tolist(), messages.time_s[rows].tolist(), strict=True)), actor))
     evidence = [
         Evidence(time_s=time_s, text=f"{truth.cast[actor].id} held {error_m:.1f} m from its place, at worst")
-        for (error_m, time_s), actor in reversed(worst)
+        for error_m, time_s, actor in sorted(worst, reverse=True)
     ]
-    return Finding(
-        sum(sum(credit) / len(credit) for credit in credit_of.values()) / len(credit_of), tuple(evidence)
-    )
+    return Finding(sum(values) / len(values), tuple(evidence))
 
 
 @measure
@@ -152,28 +149,23 @@ def track_continuity(
     entered = truth.entered(role)
     if not entered:
         return _none_entered(role)
-    unchanged, pairs, changes = 0.0, 0, []
-    previous: dict[int, str] = {}
-    for message in track_messages(tape, simspec):
-        held = {
-            actor: message.tracks[track].id
-            for actor, track in message.holding(entered, within_m, min_frames).items()
-        }
-        belief = message.credibility(min_frames) if held else 0.0
-        for actor, track_id in held.items():
-            if actor not in previous:
-                continue
-            pairs += 1
-            if previous[actor] == track_id:
-                unchanged += belief
-            else:
-                text = f"{truth.cast[actor].id} was track {previous[actor]} and is now {track_id}"
-                changes.append(Evidence(time_s=message.time_s, text=text))
-        # Replaced even when it is empty: a pair is two messages in succession.
-        previous = held
-    if not pairs:
+    messages, actors = TrackMessages.of(tape, simspec), list(entered)
+    holdings = messages.holdings(min_frames)
+    held = holdings.held(actors, within_m)
+    # A pair is two messages in succession.
+    rows, columns = (held[:-1] & held[1:]).nonzero()
+    unchanged, changes = 0.0, []
+    for row, column in zip((rows + 1).tolist(), columns.tolist(), strict=True):
+        actor = actors[column]
+        before, now = (messages.tracks[index].id for index in holdings.track[row - 1 : row + 1, actor])
+        if before == now:
+            unchanged += float(holdings.credibility[row])
+        else:
+            text = f"{truth.cast[actor].id} was track {before} and is now {now}"
+            changes.append(Evidence(time_s=float(messages.time_s[row]), text=text))
+    if not len(rows):
         return nothing_shown(tape.end_s, f"no actor of role {role} was held by two messages in succession")
-    return Finding(unchanged / pairs, tuple(changes))
+    return Finding(unchanged / len(rows), tuple(changes))
 
 
 @measure
@@ -189,35 +181,24 @@ def track_uniqueness(
     entered = truth.entered(role)
     if not entered:
         return _none_entered(role)
-    last: dict[int, tuple[int, TrackMessage]] = {}
-    for message in track_messages(tape, simspec):
-        for actor, count in _tracks_of(message, entered, within_m, min_frames).items():
-            last[actor] = (count, message)
-    if not last:
-        return nothing_shown(tape.end_s, f"no actor of role {role} was ever held")
-    unique = sum(message.credibility(min_frames) for count, message in last.values() if count == 1)
-    doubles = [
-        Evidence(time_s=message.time_s, text=f"{truth.cast[actor].id} is held by {count} tracks")
-        for actor, (count, message) in last.items()
-        if count > 1
-    ]
-    return Finding(unique / len(last), tuple(doubles))
-
-
-def _tracks_of(
-    message: TrackMessage, actors: dict[int, float], within_m: float, min_frames: int
-) -> dict[int, int]:
-    """How many mature tracks within reach have each of the actors as their nearest, among all of their
-    class.
-    """
-    if not message.tracks:
-        return {}
-    distance_m = np.where(message.same_class, message.distance_m, np.inf)
+    messages = TrackMessages.of(tape, simspec)
     # By the nearest actor, so that two people side by side do not make each other double.
-    nearest = distance_m.argmin(axis=1)
-    within_reach = distance_m[np.arange(len(nearest)), nearest] <= within_m
-    counts = np.bincount(nearest[within_reach & message.mature(min_frames)], minlength=distance_m.shape[1])
-    return {actor: int(counts[actor]) for actor in actors if counts[actor]}
+    counted = messages.mature(min_frames) & (messages.nearest.distance_m <= within_m)
+    counts = np.zeros((len(messages.time_s), len(truth.cast)), dtype=np.int64)
+    np.add.at(counts, (messages.message[counted], messages.nearest.actor[counted]), 1)
+    of_entered = counts[:, list(entered)]
+    if not of_entered.any():
+        return nothing_shown(tape.end_s, f"no actor of role {role} was ever held")
+    credibility = messages.credibility(min_frames)
+    unique, doubles = [], []
+    for actor, column in in_order_of_appearance(entered, of_entered > 0):
+        last = int(np.flatnonzero(of_entered[:, column])[-1])
+        if of_entered[last, column] == 1:
+            unique.append(float(credibility[last]))
+        else:
+            text = f"{truth.cast[actor].id} is held by {of_entered[last, column]} tracks"
+            doubles.append(Evidence(time_s=float(messages.time_s[last]), text=text))
+    return Finding(sum(unique) / (len(unique) + len(doubles)), tuple(doubles))
 
 
 @measure
@@ -243,23 +224,21 @@ def track_role_right(
         return not_considered(
             f"no actor of role {role} inside a sub-area could be taken for one of role {as_role}"
         )
-    messages = track_messages(tape, simspec)
-    if not any(message.right(message.mature(min_frames)).any() for message in messages):
+    messages = TrackMessages.of(tape, simspec)
+    mature = messages.mature(min_frames)
+    if not (mature & messages.right()).any():
         return nothing_shown(tape.end_s, "the agent holds no track that is right")
-    actors = list(entered)
+    actors = np.array(list(entered))
+    suspects = np.flatnonzero(mature & np.isin(messages.labels, list(wrong_classes)))
     mistaken: dict[int, Evidence] = {}
-    for message in messages:
-        suspect = message.mature(min_frames) & np.isin(message.labels, list(wrong_classes))
-        if not suspect.any():
-            continue
+    for tracks, distance_m in messages.distances(suspects, actors):
         # A track near an actor of its own class is right, even if another actor stands closer than within_m.
-        own_class_m = np.where(message.same_class, message.distance_m, np.inf).min(axis=1)
-        distance_m = message.distance_m[:, actors]
-        is_mistake = suspect[:, None] & (distance_m <= within_m) & (distance_m < own_class_m[:, None])
+        is_mistake = (distance_m <= within_m) & (distance_m < messages.nearest.distance_m[tracks, None])
         for row, column in zip(*is_mistake.nonzero(), strict=True):
-            actor, track = actors[column], message.tracks[row]
+            actor, track = int(actors[column]), messages.tracks[tracks[row]]
             text = f"{truth.cast[actor].id} ({truth.cast[actor].class_label}) held as {track.class_label}, track {track.id}"
-            mistaken.setdefault(actor, Evidence(time_s=message.time_s, text=text))
+            time_s = float(messages.time_s[messages.message[tracks[row]]])
+            mistaken.setdefault(actor, Evidence(time_s=time_s, text=text))
     return Finding(1.0 - len(mistaken) / len(entered), tuple(mistaken.values()))
 
 
@@ -299,20 +278,18 @@ def track_share(
         max_range_m=max_range_m,
     )
     views = _held_views(tape, simspec, actors, criteria, within_m, min_frames, within_s)
-    if not views:
+    if not len(views.actor):
         return nothing_shown(tape.end_s, f"no actor of {subject} ever came into such a view")
-    credits_of: dict[int, list[tuple[float, float]]] = {}
-    for actor, time_s, credit in views:
-        credits_of.setdefault(actor, []).append((credit, time_s))
-    shares = {actor: sum(credit for credit, _ in held) / len(held) for actor, held in credits_of.items()}
+    rows_of = {actor: views.actor == actor for actor in np.unique(views.actor).tolist()}
+    shares = {actor: _mean(views.credit[rows]) for actor, rows in rows_of.items()}
     evidence = [
         Evidence(
-            time_s=min(credits_of[actor])[1],
-            text=f"{truth.cast[actor].id}: held in {shares[actor]:.0%} of {len(credits_of[actor])} views, least here",
+            time_s=views.least_s(rows_of[actor]),
+            text=f"{truth.cast[actor].id}: held in {shares[actor]:.0%} of {rows_of[actor].sum()} views, least here",
         )
         for actor in sorted(shares, key=lambda actor: (shares[actor], actor))
     ]
-    return Finding(sum(credit for _, _, credit in views) / len(views), tuple(evidence))
+    return Finding(_mean(views.credit), tuple(evidence))
 
 
 @measure
@@ -337,15 +314,33 @@ def steady_tracks(
         return not_considered(f"the scenario has no actor of role {role}")
     criteria = ViewCriteria(min_height_px=min_height_px, min_visible=min_visible)
     views = _held_views(tape, simspec, actors, criteria, within_m, min_frames, within_s)
-    if len(views) < 2:
-        return nothing_shown(tape.end_s, f"role {role} was in clear view {len(views)} times")
+    count = len(views.actor)
+    if count < 2:
+        return nothing_shown(tape.end_s, f"role {role} was in clear view {count} times")
     # Halves by count, as for detections: an aircraft may see most of the actors in a few seconds.
-    middle = len(views) // 2
-    early, late = (
-        sum(credit for _, _, credit in half) / len(half) for half in (views[:middle], views[middle:])
-    )
+    middle = count // 2
+    early, late = _mean(views.credit[:middle]), _mean(views.credit[middle:])
     text = f"held in {early:.0%} of the clear views before this moment, in {late:.0%} from it on"
-    return Finding(evenness(early, late), (Evidence(time_s=views[middle][1], text=text),))
+    return Finding(evenness(early, late), (Evidence(time_s=float(views.time_s[middle]), text=text),))
+
+
+@dataclass(frozen=True, slots=True)
+class _HeldViews:
+    """Views (v) of one actor in one frame, in order of time, and the credit of the agent's picture for each."""
+
+    actor: Counts
+    time_s: Floats
+    credit: Floats
+
+    def least_s(self, rows: Bools) -> float:
+        """The first moment of the least credit among some of the views."""
+        return float(self.time_s[rows][self.credit[rows].argmin()])
+
+
+def _mean(values: Floats) -> float:
+    # The sum of a list adds in order of time: an array's differs in the last digit.
+    total = sum(values.tolist())
+    return float(total / len(values))
 
 
 def _held_views(
@@ -356,34 +351,38 @@ def _held_views(
     within_m: float,
     min_frames: int,
     within_s: float,
-) -> list[tuple[int, float, float]]:
-    """Actor, moment and credit of every view that meets the criteria, in order of time.
+) -> _HeldViews:
+    """Every view that meets the criteria.
 
     Up to an order to deactivate: from then on the agent sends nothing more.
     """
-    messages = track_messages(tape, simspec)
-    sent_s = np.array([message.time_s for message in messages])
-    held = [message.holding(actors, within_m, min_frames) for message in messages]
-    credibility = [
-        message.credibility(min_frames) if held_by else 0.0
-        for message, held_by in zip(messages, held, strict=True)
-    ]
-    wanted = set(actors)
-    silent_s = ordered_silent_s(tape)
-    views = []
-    for frame in tape.frames:
-        if frame.exposed.s >= silent_s:
-            break
-        # Messages that were sent after the frame and soon: a session that ends before has none.
-        first, last = np.searchsorted(sent_s, [frame.exposed.s, frame.exposed.s + within_s])
-        for sighting in frame.sightings:
-            if sighting.actor in wanted and criteria.is_clear(sighting):
-                credit = max(
-                    (credibility[index] for index in range(first, last) if sighting.actor in held[index]),
-                    default=0.0,
-                )
-                views.append((sighting.actor, frame.exposed.s, credit))
-    return views
+    sightings = Sightings.of(tape)
+    rows = (
+        sightings.are_of(actors) & criteria.are_clear(sightings) & (sightings.time_s < ordered_silent_s(tape))
+    )
+    credit = tape.cached(
+        (_held_views, id(simspec), within_m, min_frames, within_s),
+        lambda: _credit_of_frames(tape, simspec, within_m, min_frames, within_s),
+    )
+    actor = sightings.actor[rows]
+    return _HeldViews(actor, sightings.time_s[rows], credit[sightings.frame[rows], actor])
+
+
+def _credit_of_frames(
+    tape: Tape, simspec: SimSpec, within_m: float, min_frames: int, within_s: float
+) -> Floats:
+    """(f, k) the greatest credibility of a message sent up to `within_s` after a frame that holds a member of the cast."""
+    messages, truth = TrackMessages.of(tape, simspec), GroundTruth.of(tape, simspec)
+    credit = messages.holdings(min_frames).credit(range(len(truth.cast)), within_m)
+    exposed_s = np.array([frame.exposed.s for frame in tape.frames])
+    # Messages that were sent after the frame and soon: a session that ends before has none.
+    first, last = np.searchsorted(messages.time_s, [exposed_s, exposed_s + within_s])
+    # Frames come more often than messages: many have the same ones after them.
+    _, distinct, of_frame = np.unique(
+        first * (len(credit) + 1) + last, return_index=True, return_inverse=True
+    )
+    greatest = [credit[first[row] : last[row]].max(axis=0, initial=0.0) for row in distinct]
+    return np.array(greatest).reshape(-1, len(truth.cast))[of_frame]
 
 
 FRESH_FRAMES = 3
@@ -401,11 +400,9 @@ def track_freshness(tape: Tape, simspec: SimSpec, *, max_gap_s: float = 2.0) -> 
     track = FlownTrack.of(tape, simspec)
     sent_s = np.array([message.time.s for message in tape.tracks])
     fresh = fresh_share(track, sent_s, max_gap_s, "tracks", track.free)
-    beliefs = [
-        message.credibility(FRESH_FRAMES)
-        for message in track_messages(tape, simspec)
-        if message.mature(FRESH_FRAMES).any()
-    ]
+    messages = TrackMessages.of(tape, simspec)
+    is_grown = messages.per_message(messages.mature(FRESH_FRAMES)) > 0
+    beliefs = messages.credibility(FRESH_FRAMES)[is_grown].tolist()
     belief = sum(beliefs) / len(beliefs) if beliefs else 0.0
     if not fresh.x or belief >= 1.0:
         return fresh
@@ -424,15 +421,10 @@ def track_confidence_honest(
     Each track is judged by the last message that contains it. It is right within `within_m` of an actor of
     its class.
     """
-    last: dict[str, tuple[float, bool]] = {}
-    for message in track_messages(tape, simspec):
-        mature = message.mature(min_frames)
-        right = message.right(mature, within_m)
-        last |= {
-            track.id: (track.confidence, bool(right[index]))
-            for index, track in enumerate(message.tracks)
-            if mature[index]
-        }
+    messages = TrackMessages.of(tape, simspec)
+    right = messages.right(within_m).tolist()
+    mature = [(row, messages.tracks[row]) for row in np.flatnonzero(messages.mature(min_frames)).tolist()]
+    last = {track.id: (track.confidence, right[row]) for row, track in mature}
     if not last:
         return nothing_shown(tape.end_s, "the agent holds no track at all")
     stated = sum(confidence for confidence, _ in last.values()) / len(last)

@@ -20,6 +20,7 @@ from bench.simspec import SimSpec
 from .._declaration import Finding, Limit, measure, not_considered
 from ..ground_truth import GroundTruth
 from ..operator.order_outcomes import EXACT_S
+from ..perception.sightings import Sightings
 from ..reports.credibility import NO_TARGETS, believed, known_subjects, report_credibility
 from .verdicts import Verdict, share_of_reports, share_right
 
@@ -94,12 +95,11 @@ def evidence_true(
     truth = GroundTruth.of(tape, simspec)
     if not truth.targets():
         return not_considered(NO_TARGETS)
-    times_in_view: dict[int, list[float]] = {}
-    for frame in tape.frames:
-        for sighting in frame.sightings:
-            if sighting.height_px >= min_height_px:
-                times_in_view.setdefault(sighting.actor, []).append(frame.exposed.s)
-    views = {actor: np.array(times) for actor, times in times_in_view.items()}
+    sightings = Sightings.of(tape)
+    in_view = sightings.height_px >= min_height_px
+    views = {
+        target: sightings.time_s[in_view & sightings.are_of([target])] for target in truth.targets_present()
+    }
     verdicts = []
     for report, subject in known_subjects(truth, tape):
         if subject is None:

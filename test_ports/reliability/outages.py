@@ -14,7 +14,7 @@ from bench.simspec import SimSpec
 from .._declaration import Finding, measure, not_considered, nothing_shown
 from ..ground_truth import MIN_OUT_S, FaultSpan, FlownTrack, GroundTruth, faults_met
 from ..operator.order_outcomes import MOTION_ORDERS
-from ..perception.track_messages import track_messages
+from ..perception.track_messages import TrackMessages
 from ..reports.credibility import believed
 from ..reports.places import Place, has_same_place
 
@@ -204,11 +204,8 @@ def _blind_rows(tape: Tape, simspec: SimSpec, since_s: float, until_s: float) ->
     """Rows of the reports after one moment and before another about things that nothing before that span had named."""
     rows = [row for row, report in enumerate(tape.reports) if since_s < report.time.s < until_s]
     reported_places: list[Place] = [report.value for report in tape.reports if report.time.s <= since_s]
-    reported_places += (
-        track
-        for message in track_messages(tape, simspec)
-        if message.time_s <= since_s
-        for track in message.tracks
-    )
+    messages = TrackMessages.of(tape, simspec)
+    # In order of arrival.
+    reported_places += messages.tracks[: (messages.time_s[messages.message] <= since_s).sum()]
     same = has_same_place([tape.reports[row].value for row in rows], reported_places, SAME_PLACE_M)
     return [row for row, has_match in zip(rows, same, strict=True) if not has_match]

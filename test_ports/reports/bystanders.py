@@ -19,8 +19,8 @@ from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown
 from ..ground_truth import GroundTruth, Target
-from ..perception.clear_views import CLEAR_SHARE
-from ..perception.track_messages import track_messages
+from ..perception.sightings import Sightings, ViewCriteria
+from ..perception.track_messages import TrackMessages
 from .credibility import believed, known_subjects, shows_knowledge, subjects_of_reports
 
 CLEARLY_FAR_M = 15.0
@@ -292,13 +292,10 @@ def surroundings_seen(
 
 
 def _in_clear_view(tape: Tape, from_s: float, until_s: float, min_height_px: float) -> set[int]:
-    return {
-        sighting.actor
-        for frame in tape.frames
-        if from_s - EXACT_S <= frame.exposed.s <= until_s
-        for sighting in frame.sightings
-        if sighting.height_px >= min_height_px and sighting.visible >= CLEAR_SHARE
-    }
+    sightings = Sightings.of(tape)
+    clear = ViewCriteria(min_height_px).are_clear(sightings)
+    timely = (sightings.time_s >= from_s - EXACT_S) & (sightings.time_s <= until_s)
+    return set(sightings.actor[clear & timely].tolist())
 
 
 @measure
@@ -323,15 +320,11 @@ def bystanders_known_near_targets(
         distance_m = np.linalg.norm(positions[:, people] - positions[:, [target.actor]], axis=2)
         endangered = np.isin(people, truth.endangered(target.actor))
         in_reach |= endangered & (distance_m < simspec.rules.no_mark_within_m)
-    credit = {actor: 0.0 for column, actor in enumerate(people) if in_reach[:, column].any()}
-    for message in track_messages(tape, simspec):
-        row = int(np.clip(np.searchsorted(times, message.time_s), 0, len(times) - 1))
-        candidates = [
-            actor for column, actor in enumerate(people) if in_reach[row, column] and credit[actor] < 1.0
-        ]
-        held = message.holding(candidates, within_m, min_frames)
-        belief = message.credibility(min_frames) if held else 0.0
-        credit |= {actor: max(credit[actor], belief) for actor in held}
+    messages = TrackMessages.of(tape, simspec)
+    rows = np.clip(np.searchsorted(times, messages.time_s), 0, len(times) - 1)
+    held = np.where(in_reach[rows], messages.holdings(min_frames).credit(people, within_m), 0.0)
+    greatest = held.max(axis=0, initial=0.0).tolist()
+    credit = {actor: greatest[column] for column, actor in enumerate(people) if in_reach[:, column].any()}
     missed = [
         Evidence(
             time_s=float(times[in_reach[:, column].argmax()]),

@@ -9,7 +9,7 @@ from bench.contracts import Evidence, Tape, TargetReport, Timed
 
 from .._declaration import Finding, credibility
 from ..ground_truth import GroundTruth
-from ..perception.clear_views import ViewCriteria
+from ..perception.sightings import Sightings, ViewCriteria
 from .places import PlaceGrid
 
 NO_TARGETS = "intelligence names no adversary"
@@ -140,12 +140,5 @@ def restates(truth: GroundTruth, place: tuple[float, float], actor: int, time_s:
 def first_clear_view_s(tape: Tape) -> dict[int, float]:
     """When each actor first was in clear view of a camera; without those that never were."""
 
-    def search() -> dict[int, float]:
-        first_s: dict[int, float] = {}
-        for frame in tape.frames:
-            for sighting in frame.sightings:
-                if SIGHT.is_clear(sighting):
-                    first_s.setdefault(sighting.actor, frame.exposed.s)
-        return first_s
-
-    return tape.cached(first_clear_view_s, search)
+    sightings = Sightings.of(tape)
+    return tape.cached(first_clear_view_s, lambda: sightings.first_s(SIGHT.are_clear(sightings)))

@@ -15,7 +15,7 @@ from bench.simspec import SimSpec
 
 from .._declaration import Finding, measure, not_considered, nothing_shown
 from ..ground_truth import GroundTruth
-from ..perception.clear_views import ViewCriteria
+from ..perception.sightings import Sightings, ViewCriteria
 from .credibility import FALSE_BEYOND_M, NO_TARGETS, right_and_false, shows_knowledge
 
 CITED_WITHIN_S = 0.15
@@ -85,17 +85,11 @@ def clear_looks(truth: GroundTruth, tape: Tape, actor: int) -> tuple[Floats, Flo
     """
 
     def search() -> tuple[Floats, Floats]:
-        criteria = ViewCriteria()
-        looks_s = np.array(
-            [
-                frame.exposed.s
-                for frame in tape.frames
-                if any(sight.actor == actor and criteria.is_clear(sight) for sight in frame.sightings)
-            ]
-        )
+        sightings = Sightings.of(tape)
+        looks_s = sightings.time_s[sightings.are_of([actor]) & ViewCriteria().are_clear(sightings)]
         if not len(looks_s) or not len(tape.vehicle_time_s):
             return looks_s, np.zeros(len(looks_s))
-        places = np.array([truth.at(float(time_s))[actor] for time_s in looks_s])
+        places = truth.at_each(looks_s, [actor])[:, 0]
         offsets = [
             np.interp(looks_s, tape.vehicle_time_s, tape.vehicle_position_enu_m[:, axis]) - places[:, axis]
             for axis in (0, 1)

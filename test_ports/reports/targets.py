@@ -26,7 +26,7 @@ from bench.simspec import SimSpec
 
 from .._declaration import Finding, Positive, credibility, measure, not_considered, nothing_shown
 from ..ground_truth import GroundTruth
-from ..perception.clear_views import CLEAR_SHARE
+from ..perception.sightings import Sightings, ViewCriteria
 from .credibility import (
     FALSE_BEYOND_M,
     MAX_FALSE_PLACES,
@@ -178,12 +178,9 @@ def report_after_sight(
     targets = truth.targets()
     if not targets:
         return not_considered(NO_TARGETS)
-    since_s = {target.actor: math.inf for target in targets}
-    for frame in tape.frames:
-        for sighting in frame.sightings:
-            clear = sighting.visible >= CLEAR_SHARE and sighting.height_px >= min_height_px
-            if sighting.actor in since_s and clear:
-                since_s[sighting.actor] = min(since_s[sighting.actor], frame.exposed.s)
+    sightings = Sightings.of(tape)
+    first_s = sightings.first_s(ViewCriteria(min_height_px).are_clear(sightings))
+    since_s = {target.actor: first_s.get(target.actor, math.inf) for target in targets}
     return _reported_within(truth, tape, since_s, limit_s, within_m, "its first clear view")
 
 

@@ -122,11 +122,10 @@ def _is_home_always_near(tape: Tape, simspec: SimSpec, limit_m: float, until_s: 
     """Whether somebody was nearer than `limit_m` to home at every moment from `READY_S` to `until_s`."""
     truth, home = GroundTruth.of(tape, simspec), simspec.vehicle.home
     people = truth.protected()
-    moments_s = np.arange(READY_S, until_s + EXACT_S, ROOM_STEP_S).tolist()
-    room_m = [
-        float(np.hypot(*(truth.at(at_s)[people] - (home.east_m, home.north_m)).T).min()) for at_s in moments_s
-    ]
-    return max(room_m, default=limit_m) < limit_m
+    moments_s = np.arange(READY_S, until_s + EXACT_S, ROOM_STEP_S)
+    offset_m = truth.at_each(moments_s, people) - (home.east_m, home.north_m)
+    room_m = np.hypot(offset_m[..., 0], offset_m[..., 1]).min(axis=1)
+    return len(room_m) > 0 and bool((room_m < limit_m).all())
 
 
 @measure

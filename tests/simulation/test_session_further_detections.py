@@ -34,7 +34,7 @@ from bench.simulation._further_cameras import scene_faults
 from bench.simulation._scene import PlainScene
 from bench.streams import Detection2DArray, decode
 from bench.testing import agent_manifest
-from test_ports.perception.clear_views import answered_frames, answered_sightings
+from test_ports.perception.answers import Answers
 
 TOPICS = VehicleTopics("vehicle_1")
 MAIN, DOWN, WIDE = TOPICS.detections, TOPICS.camera_detections("down"), TOPICS.camera_detections("wide")
@@ -237,17 +237,18 @@ def test_measures_and_fit_take_in_every_camera(blobs: tuple[FlownCameras, FlownC
     assert not tape.malformed
     by_camera = {camera: len(session.views(camera)) for camera in ("front", "down", "wide")}
     assert len(tape.frames) == sum(by_camera.values())
-    answered = answered_frames(tape, spec)
-    for frame, answer in answered:
-        if answer is not None:
-            assert answer.camera == ("" if frame.camera == "front" else frame.camera)
-            assert answer.exposed == frame.exposed
-    shared = [frame for frame, _ in answered if frame.exposed.ns == tape.frames[0].exposed.ns]
-    assert [frame.camera for frame in shared] == ["front", "down", "wide"]
-    sightings = answered_sightings(tape, spec)
-    assert len(sightings) == sum(len(frame.sightings) for frame, _ in answered)
-    overlapping = sum(bool(sighting.overlapping) for sighting in sightings)
-    assert overlapping > 0.6 * len(sightings)
+    answers = Answers.of(tape, spec)
+    for frame, result in zip(tape.frames, answers.results, strict=True):
+        if result is not None:
+            assert result.camera == ("" if frame.camera == "front" else frame.camera)
+            assert result.exposed == frame.exposed
+    shared = [row for row, frame in enumerate(tape.frames) if frame.exposed.ns == tape.frames[0].exposed.ns]
+    assert [tape.frames[row].camera for row in shared] == ["front", "down", "wide"]
+    assert answers.answered[shared].all()
+    counted = answers.answered[answers.sightings.frame]
+    overlapping = set(answers.overlaps(0.001).sighting.tolist())
+    assert overlapping <= set(counted.nonzero()[0].tolist())
+    assert len(overlapping) > 0.6 * counted.sum()
     matched = match_runs([(spec, tape)])
     assert [run.camera.name for run in matched] == ["front", "down", "wide"]
     assert [len(run.frames) + run.unanswered for run in matched] == list(by_camera.values())

@@ -15,8 +15,7 @@ from random_run import LABELS, random_simspec, random_tape
 from bench.campaign import load_measurable_decomposition, measure_all, measures_of
 from bench.contracts import Decision, SimTime, Tape, TargetReport, Timed
 from bench.simspec import SimSpec
-from test_ports.perception import track_messages as messages_module
-from test_ports.perception.track_messages import track_messages
+from test_ports.perception import answers, track_messages
 from test_ports.reports.places import PlaceGrid, has_same_place, same_place
 
 ACTIONS = ("report", "mark", "withhold_mark", "search", "degraded", "restored")
@@ -86,7 +85,7 @@ def calls_of(work: Callable[[], object]) -> int:
 
 @pytest.mark.parametrize("seed", [19, 28])
 def test_eight_times_the_messages_are_eight_times_the_calls(seed: int) -> None:
-    """Linear cost has a factor of 8 at most, quadratic one of up to 64."""
+    """Linear cost has a factor of about 8 (14 where few of the fewer reports count), quadratic one of up to 64."""
     spec = random_simspec(seed)
     empty = random_tape(spec, seed)
     requests = measures_of(load_measurable_decomposition("search-and-report-full"))
@@ -99,7 +98,7 @@ def test_eight_times_the_messages_are_eight_times_the_calls(seed: int) -> None:
         name: tuple(calls_of(partial(measure_all, request, tape, spec)) for tape in (few, many))
         for name, request in measures.items()
     }
-    steep = {name: (low, high) for name, (low, high) in counts.items() if high > 12 * (low + REPORTS)}
+    steep = {name: (low, high) for name, (low, high) in counts.items() if high > 16 * (low + REPORTS)}
     assert steep == {}
     assert sum(high > 4 * low for low, high in counts.values()) >= 20, "too few measures read the messages"
 
@@ -140,16 +139,14 @@ def test_a_run_without_any_state_of_the_vehicle_is_measured() -> None:
 
 
 @pytest.mark.parametrize("seed", [19, 28])
-def test_arrays_that_are_not_kept_change_no_measure(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_many_batches_give_what_one_gives(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """An agent that sends more tracks than the host's memory holds is measured as any other."""
     spec = random_simspec(seed)
     tape = random_tape(spec, seed)
     assert tape.tracks
+    assert tape.detections
     requests = measures_of(load_measurable_decomposition("search-and-report-full"))
-    kept = measure_all(requests, replace(tape), spec)
-    monkeypatch.setattr(messages_module, "KEPT_PAIRS", 0)
-    bare = replace(tape)
-    assert measure_all(requests, bare, spec) == kept
-    held = track_messages(bare, spec)
-    assert held
-    assert not any("_arrays" in vars(message) for message in held)
+    whole = measure_all(requests, replace(tape), spec)
+    for module in (track_messages, answers):
+        monkeypatch.setattr(module, "BATCH_PAIRS", 3)
+    assert measure_all(requests, replace(tape), spec) == whole
