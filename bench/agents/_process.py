@@ -92,11 +92,12 @@ def box_of(plan: AgentPlan, home: str, *, in_image: bool = False) -> Box:
     others = [path for path in paths if path.is_file() and os.access(path, os.X_OK)]
     paths = [kept for path in paths for kept in without_sessions(path, plan.hidden)]
     if not in_image:
-        paths += [needed for path in others for needed in program_paths(path, environment)]
-    program = None if in_image else find_program(command[0], environment, plan.scratch)
-    if program is not None:
-        command = (str(program), *command[1:])
-        paths += program_paths(program, environment)
+        program = find_program(command[0], environment, plan.scratch)
+        if program is not None:
+            command = (str(program), *command[1:])
+            others.append(program)
+        # Keys of a dict: the program of most commands is named by its path.
+        paths += [needed for path in dict.fromkeys(others) for needed in program_paths(path, environment)]
     return Box(
         command=command,
         environment=environment,

@@ -22,6 +22,13 @@ _PARENT, _SESSION, _CPU, _NICE, _START, _POLICY = 1, 3, slice(11, 15), 16, 19, 3
 _ORDINARY_POLICIES = (0, 3)
 
 
+# Fifty-two numbers and a name of 16 bytes, escaped.
+_STAT_BYTES = 4096
+
+_Key = tuple[int, bytes]
+"""A process or thread: its id and when it started, as the kernel writes it."""
+
+
 @dataclass(slots=True)
 class _Process:
     """One process of the tree as it was last seen; `cpu_s` includes the children that it has waited for."""
@@ -43,9 +50,9 @@ class ProcessTreeUsage:
     home: str | None
     proc: Path = Path("/proc")
     nice: int = field(default_factory=lambda: os.getpriority(os.PRIO_PROCESS, 0))
-    _processes: dict[tuple[int, str], _Process] = field(default_factory=dict)
-    _strangers: set[tuple[int, str]] = field(default_factory=set)
-    _delays_s: dict[tuple[int, str], float] = field(default_factory=dict)
+    _processes: dict[_Key, _Process] = field(default_factory=dict)
+    _strangers: set[_Key] = field(default_factory=set)
+    _delays_s: dict[_Key, float] = field(default_factory=dict)
     _ended_cpu_s: float = 0.0
     _cpu_s: float = 0.0
 
@@ -63,18 +70,18 @@ class ProcessTreeUsage:
         self._cpu_s = max(self._cpu_s, living_s + self._ended_cpu_s)
         return AgentUsage(self._cpu_s, sum(self._delays_s.values()))
 
-    def _stats(self) -> dict[tuple[int, str], list[str]]:
+    def _stats(self) -> dict[_Key, list[bytes]]:
         """Fields of every process, by its id and start: ids are reused."""
         stats = {}
         with suppress(OSError):
             for entry in os.scandir(self.proc):
-                if entry.name.isdigit() and (fields := _stat(Path(entry.path))):
+                if entry.name.isdigit() and (fields := _stat(entry.path)):
                     stats[int(entry.name), fields[_START]] = fields
         return stats
 
-    def _members(self, stats: dict[tuple[int, str], list[str]]) -> list[tuple[int, str]]:
+    def _members(self, stats: dict[_Key, list[bytes]]) -> list[_Key]:
         """Processes of the tree: once a member, always a member, whatever session it moved to."""
-        children: dict[int, list[tuple[int, str]]] = {}
+        children: dict[int, list[_Key]] = {}
         for key, fields in stats.items():
             children.setdefault(int(fields[_PARENT]), []).append(key)
         waiting = [
@@ -82,7 +89,7 @@ class ProcessTreeUsage:
             for key, fields in stats.items()
             if key in self._processes or self.root in (key[0], int(fields[_SESSION])) or self._has_home(key)
         ]
-        members: dict[tuple[int, str], None] = {}
+        members: dict[_Key, None] = {}
         while waiting:
             key = waiting.pop()
             if key not in members:
@@ -91,7 +98,7 @@ class ProcessTreeUsage:
         self._strangers = (self._strangers & stats.keys()) | (stats.keys() - members.keys())
         return list(members)
 
-    def _has_home(self, key: tuple[int, str]) -> bool:
+    def _has_home(self, key: _Key) -> bool:
         # The environment of a process is read once; a session lasts longer than most processes of a host.
         if self.home is None or key in self._strangers:
             return False
@@ -100,7 +107,7 @@ class ProcessTreeUsage:
             return wanted in (self.proc / str(key[0]) / "environ").read_bytes().split(b"\0")
         return False
 
-    def _keep_ended(self, members: set[tuple[int, str]], pids: set[int]) -> None:
+    def _keep_ended(self, members: set[_Key], pids: set[int]) -> None:
         """Forget processes that ended, and keep the CPU time that no living parent has taken over."""
         for key in self._processes.keys() - members:
             ended = self._processes.pop(key)
@@ -110,8 +117,7 @@ class ProcessTreeUsage:
     def _read_delays(self, pid: int) -> None:
         with suppress(OSError):
             for task in os.scandir(self.proc / str(pid) / "task"):
-                folder = Path(task.path)
-                fields = _stat(folder)
+                fields = _stat(task.path)
                 # A thread that gave itself a lower priority waits by its own choice. Without this an agent
                 # could sleep while a child that never gets a core excuses it.
                 if (
@@ -121,7 +127,9 @@ class ProcessTreeUsage:
                 ):
                     continue
                 key = int(task.name), fields[_START]
-                self._delays_s[key] = max(self._delays_s.get(key, 0.0), run_delay_s(folder / "schedstat"))
+                self._delays_s[key] = max(
+                    self._delays_s.get(key, 0.0), run_delay_s(Path(task.path, "schedstat"))
+                )
 
 
 def run_delay_s(schedstat: Path) -> float:
@@ -131,9 +139,14 @@ def run_delay_s(schedstat: Path) -> float:
     return 0.0
 
 
-def _stat(folder: Path) -> list[str] | None:
+def _stat(folder: str) -> list[bytes] | None:
     """Fields of a process or thread after its name; None where it has ended."""
+    # Without objects of paths and files: a reading opens this file of every process of the host.
     with suppress(OSError):
-        fields = (folder / "stat").read_text().rpartition(")")[2].split()
+        descriptor = os.open(f"{folder}/stat", os.O_RDONLY)
+        try:
+            fields = os.read(descriptor, _STAT_BYTES).rpartition(b")")[2].split()
+        finally:
+            os.close(descriptor)
         return fields if len(fields) > _POLICY else None
     return None

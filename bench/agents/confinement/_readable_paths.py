@@ -145,7 +145,12 @@ def _python_paths(interpreter: Path) -> list[Path]:
         if values.get("include-system-site-packages") == "true" or not home.is_relative_to("/usr"):
             paths += _installation(home / interpreter.name)
     paths += _installation(interpreter.resolve())
-    for folder in [place for path in paths for place in _site_folders(path)]:
+    # Most environments' `lib64` is their `lib`, and their installation the one that the interpreter is a link to.
+    paths = list(dict.fromkeys(paths))
+    sites: dict[Path, Path] = {}
+    for site in [site for path in paths for site in _site_folders(path)]:
+        sites.setdefault(site.resolve(), site)
+    for folder in sites.values():
         for pth in sorted(folder.glob("*.pth")):
             paths += [target for line in _added_paths(pth) for target in _import_paths(folder / line)]
         for finder in sorted(folder.glob("__editable__*_finder.py")):
@@ -162,8 +167,10 @@ def _installation(interpreter: Path) -> list[Path]:
 
 def _site_folders(path: Path) -> list[Path]:
     """The folders of packages in a `lib` or `lib/python3.X`; files of the others have no such names."""
-    patterns = [pattern for name in _PACKAGE_FOLDERS for pattern in (name, f"python3*/{name}")]
-    return [folder for pattern in patterns for folder in path.glob(pattern)] if path.is_dir() else []
+    if not path.is_dir():
+        return []
+    parents = [path, *path.glob("python3*")]
+    return [site for parent in parents for name in _PACKAGE_FOLDERS if (site := parent / name).is_dir()]
 
 
 def _added_paths(pth: Path) -> list[str]:
