@@ -4,8 +4,12 @@ and places differ.
 
 from __future__ import annotations
 
+import math
+import multiprocessing
+import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -19,11 +23,13 @@ from bench.campaign import (
     open_journal,
     write_scenes,
 )
+from bench.campaign.execution._parallel import open_helpers
+from bench.campaign.execution._task import WorkersUnusable
 from bench.campaign.planning._plan import plan_campaign
 from bench.campaign.storage._files import digest_of
 from bench.contracts import Outcome
 from bench.documents import dump_json, validate_document
-from bench.errors import Fault
+from bench.errors import Fault, SetupError
 from bench.realization import Design, PlacementUnsound, check_placement, place, realize
 from bench.simspec import AgentSpec, SimSpec
 
@@ -148,3 +154,39 @@ def test_several_processes_plan_what_one_does(tmp_path: Path, monkeypatch: pytes
         folder.simspec(plans[-1].id).write_text("{}")
     assert digests[0] == digests[1] == digests[2]
     assert len(digests[0]) == 8
+
+
+def test_faults_before_takeoff_end_the_processes_that_were_to_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They import while the check looks; of a campaign that is refused nothing is written, and nobody stays."""
+    monkeypatch.setattr("bench.campaign.planning._scenes.FEW_SCENES", 1)
+    before = multiprocessing.active_children()
+    placing: list[multiprocessing.process.BaseProcess] = []
+
+    def check_takeoff(simspecs: object) -> list[Fault]:
+        placing.extend(process for process in multiprocessing.active_children() if process not in before)
+        return [Fault("agents", "the first is missing"), Fault("agents", "the second is missing")]
+
+    folder = CampaignFolder(tmp_path / "out")
+    with open_journal(tmp_path / "journal") as journal, pytest.raises(SetupError, match="second is missing"):
+        plan_campaign(small_campaign(), folder, journal, cast(Any, Script()), check_takeoff, workers=2)
+
+    assert [process.is_alive() for process in placing] == [False]
+    assert not folder.path.exists()
+
+
+def test_helpers_and_this_process_raise_what_one_process_raises() -> None:
+    """All items in their order; of several that fail the first, whoever came upon it; and a helper that was killed."""
+    with open_helpers(1, partial(math.sqrt, 1.0)) as helpers:
+        assert helpers.share(int, [str(number) for number in range(40)]) == list(range(40))
+        with pytest.raises(ValueError, match="'second'"):
+            helpers.share(int, ["1", "second", *(["3"] * 20), "last"])
+        processes = multiprocessing.active_children()
+        helpers.dismiss()
+        for process in processes:
+            process.join()
+        assert [process.exitcode for process in processes] == [0]
+    with pytest.raises(WorkersUnusable, match="was killed"), open_helpers(1, partial(os._exit, 3)) as helpers:
+        helpers.share(int, ["1"] * 40)
+    assert multiprocessing.active_children() == []

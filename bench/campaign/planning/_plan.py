@@ -19,7 +19,7 @@ from ..storage._inputs import write_input
 from ..storage._journal import Journal, JournalEntry, PlannedRealization
 from ..storage._results import write_result
 from ._realizations import intents_of, realizations
-from ._scenes import write_scenes
+from ._scenes import open_scene_writer, write_scenes
 
 CheckTakeoff = Callable[[Iterable[SimSpec]], list[Fault]]
 """Finds what is known to be wrong with sessions of these SimSpecs before any of them flies."""
@@ -44,16 +44,17 @@ def plan_campaign(
     intents = intents_of(plans)
     _check_same(folder, journal, intents, decomposition.digest)
     known = {entry.id: entry for entry in journal.entries()}
-    _check_rated((plan for plan in plans if plan.id not in known), decomposition)
-    done = {entry.id for entry in known.values() if entry.outcome is not None and entry.outcome.counts}
-    if faults := check_takeoff(plan.simspec for plan in plans if plan.id not in done):
-        raise SetupError(faults)
-    folder.path.mkdir(parents=True, exist_ok=True)
-    write_input(folder.campaign, dump_yaml(_with_local_decomposition(campaign, folder, journal)), journal)
-    if len(known) < len(plans):
-        folder.lay_out(len(plans))
     added = [plan for plan in plans if plan.id not in known]
-    digests = write_scenes(added, folder, workers, with_infeasible=True).digests
+    with open_scene_writer(added, folder, workers, with_infeasible=True) as write:
+        _check_rated(added, decomposition)
+        done = {entry.id for entry in known.values() if entry.outcome is not None and entry.outcome.counts}
+        if faults := check_takeoff(plan.simspec for plan in plans if plan.id not in done):
+            raise SetupError(faults)
+        folder.path.mkdir(parents=True, exist_ok=True)
+        write_input(folder.campaign, dump_yaml(_with_local_decomposition(campaign, folder, journal)), journal)
+        if len(known) < len(plans):
+            folder.lay_out(len(plans))
+        digests = write().digests
     journal.note("decomposition_sha256", decomposition.digest)
     # After the files: an entry in the journal promises that its SimSpec is on disk.
     journal.add(PlannedRealization(plan, intents[plan.id], digests[plan.id]) for plan in added)

@@ -5,7 +5,8 @@ Many scenes are shared between processes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
@@ -14,15 +15,15 @@ from pathlib import Path
 from bench.documents import dump_json
 from bench.realization import PlacementInfeasible, RealizationPlan, place
 
-from ..execution._parallel import map_in_processes
+from ..execution._parallel import open_helpers
 from ..storage._files import sync_files_below, write_whole
 from ..storage._folder import CampaignFolder
 
 FEW_SCENES = 200
 """With fewer scenes one process is done before a second one has started."""
 
-_BATCHES_PER_PROCESS = 8
-"""More than one, so that the other processes do not wait for the slowest batch. Chosen, not measured."""
+_BATCHES_PER_PROCESS = 32
+"""Small batches: whoever is done first waits for the others, which may have two of them. Chosen, not measured."""
 
 Scene = Sequence[RealizationPlan]
 
@@ -48,6 +49,21 @@ def write_scenes(
     `with_infeasible` also writes the SimSpecs of plans that have no room, without places. Plans of one scene follow each
     other, else it is placed again. Raises as `place` does.
     """
+    with open_scene_writer(plans, folder, workers, with_infeasible=with_infeasible) as write:
+        return write()
+
+
+@contextmanager
+def open_scene_writer(
+    plans: Sequence[RealizationPlan],
+    folder: CampaignFolder,
+    workers: int = 1,
+    *,
+    with_infeasible: bool = False,
+) -> Iterator[Callable[[], WrittenScenes]]:
+    """Yield what writes the scenes, as `write_scenes` does. For many scenes, other processes start at once: they import
+    while the caller does what comes before. Nothing is written to the folder before.
+    """
     scenes = [
         list(scene) for _, scene in groupby(plans, key=lambda plan: (plan.design_point, plan.replicate))
     ]
@@ -55,9 +71,22 @@ def write_scenes(
         workers = 1
     size = max(1, -(-len(scenes) // (workers * _BATCHES_PER_PROCESS)))
     batches = [scenes[start : start + size] for start in range(0, len(scenes), size)]
-    written = WrittenScenes({}, {})
     job = partial(_write, path=folder.path, with_infeasible=with_infeasible)
-    for batch in map_in_processes(job, batches, workers):
+    # This process places as well.
+    with open_helpers(min(workers, len(batches)) - 1, partial(job, [])) as helpers:
+
+        def write() -> WrittenScenes:
+            placed = helpers.share(job, batches)
+            # They end while the files become safe.
+            helpers.dismiss()
+            return _joined(placed, folder)
+
+        yield write
+
+
+def _joined(batches: Iterable[WrittenScenes], folder: CampaignFolder) -> WrittenScenes:
+    written = WrittenScenes({}, {})
+    for batch in batches:
         written.digests.update(batch.digests)
         written.infeasible.update(batch.infeasible)
     if written.digests:
