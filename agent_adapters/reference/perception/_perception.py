@@ -136,10 +136,19 @@ class ObjectPerception:
 
     def _notice_absence(self, time_s: float, camera: GroundCamera) -> None:
         """People whose place this frame shows without them were missed, or have gone."""
-        people = [track for track in self.tracks if track.label in PEOPLE and track.last_s < time_s]
+        _, *view = self._views[-1]
+        # In a square first: what is left for the camera is often nobody, and arrays of a few are slow.
+        people = [
+            track
+            for track in self.tracks
+            if track.label in PEOPLE
+            and track.last_s < time_s
+            and abs(track.east_m - view[0]) < USEFUL_M
+            and abs(track.north_m - view[1]) < USEFUL_M
+        ]
         if people:
             places = np.array([(track.east_m, track.north_m) for track in people])
-            pose = np.array([self._views[-1][1:]])
+            pose = np.array([view])
             in_range = np.hypot(places[:, 0] - pose[0, 0], places[:, 1] - pose[0, 1]) < USEFUL_M
             shown = camera.in_view(places, pose)[0] & in_range
             self.tracks.miss(track for track, was_shown in zip(people, shown, strict=True) if was_shown)
