@@ -8,7 +8,7 @@ import signal
 import sys
 from contextlib import suppress
 
-from agent_adapters.client import Wanted, open_bench, read_environment
+from agent_adapters.client import Wanted, end_process, open_bench, read_environment
 from bench.clock import CLOCK
 from bench.errors import LinkLost, SetupError
 from bench.streams import Clock
@@ -60,4 +60,4 @@ def run(name: str, behaviour: Behaviour) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_process(main())

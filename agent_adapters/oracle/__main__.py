@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 
-from agent_adapters.client import read_environment, use_one_thread
+from agent_adapters.client import end_process, read_environment, use_one_thread
 from bench.errors import LinkLost, SetupError
 
 
@@ -29,4 +29,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_process(main())

@@ -9,7 +9,7 @@ import os
 import sys
 from typing import get_args
 
-from agent_adapters.client import read_environment, use_one_thread
+from agent_adapters.client import end_process, read_environment, use_one_thread
 from bench.errors import LinkLost, SetupError
 
 from ._settings import Eyes, PolicyName
@@ -50,4 +50,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_process(main())
