@@ -155,7 +155,10 @@ def _session_files(roots: Iterable[Path]) -> Iterator[Path]:
     for root in roots:
         for folder, folders, files in os.walk(root):
             depth = len(Path(folder).parts) - len(root.parts)
-            if folder in searched or entries > _MAX_ENTRIES:
+            if entries > _MAX_ENTRIES:
+                # Left, not only pruned: a folder with thousands of others would still be looked at one by one.
+                break
+            if folder in searched:
                 folders.clear()
                 continue
             searched.add(folder)
