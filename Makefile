@@ -13,7 +13,7 @@ unexport PYTHONDONTWRITEBYTECODE
 PIP_INSTALL := install --quiet --disable-pip-version-check --no-compile
 # But a confined agent cannot write bytecode: each of its sessions would compile anew what the bench does not import as
 # well, the agent and its MAVLink dialect, which takes 0.4 CPU seconds.
-COMPILE_AGENTS = $(BIN)/python -m compileall -q agent_adapters && $(BIN)/python -c 'import agent_adapters.reference.__main__, agent_adapters.null.__main__, agent_adapters.oracle.__main__'
+COMPILE_AGENTS = $(BIN)/python -m compileall -q agent_adapters && $(BIN)/python -c 'import agent_adapters.reference._agent, agent_adapters.null.__main__, agent_adapters.oracle._agent'
 
 .PHONY: demo test quick slow clients real mutants check lock lock-check clean
 
