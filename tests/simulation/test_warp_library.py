@@ -103,12 +103,18 @@ def test_a_program_that_has_ended_is_no_program_without_the_library() -> None:
     refused for it.
     """
     with (
-        subprocess.Popen(["sleep", "1000"]) as living,
-        subprocess.Popen(["sleep", "1000"]) as ended,
+        subprocess.Popen(["cat"], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as living,
+        subprocess.Popen(["cat"], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as ended,
     ):
         try:
             refusals = {}
             for process in (living, ended):
+                # Once it has answered it is loaded: until then it may rest for a moment, and go on.
+                assert process.stdin
+                assert process.stdout
+                process.stdin.write(b"?")
+                process.stdin.flush()
+                assert process.stdout.read(1) == b"?"
                 with closing(ProcessThreads(process.pid, root_is_box=False, with_bench=False)) as threads:
                     threads.scan()
                     programs, (followed,) = Programs(threads), threads.processes.values()
