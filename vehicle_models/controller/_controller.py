@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
 
 from bench.contracts import MavlinkTap
 
@@ -85,6 +85,8 @@ from .telemetry._targets import TargetTelemetry
 from .telemetry._terrain import Terrain
 from .telemetry._texts import FlightEvent, Texts
 from .telemetry._truth import TruthStream
+
+R = TypeVar("R")
 
 # MAV_COMP_ID_AUTOPILOT1
 COMPONENT = 1
@@ -333,10 +335,9 @@ class Controller:
         """Collect what the services tick, take, carry out, stream and answer."""
         self._streams = self._collect_streams(services)
         services = [*services, self._streams]
-        for service in services:
-            if isinstance(service, HandlesCommands):
-                self._commands.add(service.commands())
-        self._ticks = [service.tick for service in services if isinstance(service, Ticks)]
+        for method in _methods(services, HandlesCommands.commands):
+            self._commands.add(method())
+        self._ticks = _methods(services, Ticks.tick)
         self._handlers = _handlers_by_id(services)
         if self._autopilot.modes.heartbeat_on_change:
             self._modes.on_change.append(self._streams.send_heartbeat)
@@ -344,11 +345,10 @@ class Controller:
     def _collect_streams(self, services: Sequence[object]) -> Streams:
         streams: dict[str, Stream | ChannelStream] = {}
         answers: dict[str, MessageAnswer] = {}
-        for service in services:
-            if isinstance(service, StreamsMessages):
-                streams.update(service.streams())
-            if isinstance(service, AnswersRequests):
-                answers.update(service.answers())
+        for service_streams in _methods(services, StreamsMessages.streams):
+            streams.update(service_streams())
+        for service_answers in _methods(services, AnswersRequests.answers):
+            answers.update(service_answers())
         return Streams(self._context, self._autopilot.telemetry, streams, answers)
 
     def record_exposure(self, frame: int) -> None:
@@ -494,11 +494,17 @@ def _log_content(logs: LogStorage, log: FlightLog, query: str) -> bytes:
 
 def _handlers_by_id(services: Sequence[object]) -> dict[int, list[MessageHandler]]:
     handlers: dict[int, list[MessageHandler]] = {}
-    for service in services:
-        if isinstance(service, HandlesMessages):
-            for name, handler in service.handlers().items():
-                handlers.setdefault(KINDS[name].id, []).append(handler)
+    for method in _methods(services, HandlesMessages.handlers):
+        for name, handler in method().items():
+            handlers.setdefault(KINDS[name].id, []).append(handler)
     return handlers
+
+
+def _methods(services: Sequence[object], method: Callable[[Any], R]) -> list[Callable[[], R]]:
+    """A protocol's method, of those services that have it."""
+    # By its name: Python 3.11 takes 0.1 ms to tell whether a service fulfils a protocol, in 180 questions.
+    bound_methods = (getattr(service, method.__name__, None) for service in services)
+    return [bound_method for bound_method in bound_methods if bound_method is not None]
 
 
 def message_target(message: Any) -> int:

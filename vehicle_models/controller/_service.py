@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 from .links._radio import Channel
 
@@ -90,31 +90,26 @@ MessageAnswer = Callable[[Command], "Fields | list[Fields] | None"]
 """Gives the message that a REQUEST_MESSAGE asks for, or several of them; None refuses the request."""
 
 
-@runtime_checkable
 class HandlesMessages(Protocol):
     def handlers(self) -> Mapping[str, MessageHandler]:
         """Messages that the service takes, by name."""
 
 
-@runtime_checkable
 class HandlesCommands(Protocol):
     def commands(self) -> Mapping[int, CommandHandler]:
         """Commands that the service carries out, by number."""
 
 
-@runtime_checkable
 class StreamsMessages(Protocol):
     def streams(self) -> Mapping[str, Stream | ChannelStream]:
         """Messages that may be streamed, by name."""
 
 
-@runtime_checkable
 class AnswersRequests(Protocol):
     def answers(self) -> Mapping[str, MessageAnswer]:
         """Messages that are sent on request only, by name."""
 
 
-@runtime_checkable
 class Ticks(Protocol):
     def tick(self) -> None:
         """Called once a step, after the messages of the step."""
