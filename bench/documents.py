@@ -1,8 +1,8 @@
 """Documents that people write or read: closed pydantic models, and files of them with every fault reported at
 once.
 
-The floor of the house together with `bench.errors`: both import nothing of ours, and every room may stand on
-them.
+The floor of the house together with `bench.errors`: they import nothing of ours but `bench.values`, and every room may
+stand on them.
 """
 
 from __future__ import annotations

@@ -7,14 +7,15 @@ without a traceback: the user can fix it, and it says where, what, and how.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+
+from bench.values import value_class
 
 
 class RebarError(Exception):
     """The root of all errors raised by the bench."""
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Fault:
     """One thing wrong in what a person wrote.
 

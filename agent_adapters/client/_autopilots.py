@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from bench.values import value_class
 
 _ARDUPILOTMEGA = 3  # of MAV_AUTOPILOT; the client does without pymavlink
 
@@ -10,7 +10,7 @@ Mode = tuple[int, int]
 """Parameters 2 and 3 of DO_SET_MODE: PX4's main and sub mode; ArduPilot's custom mode and 0."""
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class AutopilotKind:
     """What an agent must know of one kind of autopilot.
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 import time
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from bench.clock import CLOCK, SimTime
@@ -30,7 +29,7 @@ ARRIVAL_S = 10.0
 SILENCE_S = 30.0
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Wanted:
     """One topic that an agent listens to. `kind` is a message class of bench.streams."""
 

@@ -6,15 +6,16 @@ import json
 import os
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NoReturn
 
 from bench.errors import Fault, SetupError
+from bench.values import value_class
 
 Option = str | float | int | bool
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class AgentEnvironment:
     """The REBAR_* variables, parsed.
 

@@ -7,7 +7,8 @@ decisions, answers) wherever that is not against the behaviour itself.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+
+from bench.values import value_class
 
 from ._autopilot import Autopilot
 from ._reports import Repeater, grid_report, mark_report, random_report
@@ -27,7 +28,7 @@ _FAULTS = ("gps", "battery", "motor", "link", "operator_link", "detections")
 _PHASES = ("taking_off", "transit", "searching", "inspecting", "holding", "returning", "landing")
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Behaviour:
     """What an agent does, the topics that it listens to, and whether it has a MAVLink link."""
 

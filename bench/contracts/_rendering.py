@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from bench.arrays import Bools, Counts, Floats, Narrow
 from bench.clock import SimTime
 from bench.errors import Fault
+from bench.values import value_class
 
 if TYPE_CHECKING:
     from bench.simspec import Camera
@@ -37,7 +38,7 @@ _BORDER_POINTS = 33
 """On each side of the picture: a side of a distorted picture bends at most a few times."""
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Lens:
     """Size of the picture, focal lengths and principal point in pixels, and distortion.
 

@@ -6,7 +6,7 @@ network* carries the truth and exists only inside the session's process and in t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from bench.values import value_class
 
 # Air network, bench to agent.
 # tf2_msgs/msg/TFMessage, map -> {v}/base_link as the vehicle itself estimates it. {v}/base_level has its
@@ -29,7 +29,7 @@ TRUTH_VEHICLE = "/truth/vehicle"
 SESSION_EVENTS = "/session/events"
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class VehicleTopics:
     """The topics that carry a vehicle's name."""
 

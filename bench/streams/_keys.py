@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import re
 import struct
-from dataclasses import dataclass
 
 import xxhash
+
+from bench.values import value_class
 
 from ._types import type_hash
 
@@ -24,7 +25,7 @@ _ATTACHMENT = struct.Struct("<qqB16s")
 _GID_BYTES = 16
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class QoS:
     """What an endpoint says of itself. Over Zenoh it is advertised and never negotiated: anybody hears
     anybody.

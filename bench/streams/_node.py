@@ -13,7 +13,7 @@ import time
 from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import zenoh
@@ -44,7 +44,7 @@ INBOX_BYTES = 32 * 1024 * 1024
 _QUEUED_BATCHES = 16
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class AirAccess:
     """Where the air network is, and the credentials of this session's agent."""
 
