@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from bench.arrays import Floats
+from bench.values import value_class
 
 from ..reference.flight._paths import Place
 from ._truth import Truth
@@ -33,7 +34,7 @@ START_AWAY_M, BESIDE_M = 15.0, (1.0, 2.0)
 DIRECTIONS = 12
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Passage:
     """A start or a landing: when it leaves or touches the ground, and the place that it climbs or sinks to."""
 

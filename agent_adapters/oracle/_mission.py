@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from itertools import accumulate, combinations, pairwise, permutations
 
-from bench.contracts import MissionOrder, OrderDocument
+from agent_adapters.client.documents import MissionOrder, OrderDocument
 from bench.simspec import PROTECTED_ROLES, TARGET_ROLES, endangered_roles
 
 from ..client import ARDUPILOT, PX4
@@ -433,7 +434,7 @@ class OracleMission(SearchMission):
         ceiling_m = order.max_altitude_m - HEIGHT_RULE_MARGIN_M
         height_m = max(order.altitude_m, min(LEAST_HEIGHT_M, order.altitude_m + HIGHER_M, ceiling_m))
         self._oracle_pilot = OraclePilot(
-            order.model_copy(update={"altitude_m": height_m}),
+            replace(order, altitude_m=height_m),
             self._vehicle,
             self._eyes,
             self._log,

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from agent_adapters.client import AgentEnvironment, Moment, Wanted, open_bench
-from bench.contracts import (
-    CLOCK,
-    TF_STATIC,
+from agent_adapters.client.documents import (
     ConsentAnswer,
     IntelligenceDocument,
     MissionOrder,
     OperatorLinkDocument,
     OrderDocument,
-    VehicleTopics,
     parse_document,
 )
+from bench.contracts import CLOCK, TF_STATIC, VehicleTopics
 from bench.streams import CameraInfo, Clock, CompressedImage, Detection2DArray, Sample, String, TFMessage
+from bench.values import value_class
 
 from ._log import Log, Publish
 from ._settings import Eyes, PolicyName, Settings
@@ -86,7 +84,7 @@ def _open_pictures(detector: PixelDetector, poses: PoseHistory, eyes: ObjectPerc
     return PictureDetections(detector, poses, lambda: eyes.camera)
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class AgentParts:
     """What an agent is made of; parts share the vehicle, the perception and the log."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from bench.contracts import (
+from agent_adapters.client.documents import (
     AgentStatus,
     AgentTrack,
     AgentTracks,
@@ -12,8 +12,9 @@ from bench.contracts import (
     Decision,
     OrderAnswer,
     TargetReport,
-    VehicleTopics,
+    document_text,
 )
+from bench.contracts import VehicleTopics
 
 from .perception._tracks import PEOPLE, TENTATIVE_FRAMES, Tracks
 
@@ -67,17 +68,17 @@ class Log:
             evidence=evidence,
             confidence=confidence,
         )
-        self._publish(self._topics.decisions, decision.model_dump_json())
+        self._publish(self._topics.decisions, document_text(decision))
 
     def answer(self, order: str, reason: str, *, accepted: bool) -> None:
         """What becomes of an order, at once, and the same as a decision."""
         answer = OrderAnswer(time_s=self.now_s, order=order, accepted=accepted, reason=reason[:2000])
-        self._publish(self._topics.answers, answer.model_dump_json())
+        self._publish(self._topics.answers, document_text(answer))
         self.decide("obey" if accepted else "refuse", order, reason)
 
     def ask_consent(self, request: ConsentRequest) -> None:
         if not self._silent:
-            self._publish(self._topics.consent_requests, request.model_dump_json())
+            self._publish(self._topics.consent_requests, document_text(request))
 
     def silence(self) -> None:
         """From here on nothing but the status: decisions, reports and tracks end."""
@@ -95,7 +96,7 @@ class Log:
 
     def report(self, report: TargetReport) -> None:
         if not self._silent:
-            self._publish(self._topics.reports, report.model_dump_json())
+            self._publish(self._topics.reports, document_text(report))
 
     def publish_due(self, tracks: Tracks) -> None:
         """Say what is due: status and tracks, once a second each; in the air a word on what goes on."""
@@ -105,12 +106,12 @@ class Log:
             self.decide("continue", "", f"{self.phase}: {self._text or 'nothing has changed'}")
         if self.now_s - self._tracks_s >= PERIOD_S - 1e-6 and not self._silent:
             self._tracks_s = self.now_s
-            self._publish(self._topics.tracks, tracks_document(tracks, self.now_s).model_dump_json())
+            self._publish(self._topics.tracks, document_text(tracks_document(tracks, self.now_s)))
 
     def _publish_status(self) -> None:
         self._status_s = self.now_s
-        status = AgentStatus.model_validate({"time_s": self.now_s, "phase": self.phase, "text": self._text})
-        self._publish(self._topics.status, status.model_dump_json())
+        status = AgentStatus(self.now_s, self.phase, self._text)
+        self._publish(self._topics.status, document_text(status))
 
 
 def tracks_document(tracks: Tracks, now_s: float) -> AgentTracks:

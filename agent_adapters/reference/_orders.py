@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from bench.contracts import OrderDocument
+from agent_adapters.client.documents import OrderDocument
+from bench.values import value_class
 
 MOVING = ("hold", "resume", "return", "retask", "deactivate", "hand_over")
 
@@ -17,7 +16,7 @@ class Ordered(Exception):
         self.order = order
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Situation:
     """What an order meets. Texts are reasons, empty where there is none."""
 

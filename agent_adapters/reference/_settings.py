@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import Literal
 
 from bench.errors import Fault, SetupError
+from bench.values import value_class
 
 MOUNTS = ("auto", "level", "body")
 PolicyName = Literal["naive", "bystander_aware", "cautious"]
@@ -15,7 +16,7 @@ Eyes = Literal["detections", "pictures"]
 """Where it sees: in the bench's detections, or in its camera's pictures alone."""
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Settings:
     """How the agent searches and when it is sure.
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ._agent import ProcessRoot as ProcessRoot
     from ._agent import WarpAccess as WarpAccess
     from ._cast import cast_of as cast_of
+    from ._convoy import convoy_places_m as convoy_places_m
     from ._detection import FALSE_SCORE as FALSE_SCORE
     from ._detection import LABEL_EVIDENCE as LABEL_EVIDENCE
     from ._detection import LEAST_DOUBT as LEAST_DOUBT
@@ -46,7 +47,6 @@ if TYPE_CHECKING:
     from ._documents import OrderDocument as OrderDocument
     from ._documents import TargetReport as TargetReport
     from ._documents import parse_document as parse_document
-    from ._escort import convoy_places_m as convoy_places_m
     from ._escort import escort_document as escort_document
     from ._measure import ChecksOptions as ChecksOptions
     from ._measure import Measure as Measure
@@ -189,6 +189,7 @@ _MODULES = {
     "ProcessRoot": "_agent",
     "WarpAccess": "_agent",
     "cast_of": "_cast",
+    "convoy_places_m": "_convoy",
     "FALSE_SCORE": "_detection",
     "LABEL_EVIDENCE": "_detection",
     "LEAST_DOUBT": "_detection",
@@ -218,7 +219,6 @@ _MODULES = {
     "VehicleDocument": "_truth_documents",
     "ViewDocument": "_truth_documents",
     "parse_document": "_documents",
-    "convoy_places_m": "_escort",
     "escort_document": "_escort",
     "ChecksOptions": "_measure",
     "Measure": "_measure",

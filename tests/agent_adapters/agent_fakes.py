@@ -9,14 +9,24 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from typing import TypeVar
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from agent_adapters.client import MavlinkFrame, Moment
+from agent_adapters.client.documents import (
+    IntelligenceDocument,
+    MissionOrder,
+    OrderDocument,
+    Origin,
+    document_text,
+    parse_document,
+)
 from agent_adapters.reference import Settings
 from agent_adapters.reference._agent import Agent, AgentParts
 from agent_adapters.reference._settings import PolicyName
+from bench import contracts, simspec
 from bench.contracts import (
     TF_STATIC,
     AgentStatus,
@@ -24,17 +34,15 @@ from bench.contracts import (
     ConsentAnswer,
     ConsentRequest,
     Decision,
-    IntelligenceDocument,
-    MissionOrder,
     OperatorLinkDocument,
     OrderAnswer,
-    OrderDocument,
     PixelDetector,
     SimTime,
     TargetReport,
     VehicleTopics,
 )
-from bench.simspec import Origin, Point
+from bench.documents import Document
+from bench.simspec import Point
 from bench.streams import (
     BoundingBox2D,
     CameraInfo,
@@ -54,7 +62,17 @@ from bench.streams import (
     TransformStamped,
 )
 
-ORIGIN = Origin()
+D = TypeVar("D")
+
+
+def as_agents_read(kind: type[D], document: Document) -> D:
+    """A document of the bench, as an agent has read it."""
+    read = parse_document(kind, document.model_dump_json())
+    assert read is not None
+    return read
+
+
+ORIGIN = as_agents_read(Origin, simspec.Origin())
 NAME = "vehicle_1"
 STEP_S = 0.1
 METRES_PER_DEGREE = 6378137.0 * math.pi / 180.0  # near enough for a place this close to the origin
@@ -345,28 +363,33 @@ def mission_order(**changes: object) -> MissionOrder:
         Point(east_m=e, north_m=n) for e, n in ((-300, -300), (300, -300), (300, 300), (-300, 300))
     )
     document: dict[str, object] = {
-        "kind": "search_and_report", "origin": ORIGIN, "area": corners, "home": Point(east_m=0, north_m=0),
+        "kind": "search_and_report", "origin": simspec.Origin(), "area": corners, "home": Point(east_m=0, north_m=0),
         "altitude_m": 60.0, "speed_mps": 12.0, "time_limit_s": 300.0, "return_home": True, "no_mark_within_m": 50.0,
         "min_report_confidence": 0.6, "max_altitude_m": 120.0,
         "target_classes": ("mobile_radar", "military_vehicle"), "bystander_classes": ("civilian",),
     }  # fmt: skip
-    return MissionOrder.model_validate(document | changes)
+    return as_agents_read(MissionOrder, contracts.MissionOrder.model_validate(document | changes))
 
 
 def intelligence(
     name: str, label: str, east_m: float, north_m: float, priority: int = 1, **changes: float
 ) -> IntelligenceDocument:
     details = {"uncertainty_m": 60.0, "observed_s": -20.0} | changes
-    return IntelligenceDocument.model_validate(
-        {"id": name, "class_label": label, "east_m": east_m, "north_m": north_m, "priority": priority}
-        | details
+    document = {"id": name, "class_label": label, "east_m": east_m, "north_m": north_m, "priority": priority}
+    return as_agents_read(
+        IntelligenceDocument, contracts.IntelligenceDocument.model_validate(document | details)
     )
 
 
 def order_document(name: str, kind: str, intelligence_id: str | None = None) -> OrderDocument:
-    return OrderDocument.model_validate(
-        {"id": name, "kind": kind, "issued_s": 0.0, "within_s": 10.0, "intelligence_id": intelligence_id}
-    )
+    document = {
+        "id": name,
+        "kind": kind,
+        "issued_s": 0.0,
+        "within_s": 10.0,
+        "intelligence_id": intelligence_id,
+    }
+    return as_agents_read(OrderDocument, contracts.OrderDocument.model_validate(document))
 
 
 @dataclass(slots=True)
@@ -431,15 +454,15 @@ class World:
                 FakeSample(topics.camera_info("front"), camera_info()),
             ]
             if self.mission is not None:
-                samples.append(FakeSample(topics.mission, String(self.mission.model_dump_json())))
+                samples.append(FakeSample(topics.mission, String(document_text(self.mission))))
         for due_s in sorted(self.reports_at):
             if abs(due_s - self.vehicle.time_s) < STEP_S / 2:
                 reports = self.reports_at[due_s]
                 for report in reports if isinstance(reports, tuple) else (reports,):
-                    samples.append(FakeSample(topics.intelligence, String(report.model_dump_json())))
+                    samples.append(FakeSample(topics.intelligence, String(document_text(report))))
         for due_s in sorted(self.orders_at):
             if abs(due_s - self.vehicle.time_s) < STEP_S / 2:
-                samples.append(FakeSample(topics.orders, String(self.orders_at[due_s].model_dump_json())))
+                samples.append(FakeSample(topics.orders, String(document_text(self.orders_at[due_s]))))
         for request in self.consent_requests:
             granted, after_s = self.consents.get(request.intelligence_id, (False, math.inf))
             if abs(request.time_s + after_s - self.vehicle.time_s) < STEP_S / 2:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from agent_fakes import Actor, World, intelligence, mission_order, order_document
@@ -60,7 +61,7 @@ def test_what_was_seen_during_the_flight_is_served_while_it_is_fresh(deadline_s:
         """When it turns to the second target."""
         radar = intelligence("alpha", "mobile_radar", 115.0, 0.0, uncertainty_m=90.0)
         order = mission_order(time_limit_s=600.0, report_deadline_s=deadline_s)
-        late = LATE.model_copy(update={"observed_s": observed_s})
+        late = replace(LATE, observed_s=observed_s)
         world = World([RADAR, TRUCK], {0.0: radar, 5.0: late}, mission=order).fly("naive", until_s=260.0)
         return moment(world, "go", "late") - moment(world, "report", "alpha")
 
@@ -75,7 +76,7 @@ def test_what_a_broken_off_search_finds_is_reported_unless_it_would_be_marked(pe
     """Ordered away just before the target is identified, it goes on seeing it for a moment."""
     both = (
         intelligence("alpha", "mobile_radar", 115.0, 0.0, uncertainty_m=60.0),
-        LATE.model_copy(update={"id": "bravo"}),
+        replace(LATE, id="bravo"),
     )
     actors = [RADAR, TRUCK, *people]
     found_s = moment(World(actors, {0.0: both}).fly("bystander_aware", until_s=60.0), "report", "alpha")

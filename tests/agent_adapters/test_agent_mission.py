@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -125,7 +126,7 @@ def test_a_task_that_does_not_fit_is_skipped() -> None:
     """
     mission = world(RADAR, TRUCK)
     assert mission.mission is not None
-    mission.mission = mission.mission.model_copy(update={"time_limit_s": 122.0})
+    mission.mission = replace(mission.mission, time_limit_s=122.0)
     mission.fly("naive")
     assert [decision.subject for decision in mission.decisions_to("skip")] == ["bravo"]
     assert mission.phase == "complete"
@@ -216,7 +217,7 @@ def test_a_mission_without_a_feasible_task_stays_on_the_ground() -> None:
     """When no task fits between takeoff and landing, the vehicle stays where it is."""
     mission = world(RADAR, TRUCK)
     assert mission.mission is not None
-    mission.mission = mission.mission.model_copy(update={"time_limit_s": 80.0})
+    mission.mission = replace(mission.mission, time_limit_s=80.0)
     mission.fly("naive")
     assert mission.phase == "aborted"
     assert mission.vehicle.peak_m == 0.0
@@ -271,7 +272,7 @@ def test_with_a_deadline_it_leaves_a_sub_area_once_its_target_is_reported() -> N
     """
     mission = world(RADAR, TRUCK)
     assert mission.mission is not None
-    mission.mission = mission.mission.model_copy(update={"report_deadline_s": 80.0})
+    mission.mission = replace(mission.mission, report_deadline_s=80.0)
     mission.fly("naive")
     calm = world(RADAR, TRUCK).fly("naive")
     assert [decision.subject for decision in mission.decisions_to("move_on")] == ["alpha"]

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
-from bench.contracts import MissionOrder
+from agent_adapters.client.documents import MissionOrder
+from bench.values import value_class
 
 from ._paths import Place
 from ._routes import shortest_route
@@ -30,7 +31,7 @@ SIDES = 8
 TOUCH_M = 1e-6
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Block:
     """A convex polygon, counterclockwise, that no way may lead through. Its border may be flown along."""
 

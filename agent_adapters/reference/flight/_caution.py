@@ -6,9 +6,9 @@ Pure.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
-from bench.contracts import MissionOrder
+from agent_adapters.client.documents import MissionOrder
+from bench.values import value_class
 
 from ..perception._bystanders import may_be_bystander
 from ..perception._tracks import Tracks
@@ -30,7 +30,7 @@ LOITER_M = 15.0
 CREEP_MPS = 0.7
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Caution:
     """The rules about people on the ground that a careful policy keeps by what it knows."""
 

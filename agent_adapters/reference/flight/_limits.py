@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Self
 
-from bench.contracts import MissionOrder
+from agent_adapters.client.documents import MissionOrder
+from bench.values import value_class
 
 from ._caution import SLOW_SHARE, Caution
 
@@ -16,7 +16,7 @@ HEIGHT_RULE_MARGIN_M = 1.5
 SPEED_RULE_MARGIN_MPS = 0.7
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class MissionLimits:
     """Height above home, cruise speed, and the speed with which the time to fly somewhere is reckoned."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from bench.contracts import MissionOrder
+from agent_adapters.client.documents import MissionOrder
 
 from .._settings import Settings
 from .._watch import Watch

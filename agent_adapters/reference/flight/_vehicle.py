@@ -6,13 +6,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Protocol
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from agent_adapters.client import PX4, AutopilotKind, MavlinkFrame, Mode, kind_of
-from bench.simspec import Origin
+from agent_adapters.client.documents import Origin
+from bench.values import value_class
 
 from .._steps import Steps
 from ..perception._drift import DriftCheck
@@ -62,7 +62,7 @@ GPS = mavlink.MAV_SYS_STATUS_SENSOR_GPS
 READY = 0x10000000
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class PositionSetpoint:
     """Where to be, in the map frame and metres above home, where to look (clockwise from north), and how fast
     to go on.

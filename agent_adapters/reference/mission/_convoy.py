@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from bench.contracts import EscortDocument, MissionOrder, convoy_places_m
+from agent_adapters.client.documents import EscortDocument, MissionOrder
+from bench.contracts import convoy_places_m
 
 from ..flight._paths import Place
 

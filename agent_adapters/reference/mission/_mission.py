@@ -8,7 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from bench.contracts import ConsentAnswer, IntelligenceDocument, MissionOrder, OrderDocument
+from agent_adapters.client.documents import (
+    ConsentAnswer,
+    IntelligenceDocument,
+    MissionOrder,
+    OrderDocument,
+)
 
 from .._log import Log
 from .._orders import Ordered, Orders, Situation

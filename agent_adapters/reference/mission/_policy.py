@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Protocol
 
-from bench.contracts import MissionOrder
+from agent_adapters.client.documents import MissionOrder
+from bench.values import value_class
 
 from .._settings import PolicyName, Settings
 from ..perception._bystanders import may_be_bystander
@@ -39,7 +40,7 @@ UnseenShare = Callable[
 ]  # east, north, radius, since: see Perception.unseen_share
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Judgement:
     """What to do about an identified target.
 

@@ -5,13 +5,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.contracts import NO_DISTORTION, Lens
 from bench.streams import CameraInfo, Quaternion
+from bench.values import value_class
 
 from ._pose import VehiclePose
 
@@ -21,7 +21,7 @@ MAX_RANGE_M = 400.0
 _OPTICAL_IN_FORWARD = (-0.5, 0.5, -0.5, 0.5)
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class GroundCamera:
     """A camera on the vehicle: pixels to places on the ground, and places to pixels.
 

@@ -7,7 +7,7 @@ from bisect import bisect_left
 from collections import deque
 from collections.abc import Sequence
 
-from bench.simspec import Origin
+from agent_adapters.client.documents import Origin
 from bench.values import value_class
 
 # Samples: over six seconds at 10 Hz, because detections come late.
