@@ -71,6 +71,17 @@ def test_importing_the_client_costs_little_cpu() -> None:
     assert cpu_s <= MAX_CPU_S
 
 
+def test_the_reference_agent_starts_without_pydantic_and_yaml() -> None:
+    """Its process imports these two for nothing: the documents of the air network are plain values there."""
+    program = "import sys, agent_adapters.reference._agent; print(*sys.modules)"
+    loaded = subprocess.run(
+        [sys.executable, "-c", program], check=True, capture_output=True, text=True
+    ).stdout.split()
+
+    assert {"numpy", "agent_adapters.client.documents"} <= set(loaded)
+    assert {"pydantic", "pydantic_core", "yaml", "bench.documents"}.isdisjoint(loaded)
+
+
 def test_both_halves_of_the_protocol_agree() -> None:
     tick = contracts.Tick(number=3, time_ns=300_000_000, topics={"/clock": 4, "/ü": 2}, links={"onboard": 9})
     end = contracts.End(reason="the session is over")
