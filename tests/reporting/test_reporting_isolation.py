@@ -59,7 +59,7 @@ def test_the_head_names_rung_network_and_what_is_open(mixed: Path, page: tuple[P
     assert NAIVE in boxed
     assert 'class="bad"' not in boxed
     assert "confined by bwrap in 1 run, with a network of its own." in boxed
-    assert "confined by bwrap in 2 runs, on the host’s network, which leaves open: " in boxed
+    assert "confined by bwrap in 2 runs, on the host’s network. Walls that were missing: " in boxed
     assert Wall.UDP in boxed
     assert "Services from outside were let in, in 2 runs: llm (api.example.org:443), not counted; " in boxed
     assert "map (10.0.0.5:80), 2 connections, 1,007 bytes sent and 18 received. Nobody" in boxed
@@ -99,13 +99,13 @@ def test_open_walls_of_each_host_stand_beside_the_rung_the_worst_first(tmp_path:
     naive, aware = (confinement_note(data, agent) for agent in (NAIVE, AWARE))
     assert naive is not None
     assert aware is not None
-    network = "with a network of its own, which leaves"
+    network = "with a network of its own"
     gaps = f"{Wall.TCP}; later_wall; {Wall.DISK}"
     assert naive.text == (
-        f"It was confined by bwrap in 1 run, {network} open: {gaps}. "
-        f"It was confined by bwrap in 2 runs, {network} open: {Wall.HOST_NAME}."
+        f"It was confined by bwrap in 1 run, {network}. Walls that were missing: {gaps}. "
+        f"It was confined by bwrap in 2 runs, {network}. Walls that were missing: {Wall.HOST_NAME}."
     )
-    assert aware.text == f"It was confined by bwrap, {network} nothing open."
+    assert aware.text == f"It was confined by bwrap, {network}. No wall was missing."
     page, text = page_of(folder)
     assert naive.text in text
     head, *rows = page.tables["all-runs"]

@@ -86,9 +86,9 @@ def _sentence(way: _Way, where: str) -> str:
     network = {None: "", OWN_NETWORK: ", with a network of its own"}.get(
         way.network, ", on the host’s network"
     )
-    gaps = f", which leaves open: {'; '.join(way.gaps)}" if way.gaps else ""
-    nothing = ", which leaves nothing open" if way.recorded and not way.gaps else ""
-    return f"It was confined by {way.isolation}{where}{network}{gaps}{nothing}."
+    missing = f" Walls that were missing: {'; '.join(way.gaps)}." if way.gaps else ""
+    complete = " No wall was missing." if way.recorded and not way.gaps else ""
+    return f"It was confined by {way.isolation}{where}{network}.{missing}{complete}"
 
 
 def _open(isolation: str, network: str | None) -> tuple[str, ...]:
