@@ -50,7 +50,9 @@ if TYPE_CHECKING:
     from decompositions import Decomposition
 
 Finish = Callable[[CampaignFolder], object]
-"""Writes scores and report of a campaign that has all its results. `manifest.json` is written after it."""
+"""Writes scores and report of a campaign that has all its results. `manifest.json` is written after it, unless it returns
+True: then it has written the manifest itself, at its end.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,17 +189,17 @@ async def run_campaign(
             # Sessions that were killed with the executor are planned again.
             journal.release()
         if dispatcher.done == dispatcher.total:
-            if finish is not None:
-                finish(paths)
-            write_manifest(
-                paths,
-                campaign.name,
-                decomposition.digest,
-                _outcome_counts(journal),
-                versions(),
-                _completeness(journal),
-                campaign.pace,
-            )
+            sealed = finish is not None and finish(paths) is True
+            if not sealed:
+                write_manifest(
+                    paths,
+                    campaign.name,
+                    decomposition.digest,
+                    _outcome_counts(journal),
+                    versions(),
+                    _completeness(journal),
+                    campaign.pace,
+                )
         events.close()
         return CampaignSummary(
             folder=folder,

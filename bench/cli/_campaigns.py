@@ -235,11 +235,14 @@ def merge(
 
     Example: rebar merge out/paper-1-of-2 out/paper-2-of-2 --out out/paper
     """
-    from bench.campaign import finish_campaign, load_campaign, merge_shards
+    from bench.campaign import load_campaign, merge_shards
 
-    finished: list[FinishedCampaign] = []
-    summary = merge_shards(shards, out, lambda paths: finished.append(finish_campaign(paths.path)))
-    (scores,) = finished
+    from ._campaign_end import CampaignEnd
+
+    end = CampaignEnd()
+    summary = merge_shards(shards, out, end.finish)
+    scores = end.finished
+    assert scores is not None  # shards that are incomplete are refused
     print_missing(scores.completeness, out)
     _show_scores(load_campaign(out / "campaign.yaml"), out, summary, scores, ())
     if not scores.completeness.complete:
@@ -327,6 +330,7 @@ def _run(
         with_floor,
     )
 
+    from ._campaign_end import CampaignEnd
     from ._progress import open_progress
     from ._scores import campaign_report
 
@@ -343,7 +347,7 @@ def _run(
         raise SetupError([*error.faults, *_takeoff_faults(campaign)]) from None
     informed = () if as_json else _given_the_truth(campaign)
     folder = out or Path("out") / (campaign.name + (f"-{shard.replace('/', '-of-')}" if shard else ""))
-    finished: list[FinishedCampaign] = []
+    end = CampaignEnd()
     with (
         open_laboratory(laboratory or LaboratoryOptions(), campaign.name) as bus,
         open_progress(campaign.name, quiet=as_json) as progress,
@@ -355,29 +359,34 @@ def _run(
                 folder,
                 decomposition,
                 workers=workers,
-                observers=[progress, *([bus.notify] if bus else []), *([event_lines] if event_lines else [])],
+                observers=[
+                    progress,
+                    end.observe,
+                    *([bus.notify] if bus else []),
+                    *([event_lines] if event_lines else []),
+                ],
                 rerun=parse_rerun_outcomes(again),
                 accept=parse_accepted_outcomes(accept),
-                finish=lambda paths: finished.append(_finish_flown(paths.path)),
+                finish=end.finish,
                 open_executor=open_executor or executor_named("local", None),
                 gate=gate_of(bus),
             )
         finally:
             tell_end(
                 bus,
-                finished[0].completeness if finished else None,
-                campaign_report(folder).model_dump_json(exclude_none=True) if bus and finished else None,
+                end.finished.completeness if end.finished else None,
+                campaign_report(folder).model_dump_json(exclude_none=True) if bus and end.finished else None,
             )
     if summary.events_dropped:
         print(f"WARNING: {summary.events_dropped} events were not shown or sent in time", file=sys.stderr)
-    if not finished:
+    scores = end.finished
+    if scores is None:
         print(
             f"INCOMPLETE: {summary.done} of {summary.total} realizations have a result ({summary.stopped}). "
             "Run the same command again to resume."
         )
         # As for an interrupted command: the campaign stopped early, by a signal or by its budget.
         raise typer.Exit(130)
-    (scores,) = finished
     print_missing(scores.completeness, folder, as_json=as_json)
     print_rewritten(scores.rewritten)
     if as_json:
@@ -423,13 +432,6 @@ def _show_scores(
     print(f"report: {scores.report}")
     print(f"manifest SHA-256: {digest_of(CampaignFolder(folder).manifest)}")
     print("publish it, and check it with: rebar verify --digest")
-
-
-def _finish_flown(folder: Path) -> FinishedCampaign:
-    # Imported when all have flown: statistics and report take longer to load than the first session to start.
-    from bench.campaign import finish_campaign
-
-    return finish_campaign(folder)
 
 
 def _adjusted(

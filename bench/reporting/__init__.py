@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from ._campaign_data import ReportData as ReportData
 from ._campaign_folder import load_report_data as load_report_data
+from ._page import load_page_parts as load_page_parts
 from ._page import render_report as render_report
 from ._page import write_report as write_report
 from ._terminal import score_lines as score_lines

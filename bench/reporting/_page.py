@@ -32,7 +32,7 @@ from ._page_sections import (
 from ._simspec_files import situations_of
 from .figures._configuration import MIN_VIOLIN_SCORES, MIN_VIOLIN_SPREAD
 from .figures._factor_effects import factor_effects_figure
-from .figures._style import agent_styles
+from .figures._style import agent_styles, empty_figure
 from .map._run_choice import choose_runs
 from .map._run_map import RunMap, build_run_map
 from .pictures._worst_pictures import MAX_PICTURES, PICTURE_KEY, WorstPicture, worst_pictures
@@ -67,6 +67,13 @@ def _is_shown(name: str) -> bool:
     # The page cannot contain its own digest, nor that of the manifest which lists it; and digests of logs and journal
     # would make the pages of two equal campaigns differ.
     return "report.html" not in name and not name.startswith(("self_sha256", "host_files"))
+
+
+def load_page_parts() -> None:
+    """Load what every page needs: the figure library and the templates. Doing it again does nothing."""
+    # Plotly imports its figures, 0.3 s of a CPU, when the first one is made.
+    empty_figure(height=100, margin={})
+    _environment().get_template("report.html.j2")
 
 
 def write_report(folder: Path, *, runs_on_map: int = 6) -> Path:

@@ -294,6 +294,18 @@ def test_finish_comes_before_the_manifest(tmp_path: Path) -> None:
     assert "scores.parquet" in json.loads((tmp_path / "manifest.json").read_text())["files"]
 
 
+def test_finish_that_writes_the_manifest(tmp_path: Path) -> None:
+    """A manifest that `finish` has written stays: reading every recording again would give the same one."""
+
+    def finish(folder: CampaignFolder) -> bool:
+        folder.manifest.write_text("{}")
+        return True
+
+    fly(tmp_path, finish=finish)
+
+    assert (tmp_path / "manifest.json").read_text() == "{}"
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_asked_to_stop(tmp_path: Path, number: signal.Signals) -> None:
     """Ctrl-C and SIGTERM kill what runs, agents included, and leave a folder that can be resumed."""

@@ -15,7 +15,7 @@ import polars as pl
 from bench.contracts import Outcome, SessionResult
 from bench.documents import dump_yaml, load_document, load_json_document
 from bench.errors import Fault, SetupError
-from bench.reporting import write_report
+from bench.reporting import load_page_parts, write_report
 from bench.scoring import (
     Difficulty,
     NodeFloor,
@@ -39,13 +39,14 @@ from ..storage._completeness import Completeness
 from ..storage._dropped import dropped_recording
 from ..storage._elsewhere import drop_again, recordings_elsewhere
 from ..storage._evidence_check import changed_tables, check_evidence
-from ..storage._files import write_whole
+from ..storage._files import FileDigests, write_whole
 from ..storage._folder import RECORDING, CampaignFolder, open_lock
 from ..storage._inputs import write_input
 from ..storage._journal import JournalEntry, open_journal
 from ..storage._manifest import write_manifest
 from ..storage._results import write_result
 from ._campaign_results import CampaignResults
+from ._heap import frozen_heap
 from ._measures import load_measurable_decomposition
 from ._rescore import pack_rescored, recording_faults, rescore, unpack_rescored
 
@@ -74,7 +75,7 @@ class FinishedCampaign:
 
 
 def finish_campaign(path: Path, other_decomposition: str | None = None) -> FinishedCampaign:
-    """Write scores.parquet, manifest.json and report.html from the results in a campaign folder.
+    """Write scores.parquet, report.html and then manifest.json from the results in a campaign folder.
 
     A realization without a result has no row. Raises SetupError if the folder is not a campaign, if another
     process is writing in it, and if something in it was changed since it was written.
@@ -85,7 +86,9 @@ def finish_campaign(path: Path, other_decomposition: str | None = None) -> Finis
             with open_journal(paths.journal) as journal:
                 check_evidence(paths, journal)
         # Else the runner of this process checked the folder before it flew.
-        return _finish_campaign(path, other_decomposition)
+        load_page_parts()
+        with frozen_heap():
+            return _finish_campaign(path, other_decomposition)
 
 
 def _finish_campaign(path: Path, other_decomposition: str | None) -> FinishedCampaign:
@@ -107,6 +110,7 @@ def _finish_campaign(path: Path, other_decomposition: str | None) -> FinishedCam
     summary = summary_frame(read_score_table(scores), decomposition)
     floors = node_floors(read_score_table(floor_scores), campaign.oracle_label)
     del tested, floor, scores, floor_scores
+    digests = FileDigests()
 
     def seal() -> None:
         write_manifest(
@@ -117,6 +121,7 @@ def _finish_campaign(path: Path, other_decomposition: str | None) -> FinishedCam
             versions(),
             results.completeness,
             campaign.pace,
+            digests,
         )
 
     # Twice: the report shows the manifest, and the manifest holds the digest of the report, which the report

@@ -5,7 +5,8 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import os
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -67,3 +68,35 @@ def digest_of(path: Path) -> str:
     """SHA-256 of a file, in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+MIN_KEPT_BYTES = 65536
+"""Digests of smaller files are not kept: reading them again costs little, and a large campaign has four for each run."""
+SETTLED_NS = 2_000_000_000
+"""A file may change twice within one tick of its file system's clock, which is 2 s at most (FAT)."""
+
+
+class FileDigests:
+    """SHA-256 of files: a large one that is as it was when it was last asked for is not read again.
+
+    Inode, size and times tell that it is; the time of the last change is the kernel's, and no program can set it.
+    """
+
+    def __init__(self, read: Callable[[Path], str] = digest_of, settled_ns: int = SETTLED_NS) -> None:
+        """`read` gives the digest of a file. A file that changed within the last `settled_ns` is read again."""
+        self._read, self._settled_ns = read, settled_ns
+        self._kept: dict[str, tuple[int, bytes]] = {}
+
+    def of(self, path: Path) -> str:
+        """SHA-256 of a file, in hexadecimal."""
+        name, status = os.fspath(path), path.stat()
+        state = hash((status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns))
+        known = self._kept.get(name)
+        if known is not None and known[0] == state:
+            return known[1].hex()
+        # Before the file is read: a change that comes meanwhile is one that the times show.
+        settled = time.time_ns() - status.st_ctime_ns > self._settled_ns
+        digest = self._read(path)
+        if settled and status.st_size >= MIN_KEPT_BYTES:
+            self._kept[name] = state, bytes.fromhex(digest)
+        return digest

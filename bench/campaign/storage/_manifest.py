@@ -15,7 +15,7 @@ from bench.errors import Fault, SetupError
 
 from ._completeness import Completeness
 from ._evidence import EvidenceLog
-from ._files import digest_of, is_half_written, write_whole
+from ._files import FileDigests, digest_of, is_half_written, write_whole
 from ._folder import EVIDENCE, LOCK, SIGNATURE, CampaignFolder
 from ._journal import settled_journal_sha256
 from ._pause import PAUSE, RETRY
@@ -91,14 +91,16 @@ def write_manifest(
     versions: Mapping[str, str],
     completeness: Completeness,
     pace: str | None,
+    known: FileDigests | None = None,
 ) -> None:
     """Write `manifest.json` over everything that is in the folder now.
 
-    Write nothing else afterwards, and nothing to the journal.
+    Write nothing else afterwards, and nothing to the journal. `known` spares a second manifest what the first one read.
     """
     journal_sha256 = settled_journal_sha256(folder.journal)
     names = [name for name in _listed_files(folder.path) if name != JOURNAL]
-    digests = {name: digest_of(folder.path / name) for name in names}
+    known = known or FileDigests()
+    digests = {name: known.of(folder.path / name) for name in names}
     evidence = EvidenceLog(folder.evidence)
     manifest = Manifest(
         campaign=campaign,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import polars as pl
 
@@ -25,7 +25,8 @@ def choose_runs(data: ReportData, count: int) -> tuple[Run, ...]:
     # Where no scene has every agent, the scenes with most of them.
     flown_by = max((len(agents) for agents in scenes.values()), default=0)
     full = {scene: agents for scene, agents in scenes.items() if len(agents) == flown_by}
-    ordered = sorted(full, key=lambda scene: (*_interest(data, list(full[scene].values())), scene))
+    confidences = _studied_confidences(data)
+    ordered = sorted(full, key=lambda scene: (*_interest(confidences, full[scene].values()), scene))
     scenes_by_configuration: dict[str | None, int] = {}
     rounds = []
     for scene in ordered:
@@ -41,15 +42,26 @@ def choose_runs(data: ReportData, count: int) -> tuple[Run, ...]:
     )
 
 
-def _interest(data: ReportData, runs: Sequence[Run]) -> tuple[bool, float, float]:
+def _studied_confidences(data: ReportData) -> dict[str, list[tuple[str, float]]]:
+    """Studied nodes and their confidences, by realization."""
+    rows = data.scores.filter(pl.col("node").is_in(data.study)).drop_nulls("confidence")
+    confidences: dict[str, list[tuple[str, float]]] = {}
+    for realization, node, confidence in rows.select("realization", "node", "confidence").iter_rows():
+        confidences.setdefault(realization, []).append((node, confidence))
+    return confidences
+
+
+def _interest(
+    confidences: Mapping[str, Sequence[tuple[str, float]]], runs: Collection[Run]
+) -> tuple[bool, float, float]:
     """Sorts first: all completed, one key attribute on which they differ widely, and otherwise alike."""
-    rows = data.scores.filter(
-        pl.col("realization").is_in([run.realization for run in runs]), pl.col("node").is_in(data.study)
-    )
-    spreads = []
-    for _, node in rows.drop_nulls("confidence").group_by("node"):
-        values = node["confidence"].to_list()
-        spreads.append((max(values) - min(values)) if len(runs) > 1 else 1.0 - min(values))
+    by_node: dict[str, list[float]] = {}
+    for run in runs:
+        for node, confidence in confidences.get(run.realization, ()):
+            by_node.setdefault(node, []).append(confidence)
+    spreads = [
+        (max(values) - min(values)) if len(runs) > 1 else 1.0 - min(values) for values in by_node.values()
+    ]
     # One wide difference on a scene that is otherwise alike shows its cause; many differences at once do not.
     widest = max(spreads, default=0.0)
     incomplete = any(run.outcome is not Outcome.COMPLETED for run in runs)
