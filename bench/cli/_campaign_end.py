@@ -33,19 +33,19 @@ class CampaignEnd:
         self.finished: FinishedCampaign | None = None
         self._cores = cores or len(os.sched_getaffinity(0))
         self._load_parts = load or _load_parts
-        self._left: int | None = None
+        self._remaining: int | None = None
         # A thread may get half of a module that another one is importing, where modules import each other.
         self._loading = Lock()
 
     def observe(self, event: CampaignEvent) -> None:
         """An observer of the campaign. It may take a second: each observer has a thread of its own."""
         if isinstance(event, CampaignPlanned | MissingRunsRetried | RealizationFinished):
-            self._left = event.total - event.done
+            self._remaining = event.total - event.done
         # Not when the campaign is planned: until a session starts, the runner imports as well.
         if (
             isinstance(event, RealizationStarted | RealizationFinished)
-            and self._left
-            and self._left < self._cores
+            and self._remaining
+            and self._remaining < self._cores
         ):
             self._load()
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import gc
 from pathlib import Path
 
+import pytest
+
 from bench.campaign.results._heap import frozen_heap
 from bench.campaign.storage._files import MIN_KEPT_BYTES, FileDigests, digest_of, write_whole
 
@@ -51,9 +53,12 @@ def test_a_file_that_has_just_changed_is_read_again(tmp_path: Path) -> None:
 
 def test_frozen_heap_thaws() -> None:
     """The outermost block alone freezes and thaws, also when it is left by an error."""
-    try:
-        with frozen_heap(), frozen_heap():
+    with frozen_heap():
+        with frozen_heap():
             assert gc.get_freeze_count() > 0
-            raise ValueError
-    except ValueError:
-        assert gc.get_freeze_count() == 0
+        assert gc.get_freeze_count() > 0
+    assert gc.get_freeze_count() == 0
+
+    with pytest.raises(ValueError, match="while frozen"), frozen_heap():
+        raise ValueError("while frozen")
+    assert gc.get_freeze_count() == 0

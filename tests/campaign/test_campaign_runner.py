@@ -294,16 +294,17 @@ def test_finish_comes_before_the_manifest(tmp_path: Path) -> None:
     assert "scores.parquet" in json.loads((tmp_path / "manifest.json").read_text())["files"]
 
 
-def test_finish_that_writes_the_manifest(tmp_path: Path) -> None:
-    """A manifest that `finish` has written stays: reading every recording again would give the same one."""
+@pytest.mark.parametrize("sealed", [True, None, False])
+def test_finish_that_writes_the_manifest(tmp_path: Path, sealed: bool | None) -> None:
+    """Where `finish` returns True, its manifest stays; any other is written over."""
 
-    def finish(folder: CampaignFolder) -> bool:
+    def finish(folder: CampaignFolder) -> bool | None:
         folder.manifest.write_text("{}")
-        return True
+        return sealed
 
     fly(tmp_path, finish=finish)
 
-    assert (tmp_path / "manifest.json").read_text() == "{}"
+    assert ((tmp_path / "manifest.json").read_text() == "{}") is (sealed is True)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

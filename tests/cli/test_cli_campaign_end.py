@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bench.campaign import CampaignEvent, CampaignPlanned, RealizationFinished, RealizationStarted
+from bench.campaign import CampaignPlanned, RealizationFinished, RealizationStarted
 from bench.cli._campaign_end import CampaignEnd
 from bench.contracts import Outcome
 
@@ -23,16 +23,14 @@ def finished(done: int, total: int) -> RealizationFinished:
 )
 def test_loading_begins_when_a_core_is_free(cores: int, done: int, loads: list[int]) -> None:
     """With 4 sessions, `done` of them earlier: after which of its sessions the campaign has loaded."""
-    seen: list[int] = []
-    at = 0
-    end = CampaignEnd(cores, lambda: seen.append(at))
-    planned: list[CampaignEvent] = [CampaignPlanned(4, done)]
-    for event in planned:
-        end.observe(event)
-    assert not seen
+    loaded_after: list[int] = []
+    number = 0
+    end = CampaignEnd(cores, lambda: loaded_after.append(number))
+    end.observe(CampaignPlanned(4, done))
+    assert not loaded_after
     if done < 4:
         end.observe(started("first"))
-    for at in range(1, 4 - done + 1):
-        end.observe(finished(done + at, 4))
+    for number in range(1, 4 - done + 1):
+        end.observe(finished(done + number, 4))
 
-    assert seen == loads
+    assert loaded_after == loads
