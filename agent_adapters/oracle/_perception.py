@@ -14,6 +14,7 @@ import numpy as np
 from bench.simspec import TARGET_ROLES
 from bench.streams import Detection2DArray
 
+from ..reference.perception._camera import View
 from ..reference.perception._perception import USEFUL_M, ObjectPerception
 from ..reference.perception._pose import PoseHistory
 from ..reference.perception._tracks import PEOPLE, TENTATIVE_FRAMES, Track, Tracks
@@ -108,7 +109,7 @@ class TruthPerception(ObjectPerception):
             self.unplaced += 1
             return False
         self.frames += 1
-        self._views.append((time_s, pose.east_m, pose.north_m, pose.height_m, pose.yaw_rad))
+        self._views.append(View(time_s, pose.east_m, pose.north_m, pose.height_m, pose.yaw_rad))
         places = self._truth.places_m(time_s)
         # People alone: the middle of a tree or a house is higher, which would look like an error of metres.
         middles = [
@@ -120,7 +121,7 @@ class TruthPerception(ObjectPerception):
         seen = np.array([point for point in points if point is not None], dtype=np.float64).reshape(-1, 2)
         self.own_error.take(time_s, seen, places[self._people])
         # A margin, by asking of places a little farther from and a little nearer to the axis of the camera.
-        row = np.array([self._views[-1][1:]])
+        row = np.array(((pose.east_m, pose.north_m, pose.height_m, pose.yaw_rad),))
         shown = camera.in_view(places, row)[0]
         for factor in (1.0 - _EDGE, 1.0 + _EDGE):
             scaled = row[0, :2] + (places - row[0, :2]) * factor

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from agent_adapters.client import AgentEnvironment, Moment, Wanted, open_bench
@@ -38,6 +39,9 @@ def run(environment: AgentEnvironment, policy: PolicyName, eyes: Eyes = "detecti
     settings = Settings.of(environment.options, policy)
     name = f"reference-{'pictures' if eyes == 'pictures' else policy.replace('_', '-')}"
     detector = _open_shipped_detector() if eyes == "pictures" else None
+    if policy == "bystander_aware":
+        # It asks for many places in many views: NumPy is imported before the flight, not in the middle of it.
+        import_module("numpy")
     topics = wanted(environment, settings.camera, eyes)
     with open_bench(name.replace("-", "_"), environment, topics) as bench:
         vehicle = environment.vehicle

@@ -151,7 +151,9 @@ class PilotedVehicle:
         self.now_s = now_s
         for frame in frames:
             if frame.message_id in READ:
-                self._read(frame)
+                # The global position matters on the ground alone (see `_hear_global`), and decoding costs the most.
+                if not (self.armed and frame.message_id == mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT):
+                    self._read(frame)
                 if self.heard_s >= 0.0:
                     self.heard_s = now_s
             elif frame.message_id not in UNSTREAMED:

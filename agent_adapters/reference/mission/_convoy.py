@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from agent_adapters.client.documents import EscortDocument, MissionOrder
+from agent_adapters.client.documents import EscortDocument
 from bench.contracts import convoy_places_m
 
 from ..flight._paths import Place
@@ -33,11 +33,6 @@ class Convoy:
         route = np.array([(point.east_m, point.north_m) for point in escort.route])
         # Whoever starts nearest to its first point of the route drives at the head.
         self._head = int(np.linalg.norm(starts[:, None] - route, axis=2).min(axis=1).argmin())
-
-    @classmethod
-    def of(cls, order: MissionOrder) -> Convoy | None:
-        """The convoy of a mission; None without an escort."""
-        return None if order.escort is None else cls(order.escort, order.time_limit_s)
 
     def moves_until(self, now_s: float) -> bool:
         """Whether it is still to move after `now_s`."""

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from agent_adapters.client.documents import IntelligenceDocument, MissionOrder
 
 from ..flight._descent import DESCENT_MPS, landing_s
 from ..flight._paths import Place
-from ._convoy import Convoy
+
+if TYPE_CHECKING:
+    from ._convoy import Convoy
 
 # What slowing down and turning costs at the end of a leg, on the safe side. Chosen, not measured.
 TURN_S = 3.0
@@ -22,6 +24,16 @@ ACCELERATION_MPS2 = 3.0
 # How long intelligence about what was seen during the flight stays good: a vehicle that stands still now will not stand
 # there for long. Chosen, not measured.
 FRESH_S = 120.0
+
+
+def _convoy_of(order: MissionOrder) -> Convoy | None:
+    """The convoy of a mission; None without an escort, whose agent does without NumPy."""
+    if order.escort is None:
+        return None
+    from ._convoy import Convoy
+
+    return Convoy(order.escort, order.time_limit_s)
+
 
 State = Literal[
     "waiting", "active", "found", "reported", "not_found", "skipped"
@@ -89,7 +101,7 @@ class Planner:
     ) -> None:
         """`sinks_on_the_way`: whether it comes down while it flies home from a place, and not only over home."""
         self.tasks: dict[str, SearchTask] = {}
-        self.convoy = Convoy.of(order)
+        self.convoy = _convoy_of(order)
         self._home = (order.home.east_m, order.home.north_m)
         self._limit_s = order.time_limit_s
         self._returns = order.return_home

@@ -5,20 +5,64 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
-from bench.contracts import NO_DISTORTION, Lens
 from bench.streams import CameraInfo, Quaternion
 from bench.values import value_class
 
 from ._pose import VehiclePose
 
+if TYPE_CHECKING:
+    from bench.arrays import Bools, Floats
+    from bench.contracts import Lens
+
+# NumPy is imported in the functions that need it: it is a third of what an agent would import, and one that flies over
+# plain ground with an undistorted lens does without it.
+
+# k1, k2, p1, p2, k3 of a lens that bends nothing.
+_STRAIGHT = (0.0, 0.0, 0.0, 0.0, 0.0)
+
 # Beyond this, flat ground and the pose are not to be trusted for placing anything. Chosen, not measured.
 MAX_RANGE_M = 400.0
+# Keeps divisions finite.
+_MIN_DEPTH_M = 1e-6
 # x, y, z, w: an optical frame that looks straight ahead.
 _OPTICAL_IN_FORWARD = (-0.5, 0.5, -0.5, 0.5)
+
+
+@value_class(frozen=True, slots=True)
+class View:
+    """Where and when a frame was exposed, as far as it matters for what the frame shows of the ground."""
+
+    time_s: float
+    east_m: float
+    north_m: float
+    height_m: float
+    yaw_rad: float
+
+
+@value_class(frozen=True, slots=True)
+class CameraLens:
+    """Size of the picture, focal lengths, principal point and distortion, as camera_info states them."""
+
+    width_px: int
+    height_px: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float, float]
+
+    @property
+    def bends(self) -> bool:
+        """Whether the lens distorts the picture."""
+        return self.distortion != _STRAIGHT
+
+    def model(self) -> Lens:
+        """The same lens for arrays of rays and pixels."""
+        from bench.contracts import Lens  # imports NumPy
+
+        return Lens("", self.width_px, self.height_px, self.fx, self.fy, self.cx, self.cy, self.distortion)
 
 
 @value_class(frozen=True, slots=True)
@@ -29,7 +73,7 @@ class GroundCamera:
     z up), row by row. A `level` mount keeps roll and pitch out of the view, so that only yaw turns it.
     """
 
-    lens: Lens
+    lens: CameraLens
     axes: tuple[tuple[float, float, float], ...]
     level: bool
 
@@ -39,8 +83,8 @@ class GroundCamera:
         axes = _matrix(mount.x, mount.y, mount.z, mount.w)
         fx, fy, cx, cy = info.k[0], info.k[4], info.k[2], info.k[5]
         # Another model than plumb_bob has other numbers of coefficients, and is taken for a lens without distortion.
-        k1, k2, p1, p2, k3 = info.d if len(info.d) == len(NO_DISTORTION) else NO_DISTORTION
-        lens = Lens("", info.width, info.height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
+        k1, k2, p1, p2, k3 = info.d if len(info.d) == len(_STRAIGHT) else _STRAIGHT
+        lens = CameraLens(info.width, info.height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
         return GroundCamera(lens, axes, level)
 
     def ground_point(
@@ -51,8 +95,10 @@ class GroundCamera:
         """
         lens = self.lens
         ray = ((u_px - lens.cx) / lens.fx, (v_px - lens.cy) / lens.fy, 1.0)
-        if lens.distortion != NO_DISTORTION:
-            x, y = lens.undistort(np.array(ray[:2])).tolist()
+        if lens.bends:
+            import numpy as np
+
+            x, y = lens.model().undistort(np.array(ray[:2])).tolist()
             # Beyond the picture the distortion may have no inverse: nothing is known of what is there.
             if math.isnan(x):
                 return None
@@ -71,8 +117,10 @@ class GroundCamera:
         north_m = pose.north_m + scale * (forward * cosine + leftward * sine)
         return east_m, north_m
 
-    def axes_enu(self, pose: VehiclePose) -> NDArray[np.float64]:
+    def axes_enu(self, pose: VehiclePose) -> Floats:
         """(3, 3) rows: what is right, down and forward in the image, in east, north and up."""
+        import numpy as np
+
         sine, cosine = math.sin(pose.yaw_rad), math.cos(pose.yaw_rad)
         rows = []
         for axis in zip(*self.axes, strict=True):
@@ -80,12 +128,37 @@ class GroundCamera:
             rows.append((forward * sine - leftward * cosine, forward * cosine + leftward * sine, up))
         return np.array(rows)
 
-    def in_view(self, places_enu_m: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def shows(self, east_m: float, north_m: float, view: View) -> bool:
+        """Whether a place on the ground lies in the image of a view: `in_view` for one place and one pose."""
+        if self.lens.bends:
+            import numpy as np
+
+            row = np.array(((view.east_m, view.north_m, view.height_m, view.yaw_rad),))
+            return bool(self.in_view(np.array(((east_m, north_m),)), row)[0, 0])
+        east_m, north_m = east_m - view.east_m, north_m - view.north_m
+        sine, cosine = math.sin(view.yaw_rad), math.cos(view.yaw_rad)
+        forward = east_m * sine + north_m * cosine
+        leftward = north_m * sine - east_m * cosine
+        ahead_axis, left_axis, up_axis = self.axes
+        depth = ahead_axis[2] * forward + left_axis[2] * leftward - up_axis[2] * view.height_m
+        if depth <= 0.0:
+            return False
+        depth = max(depth, _MIN_DEPTH_M)
+        lens = self.lens
+        right = ahead_axis[0] * forward + left_axis[0] * leftward - up_axis[0] * view.height_m
+        if not 0.0 <= right / depth * lens.fx + lens.cx < lens.width_px:
+            return False
+        down = ahead_axis[1] * forward + left_axis[1] * leftward - up_axis[1] * view.height_m
+        return 0.0 <= down / depth * lens.fy + lens.cy < lens.height_px
+
+    def in_view(self, places_enu_m: Floats, poses: Floats) -> Bools:
         """(m, n): whether each of n places on the ground (n, 2) lies in the image taken at each of m poses.
 
         A pose is a row of east, north, height, yaw; roll and pitch are left out, as a level mount does, which
         is good enough for judging what has been looked at.
         """
+        import numpy as np
+
         offset = places_enu_m[None, :, :] - poses[:, None, :2]
         sine, cosine = np.sin(poses[:, 3])[:, None], np.cos(poses[:, 3])[:, None]
         forward = offset[:, :, 0] * sine + offset[:, :, 1] * cosine
@@ -94,13 +167,11 @@ class GroundCamera:
         a = self.axes
         x, y, z = (a[0][i] * forward + a[1][i] * leftward + a[2][i] * up for i in range(3))
         # Places behind the camera are masked below; the floor only keeps their division finite.
-        depth = np.maximum(z, 1e-6)
+        depth = np.maximum(z, _MIN_DEPTH_M)
         lens = self.lens
-        pixels = lens.pixels(np.stack((x / depth, y / depth), axis=-1))
+        pixels = lens.model().pixels(np.stack((x / depth, y / depth), axis=-1))
         u, v = pixels[..., 0], pixels[..., 1]
-        inside: NDArray[np.bool_] = (
-            (z > 0.0) & (u >= 0) & (u < lens.width_px) & (v >= 0) & (v < lens.height_px)
-        )
+        inside: Bools = (z > 0.0) & (u >= 0) & (u < lens.width_px) & (v >= 0) & (v < lens.height_px)
         return inside
 
     def ahead_m(self, height_m: float) -> tuple[float, float, float]:

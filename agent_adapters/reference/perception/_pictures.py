@@ -55,7 +55,7 @@ class PictureDetections:
             return None
         self._last = exposed
         if self._tracker is None:
-            self._tracker = KalmanTracker(camera.lens.fx, lens=camera.lens)
+            self._tracker = KalmanTracker(camera.lens.fx, lens=camera.lens.model())
         named = self._tracker.name(self._detector.detect(bgr), exposed, self._warp(camera, exposed))
         return _message(image.header, named)
 
