@@ -71,15 +71,15 @@ def test_importing_the_client_costs_little_cpu() -> None:
     assert cpu_s <= MAX_CPU_S
 
 
-def test_the_reference_agent_starts_without_pydantic_and_yaml() -> None:
-    """Its process imports these two for nothing: the documents of the air network are plain values there."""
+def test_the_reference_agent_starts_without_what_a_plain_flight_does_not_need() -> None:
+    """Its documents are plain values, and a lens that bends nothing is asked without arrays."""
     program = "import sys, agent_adapters.reference._agent; print(*sys.modules)"
     loaded = subprocess.run(
         [sys.executable, "-c", program], check=True, capture_output=True, text=True
     ).stdout.split()
 
-    assert {"numpy", "agent_adapters.client.documents"} <= set(loaded)
-    assert {"pydantic", "pydantic_core", "yaml", "bench.documents"}.isdisjoint(loaded)
+    assert {"agent_adapters.reference.perception._camera", "agent_adapters.client.documents"} <= set(loaded)
+    assert {"numpy", "pydantic", "pydantic_core", "yaml", "bench.documents"}.isdisjoint(loaded)
 
 
 def test_both_halves_of_the_protocol_agree() -> None:

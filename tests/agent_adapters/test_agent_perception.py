@@ -25,6 +25,8 @@ from agent_fakes import (
 )
 
 from agent_adapters.reference import GroundCamera, VehiclePose
+from agent_adapters.reference.perception import _perception
+from agent_adapters.reference.perception._camera import View
 from agent_adapters.reference.perception._perception import ObjectPerception
 from agent_adapters.reference.perception._pose import PoseHistory, east_north_of, wrapped
 from agent_adapters.reference.perception._quality import DetectionQuality
@@ -126,6 +128,24 @@ def test_a_distorting_lens_is_taken_into_account() -> None:
     for place, (u_px, v_px) in zip(places[inside], pixels[inside].tolist(), strict=True):
         assert bent.ground_point(u_px, v_px, pose()) == pytest.approx(tuple(place), abs=1e-2)
     assert bent.in_view(places, np.array(((0.0, 0.0, 60.0, 0.0),)))[0].tolist() == inside.tolist()
+
+
+@pytest.mark.parametrize("d", [(0.0,) * 5, (-0.22, 0.06, 0.0012, -0.0009, -0.004)])
+@pytest.mark.parametrize("level", [True, False])
+def test_one_place_is_judged_as_many_are(d: tuple[float, ...], level: bool) -> None:
+    """Random places and views: some are in the picture, some beside it, some behind the camera."""
+    rng = np.random.default_rng(17)
+    eye = GroundCamera.of(replace(camera_info(), d=d), mount_quaternion(), level=level)
+    places = rng.uniform(-150.0, 150.0, (60, 2))
+    poses = np.column_stack(
+        (rng.uniform(-80.0, 80.0, (40, 2)), rng.uniform(1.0, 120.0, 40), rng.uniform(-7.0, 7.0, 40))
+    )
+    views = [View(0.0, *row) for row in poses.tolist()]
+
+    shown = [[eye.shows(*place, view) for place in places.tolist()] for view in views]
+
+    assert 100 < np.sum(shown) < len(places) * len(views) / 2
+    assert shown == eye.in_view(places, poses).tolist()
 
 
 def test_pose_between_samples() -> None:
@@ -244,6 +264,34 @@ def test_what_was_looked_at_is_known() -> None:
     assert perception.unseen_share(0.0, -40.0, 15.0, 0.0) == 1.0
     assert 0.2 < perception.unseen_share(0.0, 35.0, 56.0, 0.0) < 0.8
     assert perception.unseen_share(0.0, 35.0, 15.0, 10.0) == 1.0
+
+
+def test_few_places_are_judged_as_many_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The share of a disc does not depend on whether its places are judged one by one or as arrays."""
+    rng = np.random.default_rng(5)
+    perception = perception_over(*rng.uniform(-60.0, 60.0, (6, 2)).tolist())
+    discs = [
+        (*place, radius_m) for place in rng.uniform(-90.0, 90.0, (20, 2)) for radius_m in (8.0, 13.0, 40.0)
+    ]
+    shares = []
+    for few in (10**9, 0):
+        monkeypatch.setattr(_perception, "FEW_PAIRS", few)
+        shares.append([perception.unseen_share(*disc, since_s=1.3) for disc in discs])
+
+    assert shares[0] == shares[1]
+    assert len(set(shares[0])) > 10
+
+
+def test_a_disc_is_checked_on_a_grid_of_8_m() -> None:
+    """By hand: from -radius in steps of 8 m; the corners are beyond the radius."""
+    assert len(_perception._disc(12.0)) == 4
+    assert set(_perception._disc(13.0)) == {
+        (east, north)
+        for east in (-13.0, -5.0, 3.0, 11.0)
+        for north in (-13.0, -5.0, 3.0, 11.0)
+        if math.hypot(east, north) <= 13.0
+    }
+    assert _perception._disc(8.0) == [(0.0, -8.0), (-8.0, 0.0), (0.0, 0.0), (8.0, 0.0), (0.0, 8.0)]
 
 
 def test_people_who_are_no_longer_there_are_forgotten() -> None:
