@@ -19,8 +19,8 @@ DISC_STEP_M = 8.0
 # A place farther away has not been looked at, whatever the image shows: people are too small there. Chosen,
 # not measured.
 USEFUL_M = 140.0
-# So many pairs of a place and a view are judged one by one. Measured: 1 us each, where arrays of so many take 0.3 ms
-# and NumPy's import 50 ms.
+# Up to so many pairs of a place and a view are judged one by one. Measured for 4,080 pairs: 0.05 ms where all is in view and
+# 4.4 ms where nothing is; as arrays 0.4 ms, after an import of NumPy that takes 70 ms.
 FEW_PAIRS = 4000
 
 # Half the usual height of things: a box's middle is taken to be this high above the ground.
