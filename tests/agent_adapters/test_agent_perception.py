@@ -142,7 +142,7 @@ def test_one_place_is_judged_as_many_are(d: tuple[float, ...], level: bool) -> N
     )
     views = [View(0.0, *row) for row in poses.tolist()]
 
-    shown = [[eye.shows(*place, view) for place in places.tolist()] for view in views]
+    shown = [[eye.shows(east_m, north_m, view) for east_m, north_m in places.tolist()] for view in views]
 
     assert 100 < np.sum(shown) < len(places) * len(views) / 2
     assert shown == eye.in_view(places, poses).tolist()
@@ -271,12 +271,14 @@ def test_few_places_are_judged_as_many_are(monkeypatch: pytest.MonkeyPatch) -> N
     rng = np.random.default_rng(5)
     perception = perception_over(*rng.uniform(-60.0, 60.0, (6, 2)).tolist())
     discs = [
-        (*place, radius_m) for place in rng.uniform(-90.0, 90.0, (20, 2)) for radius_m in (8.0, 13.0, 40.0)
+        (float(east_m), float(north_m), radius_m)
+        for east_m, north_m in rng.uniform(-90.0, 90.0, (20, 2))
+        for radius_m in (8.0, 13.0, 40.0)
     ]
     shares = []
     for few in (10**9, 0):
         monkeypatch.setattr(_perception, "FEW_PAIRS", few)
-        shares.append([perception.unseen_share(*disc, since_s=1.3) for disc in discs])
+        shares.append([perception.unseen_share(*disc, 1.3) for disc in discs])
 
     assert shares[0] == shares[1]
     assert len(set(shares[0])) > 10
