@@ -72,7 +72,7 @@ def test_importing_the_client_costs_little_cpu() -> None:
 
 
 def test_the_reference_agent_starts_without_what_a_plain_flight_does_not_need() -> None:
-    """Its documents are plain values, and a lens that bends nothing is asked without arrays."""
+    """Its documents are plain values, and a lens that does not distort is asked without arrays."""
     program = "import sys, agent_adapters.reference._agent; print(*sys.modules)"
     loaded = subprocess.run(
         [sys.executable, "-c", program], check=True, capture_output=True, text=True

@@ -25,16 +25,6 @@ ACCELERATION_MPS2 = 3.0
 # there for long. Chosen, not measured.
 FRESH_S = 120.0
 
-
-def _convoy_of(order: MissionOrder) -> Convoy | None:
-    """The convoy of a mission; None without an escort, whose agent does without NumPy."""
-    if order.escort is None:
-        return None
-    from ._convoy import Convoy
-
-    return Convoy(order.escort, order.time_limit_s)
-
-
 State = Literal[
     "waiting", "active", "found", "reported", "not_found", "skipped"
 ]  # found: to be reported when that is allowed
@@ -172,3 +162,12 @@ class Planner:
     def more_urgent_than(self, task: SearchTask) -> SearchTask | None:
         """A waiting task that should not wait for this one."""
         return next((other for other in self.waiting(task.place) if other.urgency < task.urgency), None)
+
+
+def _convoy_of(order: MissionOrder) -> Convoy | None:
+    """The convoy of a mission; None without an escort, whose agent does without NumPy."""
+    if order.escort is None:
+        return None
+    from ._convoy import Convoy
+
+    return Convoy(order.escort, order.time_limit_s)

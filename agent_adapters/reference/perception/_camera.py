@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from bench.arrays import Bools, Floats
     from bench.contracts import Lens
 
-# NumPy is imported in the functions that need it: it is a third of what an agent would import, and one that flies over
-# plain ground with an undistorted lens does without it.
+# NumPy is imported in the functions that need it: importing it is a third of the agent's start, and an agent whose lens
+# does not distort the picture can do without it.
 
-# k1, k2, p1, p2, k3 of a lens that bends nothing.
+# k1, k2, p1, p2, k3 of a lens that does not distort.
 _STRAIGHT = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 # Beyond this, flat ground and the pose are not to be trusted for placing anything. Chosen, not measured.
@@ -54,8 +54,8 @@ class CameraLens:
     distortion: tuple[float, float, float, float, float]
 
     @property
-    def bends(self) -> bool:
-        """Whether the lens distorts the picture."""
+    def distorts(self) -> bool:
+        """Whether the picture differs from that of a pinhole."""
         return self.distortion != _STRAIGHT
 
     def model(self) -> Lens:
@@ -95,7 +95,7 @@ class GroundCamera:
         """
         lens = self.lens
         ray = ((u_px - lens.cx) / lens.fx, (v_px - lens.cy) / lens.fy, 1.0)
-        if lens.bends:
+        if lens.distorts:
             import numpy as np
 
             x, y = lens.model().undistort(np.array(ray[:2])).tolist()
@@ -130,7 +130,7 @@ class GroundCamera:
 
     def shows(self, east_m: float, north_m: float, view: View) -> bool:
         """Whether a place on the ground lies in the image of a view: `in_view` for one place and one pose."""
-        if self.lens.bends:
+        if self.lens.distorts:
             import numpy as np
 
             row = np.array(((view.east_m, view.north_m, view.height_m, view.yaw_rad),))
