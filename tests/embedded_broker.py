@@ -88,6 +88,7 @@ class Laboratory:
         self.call(self._cancel(self._listeners))
         self.stop()
         self.call(self._cancel([]))
+        self.call(self._disconnect())
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
         self._loop.close()
@@ -98,6 +99,14 @@ class Laboratory:
         for task in ended:
             task.cancel()
         await asyncio.gather(*ended, return_exceptions=True)
+
+    async def _disconnect(self) -> None:
+        """Close what the broker left open, as where it was too slow to shut down: a closed loop cannot."""
+        for transport in [*self._loop._transports.values()]:  # type: ignore[attr-defined]
+            transport.abort()
+        # A connection is closed in the round after the one in which it was aborted.
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
 
     def call(self, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine in the thread, and wait for it."""
