@@ -9,7 +9,7 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Callable, Generator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -583,15 +583,32 @@ def open_session(plan: SessionPlan, progress: SessionProgress | None = None) -> 
         agent_plan = AgentPlan(
             manifest, plan.manifest_folder, spec, endpoints, plan.scratch, truth_document, plan.hidden
         )
-        agent = stack.enter_context(plan.open_agent(agent_plan))
-        # The agent's CPU time is read while its process can still be asked, however the session ends.
-        stack.callback(lambda: setattr(progress, "agent_cpu_s", agent.usage().cpu_s))
+        agent = stack.enter_context(_measured(plan.open_agent(agent_plan), progress))
         if ticks is not None:
             stack.callback(ticks.end, "the session is over")
         session.attach(agent, ticks, warp)
         if warp is not None:
             stack.callback(warp.release)
         yield session
+
+
+@contextmanager
+def _measured(
+    opening: AbstractContextManager[AgentProcess], progress: SessionProgress
+) -> Generator[AgentProcess]:
+    """The agent of `opening`; its CPU time is kept in `progress`, however the session ends.
+
+    It is read twice. Before the agent is ended, because a container cannot be asked afterwards; and afterwards, because
+    a process that ends while its tree is read can be missed there.
+    """
+    with ExitStack() as stack:
+        agent = stack.enter_context(opening)
+        try:
+            yield agent
+        finally:
+            progress.agent_cpu_s = agent.usage().cpu_s
+            stack.close()
+            progress.agent_cpu_s = agent.usage().cpu_s
 
 
 def _link(need: MavlinkNeed, stack: ExitStack) -> LinkSpec:

@@ -5,12 +5,24 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from bench.agents import open_agent
-from bench.contracts import AgentManifest, ConsentRequest, Outcome, Record, SimTime, Tape, parse_document
+from bench.contracts import (
+    AgentManifest,
+    AgentPlan,
+    AgentUsage,
+    ConsentRequest,
+    Outcome,
+    Record,
+    SimTime,
+    Tape,
+    parse_document,
+)
 from bench.documents import Document
 from bench.recording import TapeBuilder
 from bench.simspec import (
@@ -504,3 +516,49 @@ def test_truth_is_not_published_to_the_agent() -> None:
     with open_air_network(session_simspec(), records.append, zenoh=True) as air:
         topics = {recorded.topic for recorded in air._publishers}
     assert not any(topic.startswith(("/truth", "/session", "/mavlink")) for topic in topics)
+
+
+class DyingProcess:
+    """An agent's process whose CPU time is seen as `before_s` while it ends, and as `after_s` once all of it is gone."""
+
+    pid = 1
+
+    def __init__(self, before_s: float, after_s: float) -> None:
+        self._cpu_s, self._after_s = before_s, after_s
+
+    def exit_code(self) -> int | None:
+        return 0
+
+    def usage(self) -> AgentUsage:
+        return AgentUsage(self._cpu_s)
+
+    def exceeded_limit(self) -> str:
+        return ""
+
+    def output_tail(self) -> str:
+        return ""
+
+    @contextmanager
+    def opened(self, plan: AgentPlan) -> Iterator[DyingProcess]:
+        try:
+            yield self
+        finally:
+            self._cpu_s = self._after_s
+
+
+@pytest.mark.parametrize(("before_s", "after_s"), [(0.0, 1.5), (0.4, 1.5)])
+def test_the_agents_cpu_time_is_read_again_once_it_is_gone(
+    before_s: float, after_s: float, tmp_path: Path
+) -> None:
+    """A process that ends while it is asked may be seen with too little or nothing."""
+    process = DyingProcess(before_s, after_s)
+    plan = SessionPlan(
+        session_simspec(),
+        agent_manifest("silent"),
+        tmp_path,
+        process.opened,
+        tmp_path / "scratch",
+        lambda _: None,
+        clock=RacingClock().clock,
+    )
+    assert run_session(plan).agent_cpu_s == 1.5
