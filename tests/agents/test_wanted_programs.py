@@ -85,7 +85,7 @@ def ended(
         while (code := agent.exit_code()) is None and time.monotonic() < deadline:
             time.sleep(0.01)
     assert code is not None, "the agent did not end"
-    return code, (scratch / "agent.log").read_text()
+    return code, agent.output().decode()
 
 
 def program(path: Path, *lines: str) -> Path:

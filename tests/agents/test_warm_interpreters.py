@@ -6,16 +6,17 @@ import json
 import os
 import signal
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from pydantic import ValidationError
+from rungs import BARE, rung_or_skip
 
 from agent_adapters.manifests import null_random
 from bench import fly_realization
 from bench.agents import LocalProcess, open_agent
-from bench.agents.confinement import rungs
 from bench.campaign import load_measurable_decomposition
 from bench.contracts import AgentEndpoints, AgentManifest, AgentPlan, Outcome
 from bench.realization import place
@@ -49,10 +50,10 @@ print(json.dumps({"state": state, "draws": draws}))
 """
 
 
-@pytest.fixture(autouse=True)
-def _landlock() -> None:
-    if reason := rungs()["landlock"].trial():
-        pytest.skip(f"landlock cannot start here: {reason}")
+@pytest.fixture(autouse=True, params=["landlock", BARE])
+def _landlock(request: pytest.FixtureRequest) -> Iterator[None]:
+    with rung_or_skip(request.param):
+        yield
 
 
 def plan(folder: Path, script: str, reset: str = "fork", **fields: Any) -> AgentPlan:
@@ -79,7 +80,7 @@ def run(started: AgentPlan) -> tuple[int, str, bool]:
     """Exit code, output, and whether it was forked."""
     with open_agent(started) as agent:
         code, is_forked = awaited_code(agent), agent.is_forked
-    return code, (started.scratch / "agent.log").read_text(), is_forked
+    return code, agent.output().decode(), is_forked
 
 
 def test_a_forked_agent_finds_what_a_fresh_one_finds_each_time(tmp_path: Path) -> None:

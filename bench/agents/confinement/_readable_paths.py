@@ -6,6 +6,7 @@ import ast
 import os
 import re
 import shutil
+import stat
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -15,6 +16,8 @@ SYSTEM_FILES = tuple(
     Path("/etc", name)
     for name in ("ld.so.cache", "ssl/certs", "ssl/openssl.cnf", "localtime", "alternatives", "fonts")
 )
+# How many processors there are: Node, Java and thread pools start no thread where they count none.
+PROCESSORS = Path("/sys/devices/system/cpu")
 SYSTEM_FOLDERS = tuple(Path("/", name) for name in ("usr", "bin", "sbin", "lib", "lib32", "lib64"))
 # A folder with one of these holds sessions of the bench.
 _MARKS_OF_SESSIONS = ("journal.sqlite", "recording.mcap", "simspec.json", "simspecs")
@@ -77,14 +80,25 @@ def gpu_devices() -> list[Path]:
     return sorted(devices)
 
 
+def readable_by_others(path: Path) -> bool:
+    """Whether a user who owns nothing can read the path, once reached."""
+    with suppress(OSError):
+        mode = path.stat().st_mode
+        needed = 0o5 if stat.S_ISDIR(mode) else 0o4
+        return mode & needed == needed
+    return False
+
+
+def reachable_by_others(path: Path) -> bool:
+    """Whether a user who owns nothing can reach the path."""
+    with suppress(OSError):
+        return all(parent.stat().st_mode & 0o1 for parent in path.resolve().parents)
+    return False
+
+
 def open_to_others(path: Path) -> bool:
     """Whether a user who owns nothing can read the path, and reach it."""
-    real = path.resolve()
-    with suppress(OSError):
-        needed = 0o5 if real.is_dir() else 0o4
-        reachable = all(parent.stat().st_mode & 0o1 for parent in real.parents)
-        return reachable and real.stat().st_mode & needed == needed
-    return False
+    return reachable_by_others(path) and readable_by_others(path)
 
 
 def _spared(path: Path, secrets: set[Path]) -> Iterator[Path]:

@@ -6,14 +6,13 @@ scoring the recording again gives the same observations.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Generator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from bench.agents import LocalProcess, load_manifest, open_agent, program_faults, rung_of
+from bench.agents import LocalProcess, load_manifest, open_agent, open_scratch, program_faults, rung_of
 from bench.agents.confinement import wall_name
 from bench.contracts import (
     DETECTOR,
@@ -121,9 +120,9 @@ def _fly(
     (folder / SIMSPEC).write_text(dump_json(placed))
     # The tape is built from the records while they are written: measures need not read the file back.
     tape = TapeBuilder(placed)
-    starter = _AgentStarter(open_agent)
+    starter = AgentStarter(open_agent)
     with (
-        tempfile.TemporaryDirectory(prefix="rebar-agent-") as scratch,
+        open_scratch() as scratch,
         open_recording(
             folder / RECORDING, simspec=placed, versions=versions(), metadata=_metadata(manifest)
         ) as recording,
@@ -138,16 +137,15 @@ def _fly(
             manifest,
             manifest_folder,
             starter.open,
-            Path(scratch),
+            scratch,
             tap,
             hidden=(folder.resolve(),),
             artefacts=folder / AUTOPILOT_LOGS,
             on_progress=on_progress,
         )
         end = _without_host_faults(run_session(plan), plan)
-        log = Path(scratch, AGENT_LOG)
-        if log.is_file():
-            (folder / AGENT_LOG).write_bytes(log.read_bytes())
+    if starter.output is not None:
+        (folder / AGENT_LOG).write_bytes(starter.output)
     flown = tape.tape()
     observations = measure_all(measures_of(decomposition), flown, placed) if end.outcome.counts else ()
     result = result_of(realization, end, recording.sha256, observations)
@@ -167,23 +165,31 @@ def _fly(
 
 
 @dataclass(slots=True)
-class _AgentStarter:
-    """Starts the agent, and keeps which walls its box leaves open and whether it was forked: known only once it has
-    started.
+class AgentStarter:
+    """Starts the agent, and keeps which walls its box leaves open, whether it was forked, and what it wrote: known only
+    once it has started, or has ended.
     """
 
     open_agent: OpenAgent
     details: dict[str, list[str]] = field(default_factory=dict)
+    output: bytes | None = None
 
     @contextmanager
     def open(self, plan: AgentPlan) -> Generator[AgentProcess]:
         """An `OpenAgent`."""
-        with self.open_agent(plan) as agent:
+        with ExitStack() as stack:
+            agent = stack.enter_context(self.open_agent(plan))
             if isinstance(agent, LocalProcess):
                 self.details[LEAVES_OPEN] = [wall_name(wall) for wall in agent.open_walls]
                 if plan.manifest.reset == "fork":
                     self.details[AGENT_PROCESS] = ["forked" if agent.is_forked else "fresh"]
-            yield agent
+            try:
+                yield agent
+            finally:
+                # After its end: what it wrote last is in there too.
+                stack.close()
+                if isinstance(agent, LocalProcess):
+                    self.output = agent.output()
 
 
 # Host files are looked at only for agents that ended so early, in simulated seconds: later an agent knows its
