@@ -47,8 +47,8 @@ def nest(count, folder='n'):
         deeper = os.open(folder, os.O_RDONLY, dir_fd=held)
         os.close(held)
         held = deeper
-exec(sys.argv[1])
 print('what the agent prints', flush=True)
+exec(sys.argv[1])
 sys.exit(3)
 """
 PAGE_TRICKS = {
