@@ -11,10 +11,14 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 
-# What a dynamically linked program needs, and what looks up names. Node does not start without openssl.cnf.
-SYSTEM_FILES = tuple(
-    Path("/etc", name)
-    for name in ("ld.so.cache", "ssl/certs", "ssl/openssl.cnf", "localtime", "alternatives", "fonts")
+# What a dynamically linked program needs, and what looks up names. Node does not start without openssl.cnf, Java without
+# its settings, which distributions keep here.
+SYSTEM_FILES = (
+    *(
+        Path("/etc", name)
+        for name in ("ld.so.cache", "ssl/certs", "ssl/openssl.cnf", "localtime", "alternatives", "fonts")
+    ),
+    *sorted(Path("/etc").glob("java*")),
 )
 # How many processors there are: Node, Java and thread pools start no thread where they count none.
 PROCESSORS = Path("/sys/devices/system/cpu")
