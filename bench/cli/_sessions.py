@@ -40,7 +40,7 @@ def simulate(
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json")] = False,
 ) -> None:
     """Fly one session. Example: rebar simulate examples/search.yaml --out out/first"""
-    from bench.campaign import fly_in_worker, load_measurable_decomposition, write_result
+    from bench.campaign import fly_realization, load_measurable_decomposition, write_result
     from bench.contracts import Outcome, services_of
     from bench.documents import dump_json
     from bench.simspec import load_simspec
@@ -52,7 +52,7 @@ def simulate(
         agent = situation.agent.model_copy(update={"isolation": isolation})
         situation = situation.model_copy(update={"agent": agent})
     nodes = load_measurable_decomposition(decomposition)
-    result = fly_in_worker(situation, nodes, out, out.name)
+    result = fly_realization(situation, nodes, out, out.name)
     # The flight does not write its result: in a campaign the runner does.
     write_result(out, result)
     if as_json:

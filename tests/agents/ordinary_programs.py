@@ -216,7 +216,7 @@ def static_binary(folder: Path) -> tuple[str, ...] | None:
     if compiler is None:
         return None
     (folder / "agent.c").write_text(f'#include <stdio.h>\nint main(void) {{ puts("{WORDS}"); return 0; }}\n')
-    command = [compiler, "-static", "-o", folder / "agent", folder / "agent.c"]
+    command = [compiler, "-static", "-o", str(folder / "agent"), str(folder / "agent.c")]
     linked = subprocess.run(command, capture_output=True, check=False).returncode == 0
     return ("{folder}/agent",) if linked else None
 

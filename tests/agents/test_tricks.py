@@ -13,7 +13,7 @@ from warp_host import library_or_skip
 
 from bench.agents import remove_tree
 from bench.campaign import load_measurable_decomposition
-from bench.campaign.execution._flight import fly_realization
+from bench.campaign.execution._flight import fly_here
 from bench.contracts import Outcome, SessionResult
 from bench.realization import place
 from bench.simspec import Isolation, PaceMode, load_simspec
@@ -85,9 +85,7 @@ def flown(folder: Path, isolation: Isolation, pace: PaceMode, code: str, *argume
         "agent": spec.agent.model_copy(update={"manifest": str(manifest)}),
     }
     placed = place(spec.model_copy(update=update))
-    return fly_realization(
-        placed, load_measurable_decomposition("search-and-report"), folder / "run", "tricky"
-    )
+    return fly_here(placed, load_measurable_decomposition("search-and-report"), folder / "run", "tricky")
 
 
 @pytest.mark.parametrize("rung", EVERY)

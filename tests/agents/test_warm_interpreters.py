@@ -15,9 +15,9 @@ from pydantic import ValidationError
 from rungs import BARE, rung_or_skip
 
 from agent_adapters.manifests import null_random
-from bench import fly_realization
 from bench.agents import LocalProcess, open_agent
 from bench.campaign import load_measurable_decomposition
+from bench.campaign.execution._flight import fly_here
 from bench.contracts import AgentEndpoints, AgentManifest, AgentPlan, Outcome
 from bench.realization import place
 from bench.recording import read_metadata, read_records
@@ -143,7 +143,7 @@ def test_a_session_of_a_fork_is_the_session_and_says_so(tmp_path: Path) -> None:
         manifest.write_text(shipped.replace("reset: process", f"reset: {reset}\nisolation: landlock"))
         agent = placed.agent.model_copy(update={"manifest": str(manifest)})
         flown = placed.model_copy(update={"agent": agent})
-        result = fly_realization(flown, decomposition, tmp_path / reset, reset)
+        result = fly_here(flown, decomposition, tmp_path / reset, reset)
         assert result.outcome is Outcome.TIME_LIMIT, result.reason
         recording = tmp_path / reset / "recording.mcap"
         expected = {"reset": "fork"} if reset == "fork" else {}

@@ -20,7 +20,7 @@ from bench.campaign import (
     rescore,
     verify_folder,
 )
-from bench.campaign.execution._flight import fly_confined, fly_realization, forfeit_realization
+from bench.campaign.execution._flight import fly_confined, fly_here, forfeit_realization
 from bench.campaign.execution._suspects import SuspectWatch, is_suspect
 from bench.contracts import SUSPECT, Outcome, SessionResult, open_walls_of, suspicions_of
 from bench.realization import place
@@ -93,7 +93,7 @@ def test_a_confined_rerun_is_the_session_of_the_campaign(tmp_path: Path) -> None
     agent = spec.agent.model_copy(update={"isolation": "none"})
     spec = place(spec.model_copy(update={"mission": mission, "agent": agent}))
     nodes = load_measurable_decomposition("search-and-report")
-    free = fly_realization(spec, nodes, tmp_path / "free", "run")
+    free = fly_here(spec, nodes, tmp_path / "free", "run")
     confined = fly_confined(spec, nodes, tmp_path / "confined", "run")
     assert free.details["isolation"] == "none"
     assert confined.details["isolation"] in ("bwrap", "landlock")

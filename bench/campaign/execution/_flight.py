@@ -56,19 +56,16 @@ AGENT_PROCESS = "agent_process"
 AUTOPILOT_LOGS = "autopilot"
 
 
-def fly_realization(
+def fly_here(
     simspec: SimSpec,
     decomposition: Decomposition,
     folder: Path,
     realization: str,
     on_progress: OnProgress = ignore_progress,
 ) -> SessionResult:
-    """Fly one realization into `folder`, created if it does not exist, and return its result without writing
-    it.
+    """Fly one realization in this process, and in its network.
 
-    Leaves `recording.mcap`, `simspec.json` (realized) and `agent.log` in the folder. A session that fails is
-    a result, never an exception. Positions that come with the SimSpec are checked before the flight:
-    SETUP_INVALID if they break what the SimSpec asks for.
+    `fly_realization` says what is left in `folder`, and what a failure is.
     """
     return _fly(simspec, decomposition, folder, realization, open_agent, on_progress)
 
@@ -80,7 +77,7 @@ def fly_confined(
     realization: str,
     on_progress: OnProgress = ignore_progress,
 ) -> SessionResult:
-    """As `fly_realization`, with the agent on the strongest rung that starts here, whatever its manifest asks for.
+    """As `fly_here`, with the agent on the strongest rung that starts here, whatever its manifest asks for.
 
     SimSpec and recording stay those of the campaign; the rung stands in the details of the result.
     """
