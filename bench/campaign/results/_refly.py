@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-import shutil
 import tempfile
 from collections import defaultdict
 from collections.abc import Mapping
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import anyio
 
+from bench.agents import remove_tree
 from bench.contracts import (
     CAMERA_OPENED,
     SESSION_EVENTS,
@@ -171,7 +171,7 @@ class _Reflight:
                 reflown = await executor.fly(self._task(name), on_start=lambda worker: None)
                 runs.append(self._compare(result, reflown))
                 # Recordings of a large sample would fill a small temporary disk.
-                shutil.rmtree(self._home / name)
+                remove_tree(self._home / name)
 
         with first_error_alone():
             async with (

@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import shutil
 import time
 import zlib
 from collections.abc import Iterator, Sequence
@@ -31,6 +30,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
+from bench.agents import remove_tree
 from bench.errors import Fault, SetupError
 
 RECORDING = "recording.mcap"
@@ -107,8 +107,8 @@ class CampaignFolder:
     def fresh_run(self, realization: str) -> Path:
         """An empty run folder. Whatever an earlier attempt left there is deleted."""
         run = self.run(realization)
-        if run.exists():
-            shutil.rmtree(run)
+        # An unconfined agent may have left anything in there.
+        remove_tree(run)
         run.mkdir(parents=True)
         return run
 
