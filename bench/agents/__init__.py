@@ -9,6 +9,4 @@ from ._manifest import load_manifest as load_manifest
 from ._process import LocalProcess as LocalProcess
 from ._process import open_agent as open_agent
 from ._program import program_faults as program_faults
-from ._scratch import open_scratch as open_scratch
-from ._scratch import remove_tree as remove_tree
 from .confinement import rung_of as rung_of

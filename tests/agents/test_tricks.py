@@ -11,11 +11,11 @@ import pytest
 from rungs import BARE, EVERY, rung_or_skip
 from warp_host import library_or_skip
 
-from bench.agents import remove_tree
 from bench.campaign import load_measurable_decomposition
 from bench.campaign.execution._flight import fly_here
 from bench.contracts import Outcome, SessionResult
 from bench.realization import place
+from bench.removal import remove_tree
 from bench.simspec import Isolation, PaceMode, load_simspec
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"

@@ -20,8 +20,8 @@ from typing import Any
 
 import anyio
 
-from bench.agents import remove_tree
 from bench.contracts import OnProgress, Outcome, SessionResult, ignore_progress
+from bench.removal import remove_tree
 
 from ._executor import OnStart
 from ._processes import await_exit, kill_tree, processes_marked

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import anyio
 
-from bench.agents import remove_tree
 from bench.contracts import (
     CAMERA_OPENED,
     SESSION_EVENTS,
@@ -23,6 +22,7 @@ from bench.contracts import (
 )
 from bench.documents import load_json_document
 from bench.recording import read_metadata, read_records, read_tape, recording_difference, truth_distance
+from bench.removal import remove_tree
 from bench.simspec import RealAutopilot, SimSpec
 from bench.streams import String, decode
 from decompositions import Decomposition

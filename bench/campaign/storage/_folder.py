@@ -30,8 +30,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from bench.agents import remove_tree
 from bench.errors import Fault, SetupError
+from bench.removal import remove_tree
 
 RECORDING = "recording.mcap"
 RESULT = "result.json"

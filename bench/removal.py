@@ -1,25 +1,11 @@
-"""The folder of one session's agent on the host, from its making to its removal."""
+"""Removing a folder in which an agent could write, whatever it has left there."""
 
 from __future__ import annotations
 
 import os
 import stat
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
-
-SCRATCH_PREFIX = "rebar-agent-"
-
-
-@contextmanager
-def open_scratch() -> Iterator[Path]:
-    """A new folder for temporary files, which is removed afterwards whatever an agent has left in it."""
-    folder = Path(tempfile.mkdtemp(prefix=SCRATCH_PREFIX))
-    try:
-        yield folder
-    finally:
-        remove_tree(folder)
 
 
 def remove_tree(folder: Path) -> None:
