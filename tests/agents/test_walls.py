@@ -42,7 +42,7 @@ def test_the_docs_have_the_table() -> None:
 
 def test_every_rung_takes_a_stand_on_every_wall() -> None:
     """By name, and on two hosts that differ in everything."""
-    poor = Host(False, 1, False, False, False, False, False)
+    poor = Host(True, 1, False, False, False, False, False)
     rich = Host(True, 7, True, True, True, True, True)
     assert HOLDINGS.keys() == rungs().keys()
     for rung, holdings in HOLDINGS.items():

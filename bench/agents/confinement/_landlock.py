@@ -24,7 +24,7 @@ from . import _landlock_launch
 from ._box import AGENT_UID, BOX_PLACE, Box, Place, box_files, host_place, name_files
 from ._cgroup import ControlGroup
 from ._landlock_launch import MAX_FOLDER_DEPTH
-from ._limits import process_limits, threads_of
+from ._limits import counts_by_namespace, process_limits, threads_of
 from ._readable_paths import (
     PROCESSORS,
     SYSTEM_FILES,
@@ -312,7 +312,9 @@ class StartedLauncher:
 
 
 def _settings(box: Box, user: int | None, *, namespaces: bool) -> bytes:
-    present = threads_of(os.getuid() if user is None else user)
+    # An ordinary user's agent gets a user namespace of its own, in which nobody else is counted.
+    alone = namespaces and os.getuid() != 0 and counts_by_namespace()
+    present = 0 if alone else threads_of(os.getuid() if user is None else user)
     view = _root_settings(box) if namespaces else _host_settings(box)
     return json.dumps(
         {

@@ -127,6 +127,7 @@ HOLDINGS: Mapping[str, Mapping[Wall, Holding]] = {
         Wall.TCP: _NETWORK,
         Wall.UDP: _NETWORK,
         Wall.ABSTRACT_SOCKETS: _NETWORK,
+        Wall.SETTINGS: Holding("unless the bench is root", lambda host: not host.root),
         Wall.DESCRIPTORS: _YES,
         Wall.DAEMONS: Holding("unless they change their HOME", lambda host: False),
     },
