@@ -25,7 +25,7 @@ from types import FrameType, ModuleType
 from typing import Any, NoReturn
 
 # From <linux/prctl.h>, <linux/landlock.h> and <linux/capability.h>.
-PR_SET_PDEATHSIG, PR_SET_DUMPABLE, PR_SET_SECCOMP, PR_CAPBSET_DROP = 1, 4, 22, 24
+PR_SET_PDEATHSIG, PR_SET_SECCOMP, PR_CAPBSET_DROP = 1, 22, 24
 PR_SET_CHILD_SUBREAPER, PR_SET_NO_NEW_PRIVS = 36, 38
 SECCOMP_MODE_FILTER = 2
 # The numbers are the same on all processors.
@@ -144,8 +144,8 @@ def keep_agent(
     if agent == 0:
         become_agent(settings, status_fd, start)
         return
-    # It knows the settings, and has nothing left to do that needs a right.
-    libc.prctl(PR_SET_DUMPABLE, 0, 0, 0, 0)
+    # It has nothing left to do that needs a right. Of what is outside of its Landlock domain, as this process is, the agent
+    # can read no memory.
     drop_rights(settings["user"])
     release_output()
     while True:
