@@ -11,6 +11,15 @@ import sys
 
 def main() -> None:
     """The console script."""
+    from bench.visible_text import visible_output
+
     from ._app import run
 
-    sys.exit(run(sys.argv[1:]))
+    with visible_output():
+        try:
+            code = run(sys.argv[1:])
+        # A fault of the bench. Its traceback may hold the words of others.
+        except Exception:
+            sys.excepthook(*sys.exc_info())
+            code = 1
+    sys.exit(code)

@@ -118,7 +118,7 @@ def _fly(
         host = _host(manifest, placed.agent.model_copy(update=demanded))
     except (PlacementInfeasible, SetupError) as error:
         return SessionFailure.of(error).result(realization)
-    (folder / SIMSPEC).write_text(dump_json(placed))
+    (folder / SIMSPEC).write_text(dump_json(placed), encoding="utf-8")
     # The tape is built from the records while they are written: measures need not read the file back.
     tape = TapeBuilder(placed)
     starter = _AgentStarter(open_agent)
@@ -150,9 +150,8 @@ def _fly(
             (folder / AGENT_LOG).write_bytes(log.read_bytes())
     flown = tape.tape()
     observations = measure_all(measures_of(decomposition), flown, placed) if end.outcome.counts else ()
-    result = result_of(realization, end, recording.sha256, observations)
     details = {
-        **result.details,
+        **traceback_details(end.traceback),
         **_metadata(manifest),
         **truth_details(placed, flown),
         **host,
@@ -163,7 +162,7 @@ def _fly(
         **({TIMING: end.timing.model_dump()} if end.timing else {}),
         **({WARP: end.warp} if end.warp else {}),
     }
-    return result.model_copy(update={"details": details})
+    return result_of(realization, end, recording.sha256, observations, details)
 
 
 @dataclass(slots=True)
@@ -233,7 +232,11 @@ def _checked(simspec: SimSpec) -> SimSpec:
 
 
 def result_of(
-    realization: str, end: SessionEnd, sha256: str | None, observations: tuple[Observation, ...]
+    realization: str,
+    end: SessionEnd,
+    sha256: str | None,
+    observations: tuple[Observation, ...],
+    details: dict[str, Any],
 ) -> SessionResult:
     """The result document of a session that ended."""
     return SessionResult(
@@ -247,5 +250,5 @@ def result_of(
         recording_sha256=sha256,
         counters=end.counters,
         observations=observations,
-        details=traceback_details(end.traceback),
+        details=details,
     )
