@@ -49,7 +49,9 @@ def visible(text: str) -> str:
     if text.isascii() and not text.encode().translate(None, _SEEN_ASCII):
         return text
     # What Python calls printable is seen: 15 ns.
-    return text if text.replace("\n", "").isprintable() else _HIDDEN.sub(_escape, text)
+    return (
+        text if text.replace("\n", "").isprintable() else _HIDDEN.sub(lambda match: _escaped(match[0]), text)
+    )
 
 
 def visible_values(value: Any) -> Any:
@@ -65,11 +67,11 @@ def visible_values(value: Any) -> Any:
             return value
 
 
-def _escape(match: re.Match[str]) -> str:
-    if match[0] < " ":
-        return f"\\x{ord(match[0]):02x}"
+def _escaped(sign: str) -> str:
+    if sign < " ":
+        return f"\\x{ord(sign):02x}"
     # In units of UTF-16, because JSON knows no other escape of a character beyond U+FFFF.
-    units = match[0].encode("utf-16-be", "surrogatepass").hex()
+    units = sign.encode("utf-16-be", "surrogatepass").hex()
     return "".join(f"\\u{units[at : at + 4]}" for at in range(0, len(units), 4))
 
 
@@ -117,7 +119,7 @@ def terminal_of(stream: TextIO) -> TextIO:
 def _plainer(error: UnicodeError) -> tuple[str, int]:
     assert isinstance(error, UnicodeEncodeError)
     lacking = error.object[error.start : error.end]
-    return "".join(_PLAINER.get(sign, ascii(sign)[1:-1]) for sign in lacking), error.end
+    return "".join(_PLAINER.get(sign) or _escaped(sign) for sign in lacking), error.end
 
 
 _ERRORS = "rebar-plainer"

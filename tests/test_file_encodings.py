@@ -29,14 +29,16 @@ def calls_without_encoding(source: str) -> Iterator[int]:
             case "write_text" if len(node.args) == 1:
                 yield node.lineno
             case "open" | "fdopen" | "NamedTemporaryFile" | "TemporaryFile":
-                place = 0 if name.endswith("File") or (is_method and name == "open") else 1
+                # Temporary files are binary without a mode, and what is no file is opened with something else.
+                is_temporary = name.endswith("File")
+                place = 0 if is_temporary or (is_method and name == "open") else 1
                 modes = [given["mode"]] if "mode" in given else node.args[place : place + 1]
-                # Binary without a mode are temporary files alone; methods of other objects take no mode.
-                if not modes and not (name.endswith("File") or (name == "open" and is_method and node.args)):
-                    yield node.lineno
-                elif (
-                    modes and isinstance(modes[0], ast.Constant) and TEXT_MODE.fullmatch(str(modes[0].value))
-                ):
+                text = [
+                    mode
+                    for mode in modes
+                    if isinstance(mode, ast.Constant) and TEXT_MODE.fullmatch(mode.value)
+                ]
+                if text or not (modes or is_temporary):
                     yield node.lineno
             case "run" | "Popen" | "check_output" if "text" in given or "universal_newlines" in given:
                 yield node.lineno

@@ -119,7 +119,7 @@ def score(
 
 def _print_document(documents: Sequence[Document]) -> None:
     """One JSON document: that of the only target, or an array of them in the order of the command line."""
-    texts = [document.model_dump_json(indent=1) for document in documents]
+    texts = [document.model_dump_json(indent=1, ensure_ascii=True) for document in documents]
     print(texts[0] if len(texts) == 1 else "[\n" + ",\n".join(texts) + "\n]")
 
 

@@ -44,7 +44,6 @@ def simulate(
     """Fly one session. Example: rebar simulate examples/search.yaml --out out/first"""
     from bench.campaign import fly_in_worker, load_measurable_decomposition, write_result
     from bench.contracts import Outcome, services_of
-    from bench.documents import dump_json
     from bench.simspec import load_simspec
 
     situation = load_simspec(simspec)
@@ -58,7 +57,7 @@ def simulate(
     # The flight does not write its result: in a campaign the runner does.
     write_result(out, result)
     if as_json:
-        print(dump_json(result), end="")
+        print(result.model_dump_json(indent=1, ensure_ascii=True))
     else:
         console = plain_console()
         if "truth" in result.details:
