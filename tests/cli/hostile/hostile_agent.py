@@ -11,7 +11,7 @@ from agent_adapters.client import open_bench, read_environment
 from agent_adapters.null._autopilot import LINK
 from agent_adapters.null._session import INTELLIGENCE, MISSION, NullSession, subscriptions
 
-CLEAR, TITLE, CLIPBOARD = "\x1b[2J\x1b[H", "\x1b]0;passed\x07", "\x1b]52;c;cm0gLXJm\x07"
+CLEAR, TITLE, CLIPBOARD = "\x1b[2J\x1b[H\x1b[31m", "\x1b]0;passed\x07", "\x1b]52;c;cm0gLXJm\x07"
 HOSTILE = f"{CLEAR}{TITLE}{CLIPBOARD}\x9b2J\u202edessap\u202c\u2066\u200b\u2028\x85\x7f\r[red]passed[/red]"
 """Texts that a document refuses as a label, and keeps as free words."""
 MARKUP = "[blink]m[/blink]"
