@@ -207,16 +207,16 @@ class _Dumper(yaml.SafeDumper):
     """Writes a text with hidden characters in double quotes, where YAML knows the escapes of `visible`."""
 
     def analyze_scalar(self, scalar: str) -> Any:
-        analysis = super().analyze_scalar(scalar)  # type: ignore[no-untyped-call]
+        analysis = super().analyze_scalar(scalar)
         if visible(scalar) != scalar:
             analysis.allow_block_plain = analysis.allow_flow_plain = False
             analysis.allow_single_quoted = analysis.allow_block = False
         return analysis
 
 
-def dump_value(value: Any) -> str:
+def dump_value(value: Any, width: int = 120) -> str:
     """YAML text of plain values, in their order, with visible escapes of what is not seen."""
-    return visible(yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120))
+    return visible(yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=width))
 
 
 def dump_json(document: BaseModel) -> str:

@@ -111,9 +111,10 @@ def visible_output() -> Iterator[None]:
         yield
 
 
-def terminal_of(stream: TextIO) -> TextIO:
+def terminal_of(stream: Any) -> TextIO:
     """The stream below `visible_output`: for what shows texts itself and also writes control codes of its own."""
-    return terminal_of(stream.stream) if isinstance(stream, _VisibleStream) else stream
+    terminal: TextIO = terminal_of(stream.stream) if isinstance(stream, _VisibleStream) else stream
+    return terminal
 
 
 def _plainer(error: UnicodeError) -> tuple[str, int]:

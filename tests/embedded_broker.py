@@ -132,7 +132,7 @@ class Laboratory:
                     if message.payload not in (b"", b"of yesterday")
                     else {}
                 )
-                text = bytes(message.payload).decode()  # type: ignore[arg-type]
+                text = bytes(message.payload).decode()
                 self.heard.append(Heard(str(message.topic), payload, message.retain, text))
 
     def say(self, topic: str, text: str, *, retain: bool = False, **access: Any) -> None:

@@ -36,7 +36,7 @@ def calls_without_encoding(source: str) -> Iterator[int]:
                 text = [
                     mode
                     for mode in modes
-                    if isinstance(mode, ast.Constant) and TEXT_MODE.fullmatch(mode.value)
+                    if isinstance(mode, ast.Constant) and TEXT_MODE.fullmatch(str(mode.value))
                 ]
                 if text or not (modes or is_temporary):
                     yield node.lineno

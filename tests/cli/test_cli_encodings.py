@@ -77,6 +77,7 @@ def test_files_are_utf8_whatever_the_locale_is(flown: Path) -> None:
         ["next", "{0}/out"],
         ["status", "{0}/out"],
         ["verify", "{0}/out"],
+        ["report", "{0}/out"],
         ["graph", "search-and-report", "--out", "{0}/graph"],
         ["decomposition", "check", "search-and-report-full"],
         ["difficulty", str(EXAMPLE)],
