@@ -44,6 +44,18 @@ def rebar(line: list[str], **surroundings: str) -> subprocess.CompletedProcess[b
     )
 
 
+def printed(line: list[str], encoding: str, monkeypatch: pytest.MonkeyPatch) -> str:
+    """What a command prints where the streams have an encoding."""
+    written = io.BytesIO()
+    for name in ("stdout", "stderr"):
+        monkeypatch.setattr(sys, name, io.TextIOWrapper(written, encoding=encoding, write_through=True))
+    monkeypatch.setattr(sys, "argv", ["rebar", *line])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 0, written.getvalue()
+    return written.getvalue().decode(encoding)
+
+
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign of surrogates, flown in the C locale in a folder whose name has no place in it."""
@@ -91,22 +103,17 @@ def test_files_are_utf8_whatever_the_locale_is(flown: Path) -> None:
 def test_every_table_is_printed(
     flown: Path, line: list[str], encoding: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    written = io.BytesIO()
-    for name in ("stdout", "stderr"):
-        monkeypatch.setattr(sys, name, io.TextIOWrapper(written, encoding=encoding, write_through=True))
-    monkeypatch.setattr(sys, "argv", ["rebar", *(word.format(flown) for word in line)])
-    with pytest.raises(SystemExit) as end:
-        main()
-    assert end.value.code == 0, written.getvalue()
-    assert written.getvalue().decode(encoding)
+    assert printed([word.format(flown) for word in line], encoding, monkeypatch)
 
 
 @pytest.mark.parametrize("line", [["score", "{0}/out"], ["compare", "{0}/out"], ["status", "{0}/out"]])
-def test_json_says_the_same_in_every_encoding(flown: Path, line: list[str]) -> None:
+def test_json_says_the_same_in_every_encoding(
+    flown: Path, line: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     words = [*(word.format(flown) for word in line), "--json"]
-    plain, narrow = rebar(words, PYTHONIOENCODING="utf-8"), rebar(words, PYTHONIOENCODING="ascii")
-    assert json.loads(plain.stdout) == json.loads(narrow.stdout)
-    assert str(flown) in json.dumps(json.loads(narrow.stdout), ensure_ascii=False)
+    plain, narrow = (json.loads(printed(words, encoding, monkeypatch)) for encoding in ("utf-8", "ascii"))
+    assert plain == narrow
+    assert str(flown) in json.dumps(narrow, ensure_ascii=False)
 
 
 @pytest.mark.parametrize("surroundings", [{}, C_LOCALE])
