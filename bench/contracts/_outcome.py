@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated, Any, Self
 
-from pydantic import Field, ValidationError
+from pydantic import AfterValidator, Field, ValidationError
 
 from bench.documents import Document
 from bench.errors import (
@@ -20,6 +20,10 @@ from bench.errors import (
     SetupError,
     VehicleFault,
 )
+from bench.visible_text import visible, visible_values
+
+# Words of agents, vehicles and files are in it: of a process that crashed, a firmware's console, a report.
+Words = Annotated[str, AfterValidator(visible)]
 
 
 class Blame(StrEnum):
@@ -105,7 +109,7 @@ class Evidence(Document):
     """A moment in the recording that a measured value rests on."""
 
     time_s: float
-    text: str
+    text: Words
 
 
 class Observation(Document):
@@ -302,7 +306,7 @@ class SessionResult(Document):
 
     realization: str
     outcome: Outcome
-    reason: str = ""
+    reason: Words = ""
     simulated_s: float = 0.0
     wall_s: float = 0.0
     cpu_s: float = 0.0
@@ -310,7 +314,7 @@ class SessionResult(Document):
     recording_sha256: str | None = None
     counters: dict[str, int] = {}
     observations: tuple[Observation, ...] = ()
-    details: dict[str, Any] = {}
+    details: Annotated[dict[str, Any], AfterValidator(visible_values)] = {}
 
 
 @dataclass(frozen=True, slots=True)

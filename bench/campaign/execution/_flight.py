@@ -116,7 +116,7 @@ def _fly(
         host = _host(manifest, placed.agent.model_copy(update=demanded))
     except (PlacementInfeasible, SetupError) as error:
         return SessionFailure.of(error).result(realization)
-    (folder / SIMSPEC).write_text(dump_json(placed))
+    (folder / SIMSPEC).write_text(dump_json(placed), encoding="utf-8")
     # The tape is built from the records while they are written: measures need not read the file back.
     tape = TapeBuilder(placed)
     starter = AgentStarter(open_agent)
@@ -147,9 +147,8 @@ def _fly(
         (folder / AGENT_LOG).write_bytes(starter.output)
     flown = tape.tape()
     observations = measure_all(measures_of(decomposition), flown, placed) if end.outcome.counts else ()
-    result = result_of(realization, end, recording.sha256, observations)
     details = {
-        **result.details,
+        **traceback_details(end.traceback),
         **_metadata(manifest),
         **truth_details(placed, flown),
         **host,
@@ -160,7 +159,7 @@ def _fly(
         **({TIMING: end.timing.model_dump()} if end.timing else {}),
         **({WARP: end.warp} if end.warp else {}),
     }
-    return result.model_copy(update={"details": details})
+    return result_of(realization, end, recording.sha256, observations, details)
 
 
 @dataclass(slots=True)
@@ -248,7 +247,11 @@ def _open_scratch() -> Generator[Path]:
 
 
 def result_of(
-    realization: str, end: SessionEnd, sha256: str | None, observations: tuple[Observation, ...]
+    realization: str,
+    end: SessionEnd,
+    sha256: str | None,
+    observations: tuple[Observation, ...],
+    details: dict[str, Any],
 ) -> SessionResult:
     """The result document of a session that ended."""
     return SessionResult(
@@ -262,5 +265,5 @@ def result_of(
         recording_sha256=sha256,
         counters=end.counters,
         observations=observations,
-        details=traceback_details(end.traceback),
+        details=details,
     )
