@@ -380,7 +380,7 @@ def children_of(pid: int) -> list[int]:
     children: list[int] = []
     with suppress(OSError):
         for task in os.listdir(f"/proc/{pid}/task"):
-            with suppress(OSError), open(f"/proc/{pid}/task/{task}/children") as file:
+            with suppress(OSError), open(f"/proc/{pid}/task/{task}/children", encoding="ascii") as file:
                 children += map(int, file.read().split())
     return children
 
@@ -400,7 +400,7 @@ def descendants(root: int) -> list[int]:
     for entry in os.scandir("/proc"):
         with suppress(OSError, ValueError):
             pid = int(entry.name)
-            with open(f"/proc/{pid}/stat") as file:
+            with open(f"/proc/{pid}/stat", encoding="utf-8", errors="replace") as file:
                 fields = file.read().rpartition(")")[2].split()
             if fields[0] not in "ZX":
                 children.setdefault(int(fields[1]), []).append(pid)
