@@ -11,7 +11,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, Field, ValidationError
 
-from bench.documents import Document
+from bench.documents import Document, is_default
 from bench.errors import (
     AgentBoxKilled,
     DetectorFault,
@@ -116,13 +116,15 @@ class Observation(Document):
     """What one measure found in one run for one observable.
 
     `x` is the measured value in [0, 1], None exactly when the run is not considered: when the situation, by
-    the scenario and the truth, offered nothing that could exercise the observable (docs/rulings.md 6).
+    the scenario and the truth, offered nothing that could exercise the observable (docs/rulings.md 6), or when the
+    measure failed. `failure` then says which measure, and where.
     """
 
     observable: str
     considered: bool
     x: Annotated[float | None, Field(ge=0.0, le=1.0)] = None
     evidence: tuple[Evidence, ...] = ()
+    failure: Annotated[Words, Field(exclude_if=is_default(""))] = ""
 
 
 PROBES = {
