@@ -663,7 +663,8 @@ class MissionFlight:
         first = command.params[0]
         if math.isfinite(first) and first > 0.0 and not policy.home_first:
             self._choose(int(min(first, 65535.0)))
-        self._modes.switch(self._mode)
+        if refusal := self._modes.enter(self._mode):
+            return refusal.result
         if policy.arms_at_start and not flight.armed and not self._arm():
             return CommandResult.TEMPORARILY_REJECTED
         if flight.armed:
@@ -679,7 +680,8 @@ class MissionFlight:
                 self._context.texts.send(*text)
             return CommandResult.FAILED if self._policy.home_first else CommandResult.CANCELLED
         self._choose(starts[0])
-        self._modes.switch(self._mode)
+        if refusal := self._modes.enter(self._mode):
+            return refusal.result
         return CommandResult.ACCEPTED
 
 
