@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Sequence
 
 from agent_adapters.client.documents import Origin
+from bench.geodesy import wrapped as wrapped_deg
 from bench.values import value_class
 
 # Samples: over six seconds at 10 Hz, because detections come late.
@@ -163,7 +164,7 @@ def east_north_of(latitude_deg: float, longitude_deg: float, origin: Origin) -> 
     prime_m = 6378137.0 / root
     meridian_m = prime_m * (1.0 - eccentricity_2) / root**2
     east_m = (
-        math.radians(longitude_deg - origin.longitude_deg)
+        math.radians(wrapped_deg(longitude_deg - origin.longitude_deg))
         * (prime_m + origin.altitude_m)
         * math.cos(latitude_rad)
     )
