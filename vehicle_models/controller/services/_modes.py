@@ -149,7 +149,10 @@ class Modes:
         """DO_AUX_FUNCTION: what a switch of the radio would do. Only the functions that enter a mode are flown, and
         only their upper position, which enters it.
         """
-        function, position = command.params[:2]
+        return self.run_auxiliary(*command.params[:2])
+
+    def run_auxiliary(self, function: float, position: float) -> CommandResult:
+        """The same for a mission."""
         mode = self._policy.auxiliary_modes.get(function)
         if mode is None:
             severity, text = self._policy.no_auxiliary_text
