@@ -152,8 +152,8 @@ def wrapped(angle_rad: float) -> float:
 
 
 def east_north_of(latitude_deg: float, longitude_deg: float, origin: Origin) -> tuple[float, float]:
-    """East and north metres from the origin on the WGS84 ellipsoid, first order: centimetres within a
-    kilometre or two.
+    """East and north metres from the origin on the WGS84 ellipsoid, first order: a place 300 m north and 300 m east is
+    2 cm off at 47 degrees of latitude and 18 cm at 85.
 
     Radii of curvature in the meridian and the prime vertical as in Torge, Geodesy, section 4.1.
     """
