@@ -7,6 +7,7 @@ without a traceback: the user can fix it, and it says where, what, and how.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from bench.values import value_class
 
@@ -40,6 +41,16 @@ class SetupError(RebarError):
             faults = Fault("", faults)
         self.faults: tuple[Fault, ...] = (faults,) if isinstance(faults, Fault) else tuple(faults)
         super().__init__("\n".join(map(str, self.faults)))
+
+
+def command_line(*words: str | Path) -> str:
+    """A command to be copied into a shell: quoted, and no path begins with a dash, as options do."""
+    # What an agent's process imports, this module too, is kept small.
+    import shlex
+
+    return shlex.join(
+        f"./{word}" if isinstance(word, Path) and str(word).startswith("-") else str(word) for word in words
+    )
 
 
 class LinkLost(RebarError):

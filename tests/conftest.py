@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+from leftovers import Leftovers
 
 HERE = Path(__file__).parent
 
@@ -30,6 +31,11 @@ MARKED_PLACES = {
     "simulation/test_session": "flight",
     "vehicle_models/": "flight",
 }
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """A run leaves nothing among the temporary files."""
+    config.pluginmanager.register(Leftovers(config))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -1,4 +1,4 @@
-"""Every link between the pages leads to a page, and to a heading that the page has."""
+"""Every link between the pages leads to a page, and to a heading that the page has; every run that is named is one."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+
+from bench.campaign import load_campaign, realizations, with_floor
+from bench.contracts import plugins
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
@@ -59,3 +62,50 @@ def test_a_broken_link_is_found(tmp_path: Path) -> None:
         "# Top\n[a](other.md#one-thing) [b](#top) [c](gone.md) [d](other.md#two-things) [e](#below)\n"
     )
     assert broken_links(page) == ["gone.md", "other.md#two-things", "#below"]
+
+
+# `p017-r2-reference-naive`, and the folder of its campaign where one stands before it.
+RUN_NAME = re.compile(r"(?:out/([a-z-]+)/runs/)?\b(p\d{3,}-r\d+-[a-z]+(?:-[a-z]+)*)")
+CAMPAIGNS = {path.stem: path for path in sorted(ROOT.glob("campaigns/*.yaml"))}
+
+
+@cache
+def runs_of(campaign: str) -> frozenset[str]:
+    """The runs of a shipped campaign by its file's name, with a floor where it can have one."""
+    loaded = load_campaign(CAMPAIGNS[campaign])
+    return frozenset(plan.id for plan in realizations(loaded if loaded.floor else with_floor(loaded)))
+
+
+def named_runs(text: str) -> set[tuple[str, str]]:
+    """The runs that a text names, each with the campaign in whose folder it says that they are."""
+    return set(RUN_NAME.findall(text))
+
+
+def is_flown(campaign: str, run: str) -> bool:
+    """Whether a shipped campaign has this run; without one, whether any has the scene and the agent is a shipped one."""
+    if campaign in CAMPAIGNS:
+        return run in runs_of(campaign)
+    scene, agent = re.fullmatch(r"(p\d+-r\d+-)(.*)", run).groups()  # type: ignore[union-attr]  # as in `RUN_NAME`
+    scenes = {known[: len(scene)] for name in CAMPAIGNS for known in runs_of(name)}
+    return scene in scenes and agent in plugins("rebar.agents")
+
+
+def test_the_runs_that_pages_and_help_texts_name_are_flown() -> None:
+    """By the plans of the shipped campaigns: nothing is flown for this."""
+    texts = {page: page.read_text() for page in [*PAGES, *ROOT.glob("bench/**/*.py")]}
+    named = {run: path for path, text in texts.items() for run in named_runs(text)}
+    assert {campaign for campaign, _ in named} >= {"", "demo"}
+    assert {
+        (path.name, run) for (campaign, run), path in named.items() if not is_flown(campaign, run)
+    } == set()
+
+
+def test_the_runs_of_a_text_are_found() -> None:
+    text = "rebar score out/demo/runs/p000-r0-oracle, (`p017-r2-reference-naive`); p1-r1-x, map001-r1-x"
+    assert named_runs(text) == {("demo", "p000-r0-oracle"), ("", "p017-r2-reference-naive")}
+    assert not is_flown("demo", "p000-r0-oracle")
+    assert not is_flown("", "p000-r0-oracle")
+    assert not is_flown("", "p017-r2-reference-brave")
+    assert is_flown("demo", "p001-r1-reference-naive")
+    assert not is_flown("demo", "p017-r2-reference-naive")
+    assert is_flown("", "p017-r2-reference-naive")

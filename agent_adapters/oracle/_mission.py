@@ -177,6 +177,18 @@ class OracleMission(SearchMission):
         convoy, now_s = self._planner.convoy, self._vehicle.now_s
         return convoy is not None and convoy.moves_until(now_s) and convoy.share_driven(now_s) > SEARCH_SHARE
 
+    def _escorted_to_look_at(self) -> Track | None:
+        """Back at whoever of the convoy it has not seen enough of: ahead of it, it would see nobody of them."""
+        escort = self._truth.simspec.mission.escort
+        members = zip(self._truth_tracks, self._truth.cast, strict=True)
+        unseen = (
+            track
+            for track, member in members
+            if escort is not None and member.group == escort.group and self._is_unseen(track)
+        )
+        place = self._place
+        return min(unseen, key=lambda track: math.dist(place, (track.east_m, track.north_m)), default=None)
+
     def _unseen_kind(self, passed: set[str]) -> Track | None:
         """The nearest actor that is no target, and of a kind of which none has been in view."""
         viewed = {self._kind(track) for track in self._others if not self._is_unseen(track)}

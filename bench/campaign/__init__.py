@@ -74,7 +74,6 @@ if TYPE_CHECKING:
     from .results._finish import FinishedCampaign as FinishedCampaign
     from .results._finish import campaign_completeness as campaign_completeness
     from .results._finish import finish_campaign as finish_campaign
-    from .results._finish import is_campaign as is_campaign
     from .results._finish import read_runs as read_runs
     from .results._finish import rescore_campaign as rescore_campaign
     from .results._measures import check_options as check_options
@@ -100,6 +99,7 @@ if TYPE_CHECKING:
     from .storage._files import digest_of as digest_of
     from .storage._files import write_whole as write_whole
     from .storage._folder import CampaignFolder as CampaignFolder
+    from .storage._folder import is_campaign as is_campaign
     from .storage._journal import Journal as Journal
     from .storage._journal import JournalEntry as JournalEntry
     from .storage._journal import RealizationState as RealizationState
@@ -125,6 +125,7 @@ _MODULES = {
     "CampaignEstimate": "planning._estimate",
     "CampaignEvent": "_events",
     "CampaignFolder": "storage._folder",
+    "is_campaign": "storage._folder",
     "CampaignPaused": "_events",
     "CampaignPlanned": "_events",
     "CampaignProposal": "next_campaign._proposal",
@@ -177,7 +178,6 @@ _MODULES = {
     "fingerprint_of": "storage._signature",
     "finish_campaign": "results._finish",
     "fly_realization": "execution._single_flight",
-    "is_campaign": "results._finish",
     "load_campaign": "_document",
     "load_measurable_decomposition": "results._measures",
     "measure_all": "results._measures",

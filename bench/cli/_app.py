@@ -35,6 +35,7 @@ from . import (
     _status,
 )
 from . import _campaigns as _campaigns
+from ._fault_paths import path_fault
 
 app = typer.Typer(
     name="rebar",
@@ -44,15 +45,11 @@ app = typer.Typer(
     # Help texts name fields such as actors[people], which rich would take for markup.
     rich_markup_mode=None,
 )
-# Errors of the operating system that are about a path, its rights or its disk. Any other one is a fault of
-# the bench.
-_DISK_ERRORS = frozenset(
-    {
-        *(errno.EACCES, errno.EPERM, errno.EROFS),
-        *(errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENOSPC),
-        *(errno.EEXIST, errno.EISDIR, errno.ENAMETOOLONG, errno.ENOENT, errno.ENOTDIR),
-    }
-)
+# Errors of the operating system that are about a disk. Those about a path are the user's (`path_fault`), and any other one
+# is a fault of the bench.
+_DISK_ERRORS = frozenset({errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENOSPC})
+# SQLite cannot open the file, or may not write it.
+_PATH_CODES = frozenset({sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM, sqlite3.SQLITE_READONLY})
 
 # Memory, processes, open files, buffers: a shortage of the host that passes.
 _SHORTAGES = frozenset({errno.ENOMEM, errno.EAGAIN, errno.EMFILE, errno.ENFILE, errno.ENOBUFS})
@@ -113,7 +110,8 @@ def run(arguments: Sequence[str]) -> int:
             f"rebar: cannot write the journal: {error}. Free some space or correct the file's permissions, then run again.",
             file=sys.stderr,
         )
-        return 1
+        # The first byte is the kind of error.
+        return 2 if getattr(error, "sqlite_errorcode", 0) & 0xFF in _PATH_CODES else 1
     except sqlite3.DatabaseError as error:
         print(
             f"rebar: the journal was damaged while it was in use: {error}. Check the disk, then run again.",
@@ -133,14 +131,22 @@ def run(arguments: Sequence[str]) -> int:
                 file=sys.stderr,
             )
             return 1
+        if (fault := path_fault(error)) is not None:
+            print(f"rebar: {fault}", file=sys.stderr)
+            return 2
         if error.errno not in _DISK_ERRORS:
             raise
         print(
-            f"rebar: {error.filename or 'writing'}: {error.strerror}. Check the path, its permissions and the free space, "
-            "then run again.",
+            f"rebar: {error.filename or 'writing'}: {error.strerror}. Free some space or check the disk, then run again.",
             file=sys.stderr,
         )
         return 1
+    except RuntimeError as error:
+        # How pathlib puts ELOOP before Python 3.13.
+        if not str(error).startswith("Symlink loop"):
+            raise
+        print(f"rebar: {error} (remove the link, or name another path)", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print("rebar: interrupted", file=sys.stderr)
         # 128 + SIGINT, as shells report an interrupted command.

@@ -46,6 +46,7 @@ def sheet(
 
     if faults := renderer_faults("--renderer", renderer):
         raise SetupError(faults)
+    out.parent.mkdir(parents=True, exist_ok=True)
     # OpenCV takes a tenth of a second to import, which no other command needs.
     import cv2
 
@@ -60,6 +61,5 @@ def sheet(
     _, encoded = cv2.imencode(
         out.suffix, draw_sheet(load_plugin("rebar.renderers", renderer)), options[out.suffix]
     )
-    out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(encoded.tobytes())
     print(out)

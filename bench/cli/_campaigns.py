@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from bench.errors import Fault, SetupError
+from bench.errors import Fault, SetupError, command_line
 
 from ._event_lines import open_event_lines
 from ._examples import shipped
@@ -427,7 +427,8 @@ def _show_scores(
     if scores.floors:
         flat = [node.id for node in scores.floors.values() if node.flaw]
         print(
-            f"{len(flat)} observables do not discriminate: rebar decomposition check {campaign.decomposition} --floor {folder}"
+            f"{len(flat)} observables do not discriminate: "
+            + command_line("rebar", "decomposition", "check", Path(campaign.decomposition), "--floor", folder)
         )
     print(f"report: {scores.report}")
     print(f"manifest SHA-256: {digest_of(CampaignFolder(folder).manifest)}")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import shlex
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from bench.errors import Fault, SetupError, command_line
 
 FOLDERS = ("campaigns", "decompositions", "examples")
 _SUFFIXES = (".yaml", ".py", ".toml", ".js", ".json")
@@ -28,8 +29,6 @@ def examples(
 
     Example: rebar examples --copy mine
     """
-    from bench.errors import Fault, SetupError
-
     files = sorted(shipped_files())
     if copy is None:
         print("\n".join(name for name, _ in files))
@@ -48,7 +47,7 @@ def examples(
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source, target)
     print(
-        f"{len(files)} files in {copy}. Try: rebar run {shlex.quote(str(copy / 'campaigns' / 'demo.yaml'))}"
+        f"{len(files)} files in {copy}. Try: {command_line('rebar', 'run', copy / 'campaigns' / 'demo.yaml')}"
     )
 
 

@@ -26,7 +26,7 @@ def export(
     """Write a copy of a recording that Lichtblick and Foxglove show without any set-up: the scene, the map, boxes over
     the pictures, and states to plot. The recording itself stays as it is.
 
-    Example: rebar export out/demo/runs/p000-r0-oracle --foxglove --out viewer.mcap
+    Example: rebar export out/demo/runs/p001-r1-reference-naive --foxglove --out viewer.mcap
     """
     from bench.campaign import open_recorded
     from bench.errors import Fault, SetupError

@@ -71,4 +71,6 @@ def _files(out: Path) -> tuple[Path, ...]:
                 f"use {PAGE}, {DRAWING}, or no suffix to write both",
             )
         )
+    if not out.name:
+        raise SetupError(Fault("--out", f"{out} is a folder", "name a file in it"))
     return (out.with_suffix(PAGE), out.with_suffix(DRAWING))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import shlex
+import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from bench.errors import Fault, SetupError
+from bench.errors import Fault, SetupError, command_line
 
 from ._missing_runs import INCOMPLETE_EXIT_CODE
 
@@ -30,7 +30,7 @@ def propose(
     """
     from bench.campaign import campaign_completeness, propose_next
 
-    if out is not None and out.exists():
+    if out is not None and os.path.lexists(out):
         raise SetupError(Fault(str(out), "already exists and is not overwritten", "name another file"))
     proposal = propose_next(folder, out.parent if out is not None else None)
     completeness = campaign_completeness(folder)
@@ -44,7 +44,7 @@ def propose(
         for line in lines:
             print(line)
         print("\n".join(proposal.changes) or "only the seed changes: factors, ranges and replicates stay")
-        print(f"{out}: review it, then run `rebar run {shlex.quote(str(out))}`")
+        print(f"{out}: review it, then run `{command_line('rebar', 'run', out)}`")
     if completeness is not None and not completeness.complete:
         raise typer.Exit(INCOMPLETE_EXIT_CODE)
 

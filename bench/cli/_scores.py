@@ -87,7 +87,7 @@ def score(
     For the folder of a run, the scores are printed. For a campaign, result.json files, scores.parquet and
     report.html are written again, once every recording is measured. Ends with code 3 if a campaign lacks runs that its agents did not cause.
 
-    Example: rebar score out/demo/runs/p000-r0-reference-naive
+    Example: rebar score out/demo/runs/p001-r1-reference-naive
 
     Example: rebar score out/demo --explain KA-18
 
@@ -281,8 +281,8 @@ def _of_run(folder: Path, named: str | None) -> ScoreSource:
     from bench.recording import read_simspec
     from bench.scoring import ScoredRun, Sources, difficulty_of, score_table, summary_frame
 
-    decomposition = load_measurable_decomposition(named or _campaign_decomposition(folder))
     check_run(folder)
+    decomposition = load_measurable_decomposition(named or _campaign_decomposition(folder))
     recording = folder / "recording.mcap"
     with open_recorded(folder) as recorded:
         result = rescore(recorded, decomposition)

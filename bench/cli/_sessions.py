@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -10,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from rich.padding import Padding
 from rich.text import Text
+
+from bench.errors import command_line
 
 from ._campaigns import IsolationOption
 from ._tables import plain_console
@@ -53,6 +54,8 @@ def simulate(
         agent = situation.agent.model_copy(update={"isolation": isolation})
         situation = situation.model_copy(update={"agent": agent})
     nodes = load_measurable_decomposition(decomposition)
+    # Before the flight, which takes a while: a path that cannot be is told at once.
+    out.mkdir(parents=True, exist_ok=True)
     result = fly_realization(situation, nodes, out, out.name)
     # The flight does not write its result: in a campaign the runner does.
     write_result(out, result)
@@ -79,10 +82,10 @@ def simulate(
         if (out / "recording.mcap").is_file():
             console.print(f"recording: {out / 'recording.mcap'}", soft_wrap=True)
         if result.observations:
-            named = () if decomposition == DEFAULT_DECOMPOSITION else ("--decomposition", decomposition)
+            named = () if decomposition == DEFAULT_DECOMPOSITION else ("--decomposition", Path(decomposition))
             # Quoted, because people copy these lines into a shell.
-            explain = shlex.join(("rebar", "score", str(out), *named, "--explain", str(first)))
-            difficulty = shlex.join(("rebar", "difficulty", str(simspec), *named))
+            explain = command_line("rebar", "score", out, *named, "--explain", str(first))
+            difficulty = command_line("rebar", "difficulty", simspec, *named)
             for line in (f"why: {explain}", f"how hard it was: {difficulty}"):
                 console.print(line, soft_wrap=True)
     if not result.outcome.counts:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from bench.errors import command_line
 
 Folder = Annotated[Path, typer.Argument(help="Folder of a campaign")]
 
@@ -35,7 +36,7 @@ def status(
     end = "complete" if state.complete else "not complete"
     print(f"{state.campaign}: {state.done} of {state.total} realizations have a result; {end}; {doing}")
     if state.paused:
-        print(f"paused: no session starts until `rebar resume {shlex.quote(str(folder))}`")
+        print(f"paused: no session starts until `{command_line('rebar', 'resume', folder)}`")
     for name, counts in (("outcomes", state.outcomes), ("missing", state.missing)):
         if counts:
             print(f"{name}: {', '.join(f'{count} {outcome}' for outcome, count in counts.items())}")

@@ -29,7 +29,7 @@ from bench.contracts import (
     truth_sightings_of,
 )
 from bench.documents import parse_text, read_text
-from bench.errors import Fault, SetupError
+from bench.errors import Fault, SetupError, command_line
 from bench.scoring import (
     EXCLUDED_OUTCOMES,
     NodeFloor,
@@ -134,7 +134,7 @@ def _floors(folder: Path, campaign: Mapping[str, Any], notes: list[str]) -> dict
         scores = pl.read_parquet(folder / "floor.parquet")
     except (OSError, pl.exceptions.PolarsError):
         notes.append(
-            f"floor.parquet cannot be read, so floor and ceiling are not shown. `rebar report {folder.name}` makes it."
+            f"floor.parquet cannot be read, so floor and ceiling are not shown. `{command_line('rebar', 'report', Path(folder.name))}` makes it."
         )
         return {}
     oracle = _mapping(_mapping(campaign.get("floor")).get("oracle")).get("manifest")

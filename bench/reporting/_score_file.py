@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from bench.errors import command_line
 from bench.scoring import SCORE_COLUMNS, read_score_table
 
 _NO_SCORES = pl.DataFrame(schema=SCORE_COLUMNS)
@@ -20,19 +21,19 @@ def load_scores(folder: Path, notes: list[str]) -> pl.DataFrame:
     path = folder / "scores.parquet"
     if not path.is_file():
         notes.append(
-            f"There is no scores.parquet: nothing has been scored yet. `rebar score {folder.name}` makes it."
+            f"There is no scores.parquet: nothing has been scored yet. `{command_line('rebar', 'score', Path(folder.name))}` makes it."
         )
         return _NO_SCORES
     try:
         frame = read_score_table(path)
     except (OSError, pl.exceptions.PolarsError) as error:
         notes.append(
-            f"scores.parquet could not be read ({error}). `rebar score {folder.name}` makes it anew."
+            f"scores.parquet could not be read ({error}). `{command_line('rebar', 'score', Path(folder.name))}` makes it anew."
         )
         return _NO_SCORES
     if missing := sorted(set(SCORE_COLUMNS) - set(frame.columns)):
         notes.append(
-            f"scores.parquet lacks the columns {', '.join(missing)}. `rebar score {folder.name}` makes it anew."
+            f"scores.parquet lacks the columns {', '.join(missing)}. `{command_line('rebar', 'score', Path(folder.name))}` makes it anew."
         )
         return _NO_SCORES
     # The same folder gives the same bytes, whatever the order in which scoring wrote its rows. Column by column: sorted

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import socket
-import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager
-from pathlib import Path
 
 from bench.errors import Fault, SetupError
 
@@ -20,36 +17,28 @@ PORTS = range(14600, 30000)
 @contextmanager
 def reserved_udp_port(host: str = "127.0.0.1") -> Generator[int]:
     """A UDP port that is free now and that no other session of this user reserves while the block lasts."""
-    folder = Path(tempfile.gettempdir(), f"rebar-ports-{os.getuid()}")
-    folder.mkdir(mode=0o700, exist_ok=True)
     # Sessions start their search at different ports, so that many of them do not try the same locks.
     start = os.getpid() * 7 % len(PORTS)
     for offset in range(len(PORTS)):
         port = PORTS[(start + offset) % len(PORTS)]
-        handle = os.open(folder / str(port), os.O_CREAT | os.O_RDWR, 0o600)
-        try:
-            if _lock(handle) and _is_free(host, port):
+        # An abstract name is a lock that leaves no file: it goes with its process, and belongs to a network, as ports do.
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as lock:
+            if _binds(lock, f"\0rebar-port-{os.getuid()}-{port}") and _is_free(host, port):
                 yield port
                 return
-        finally:
-            os.close(handle)
     raise SetupError(
         Fault("MAVLink", f"no UDP port in {PORTS.start} to {PORTS.stop - 1} is free", "end what uses them")
     )
 
 
-def _lock(handle: int) -> bool:
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
-
-
 def _is_free(host: str, port: int) -> bool:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind((host, port))
-        except OSError:
-            return False
+        return _binds(probe, (host, port))
+
+
+def _binds(probe: socket.socket, address: str | tuple[str, int]) -> bool:
+    try:
+        probe.bind(address)
+    except OSError:
+        return False
     return True

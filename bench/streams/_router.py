@@ -12,7 +12,6 @@ import itertools
 import json
 import secrets
 import socket
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -22,6 +21,7 @@ from typing import Any
 import zenoh
 
 from bench.errors import Fault, SetupError
+from bench.temporary_folders import temporary_folder
 
 from ._keys import GRAPH, data_key, dds_name, is_name, mangle
 from ._node import AirAccess, RosNode, session_settings
@@ -145,8 +145,8 @@ def _open_at(plan: AirPlan, port: int, password: str) -> zenoh.Session:
     """The file with the password is gone before anybody can connect who might look for it: Zenoh reads it
     once.
     """
-    with tempfile.TemporaryDirectory(prefix="rebar-air-") as folder:  # mode 0700
-        users = Path(folder) / "users"
+    with temporary_folder("air") as folder:
+        users = folder / "users"
         users.touch(mode=0o600)
         companion = f"{_COMPANION}:{plan.companion_token}\n" if plan.companion_token else ""
         users.write_text(f"{_AGENT}:{password}\n{companion}", encoding="utf-8")

@@ -39,12 +39,14 @@ def scene(campaign: str, name: str, replicate: int = 1) -> RealizationPlan:
     )
 
 
-def fly(plan: RealizationPlan, agent: str) -> tuple[SimSpec, SessionEnd, Sequence[Observation]]:
-    """The placed SimSpec, how the session ended, and every observation of `DECOMPOSITION`."""
+def fly(
+    plan: RealizationPlan, agent: str, decomposition: str = DECOMPOSITION
+) -> tuple[SimSpec, SessionEnd, Sequence[Observation]]:
+    """The placed SimSpec, how the session ended, and every observation of the decomposition."""
     spec = place(plan.simspec.model_copy(update={"agent": AgentSpec(manifest=agent)}))
     manifest, at = load_manifest(agent)
     tape = TapeBuilder(spec)
     with tempfile.TemporaryDirectory() as folder:
         end = run_session(SessionPlan(spec, manifest, at, open_agent, Path(folder), tape))
-    decomposition = load_measurable_decomposition(DECOMPOSITION)
-    return spec, end, measure_all(measures_of(decomposition), tape.tape(), spec)
+    measures = measures_of(load_measurable_decomposition(decomposition))
+    return spec, end, measure_all(measures, tape.tape(), spec)

@@ -33,8 +33,12 @@ class DaskCluster:
     """A scheduler and its workers, all processes of their own."""
 
     def __init__(self, marks: Path, repeats: int = 0) -> None:
+        # Killed workers remove nothing.
+        temporary = marks / "temporary"
+        temporary.mkdir(exist_ok=True)
         self._environment = {
             **os.environ,
+            "TMPDIR": str(temporary),
             "PYTHONPATH": str(Path(__file__).parent),
             "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": str(repeats),
             MARKS: str(marks),

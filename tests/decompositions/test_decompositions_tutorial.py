@@ -1,97 +1,31 @@
 """The tutorial says what is so: its commands run, in their order, and print what the page shows.
 
-What comes from a flight (blocks marked `flown`) is compared but for its numbers, which follow every change of
-the reference agents.
+What comes from a flight (blocks marked `flown`) is written by tests/agent_adapters/shipped_agents.py.
 """
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
-import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 import polars as pl
 import pytest
+from tutorial_page import LONGEST_S, PAGE, REPOSITORY, SHOWN, Completed, Shown, fill_folder, run_in
 
 from decompositions import Level, load_decomposition
 
-REPOSITORY = Path(__file__).parents[2]
-PAGE = (REPOSITORY / "docs" / "tutorial.md").read_text()
-COMMAND = re.compile(r"^\$ (.*(?:\n> .*)*)\n?", re.MULTILINE)
-LONGEST_S = 400.0  # of all commands together, on a machine that does much else
-OFFLINE = (
-    "pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --no-index --target site "
-)
-
-
-@dataclass(frozen=True, slots=True)
-class Shown:
-    """A command of the page, what the page shows of its output, and whether its numbers come from a
-    flight.
-    """
-
-    command: str
-    output: tuple[str, ...]
-    flown: bool
-
-    @property
-    def of_campaign(self) -> bool:
-        """Whether it flies a campaign or reads one: minutes of CPU, all together."""
-        return re.search(r"campaigns/|out/(rescue|hasty)", self.command) is not None
-
-    def lines(self, text: str) -> list[str]:
-        """What is compared: no rules of tables, no runs of spaces, and no numbers where these come from a
-        flight.
-        """
-        rows = (" ".join(line.replace("┃", "│").split()) for line in text.splitlines())
-        lines = [row for row in rows if row.strip("┏┓┡┩└┘├┤━─┳╇┴┼ ")]
-        return [re.sub(r"[+-]?\d+(\.\d+)?", "N", row) for row in lines] if self.flown else lines
-
-
-def shown() -> Iterator[Shown]:
-    """Every command of the page, in order."""
-    for kind, block in re.findall(r"^```console(.*?)\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE):
-        parts = COMMAND.split(block)
-        for command, output in zip(parts[1::2], parts[2::2], strict=True):
-            yield Shown(command.replace("\n> ", "\n"), tuple(output.splitlines()), kind.strip() == "flown")
-
-
-SHOWN = tuple(shown())
 SINGLE = [shown for shown in SHOWN if not shown.of_campaign]
 OF_CAMPAIGN = [shown for shown in SHOWN if shown.of_campaign]
-Completed = subprocess.CompletedProcess[str]
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder that looks like the checkout to the page's commands, and leaves it as it is."""
     folder = tmp_path_factory.mktemp("tutorial")
-    (folder / "out").mkdir()
-    (folder / ".venv").symlink_to(sys.prefix)
-    for name in ("campaigns", "decompositions", "examples"):
-        (folder / name).symlink_to(REPOSITORY / name)
+    fill_folder(folder)
     return folder
-
-
-def run_in(folder: Path, commands: Sequence[Shown]) -> list[Completed]:
-    """Each command of the page, run once, whether or not those before it did what they should."""
-    environment = os.environ | {"PYTHONPATH": str(folder / "site")}
-    return [
-        subprocess.run(
-            ["bash", "-c", shown.command.replace("pip install ", OFFLINE)],
-            cwd=folder,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=LONGEST_S,
-            check=False,
-        )
-        for shown in commands
-    ]
 
 
 @pytest.fixture(scope="module")
@@ -132,20 +66,22 @@ def test_a_command_about_a_campaign_prints_what_the_page_shows(
 
 
 def compare_with_page(shown: Shown, done: Completed) -> None:
-    refused = bool(shown.output) and shown.output[0].startswith("rebar: ")
-    assert done.returncode == (2 if refused else 0), f"{shown.command}\n{done.stdout}{done.stderr}"
-    printed = done.stderr if refused else done.stdout
-    rest = shown.lines(printed)
-    for count, piece in enumerate(re.split(r"^\.\.\.$", "\n".join(shown.output), flags=re.MULTILINE)):
-        wanted = shown.lines(piece)
-        starts = [at for at in range(len(rest) - len(wanted) + 1) if rest[at : at + len(wanted)] == wanted]
-        assert starts, "\n".join(["the page shows", *wanted, "which is not in", printed])
-        assert count or starts[0] == 0, "\n".join(
-            ["before what the page shows first, there is", *rest[: starts[0]]]
-        )
-        rest = rest[starts[0] + len(wanted) :]
-    gap = bool(shown.output) and shown.output[-1] == "..."
-    assert gap or not rest or not shown.output, "\n".join(["after what the page shows last, there is", *rest])
+    assert done.returncode == (2 if shown.refused else 0), f"{shown.command}\n{done.stdout}{done.stderr}"
+    assert shown.difference(done) == "", "run tests/agent_adapters/shipped_agents.py, and read the page again"
+
+
+def test_the_page_takes_over_numbers_alone() -> None:
+    """Numbers of the host's time stay; a line that says something else is refused."""
+    shown = Shown(
+        "fly", ("8 sessions (in 17 s): 8 completed", "...", "KA-3   66.7 % (14–98)", "..."), flown=True
+    )
+    text = "8 sessions (in 3 s): 7 completed\nother\n━━━\nKA-3 75 % (19–99)\nend\n"
+    assert shown.difference(subprocess.CompletedProcess("", 0, text, "")) != ""
+    assert list(shown.renumbered(subprocess.CompletedProcess("", 0, text, ""))) == [
+        *("8 sessions (in 17 s): 7 completed", "...", "KA-3   75 % (19–99)", "...")
+    ]
+    with pytest.raises(ValueError, match="fly: the page shows"):
+        list(shown.renumbered(subprocess.CompletedProcess("", 0, text.replace("KA-3", "KA-B"), "")))
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import shutil
-import tempfile
 from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -20,6 +19,7 @@ from bench.contracts import (
 )
 from bench.errors import Fault, FirmwareFault, SetupError
 from bench.simspec import BoardAutopilot, RealAutopilot, generator
+from bench.temporary_folders import temporary_folder
 
 from .._battery import BatteryModel
 from .._failures import Failures
@@ -227,7 +227,7 @@ class FirmwareX500:
 
     def _start(self) -> RunningFirmware:
         # Outermost, so that it is removed last: the program writes here until it is killed.
-        folder = Path(tempfile.mkdtemp(prefix="rebar-autopilot-")).resolve()
+        folder = self._stack.enter_context(temporary_folder("autopilot")).resolve()
         self._stack.callback(self._keep_artefacts, folder)
         plan = FirmwarePlan(
             self._plan.simspec,
@@ -394,7 +394,7 @@ class FirmwareX500:
         return f"{self._kind.name} {version}, {self._kind.identity(self._autopilot)}"
 
     def _keep_artefacts(self, folder: Path) -> None:
-        """Keep console and logs with the run, and remove the folder."""
+        """Keep console and logs with the run."""
         target = self._plan.artefacts
         if target is not None:
             target.mkdir(parents=True, exist_ok=True)
@@ -402,4 +402,3 @@ class FirmwareX500:
                 for path in sorted(folder.glob(pattern)):
                     if path.is_file() and not path.is_symlink():
                         shutil.copyfile(path, target / path.name)
-        shutil.rmtree(folder, ignore_errors=True)

@@ -322,13 +322,18 @@ class SearchMission:
             def moved(until_s: float = until_s) -> bool:
                 return self._vehicle.now_s >= until_s
 
-            yield from self._pilot.follow([self._place, station], self._pilot.speed_mps, until=moved)
+            way, facing = [self._place, station], self._escorted_to_look_at()
+            yield from self._pilot.follow(way, self._pilot.speed_mps, facing=facing, until=moved)
             yaw_rad = self._pilot.pose.yaw_rad
             while not moved():
                 yield from self._pilot.keep_control()
                 self._vehicle.setpoint = PositionSetpoint(*station, self._pilot.height_m, yaw_rad)
                 yield
         yield from self._work_through()
+
+    def _escorted_to_look_at(self) -> Track | None:
+        """Whom of the convoy to look at while it flies ahead of it; None to look ahead."""
+        return None
 
     def _choose(self) -> SearchTask | None:
         for task in self._planner.waiting(self._place):

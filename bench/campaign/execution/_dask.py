@@ -23,6 +23,7 @@ from .._versions import versions
 from ..storage._dropped import DroppedRecording, note_pending
 from ._cluster_task import NAME, STARTED, ClusterTask, StoredRecording
 from ._executor import OnStart
+from ._pool import open_scratch
 from ._task import Task, WorkerPlan, WorkersUnusable
 
 if TYPE_CHECKING:
@@ -214,7 +215,6 @@ async def open_dask(
     recordings; None: they come back. `warn` is told when there are no workers. Raises SetupError if `distributed` is not installed,
     no scheduler answers, or the scheduler would repeat lost tasks by itself.
     """
-    del folder
     try:
         from distributed import Client, LocalCluster
     except ImportError:
@@ -224,13 +224,16 @@ async def open_dask(
         stack.enter_context(_quiet())
         target: Any = address
         if address is None:
+            scratch = str(stack.enter_context(open_scratch(folder)))
             target = await stack.enter_async_context(
                 LocalCluster(
                     n_workers=workers,
                     threads_per_worker=1,
                     dashboard_address=None,
                     asynchronous=True,
-                    scheduler_kwargs={"allowed_failures": 0},
+                    local_directory=scratch,
+                    env={"TMPDIR": scratch},
+                    scheduler_kwargs={"allowed_failures": 0, "local_directory": scratch},
                 )
             )
         try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -12,6 +11,7 @@ import anyio
 import anyio.to_thread
 
 from bench.contracts import SessionResult
+from bench.temporary_folders import temporary_folder
 from decompositions import decomposition_of
 
 from .._versions import versions
@@ -38,10 +38,10 @@ def fly_document(document: bytes) -> tuple[bytes, dict[str, bytes], bytes]:
     _tell_start(task.runner)
     if faults := version_faults(task.versions, versions()):
         raise WorkersUnusable("; ".join(faults))
-    with tempfile.TemporaryDirectory(prefix="rebar-dask-") as folder:
+    with temporary_folder("dask") as folder:
         with first_error_alone():
-            result = anyio.run(_fly, task, Path(folder), _wanted())
-        run = Path(folder, "run")
+            result = anyio.run(_fly, task, folder, _wanted())
+        run = folder / "run"
         stored = _stored(task, run, result)
         files = {
             str(path.relative_to(run)): path.read_bytes()

@@ -6,7 +6,6 @@ scoring the recording again gives the same observations.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Generator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
@@ -40,9 +39,9 @@ from bench.errors import PlacementInfeasible, SetupError
 from bench.network_namespace import namespace_fault
 from bench.realization import check_placement, place
 from bench.recording import TapeBuilder, open_recording
-from bench.removal import remove_tree
 from bench.simspec import AgentSpec, Isolation, SimSpec
 from bench.simulation import SessionEnd, SessionPlan, open_forfeit, run_session
+from bench.temporary_folders import temporary_folder
 from decompositions import Decomposition
 
 from .._versions import versions
@@ -121,7 +120,7 @@ def _fly(
     tape = TapeBuilder(placed)
     starter = AgentStarter(open_agent)
     with (
-        _open_scratch() as scratch,
+        temporary_folder("agent") as scratch,
         open_recording(
             folder / RECORDING, simspec=placed, versions=versions(), metadata=_metadata(manifest)
         ) as recording,
@@ -234,16 +233,6 @@ def _checked(simspec: SimSpec) -> SimSpec:
     if faults := check_placement(simspec):
         raise SetupError(faults)
     return simspec
-
-
-@contextmanager
-def _open_scratch() -> Generator[Path]:
-    """A new folder for an agent, which is removed afterwards whatever is left in it."""
-    folder = Path(tempfile.mkdtemp(prefix="rebar-agent-"))
-    try:
-        yield folder
-    finally:
-        remove_tree(folder)
 
 
 def result_of(

@@ -10,8 +10,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Callable, Generator
+from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
@@ -85,13 +85,23 @@ async def open_local_pool(
     # only.
     for pid in processes_marked(FOLDER_VARIABLE, str(folder.resolve())):
         kill_tree(pid)
-    scratch = folder / SCRATCH
+    with open_scratch(folder) as scratch:
+        pool = LocalPool(plan, workers, folder, scratch, grace_s, clock)
+        try:
+            yield pool
+        finally:
+            pool.close()
+
+
+@contextmanager
+def open_scratch(folder: Path) -> Generator[Path]:
+    """Where the sessions of a campaign keep temporary files, without those that an earlier runner left."""
+    scratch = folder.resolve() / SCRATCH
     remove_tree(scratch)
-    pool = LocalPool(plan, workers, folder, grace_s, clock)
+    scratch.mkdir(parents=True)
     try:
-        yield pool
+        yield scratch
     finally:
-        pool.close()
         remove_tree(scratch)
 
 
@@ -140,9 +150,16 @@ class LocalPool:
     """Worker processes, each idle or at a task."""
 
     def __init__(
-        self, plan: WorkerPlan, workers: int, folder: Path, grace_s: float, clock: Callable[[], float]
+        self,
+        plan: WorkerPlan,
+        workers: int,
+        folder: Path,
+        scratch: Path,
+        grace_s: float,
+        clock: Callable[[], float],
     ) -> None:
-        self._plan, self._folder, self._grace_s, self._clock = plan, folder, grace_s, clock
+        self._plan, self._grace_s, self._clock = plan, grace_s, clock
+        self._folder, self._scratch = folder, scratch
         self.capacity = workers
         self._idle: list[_Worker] = []
         self._started_count = 0
@@ -238,8 +255,8 @@ class LocalPool:
         worker_lifeline_fd, lifeline_fd = os.pipe()
         log = self._folder / "logs" / f"{name}.log"
         log.parent.mkdir(parents=True, exist_ok=True)
-        scratch = self._folder.resolve() / SCRATCH / name
-        scratch.mkdir(parents=True)
+        scratch = self._scratch / name
+        scratch.mkdir()
         with log.open("ab") as output:
             log_start = output.tell()
             process = subprocess.Popen(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 
 from bench.contracts import SessionResult
 from bench.documents import dump_json
 from bench.simspec import SimSpec
+from bench.temporary_folders import temporary_folder
 from decompositions import Decomposition
 
 from ._blocking import blocking
@@ -28,9 +28,9 @@ async def fly_realization(
     started.
     """
     plan = WorkerPlan(FLIGHT_JOB, decomposition, own_network)
-    with tempfile.TemporaryDirectory(prefix="rebar-worker-") as temporary:
-        document = Path(temporary, "simspec.json")
+    with temporary_folder("worker") as temporary:
+        document = temporary / "simspec.json"
         document.write_text(dump_json(simspec), encoding="utf-8")
         task = Task(realization, document, folder.resolve(), simspec.budgets.wall_s)
-        async with open_local_pool(plan, 1, Path(temporary)) as pool:
+        async with open_local_pool(plan, 1, temporary) as pool:
             return await pool.fly(task, on_start=lambda worker: None)

@@ -40,7 +40,7 @@ from ..storage._dropped import dropped_recording
 from ..storage._elsewhere import drop_again, recordings_elsewhere
 from ..storage._evidence_check import changed_tables, check_evidence
 from ..storage._files import FileDigests, write_whole
-from ..storage._folder import RECORDING, CampaignFolder, open_lock
+from ..storage._folder import RECORDING, CampaignFolder, existing_campaign, is_campaign, open_lock
 from ..storage._inputs import write_input
 from ..storage._journal import JournalEntry, open_journal
 from ..storage._manifest import write_manifest
@@ -80,6 +80,7 @@ def finish_campaign(path: Path, other_decomposition: str | None = None) -> Finis
     A realization without a result has no row. Raises SetupError if the folder is not a campaign, if another
     process is writing in it, and if something in it was changed since it was written.
     """
+    existing_campaign(path)
     with open_lock(path, reentrant=True) as was_free:
         if was_free:
             paths, _, _ = read_campaign_folder(path, other_decomposition)
@@ -276,19 +277,10 @@ def read_campaign_folder(
 
     `other_decomposition` replaces the campaign's.
     """
-    if not is_campaign(path):
-        raise SetupError(
-            Fault(str(path), "is not the folder of a campaign", "name a folder that `rebar run` wrote")
-        )
-    folder = CampaignFolder(path)
+    folder = existing_campaign(path)
     campaign = load_document(folder.campaign, Campaign)
     default = folder.decomposition if folder.decomposition.is_file() else campaign.decomposition
     return folder, campaign, load_measurable_decomposition(other_decomposition or default)
-
-
-def is_campaign(path: Path) -> bool:
-    """Whether a folder is the folder of a campaign."""
-    return (path / "campaign.yaml").is_file() and (path / "journal.sqlite").is_file()
 
 
 def _scored_runs(

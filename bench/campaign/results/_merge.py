@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import shlex
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.errors import Fault, SetupError
+from bench.errors import Fault, SetupError, command_line
 from decompositions import Decomposition
 
 from .._document import Campaign, parse_shard
@@ -94,8 +93,7 @@ def _read(path: Path) -> _Shard:
             Fault(
                 str(path),
                 f"shard {campaign.shard} lacks runs",
-                "run it to its end: "
-                + shlex.join(("rebar", "run", str(folder.campaign), "--out", str(path))),
+                "run it to its end: " + command_line("rebar", "run", folder.campaign, "--out", path),
             )
         )
     return _Shard(folder, campaign, decomposition, manifest, *parse_shard(campaign.shard))

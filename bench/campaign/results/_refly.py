@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-import tempfile
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from bench.recording import read_metadata, read_records, read_tape, recording_di
 from bench.removal import remove_tree
 from bench.simspec import RealAutopilot, SimSpec
 from bench.streams import String, decode
+from bench.temporary_folders import temporary_folder
 from decompositions import Decomposition
 
 from .._versions import versions
@@ -98,8 +98,8 @@ def refly(
     drawn = sorted(random.Random(seed).sample(sorted(results), min(count, len(results))))
     runs: list[ReflownRun] = []
     if drawn:
-        with tempfile.TemporaryDirectory(prefix="rebar-refly-") as home:
-            flight = _Reflight(folder, decomposition, Path(home), job, open_executor)
+        with temporary_folder("refly") as home:
+            flight = _Reflight(folder, decomposition, home, job, open_executor)
             fly = blocking(flight.fly)
             runs = fly({name: results[name] for name in drawn}, min(workers, len(drawn)))
     return ReflownSample(

@@ -10,12 +10,11 @@ from pydantic import Field
 
 from bench.contracts import Outcome
 from bench.documents import Document, load_document
-from bench.errors import Fault, SetupError
 
 from .._document import Campaign
 from ..storage._completeness import accepted_realizations, completeness_of
 from ..storage._firmware_ends import drawn_out_realizations
-from ..storage._folder import CampaignFolder, writing_process
+from ..storage._folder import existing_campaign, writing_process
 from ..storage._journal import RealizationState, open_journal_to_read
 from ..storage._pause import is_paused
 
@@ -50,13 +49,7 @@ class CampaignState(Document):
 
 def campaign_state(folder: Path) -> CampaignState:
     """Where the campaign of a folder stands. Raises SetupError for a folder that is no campaign's."""
-    paths = CampaignFolder(folder)
-    if not paths.journal.is_file():
-        raise SetupError(
-            Fault(
-                str(folder), "is not the folder of a campaign", "name the folder that `rebar run --out` wrote"
-            )
-        )
+    paths = existing_campaign(folder)
     campaign = load_document(paths.campaign, Campaign)
     process = writing_process(folder)
     with open_journal_to_read(paths.journal) as journal:

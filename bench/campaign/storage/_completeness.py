@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import shlex
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from bench.contracts import Outcome
-from bench.errors import Fault, SetupError
+from bench.errors import Fault, SetupError, command_line
 
 from ._journal import Journal, JournalEntry
 
@@ -75,7 +74,7 @@ class Completeness:
             for failure, count in sorted(self.failed_measures.items())
         ]
         if failures:
-            command = shlex.join(["rebar", "score", str(folder)])
+            command = command_line("rebar", "score", folder)
             failures.append(f"Fix the measure, then run `{command}`: nothing has to be flown again.")
         if not self.missing:
             return failures
@@ -83,7 +82,7 @@ class Completeness:
         head = f"INCOMPLETE: {sum(self.missing.values())} of {self.total} runs are missing: {kinds}"
         if busy:
             return [f"{head}; {busy}.", "Wait until it ends.", *failures]
-        command = shlex.join(["rebar", "run", str(folder / "campaign.yaml"), "--out", str(folder)])
+        command = command_line("rebar", "run", folder / "campaign.yaml", "--out", folder)
         infeasible = self.missing.get(Outcome.PLACEMENT_INFEASIBLE, 0)
         fliable = sum(self.missing.values()) - infeasible > self.drawn_out
         remedies = [f"Run `{command}` to fly them."] if fliable else []

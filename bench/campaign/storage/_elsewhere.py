@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +10,7 @@ from urllib.parse import urlsplit
 
 from bench.contracts import SessionResult
 from bench.errors import Fault, SetupError
+from bench.temporary_folders import temporary_folder
 
 from ._dropped import DROPPED, DroppedRecording, dropped_recording
 from ._files import digest_of
@@ -81,8 +81,8 @@ def open_fetched(run: Path, note: DroppedRecording) -> Iterator[Path]:
     that cannot be fetched, or is not the one that was flown.
     """
     assert note.kept_at is not None
-    with tempfile.TemporaryDirectory(prefix="rebar-fetch-") as temporary:
-        copy = Path(temporary, run.name)
+    with temporary_folder("fetch") as temporary:
+        copy = temporary / run.name
         copy.mkdir()
         with _store_faults(str(run), note.kept_at):
             system, path = _file_system(note.kept_at)

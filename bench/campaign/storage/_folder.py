@@ -113,6 +113,23 @@ class CampaignFolder:
         return run
 
 
+def is_campaign(path: Path) -> bool:
+    """Whether a folder is the folder of a campaign."""
+    folder = CampaignFolder(path)
+    return folder.campaign.is_file() and folder.journal.is_file()
+
+
+def existing_campaign(path: Path) -> CampaignFolder:
+    """The folder of a campaign. Raises SetupError for any other path; nothing is made there."""
+    if not is_campaign(path):
+        raise SetupError(
+            Fault(
+                str(path), "is not the folder of a campaign", "name the folder that `rebar run --out` wrote"
+            )
+        )
+    return CampaignFolder(path)
+
+
 def _placed(parent: Path, realization: str, name: str) -> Path:
     """Where a realization's file or folder is, or is to be: below the folder of its share, if there are such."""
     # By the id alone, so that nothing has to be looked up, and a campaign that grows moves nothing.

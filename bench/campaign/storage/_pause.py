@@ -6,9 +6,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.errors import Fault, SetupError
-
-from ._folder import CampaignFolder, writing_process
+from ._folder import existing_campaign, writing_process
 
 PAUSE = ".paused"
 RETRY = ".retry"
@@ -19,7 +17,7 @@ def pause_campaign(folder: Path) -> bool:
 
     Raises SetupError for a folder that is no campaign's.
     """
-    _check(folder)
+    existing_campaign(folder)
     already = is_paused(folder)
     (folder / PAUSE).touch()
     return not already
@@ -27,7 +25,7 @@ def pause_campaign(folder: Path) -> bool:
 
 def resume_campaign(folder: Path) -> bool:
     """Let sessions start again. False if the campaign was not paused. Raises SetupError as `pause_campaign` does."""
-    _check(folder)
+    existing_campaign(folder)
     paused = is_paused(folder)
     (folder / PAUSE).unlink(missing_ok=True)
     return paused
@@ -44,7 +42,7 @@ def request_retry(folder: Path) -> str | None:
     None if no process runs it: nothing was asked then, since the next run flies them anyway. Raises SetupError as
     `pause_campaign` does.
     """
-    _check(folder)
+    existing_campaign(folder)
     process = writing_process(folder)
     if process is not None:
         (folder / RETRY).touch()
@@ -58,12 +56,3 @@ def take_retry_request(folder: Path) -> bool:
     except FileNotFoundError:
         return False
     return True
-
-
-def _check(folder: Path) -> None:
-    if not CampaignFolder(folder).journal.is_file():
-        raise SetupError(
-            Fault(
-                str(folder), "is not the folder of a campaign", "name the folder that `rebar run --out` wrote"
-            )
-        )

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field, ValidationError
 
 from bench.documents import Document, dump_json
-from bench.errors import Fault, SetupError
+from bench.errors import Fault, SetupError, command_line
 
 from ._files import write_whole
 from ._folder import SIGNATURE, CampaignFolder
@@ -71,7 +71,10 @@ def signature_faults(path: Path, signed_by: Path | None = None) -> list[Fault]:
     folder = CampaignFolder(path)
     expected = None if signed_by is None else _public_text(_load_public_key(signed_by))
     if not folder.signature.is_file():
-        what, remedy = "is missing: nobody has signed this manifest", f"run `rebar sign {path} --key FILE`"
+        what, remedy = (
+            "is missing: nobody has signed this manifest",
+            f"run `{command_line('rebar', 'sign', path)} --key FILE`",
+        )
         return [Fault(SIGNATURE, what, remedy)] if expected is not None else []
     document = read_signature(path)
     if document is None:

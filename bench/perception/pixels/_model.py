@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import math
-import tempfile
 from importlib.resources import files
 from importlib.resources.abc import Traversable
-from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import cv2
@@ -17,6 +15,7 @@ from pydantic import Field, model_validator
 from bench.arrays import Floats, Narrow
 from bench.documents import Document, read_json_document
 from bench.errors import Fault, SetupError
+from bench.temporary_folders import temporary_folder
 
 from ._decoding import RawDetections, cells_of, decode
 
@@ -111,8 +110,8 @@ def _network_of(weights: bytes) -> cv2.dnn.Net:
     if engine is None:
         return cv2.dnn.readNetFromONNX(np.frombuffer(weights, np.uint8))
     # OpenCV 5.0.0 heeds the choice of an engine for files alone: from memory the newer one is taken whatever is asked.
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / WEIGHTS_NAME
+    with temporary_folder("model") as folder:
+        path = folder / WEIGHTS_NAME
         path.write_bytes(weights)
         return cv2.dnn.readNetFromONNX(str(path), engine=engine)
 

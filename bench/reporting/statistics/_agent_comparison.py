@@ -10,7 +10,7 @@ from typing import Any
 
 import polars as pl
 
-from bench.errors import Fault, SetupError
+from bench.errors import Fault, SetupError, command_line
 from bench.scoring import EXCLUDED_OUTCOMES
 from bench.simspec import SimSpec
 from bench.statistics import NodeComparison, compare_nodes
@@ -116,7 +116,7 @@ def _compared_agents(folders: Sequence[Path], agents: Sequence[str]) -> tuple[Co
         )
     data = [load_report_data(folder) for folder in folders]
     if faults := [
-        Fault(str(folder), "holds no scores", f"`rebar score {folder}` makes them")
+        Fault(str(folder), "holds no scores", f"`{command_line('rebar', 'score', folder)}` makes them")
         for folder, campaign in zip(folders, data, strict=True)
         if not campaign.scores.height
     ]:

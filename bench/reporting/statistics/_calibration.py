@@ -16,7 +16,7 @@ from pathlib import Path
 import networkx as nx
 import polars as pl
 
-from bench.errors import Fault, SetupError
+from bench.errors import Fault, SetupError, command_line
 from bench.scoring import EXCLUDED_OUTCOMES, Standing, rate
 from bench.simspec import factor_values
 from bench.statistics import (
@@ -385,7 +385,7 @@ def _chosen_agents(flown: Sequence[str], agents: Sequence[str]) -> tuple[str, ..
 
 def _require_scores(folders: Iterable[Path], data: Iterable[ReportData]) -> None:
     faults = [
-        Fault(str(folder), "holds no scores", f"`rebar score {folder}` makes them")
+        Fault(str(folder), "holds no scores", f"`{command_line('rebar', 'score', folder)}` makes them")
         for folder, campaign in zip(folders, data, strict=True)
         if not campaign.scores.height
     ]
@@ -401,7 +401,7 @@ def _require_one_decomposition(folders: Sequence[Path], data: Sequence[ReportDat
             "has no readable decomposition"
             if digest is None
             else f"has another decomposition than {folders[0]}",
-            f"`rebar score {folder} --decomposition NAME` scores it over the one that you mean",
+            f"`{command_line('rebar', 'score', folder)} --decomposition NAME` scores it over the one that you mean",
         )
         for folder, digest in zip(folders, digests, strict=True)
         # Two unreadable decompositions are not the same one.

@@ -15,6 +15,7 @@ from pathlib import Path
 from bench.contracts import Outcome, ProcessRoot, SimTime, WarpAccess
 from bench.errors import Fault, SetupError
 from bench.process_threads import ProcessThreads
+from bench.temporary_folders import temporary_folder
 
 from .._agent_time import AgentTime
 from .._host_clock import HostClock
@@ -268,9 +269,9 @@ def _preloadable(library: Path) -> Generator[Path | None]:
     if parent is None:
         what = f"LD_PRELOAD cannot name {library}: it has a space or a colon, and so has the folder of temporary files"
         raise SetupError(Fault(FIELD, what, "write into another folder (--out), or fly with --pace realtime"))
-    with tempfile.TemporaryDirectory(prefix="rebar-warp-", dir=parent) as folder:
+    with temporary_folder("warp", Path(parent)) as folder:
         # An agent under Landlock may be another user. What it may read is decided where the link leads to.
-        Path(folder).chmod(0o711)
-        link = Path(folder, LIBRARY_FILE)
+        folder.chmod(0o711)
+        link = folder / LIBRARY_FILE
         link.symlink_to(library)
         yield link

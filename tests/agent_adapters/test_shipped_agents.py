@@ -1,0 +1,78 @@
+"""What the pages state about the shipped agents is what their runs measured, and what they measure when they fly again.
+
+shipped_agents.py makes both: run it when a test here fails.
+"""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+
+import pytest
+from flown_scenes import fly
+from shipped_agents import BLOCK, BLOCKS, OUTCOME, PAGES, WITH_FLOOR, Published, numbers_of, row_of, written
+
+STALE = "the page is not what the runs give: .venv/bin/python tests/agent_adapters/shipped_agents.py"
+ONE_IN = 16
+"""One run in so many is flown again, drawn by its name. Chosen: a minute and a half on two cores."""
+RUNS = [(name, run) for name in WITH_FLOOR for run in Published(name).rows()]
+DRAWN = [pair for pair in RUNS if zlib.crc32("/".join(pair).encode()) % ONE_IN == 0]
+# A null agent, which flies for a few seconds of the host, goes with every run of the tests.
+QUICK = next(pair for pair in DRAWN if "null-land" in pair[1] or "null-hover" in pair[1])
+
+
+@pytest.mark.parametrize("name", WITH_FLOOR)
+def test_every_run_of_the_plan_is_kept(name: str) -> None:
+    published = Published(name)
+    rows = published.rows()
+    assert list(rows) == list(published.plans)
+    for row in rows.values():
+        assert list(row) == [OUTCOME, *published.decomposition.observables]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_page_states_what_the_runs_give(page: Path) -> None:
+    text = page.read_text()
+    assert tuple(BLOCK.findall(text)) == PAGES[page]
+    assert written(text) == text, STALE
+
+
+def test_every_part_stands_on_a_page() -> None:
+    assert sorted(name for names in PAGES.values() for name in names) == sorted(BLOCKS)
+
+
+def test_a_changed_number_is_noticed() -> None:
+    page = next(iter(PAGES))
+    text = page.read_text()
+    changed = text.replace("`oracle` | 6 | 100 ", "`oracle` | 6 | 99 ")
+    assert changed != text
+    assert written(changed) == text
+
+
+def test_the_agents_of_the_demo_differ_where_the_readme_says() -> None:
+    numbers = numbers_of("demo")
+    naive, aware = (
+        {
+            node: sum(
+                row["confidence"] == 1.0
+                for row in numbers.scores.filter(agent=agent.label, node=node).iter_rows(named=True)
+            )
+            for node in ("KA-03", "KA-05", "KA-09", "KA-18", "KA-20")
+        }
+        for agent in numbers.campaign.agents
+    )
+    # Of twelve scenes.
+    assert aware.pop("KA-18") - naive.pop("KA-18") >= 6
+    assert max(abs(naive[node] - aware[node]) for node in naive) <= 3
+
+
+@pytest.mark.flight
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize(
+    ("name", "run"), [pytest.param(*pair, marks=[] if pair == QUICK else pytest.mark.slow) for pair in DRAWN]
+)
+def test_a_run_that_is_flown_again_measures_the_same(name: str, run: str) -> None:
+    published = Published(name)
+    plan = published.plans[run]
+    _, end, observations = fly(plan, plan.agent, published.campaign.decomposition)
+    assert row_of(end.outcome, observations) == published.rows()[run], STALE

@@ -1,0 +1,181 @@
+"""Paths that cannot be what a command needs: exit code 2, one sentence with the path, and nothing made on the way."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shlex
+from pathlib import Path
+
+import pytest
+from test_cli_commands import small_campaign
+
+from bench.cli._app import run
+from bench.cli._fault_paths import path_fault
+from bench.errors import command_line
+
+ROOT = Path(__file__).parents[2]
+SEARCH = str(ROOT / "examples" / "search.yaml")
+
+# `@` stands for the path.
+READING = (
+    "report @",
+    "score @",
+    "score @ --explain KA-03",
+    "score --observations @ --decomposition search-and-report",
+    "verify @",
+    "verify @ --refly 1",
+    "sign @ --key key",
+    "compare @",
+    "next @",
+    "calibrate @",
+    "status @",
+    "pause @",
+    "resume @",
+    "retry @",
+    "merge @ --out merged",
+    "graph @",
+    "graph search-and-report --campaign @",
+    "decomposition check @",
+    "decomposition check search-and-report --floor @",
+    "run @",
+    "run @ --dry-run",
+    "realize @",
+    "simulate @",
+    "difficulty @",
+    "difficulty SEARCH --decomposition @",
+    "prose --file @",
+    "prose truck --vocabulary @",
+    "export @ --foxglove --out viewer.mcap",
+    "fit-detector @",
+)
+MAKING_FOLDERS = (
+    "run CAMPAIGN --out=@",
+    "realize CAMPAIGN --out=@",
+    "simulate SEARCH --out=@",
+    "examples --copy=@",
+)
+# The file itself, or the folder that it is to lie in.
+MAKING_FILES = (
+    "prose truck --out=@",
+    "prose truck --campaign=@",
+    "graph search-and-report --out=@/graph.svg",
+    "camera sheet --out=@/sheet.png",
+    "run CAMPAIGN --out=out --events=@",
+)
+
+
+@pytest.fixture
+def paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    """Bad paths by their kind, in the working folder."""
+    monkeypatch.chdir(tmp_path)
+    small_campaign(tmp_path)
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_text("no: [document\n")
+    (tmp_path / "link").symlink_to("nowhere/at-all")
+    (tmp_path / "loop").symlink_to("loop")
+    return {
+        "missing": "no/such/path",
+        "folder": "folder",
+        "file": "file",
+        "below a file": "file/below",
+        "dangling link": "link",
+        "below a dangling link": "link/below",
+        "link to itself": "loop",
+        "too long": "n" * 300,
+        "/": "/",
+        # Root may write everywhere but there.
+        "unwritable": "/sys/kernel/rebar",
+    }
+
+
+def contents(folder: Path) -> set[str]:
+    return {str(path) for path in folder.rglob("*")}
+
+
+def answer(command: str, path: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> list[str]:
+    """Run a command that must end with 2, and return what it wrote to stderr."""
+    before = contents(folder)
+    names = {"SEARCH": SEARCH, "CAMPAIGN": "small.yaml"}
+    words = [names.get(word, word).replace("@", path) for word in command.split()]
+    assert run(words) == 2, (command, path, capsys.readouterr())
+    assert contents(folder) == before
+    return capsys.readouterr().err.splitlines()
+
+
+@pytest.mark.parametrize("command", READING)
+def test_a_path_that_cannot_be_read_is_a_matter_of_input(
+    command: str, paths: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # Any text is prose.
+    for kind in paths.keys() - ({"file"} if command == "prose --file @" else set()):
+        lines = answer(command, paths[kind], tmp_path, capsys)
+        assert lines, kind
+        for line in lines:
+            assert line.startswith("rebar: "), (kind, line)
+
+
+@pytest.mark.parametrize("command", [*MAKING_FOLDERS, *MAKING_FILES])
+def test_a_path_that_cannot_be_written_is_a_matter_of_input(
+    command: str, paths: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for kind in ("below a file", "below a dangling link", "link to itself", "too long", "unwritable"):
+        line = answer(command, paths[kind], tmp_path, capsys)[-1]
+        assert line.startswith("rebar: "), (kind, line)
+    for kind in ("file", "dangling link") if command in MAKING_FOLDERS else ():
+        line = answer(command, paths[kind], tmp_path, capsys)[-1]
+        assert f"rebar: {paths[kind]}: is " in line
+
+
+def test_what_is_in_the_way_is_named(tmp_path: Path) -> None:
+    """The path of the error may be one that the bench makes inside what the user named."""
+    (tmp_path / "file").touch()
+    (tmp_path / "link").symlink_to("gone")
+
+    def told(code: int, *parts: str) -> str:
+        fault = path_fault(OSError(code, os.strerror(code), str(tmp_path.joinpath(*parts))))
+        assert fault is not None
+        assert fault.remedy
+        return f"{Path(fault.where).relative_to(tmp_path)} {fault.what}"
+
+    assert told(errno.ENOTDIR, "file", "runs", "x.json") == "file is no folder"
+    assert told(errno.EEXIST, "file") == "file is no folder"
+    assert told(errno.EEXIST, "link") == "link is a link to gone, which does not exist"
+    assert told(errno.ENOENT, "link", "scores") == "link is a link to gone, which does not exist"
+    assert told(errno.ENOENT, "gone", "scores") == "gone/scores does not exist"
+    assert told(errno.EACCES, "file") == "file is closed to this user"
+    assert told(errno.EISDIR, ".") == ". is a folder"
+
+
+def test_an_error_that_is_about_no_path_is_none_of_the_user(tmp_path: Path) -> None:
+    assert path_fault(OSError(errno.EACCES, "Permission denied")) is None
+    assert path_fault(OSError(errno.ENOSPC, "No space left on device", str(tmp_path))) is None
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read and write everything")
+def test_what_is_closed_to_the_user_is_a_matter_of_input(
+    paths: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A document, and a folder, that this user may not read."""
+    (tmp_path / "file").chmod(0)
+    (tmp_path / "folder").chmod(0)
+    try:
+        for command in READING:
+            for path in ("file", "folder"):
+                assert answer(command, path, tmp_path, capsys)
+    finally:
+        (tmp_path / "folder").chmod(0o700)
+
+
+def test_hints_can_be_pasted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also where a name begins with a dash, which an option does, or has a space."""
+    assert shlex.split(command_line("rebar", "run", Path("-a b"), "--out", Path("-dash"))) == [
+        *("rebar", "run", "./-a b", "--out", "./-dash")
+    ]
+    monkeypatch.chdir(tmp_path)
+    assert run(["prose", "A truck. Five civilians.", "--campaign=-dash.yaml", "--out=-dash"]) == 0
+    assert run(["examples", "--copy=-mine"]) == 0
+    hint = capsys.readouterr().out.splitlines()[-1].partition("Try: ")[2]
+    assert run([*shlex.split(hint)[1:], "--dry-run"]) == 0
