@@ -208,9 +208,9 @@ def dump_value(value: Any) -> str:
     return text
 
 
-def dump_json(document: BaseModel) -> str:
+def dump_json(document: BaseModel, exclude: set[str] | None = None) -> str:
     """JSON text of a document: the same bytes for the same values, so it can be digested."""
-    return document.model_dump_json(indent=1) + "\n"
+    return document.model_dump_json(indent=1, exclude=exclude) + "\n"
 
 
 def similar_files(path: Path) -> str:

@@ -125,7 +125,7 @@ def _fly(
     with (
         tempfile.TemporaryDirectory(prefix="rebar-agent-") as scratch,
         open_recording(
-            folder / RECORDING, simspec=placed, versions=versions(), metadata=_metadata(manifest)
+            folder / RECORDING, simspec=placed, versions=versions(), metadata=_truth(manifest)
         ) as recording,
     ):
 
@@ -153,7 +153,8 @@ def _fly(
     result = result_of(realization, end, recording.sha256, observations)
     details = {
         **result.details,
-        **_metadata(manifest),
+        **_truth(manifest),
+        **({"reset": manifest.reset} if manifest.reset != "process" else {}),
         **truth_details(placed, flown),
         **host,
         **starter.details,
@@ -203,10 +204,9 @@ def _without_host_faults(end: SessionEnd, plan: SessionPlan) -> SessionEnd:
     return replace(end, outcome=Outcome.SETUP_INVALID, reason=f"{SetupError(faults)}; {end.reason}")
 
 
-def _metadata(manifest: AgentManifest) -> dict[str, str]:
-    """What sets this session apart, for the head of the recording and for the result."""
-    truth = {"truth": f"given to {manifest.name}"} if manifest.truth else {}
-    return truth | ({"reset": manifest.reset} if manifest.reset != "process" else {})
+def _truth(manifest: AgentManifest) -> dict[str, str]:
+    """What sets the session of an oracle apart, for the head of the recording and for the result."""
+    return {"truth": f"given to {manifest.name}"} if manifest.truth else {}
 
 
 def _host(manifest: AgentManifest, agent: AgentSpec) -> dict[str, str]:
