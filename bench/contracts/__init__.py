@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from ._mqtt_documents import MqttEnd as MqttEnd
     from ._mqtt_documents import MqttReady as MqttReady
     from ._mqtt_documents import MqttTick as MqttTick
+    from ._outcome import ARITHMETIC as ARITHMETIC
     from ._outcome import DETECTOR as DETECTOR
     from ._outcome import FIRMWARE as FIRMWARE
     from ._outcome import FIRMWARE_ENDS as FIRMWARE_ENDS
@@ -253,6 +254,7 @@ _MODULES = {
     "suspicions_of": "_outcome",
     "traceback_details": "_outcome",
     "truth_sightings_of": "_outcome",
+    "ARITHMETIC": "_outcome",
     "TIMING": "_outcome",
     "WARP": "_outcome",
     "StepTiming": "_outcome",

@@ -16,6 +16,7 @@ from typing import Any
 from bench.agents import LocalProcess, load_manifest, open_agent, program_faults, rung_of
 from bench.agents.confinement import wall_name
 from bench.contracts import (
+    ARITHMETIC,
     DETECTOR,
     FIRMWARE,
     LEAVES_OPEN,
@@ -44,7 +45,7 @@ from bench.simspec import AgentSpec, Isolation, SimSpec
 from bench.simulation import SessionEnd, SessionPlan, open_forfeit, run_session
 from decompositions import Decomposition
 
-from .._versions import versions
+from .._versions import arithmetic, versions
 from ..results._honeypots import truth_details
 from ..results._measures import measure_all, measures_of
 from ..storage._folder import RECORDING
@@ -157,6 +158,7 @@ def _fly(
         **({"reset": manifest.reset} if manifest.reset != "process" else {}),
         **truth_details(placed, flown),
         **host,
+        ARITHMETIC: arithmetic(),
         **starter.details,
         **_services(end),
         **({DETECTOR: end.detector} if end.detector else {}),
