@@ -135,6 +135,7 @@ if TYPE_CHECKING:
     from ._tick import Hello as Hello
     from ._tick import Tick as Tick
     from ._tick import TickMessage as TickMessage
+    from ._tick import line_fault as line_fault
     from ._tick import read_line as read_line
     from ._tick import write_line as write_line
     from ._topics import CAMERA_OPENED as CAMERA_OPENED
@@ -308,6 +309,7 @@ _MODULES = {
     "Hello": "_tick",
     "Tick": "_tick",
     "TickMessage": "_tick",
+    "line_fault": "_tick",
     "read_line": "_tick",
     "write_line": "_tick",
     "CAMERA_OPENED": "_topics",
