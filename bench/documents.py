@@ -219,11 +219,11 @@ def dump_value(value: Any, width: int = 120) -> str:
     return visible(yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=width))
 
 
-def dump_json(document: BaseModel) -> str:
+def dump_json(document: BaseModel, exclude: set[str] | None = None) -> str:
     """JSON text of a document, with escapes of what is not seen: the same bytes for the same values, so it can be
     digested.
     """
-    return visible(document.model_dump_json(indent=1)) + "\n"
+    return visible(document.model_dump_json(indent=1, exclude=exclude)) + "\n"
 
 
 def similar_files(path: Path) -> str:

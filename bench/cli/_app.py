@@ -131,8 +131,8 @@ def run(arguments: Sequence[str]) -> int:
                 file=sys.stderr,
             )
             return 1
-        if (fault := path_fault(error)) is not None:
-            print(f"rebar: {fault}", file=sys.stderr)
+        if (wrong_path := path_fault(error)) is not None:
+            print(f"rebar: {wrong_path}", file=sys.stderr)
             return 2
         if error.errno not in _DISK_ERRORS:
             raise

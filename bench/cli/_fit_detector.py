@@ -35,8 +35,10 @@ def fit_detector(
     """
     from bench.documents import dump_yaml
     from bench.perception.fit import fit_detector as fit_model
-    from bench.recording import read_simspec, read_tape
+    from bench.recording import check_whole, read_simspec, read_tape
 
+    for path in recordings:
+        check_whole(path)
     simspecs = [read_simspec(path) for path in recordings]
     fit = fit_model(
         [(simspec, read_tape(path, simspec)) for path, simspec in zip(recordings, simspecs, strict=True)]

@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from ._mqtt_documents import MqttEnd as MqttEnd
     from ._mqtt_documents import MqttReady as MqttReady
     from ._mqtt_documents import MqttTick as MqttTick
+    from ._outcome import ARITHMETIC as ARITHMETIC
     from ._outcome import DETECTOR as DETECTOR
     from ._outcome import FIRMWARE as FIRMWARE
     from ._outcome import FIRMWARE_ENDS as FIRMWARE_ENDS
@@ -136,6 +137,7 @@ if TYPE_CHECKING:
     from ._tick import Hello as Hello
     from ._tick import Tick as Tick
     from ._tick import TickMessage as TickMessage
+    from ._tick import line_fault as line_fault
     from ._tick import read_line as read_line
     from ._tick import write_line as write_line
     from ._topics import CAMERA_OPENED as CAMERA_OPENED
@@ -255,6 +257,7 @@ _MODULES = {
     "suspicions_of": "_outcome",
     "traceback_details": "_outcome",
     "truth_sightings_of": "_outcome",
+    "ARITHMETIC": "_outcome",
     "TIMING": "_outcome",
     "WARP": "_outcome",
     "StepTiming": "_outcome",
@@ -310,6 +313,7 @@ _MODULES = {
     "Hello": "_tick",
     "Tick": "_tick",
     "TickMessage": "_tick",
+    "line_fault": "_tick",
     "read_line": "_tick",
     "write_line": "_tick",
     "CAMERA_OPENED": "_topics",

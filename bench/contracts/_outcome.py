@@ -188,6 +188,9 @@ def firmware_ends_of(details: Mapping[str, object]) -> tuple[str, ...]:
 TIMING = "timing"
 """In `SessionResult.details`: how punctual the steps of a session in real time were, a `StepTiming`."""
 
+ARITHMETIC = "arithmetic"
+"""In `SessionResult.details`: what the last bits of the recording depend on beside the versions in its head."""
+
 WARP = "warp"
 """In `SessionResult.details`: the library by which the agent's clock was the session's, absent in the other paces."""
 

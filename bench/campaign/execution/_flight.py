@@ -15,6 +15,7 @@ from typing import Any
 from bench.agents import LocalProcess, load_manifest, open_agent, program_faults, rung_of
 from bench.agents.confinement import wall_name
 from bench.contracts import (
+    ARITHMETIC,
     DETECTOR,
     FIRMWARE,
     LEAVES_OPEN,
@@ -44,7 +45,7 @@ from bench.simulation import SessionEnd, SessionPlan, open_forfeit, run_session
 from bench.temporary_folders import temporary_folder
 from decompositions import Decomposition
 
-from .._versions import versions
+from .._versions import arithmetic, versions
 from ..results._honeypots import truth_details
 from ..results._measures import measure_all, measures_of
 from ..storage._folder import RECORDING
@@ -122,7 +123,7 @@ def _fly(
     with (
         temporary_folder("agent") as scratch,
         open_recording(
-            folder / RECORDING, simspec=placed, versions=versions(), metadata=_metadata(manifest)
+            folder / RECORDING, simspec=placed, versions=versions(), metadata=_truth(manifest)
         ) as recording,
     ):
 
@@ -148,9 +149,11 @@ def _fly(
     observations = measure_all(measures_of(decomposition), flown, placed) if end.outcome.counts else ()
     details = {
         **traceback_details(end.traceback),
-        **_metadata(manifest),
+        **_truth(manifest),
+        **({"reset": manifest.reset} if manifest.reset != "process" else {}),
         **truth_details(placed, flown),
         **host,
+        ARITHMETIC: arithmetic(),
         **starter.details,
         **_services(end),
         **({DETECTOR: end.detector} if end.detector else {}),
@@ -206,10 +209,9 @@ def _without_host_faults(end: SessionEnd, plan: SessionPlan) -> SessionEnd:
     return replace(end, outcome=Outcome.SETUP_INVALID, reason=f"{SetupError(faults)}; {end.reason}")
 
 
-def _metadata(manifest: AgentManifest) -> dict[str, str]:
-    """What sets this session apart, for the head of the recording and for the result."""
-    truth = {"truth": f"given to {manifest.name}"} if manifest.truth else {}
-    return truth | ({"reset": manifest.reset} if manifest.reset != "process" else {})
+def _truth(manifest: AgentManifest) -> dict[str, str]:
+    """What sets the session of an oracle apart, for the head of the recording and for the result."""
+    return {"truth": f"given to {manifest.name}"} if manifest.truth else {}
 
 
 def _host(manifest: AgentManifest, agent: AgentSpec) -> dict[str, str]:
