@@ -132,7 +132,7 @@ def test_how_a_session_was_launched_is_in_its_result_and_not_in_its_recording(tm
     def sha256(folder: str, isolation: Isolation | None = None, **update: object) -> str:
         agent = AgentSpec(manifest=str(tmp_path / folder / "mine.yaml"), isolation=isolation)
         spec = placed.model_copy(update={"agent": agent, **update})
-        result = fly_realization(spec, DECOMPOSITION, tmp_path / "run", "launched")
+        result = fly_here(spec, DECOMPOSITION, tmp_path / "run", "launched")
         assert result.outcome is Outcome.TIME_LIMIT, result.reason
         assert result.details["isolation"] != "none" or isolation == "none"
         assert result.details.get("reset") == ("fork" if folder == "three" else None)
