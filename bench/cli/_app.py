@@ -121,8 +121,8 @@ def run(arguments: Sequence[str]) -> int:
                 file=sys.stderr,
             )
             return 1
-        if (fault := path_fault(error)) is not None:
-            print(f"rebar: {fault}", file=sys.stderr)
+        if (about_path := path_fault(error)) is not None:
+            print(f"rebar: {about_path}", file=sys.stderr)
             return 2
         if error.errno not in _DISK_ERRORS:
             raise
