@@ -1,8 +1,8 @@
 """Documents that people write or read: closed pydantic models, and files of them with every fault reported at
 once.
 
-The floor of the house together with `bench.errors`: they import nothing of ours but `bench.values`, and every room may
-stand on them.
+The floor of the house together with `bench.errors`: they import nothing of ours but `bench.values` and
+`bench.visible_text`, and every room may stand on them.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
 from .errors import Fault, SetupError
+from .visible_text import visible
 
 
 class Document(BaseModel):
@@ -202,15 +203,27 @@ def dump_yaml(document: BaseModel) -> str:
     return dump_value(json.loads(document.model_dump_json()))
 
 
-def dump_value(value: Any) -> str:
-    """YAML text of plain values, in their order."""
-    text: str = yaml.safe_dump(value, sort_keys=False, allow_unicode=True, width=120)
-    return text
+class _Dumper(yaml.SafeDumper):
+    """Writes a text with hidden characters in double quotes, where YAML knows the escapes of `visible`."""
+
+    def analyze_scalar(self, scalar: str) -> Any:
+        analysis = super().analyze_scalar(scalar)
+        if visible(scalar) != scalar:
+            analysis.allow_block_plain = analysis.allow_flow_plain = False
+            analysis.allow_single_quoted = analysis.allow_block = False
+        return analysis
 
 
-def dump_json(document: BaseModel) -> str:
-    """JSON text of a document: the same bytes for the same values, so it can be digested."""
-    return document.model_dump_json(indent=1) + "\n"
+def dump_value(value: Any, width: int = 120) -> str:
+    """YAML text of plain values, in their order, with visible escapes of what is not seen."""
+    return visible(yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=width))
+
+
+def dump_json(document: BaseModel, exclude: set[str] | None = None) -> str:
+    """JSON text of a document, with escapes of what is not seen: the same bytes for the same values, so it can be
+    digested.
+    """
+    return visible(document.model_dump_json(indent=1, exclude=exclude)) + "\n"
 
 
 def similar_files(path: Path) -> str:

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.arrays import product
 from bench.contracts import Vector
 from bench.simspec import Gps
 
@@ -135,7 +136,7 @@ class _Wander:
         fade = math.exp(-b * step_s)
         m = fade * np.array([[1.0 + b * step_s, step_s], [-b * b * step_s, 1.0 - b * step_s]])
         stationary = gps.wander_m**2 * np.diag([1.0, b * b])
-        q = stationary - m @ stationary @ m.T
+        q = stationary - product(product(m, stationary), m.T)
         # NumPy's Cholesky is not used: the matrix is singular without a wander, and nearly so for a slow one.
         rate = math.sqrt(max(q[1, 1], 0.0))
         cross = float(q[0, 1] / rate) if rate else 0.0

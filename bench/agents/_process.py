@@ -60,7 +60,7 @@ def open_agent(plan: AgentPlan) -> Iterator[LocalProcess]:
     rung = rung_of(plan.manifest, plan.simspec.agent)
     plan.scratch.mkdir(parents=True, exist_ok=True)
     if plan.truth is not None:
-        (plan.scratch / TRUTH_FILE).write_text(plan.truth.model_dump_json())
+        (plan.scratch / TRUTH_FILE).write_text(plan.truth.model_dump_json(), encoding="utf-8")
     box = box_of(plan, rung.place(plan.scratch), in_image=rung.name == CONTAINER)
     with _open_output() as output:
         process = rung.start(box, output.write_end)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import find_objects
 
-from bench.arrays import Floats
+from bench.arrays import Floats, product
 from bench.contracts import (
     CameraPose,
     CastMember,
@@ -180,13 +180,13 @@ def pose_of(state: VehicleState, axes_enu: Floats, *, stabilized: bool = False) 
             (cr * sp * sy - sr * cy, cr * sp * cy + sr * sy, -cr * cp),
         )
     )
-    rates_enu = np.array(state.rates_body_radps) @ body
+    rates_enu = product(np.array(state.rates_body_radps), body)
     return CameraPose(
         state.time,
         np.array(state.position_enu_m, dtype=np.float64),
         axes_enu,
         np.array(state.velocity_enu_mps, dtype=np.float64),
-        axes_enu @ rates_enu,
+        product(axes_enu, rates_enu),
     )
 
 

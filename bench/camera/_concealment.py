@@ -48,8 +48,8 @@ def _net(
         upper
     ]
     for quad in sides:
-        across = max(2, min(8, round(float(np.linalg.norm(quad[1] - quad[0])) / 1.2)))
-        up = max(2, min(5, round(float(np.linalg.norm(quad[3] - quad[0])) / 1.2)))
+        across = max(2, min(8, round(math.dist(quad[1], quad[0]) / 1.2)))
+        up = max(2, min(5, round(math.dist(quad[3], quad[0]) / 1.2)))
         for column in range(across):
             for row in range(up):
                 if random.random() > 0.25 + 0.6 * level:

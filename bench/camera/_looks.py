@@ -14,7 +14,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from bench.arrays import Bools, Floats
+from bench.arrays import Bools, Floats, product
 from bench.contracts import CastMember, Geometry, Look
 from bench.documents import Document, load_document
 from bench.errors import Fault, SetupError
@@ -263,8 +263,8 @@ def _placed(face: Face, spec: Solid, step: Floats, flipped: bool) -> Face:
     corners = face.corners_m
     if spec.pivot is not None:
         roll, pitch, yaw = (math.radians(angle) for angle in spec.turn_deg)
-        turn = _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
-        corners = (corners - spec.pivot) @ turn.T + spec.pivot
+        turn = product(product(_about(2, yaw), _about(1, pitch)), _about(0, roll))
+        corners = product(corners - spec.pivot, turn.T) + spec.pivot
     corners = corners + spec.shift + step
     if flipped:
         corners = corners * (1.0, -1.0, 1.0)
@@ -326,7 +326,7 @@ def _panels(panels: Panels, rings: Sequence[Floats]) -> Iterator[PaintedFace]:
         j = (i + 1) % 4
         quad = np.array((lower[i], lower[j], upper[j], upper[i]))
     normal = np.cross(quad[1] - quad[0], quad[2] - quad[0])
-    quad = quad + normal / np.linalg.norm(normal) * _LIFT_M
+    quad = quad + normal / np.sqrt(product(normal, normal)) * _LIFT_M
     left, right, bottom, top = panels.area
     number = 0
     for row in range(panels.rows):

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from bench.arrays import Bools, Counts, Floats
+from bench.arrays import Bools, Counts, Floats, product
 from bench.contracts import Geometry
 
 _TOUCH_M = 1e-3
@@ -57,7 +57,7 @@ class SolidOrder:
         count = len(self._middles)
         # The mean direction to the camera, for solids that no plane separates: they run into each other.
         towards = (self._geometry.normals[self._planes] * np.where(sides, 1.0, -1.0)[:, None]).sum(axis=0)
-        depth = -(self._middles @ towards)
+        depth = -product(self._middles, towards)
         edges = []
         for i in range(count):
             for j in range(i + 1, count):
@@ -85,7 +85,7 @@ def _separators(geometry: Geometry) -> tuple[Counts, Counts, Counts]:
     least, most = np.empty((len(offsets), count)), np.empty((len(offsets), count))
     for solid in range(count):
         corners = geometry.corners_m[geometry.solids == solid].reshape(-1, 3)
-        heights = geometry.normals @ corners.T - offsets[:, None]
+        heights = product(geometry.normals, corners.T) - offsets[:, None]
         least[:, solid], most[:, solid] = heights.min(axis=1), heights.max(axis=1)
     everywhere = np.arange(len(offsets))
     beyond = least >= -_TOUCH_M

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.arrays import Bools, Counts, Floats, Narrow
+from bench.arrays import Bools, Counts, Floats, Narrow, product
 from bench.contracts import CameraPose, Geometry, Labels, Lens, Light, Picture, Pixels, Renderer, Stage
 
 from ._canvas import Canvas
@@ -195,7 +195,7 @@ class OpenCvRenderer:
         actors, faces = [], []
         for place in order:
             kind = self._kinds[self._kind_of[index[place]]]
-            front: Bools = kind.normals @ local[place] > kind.offsets
+            front: Bools = product(kind.normals, local[place]) > kind.offsets
             visible = kind.order.faces(front)
             visible = visible[kind.solid_size_m[visible] * lens.fx > LEAST_BODY_PX * ranges[place]]
             actors.append(np.full(len(visible), place))
@@ -219,12 +219,13 @@ class OpenCvRenderer:
     ) -> Floats:
         """(p, 3) colours of faces in light and haze."""
         light = self._stage.light
-        sunward = pose.axes_enu @ light.sunward_enu
-        up = normals @ pose.axes_enu[:, 2]
+        sunward = product(pose.axes_enu, light.sunward_enu)
+        up = product(normals, pose.axes_enu[:, 2])
         # Walls see half of the sky, and the ground below reflects some: the factor is 1 facing up, 0.5 facing down.
         sky = 0.75 + 0.25 * up
         linear = (
-            sky[:, None] * light.ambient_bgr + np.maximum(normals @ sunward, 0.0)[:, None] * light.direct_bgr
+            sky[:, None] * light.ambient_bgr
+            + np.maximum(product(normals, sunward), 0.0)[:, None] * light.direct_bgr
         )
         # Colours belong to looks, faces to geometries: the face's place in its geometry is the same in both.
         place = (
@@ -281,7 +282,7 @@ class _GroundPainter:
         lens = self._lens
         height = max(float(pose.position_enu_m[2]), 0.1)
         # How much a ray falls for each metre along the axis.
-        fall = -(self._rays @ pose.axes_enu[:, 2].astype(np.float32))
+        fall = -product(self._rays, pose.axes_enu[:, 2].astype(np.float32))
         sky = fall <= 1e-4
         level_camera = abs(float(pose.axes_enu[0, 2])) < _LEVEL_ROLL
         distance: Narrow = np.where(sky, 1e6, height / np.maximum(fall, 1e-4) * self._ray_lengths).astype(
@@ -290,8 +291,9 @@ class _GroundPainter:
         # The picture of the ground, without what lies behind the camera.
         place = np.array((pose.position_enu_m[0], pose.position_enu_m[1], height))
         to_picture = np.array(((lens.fx, 0.0, lens.cx - 0.5), (0.0, lens.fy, lens.cy - 0.5), (0.0, 0.0, 1.0)))
-        homography = to_picture @ np.column_stack(
-            (pose.axes_enu[:, 0], pose.axes_enu[:, 1], -pose.axes_enu @ place)
+        homography = product(
+            to_picture,
+            np.column_stack((pose.axes_enu[:, 0], pose.axes_enu[:, 1], -product(pose.axes_enu, place))),
         )
         image = self._textured(homography, distance, height, sky, level_camera)
         factor = self._fine_structure(homography, pose, distance, sky, level_camera)
@@ -338,7 +340,7 @@ class _GroundPainter:
             whole = bool(block.all())
             warped = cv2.warpPerspective(
                 band.texture,
-                _moved(columns.start, rows.start) @ homography @ from_texture,
+                product(product(_moved(columns.start, rows.start), homography), from_texture),
                 (columns.stop - columns.start, rows.stop - rows.start),
                 # A band that fills its window is warped in place.
                 window if whole else None,
@@ -384,7 +386,7 @@ class _GroundPainter:
             )
             warped = cv2.warpPerspective(
                 band.texture,
-                _moved(columns.start, rows.start) @ homography @ from_texture,
+                product(product(_moved(columns.start, rows.start), homography), from_texture),
                 (columns.stop - columns.start, rows.stop - rows.start),
                 flags=cv2.INTER_LINEAR,
                 borderMode=cv2.BORDER_CONSTANT,
@@ -403,7 +405,7 @@ class _GroundPainter:
         mask = np.full((lens.height_px, lens.width_px), 255, np.uint8)
         dark = (int(255 * self._shadow_factor),)
         ground = np.concatenate((shadows, np.ones((*shadows.shape[:2], 1))), axis=-1)
-        points = ground @ homography.T
+        points = product(ground, homography.T)
         ahead = points[..., 2] > NEAR_M
         pixels = points[..., :2] / np.maximum(points[..., 2:], NEAR_M)
         tame = ahead.all(axis=1) & (np.abs(pixels).max(axis=(1, 2)) < _FAR_CORNER_PX)
@@ -412,7 +414,7 @@ class _GroundPainter:
             polygon = rounded[index]
             if not tame[index]:
                 corners = np.concatenate((shadows[index], np.zeros((len(shadows[index]), 1))), axis=1)
-                cut = _cut_to_frame((corners - place) @ pose.axes_enu.T, lens)
+                cut = _cut_to_frame(product(corners - place, pose.axes_enu.T), lens)
                 if len(cut) < 3:
                     continue
                 polygon = np.rint(cut * (1 << _SHIFT)).astype(np.int32)
@@ -432,10 +434,10 @@ class _GroundPainter:
         rays = np.concatenate((frame, np.ones((4, 1))), axis=1)
         rays[:, 0] = (rays[:, 0] - lens.cx) / lens.fx
         rays[:, 1] = (rays[:, 1] - lens.cy) / lens.fy
-        above = _cut(frame, rays @ pose.axes_enu[:, 2])
+        above = _cut(frame, product(rays, pose.axes_enu[:, 2]))
         if len(above) < 3:
             return
-        sine = (self._rays @ pose.axes_enu[:, 2].astype(np.float32)) / self._ray_lengths
+        sine = product(self._rays, pose.axes_enu[:, 2].astype(np.float32)) / self._ray_lengths
         share = np.sqrt(np.clip(sine / 0.8, 0.0, 1.0))[..., None]
         light = self._light
         colours = np.clip(light.haze_bgr * (1.0 - share) + light.zenith_bgr * share, 0, 255).astype(np.uint8)
@@ -524,7 +526,7 @@ def _kind(geometry: Geometry, first_face: int) -> _Kind:
         geometry.corners_m[(geometry.solids == solid) & ~geometry.details].reshape(-1, 3)
         for solid in range(int(geometry.solids.max()) + 1)
     ]
-    sizes = np.array([float(np.linalg.norm(np.ptp(corners, axis=0))) for corners in solids])
+    sizes = np.sqrt([product(extent, extent) for extent in (np.ptp(corners, axis=0) for corners in solids)])
     # The largest solids carry the shape of a shadow; a mirror's or a hand's would not be noticed.
     largest = np.argsort(-sizes, kind="stable")[:_MAX_SHADOW_SOLIDS].tolist()
     # Details shrink out of sight sooner than the solid that they lie on.
@@ -549,7 +551,7 @@ def _shadow(kind: _Kind, step: int, light: Light) -> Floats:
     axes = actor_axes(np.array([step * 2.0 * math.pi / _SHADOW_STEPS]))[0]
     outlines = np.empty((len(kind.shadow_solids), _SHADOW_CORNERS, 2))
     for row, corners in enumerate(kind.shadow_solids):
-        points = corners @ axes
+        points = product(corners, axes)
         fallen = points[:, :2] - points[:, 2:] / light.sunward_enu[2] * light.sunward_enu[:2]
         hull = cv2.convexHull(fallen.astype(np.float32))[:, 0]
         if len(hull) > _SHADOW_CORNERS:
@@ -651,7 +653,7 @@ def _cut_to_frame(corners: Floats, lens: Lens) -> Floats:
         np.array((0.0, 1.0, -top, 0.0)),
         np.array((0.0, -1.0, bottom, 0.0)),
     ):
-        corners = _cut(corners, corners @ side[:3] + side[3])
+        corners = _cut(corners, product(corners, side[:3]) + side[3])
         if len(corners) < 3:
             return np.zeros((0, 2))
     scale = np.array((lens.fx, lens.fy))

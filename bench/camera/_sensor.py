@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from bench.arrays import Narrow
+from bench.arrays import Narrow, product
 from bench.contracts import CameraPose, Lens, Pixels
 from bench.simspec import Seeds, generator
 
@@ -115,7 +115,7 @@ class Sensor:
     def _blurred(self, image: Pixels, pose: CameraPose, distance_m: float) -> Pixels:
         """Blur along the path of the picture's middle during the exposure."""
         lens, shutter_s = self._lens, self.exposure.shutter_s
-        across = pose.axes_enu @ pose.velocity_enu_mps / max(distance_m, 1.0)
+        across = product(pose.axes_enu, pose.velocity_enu_mps) / max(distance_m, 1.0)
         rates = pose.rates_optical_radps
         # A turn about the down axis moves the picture to the left, one about the right axis moves it down.
         dx = -(rates[1] + across[0]) * lens.fx * shutter_s

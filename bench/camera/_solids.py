@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.arrays import Floats
+from bench.arrays import Floats, product
 from bench.contracts import Geometry
 
 MAX_CORNERS = 12
@@ -34,7 +34,8 @@ def loft(rings: Sequence[Floats]) -> list[Face]:
         for i in range(len(lower)):
             j = (i + 1) % len(lower)
             faces.append(Face(np.array((lower[i], lower[j], upper[j], upper[i]))))
-    return [face for face in faces if _area_vector(face.corners_m) @ _area_vector(face.corners_m) > 1e-10]
+    areas = [_area_vector(face.corners_m) for face in faces]
+    return [face for face, area in zip(faces, areas, strict=True) if product(area, area) > 1e-10]
 
 
 def rectangle(x0: float, x1: float, y0: float, y1: float, z: float) -> Floats:
@@ -59,9 +60,9 @@ def geometry_of(solids: Sequence[Sequence[Face]]) -> Geometry:
         corners[index, :count] = face.corners_m
         corners[index, count:] = face.corners_m[-1]
         normal = _area_vector(face.corners_m)
-        normal /= np.linalg.norm(normal)
+        normal /= np.sqrt(product(normal, normal))
         # A solid without thickness has no outside: its corners were given in order.
-        outwards = float(normal @ (face.corners_m.mean(axis=0) - middles[number])) >= -1e-6
+        outwards = product(normal, face.corners_m.mean(axis=0) - middles[number]) >= -1e-6
         normals[index] = normal if outwards else -normal
     return Geometry(
         corners,

@@ -17,7 +17,7 @@ from bench.documents import load_document
 from ._document import Campaign
 from ._events import CampaignPaused, CampaignPlanned, Observer, Observers, ResultLost, open_observers
 from ._overhead import OVERHEAD, check_fidelity, flown_overhead, job_at
-from ._versions import versions
+from ._versions import arithmetic, versions
 from .early_stopping._decisions import check_stopping, outcome_name
 from .early_stopping._early_stopping import EarlyStopping
 from .execution._blocking import blocking, first_error_alone
@@ -196,7 +196,7 @@ async def run_campaign(
                     campaign.name,
                     decomposition.digest,
                     _outcome_counts(journal),
-                    versions(),
+                    versions() | arithmetic(),
                     _completeness(journal),
                     campaign.pace,
                 )

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from bench.errors import RebarError, SetupError
+from bench.errors import Fault, RebarError, SetupError
 
 from . import (
     _calibrate,
@@ -79,9 +79,19 @@ for commands in (
     commands.register(app)
 
 
+def _check_utf8(name: str) -> None:
+    """Raises SetupError for a name that no document can hold: found only when one is written, it would cost the flights."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        raise SetupError(Fault(name, "is not UTF-8", "rename it")) from None
+
+
 def run(arguments: Sequence[str]) -> int:
     """Run one command line and return its exit code."""
     try:
+        for name in (os.getcwd(), *arguments):
+            _check_utf8(name)
         app(args=list(arguments))
     # The command-line library reports usage errors, --help and Exit this way.
     except SystemExit as end:
@@ -121,8 +131,8 @@ def run(arguments: Sequence[str]) -> int:
                 file=sys.stderr,
             )
             return 1
-        if (about_path := path_fault(error)) is not None:
-            print(f"rebar: {about_path}", file=sys.stderr)
+        if (wrong_path := path_fault(error)) is not None:
+            print(f"rebar: {wrong_path}", file=sys.stderr)
             return 2
         if error.errno not in _DISK_ERRORS:
             raise

@@ -35,8 +35,10 @@ def fit_detector(
     """
     from bench.documents import dump_yaml
     from bench.perception.fit import fit_detector as fit_model
-    from bench.recording import read_simspec, read_tape
+    from bench.recording import check_whole, read_simspec, read_tape
 
+    for path in recordings:
+        check_whole(path)
     simspecs = [read_simspec(path) for path in recordings]
     fit = fit_model(
         [(simspec, read_tape(path, simspec)) for path, simspec in zip(recordings, simspecs, strict=True)]
@@ -44,7 +46,7 @@ def fit_detector(
     if out is not None:
         out.write_text(dump_yaml(fit), encoding="utf-8")
     if as_json:
-        print(fit.model_dump_json(indent=1))
+        print(fit.model_dump_json(indent=1, ensure_ascii=True))
         return
     table = plain_table(("parameter", "value", "from"), texts=("from",))
     for row in _rows(fit):

@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from ._mqtt_documents import MqttEnd as MqttEnd
     from ._mqtt_documents import MqttReady as MqttReady
     from ._mqtt_documents import MqttTick as MqttTick
+    from ._outcome import ARITHMETIC as ARITHMETIC
     from ._outcome import DETECTOR as DETECTOR
     from ._outcome import FIRMWARE as FIRMWARE
     from ._outcome import FIRMWARE_ENDS as FIRMWARE_ENDS
@@ -88,7 +89,9 @@ if TYPE_CHECKING:
     from ._outcome import traceback_details as traceback_details
     from ._outcome import truth_sightings_of as truth_sightings_of
     from ._plugins import PluginGroup as PluginGroup
+    from ._plugins import failure_text as failure_text
     from ._plugins import load_plugin as load_plugin
+    from ._plugins import package_of as package_of
     from ._plugins import plugins as plugins
     from ._progress import OnProgress as OnProgress
     from ._progress import ProgressUpdate as ProgressUpdate
@@ -134,6 +137,7 @@ if TYPE_CHECKING:
     from ._tick import Hello as Hello
     from ._tick import Tick as Tick
     from ._tick import TickMessage as TickMessage
+    from ._tick import line_fault as line_fault
     from ._tick import read_line as read_line
     from ._tick import write_line as write_line
     from ._topics import CAMERA_OPENED as CAMERA_OPENED
@@ -253,6 +257,7 @@ _MODULES = {
     "suspicions_of": "_outcome",
     "traceback_details": "_outcome",
     "truth_sightings_of": "_outcome",
+    "ARITHMETIC": "_outcome",
     "TIMING": "_outcome",
     "WARP": "_outcome",
     "StepTiming": "_outcome",
@@ -260,7 +265,9 @@ _MODULES = {
     "losses_of": "_outcome",
     "timing_of": "_outcome",
     "PluginGroup": "_plugins",
+    "failure_text": "_plugins",
     "load_plugin": "_plugins",
+    "package_of": "_plugins",
     "plugins": "_plugins",
     "OnProgress": "_progress",
     "ProgressUpdate": "_progress",
@@ -306,6 +313,7 @@ _MODULES = {
     "Hello": "_tick",
     "Tick": "_tick",
     "TickMessage": "_tick",
+    "line_fault": "_tick",
     "read_line": "_tick",
     "write_line": "_tick",
     "CAMERA_OPENED": "_topics",

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.arrays import Bools, Counts, Floats, Narrow
+from bench.arrays import Bools, Counts, Floats, Narrow, product
 from bench.clock import SimTime
 from bench.errors import Fault
 from bench.values import value_class
@@ -176,8 +176,7 @@ class CameraPose:
 
     def to_optical(self, points_enu_m: Floats) -> Floats:
         """(..., 3) points of the world in the optical frame, in metres."""
-        points: Floats = (np.asarray(points_enu_m, dtype=np.float64) - self.position_enu_m) @ self.axes_enu.T
-        return points
+        return product(np.asarray(points_enu_m, dtype=np.float64) - self.position_enu_m, self.axes_enu.T)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,11 +17,15 @@ stays silent.
 
 from __future__ import annotations
 
+import json
+import re
 from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError
 
 from bench.documents import Document
+
+from ._documents import Label
 
 # Agents in JavaScript read JSON numbers as doubles, which are exact below 2**53.
 Count = Annotated[int, Field(ge=0, lt=2**53)]
@@ -35,7 +39,7 @@ class Hello(Document):
 
     kind: Literal["hello"] = "hello"
     protocol: Literal[1] = 1
-    agent: Annotated[str, Field(max_length=64)]
+    agent: Label
     subscribes: Annotated[tuple[str, ...], Field(max_length=64)] = ()
     secret: Annotated[str, Field(max_length=256, repr=False)] = ""
 
@@ -95,3 +99,55 @@ def read_line(line: bytes) -> TickMessage | None:
             except ValidationError:
                 return None
     return None
+
+
+_HTTP = re.compile(rb"[A-Z]{3,7} \S+ HTTP/")
+_TLS_HANDSHAKE = b"\x16\x03"
+_PLAIN = "the tick socket takes one JSON object a line, over plain TCP"
+_KIND_NAMES = tuple(sorted(kind.__name__.lower() for kind in _KINDS.values()))
+# A reason is read by a person; the first faults say enough.
+_NAMED_FAULTS = 3
+_SHOWN_CHARACTERS = 60
+
+
+def line_fault(line: bytes) -> str:
+    """What a line is for which `read_line` gives None, in words that follow "it sent". Holds no value of a field, since
+    one of them is the secret.
+    """
+    if _HTTP.match(line):
+        return f"an HTTP request ({_PLAIN})"
+    if line.startswith(_TLS_HANDSHAKE):
+        return f"the start of a TLS connection ({_PLAIN})"
+    if not line.strip():
+        return "an empty line"
+    try:
+        document = json.loads(line)
+    except UnicodeDecodeError as error:
+        return f"a line that is no UTF-8 text (byte {error.start + 1})"
+    except json.JSONDecodeError as error:
+        return f"a line that is no JSON ({error.msg}, character {error.pos + 1})"
+    except (ValueError, RecursionError) as error:
+        return f"a line that is no JSON ({type(error).__name__})"
+    if not isinstance(document, dict):
+        return f"JSON that is no object, but {type(document).__name__}"
+    kind = document.get("kind")
+    if kind not in _KIND_NAMES:
+        stated = "no kind" if kind is None else f"the kind {repr(kind)[:_SHOWN_CHARACTERS]}"
+        return f"an object with {stated} (kinds: {', '.join(_KIND_NAMES)})"
+    return f"a line of kind {kind} with faults: {_faults(kind, line)}"
+
+
+def _faults(kind: str, line: bytes) -> str:
+    """The fields of a line that are wrong, each with what is wrong."""
+    document = next(document for document in _KINDS.values() if document.__name__.lower() == kind)
+    try:
+        document.model_validate_json(line)
+    except ValidationError as error:
+        faults = [
+            f"{repr('.'.join(map(str, fault['loc'])))[1:-1][:_SHOWN_CHARACTERS]}: {fault['msg']}"
+            for fault in error.errors(include_url=False, include_context=False, include_input=False)
+        ]
+        more = len(faults) - _NAMED_FAULTS
+        return "; ".join(faults[:_NAMED_FAULTS]) + (f"; and {more} more" if more > 0 else "")
+    # Only blanks are looked for around a kind: the fast way to read a line knows no JSON.
+    return 'write the kind as "kind":"hello", without escapes and with no other white space than blanks'

@@ -81,6 +81,16 @@ class VehicleTopics:
         """sensor_msgs/msg/CompressedImage (JPEG) with the stamp of the frame, while somebody listens."""
         return f"{self.image_raw(camera)}/compressed"
 
+    def is_of_camera(self, topic: str) -> bool:
+        """Whether this is a topic that a camera of some name has."""
+        camera = topic.removeprefix(f"/{self.vehicle}/camera/").partition("/")[0]
+        return topic in (
+            self.camera_detections(camera),
+            self.camera_info(camera),
+            self.image_raw(camera),
+            self.image_compressed(camera),
+        )
+
     # Air network, agent to bench. All are std_msgs/msg/String with a JSON document.
 
     @property

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.arrays import Bools, Floats
+from bench.arrays import Bools, Floats, product
 from bench.contracts import NO_DISTORTION, Detection, Lens, SimTime
 
 from ._tracks import TRACK_GAP_S
@@ -307,7 +307,7 @@ class BoxTracks:
 
     def warp(self, warp: Floats) -> None:
         """Go along with the ground from the last picture to this one: places by the warp, the rest by its derivative."""
-        homogeneous = self.place[:, :2] @ warp[:, :2].T + warp[:, 2]
+        homogeneous = product(self.place[:, :2], warp[:, :2].T) + warp[:, 2]
         depth = homogeneous[:, 2]
         # The ground behind the camera would appear mirrored: what goes there stays where it was, and is lost in time.
         before = depth > 1e-6
@@ -316,14 +316,14 @@ class BoxTracks:
         depth, moved = depth[before], homogeneous[before, :2] / depth[before][:, None]
         # (n, 2, 2): how the new pixel depends on the old one.
         slope = (warp[None, :2, :2] - moved[:, :, None] * warp[None, None, 2, :2]) / depth[:, None, None]
-        scale = np.sqrt(np.abs(np.linalg.det(slope)))[:, None]
+        scale = np.sqrt(np.abs(slope[:, 0, 0] * slope[:, 1, 1] - slope[:, 0, 1] * slope[:, 1, 0]))[:, None]
         self.place[before, :2] = moved
         self.place[before, 2:] *= scale
-        self.rate[before, :2] = (slope @ self.rate[before, :2, None])[..., 0]
+        self.rate[before, :2] = product(slope, self.rate[before, :2, None])[..., 0]
         self.rate[before, 2:] *= scale
         # The two axes stay independent in the model; a rotation by 45 degrees would correlate them only if their
         # variances differed much.
-        self.covariance[before, :2] = (slope**2) @ self.covariance[before, :2]
+        self.covariance[before, :2] = product(slope**2, self.covariance[before, :2])
         self.covariance[before, 2:] *= scale[..., None] ** 2
 
     def predict(self, span_s: float, settings: TrackerSettings, focal_px: float, *, uneven: bool) -> None:
@@ -431,10 +431,12 @@ def ground_warp(before: Floats, after: Floats) -> Floats | None:
 
     None where the ground cannot be seen: a camera on it.
     """
-    try:
-        warp: Floats = after @ np.linalg.inv(before)
-    except np.linalg.LinAlgError:
+    # The inverse by its cofactors, because LAPACK rounds as the processor likes.
+    cofactors = np.cross(before[[1, 2, 0]], before[[2, 0, 1]])
+    determinant = product(before[0], cofactors[0])
+    if not determinant:
         return None
+    warp = product(after, cofactors.T / determinant)
     # Neither is scaled, so that the depth of a warped pixel is positive where it lies in front of the camera.
     return warp if np.isfinite(warp).all() else None
 
@@ -454,8 +456,7 @@ def ground_homography(
     lens = np.array([[focal_px[0], 0.0, centre_px[0]], [0.0, focal_px[1], centre_px[1]], [0.0, 0.0, 1.0]])
     plane = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, height_m]])
     plane[:, 2] -= position_enu_m
-    homography: Floats = lens @ axes_enu @ plane
-    return homography
+    return product(product(lens, axes_enu), plane)
 
 
 def middles_and_sides(boxes: Floats) -> Floats:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ._distance import TruthDistance as TruthDistance
     from ._distance import truth_distance as truth_distance
     from ._reader import RecoveryResult as RecoveryResult
+    from ._reader import check_whole as check_whole
     from ._reader import read_metadata as read_metadata
     from ._reader import read_records as read_records
     from ._reader import read_simspec as read_simspec
@@ -31,6 +32,7 @@ _MODULES = {
     "TruthDistance": "_distance",
     "truth_distance": "_distance",
     "RecoveryResult": "_reader",
+    "check_whole": "_reader",
     "read_metadata": "_reader",
     "read_records": "_reader",
     "read_simspec": "_reader",

@@ -31,6 +31,12 @@ Item = Schema | Channel | Message | Attachment | Metadata
 # Of every record: opcode and length. A message begins with channel, sequence, log time and publish time.
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
+# The footer: start of the summary and of its offsets, checksum. Statistics begin with the number of messages.
+_FOOTER = struct.Struct("<BQQQI")
+_FOOTER_BYTES = struct.calcsize("<QQI")
+_CRC_BYTES = 4
+_END_BYTES = _FOOTER.size + len(MAGIC)
+_MESSAGE_COUNT = struct.Struct("<Q")
 _DAMAGE = (McapError, struct.error, ValueError, OverflowError, zstandard.ZstdError)
 
 
@@ -38,15 +44,16 @@ class Container:
     """The schemas, channels, messages, attachments and metadata of one file, in the order in which they were
     written.
 
-    After the pass, `cut` says why it ended early, or is None when the file is whole; `complete` says that
-    every message is there even so (a file may lack nothing but its index). Raises SetupError when the file is
-    no MCAP file at all.
+    After the pass, `cut` says where the file ends early or is damaged, or is None when it is whole: every checksum that
+    it holds, its statistics and its last bytes agree. `complete` says that every message is there even so (a file may
+    lack nothing but its index). Raises SetupError when the file is no MCAP file at all.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.cut: str | None = None
         self.complete = False
+        self._messages = 0
 
     def __iter__(self) -> Iterator[Item]:
         try:
@@ -62,6 +69,7 @@ class Container:
             yield from self._items(file, self.path.stat().st_size)
 
     def _items(self, file: IO[bytes], size: int) -> Iterator[Item]:
+        crc = zlib.crc32(MAGIC)
         while True:
             start = file.tell()
             head = file.read(_HEAD.size)
@@ -76,9 +84,11 @@ class Container:
             payload = file.read(length)
             if opcode == Opcode.DATA_END:
                 # No message may follow a DataEnd record; what comes after it is summary and index.
-                self.complete = True
-                self._check_end(file, size)
+                self._check_data(payload, crc)
+                if self.cut is None:
+                    self._check_end(file.read(MAX_RECORD_BYTES))
                 return
+            crc = zlib.crc32(payload, zlib.crc32(head, crc))
             try:
                 items = _read(opcode, payload)
             except UnsupportedCompressionError as error:
@@ -87,12 +97,46 @@ class Container:
             except _DAMAGE as error:
                 self.cut = f"the record at byte {start} is damaged ({type(error).__name__})"
                 return
+            self._messages += sum(type(item) is Message for item in items)
             yield from items
 
-    def _check_end(self, file: IO[bytes], size: int) -> None:
-        file.seek(max(file.tell(), size - len(MAGIC)))
-        if file.read() != MAGIC:
+    def _check_data(self, payload: bytes, crc: int) -> None:
+        """Check the data section, whose checksum is `crc`, against its end record."""
+        # A record of which only the kind was damaged is passed over as an unknown one: without this its messages would
+        # be missing in silence. MCAP writes 0 for "no checksum".
+        if len(payload) != _CRC_BYTES or int.from_bytes(payload, "little") not in (0, crc):
+            self.cut = "its bytes do not have the checksum that stands at their end"
+        else:
+            self.complete = True
+
+    def _check_end(self, summary: bytes) -> None:
+        """Check what follows the end record: summary, footer and the last bytes."""
+        footer = len(summary) - _END_BYTES
+        if footer < 0 or not summary.endswith(MAGIC):
             self.cut = "the index is missing; every message is there"
+            return
+        opcode, length, start, _, stated = _FOOTER.unpack_from(summary, footer)
+        # The checksum goes from the start of the summary up to itself. MCAP writes 0 for "none".
+        checked = summary[: -_CRC_BYTES - len(MAGIC)] if start else summary[footer : -_CRC_BYTES - len(MAGIC)]
+        if (opcode, length) != (Opcode.FOOTER, _FOOTER_BYTES) or stated not in (0, zlib.crc32(checked)):
+            self.cut = "the index is damaged; every message is there"
+            return
+        stated_messages = _stated_messages(summary[:footer])
+        if stated_messages not in (None, self._messages):
+            self.cut = f"it holds {self._messages} of {stated_messages} messages"
+            self.complete = False
+
+
+def _stated_messages(summary: bytes) -> int | None:
+    """How many messages the statistics of a file state; None where it has none."""
+    at = 0
+    while at + _HEAD.size <= len(summary):
+        opcode, length = _HEAD.unpack_from(summary, at)
+        at += _HEAD.size
+        if opcode == Opcode.STATISTICS and length >= _MESSAGE_COUNT.size:
+            return int(_MESSAGE_COUNT.unpack_from(summary, at)[0])
+        at += length
+    return None
 
 
 def _read(opcode: int, payload: bytes) -> list[Item]:

@@ -59,6 +59,7 @@ class McapWriter:
 
     def __init__(self, stream: Stream, chunk_bytes: int) -> None:
         self._stream = stream
+        self._crc = 0
         self._chunk_bytes = chunk_bytes
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
@@ -72,7 +73,7 @@ class McapWriter:
 
     def start(self, profile: str, library: str) -> None:
         """Begin the file."""
-        self._stream.write(MAGIC)
+        self._append(MAGIC)
         self._write(Header(profile, library))
 
     def add_attachment(self, name: str, media_type: str, data: bytes) -> None:
@@ -138,8 +139,8 @@ class McapWriter:
     def finish(self) -> None:
         """Write the open chunk, the summary and the end of the file."""
         self._finish_chunk()
-        # Checksums of the whole data section are optional, and 0 where a file has none.
-        self._write(DataEnd(0))
+        # Over all bytes up to here: chunks have checksums of their own, indices and metadata have none.
+        self._write(DataEnd(self._crc))
         summary_start = self._stream.tell()
         summary = RecordBuilder()
         groups = [
@@ -172,8 +173,12 @@ class McapWriter:
         """Write a record outside of chunks; its offset and length."""
         data = _bytes_of(record)
         offset = self._stream.tell()
-        self._stream.write(data)
+        self._append(data)
         return offset, len(data)
+
+    def _append(self, data: bytes) -> None:
+        self._crc = zlib.crc32(data, self._crc)
+        self._stream.write(data)
 
     def _write_group(
         self, summary: RecordBuilder, start: int, opcode: Opcode, records: Sequence[McapRecord]
@@ -231,7 +236,7 @@ class McapWriter:
             size = 8 * len(entries)
             indices += _MESSAGE_INDEX.pack(Opcode.MESSAGE_INDEX, 2 + 4 + size, channel, size)
             indices += struct.pack(f"<{len(entries)}Q", *entries)
-        self._stream.write(bytes(indices))
+        self._append(bytes(indices))
         self._chunks.append(
             ChunkIndex(
                 chunk_length=length,

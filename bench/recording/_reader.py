@@ -60,9 +60,12 @@ def read_tape(path: Path | str, simspec: SimSpec | None = None) -> Tape:
 
 def read_simspec(path: Path | str) -> SimSpec:
     """The realized SimSpec that a recording carries. Raises SetupError when it has none or an invalid one."""
-    for item in Container(Path(path)):
+    container = Container(Path(path))
+    for item in container:
         if isinstance(item, Attachment) and item.name == SIMSPEC_ATTACHMENT:
             return _simspec(item.data, f"{path}: {SIMSPEC_ATTACHMENT}")
+    if container.cut is not None:
+        raise _damaged(container)
     raise SetupError(
         Fault(
             str(path),
@@ -70,6 +73,15 @@ def read_simspec(path: Path | str) -> SimSpec:
             "give a recording of this bench, cut off after its head",
         )
     )
+
+
+def check_whole(path: Path | str) -> None:
+    """Raises SetupError for a recording that was cut off or damaged since it was written, by all checksums in it."""
+    container = Container(Path(path))
+    for _ in container:
+        pass
+    if container.cut is not None:
+        raise _damaged(container)
 
 
 def read_metadata(path: Path | str) -> dict[str, dict[str, str]]:
@@ -90,7 +102,7 @@ def recover(source: Path | str, target: Path | str) -> RecoveryResult:
     # A source that is no recording must not leave an empty target behind.
     first = next(items, None)
     with target.open("wb") as file:
-        writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True)
         writer.start(profile=PROFILE, library=LIBRARY)
         copy = ItemCopy(writer)
         if first is not None:
@@ -128,6 +140,11 @@ def _records(container: Container) -> Iterator[Record]:
             # Foreign channels are passed over: somebody may have merged another log into the file.
             case Channel() if item.message_encoding == "cdr" and item.schema_id in schemas:
                 channels[item.id] = (item.topic, schemas[item.schema_id])
+
+
+def _damaged(container: Container) -> SetupError:
+    remedy = "restore it from a copy; docs/recordings.md says how to save what can be read of it as a recording of its own"
+    return SetupError(Fault(str(container.path), f"damaged: {container.cut}", remedy))
 
 
 def _simspec(data: bytes, source: str) -> SimSpec:

@@ -8,12 +8,12 @@ import hashlib
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import IO
 
 from bench.contracts import START, Record, SimTime
 from bench.documents import dump_json
-from bench.simspec import SimSpec
+from bench.simspec import RealAutopilot, SimSpec
 from bench.streams import schema_text
 
 from ._mcap_writer import McapWriter
@@ -85,7 +85,7 @@ class Recorder:
     def _begin(self, simspec: SimSpec, versions: Mapping[str, str], metadata: Mapping[str, str]) -> None:
         self._writer.start(profile=PROFILE, library=LIBRARY)
         # The times of the attachment are 0 and the dictionaries sorted: equal sessions make equal bytes.
-        self._writer.add_attachment(SIMSPEC_ATTACHMENT, "application/json", dump_json(simspec).encode())
+        self._writer.add_attachment(SIMSPEC_ATTACHMENT, "application/json", _as_flown(simspec).encode())
         self._writer.add_metadata(VERSIONS, dict(sorted(versions.items())))
         self._writer.add_metadata(SESSION, dict(sorted(metadata.items())))
         self._file.flush()
@@ -105,7 +105,8 @@ def open_recording(
 
     The SimSpec (attachment), `versions` and `metadata` stand at the head of the file, so that they survive
     whatever cuts it off. None of them may hold a wall clock, a host or a path of this machine: equal sessions
-    make equal bytes. Raises OSError when the file cannot be written.
+    make equal bytes. Of the SimSpec that is left out which says how it is launched and not what is flown. Raises OSError
+    when the file cannot be written.
     """
     with path.open("wb") as file:
         recorder = Recorder(_HashedFile(file))
@@ -118,6 +119,23 @@ def open_recording(
             # The digest goes into result.json, which is synced too: it must not outlive the bytes it speaks
             # of.
             os.fsync(file.fileno())
+
+
+def _as_flown(simspec: SimSpec) -> str:
+    """JSON of the SimSpec without how it is launched: how the agent is confined, the folders of its manifest and of a real
+    autopilot, ground stations that only look on, limits on the time of the host. The run's `simspec.json` has all of them.
+    """
+    agent = simspec.agent.model_copy(
+        update={"isolation": None, "manifest": PurePosixPath(simspec.agent.manifest).name}
+    )
+    heard = tuple(link for link in simspec.vehicle.outside_links if link.heard)
+    vehicle = simspec.vehicle.model_copy(update={"outside_links": heard})
+    if isinstance(vehicle.autopilot, RealAutopilot):
+        firmware = PurePosixPath(vehicle.autopilot.firmware).name
+        autopilot = vehicle.autopilot.model_copy(update={"firmware": firmware})
+        vehicle = vehicle.model_copy(update={"autopilot": autopilot})
+    flown = simspec.model_copy(update={"agent": agent, "vehicle": vehicle})
+    return dump_json(flown, exclude={"budgets"})
 
 
 class _HashedFile:

@@ -4,6 +4,7 @@ sends.
 
 from __future__ import annotations
 
+import difflib
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import ExitStack, contextmanager
@@ -50,6 +51,8 @@ MATCH_POLL_S = 0.001
 LARGE_SAMPLE_WAIT_S = 5.0
 # The longest valid document is AgentTracks with a thousand tracks; this leaves room above it.
 MAX_DOCUMENT_BYTES = 256 * 1024
+# Of a topic in a reason; the line of a hello may be a thousand times as long.
+_SHOWN_CHARACTERS = 80
 
 
 @dataclass(slots=True)
@@ -132,7 +135,7 @@ class AirNetwork:
         self._clock = clock
         self._on_drop = on_drop
         self.access: AirAccess | None = router.access if router else None
-        topics = VehicleTopics(simspec.vehicle.name)
+        self._topics = topics = VehicleTopics(simspec.vehicle.name)
         node = router.node("session", f"/{simspec.vehicle.name}") if router else None
 
         def recorded(
@@ -192,6 +195,7 @@ class AirNetwork:
         subscriptions.
         """
         declared = set(subscribes)
+        self._check_known(declared)
         deadline_s = self._clock.now() + MATCH_BUDGET_S
         for recorded in self._publishers:
             if recorded.topic in declared:
@@ -203,6 +207,21 @@ class AirNetwork:
                             f"the agent says it subscribes to {recorded.topic}, but does not",
                         )
                     self._clock.sleep(MATCH_POLL_S)
+
+    def _check_known(self, declared: set[str]) -> None:
+        """Raise StopSession for topics that no session has: what is misspelt stays silent, and the agent waits for ever."""
+        # Cameras of other names are let pass: an agent may be made for vehicles with more of them.
+        published = [recorded.topic for recorded in self._publishers]
+        known = {*published, *self._topics.from_agent}
+        for topic in sorted(declared - known):
+            if not self._topics.is_of_camera(topic):
+                close = difflib.get_close_matches(topic, published, n=1)
+                remedy = f"did you mean {close[0]}?" if close else f"there are {', '.join(published)}"
+                raise StopSession(
+                    Outcome.AGENT_PROTOCOL,
+                    f"the agent's hello subscribes to {topic[:_SHOWN_CHARACTERS]!r}, a topic that it cannot read in any session; "
+                    f"{remedy}",
+                )
 
     def open_for_all(self) -> None:
         """Publish on every topic, subscribed or not: at the realtime pace an agent sends no hello that names

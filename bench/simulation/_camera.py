@@ -15,6 +15,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.arrays import product
 from bench.contracts import NO_DISTORTION, Lens, VehicleState, distortion_faults, lens_of
 from bench.errors import SetupError
 from bench.simspec import Camera
@@ -91,9 +92,9 @@ class PinholeCamera:
 
     def project(self, points_enu_m: NDArray[np.float64], state: VehicleState) -> NDArray[np.float64]:
         """(..., 2) pixels of (..., 3) ENU points; NaN for what does not lie in front of the camera."""
-        in_camera = (np.asarray(points_enu_m, dtype=np.float64) - state.position_enu_m) @ self.axes_enu(
-            state
-        ).T
+        in_camera = product(
+            np.asarray(points_enu_m, dtype=np.float64) - state.position_enu_m, self.axes_enu(state).T
+        )
         # A point behind the camera would project to a mirrored pixel that looks valid; NaN makes every
         # comparison false.
         depth = np.where(in_camera[..., 2] > 0.0, in_camera[..., 2], np.nan)

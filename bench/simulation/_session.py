@@ -267,6 +267,9 @@ class Session:
         except StopSession as end:
             self._truth.write_due(self._progress.now, self._vehicle, self._scene)
             self._truth.write_event(self._progress.now, "ended", f"{end.outcome}")
+            if self._ticks is not None and end.outcome is Outcome.AGENT_PROTOCOL:
+                # Whoever wrote the agent reads there what it did wrong.
+                self._ticks.end(end.reason)
             raise
         finally:
             strangers = {"tick_strangers": self._ticks.strangers} if self._ticks is not None else {}

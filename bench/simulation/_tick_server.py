@@ -20,6 +20,7 @@ from bench.contracts import (
     Outcome,
     Tick,
     TickMessage,
+    line_fault,
     read_line,
     write_line,
 )
@@ -38,6 +39,8 @@ EXIT_POLL_S = 0.02
 RECEIVE_BYTES = 65536
 # Connections that may be open without having said anything. Chosen: far more than one agent needs.
 MAX_UNKNOWN = 128
+# What a refused connection may still send before it is closed. Chosen, not measured: many times the longest line.
+MAX_DRAINED_BYTES = 4 * 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +66,8 @@ class TickServer:
     """Serves one agent: the program whose hello bears the session's secret, which only its agent was given.
 
     Every other connection is a stranger's: refused, counted, and no matter to the session. Every wait has a
-    budget of the agent's own time and ends early when the agent's process ends.
+    budget of the agent's own time and ends early when the agent's process ends. Whoever is refused is told why, and so
+    is the reason of a session that ends without a hello: often the stranger is the agent, which says it wrong.
     """
 
     def __init__(self, listener: socket.socket, clock: HostClock, secret: str) -> None:
@@ -81,6 +85,9 @@ class TickServer:
         self._buffer = b""
         # Connections without a whole first line yet, the oldest first.
         self._unknown: dict[socket.socket, bytes] = {}
+        # Refused connections, with the bytes that came since: closed with something unread, a connection is reset, and a
+        # program that still writes never reads why.
+        self._leaving: dict[socket.socket, int] = {}
 
     @property
     def address(self) -> str:
@@ -101,24 +108,51 @@ class TickServer:
         poll_s = min(LIVENESS_POLL_S, budget_s / 8)
         looked_s = 0.0
         while True:
-            readable = select.select([self._listener, *self._unknown], [], [], poll_s)[0]
-            for connection in readable:
-                if connection is self._listener:
-                    self._accept_unknown()
-                elif (hello := self._read_unknown(connection)) is not None:
-                    return hello
+            readable = self._readable(poll_s)
+            if (hello := self._hello_from(readable)) is not None:
+                return hello
             # Strangers who talk without end must not keep the session from looking at its agent.
             if not readable or wait.waited_s - looked_s >= poll_s:
                 looked_s = wait.waited_s
                 _Budget(wait, budget_s, Outcome.AGENT_NEVER_CONNECTED, self._missing_hello()).check()
-                self._check_agent()
+                self._check_agent_before_hello()
+
+    def _readable(self, poll_s: float) -> list[socket.socket]:
+        return select.select([self._listener, *self._unknown, *self._leaving], [], [], poll_s)[0]
+
+    def _hello_from(self, readable: list[socket.socket]) -> Hello | None:
+        """Take in what has come; the agent's hello if it is among it."""
+        for connection in readable:
+            if connection is self._listener:
+                self._accept_unknown()
+            elif connection in self._leaving:
+                self._drain(connection)
+            elif connection in self._unknown and (hello := self._read_unknown(connection)) is not None:
+                return hello
+        return None
+
+    def _check_agent_before_hello(self) -> None:
+        try:
+            self._check_agent()
+        except StopSession as end:
+            # What it said before it ended lies on the socket: its connection, and then the line.
+            for _ in range(2):
+                self._hello_from(self._readable(0.0))
+            refused = self._refused_strangers()
+            raise StopSession(end.outcome, f"{end.reason}; {refused}" if refused else end.reason) from None
 
     def _missing_hello(self) -> str:
         missing = "no hello on the tick socket" if self._unknown else "no connection to the tick socket"
+        if begun := max((len(data) for data in self._unknown.values()), default=0):
+            missing += f", only {begun} bytes without a line end"
+        refused = self._refused_strangers()
+        return f"{missing} ({refused})" if refused else missing
+
+    def _refused_strangers(self) -> str:
         if not self.strangers:
-            return missing
+            return ""
         refused = "1 stranger was" if self.strangers == 1 else f"{self.strangers} strangers were"
-        return f"{missing} ({refused} refused, the last because {self.last_stranger})"
+        return f"{refused} refused on the tick socket, the last because {self.last_stranger}"
 
     def _accept_unknown(self) -> None:
         with suppress(OSError):  # gone again already
@@ -146,7 +180,7 @@ class TickServer:
             return None
         message = read_line(line)
         if not isinstance(message, Hello):
-            self._refuse(connection, f"it sent {_shown(message)} in place of a hello")
+            self._refuse(connection, f"it sent {_shown(message, line)} in place of a hello")
         elif not compare_digest(message.secret.encode(), self.secret.encode()):
             kind = "a wrong secret" if message.secret else "no secret"
             self._refuse(connection, f"its hello as {message.agent!r} has {kind} (REBAR_TICK_SECRET)")
@@ -163,8 +197,24 @@ class TickServer:
         self.strangers += 1
         self.last_stranger = reason
         # The reason helps whoever wrote an agent that does not send the secret yet.
-        with connection, suppress(OSError):
-            connection.send(write_line(End(reason=f"refused: {reason}; see docs/agents.md")))
+        _say_last(connection, f"refused: {reason}; see docs/agents.md")
+        self._leaving[connection] = 0
+        if len(self._leaving) > MAX_UNKNOWN:
+            self._leave(next(iter(self._leaving)))
+
+    def _drain(self, connection: socket.socket) -> None:
+        """Discard what a refused connection still sends; close it when it ends, or has sent too much."""
+        try:
+            data = connection.recv(RECEIVE_BYTES)
+        except OSError:
+            data = b""
+        self._leaving[connection] += len(data)
+        if not data or self._leaving[connection] > MAX_DRAINED_BYTES:
+            self._leave(connection)
+
+    def _leave(self, connection: socket.socket) -> None:
+        del self._leaving[connection]
+        connection.close()
 
     def exchange(self, tick: Tick, budget_s: float) -> Ack:
         """Send a tick and wait for its acknowledgement."""
@@ -177,22 +227,27 @@ class TickServer:
             _count_hint(tick.links),
         )
         self._write(tick)
-        message = self._read(budget)
-        if not isinstance(message, Ack) or message.number != tick.number:
-            raise StopSession(
-                Outcome.AGENT_PROTOCOL, f"expected the ack of tick {tick.number}, got {_shown(message)}"
-            )
-        return message
+        line = self._read(budget)
+        message = read_line(line)
+        if isinstance(message, Ack) and message.number == tick.number:
+            return message
+        got = f"that of tick {message.number}" if isinstance(message, Ack) else _shown(message, line)
+        raise StopSession(Outcome.AGENT_PROTOCOL, f"expected the ack of tick {tick.number}, got {got}")
 
     def end(self, reason: str) -> None:
         """Tell the agent that the session is over, if it is still connected."""
         if self._peer is not None:
-            with suppress(OSError):
-                self._peer.sendall(write_line(End(reason=reason)))
+            _say_last(self._peer, reason)
             self._peer.close()
             self._peer = None
         while self._unknown:
-            self._unknown.popitem()[0].close()
+            connection, data = next(iter(self._unknown.items()))
+            said = (
+                f"it sent {len(data)} bytes without a line end" if data else "it connected and said nothing"
+            )
+            self._refuse(connection, said)
+        while self._leaving:
+            self._leave(next(iter(self._leaving)))
 
     def _check_silence(self, number: int) -> None:
         """Raise StopSession where the agent has sent something that the bench has not asked for yet.
@@ -218,7 +273,8 @@ class TickServer:
         except OSError:
             self._end_disconnected()
 
-    def _read(self, budget: _Budget) -> TickMessage | None:
+    def _read(self, budget: _Budget) -> bytes:
+        """The agent's next line, without its end."""
         assert self._peer is not None
         while b"\n" not in self._buffer:
             if len(self._buffer) > MAX_LINE_BYTES:
@@ -237,14 +293,17 @@ class TickServer:
             if b"\n" not in data and budget.wait.waited_s >= budget.span_s:
                 budget.check()
         line, _, self._buffer = self._buffer.partition(b"\n")
-        return read_line(line)
+        return line
 
     def _wait_readable(self, sock: socket.socket, budget: _Budget) -> None:
         # A budget that is shorter than a few polls is still looked at several times. What is there already is
         # an answer in time, however late this process gets a core to read it.
         poll_s = min(LIVENESS_POLL_S, budget.span_s / 8)
         while True:
-            readable = select.select([sock, self._listener], [], [], poll_s)[0]
+            readable = select.select([sock, self._listener, *self._leaving], [], [], poll_s)[0]
+            for connection in readable:
+                if connection in self._leaving:
+                    self._drain(connection)
             if self._listener in readable:
                 self._accept_unknown()
                 while self._unknown:
@@ -289,5 +348,12 @@ def _count_hint(links: Mapping[str, int]) -> str:
     )
 
 
-def _shown(message: TickMessage | None) -> str:
-    return "a line that is no message" if message is None else f"{message.kind}"
+def _say_last(connection: socket.socket, reason: str) -> None:
+    """Tell a connection why it ends. What comes after it is the end of the stream."""
+    with suppress(OSError):
+        connection.send(write_line(End(reason=reason)))
+        connection.shutdown(socket.SHUT_WR)
+
+
+def _shown(message: TickMessage | None, line: bytes) -> str:
+    return line_fault(line) if message is None else f"{message.kind}"

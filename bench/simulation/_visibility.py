@@ -16,7 +16,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.arrays import Floats
+from bench.arrays import Floats, product
 from bench.contracts import NO_DISTORTION, CastMember, Sighting, VehicleState
 from bench.simspec import ASSETS
 
@@ -97,7 +97,7 @@ def sightings(
     relative = foot_enu_m - state.position_enu_m
     # Actors are placed by the middle of their footprint; a body's middle is half its height above that.
     relative[:, 2] += bodies.half_m[:, 2]
-    centre = relative @ axes.T
+    centre = product(relative, axes.T)
     candidates = np.flatnonzero(_may_be_in_sight(camera, centre, bodies.radius_m))
     if not len(candidates):
         return ()
@@ -162,7 +162,7 @@ def _boxes(camera: PinholeCamera, posed: _Posed) -> Floats:
     What reaches behind the camera is cut just before it.
     """
     outline = _CORNERS if camera.lens.distortion == NO_DISTORTION else _EDGE_POINTS
-    corners = posed.centre[:, None, :] + outline @ (posed.axes * posed.half[:, :, None])
+    corners = posed.centre[:, None, :] + product(outline, posed.axes * posed.half[:, :, None])
     # A corner behind the camera has no pixel. Cut just before it, its box reaches beyond the border, as it
     # should.
     depth = np.maximum(corners[..., 2:], LEAST_DEPTH_M)
@@ -197,7 +197,7 @@ def _hidden_part(shown: _Posed, solids: _Posed) -> Floats:
     # origin.
     eye = -solids.centre[solid][:, None, :]
     turn = solids.axes[solid].transpose(0, 2, 1)
-    hits = crosses_box(eye @ turn, (points + eye) @ turn, solids.half[solid][:, None, :])
+    hits = crosses_box(product(eye, turn), product(points + eye, turn), solids.half[solid][:, None, :])
     # Not `blocked[body] |= hits`: a body occurs once for each solid, and plain indexing keeps only its last
     # row.
     np.logical_or.at(blocked, body, hits)
@@ -210,7 +210,7 @@ def _may_hide(shown: _Posed, solids: _Posed) -> NDArray[np.bool_]:
     ends.
     """
     range_shown, range_solid = np.sqrt((shown.centre**2).sum(axis=1)), np.sqrt((solids.centre**2).sum(axis=1))
-    cosine = (shown.centre @ solids.centre.T) / np.maximum(range_shown[:, None] * range_solid, 1e-9)
+    cosine = product(shown.centre, solids.centre.T) / np.maximum(range_shown[:, None] * range_solid, 1e-9)
     apart = np.arccos(cosine.clip(-1.0, 1.0))
     overlap = apart <= _cone(shown.radius, range_shown)[:, None] + _cone(solids.radius, range_solid)
     before = (range_solid - solids.radius) < (range_shown + shown.radius)[:, None]
@@ -234,7 +234,7 @@ def _sample_points(shown: _Posed) -> Floats:
     on_plane = _SAMPLES * extent[:, None, :]
     # The silhouette's rectangle is wider than a body seen at an angle; clipping keeps every sample on the
     # body.
-    local = on_plane @ shown.axes[..., :2].transpose(0, 2, 1)
+    local = product(on_plane, shown.axes[..., :2].transpose(0, 2, 1))
     bound = shown.half[:, None, :]
-    points: Floats = shown.centre[:, None, :] + local.clip(-bound, bound) @ shown.axes
+    points: Floats = shown.centre[:, None, :] + product(local.clip(-bound, bound), shown.axes)
     return points

@@ -114,8 +114,8 @@ def test_an_environment_of_its_own(folder: Path, rung: str) -> None:
     program(folder / "wrapper.sh", "#!/bin/sh", f'exec "{python}" -c "{code}"')
     assert ended(folder, rung, "{folder}/wrapper.sh", read=(str(python),)) == (5, f"{WORDS}\n")
     # Rules alone follow the link to the system's Python, which does not find the environment.
-    code, text = ended(folder, rung, "{folder}/wrapper.sh")
-    assert code != 5, "what nobody named is not in the box"
+    refused, text = ended(folder, rung, "{folder}/wrapper.sh")
+    assert refused != 5, "what nobody named is not in the box"
     assert WORDS not in text
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import sqlite3
+import subprocess
+import sys
 from functools import partial
 from pathlib import Path
 
@@ -124,6 +127,55 @@ def test_a_lost_scheduler_costs_what_was_under_way(tmp_path: Path) -> None:
     assert attempts == {name: 1 + (name in under_way) for name in first}
     fly(tmp_path / "local", open_in_process())
     assert evidence(tmp_path / "out") == evidence(tmp_path / "local")
+
+
+# A runner as the command is: it says when it has a scheduler, then the error with which it ends, and whatever else is
+# written meanwhile.
+RUNNER = """
+import sys; from contextlib import asynccontextmanager; from pathlib import Path
+from test_campaign_dask import DEADLY, WorkersUnusable, fly, open_dask
+
+@asynccontextmanager
+async def open_executor(*arguments, **options):
+    async with open_dask(*arguments, **options, address=sys.argv[2]) as executor:
+        print("open", flush=True)
+        yield executor
+
+try:
+    fly(Path(sys.argv[1]), open_executor, DEADLY)
+except WorkersUnusable as error:
+    sys.exit(str(error))
+"""
+
+
+def runner(folder: Path, address: str) -> subprocess.Popen[str]:
+    path = os.pathsep.join(str(place) for place in (Path(__file__).parent, Path(__file__).parents[1]))
+    return subprocess.Popen(
+        [sys.executable, "-c", RUNNER, str(folder), address],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+    )
+
+
+@pytest.mark.parametrize("state", ["a session is under way", "the campaign waits for a worker"])
+def test_a_lost_scheduler_is_told_in_one_sentence(tmp_path: Path, state: str) -> None:
+    """Distributed's tracebacks of the lost connection stay off the terminal, and none of ours joins them."""
+    with open_cluster(tmp_path, workers=2 if state == "a session is under way" else 0) as cluster:
+        (tmp_path / "victim").write_text(str(cluster.scheduler.pid))
+        process = runner(tmp_path / "out", cluster.address)
+        assert process.stdout is not None
+        assert process.stdout.readline() == "open\n"
+        if not cluster.workers:
+            cluster.scheduler.kill()
+        output, errors = process.communicate()
+    assert (output, errors) == (
+        "",
+        f"the Dask scheduler at {cluster.address} is gone. Run the same command again: only the sessions that were "
+        "under way are flown again\n",
+    )
+    assert {entry.outcome for entry in entries(tmp_path / "out").values()} <= {None, Outcome.COMPLETED}
 
 
 def test_schedulers_that_cannot_serve_are_refused(tmp_path: Path) -> None:

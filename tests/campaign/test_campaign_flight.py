@@ -21,8 +21,18 @@ from bench.campaign.execution._flight import fly_here
 from bench.contracts import Outcome, SessionResult, services_of
 from bench.errors import SetupError
 from bench.realization import place
-from bench.recording import read_metadata, read_tape
-from bench.simspec import AgentSpec, Failure, OutsideService, Perception, SimSpec, load_simspec
+from bench.recording import read_metadata, read_simspec, read_tape
+from bench.simspec import (
+    AgentSpec,
+    Budgets,
+    Failure,
+    Isolation,
+    OutsideLink,
+    OutsideService,
+    Perception,
+    SimSpec,
+    load_simspec,
+)
 from bench.testing import BEHAVIOURS
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
@@ -104,6 +114,44 @@ def test_the_same_flight_in_another_process_is_the_same_file(
         env={**os.environ, "PYTHONHASHSEED": "7"},
     )
     assert process.stdout.strip() == first.recording_sha256
+
+
+def test_how_a_session_was_launched_is_in_its_result_and_not_in_its_recording(tmp_path: Path) -> None:
+    """Confinement, the folder of the manifest, how the agent is started, ground stations that look on, and budgets: the
+    recordings are the same file, and what has been flown still makes another one.
+    """
+    manifest = "name: idle\npace: [lockstep]\nzenoh: false\ncommand: ['{python}', -m, agent_adapters.null, idle]\nreset: "
+    for name, reset in (("one", "process"), ("two", "process"), ("three", "fork")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "mine.yaml").write_text(manifest + reset)
+    example = load_simspec(EXAMPLE)
+    short = example.mission.model_copy(update={"time_limit_s": 2.0})
+    placed = place(example.model_copy(update={"mission": short}))
+    link = OutsideLink(name="tower", kind="udp_out", host="127.0.0.1", port=14999)
+
+    def sha256(folder: str, isolation: Isolation | None = None, **update: object) -> str:
+        agent = AgentSpec(manifest=str(tmp_path / folder / "mine.yaml"), isolation=isolation)
+        spec = placed.model_copy(update={"agent": agent, **update})
+        result = fly_realization(spec, DECOMPOSITION, tmp_path / "run", "launched")
+        assert result.outcome is Outcome.TIME_LIMIT, result.reason
+        assert result.details["isolation"] != "none" or isolation == "none"
+        assert result.details.get("reset") == ("fork" if folder == "three" else None)
+        assert read_simspec(tmp_path / "run" / "recording.mcap").agent.label == "mine"
+        assert result.recording_sha256 is not None
+        return result.recording_sha256
+
+    vehicle = placed.vehicle.model_copy(update={"outside_links": (link,)})
+    digests = {
+        "plain": sha256("one"),
+        "isolation auto": sha256("one", "auto"),
+        "isolation none": sha256("one", "none"),
+        "another folder": sha256("two"),
+        "a fork": sha256("three"),
+        "a ground station": sha256("one", vehicle=vehicle),
+        "another budget": sha256("one", budgets=Budgets(wall_s=299.0, reply_s=9.0)),
+    }
+    assert set(digests.values()) == {digests["plain"]}, digests
+    assert sha256("one", description="another situation") != digests["plain"]
 
 
 def test_a_stranger_reads_the_recording(flown: dict[str, tuple[Path, SessionResult]]) -> None:
@@ -236,8 +284,8 @@ def test_an_agent_that_crashes_is_scored_on_what_was(tmp_path: Path) -> None:
 
 
 def test_a_recording_that_was_changed_is_not_scored_under_its_old_result(tmp_path: Path) -> None:
-    """Cut off or edited, it is another recording than the result speaks of; without that result it speaks for
-    itself.
+    """Cut off or edited, it is another recording than the result speaks of. Without that result a whole one speaks for
+    itself, and a damaged one is refused.
     """
     manifest = tmp_path / "crash.yaml"
     manifest.write_text(
@@ -247,8 +295,9 @@ def test_a_recording_that_was_changed_is_not_scored_under_its_old_result(tmp_pat
     write_result(run, fly_here(scene(str(manifest)), DECOMPOSITION, run, "crash"))
     assert rescore(run, DECOMPOSITION).outcome is Outcome.AGENT_CRASHED
     recording = run / "recording.mcap"
-    recording.write_bytes(recording.read_bytes()[:-100])
-    with pytest.raises(SetupError, match=r"or delete result\.json to score the recording as it is"):
+    whole = recording.read_bytes()
+    recording.write_bytes(whole[:-100])
+    with pytest.raises(SetupError, match=r"is scored as it is if you delete result\.json"):
         rescore(run, DECOMPOSITION)
     in_campaign = tmp_path / "campaign" / "runs" / "run"
     shutil.copytree(run, in_campaign)
@@ -257,4 +306,7 @@ def test_a_recording_that_was_changed_is_not_scored_under_its_old_result(tmp_pat
     with pytest.raises(SetupError, match="copy, or delete it to fly the session again with `rebar run`"):
         rescore(in_campaign, DECOMPOSITION)
     (run / "result.json").unlink()
+    with pytest.raises(SetupError, match=r"recording\.mcap: damaged: the index is missing"):
+        rescore(run, DECOMPOSITION)
+    recording.write_bytes(whole)
     assert rescore(run, DECOMPOSITION).realization == "run"

@@ -16,7 +16,9 @@ def written_by_both(seed: int, messages: int, chunk_bytes: int) -> tuple[bytes, 
     draw = random.Random(seed)
     ours, theirs = BytesIO(), BytesIO()
     writer = McapWriter(ours, chunk_bytes)
-    reference = Writer(theirs, chunk_size=chunk_bytes, compression=CompressionType.ZSTD)
+    reference = Writer(
+        theirs, chunk_size=chunk_bytes, compression=CompressionType.ZSTD, enable_data_crcs=True
+    )
     writer.start("ros2", "rebar")
     reference.start("ros2", "rebar")
     for number in range(draw.randrange(3)):

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -203,6 +204,60 @@ def test_false_claims_of_an_agent_end_the_session(tmp_path: Path, behaviour: str
     end, _ = run(tmp_path, agent_manifest(behaviour), spec, RacingClock().clock)
     assert end.outcome is Outcome.AGENT_PROTOCOL
     assert words in end.reason
+
+
+# Says the hello of its argument with what the session gave it, prints the answer, and ends.
+SAYS_HELLO = """
+import json, os, socket, sys
+host, port = os.environ["REBAR_TICK"].rsplit(":", 1)
+with socket.create_connection((host, int(port))) as bench:
+    hello = {"kind": "hello", "protocol": 1, "agent": "mine", "secret": os.environ["REBAR_TICK_SECRET"]}
+    bench.sendall(json.dumps({**hello, **json.loads(sys.argv[1])}).encode() + b"\\n")
+    print(bench.makefile().readline(), flush=True)
+sys.exit(4)
+"""
+
+
+@pytest.mark.parametrize(
+    ("fields", "outcome", "words"),
+    [
+        (
+            '{"subscribes": ["/clok"]}',
+            Outcome.AGENT_PROTOCOL,
+            "subscribes to '/clok', a topic that it cannot read",
+        ),
+        ('{"subscribes": ["/clok"]}', Outcome.AGENT_PROTOCOL, "did you mean /clock?"),
+        ('{"subscribes": ["/truth/cast"]}', Outcome.AGENT_PROTOCOL, "there are /clock, /tf, /tf_static"),
+        ('{"protocol": 2}', Outcome.AGENT_CRASHED, "protocol: Input should be 1"),
+        ('{"secret": "guessed"}', Outcome.AGENT_CRASHED, "its hello as 'mine' has a wrong secret"),
+    ],
+)
+def test_a_wrong_hello_is_told_to_the_agent_and_named_in_the_reason(
+    tmp_path: Path, fields: str, outcome: Outcome, words: str
+) -> None:
+    """What the agent prints is the bench's answer; its output is kept beside the session."""
+    command = ("{python}", "-c", SAYS_HELLO, fields)
+    manifest = AgentManifest(name="mine", command=command, pace=("lockstep",))
+    end, _ = run(tmp_path, manifest, clock=patient_clock())
+    assert (end.outcome, words in end.reason) == (outcome, True), end.reason + end.traceback
+    if outcome is Outcome.AGENT_CRASHED:
+        assert "ended with exit code 4" in end.reason
+    (answer,) = (line for line in (tmp_path / "scratch" / "agent.log").read_text().splitlines() if line)
+    assert words in json.loads(answer)["reason"]
+
+
+def test_topics_of_other_cameras_are_no_mistake(tmp_path: Path) -> None:
+    """An agent may be made for vehicles with more cameras, and may read what it writes itself."""
+    topics = [
+        "/vehicle_1/camera/rear/detections",
+        "/vehicle_1/camera/rear/camera_info",
+        "/vehicle_1/agent/status",
+    ]
+    command = ("{python}", "-c", SAYS_HELLO, json.dumps({"subscribes": topics}))
+    manifest = AgentManifest(name="mine", command=command, pace=("lockstep",))
+    end, _ = run(tmp_path, manifest, clock=patient_clock())
+    assert end.outcome is Outcome.AGENT_CRASHED, end.reason
+    assert json.loads((tmp_path / "scratch" / "agent.log").read_text().splitlines()[0])["kind"] == "tick"
 
 
 def test_a_missing_agent_program_is_no_doing_of_the_agent(tmp_path: Path) -> None:

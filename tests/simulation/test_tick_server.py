@@ -103,7 +103,7 @@ def test_strangers_before_the_agent_are_refused_and_the_agent_is_served(
     assert agent.answered(server, FIRST) == 0
     assert server.strangers == 5
     answers = {
-        "a line that is no message": garbage.line(),
+        "an HTTP request": garbage.line(),
         "'mine' has no secret (REBAR_TICK_SECRET)": polite.line(),
         "'mine' has a wrong secret": guesser.line(),
         "no hello before the agent": silent.line(),
@@ -132,9 +132,146 @@ def test_a_stranger_who_knows_the_hello_is_not_the_agent_even_twice(server: Tick
         server.hello(0.4)
     assert end.value.outcome is Outcome.AGENT_NEVER_CONNECTED
     assert end.value.reason == (
-        "no connection to the tick socket (2 strangers were refused, the last because its hello as 'mine' has "
-        "a wrong secret (REBAR_TICK_SECRET)) within 0.4 s of the agent's own time"
+        "no connection to the tick socket (2 strangers were refused on the tick socket, the last because its hello as "
+        "'mine' has a wrong secret (REBAR_TICK_SECRET)) within 0.4 s of the agent's own time"
     )
+
+
+HELLO = {"kind": "hello", "protocol": 1, "agent": "mine", "subscribes": ["/clock"]}
+
+
+def hello_line(*without: str, **fields: object) -> bytes:
+    line = {name: value for name, value in {**HELLO, **fields}.items() if name not in without}
+    return json.dumps(line).encode() + b"\n"
+
+
+WRONG_HELLOS = {
+    "no secret": (hello_line(), "its hello as 'mine' has no secret (REBAR_TICK_SECRET)"),
+    "a wrong secret": (hello_line(secret="0" * 32), "its hello as 'mine' has a wrong secret"),
+    "a number as secret": (hello_line(secret=123456), "secret: Input should be a valid string"),
+    "no agent": (hello_line("agent"), "a line of kind hello with faults: agent: Field required"),
+    "another protocol": (hello_line(protocol=2), "protocol: Input should be 1"),
+    "a misspelt field": (hello_line(subscribe=[]), "subscribe: Extra inputs are not permitted"),
+    "a text of topics": (hello_line(subscribes="/clock"), "subscribes: Input should be a valid"),
+    "a number as topic": (
+        hello_line(subscribes=["/clock", 7]),
+        "subscribes.1: Input should be a valid string",
+    ),
+    "many faults": (
+        hello_line(**dict.fromkeys("abcde", 0)),
+        "a: Extra inputs are not permitted; b: Extra",
+    ),
+    "no kind": (hello_line("kind"), "an object with no kind (kinds: ack, end, hello, tick)"),
+    "another kind": (
+        hello_line(kind="helo"),
+        "an object with the kind 'helo' (kinds: ack, end, hello, tick)",
+    ),
+    "an ack": (b'{"kind":"ack","number":0}\n', "it sent ack in place of a hello"),
+    "a comma too many": (b'{"kind":"hello",}\n', "a line that is no JSON (Expecting property name"),
+    "single quotes": (str(HELLO).encode() + b"\n", "a line that is no JSON"),
+    "half a hello": (b'{"kind":"hello","protocol":1\n', "a line that is no JSON (Expecting ',' delimiter"),
+    "a list": (b"[1, 2]\n", "JSON that is no object, but list"),
+    "a number of 5000 digits": (b"1" * 5000 + b"\n", "a line that is no JSON (ValueError)"),
+    "deep nesting": (b"[" * 60000 + b"\n", "a line that is no JSON (RecursionError)"),
+    "an empty line": (b"\r\n", "it sent an empty line in place of a hello"),
+    "latin-1": (
+        '{"kind":"hello","agent":"für"}\n'.encode("latin-1"),
+        "a line that is no UTF-8 text (byte 27)",
+    ),
+    "HTTP": (
+        b"POST /tick HTTP/1.1\r\nHost: bench\r\n\r\n",
+        "an HTTP request (the tick socket takes one JSON",
+    ),
+    "TLS": (b"\x16\x03\x01\x02\x00\x01\x00\x0a", "the start of a TLS connection"),
+    "too long": (b'{"kind":"hello","agent":"' + b"a" * 3_000_000, "its first line has more than 65536 bytes"),
+    "a tab": (hello_line().replace(b'"kind": ', b'"kind":\t'), 'write the kind as "kind":"hello"'),
+    "control characters": (hello_line(**{"\x1b[2J": 1}), "\\x1b[2J: Extra inputs"),
+}
+
+
+@pytest.mark.parametrize(("data", "words"), WRONG_HELLOS.values(), ids=WRONG_HELLOS)
+def test_whoever_says_hello_wrong_is_told_what_is_wrong(
+    server: TickServer, peers: Peers, data: bytes, words: str
+) -> None:
+    """On its connection before that closes, however much it still sends; and in the reason of the session. Neither
+    repeats a secret.
+    """
+    peer = peers.connect()
+    sender = Thread(target=lambda: peer.send(data))
+    sender.start()
+
+    def ended() -> None:
+        if server.strangers and not sender.is_alive():
+            raise StopSession(Outcome.AGENT_CRASHED, "exit code 1")
+
+    server.watch(ended, AgentTime(HOST_CLOCK, AgentUsage))
+    with pytest.raises(StopSession) as end:
+        server.hello(60.0)
+    told = peer.line()
+    assert told["kind"] == "end"
+    assert words in str(told["reason"])
+    assert str(told["reason"]).startswith("refused: it")
+    assert str(told["reason"]).endswith("see docs/agents.md")
+    assert peer.line() == {}, "closed"
+    assert words in end.value.reason
+    assert "\x1b" not in end.value.reason
+    assert "0000" not in end.value.reason
+    assert "123456" not in end.value.reason
+
+
+def test_a_hello_that_never_ends_is_told_when_the_session_does(server: TickServer, peers: Peers) -> None:
+    """Half a line waits for its end, since the rest may be under way."""
+    half, silent = peers.connect().send(hello_line()[:-1]), peers.connect()
+    with pytest.raises(StopSession) as end:
+        server.hello(0.4)
+    assert (
+        f"no hello on the tick socket, only {len(hello_line()) - 1} bytes without a line end"
+        in end.value.reason
+    )
+    server.end("the session is over")
+    assert f"it sent {len(hello_line()) - 1} bytes without a line end" in str(half.line()["reason"])
+    assert "it connected and said nothing" in str(silent.line()["reason"])
+
+
+def test_an_agent_that_ends_after_a_wrong_hello_leaves_the_reason(server: TickServer, peers: Peers) -> None:
+    """It has ended before the bench has looked: what it said lies on the socket, and is named beside its exit code."""
+
+    def ended() -> None:
+        raise StopSession(Outcome.AGENT_CRASHED, "exit code 3")
+
+    server.watch(ended, AgentTime(HOST_CLOCK, AgentUsage))
+    with pytest.raises(StopSession) as end:
+        server.hello(30.0)
+    assert end.value.reason == "exit code 3"
+    peers.connect().send(hello_line("agent"))
+    with pytest.raises(StopSession) as end:
+        server.hello(30.0)
+    assert end.value.outcome is Outcome.AGENT_CRASHED
+    assert end.value.reason.startswith(
+        "exit code 3; 1 stranger was refused on the tick socket, the last because it sent"
+    )
+    assert "agent: Field required" in end.value.reason
+
+
+def test_a_line_that_is_no_ack_is_named(server: TickServer, peers: Peers) -> None:
+    """The same words for a wrong answer to a tick."""
+    agent = peers.connect().hello(secret=server.secret)
+    server.hello(30.0)
+
+    def answer(data: bytes) -> str:
+        thread = Thread(target=lambda: agent.line() and agent.send(data))
+        thread.start()
+        with pytest.raises(StopSession) as end:
+            server.exchange(FIRST, 30.0)
+        thread.join()
+        assert end.value.outcome is Outcome.AGENT_PROTOCOL
+        return end.value.reason
+
+    assert answer(b'{"kind":"ack"}\n').endswith("got a line of kind ack with faults: number: Field required")
+    assert answer(b'{"kind":"ack","number":7}\n').endswith("expected the ack of tick 0, got that of tick 7")
+    assert answer(b"good morning\n").endswith("got a line that is no JSON (Expecting value, character 1)")
+    server.end("the agent's fault")
+    assert agent.line() == {"kind": "end", "reason": "the agent's fault"}
 
 
 def test_a_crowd_of_silent_strangers_does_not_keep_the_agent_out(server: TickServer, peers: Peers) -> None:

@@ -101,7 +101,7 @@ class ContainerProcess:
         _remove_stale(program)
         client, options = _environment_options(box)
         # Read by the engine's client at the start; engines take no profile by a pipe. Removed by `end`.
-        self._profile = tempfile.NamedTemporaryFile("w", prefix=_PREFIX, suffix=".json")  # noqa: SIM115
+        self._profile = tempfile.NamedTemporaryFile("w", encoding="utf-8", prefix=_PREFIX, suffix=".json")  # noqa: SIM115
         json.dump(engine_profile(), self._profile)
         self._profile.flush()
         options += ["--security-opt", f"seccomp={self._profile.name}"]
@@ -254,7 +254,7 @@ def _ulimits(limits: AgentLimits) -> list[str]:
     wanted = process_limits(limits)
     # Counted over all containers of a user, so this is no limit for one agent: `--pids-limit` is. The highest
     # process id is what podman gives itself, and no host runs more processes than that.
-    wanted[resource.RLIMIT_NPROC] = int(_PID_MAX.read_text())
+    wanted[resource.RLIMIT_NPROC] = int(_PID_MAX.read_text("utf-8"))
     options = []
     for number, value in wanted.items():
         highest = resource.getrlimit(number)[1]
@@ -286,6 +286,8 @@ def _run(program: str, *words: str) -> subprocess.CompletedProcess[str]:
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
+        encoding="utf-8",
+        errors="replace",
         check=False,
         timeout=_COMMAND_BUDGET_S,
     )

@@ -25,7 +25,7 @@ from types import FrameType, ModuleType
 from typing import Any, NoReturn
 
 # From <linux/prctl.h>, <linux/landlock.h> and <linux/capability.h>.
-PR_SET_PDEATHSIG, PR_SET_DUMPABLE, PR_SET_SECCOMP, PR_CAPBSET_DROP = 1, 4, 22, 24
+PR_SET_PDEATHSIG, PR_SET_SECCOMP, PR_CAPBSET_DROP = 1, 22, 24
 PR_SET_CHILD_SUBREAPER, PR_SET_NO_NEW_PRIVS = 36, 38
 SECCOMP_MODE_FILTER = 2
 # The numbers are the same on all processors.
@@ -144,8 +144,8 @@ def keep_agent(
     if agent == 0:
         become_agent(settings, status_fd, start)
         return
-    # It knows the settings, and has nothing left to do that needs a right.
-    libc.prctl(PR_SET_DUMPABLE, 0, 0, 0, 0)
+    # It has nothing left to do that needs a right. Of what is outside of its Landlock domain, as this process is, the agent
+    # can read no memory.
     drop_rights(settings["user"])
     release_output()
     while True:
@@ -380,7 +380,7 @@ def children_of(pid: int) -> list[int]:
     children: list[int] = []
     with suppress(OSError):
         for task in os.listdir(f"/proc/{pid}/task"):
-            with suppress(OSError), open(f"/proc/{pid}/task/{task}/children") as file:
+            with suppress(OSError), open(f"/proc/{pid}/task/{task}/children", encoding="ascii") as file:
                 children += map(int, file.read().split())
     return children
 
@@ -400,7 +400,7 @@ def descendants(root: int) -> list[int]:
     for entry in os.scandir("/proc"):
         with suppress(OSError, ValueError):
             pid = int(entry.name)
-            with open(f"/proc/{pid}/stat") as file:
+            with open(f"/proc/{pid}/stat", encoding="utf-8", errors="replace") as file:
                 fields = file.read().rpartition(")")[2].split()
             if fields[0] not in "ZX":
                 children.setdefault(int(fields[1]), []).append(pid)

@@ -34,10 +34,11 @@ def threads_of(user: int) -> int:
     count = 0
     for entry in os.scandir("/proc"):
         with suppress(OSError):
-            if entry.name.isdigit() and entry.stat().st_uid == user:
-                # Those of another namespace may not be looked at.
-                if not namespace or _user_namespace(entry.name) == namespace:
-                    count += len(os.listdir(Path(entry.path, "task")))
+            if not entry.name.isdigit() or entry.stat().st_uid != user:
+                continue
+            # Those of another namespace may not be looked at.
+            if not namespace or _user_namespace(entry.name) == namespace:
+                count += len(os.listdir(Path(entry.path, "task")))
     return count
 
 

@@ -47,7 +47,7 @@ def enter_namespaces() -> None:
             ("uid_map", f"{uid} {uid} 1"),
             ("gid_map", f"{gid} {gid} 1"),
         ):
-            with open(f"/proc/self/{name}", "w") as file:
+            with open(f"/proc/self/{name}", "w", encoding="ascii") as file:
                 file.write(text)
 
 
@@ -138,7 +138,7 @@ class _Root:
     def add_text(self, path: str, text: str) -> None:
         """A file with this content, also where its folder is one of the host's."""
         content = f"{NEW_ROOT}/{os.path.basename(path)}"
-        with open(content, "w") as file:
+        with open(content, "w", encoding="utf-8") as file:
             file.write(text)
         # A folder of the host's that lacks the file cannot be given one.
         with suppress(OSError):

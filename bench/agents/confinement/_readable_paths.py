@@ -158,7 +158,9 @@ def _python_paths(interpreter: Path) -> list[Path]:
     if settings.is_file():
         # The environment's parts and not its folder, which may be a whole checkout ("python -m venv .").
         paths += [settings, *(environment / part for part in ("bin", "include", "lib", "lib64", "share"))]
-        values = dict(line.split(" = ", 1) for line in settings.read_text().splitlines() if " = " in line)
+        values = dict(
+            line.split(" = ", 1) for line in settings.read_text("utf-8").splitlines() if " = " in line
+        )
         home = Path(values.get("home", "/usr/bin"))
         if values.get("include-system-site-packages") == "true" or not home.is_relative_to("/usr"):
             paths += _installation(home / interpreter.name)
@@ -193,7 +195,7 @@ def _site_folders(path: Path) -> list[Path]:
 
 def _added_paths(pth: Path) -> list[str]:
     with suppress(OSError, UnicodeDecodeError):
-        lines = [line.strip() for line in pth.read_text().splitlines()]
+        lines = [line.strip() for line in pth.read_text("utf-8").splitlines()]
         return [line for line in lines if line and not line.startswith(("#", "import ", "import\t"))]
     return []
 
@@ -212,7 +214,7 @@ def _import_paths(folder: Path) -> list[Path]:
 def _mapped_paths(finder: Path) -> list[Path]:
     """Packages of an editable installation by setuptools, which keeps them in a dictionary of a module."""
     with suppress(OSError, SyntaxError, ValueError):
-        for statement in ast.parse(finder.read_text()).body:
+        for statement in ast.parse(finder.read_text("utf-8")).body:
             if isinstance(statement, ast.AnnAssign) and statement.value is not None:
                 target: ast.expr = statement.target
             elif isinstance(statement, ast.Assign):

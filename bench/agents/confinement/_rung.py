@@ -60,7 +60,7 @@ def killed_name(process: str, code: int | None) -> str:
 def first_child(pid: int) -> int | None:
     """The agent below the process that keeps its box; None where it has not started, or has ended."""
     with suppress(OSError, ValueError, IndexError):
-        return int(Path(f"/proc/{pid}/task/{pid}/children").read_text().split()[0])
+        return int(Path(f"/proc/{pid}/task/{pid}/children").read_text("utf-8").split()[0])
     return None
 
 

@@ -17,6 +17,7 @@ import anyio
 
 from bench.contracts import OnProgress, Outcome, SessionResult, ignore_progress
 from bench.errors import Fault, SetupError
+from bench.visible_text import visible
 
 from .._versions import versions
 from ..storage._dropped import DroppedRecording, note_pending
@@ -86,17 +87,23 @@ class DaskExecutor:
     async def fly(
         self, task: Task, on_start: OnStart, on_progress: OnProgress = ignore_progress
     ) -> SessionResult:
+        from distributed.client import ClosedClientError
+
         self._submitted += 1
         key = f"{task.realization}-{self._client.id}-{self._submitted}"
         start = self._starts[key] = _Start()
-        future = self._client.submit(
-            eval,
-            _FLY,
-            {"document": self._document(task)},
-            key=key,
-            pure=False,
-            retries=0,
-        )
+        try:
+            future = self._client.submit(
+                eval,
+                _FLY,
+                {"document": self._document(task)},
+                key=key,
+                pure=False,
+                retries=0,
+            )
+        except ClosedClientError as error:
+            del self._starts[key]
+            raise self._scheduler_lost() from error
         try:
             async with anyio.create_task_group() as tasks:
                 tasks.start_soon(start.announce, on_start)
@@ -121,8 +128,11 @@ class DaskExecutor:
         """Follow how many workers there are, and warn once each time that there have been none for a while."""
         looks_without = 0
         while True:
-            with anyio.move_on_after(CONNECT_S):
-                self._threads = sum((await self._client.nthreads()).values())
+            try:
+                with anyio.move_on_after(CONNECT_S):
+                    self._threads = sum((await self._client.nthreads()).values())
+            except OSError as error:
+                raise self._scheduler_lost() from error
             looks_without = 0 if self._threads else looks_without + 1
             if looks_without == LOOKS_BEFORE_WARNING:
                 self._warn(
@@ -134,7 +144,7 @@ class DaskExecutor:
         _, message = event
         start = self._starts.get(message.get(STARTED, ""))
         if start is not None:
-            start.worker = message[NAME]
+            start.worker = visible(message[NAME])
             start.reported.set()
 
     def _note_stored(self, task: Task, result: SessionResult, stored: StoredRecording) -> None:
@@ -162,10 +172,7 @@ class DaskExecutor:
         except KilledWorker as error:
             return _failure(task, Outcome.WORKER_LOST, f"the Dask worker is gone: {error}"), {}, None
         except (CancelledError, OSError) as error:
-            raise WorkersUnusable(
-                f"the Dask scheduler at {self._address} is gone. "
-                "Run the same command again: only the sessions that were under way are flown again"
-            ) from error
+            raise self._scheduler_lost() from error
         except ImportError as error:
             raise WorkersUnusable(
                 f"a Dask worker cannot import the bench: {error}. Install it there"
@@ -177,10 +184,16 @@ class DaskExecutor:
         where = StoredRecording.model_validate_json(stored) if stored else None
         return SessionResult.model_validate_json(result), files, where
 
+    def _scheduler_lost(self) -> WorkersUnusable:
+        return WorkersUnusable(
+            f"the Dask scheduler at {self._address} is gone. "
+            "Run the same command again: only the sessions that were under way are flown again"
+        )
+
     def _document(self, task: Task) -> bytes:
         document = ClusterTask(
             realization=task.realization,
-            simspec=task.simspec.read_text(),
+            simspec=task.simspec.read_text(encoding="utf-8"),
             decomposition=self._plan.decomposition.document,
             job=task.job or self._plan.job,
             wall_s=task.wall_s,
@@ -239,6 +252,8 @@ async def open_dask(
             client = await stack.enter_async_context(
                 Client(target, asynchronous=True, set_as_default=False, timeout=connect_s)
             )
+            if address is not None:
+                await _check_scheduler(client, address)
         except (OSError, ValueError, TypeError) as error:
             raise SetupError(
                 Fault(
@@ -247,8 +262,6 @@ async def open_dask(
                     "give its address, as in dask=tcp://HOST:8786",
                 )
             ) from error
-        if address is not None:
-            await _check_scheduler(client, address)
         executor = DaskExecutor(client, plan, address or "this machine", at_most, recordings, warn)
         async with anyio.create_task_group() as tasks:
             tasks.start_soon(executor.watch)
@@ -259,13 +272,16 @@ async def open_dask(
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep tracebacks of a lost connection off the terminal: the error that is raised says it in a sentence."""
-    logger = logging.getLogger("distributed")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL)
+    # Distributed gives several of its loggers a level of their own, which that of their parent does not change.
+    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]
+    levels = {logger: logger.level for logger in map(logging.getLogger, names)}
+    for logger in levels:
+        logger.setLevel(logging.CRITICAL)
     try:
         yield
     finally:
-        logger.setLevel(level)
+        for logger, level in levels.items():
+            logger.setLevel(level)
 
 
 async def _check_scheduler(client: Client, address: str) -> None:

@@ -15,6 +15,7 @@ from typing import Any
 from bench.agents import LocalProcess, load_manifest, open_agent, program_faults, rung_of
 from bench.agents.confinement import wall_name
 from bench.contracts import (
+    ARITHMETIC,
     DETECTOR,
     FIRMWARE,
     LEAVES_OPEN,
@@ -44,7 +45,7 @@ from bench.simulation import SessionEnd, SessionPlan, open_forfeit, run_session
 from bench.temporary_folders import temporary_folder
 from decompositions import Decomposition
 
-from .._versions import versions
+from .._versions import arithmetic, versions
 from ..results._honeypots import truth_details
 from ..results._measures import measure_all, measures_of
 from ..storage._folder import RECORDING
@@ -115,14 +116,14 @@ def _fly(
         host = _host(manifest, placed.agent.model_copy(update=demanded))
     except (PlacementInfeasible, SetupError) as error:
         return SessionFailure.of(error).result(realization)
-    (folder / SIMSPEC).write_text(dump_json(placed))
+    (folder / SIMSPEC).write_text(dump_json(placed), encoding="utf-8")
     # The tape is built from the records while they are written: measures need not read the file back.
     tape = TapeBuilder(placed)
     starter = AgentStarter(open_agent)
     with (
         temporary_folder("agent") as scratch,
         open_recording(
-            folder / RECORDING, simspec=placed, versions=versions(), metadata=_metadata(manifest)
+            folder / RECORDING, simspec=placed, versions=versions(), metadata=_truth(manifest)
         ) as recording,
     ):
 
@@ -146,12 +147,13 @@ def _fly(
         (folder / AGENT_LOG).write_bytes(starter.output)
     flown = tape.tape()
     observations = measure_all(measures_of(decomposition), flown, placed) if end.outcome.counts else ()
-    result = result_of(realization, end, recording.sha256, observations)
     details = {
-        **result.details,
-        **_metadata(manifest),
+        **traceback_details(end.traceback),
+        **_truth(manifest),
+        **({"reset": manifest.reset} if manifest.reset != "process" else {}),
         **truth_details(placed, flown),
         **host,
+        ARITHMETIC: arithmetic(),
         **starter.details,
         **_services(end),
         **({DETECTOR: end.detector} if end.detector else {}),
@@ -159,7 +161,7 @@ def _fly(
         **({TIMING: end.timing.model_dump()} if end.timing else {}),
         **({WARP: end.warp} if end.warp else {}),
     }
-    return result.model_copy(update={"details": details})
+    return result_of(realization, end, recording.sha256, observations, details)
 
 
 @dataclass(slots=True)
@@ -207,10 +209,9 @@ def _without_host_faults(end: SessionEnd, plan: SessionPlan) -> SessionEnd:
     return replace(end, outcome=Outcome.SETUP_INVALID, reason=f"{SetupError(faults)}; {end.reason}")
 
 
-def _metadata(manifest: AgentManifest) -> dict[str, str]:
-    """What sets this session apart, for the head of the recording and for the result."""
-    truth = {"truth": f"given to {manifest.name}"} if manifest.truth else {}
-    return truth | ({"reset": manifest.reset} if manifest.reset != "process" else {})
+def _truth(manifest: AgentManifest) -> dict[str, str]:
+    """What sets the session of an oracle apart, for the head of the recording and for the result."""
+    return {"truth": f"given to {manifest.name}"} if manifest.truth else {}
 
 
 def _host(manifest: AgentManifest, agent: AgentSpec) -> dict[str, str]:
@@ -237,7 +238,11 @@ def _checked(simspec: SimSpec) -> SimSpec:
 
 
 def result_of(
-    realization: str, end: SessionEnd, sha256: str | None, observations: tuple[Observation, ...]
+    realization: str,
+    end: SessionEnd,
+    sha256: str | None,
+    observations: tuple[Observation, ...],
+    details: dict[str, Any],
 ) -> SessionResult:
     """The result document of a session that ended."""
     return SessionResult(
@@ -251,5 +256,5 @@ def result_of(
         recording_sha256=sha256,
         counters=end.counters,
         observations=observations,
-        details=traceback_details(end.traceback),
+        details=details,
     )

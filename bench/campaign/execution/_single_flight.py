@@ -30,7 +30,7 @@ async def fly_realization(
     plan = WorkerPlan(FLIGHT_JOB, decomposition, own_network)
     with temporary_folder("worker") as temporary:
         document = temporary / "simspec.json"
-        document.write_text(dump_json(simspec))
+        document.write_text(dump_json(simspec), encoding="utf-8")
         task = Task(realization, document, folder.resolve(), simspec.budgets.wall_s)
         async with open_local_pool(plan, 1, temporary) as pool:
             return await pool.fly(task, on_start=lambda worker: None)

@@ -32,7 +32,7 @@ from bench.simspec import SimSpec, factor_values
 from decompositions import Decomposition
 
 from .._document import Campaign
-from .._versions import versions
+from .._versions import arithmetic, versions
 from ..early_stopping._decisions import is_after_stop
 from ..execution._parallel import OnDone, map_in_processes
 from ..storage._completeness import Completeness
@@ -119,7 +119,7 @@ def _finish_campaign(path: Path, other_decomposition: str | None) -> FinishedCam
             campaign.name,
             decomposition.digest,
             results.outcomes,
-            versions(),
+            versions() | arithmetic(),
             results.completeness,
             campaign.pace,
             digests,

@@ -12,6 +12,7 @@ from pathlib import Path
 import anyio
 
 from bench.contracts import (
+    ARITHMETIC,
     CAMERA_OPENED,
     SESSION_EVENTS,
     EventDocument,
@@ -20,7 +21,14 @@ from bench.contracts import (
     parse_document,
 )
 from bench.documents import load_json_document
-from bench.recording import read_metadata, read_records, read_tape, recording_difference, truth_distance
+from bench.recording import (
+    RecordingDifference,
+    read_metadata,
+    read_records,
+    read_tape,
+    recording_difference,
+    truth_distance,
+)
 from bench.removal import remove_tree
 from bench.simspec import RealAutopilot, SimSpec
 from bench.streams import String, decode
@@ -203,24 +211,39 @@ class _Reflight:
             what = f"the recordings are equal, the results differ in {', '.join(fields)}"
             return ReflownRun(name, ReflownStatus.DIFFERENT, what)
         if (dropped := dropped_recording(self._folder.run(name))) is not None:
-            return self._unlike_dropped(name, dropped)
+            return self._unlike_dropped(name, dropped, _other_arithmetic(result, reflown))
         recordings = self._folder.run(name) / RECORDING, self._home / name / RECORDING
         difference = recording_difference(*recordings)
-        where = (
-            "all records are equal" if difference is None or difference.time_s is None else str(difference)
-        )
-        software = _other_versions(*recordings)
+        software = _other_versions(*recordings) + _other_arithmetic(result, reflown)
+        fields = [field for field in _different_fields(result, reflown) if field != "recording_sha256"]
         if software:
-            what = f"cannot be compared bit for bit: it was flown with {', '.join(software)}; {where}"
-            return ReflownRun(name, ReflownStatus.OTHER_VERSIONS, what)
+            return self._of_other_software(name, recordings, difference, fields, software)
         if difference is None:
             return ReflownRun(name, ReflownStatus.DIFFERENT, "the same content is stored in other bytes")
-        fields = [field for field in _different_fields(result, reflown) if field != "recording_sha256"]
         return self._apart(name, recordings, str(difference), fields)
 
-    def _unlike_dropped(self, name: str, dropped: DroppedRecording) -> ReflownRun:
+    def _of_other_software(
+        self,
+        name: str,
+        recordings: tuple[Path, Path],
+        difference: RecordingDifference | None,
+        fields: list[str],
+        software: list[str],
+    ) -> ReflownRun:
+        what = f"cannot be compared bit for bit: it was flown with {', '.join(software)}"
+        if difference is None or difference.time_s is None:
+            return ReflownRun(name, ReflownStatus.OTHER_VERSIONS, f"{what}; all records are equal")
+        # Last bits or another flight: the distance and the observations say which.
+        distance = truth_distance(*(read_tape(recording) for recording in recordings))
+        parts = [what, str(difference), *([str(distance)] if distance else []), _results_text(fields)]
+        apart_m = distance.distance_m if distance else None
+        return ReflownRun(name, ReflownStatus.OTHER_VERSIONS, "; ".join(parts), apart_m)
+
+    def _unlike_dropped(
+        self, name: str, dropped: DroppedRecording, other_arithmetic: list[str]
+    ) -> ReflownRun:
         what = "it has another digest than the recording that was dropped; what differs cannot be told"
-        if software := _version_differences(dropped.versions):
+        if software := _version_differences(dropped.versions, versions()) + other_arithmetic:
             what = f"cannot be compared bit for bit: it was flown with {', '.join(software)}; {what}"
             return ReflownRun(name, ReflownStatus.OTHER_VERSIONS, what)
         if _need_not_repeat(load_json_document(self._folder.simspec(name), SimSpec)):
@@ -236,9 +259,14 @@ class _Reflight:
         where = f"{difference}; {distance}" if distance else difference
         if not _need_not_repeat(load_json_document(self._folder.simspec(name), SimSpec)):
             return ReflownRun(name, ReflownStatus.DIFFERENT, where, apart_m)
-        results = f"the results differ in {', '.join(fields)}" if fields else "the results are equal"
-        what = f"real PX4 flew, which need not repeat itself: {distance or difference}; {results}"
+        what = (
+            f"real PX4 flew, which need not repeat itself: {distance or difference}; {_results_text(fields)}"
+        )
         return ReflownRun(name, ReflownStatus.APART, what, apart_m)
+
+
+def _results_text(fields: list[str]) -> str:
+    return f"the results differ in {', '.join(fields)}" if fields else "the results are equal"
 
 
 def _different_fields(result: SessionResult, reflown: SessionResult) -> list[str]:
@@ -261,11 +289,18 @@ def _other_versions(recording: Path, reflown: Path) -> list[str]:
         for old, new in zip(_camera_builds(recording), _camera_builds(reflown), strict=False)
         if old != new
     ]
-    return cameras + _version_differences(read_metadata(recording).get("rebar.versions", {}))
+    return cameras + _version_differences(read_metadata(recording).get("rebar.versions", {}), versions())
 
 
-def _version_differences(written: Mapping[str, str]) -> list[str]:
-    here = versions()
+def _other_arithmetic(result: SessionResult, reflown: SessionResult) -> list[str]:
+    """Where the hosts of two flights compute differently; nothing for a result that does not say where it was flown."""
+    written, here = (run.details.get(ARITHMETIC) for run in (result, reflown))
+    if not isinstance(written, dict) or not isinstance(here, dict):
+        return []
+    return _version_differences(written, here)
+
+
+def _version_differences(written: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
     return [
         f"{name} {written.get(name, 'unknown')} (here {here.get(name, 'not installed')})"
         for name in sorted(written.keys() | here.keys())

@@ -8,7 +8,7 @@ from pathlib import Path
 from bench.contracts import SAW_TRUTH, Outcome, SessionResult, Tape
 from bench.documents import dump_json, load_json_document
 from bench.errors import Fault, SetupError
-from bench.recording import read_simspec, read_tape
+from bench.recording import check_whole, read_simspec, read_tape
 from decompositions import Decomposition
 
 from ..storage._elsewhere import open_recorded
@@ -20,14 +20,15 @@ from ._measures import measure_all, measures_of
 CUT_OFF = "the recording has no end event: its session was cut off"
 # A campaign knows its recordings by their digests, so there a result that is deleted lets no other one in.
 _REMEDY_IN_CAMPAIGN = "restore it from a copy, or delete it to fly the session again with `rebar run`"
-_REMEDY_ELSEWHERE = f"restore it from a copy, or delete {RESULT} to score the recording as it is"
+_REMEDY_ELSEWHERE = f"restore it from a copy; a recording that was edited and is whole is scored as it is if you delete {RESULT}"
 
 
 def rescore(folder: Path, decomposition: Decomposition) -> SessionResult:
     """The result of the run in `folder`, with its observations measured again from `recording.mcap`.
 
     A recording that is kept at a URL is fetched, and the copy deleted afterwards. The outcome is taken from `result.json` if there is one, and from the recording otherwise. Raises
-    SetupError if the folder has no readable recording, or one that differs from the recording of its result.
+    SetupError if the folder has no readable recording, one that differs from the recording of its result, or one without
+    a result that is damaged.
     """
     with open_recorded(folder) as recorded:
         return _measured_again(recorded, decomposition)
@@ -42,10 +43,14 @@ def _measured_again(folder: Path, decomposition: Decomposition) -> SessionResult
     faults = recording_faults(folder)
     if faults:
         raise SetupError(faults)
+    file = folder / RESULT
+    written = load_json_document(file, SessionResult) if file.is_file() else None
+    # Without a digest only the recording itself says whether it is as it was written.
+    if written is None or written.recording_sha256 is None:
+        check_whole(recording)
     simspec = read_simspec(recording)
     tape = read_tape(recording, simspec)
-    file = folder / RESULT
-    result = load_json_document(file, SessionResult) if file.is_file() else _from_recording(folder.name, tape)
+    result = written or _from_recording(folder.name, tape)
     observations = measure_all(measures_of(decomposition), tape, simspec) if result.outcome.counts else ()
     details = {name: value for name, value in result.details.items() if name != SAW_TRUTH}
     return result.model_copy(

@@ -168,7 +168,7 @@ def open_lock(folder: Path, *, reentrant: bool = False) -> Iterator[bool]:
     it; with `reentrant`, this process may hold it already, and False is yielded.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / LOCK).open("a+") as file:
+    with (folder / LOCK).open("a+", encoding="utf-8") as file:
         if not _take_lock(file):
             file.seek(0)
             holder = file.read().strip() or "unknown"
@@ -203,7 +203,7 @@ def _take_lock(file: IO[str]) -> bool:
 def writing_process(folder: Path) -> str | None:
     """The id of another process that is writing in a campaign folder now; None if there is none."""
     try:
-        with (folder / LOCK).open() as file:
+        with (folder / LOCK).open(encoding="utf-8") as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
             except BlockingIOError:
