@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -56,7 +57,7 @@ def calibrate(
     from bench.reporting import calibrate as calibrate_campaigns
     from bench.reporting import table_proposal
 
-    if out is not None and out.exists():
+    if out is not None and os.path.lexists(out):
         raise SetupError(Fault(str(out), "already exists and is not overwritten", "name another file"))
     calibration = calibrate_campaigns(campaigns, agent or (), seed=seed)
     if out is not None and calibration.contradicted:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -34,7 +35,7 @@ def examples(
         print("\n".join(name for name, _ in files))
         print("\nrebar examples --copy DIR copies them, to be changed and run from there.")
         return
-    occupied = [name for name, _ in files if (copy / name).exists()]
+    occupied = [name for name, _ in files if os.path.lexists(copy / name)]
     if occupied:
         raise SetupError(
             [

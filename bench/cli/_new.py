@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -168,8 +169,10 @@ def new(
 
     from ._clause_view import clause_lines
 
-    if out.exists():
+    if os.path.lexists(out):
         raise SetupError(Fault(str(out), "exists already", "give another name with --out"))
+    # Before the questions: no answer is lost to a path that cannot be.
+    out.parent.mkdir(parents=True, exist_ok=True)
     interview = Interview(from_prose or "", load_vocabulary(vocabulary), _prompt, print)
     if interview.result is not None:
         print("\n".join(clause_lines(interview.result, shutil.get_terminal_size().columns)))

@@ -333,8 +333,8 @@ def test_a_folder_that_cannot_be_is_answered_with_a_sentence(
     (tmp_path / "file").touch()
     campaign = small_campaign(tmp_path)
     for out in (tmp_path / "file", tmp_path / "file" / "below"):
-        assert run(["run", str(campaign), "--out", str(out)]) == 1
-        assert f"rebar: {tmp_path / 'file'}" in capsys.readouterr().err
+        assert run(["run", str(campaign), "--out", str(out)]) == 2
+        assert f"rebar: {tmp_path / 'file'}: is no folder" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", [["run"], ["run", "--dry-run"], ["realize"]])

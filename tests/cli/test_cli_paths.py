@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import shlex
+import sqlite3
 from pathlib import Path
 
 import pytest
@@ -61,6 +62,7 @@ MAKING_FILES = (
     "prose truck --campaign=@",
     "graph search-and-report --out=@/graph.svg",
     "camera sheet --out=@/sheet.png",
+    "new --out=@/scene.yaml",
     "run CAMPAIGN --out=out --events=@",
 )
 
@@ -127,6 +129,17 @@ def test_a_path_that_cannot_be_written_is_a_matter_of_input(
         assert f"rebar: {paths[kind]}: is " in line
 
 
+def test_a_link_that_leads_nowhere_is_not_overwritten(
+    paths: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a file would not be; its place is taken."""
+    (tmp_path / "mine" / "campaigns").mkdir(parents=True)
+    (tmp_path / "mine" / "campaigns" / "demo.yaml").symlink_to("gone")
+    for command in ("new --out=@", "examples --copy=mine"):
+        (line,) = answer(command, paths["dangling link"], tmp_path, capsys)
+        assert "exist" in line
+
+
 def test_what_is_in_the_way_is_named(tmp_path: Path) -> None:
     """The path of the error may be one that the bench makes inside what the user named."""
     (tmp_path / "file").touch()
@@ -150,6 +163,30 @@ def test_what_is_in_the_way_is_named(tmp_path: Path) -> None:
 def test_an_error_that_is_about_no_path_is_none_of_the_user(tmp_path: Path) -> None:
     assert path_fault(OSError(errno.EACCES, "Permission denied")) is None
     assert path_fault(OSError(errno.ENOSPC, "No space left on device", str(tmp_path))) is None
+
+
+def test_a_journal_that_cannot_be_opened_is_a_matter_of_input(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """SQLite has errors of its own; a full disk is none of the user's input."""
+    database = tmp_path / "journal.sqlite"
+    sqlite3.connect(database).close()
+
+    def write_read_only(*_: object) -> None:
+        sqlite3.connect(f"file:{database}?mode=ro", uri=True).execute("create table t (x)")
+
+    def write_elsewhere(*_: object) -> None:
+        sqlite3.connect(tmp_path / "no" / "such.sqlite")
+
+    def fill(*_: object) -> None:
+        connection = sqlite3.connect(":memory:")
+        connection.execute("pragma max_page_count = 1")
+        connection.execute("create table t (x)")
+
+    for trouble, code in ((write_read_only, 2), (write_elsewhere, 2), (fill, 1)):
+        monkeypatch.setattr("bench.campaign.finish_campaign", trouble)
+        assert run(["report", "out"]) == code
+        assert "rebar: cannot write the journal" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read and write everything")

@@ -47,7 +47,7 @@ def export_for_viewers(source: Path | str, target: Path | str) -> ExportResult:
     simspec = read_simspec(source)
     pictures = _cameras_with_pictures(source, simspec)
     deriver = ViewerDeriver(simspec, pictures=pictures)
-    if target.exists():
+    if os.path.lexists(target):
         raise SetupError(Fault(str(target), "exists already", "give another name with --out, or delete it"))
     # Under another name until it is whole: a viewer must not open half a file as if it were one.
     partial = target.with_name(f"{target.name}.partial")
