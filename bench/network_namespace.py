@@ -163,7 +163,7 @@ def _unshare() -> None:
         return
     # The kernel asks for setgroups to be denied before an ordinary user maps a group.
     for name, text in (("setgroups", "deny"), ("uid_map", f"{uid} {uid} 1"), ("gid_map", f"{gid} {gid} 1")):
-        with open(f"/proc/self/{name}", "w") as file:
+        with open(f"/proc/self/{name}", "w", encoding="ascii") as file:
             file.write(text)
 
 

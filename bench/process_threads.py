@@ -240,7 +240,8 @@ def _open_process(pid: int) -> WatchedProcess | None:
 
 
 def _inner_pid(pid: int) -> int:
-    for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+    # Replaced: a process may call itself what is no UTF-8, and is to be watched all the same.
+    for line in Path(f"/proc/{pid}/status").read_text(encoding="utf-8", errors="replace").splitlines():
         if line.startswith("NSpid:"):
             return int(line.split()[-1])
     return pid

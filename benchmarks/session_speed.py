@@ -17,8 +17,9 @@ from pathlib import Path
 
 from vehicle_speed import best, plant_alone, with_controller
 
-from bench import fly_realization, load_simspec, place
+from bench import load_simspec, place
 from bench.campaign import load_measurable_decomposition
+from bench.campaign.execution._flight import fly_here
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "search.yaml"
 
@@ -26,7 +27,7 @@ EXAMPLE = Path(__file__).parents[1] / "examples" / "search.yaml"
 def whole_session() -> tuple[float, float, float]:
     """Simulated seconds, and CPU seconds of the session and of the agent."""
     with tempfile.TemporaryDirectory() as folder:
-        result = fly_realization(
+        result = fly_here(
             place(load_simspec(EXAMPLE)),
             load_measurable_decomposition("search-and-report"),
             Path(folder),

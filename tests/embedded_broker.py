@@ -42,6 +42,7 @@ class Heard:
     topic: str
     payload: dict[str, Any]
     retained: bool
+    text: str = ""
 
 
 @dataclass
@@ -131,7 +132,8 @@ class Laboratory:
                     if message.payload not in (b"", b"of yesterday")
                     else {}
                 )
-                self.heard.append(Heard(str(message.topic), payload, message.retain))
+                text = bytes(message.payload).decode()
+                self.heard.append(Heard(str(message.topic), payload, message.retain, text))
 
     def say(self, topic: str, text: str, *, retain: bool = False, **access: Any) -> None:
         """Publish as a stranger."""

@@ -63,6 +63,18 @@ time.sleep(1000)
 """
 
 
+# It calls itself what is no UTF-8, and works until it is told to wait.
+NAMED = """
+import os, sys, time
+with open("/proc/self/comm", "wb") as file:
+    file.write(b"\\xff\\xfe")
+print(flush=True)
+while not os.path.exists(sys.argv[1]):
+    pass
+time.sleep(1000)
+"""
+
+
 @contextmanager
 def started(code: str, *arguments: str) -> Generator[subprocess.Popen[bytes]]:
     """The program, in a group of its own, once it has said that it runs."""
@@ -111,6 +123,14 @@ def test_an_orphan_belongs_to_the_group_alone(tmp_path: Path) -> None:
         (tmp_path / "waits").touch()
         assert rests_in_time(group)
         assert len(group.processes) == len(tree.processes) + 1
+
+
+def test_a_process_is_watched_whatever_it_calls_itself(tmp_path: Path) -> None:
+    with started(NAMED, str(tmp_path / "waits")) as process, closing(watched(process)) as threads:
+        assert not any(threads.at_rest() for _ in range(LOOKS // 10))
+        (tmp_path / "waits").touch()
+        assert rests_in_time(threads)
+        assert len(threads.processes) == 1
 
 
 def watched(process: subprocess.Popen[bytes]) -> ProcessThreads:

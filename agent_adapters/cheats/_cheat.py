@@ -84,7 +84,7 @@ def other_processes() -> list[int]:
 def is_confined() -> bool:
     """Whether a filter of system calls is on this process, as every rung but `none` sets one."""
     try:
-        status = Path("/proc/self/status").read_text()
+        status = Path("/proc/self/status").read_text(encoding="utf-8")
     except OSError:
         return False
     return "Seccomp:\t2" in status and "NoNewPrivs:\t1" in status
@@ -101,7 +101,7 @@ def is_allowed(attempt: Callable[[], object]) -> bool:
 
 def _is_child(number: int) -> bool:
     try:
-        text = Path(f"/proc/{number}/stat").read_text()
+        text = Path(f"/proc/{number}/stat").read_text(encoding="utf-8")
     except OSError:
         return False
     # The name of the program, in parentheses, may hold spaces.

@@ -184,7 +184,7 @@ def _places(path: Path) -> list[Place]:
 
 
 def _first_mapping(number: int) -> int:
-    return int(Path(f"/proc/{number}/maps").read_text().partition("-")[0], 16)
+    return int(Path(f"/proc/{number}/maps").read_text(encoding="utf-8").partition("-")[0], 16)
 
 
 class _Buffer(ctypes.Structure):

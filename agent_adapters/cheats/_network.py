@@ -143,7 +143,10 @@ def _listening_ports() -> set[int]:
     ports: set[int] = set()
     for table in ("tcp", "tcp6"):
         with suppress(OSError):
-            rows = [line.split() for line in Path(f"/proc/self/net/{table}").read_text().splitlines()[1:]]
+            rows = [
+                line.split()
+                for line in Path(f"/proc/self/net/{table}").read_text(encoding="utf-8").splitlines()[1:]
+            ]
             ports |= {int(row[1].rpartition(":")[2], 16) for row in rows if row[3] == _LISTENING}
     return ports
 

@@ -74,7 +74,7 @@ def leave_files(cheat: Cheat) -> Iterator[None]:
     for folder in (*_TRACES, os.environ["HOME"], *map(str, cheat.folders())):
         cheat.attempts += 1
         path = Path(folder, cheat.marker)
-        is_allowed(lambda path=path: path.write_text("the scene of this session"))  # type: ignore[misc]
+        is_allowed(lambda path=path: path.write_text("the scene of this session", encoding="utf-8"))  # type: ignore[misc]
     if is_confined():
         cheat.attempts += 1
         ctypes.CDLL(None).shmget(_SHARED_MEMORY_KEY, 4096, _CREATE)

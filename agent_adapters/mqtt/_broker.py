@@ -163,7 +163,7 @@ def _write_passwords(folder: Path, accounts: list[Account]) -> None:
         lines.append(f"{account.user}:$7${_HASH_ROUNDS}${texts[0]}${texts[1]}\n")
     path = folder / "mosquitto.passwords"
     path.touch(mode=0o600)
-    path.write_text("".join(lines))
+    path.write_text("".join(lines), encoding="utf-8")
 
 
 def _write_configuration(folder: Path, port: int) -> Path:
@@ -172,7 +172,8 @@ def _write_configuration(folder: Path, port: int) -> Path:
     rights.write_text(
         f"user {BRIDGE_USER}\ntopic readwrite rebar/#\n\n"
         f"user {AGENT_USER}\ntopic read rebar/#\ntopic write rebar/+/agent/+\n"
-        "topic write rebar/mavlink/+/from_agent\ntopic write rebar/bridge/ready\ntopic write rebar/bridge/ack\n"
+        "topic write rebar/mavlink/+/from_agent\ntopic write rebar/bridge/ready\ntopic write rebar/bridge/ack\n",
+        encoding="utf-8",
     )
     lines = [
         f"listener {port} 127.0.0.1",
@@ -189,7 +190,7 @@ def _write_configuration(folder: Path, port: int) -> Path:
         *(["user root"] if os.geteuid() == 0 else []),
     ]
     path = folder / "mosquitto.conf"
-    path.write_text("\n".join(lines) + "\n")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     for written in (rights, path):
         written.chmod(0o600)
     return path

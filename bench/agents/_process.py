@@ -18,9 +18,11 @@ from bench.simspec import seed_of
 
 from ._program import expand_command, expand_placeholders
 from .confinement import (
+    BOX_PLACE,
     CONTAINER,
     Box,
     ConfinedProcess,
+    Place,
     Wall,
     find_program,
     leaves_open,
@@ -42,7 +44,6 @@ LAST_WORDS_BYTES = 4000
 # Of 64 KiB each, which is more than a pipe of Linux holds.
 LAST_READS = 64
 READ_BYTES = 65536
-OUTPUT_FILE = "agent.log"
 TRUTH_FILE = "truth.json"
 
 
@@ -52,16 +53,16 @@ def open_agent(plan: AgentPlan) -> Iterator[LocalProcess]:
     started, by force if need be.
 
     The thread that enters must outlive the agent: the kernel ends the agent when that thread ends, so an
-    agent never survives its session. What the agent wrote is in `agent.log` of `plan.scratch` afterwards,
-    shortened in the middle when it was much. Raises SetupError when the command or the environment names an
+    agent never survives its session. Once the agent has started, the bench opens nothing in a folder that the agent can
+    write: there the agent decides what a name leads to. Raises SetupError when the command or the environment names an
     option that the SimSpec does not have, or the rung cannot start here.
     """
     rung = rung_of(plan.manifest, plan.simspec.agent)
     plan.scratch.mkdir(parents=True, exist_ok=True)
     if plan.truth is not None:
-        (plan.scratch / TRUTH_FILE).write_text(plan.truth.model_dump_json())
-    box = box_of(plan, rung.home(plan.scratch), in_image=rung.name == CONTAINER)
-    with _open_output(plan.scratch / OUTPUT_FILE) as output:
+        (plan.scratch / TRUTH_FILE).write_text(plan.truth.model_dump_json(), encoding="utf-8")
+    box = box_of(plan, rung.place(plan.scratch), in_image=rung.name == CONTAINER)
+    with _open_output() as output:
         process = rung.start(box, output.write_end)
         output.begin()
         agent = LocalProcess(process, output, program=box.command[0], isolation=rung.name)
@@ -71,10 +72,10 @@ def open_agent(plan: AgentPlan) -> Iterator[LocalProcess]:
             agent.end()
 
 
-def box_of(plan: AgentPlan, home: str, *, in_image: bool = False) -> Box:
-    """What the agent may see and use, with `home` as its HOME; `in_image`: its program is in the manifest's image."""
+def box_of(plan: AgentPlan, place: Place, *, in_image: bool = False) -> Box:
+    """What the agent at `place` may see and use; `in_image`: its program is in the manifest's image."""
     manifest, options = plan.manifest, plan.simspec.agent.options
-    environment = environment_of(plan, home)
+    environment = environment_of(plan, place)
     # The host's search path means nothing in the image, which brings its own.
     if in_image and "PATH" not in manifest.environment:
         del environment["PATH"]
@@ -121,7 +122,7 @@ def _warm_environment(plan: AgentPlan) -> dict[str, str]:
 
 
 def _files(plan: AgentPlan) -> tuple[Path, ...]:
-    """What the agent finds in its scratch folder."""
+    """What the agent may read beside its HOME."""
     files = [plan.scratch / TRUTH_FILE] if plan.truth is not None else []
     if warp := plan.endpoints.warp:
         files += [warp.library, warp.clock]
@@ -137,13 +138,13 @@ def _tcp_ports(plan: AgentPlan) -> frozenset[int]:
     return frozenset(int(address.rpartition(":")[2]) for address in addresses)
 
 
-def environment_of(plan: AgentPlan, home: str) -> dict[str, str]:
+def environment_of(plan: AgentPlan, place: Place) -> dict[str, str]:
     """The agent's whole environment. Nothing of the bench's environment leaks into it."""
     ends = plan.endpoints
     spec = plan.simspec
     environment = {
         **_host_environment(),
-        "HOME": home,
+        "HOME": place.home,
         "ROS_DOMAIN_ID": str(ends.domain),
         "REBAR_VEHICLE": spec.vehicle.name,
         "REBAR_OPTIONS": json.dumps(spec.agent.options, sort_keys=True),
@@ -158,18 +159,18 @@ def environment_of(plan: AgentPlan, home: str) -> dict[str, str]:
     if ends.tick is not None:
         environment |= {"REBAR_TICK": ends.tick, "REBAR_TICK_SECRET": ends.tick_secret}
     if plan.truth is not None:
-        environment["REBAR_TRUTH"] = f"{home}/{TRUTH_FILE}"
+        environment["REBAR_TRUTH"] = f"{place.files}/{TRUTH_FILE}"
     environment |= dict(ends.mavlink) | dict(ends.services) | _stated_environment(plan)
     if ends.warp is not None:
         # Before the libraries that the agent preloads itself: of two functions of one name the first counts.
         # A box has a home of its own, whose name needs no link; without one the agent lives in its folder on the host.
-        link = ends.warp.link if home == str(plan.scratch) else None
-        library = str(link or f"{home}/{ends.warp.library.name}")
+        link = None if place == BOX_PLACE else ends.warp.link
+        library = str(link or f"{place.files}/{ends.warp.library.name}")
         preloaded = [library, environment.get("LD_PRELOAD", "")]
         environment |= {
             "LD_PRELOAD": ":".join(filter(None, preloaded)),
-            "REBAR_WARP_CLOCK": f"{home}/{ends.warp.clock.name}",
-            "REBAR_WARP_WAITERS": f"{home}/{ends.warp.waiters.name}",
+            "REBAR_WARP_CLOCK": f"{place.files}/{ends.warp.clock.name}",
+            "REBAR_WARP_WAITERS": f"{place.files}/{ends.warp.waiters.name}",
         }
     return environment
 
@@ -196,8 +197,7 @@ class _Output:
     machine.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self) -> None:
         self._read_end, self.write_end = os.pipe()
         os.set_blocking(self._read_end, False)
         self._head = bytearray()
@@ -215,14 +215,13 @@ class _Output:
         self._thread.start()
 
     def close(self) -> None:
-        """Take in what is left, without waiting for anyone who still holds the pipe, and write the file."""
+        """Take in what is left, without waiting for anyone who still holds the pipe."""
         self._ending.set()
         if self._thread.ident is not None:
             self._thread.join()
         for end in (self._read_end, self.write_end):
             if end >= 0:
                 os.close(end)
-        self._path.write_bytes(self.text())
 
     def text(self) -> bytes:
         """What is kept, with a line in the middle that says how much is not."""
@@ -269,8 +268,8 @@ class _Output:
 
 
 @contextmanager
-def _open_output(path: Path) -> Iterator[_Output]:
-    output = _Output(path)
+def _open_output() -> Iterator[_Output]:
+    output = _Output()
     try:
         yield output
     finally:
@@ -313,6 +312,10 @@ class LocalProcess:
 
     def exceeded_limit(self) -> str:
         return self._process.exceeded_limit()
+
+    def output(self) -> bytes:
+        """What it wrote, shortened in the middle when it was much; after the end all of it."""
+        return self._output.text()
 
     def output_tail(self) -> str:
         return self._output.text()[-LAST_WORDS_BYTES:].decode(errors="replace")

@@ -135,7 +135,7 @@ class ProcessTreeUsage:
 def run_delay_s(schedstat: Path) -> float:
     """Seconds that a thread was ready to run without a core; 0 where the system does not tell."""
     with suppress(OSError, ValueError, IndexError):
-        return int(schedstat.read_text().split()[1]) / 1e9
+        return int(schedstat.read_text("utf-8").split()[1]) / 1e9
     return 0.0
 
 

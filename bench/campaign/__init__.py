@@ -52,11 +52,10 @@ if TYPE_CHECKING:
     from .execution._executor import Executor as Executor
     from .execution._executor import OnStart as OnStart
     from .execution._executor import OpenExecutor as OpenExecutor
-    from .execution._flight import fly_realization as fly_realization
     from .execution._host_clock import HostClock as HostClock
     from .execution._parallel import OnDone as OnDone
     from .execution._pool import open_local_pool as open_local_pool
-    from .execution._single_flight import fly_in_worker as fly_in_worker
+    from .execution._single_flight import fly_realization as fly_realization
     from .execution._task import BenchBroken as BenchBroken
     from .execution._task import Job as Job
     from .execution._task import Task as Task
@@ -177,8 +176,7 @@ _MODULES = {
     "estimate_campaign": "planning._estimate",
     "fingerprint_of": "storage._signature",
     "finish_campaign": "results._finish",
-    "fly_in_worker": "execution._single_flight",
-    "fly_realization": "execution._flight",
+    "fly_realization": "execution._single_flight",
     "is_campaign": "results._finish",
     "load_campaign": "_document",
     "load_measurable_decomposition": "results._measures",

@@ -28,7 +28,7 @@ from .execution._pool import open_local_pool
 from .execution._retention import Retention
 from .execution._retries import Retries
 from .execution._stop_request import open_stop_request
-from .execution._suspects import SuspectWatch, no_memory_kills, watch_for_agents
+from .execution._suspects import SuspectWatch, no_memory_kills, scenes_of, watch_for_agents
 from .execution._task import FLIGHT_JOB, FORFEIT_JOB, WorkerPlan
 from .planning._plan import CheckTakeoff, finish_infeasible, plan_campaign
 from .storage._completeness import (
@@ -167,7 +167,7 @@ async def run_campaign(
             clock,
             watch_for_agents(plans, memory_kills)
             if starts_agents
-            else SuspectWatch(memory_kills or no_memory_kills, confined_job=lambda: confined_job),
+            else SuspectWatch(memory_kills or no_memory_kills, lambda: confined_job, scenes=scenes_of(plans)),
             forfeit_job,
             _unless_paused(gate, folder, events),
             Retention(campaign.keep, decomposition, campaign.study, campaign.design.seed),

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from bench.errors import RebarError, SetupError
+from bench.errors import Fault, RebarError, SetupError
 
 from . import (
     _calibrate,
@@ -82,9 +82,19 @@ for commands in (
     commands.register(app)
 
 
+def _check_utf8(name: str) -> None:
+    """Raises SetupError for a name that no document can hold: found only when one is written, it would cost the flights."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        raise SetupError(Fault(name, "is not UTF-8", "rename it")) from None
+
+
 def run(arguments: Sequence[str]) -> int:
     """Run one command line and return its exit code."""
     try:
+        for name in (os.getcwd(), *arguments):
+            _check_utf8(name)
         app(args=list(arguments))
     # The command-line library reports usage errors, --help and Exit this way.
     except SystemExit as end:

@@ -390,7 +390,7 @@ def _run(
     print_missing(scores.completeness, folder, as_json=as_json)
     print_rewritten(scores.rewritten)
     if as_json:
-        print(campaign_report(folder).model_dump_json(indent=1))
+        print(campaign_report(folder).model_dump_json(indent=1, ensure_ascii=True))
     else:
         _show_scores(campaign, folder, summary, scores, informed)
     if not scores.completeness.complete:

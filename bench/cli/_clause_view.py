@@ -127,7 +127,10 @@ def clause_page(result: BaseSimSpec) -> str:
     """The text with each clause marked, its fields and notes beside it, and the choices, as one page."""
     from jinja2 import Environment, PackageLoader
 
-    environment = Environment(loader=PackageLoader("bench.cli", "templates"), autoescape=True)
+    from bench.visible_text import visible_values
+
+    loader = PackageLoader("bench.cli", "templates")
+    environment = Environment(loader=loader, autoescape=True, finalize=visible_values)
     values = {receipt.path: receipt.value for receipt in result.receipts}
     pieces: list[tuple[str, str]] = []
     end = 0

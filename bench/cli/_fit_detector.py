@@ -44,7 +44,7 @@ def fit_detector(
     if out is not None:
         out.write_text(dump_yaml(fit), encoding="utf-8")
     if as_json:
-        print(fit.model_dump_json(indent=1))
+        print(fit.model_dump_json(indent=1, ensure_ascii=True))
         return
     table = plain_table(("parameter", "value", "from"), texts=("from",))
     for row in _rows(fit):

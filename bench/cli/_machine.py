@@ -204,7 +204,7 @@ def _own_network_fault() -> str | None:
     code = (
         "from bench.network_namespace import enter_network_namespace as enter; raise SystemExit(enter() or 0)"
     )
-    tried = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    tried = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=False)
     return tried.stderr.strip() if tried.returncode else None
 
 

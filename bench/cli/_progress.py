@@ -6,7 +6,6 @@ import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 
-from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -33,8 +32,9 @@ from bench.campaign import (
     SessionProgressed,
 )
 from bench.contracts import Outcome
+from bench.visible_text import visible_output
 
-from ._tables import CONTINUATION_INDENT, wrapped
+from ._tables import CONTINUATION_INDENT, plain_console, wrapped
 
 # Some three lines of a terminal; the report and the journal have the whole reason.
 MAX_REASON_CHARACTERS = 200
@@ -45,11 +45,11 @@ MAX_SESSION_BARS = 8
 @contextmanager
 def open_counter(title: str) -> Generator[OnDone]:
     """Yield what shows how many items of a long computation are done: a bar on a terminal, nothing elsewhere."""
-    console = Console(stderr=True, highlight=False, emoji=False)
+    console = plain_console(sys.stderr)
     if not console.is_terminal:
         yield lambda done, total: None
         return
-    with Progress(*_columns(), console=console) as progress:
+    with Progress(*_columns(), console=console) as progress, visible_output():
         bar = progress.add_task(title, total=None)
         yield lambda done, total: progress.update(bar, total=total, completed=done)
 
@@ -57,7 +57,9 @@ def open_counter(title: str) -> Generator[OnDone]:
 def _columns() -> tuple[ProgressColumn, ...]:
     return (
         # The names of campaigns are long; on a narrow terminal the counts beside them must stay.
-        TextColumn("{task.description}", table_column=Column(overflow="ellipsis", no_wrap=True)),
+        TextColumn(
+            "{task.description}", markup=False, table_column=Column(overflow="ellipsis", no_wrap=True)
+        ),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
@@ -71,20 +73,20 @@ def open_progress(title: str, *, quiet: bool = False) -> Generator[Observer]:
     if quiet:
         yield lambda event: None
         return
-    # On stderr: stdout belongs to the scores, also when it is piped. Without highlighting: rich would colour the
-    # numbers inside names.
-    console = Console(stderr=True, highlight=False, emoji=False)
+    # On stderr: stdout belongs to the scores, also when it is piped.
+    console = plain_console(sys.stderr)
     if not console.is_terminal:
         yield _plain
         return
-    with Progress(*_columns(), console=console) as progress:
+    # Again, around what rich puts in place of the streams: it obeys the colours in what is printed meanwhile.
+    with Progress(*_columns(), console=console) as progress, visible_output():
         bar = progress.add_task(title, total=None)
         sessions = _SessionBars(progress)
 
         def show_line(line: str) -> None:
             text = wrapped(line, console.width, CONTINUATION_INDENT)
             # Soft-wrapped, because rich would break a path that is wider than the terminal.
-            progress.console.print(text, markup=False, soft_wrap=True)
+            progress.console.print(text, soft_wrap=True)
 
         def show(event: CampaignEvent) -> None:
             sessions.show(event)
@@ -142,7 +144,7 @@ def _plain(event: CampaignEvent) -> None:
     line = _line(event)
     if line:
         print(
-            wrapped(line, Console(stderr=True).width, CONTINUATION_INDENT),
+            wrapped(line, plain_console(sys.stderr).width, CONTINUATION_INDENT),
             file=sys.stderr,
             flush=True,
         )

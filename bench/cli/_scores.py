@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 from rich.tree import Tree
@@ -18,6 +17,7 @@ from rich.tree import Tree
 from bench.errors import Fault, SetupError
 
 from ._missing_runs import INCOMPLETE_EXIT_CODE, completeness_report, print_missing, print_rewritten
+from ._tables import plain_console
 
 if TYPE_CHECKING:
     import polars as pl
@@ -119,7 +119,7 @@ def score(
 
 def _print_document(documents: Sequence[Document]) -> None:
     """One JSON document: that of the only target, or an array of them in the order of the command line."""
-    texts = [document.model_dump_json(indent=1) for document in documents]
+    texts = [document.model_dump_json(indent=1, ensure_ascii=True) for document in documents]
     print(texts[0] if len(texts) == 1 else "[\n" + ",\n".join(texts) + "\n]")
 
 
@@ -189,7 +189,7 @@ class ScoreSource:
         from bench.reporting import score_tables
         from bench.scoring import absent_pairs, run_reports
 
-        console = _console()
+        console = plain_console()
         if self.kind != "run":
             top = self.decomposition.level_of(next(iter(self.decomposition.nodes)))
             nodes = self.study or self.decomposition.at_level(top)
@@ -349,11 +349,6 @@ def _of_table(path: Path, named: str) -> ScoreSource:
     )
 
 
-def _console() -> Console:
-    # Without highlighting: rich would colour the numbers inside names of nodes and runs.
-    return Console(highlight=False, markup=False, emoji=False)
-
-
 _STANDING_NOTES = {
     "configured sensor": " (configured sensor)",
     "not exercisable": " (not exercisable)",
@@ -392,7 +387,9 @@ def _table_of_run(run: RunReport, titles: Mapping[str, str]) -> Table:
 
 def _show_explanation(explanation: Explanation) -> None:
     # Only a terminal wraps: a path that is broken over two lines of a file cannot be searched or copied.
-    console = _console() if _console().is_terminal else Console(width=WHOLE_LINE, highlight=False)
+    console = plain_console()
+    if not console.is_terminal:
+        console = plain_console(width=WHOLE_LINE)
     for agent in explanation.agents:
         console.print(_tree_of_agent(explanation, agent))
     if not explanation.agents:

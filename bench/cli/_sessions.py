@@ -8,13 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.console import Console
 from rich.padding import Padding
 from rich.text import Text
 
 from ._campaigns import IsolationOption
+from ._tables import plain_console
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from bench.contracts import Observation
     from decompositions import Decomposition
 
@@ -40,9 +42,8 @@ def simulate(
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json")] = False,
 ) -> None:
     """Fly one session. Example: rebar simulate examples/search.yaml --out out/first"""
-    from bench.campaign import fly_in_worker, load_measurable_decomposition, write_result
+    from bench.campaign import fly_realization, load_measurable_decomposition, write_result
     from bench.contracts import Outcome, services_of
-    from bench.documents import dump_json
     from bench.simspec import load_simspec
 
     situation = load_simspec(simspec)
@@ -52,44 +53,38 @@ def simulate(
         agent = situation.agent.model_copy(update={"isolation": isolation})
         situation = situation.model_copy(update={"agent": agent})
     nodes = load_measurable_decomposition(decomposition)
-    result = fly_in_worker(situation, nodes, out, out.name)
+    result = fly_realization(situation, nodes, out, out.name)
     # The flight does not write its result: in a campaign the runner does.
     write_result(out, result)
     if as_json:
-        print(dump_json(result), end="")
+        print(result.model_dump_json(indent=1, ensure_ascii=True))
     else:
-        console = Console()
+        console = plain_console()
         if "truth" in result.details:
-            console.print(
-                f"the truth was {result.details['truth']}: its results are no agent's",
-                markup=False,
-                highlight=False,
-            )
+            console.print(f"the truth was {result.details['truth']}: its results are no agent's")
         if "isolation" in result.details:
-            console.print(_confinement_line(result.details), markup=False, highlight=False, soft_wrap=True)
+            console.print(_confinement_line(result.details), soft_wrap=True)
         for use in services_of(result.details):
-            console.print(f"let in from outside: {use}", markup=False, highlight=False, soft_wrap=True)
+            console.print(f"let in from outside: {use}", soft_wrap=True)
         ended = f"{result.outcome} after {result.simulated_s:.1f} simulated s ({result.wall_s:.1f} s): {result.reason}"
         if strangers := result.counters.get("tick_strangers", 0):
-            console.print(
-                f"connections of strangers to the tick socket, refused: {strangers}", highlight=False
-            )
+            console.print(f"connections of strangers to the tick socket, refused: {strangers}")
         # Nothing was flown, so the reason is about the file.
         if not result.simulated_s:
             ended = f"{simspec}: {ended}"
-        # Reasons and evidence contain fields such as actors[people], which must not be taken for markup.
-        console.print(ended, markup=False, highlight=False, soft_wrap=True)
+        # Indented: no line of what an agent printed is to be taken for one of ours.
+        console.print(ended.replace("\n", "\n    "), soft_wrap=True)
         if result.observations:
             first = _show_observations(console, nodes, result.observations)
         if (out / "recording.mcap").is_file():
-            console.print(f"recording: {out / 'recording.mcap'}", highlight=False, soft_wrap=True)
+            console.print(f"recording: {out / 'recording.mcap'}", soft_wrap=True)
         if result.observations:
             named = () if decomposition == DEFAULT_DECOMPOSITION else ("--decomposition", decomposition)
             # Quoted, because people copy these lines into a shell.
             explain = shlex.join(("rebar", "score", str(out), *named, "--explain", str(first)))
             difficulty = shlex.join(("rebar", "difficulty", str(simspec), *named))
             for line in (f"why: {explain}", f"how hard it was: {difficulty}"):
-                console.print(line, markup=False, highlight=False, soft_wrap=True)
+                console.print(line, soft_wrap=True)
     if not result.outcome.counts:
         # A SimSpec that cannot be flown is a wrong input, as any other fault in a file.
         raise typer.Exit(2 if result.outcome is Outcome.SETUP_INVALID else 1)
@@ -128,15 +123,14 @@ def _show_observations(
             failed.append(f"{name}: {observation.x:.3g}, asked {observable.threshold:g}")
             failed += [f"    {moment.time_s:.1f} s {moment.text}" for moment in observation.evidence[:1]]
     considered = len(observations) - len(absent)
-    console.print(f"not achieved: {len(ids_failed)} of {considered}", highlight=False)
+    console.print(f"not achieved: {len(ids_failed)} of {considered}")
     for line in failed:
-        # As Text: ids and evidence may hold brackets, which rich would take for markup.
         console.print(Padding(Text(line.strip()), (0, 0, 0, 6 if line.startswith(" ") else 2)))
     for heading, names in (
         (f"achieved: {len(achieved)} of {considered}", achieved),
         ("not considered", absent),
     ):
         if names:
-            console.print(heading, highlight=False)
+            console.print(heading)
             console.print(Padding(Text("; ".join(names)), (0, 0, 0, 2)))
     return (ids_failed or [observations[0].observable])[0]

@@ -111,13 +111,16 @@ def situation_svg(drawing: SituationMap) -> str:
     """The same as SVG, with the names of groups and areas as tooltips."""
     from jinja2 import Environment, PackageLoader
 
+    from bench.visible_text import visible_values
+
     west, south, east, north = drawing.box
     scale = SVG_WIDTH / (east - west)
 
     def point(place: Place) -> str:
         return f"{(place[0] - west) * scale:.1f},{(north - place[1]) * scale:.1f}"
 
-    environment = Environment(loader=PackageLoader("bench.cli", "templates"), autoescape=True)
+    loader = PackageLoader("bench.cli", "templates")
+    environment = Environment(loader=loader, autoescape=True, finalize=visible_values)
     return environment.get_template("situation.svg").render(
         drawing=drawing,
         point=point,

@@ -29,7 +29,7 @@ def status(
 
     state = campaign_state(folder)
     if as_json:
-        print(state.model_dump_json(indent=1))
+        print(state.model_dump_json(indent=1, ensure_ascii=True))
         return
     doing = f"run by process {state.process}" if state.process else "not running"
     end = "complete" if state.complete else "not complete"

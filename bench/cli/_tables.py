@@ -2,25 +2,44 @@
 
 from __future__ import annotations
 
+import sys
 import textwrap
 from collections.abc import Collection, Iterable, Sequence
+from typing import Any, TextIO
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
+
+from bench.visible_text import terminal_of, visible
 
 # Beside it, the widest table here (`rebar compare`) still fits into 80 columns.
 MAX_NAME_CHARACTERS = 20
 CONTINUATION_INDENT = 2
 
 
-def plain_console() -> Console:
-    """A console that prints text as it is.
+class _VisibleConsole(Console):
+    """Texts are `visible` in it, before they are laid out; the control codes are its own."""
 
-    Without highlighting and markup: rich would colour the numbers inside names, and drop what stands in brackets.
+    def render_str(self, text: str, **options: Any) -> Text:
+        return super().render_str(visible(text), **options)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        if isinstance(renderable, Text):
+            renderable = renderable.copy()
+            renderable.plain = visible(renderable.plain)
+        return super().render(renderable, options)
+
+
+def plain_console(stream: TextIO | None = None, width: int | None = None) -> Console:
+    """A console that prints text as it is, to stdout unless another stream is named. No other kind is to be used.
+
+    Without highlighting and markup: rich would colour the numbers inside names, and drop or obey what stands in brackets.
     """
-    return Console(highlight=False, markup=False, emoji=False)
+    file = terminal_of(stream or sys.stdout)
+    return _VisibleConsole(file=file, width=width, highlight=False, markup=False, emoji=False)
 
 
 def plain_table(columns: Sequence[str], *, texts: Collection[str] = ()) -> Table:

@@ -88,7 +88,9 @@ if TYPE_CHECKING:
     from ._outcome import traceback_details as traceback_details
     from ._outcome import truth_sightings_of as truth_sightings_of
     from ._plugins import PluginGroup as PluginGroup
+    from ._plugins import failure_text as failure_text
     from ._plugins import load_plugin as load_plugin
+    from ._plugins import package_of as package_of
     from ._plugins import plugins as plugins
     from ._progress import OnProgress as OnProgress
     from ._progress import ProgressUpdate as ProgressUpdate
@@ -260,7 +262,9 @@ _MODULES = {
     "losses_of": "_outcome",
     "timing_of": "_outcome",
     "PluginGroup": "_plugins",
+    "failure_text": "_plugins",
     "load_plugin": "_plugins",
+    "package_of": "_plugins",
     "plugins": "_plugins",
     "OnProgress": "_progress",
     "ProgressUpdate": "_progress",

@@ -14,9 +14,12 @@ from pydantic import Field, ValidationError
 
 from bench.documents import Document, is_default
 from bench.simspec import Fraction, Identifier, OrderKind, Origin, Point, TimeWindow
+from bench.visible_text import VISIBLE_LABEL
 
 # Limits on everything that an agent sends: it is outside the trust boundary, and its words go into reports.
+# Free words are kept as they are, and shown by `bench.visible_text`; ids and labels are refused if not all of them is seen.
 Text = Annotated[str, Field(max_length=2000)]
+Label = Annotated[str, Field(max_length=64, pattern=VISIBLE_LABEL)]
 Seconds = Annotated[float, Field(ge=0.0, le=1e6)]
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 PeopleExpected = Annotated[
@@ -165,7 +168,7 @@ class OrderDocument(Document):
 class ConsentAnswer(Document):
     """Bench to agent: the operator's answer to a ConsentRequest."""
 
-    request: Annotated[str, Field(max_length=64, description="The request's id.")]
+    request: Annotated[Label, Field(description="The request's id.")]
     granted: bool
     answered_s: Annotated[
         float, Field(description="When the operator decided; delivery is later while the link is down.")
@@ -182,7 +185,7 @@ class OrderAnswer(Document):
     """Agent to bench: whether it does what it was ordered, and why not."""
 
     time_s: Seconds
-    order: Annotated[str, Field(max_length=64, description="The order's id.")]
+    order: Annotated[Label, Field(description="The order's id.")]
     accepted: bool
     reason: Text = ""
 
@@ -190,14 +193,14 @@ class OrderAnswer(Document):
 class TargetReport(Document):
     """Agent to bench: a target identified. `mark` designates it for follow-up, which the rules may forbid."""
 
-    id: Annotated[str, Field(min_length=1, max_length=64)]
+    id: Annotated[Label, Field(min_length=1)]
     time_s: Seconds
-    class_label: Annotated[str, Field(max_length=64)]
+    class_label: Label
     east_m: Coordinate
     north_m: Coordinate
     confidence: Fraction
     mark: bool
-    intelligence_id: Annotated[str | None, Field(max_length=64)] = None
+    intelligence_id: Label | None = None
     bystanders_seen: Annotated[
         int | None,
         Field(
@@ -217,7 +220,7 @@ class TargetReport(Document):
         Field(ge=0.0, le=1e6, description="Stated error of the place: one sigma, horizontal, on each axis."),
     ] = None
     repeats: Annotated[
-        str | None, Field(max_length=64, description="Id of the report that this one corrects or says again.")
+        Label | None, Field(description="Id of the report that this one corrects or says again.")
     ] = None
 
 
@@ -228,16 +231,13 @@ class ConsentRequest(Document):
     report at a time.
     """
 
-    id: Annotated[str, Field(min_length=1, max_length=64)]
+    id: Annotated[Label, Field(min_length=1)]
     time_s: Seconds
     intelligence_id: Annotated[
-        str,
-        Field(
-            max_length=64,
-            description="The operator decides by it; a request about another is never answered.",
-        ),
+        Label,
+        Field(description="The operator decides by it; a request about another is never answered."),
     ]
-    class_label: Annotated[str, Field(max_length=64)]
+    class_label: Label
     east_m: Coordinate
     north_m: Coordinate
     confidence: Fraction
@@ -261,14 +261,13 @@ class Decision(Document):
 
     time_s: Seconds
     action: Annotated[
-        str,
+        Label,
         Field(
             min_length=1,
-            max_length=64,
             description="For example go, search, inspect, report, mark, withhold_mark, return, abort.",
         ),
     ]
-    subject: Annotated[str, Field(max_length=64)] = ""
+    subject: Label = ""
     reason: Text = ""
     evidence: Annotated[
         tuple[float, ...], Field(max_length=256, description="Exposure times of the frames relied on.")
@@ -298,8 +297,8 @@ class AgentStatus(Document):
 class AgentTrack(Document):
     """One object that the agent believes in."""
 
-    id: Annotated[str, Field(max_length=64)]
-    class_label: Annotated[str, Field(max_length=64)]
+    id: Label
+    class_label: Label
     east_m: Coordinate
     north_m: Coordinate
     confidence: Fraction

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from bench.documents import Document
 
+from ._documents import Label
 from ._tick import Count, Counts
 
 MavlinkValue = float | int | str | None | tuple[float | int | None, ...]
@@ -21,7 +22,7 @@ class MqttReady(Document):
     """Agent to bridge, once: it has subscribed, and the session may begin."""
 
     protocol: Literal[1] = 1
-    agent: Annotated[str, Field(min_length=1, max_length=64)]
+    agent: Annotated[Label, Field(min_length=1)]
 
 
 class MqttTick(Document):

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated, Any, Self
 
-from pydantic import Field, ValidationError
+from pydantic import AfterValidator, Field, ValidationError
 
-from bench.documents import Document
+from bench.documents import Document, is_default
 from bench.errors import (
     AgentBoxKilled,
     DetectorFault,
@@ -20,6 +20,10 @@ from bench.errors import (
     SetupError,
     VehicleFault,
 )
+from bench.visible_text import visible, visible_values
+
+# Words of agents, vehicles and files are in it: of a process that crashed, a firmware's console, a report.
+Words = Annotated[str, AfterValidator(visible)]
 
 
 class Blame(StrEnum):
@@ -105,20 +109,22 @@ class Evidence(Document):
     """A moment in the recording that a measured value rests on."""
 
     time_s: float
-    text: str
+    text: Words
 
 
 class Observation(Document):
     """What one measure found in one run for one observable.
 
     `x` is the measured value in [0, 1], None exactly when the run is not considered: when the situation, by
-    the scenario and the truth, offered nothing that could exercise the observable (docs/rulings.md 6).
+    the scenario and the truth, offered nothing that could exercise the observable (docs/rulings.md 6), or when the
+    measure failed. `failure` then says which measure, and where.
     """
 
     observable: str
     considered: bool
     x: Annotated[float | None, Field(ge=0.0, le=1.0)] = None
     evidence: tuple[Evidence, ...] = ()
+    failure: Annotated[Words, Field(exclude_if=is_default(""))] = ""
 
 
 PROBES = {
@@ -302,7 +308,7 @@ class SessionResult(Document):
 
     realization: str
     outcome: Outcome
-    reason: str = ""
+    reason: Words = ""
     simulated_s: float = 0.0
     wall_s: float = 0.0
     cpu_s: float = 0.0
@@ -310,7 +316,7 @@ class SessionResult(Document):
     recording_sha256: str | None = None
     counters: dict[str, int] = {}
     observations: tuple[Observation, ...] = ()
-    details: dict[str, Any] = {}
+    details: Annotated[dict[str, Any], AfterValidator(visible_values)] = {}
 
 
 @dataclass(frozen=True, slots=True)

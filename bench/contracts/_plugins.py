@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import traceback
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Literal
@@ -32,7 +33,7 @@ def plugins(group: PluginGroup) -> dict[str, EntryPoint]:
 def load_plugin(group: PluginGroup, name: str) -> Any:
     """The object behind an entry point.
 
-    Raises SetupError, naming what there is, when there is none of that name.
+    Raises SetupError, naming what there is, when there is none of that name, or saying why it cannot be imported.
     """
     available = plugins(group)
     if name not in available:
@@ -43,4 +44,22 @@ def load_plugin(group: PluginGroup, name: str) -> Any:
                 f"installed: {', '.join(sorted(available)) or 'none'}",
             )
         )
-    return available[name].load()
+    try:
+        return available[name].load()
+    # Code of others runs here.
+    except Exception as error:
+        what = f"{name!r} of {package_of(group, name)} cannot be imported: {failure_text(error)}"
+        raise SetupError(Fault(group, what, "fix the package, or install it again")) from error
+
+
+def package_of(group: PluginGroup, name: str) -> str:
+    """The name of the installed package that declares a plug-in."""
+    package = plugins(group)[name].dist
+    return package.name if package is not None else "an unknown package"
+
+
+def failure_text(error: BaseException) -> str:
+    """An exception with the file and the line that raised it."""
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" ({frames[-1].filename}:{frames[-1].lineno})" if frames else ""
+    return f"{type(error).__name__}: {error}{place}"

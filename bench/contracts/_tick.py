@@ -23,6 +23,8 @@ from pydantic import Field, ValidationError
 
 from bench.documents import Document
 
+from ._documents import Label
+
 # Agents in JavaScript read JSON numbers as doubles, which are exact below 2**53.
 Count = Annotated[int, Field(ge=0, lt=2**53)]
 # A limit, because the other end is not trusted.
@@ -35,7 +37,7 @@ class Hello(Document):
 
     kind: Literal["hello"] = "hello"
     protocol: Literal[1] = 1
-    agent: Annotated[str, Field(max_length=64)]
+    agent: Label
     subscribes: Annotated[tuple[str, ...], Field(max_length=64)] = ()
     secret: Annotated[str, Field(max_length=256, repr=False)] = ""
 

@@ -1,8 +1,8 @@
 """Documents that people write or read: closed pydantic models, and files of them with every fault reported at
 once.
 
-The floor of the house together with `bench.errors`: they import nothing of ours but `bench.values`, and every room may
-stand on them.
+The floor of the house together with `bench.errors`: they import nothing of ours but `bench.values` and
+`bench.visible_text`, and every room may stand on them.
 
 campaign = load_document("campaigns/demo.yaml", Campaign)
 """

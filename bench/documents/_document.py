@@ -14,6 +14,7 @@ from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError, SchemaV
 from pydantic_core.core_schema import json_or_python_schema, no_info_before_validator_function
 
 from ..errors import MAX_FAULTS, Fault, SetupError
+from ..visible_text import visible
 from ._files import read_text
 from ._plain_values import DocumentPath, dotted, dump_value, parse_text, shown
 
@@ -127,8 +128,10 @@ def dump_yaml(document: BaseModel) -> str:
 
 
 def dump_json(document: BaseModel) -> str:
-    """JSON text of a document: the same bytes for the same values, so it can be digested."""
-    return document.model_dump_json(indent=1) + "\n"
+    """JSON text of a document, with escapes of what is not seen: the same bytes for the same values, so it can be
+    digested.
+    """
+    return visible(document.model_dump_json(indent=1)) + "\n"
 
 
 def _fault_of(

@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 import yaml
 
 from ..errors import MAX_FAULTS, Fault, SetupError
+from ..visible_text import visible
 
 DocumentPath = tuple[str | int, ...]
 PlainScalar = str | int | float | bool | None
@@ -316,23 +317,28 @@ def dotted(path: Sequence[str | int]) -> str:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Quotes the text that `parse_text` would not take for text, besides what PyYAML quotes."""
+    """Quotes the text that `parse_text` would not take for text, besides what PyYAML quotes. A text with hidden characters
+    gets double quotes, where YAML knows the escapes of `visible`.
+    """
 
     def represent_text(self, text: str) -> yaml.ScalarNode:
         try:
-            style = None if isinstance(_plain_scalar(text), str) else "'"
+            is_text = isinstance(_plain_scalar(text), str)
         except _RefusedScalar:
-            style = "'"
-        # Line ends of Unicode, which PyYAML writes into single quotes and reads as newlines.
-        if any(character in text for character in "\x85\u2028\u2029"):
-            style = '"'
-        return self.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+            is_text = False
+        return self.represent_scalar("tag:yaml.org,2002:str", text, style=None if is_text else "'")
+
+    def analyze_scalar(self, scalar: str) -> Any:
+        analysis = super().analyze_scalar(scalar)
+        if visible(scalar) != scalar:
+            analysis.allow_block_plain = analysis.allow_flow_plain = False
+            analysis.allow_single_quoted = analysis.allow_block = False
+        return analysis
 
 
 _Dumper.add_representer(str, _Dumper.represent_text)
 
 
 def dump_value(value: Any, width: int = 120) -> str:
-    """YAML text of plain values, in their order."""
-    text: str = yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=width)
-    return text
+    """YAML text of plain values, in their order, with visible escapes of what is not seen."""
+    return visible(yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=width))

@@ -8,6 +8,7 @@ from typing import Any
 
 from bench.documents import dump_value, parse_text
 from bench.simspec import SimSpec
+from bench.visible_text import visible
 
 from ._result import BaseSimSpec, Receipt
 
@@ -35,10 +36,12 @@ def annotated_yaml(result: BaseSimSpec) -> str:
     """YAML of `stated_values`, with the receipts as comments, below a list of what is open or left out."""
     receipts = {receipt.path: receipt for receipt in result.receipts if receipt.path not in _UNCOMMENTED}
     values = stated_values(result)
-    text = "".join(f"{line}\n" for line in _header(result)) + dump_value(values)
+    text = "".join(f"{visible(line)}\n" for line in _header(result)) + dump_value(values)
     _, lines = parse_text(text)
     comments = {
-        lines[at]: _comment(receipts[path]) for at, path in _leaves(values, (), "") if path in receipts
+        lines[at]: visible(_comment(receipts[path]))
+        for at, path in _leaves(values, (), "")
+        if path in receipts
     }
     written = "".join(
         f"{line}  {comments[number]}\n" if number in comments else f"{line}\n"

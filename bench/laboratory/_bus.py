@@ -24,6 +24,7 @@ from bench.campaign import (
     RealizationStarted,
     SessionProgressed,
 )
+from bench.visible_text import visible
 
 from ._broker import Broker, check_topic
 from ._documents import CampaignMessage, CampaignStatus, StandMessage, State, message_of
@@ -266,7 +267,9 @@ class LaboratoryBus:
             username=self._broker.user,
             password=self._broker.password,
             tls_context=self._broker.tls,
-            will=aiomqtt.Will(self._status_topic, lost.model_dump_json(exclude_none=True), _QOS, retain=True),
+            will=aiomqtt.Will(
+                self._status_topic, visible(lost.model_dump_json(exclude_none=True)), _QOS, retain=True
+            ),
             socket_options=_SOCKET_OPTIONS,
             timeout=CLOSING_S,
         )
@@ -298,7 +301,7 @@ class LaboratoryBus:
         self._wake.clear()
         while (sending := self._next_sending()) is not None:
             retained = sending.topic == f"{self._topics}/scores"
-            await client.publish(sending.topic, sending.payload, qos=_QOS, retain=retained)
+            await client.publish(sending.topic, visible(sending.payload), qos=_QOS, retain=retained)
             with self._lock:
                 # Only now: what was not acknowledged is sent again. A newer message may have pushed it out.
                 if self._sendings and self._sendings[0] is sending:
@@ -311,7 +314,7 @@ class LaboratoryBus:
         if status != self._status_sent:
             sent = status.model_copy(update={"sent_utc": self._utc_now()})
             await client.publish(
-                self._status_topic, sent.model_dump_json(exclude_none=True), qos=_QOS, retain=True
+                self._status_topic, visible(sent.model_dump_json(exclude_none=True)), qos=_QOS, retain=True
             )
             self._status_sent = status
         return closing and not self._sendings

@@ -17,7 +17,6 @@ import polars as pl
 
 from bench.contracts import (
     FIRMWARE,
-    Outcome,
     SessionResult,
     losses_of,
     open_walls_of,
@@ -245,10 +244,9 @@ def _run(
 
 
 def _isolation(result: SessionResult | None) -> str | None:
-    # Charged to unconfined agents alone; the session that stands in for the lost ones has no agent.
-    if result is not None and result.outcome is Outcome.AGENT_BROKE_BENCH:
-        return "none"
-    return _detail(result, "isolation")
+    # Such results once said nothing, and were for unconfined agents alone.
+    broke_bench = result is not None and result.outcome is Outcome.AGENT_BROKE_BENCH
+    return _detail(result, "isolation") or ("none" if broke_bench else None)
 
 
 def _detail(result: SessionResult | None, name: str) -> str | None:

@@ -10,6 +10,8 @@ from importlib.resources import files
 import jinja2
 from markupsafe import Markup
 
+from bench.visible_text import visible_values
+
 
 def content_security_policy(*scripts: str) -> str:
     """A content security policy: nothing is fetched, and only these scripts run, identified by their
@@ -30,7 +32,8 @@ def normalized_script(text: str) -> str:
 def json_script_text(value: object) -> Markup:
     """JSON text that is safe inside a script element."""
     # Only `<` can open or close an element there. Written as an escape, it means the same in JSON.
-    return Markup(json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
+    text = json.dumps(visible_values(value), separators=(",", ":"), allow_nan=False)
+    return Markup(text.replace("<", "\\u003c"))
 
 
 def template_text(name: str) -> str:
@@ -41,10 +44,12 @@ def template_text(name: str) -> str:
 def template_environment() -> jinja2.Environment:
     """The template environment.
 
-    It escapes everything that is not explicitly markup, because agents write some of the texts.
+    It escapes everything that is not explicitly markup, and shows what would not be seen, because agents write some of the
+    texts.
     """
     return jinja2.Environment(
         loader=jinja2.PackageLoader("bench.reporting", "templates"),
+        finalize=lambda value: value if isinstance(value, Markup) else visible_values(value),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 
 from bench.contracts import SessionResult, firmware_ends_of, suspicions_of, truth_sightings_of
@@ -15,6 +16,7 @@ class Remarks:
     informed: list[str] = field(default_factory=list)
     suspects: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
+    failed_measures: Counter[str] = field(default_factory=Counter)
 
     def add(self, name: str, result: SessionResult) -> None:
         """Look at the result of a run."""
@@ -27,9 +29,14 @@ class Remarks:
         ):
             if holds:
                 names.append(name)
+        self.failed_measures.update({observation.failure for observation in result.observations} - {""})
 
     def write(self, notes: list[str]) -> None:
         """Add a sentence for each kind of remark that there is."""
+        notes += [
+            f"A measure failed in {count} of the runs, so its observables are not considered there: {failure}."
+            for failure, count in sorted(self.failed_measures.items())
+        ]
         if self.strangers:
             notes.append(
                 f"Programs other than the agent connected to a session's clock {sum(self.strangers.values())} times and were "
@@ -44,7 +51,7 @@ class Remarks:
             )
         if self.suspects:
             notes.append(
-                "The bench was lost while an unconfined agent flew, which the host or the agent may have caused, in "
+                "The bench failed while an agent was there, which the host or the agent may have caused, in "
                 f"{', '.join(self.suspects)}. The tables of runs list these first."
             )
         if self.failed:

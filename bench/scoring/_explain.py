@@ -327,6 +327,8 @@ def _consideration(
     if difficulty.standing is Standing.NOT_EXERCISABLE:
         overruled = ", which overrules its measure" if observation and observation.considered else ""
         return f"this situation holds nothing that exercises it{overruled}: {absence_of(difficulty)}"
+    if observation and observation.failure:
+        return f"its measure failed: {observation.failure}"
     return (
         f"considered when: {observable.considered}"
         if observation

@@ -22,6 +22,7 @@ from pydantic import (
 )
 
 from bench.documents import Document, is_default
+from bench.visible_text import visible
 
 from ._actors import ActorGroup
 from ._consistency import raise_inconsistencies, situation_inconsistencies
@@ -158,7 +159,8 @@ def agent_name(manifest: str) -> str:
     name = PurePosixPath(manifest).name
     # Only these suffixes: what follows the dot of an entry point `agent-v1.2` belongs to its name.
     suffix = next((suffix for suffix in MANIFEST_SUFFIXES if name.endswith(suffix) and name != suffix), "")
-    return name.removesuffix(suffix)
+    # It stands in tables, journals and reports, and names of files may hold anything.
+    return visible(name.removesuffix(suffix))
 
 
 def is_manifest_file(manifest: str) -> bool:

@@ -17,7 +17,7 @@ def usable_cores(groups: Path = _GROUPS, own_group: Path = _OWN_GROUP) -> float:
     """
     cores = float(len(os.sched_getaffinity(0)))
     with suppress(OSError):
-        for line in own_group.read_text().splitlines():
+        for line in own_group.read_text(encoding="utf-8").splitlines():
             number, _, path = line.split(":", 2)
             if number == "0":
                 folder = groups / path.lstrip("/")
@@ -32,7 +32,7 @@ def usable_cores(groups: Path = _GROUPS, own_group: Path = _OWN_GROUP) -> float:
 def _limit(file: Path) -> float:
     """Cores that a group's `cpu.max` leaves: microseconds of processor time, of so many; infinite without a limit."""
     with suppress(OSError, ValueError):
-        quota_us, period_us = file.read_text().split()
+        quota_us, period_us = file.read_text(encoding="ascii").split()
         if quota_us != "max":
             return float(quota_us) / float(period_us)
     return float("inf")

@@ -14,7 +14,7 @@ def count_memory_kills(vmstat: Path = _VMSTAT) -> int:
     0 where the system does not tell (Linux before 4.13, another system).
     """
     with suppress(OSError, ValueError):
-        for line in vmstat.read_text().splitlines():
+        for line in vmstat.read_text(encoding="ascii").splitlines():
             name, _, count = line.partition(" ")
             if name == "oom_kill":
                 return int(count)

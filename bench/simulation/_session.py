@@ -332,6 +332,10 @@ class Session:
 
     def _run_warp(self, warp: Warp) -> None:
         self._air.open_for_all()
+        # It starts before it is told anything: a program that cannot fly in warp shows here, when its end says nothing
+        # of how the situation goes.
+        warp.settle()
+        warp.agent_is_informed = True
         while True:
             now = self._progress.now
             self._information.publish(now, self._vehicle, self._detector)

@@ -149,7 +149,7 @@ def _open_at(plan: AirPlan, port: int, password: str) -> zenoh.Session:
         users = Path(folder) / "users"
         users.touch(mode=0o600)
         companion = f"{_COMPANION}:{plan.companion_token}\n" if plan.companion_token else ""
-        users.write_text(f"{_AGENT}:{password}\n{companion}")
+        users.write_text(f"{_AGENT}:{password}\n{companion}", encoding="utf-8")
         return zenoh.open(zenoh.Config.from_json5(json.dumps(_router_settings(plan, port, users))))
 
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 from firmware_files import install_firmware
 
-from bench import fly_realization, load_simspec, place
+from bench import load_simspec, place
 from bench.campaign import load_measurable_decomposition
+from bench.campaign.execution._flight import fly_here
 from bench.contracts import Outcome, SessionResult
 from bench.simspec import AgentSpec, RealAutopilot
 
@@ -38,7 +39,7 @@ def flown(
             ),
         }
     )
-    return fly_realization(place(spec), load_measurable_decomposition("search-and-report"), folder, "flight")
+    return fly_here(place(spec), load_measurable_decomposition("search-and-report"), folder, "flight")
 
 
 def values(result: SessionResult) -> dict[str, float | None]:

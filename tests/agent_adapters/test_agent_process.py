@@ -8,10 +8,12 @@ import re
 import signal
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from rungs import EVERY, rung_or_skip
 
 from bench.agents import LocalProcess, load_manifest, open_agent, program_faults
 from bench.agents._program import expand_command, expand_placeholders
@@ -23,13 +25,11 @@ from bench.simspec import AgentSpec, Isolation, Point, Polygon, SimSpec, World
 PATIENCE_S = 20.0
 
 
-@pytest.fixture(params=["none", "landlock", "bwrap"])
-def isolation(request: pytest.FixtureRequest) -> Isolation:
+@pytest.fixture(params=EVERY)
+def isolation(request: pytest.FixtureRequest) -> Iterator[Isolation]:
     """Each rung that starts on this host; what a test says of agents holds on all."""
-    rung: Isolation = request.param
-    if reason := rungs()[rung].trial():
-        pytest.skip(f"{rung} cannot start here: {reason}")
-    return rung
+    with rung_or_skip(request.param) as isolation:
+        yield isolation
 
 
 def simspec(**options: str | float | int | bool) -> SimSpec:
@@ -98,7 +98,7 @@ def test_an_agent_gets_only_the_documented_environment(
     code = "import os, json; print(json.dumps(dict(os.environ)))"
     with open_agent(python(tmp_path / "agent", code, height=40, gentle=True, isolation=isolation)) as agent:
         assert wait_for_end(agent) == 0
-    environment = json.loads((tmp_path / "agent" / "agent.log").read_text())
+    environment = json.loads(agent.output())
 
     assert environment.pop("LC_CTYPE", "C.UTF-8") == "C.UTF-8"
     # A landlocked agent may not write to the host's /tmp.
@@ -110,7 +110,7 @@ def test_an_agent_gets_only_the_documented_environment(
         "REBAR_VEHICLE", "REBAR_OPTIONS", "REBAR_SEED", "REBAR_ZENOH", "REBAR_ZENOH_USER", "REBAR_ZENOH_PASSWORD",
         "REBAR_TICK", "REBAR_TICK_SECRET", "REBAR_MAVLINK",
     }  # fmt: skip
-    assert environment["HOME"] == rungs()[isolation].home(tmp_path / "agent")
+    assert environment["HOME"] == rungs()[isolation].place(tmp_path / "agent").home
     assert json.loads(environment["REBAR_OPTIONS"]) == {"height": 40, "gentle": True}
     assert environment["REBAR_MAVLINK"] == "udpin:127.0.0.1:14540"
 
@@ -124,7 +124,7 @@ def test_placeholders_are_filled_in(tmp_path: Path, isolation: Isolation) -> Non
     )  # fmt: skip
     with open_agent(agent_plan) as agent:
         assert wait_for_end(agent) == 0
-    assert (tmp_path / "agent" / "agent.log").read_text().split() == [f"{tmp_path}/x", "3.5", "true"]
+    assert agent.output().decode().split() == [f"{tmp_path}/x", "3.5", "true"]
 
 
 def test_every_missing_option_is_named(tmp_path: Path) -> None:
@@ -311,7 +311,7 @@ def test_endless_output_is_truncated_in_the_log(tmp_path: Path, isolation: Isola
     code = "import os\nfor n in range(40): os.write(1, b'%06d' % n + b'x' * 65530)\nprint('the end')"
     with open_agent(python(tmp_path, code, isolation=isolation)) as agent:
         assert wait_for_end(agent) == 0
-    log = (tmp_path / "agent.log").read_bytes()
+    log = agent.output()
     assert len(log) < 512 * 1024
     assert log.startswith(b"000000x")
     assert log.endswith(b"the end\n")

@@ -20,7 +20,9 @@ from bench import contracts, simspec
 from bench.documents import Document
 
 NAMES = [name for name, kind in vars(documents).items() if is_dataclass(kind)]
-LABELS = ("mobile_radar", "füchse", "", '"\\/', "日本\u2028", "\x00\x1f\x7f\b\t\n\f\r", "😀 e-05", "a" * 64)
+LABELS = ("mobile_radar", "füchse", "", '"\\/', "日本", "😀 e-05", "a" * 64)
+WORDS = (*LABELS, "\u2028\u202e", "\x00\x1f\x7f\b\t\n\f\r")
+"""What free texts hold as well: as a label the bench would refuse it."""
 
 
 def model_of(name: str) -> type[Document]:
@@ -44,7 +46,11 @@ def random_value(kind: Any, name: str, draw: random.Random) -> Any:
         if name == "phase":
             return draw.choice(("starting", "transit"))
         is_name = name in ("id", "action") or name.endswith("_id")
-        return draw.choice(("alpha", "b-2")) if is_name else draw.choice(LABELS)
+        return (
+            draw.choice(("alpha", "b-2"))
+            if is_name
+            else draw.choice(WORDS if name in ("reason", "text") else LABELS)
+        )
     if get_origin(kind) is Literal:
         return draw.choice(get_args(kind))
     if get_origin(kind) is tuple:

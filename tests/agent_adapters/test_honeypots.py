@@ -8,7 +8,7 @@ import pytest
 
 from bench.agents import load_manifest, open_agent
 from bench.campaign import load_measurable_decomposition
-from bench.campaign.execution._flight import fly_realization
+from bench.campaign.execution._flight import fly_here
 from bench.contracts import Record, SessionResult, VehicleTopics, truth_sightings_of
 from bench.realization import place
 from bench.simspec import (
@@ -73,7 +73,7 @@ def result_of_reading(folder: Path, isolation: Isolation, honeypot: bool) -> Ses
     """A cheat that looks for its SimSpec, is told where, and reports every actor in it."""
     agent = AgentSpec(manifest="cheat-read-files", options={"session": str(folder)}, isolation=isolation)
     decomposition = load_measurable_decomposition("search-and-report")
-    return fly_realization(simspec(agent, 1.0, honeypot), decomposition, folder, "run")
+    return fly_here(simspec(agent, 1.0, honeypot), decomposition, folder, "run")
 
 
 @pytest.mark.flight

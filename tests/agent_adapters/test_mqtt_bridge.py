@@ -21,12 +21,14 @@ from embedded_broker import open_laboratory, until
 from host_servers import server
 from made_run import simspec
 from mosquitto import certificate, needs_mosquitto, open_mosquitto
+from own_network import call_in_own_network
 
 from agent_adapters.mqtt.__main__ import _open_agent
 from agent_adapters.mqtt._broker import Account, BrokerAddress, broker_address, open_own_broker
 from agent_adapters.mqtt._connection import open_connection
 from agent_adapters.mqtt._topics import MirroredTopics
 from bench.agents import open_agent
+from bench.campaign.execution._flight import AgentStarter
 from bench.cli._app import run
 from bench.contracts import AgentManifest, MissionOrder, Outcome, Record, VehicleTopics
 from bench.errors import LinkLost, SetupError
@@ -80,6 +82,20 @@ def flown(
         ),
         pace=("lockstep",),
     )
+    # A network of the session's own: the bridge reaches itself over TCP.
+    return call_in_own_network(
+        folder, fly_manifest, manifest, services, home or folder, folder / "scratch", changes
+    )
+
+
+def fly_manifest(
+    manifest: AgentManifest,
+    services: tuple[OutsideService, ...],
+    home: Path,
+    scratch: Path,
+    changes: dict[str, Any],
+) -> tuple[SessionEnd, list[Record], str]:
+    """The session of `flown`, in this process."""
     # So long that no test meets one by a slow host.
     budgets = {"wall_s": 3600.0, "reply_s": 600.0, "connect_s": 600.0}
     made: dict[str, Any] = {
@@ -90,10 +106,9 @@ def flown(
     }
     spec = simspec(**{**made, **changes})
     records: list[Record] = []
-    end = run_session(
-        SessionPlan(spec, manifest, home or folder, open_agent, folder / "scratch", records.append)
-    )
-    return end, records, (folder / "scratch" / "agent.log").read_text()
+    starter = AgentStarter(open_agent)
+    end = run_session(SessionPlan(spec, manifest, home, starter.open, scratch, records.append))
+    return end, records, (starter.output or b"").decode()
 
 
 def use_of(output: str) -> dict[str, Any]:

@@ -1,9 +1,4 @@
-"""Runs the escape probe on one rung, in a process of its own, with things planted outside for it to find.
-
-`python self_test.py RUNG[+fork] OWN_NETWORK [IMAGE]`, where OWN_NETWORK is 0 or 1 and IMAGE is for the rung
-`container`; with `+fork` the probe is forked from a warm interpreter. Prints a JSON object: `gaps` by wall, and
-`host`, the facts of this host that decide which walls are to hold.
-"""
+"""Runs the escape probe on one rung, with things planted outside for it to find."""
 
 from __future__ import annotations
 
@@ -20,18 +15,20 @@ import time
 import uuid
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from host_image import PYTHON
+from rungs import rung_or_skip
 
 from bench.agents import open_agent
-from bench.agents.confinement import this_host
+from bench.agents.confinement import Host, rungs, this_host
 from bench.contracts import AgentEndpoints, AgentLimits, AgentManifest, AgentPlan
-from bench.network_namespace import enter_network_namespace
-from bench.simspec import Isolation, Point, Polygon, SimSpec, World
+from bench.network_namespace import namespace_fault
+from bench.simspec import Point, Polygon, SimSpec, World
 
+# Behind the name of a rung: the probe is forked from a warm interpreter.
+FORKED = "+fork"
 LIMITS = AgentLimits(memory_mb=192, processes=48, scratch_mb=4, file_mb=2)
 PATIENCE_S = 90.0
 # A watch looks ten times a second: time enough on a busy host.
@@ -92,35 +89,37 @@ def serve_echo(echo: socket.socket) -> None:
             echo.sendto(data, address)
 
 
-def main() -> None:
-    """Plant, probe, and print what was found."""
-    name, _, fork = sys.argv[1].partition("+")
-    rung: Isolation = name  # type: ignore[assignment]  # checked by the manifest
-    with planted() as canaries, tempfile.TemporaryDirectory() as scratch:
-        # Root gives the agent a user of its own only where that one can reach its program.
-        Path(scratch).chmod(0o755)
-        # What was opened above is outside of it; a worker enters at its start too.
-        own_network = sys.argv[2] == "1" and enter_network_namespace() is None
-        probe = shutil.copy(Path(__file__).with_name("escape_probe.py"), scratch)
-        home = Path(scratch, "home")
-        own_root = rung in ("bwrap", "container")
-        canaries["writable"] = ["/tmp", "/dev/shm", "/scratch"] if own_root else [str(home)]
-        image = sys.argv[3] if rung == "container" else ""
+def gaps_of(
+    rung: str, canaries: dict[str, Any], folder: Path, image: str = ""
+) -> tuple[dict[str, list[str]], Host]:
+    """The gaps that the probe finds by wall, and the host that it ran on. `folder` is for the probe, and one more like it for
+    what the bench keeps for it.
+    """
+    name, _, fork = rung.partition(FORKED)
+    own_network = namespace_fault() is None
+    # Root gives the agent a user of its own only where that one can reach its program.
+    folder.mkdir(mode=0o755)
+    with rung_or_skip(name) as isolation:
+        probe = shutil.copy(Path(__file__).with_name("escape_probe.py"), folder)
+        place = rungs()[isolation].place(folder / "scratch")
+        in_memory = [] if place.home.startswith(str(folder)) else ["/tmp", "/dev/shm"]
         manifest = AgentManifest(
             name="probe",
             command=("{python}", str(probe))
             if fork
             else (PYTHON if image else "{python}", "-I", "-S", str(probe)),
             reset="fork" if fork else "process",
-            environment={"PROBE": json.dumps(canaries)},
-            isolation=rung,
+            environment={"PROBE": json.dumps({**canaries, "writable": [*in_memory, place.home]})},
+            isolation=isolation,
             image=image,
             limits=LIMITS,
             zenoh=False,
         )
         corners = tuple(Point(east_m=e, north_m=n) for e, n in ((0, 0), (100, 0), (100, 100)))
         spec = SimSpec(name="probed", world=World(area=Polygon(corners=corners)))
-        plan = AgentPlan(manifest, Path(scratch), spec, AgentEndpoints({}, None, "", "", 0, None), home)
+        plan = AgentPlan(
+            manifest, folder, spec, AgentEndpoints({}, None, "", "", 0, None), folder / "scratch"
+        )
         with open_agent(plan) as agent:
             deadline = time.monotonic() + PATIENCE_S
             while agent.output_tail().count("}\n") < 2 and agent.exit_code() is None:
@@ -128,7 +127,7 @@ def main() -> None:
                 time.sleep(0.01)
             own_user, limit = agent.own_user, agent.exceeded_limit()
             assert agent.is_forked == bool(fork)
-        output = (home / "agent.log").read_text()
+        output = agent.output().decode()
         assert output.startswith("{"), output
         gaps: dict[str, list[str]] = {}
         for line in output.splitlines():
@@ -137,8 +136,7 @@ def main() -> None:
             gaps["DISK"] = []
         gaps["USER"] = [] if own_user else ["the user of the bench"]
         gaps["DAEMONS"] = left_behind(canaries["word"][:15])
-    host = this_host(own_network=own_network, own_user=own_user)
-    print(json.dumps({"gaps": gaps, "host": asdict(host)}))
+        return gaps, this_host(own_network=own_network, own_user=own_user)
 
 
 def left_behind(name: str) -> list[str]:
@@ -150,7 +148,3 @@ def left_behind(name: str) -> list[str]:
                 found.append(path.parent.name)
                 os.kill(int(path.parent.name), 9)
     return found
-
-
-if __name__ == "__main__":
-    main()

@@ -1,21 +1,17 @@
-"""Flies an agent that asks two services of the host, and looks for a third that is not let in, on each rung.
-
-`python service_flights.py OWN_NETWORK FOLDER IMAGE PYTHON HOST PORT HIDDEN`, in a process of its own, because a network
-namespace is entered once. PYTHON is in the IMAGE, without which the rung `container` is left out. HOST is a name of this
-host; the services are at its PORT and at the same port of OTHER_HOST. Prints a JSON object by rung: what the agent
-reached, how the session ended, and what was counted; the reason where a rung cannot start.
-"""
+"""Flies an agent that asks two services of the host, and looks for a third that is not let in, on each rung."""
 
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
+from typing import Any
+
+import pytest
+from rungs import EVERY, rung_or_skip
 
 from bench.agents import open_agent
-from bench.agents.confinement import rungs
+from bench.campaign.execution._flight import AgentStarter
 from bench.contracts import AgentManifest, Record
-from bench.network_namespace import enter_network_namespace
 from bench.simspec import (
     ActorGroup,
     AgentSpec,
@@ -67,21 +63,25 @@ print(json.dumps(answers))
 """
 
 
-def main() -> None:
-    """Fly on each rung, and print."""
-    own_network, folder, image, python, host, *ports = sys.argv[1:]
-    fault = enter_network_namespace() if own_network == "1" else "not asked for"
-    report: dict[str, object] = {"fault": fault}
-    for name, rung in rungs().items():
-        reason = "no image" if name == "container" and not image else rung.trial()
-        report[name] = (
-            {"reason": reason} if reason else flown(name, Path(folder, name), image, [python, host, *ports])
-        )
-    print(json.dumps(report))
+def flights(folder: Path, image: str, words: list[str]) -> dict[str, dict[str, Any]]:
+    """By rung: what the agent reached, how the session ended, and what was counted; the reason where a rung cannot start.
+
+    `words`: a Python that is in the `image`, without which the rung `container` is left out; a name of this host; the port
+    of the services there and at OTHER_HOST, and that of the third.
+    """
+    report = {}
+    for name in (*EVERY, "container"):
+        try:
+            report[name] = flown(name, folder / name, image, words)
+        except pytest.skip.Exception as reason:
+            report[name] = {"reason": str(reason)}
+    return report
 
 
-def flown(rung: str, folder: Path, image: str, words: list[str]) -> dict[str, object]:
+def flown(rung: str, folder: Path, image: str, words: list[str]) -> dict[str, Any]:
     """One session on a rung."""
+    if rung == "container" and not image:
+        pytest.skip("no image")
     python, host, *ports = words
     manifest = AgentManifest.model_validate(
         {
@@ -96,7 +96,6 @@ def flown(rung: str, folder: Path, image: str, words: list[str]) -> dict[str, ob
                 OTHER_HOST,
                 *ports,
             ),
-            "isolation": rung,
             "image": image if rung == "container" else "",
             "zenoh": False,
         }
@@ -121,14 +120,15 @@ def flown(rung: str, folder: Path, image: str, words: list[str]) -> dict[str, ob
     )
     folder.mkdir()
     records: list[Record] = []
-    end = run_session(SessionPlan(spec, manifest, folder, open_agent, folder / "scratch", records.append))
-    log = (folder / "scratch" / "agent.log").read_text()
+    starter = AgentStarter(open_agent)
+    with rung_or_skip(rung) as isolation:
+        confined = manifest.model_copy(update={"isolation": isolation})
+        end = run_session(
+            SessionPlan(spec, confined, folder, starter.open, folder / "scratch", records.append)
+        )
+    log = (starter.output or b"").decode()
     return {
         "outcome": end.outcome,
         "reached": json.loads(log) if log.startswith("{") else log,
         "uses": [use.model_dump() for use in end.services],
     }
-
-
-if __name__ == "__main__":
-    main()

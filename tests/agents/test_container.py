@@ -80,7 +80,7 @@ def test_two_agents_in_two_images(engine: Path, tmp_path: Path) -> None:
             until(lambda agent=agent: agent.exit_code() is not None)  # type: ignore[misc]
             assert agent.exit_code() == number
             assert agent.exceeded_limit() == ""
-        assert (scratch / "agent.log").read_text() == "udpin:127.0.0.1:14540 /scratch fast\n"
+        assert agent.output().decode() == "udpin:127.0.0.1:14540 /scratch fast\n"
     assert list(engine.glob("*.json")) == []
 
 
@@ -113,7 +113,7 @@ def test_the_engine_ends_what_still_runs(engine: Path, tmp_path: Path) -> None:
         until(lambda: agent.usage().cpu_s > 0.02)
         assert [path.stem for path in engine.glob("*-999999.json")]
         assert not (engine / f"rebar-agent-{gone.pid}-0.json").exists()
-    assert (tmp_path / "a" / "agent.log").read_text() == "asked\n"
+    assert agent.output() == b"asked\n"
     assert len(list(engine.glob("*.json"))) == 1
 
 
@@ -166,7 +166,7 @@ def test_the_engine_of_this_host(tmp_path: Path) -> None:
         with open_agent(replace(agent_plan, manifest=small)) as agent:
             until(lambda: agent.exit_code() is not None)
             end = agent.exit_code(), agent.exceeded_limit()
-        return *end, (tmp_path / part / "agent.log").read_text()
+        return *end, agent.output().decode()
 
     assert ended("a", "/bin/sh", "-c", "echo $REBAR_MAVLINK $HOME; exit 3") == (
         3,

@@ -9,12 +9,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from rungs import CONFINING, rung_or_skip
 
 from bench.agents import LocalProcess, open_agent
-from bench.agents.confinement import rungs
 from bench.contracts import AgentManifest, AgentPlan, AgentProcess, Outcome
 from bench.realization import place
-from bench.simspec import Isolation, load_simspec
+from bench.simspec import load_simspec
 from bench.simulation import SessionEnd, SessionPlan, run_session
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
@@ -36,11 +36,9 @@ def agent_itself(agent: LocalProcess) -> int:
 
 
 def end_of_killed(
-    isolation: Isolation, chosen: Callable[[LocalProcess], int], number: signal.Signals, folder: Path
+    rung: str, chosen: Callable[[LocalProcess], int], number: signal.Signals, folder: Path
 ) -> SessionEnd:
     """A session whose agent, which waits for ever, or a process around it gets a signal."""
-    if reason := rungs()[isolation].trial():
-        pytest.skip(f"{isolation} cannot start here: {reason}")
 
     @contextmanager
     def open_and_kill(plan: AgentPlan) -> Generator[AgentProcess]:
@@ -52,14 +50,21 @@ def end_of_killed(
     spec = load_simspec(EXAMPLE)
     pace = spec.pace.model_copy(update={"mode": "lockstep"})
     code = "import time; time.sleep(600)"
-    manifest = AgentManifest(
-        name="idle", command=("{python}", "-IS", "-c", code), pace=("lockstep",), isolation=isolation
-    )
     placed = place(spec.model_copy(update={"pace": pace}))
-    plan = SessionPlan(
-        placed, manifest, folder, open_and_kill, folder / "agent", lambda record: None, memory_kills=lambda: 0
-    )
-    return run_session(plan)
+    with rung_or_skip(rung) as isolation:
+        manifest = AgentManifest(
+            name="idle", command=("{python}", "-IS", "-c", code), pace=("lockstep",), isolation=isolation
+        )
+        plan = SessionPlan(
+            placed,
+            manifest,
+            folder,
+            open_and_kill,
+            folder / "agent",
+            lambda record: None,
+            memory_kills=lambda: 0,
+        )
+        return run_session(plan)
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
@@ -72,8 +77,8 @@ def test_a_box_that_is_killed_is_no_crash_of_its_agent(number: signal.Signals, t
     assert not end.traceback
 
 
-@pytest.mark.parametrize("isolation", ["bwrap", "landlock"])
-def test_an_agent_that_is_killed_might_have_done_it_itself(isolation: Isolation, tmp_path: Path) -> None:
-    end = end_of_killed(isolation, agent_itself, signal.SIGKILL, tmp_path)
+@pytest.mark.parametrize("rung", CONFINING)
+def test_an_agent_that_is_killed_might_have_done_it_itself(rung: str, tmp_path: Path) -> None:
+    end = end_of_killed(rung, agent_itself, signal.SIGKILL, tmp_path)
     assert end.outcome is Outcome.AGENT_CRASHED, end.reason
     assert "ended with signal 9" in end.reason

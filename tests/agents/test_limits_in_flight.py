@@ -5,17 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from rungs import BARE, CONFINING, rung_or_skip
 
 from bench.agents import open_agent
 from bench.agents.confinement import Host, this_host
-from bench.agents.confinement import rungs as all_rungs
 from bench.contracts import AgentLimits, AgentManifest, Outcome, Record
 from bench.realization import place
-from bench.simspec import Isolation, load_simspec
+from bench.simspec import load_simspec
 from bench.simulation import SessionEnd, SessionPlan, run_session
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
-RUNGS: tuple[Isolation, ...] = ("bwrap", "landlock")
 
 # Each child stays under the limit of one process; all of them together do not. The parent waits for a child that is
 # killed, and ends as shells do.
@@ -54,42 +53,43 @@ time.sleep(60)
 """
 
 
-def flown(code: str, isolation: Isolation, folder: Path) -> SessionEnd:
+def flown(code: str, rung: str, folder: Path) -> SessionEnd:
     """The end of a session whose agent is this Python code, with room for 96 MB, 24 processes and 8 MB of files."""
-    if reason := all_rungs()[isolation].trial():
-        pytest.skip(f"{isolation} cannot start here: {reason}")
     spec = load_simspec(EXAMPLE)
     pace = spec.pace.model_copy(update={"mode": "lockstep"})
     manifest = AgentManifest(
         name="hog",
         command=("{python}", "-I", "-S", "-c", code),
         pace=("lockstep",),
-        isolation=isolation,
         limits=AgentLimits(memory_mb=96, processes=24, scratch_mb=8),
     )
     records: list[Record] = []
     placed = place(spec.model_copy(update={"pace": pace}))
-    return run_session(SessionPlan(placed, manifest, folder, open_agent, folder / "agent", records.append))
+    with rung_or_skip(rung) as isolation:
+        confined = manifest.model_copy(update={"isolation": isolation})
+        return run_session(
+            SessionPlan(placed, confined, folder, open_agent, folder / "agent", records.append)
+        )
 
 
 def host_of_agents() -> Host:
     return this_host(own_network=True)
 
 
-@pytest.mark.parametrize("isolation", RUNGS)
-def test_memory_of_all_processes_together(isolation: Isolation, tmp_path: Path) -> None:
+@pytest.mark.parametrize("rung", CONFINING)
+def test_memory_of_all_processes_together(rung: str, tmp_path: Path) -> None:
     """The kernel kills it, and the outcome names the agent and its limit, not the host."""
     if not host_of_agents().memory_groups:
         pytest.skip("this process may make no control group with a limit on memory")
-    end = flown(MEMORY_HOG, isolation, tmp_path)
+    end = flown(MEMORY_HOG, rung, tmp_path)
     assert end.outcome is Outcome.AGENT_CRASHED, end.reason
     assert "used more than its limit of 96 MB of memory" in end.reason
 
 
-@pytest.mark.parametrize("isolation", RUNGS)
-def test_memory_of_one_process(isolation: Isolation, tmp_path: Path) -> None:
+@pytest.mark.parametrize("rung", CONFINING)
+def test_memory_of_one_process(rung: str, tmp_path: Path) -> None:
     """No control group is needed; the agent is refused more, and its last words say so."""
-    end = flown(ONE_LARGE_PROCESS, isolation, tmp_path)
+    end = flown(ONE_LARGE_PROCESS, rung, tmp_path)
     assert end.outcome is Outcome.AGENT_CRASHED, end.reason
     assert "MemoryError" in end.reason or "96 MB of memory" in end.reason
 
@@ -97,25 +97,23 @@ def test_memory_of_one_process(isolation: Isolation, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("code", "words"), [(FORK_BOMB, "temporarily unavailable"), (THREADS, "start new thread")]
 )
-@pytest.mark.parametrize("isolation", RUNGS)
-def test_too_many_processes_and_threads(code: str, words: str, isolation: Isolation, tmp_path: Path) -> None:
+@pytest.mark.parametrize("rung", CONFINING)
+def test_too_many_processes_and_threads(code: str, words: str, rung: str, tmp_path: Path) -> None:
     """The next one is refused, and the agent ends by it."""
     host = host_of_agents()
     if host.root and not host.process_groups:
         pytest.skip(
             "the root user's processes are counted by control groups alone, which this process may not make"
         )
-    end = flown(code, isolation, tmp_path)
+    end = flown(code, rung, tmp_path)
     assert end.outcome is Outcome.AGENT_CRASHED, end.reason
     assert words in end.reason
 
 
-@pytest.mark.parametrize(
-    ("isolation", "words"),
-    [("bwrap", "No space left on device"), ("landlock", "used more than its limit of 8 MB in its folder")],
-)
-def test_a_full_folder(isolation: Isolation, words: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("rung", CONFINING)
+def test_a_full_folder(rung: str, tmp_path: Path) -> None:
     """Refused by the file system, or killed by the watch: the outcome names it."""
-    end = flown(FILL_DISK, isolation, tmp_path)
+    words = "used more than its limit of 8 MB in its folder" if rung == BARE else "No space left on device"
+    end = flown(FILL_DISK, rung, tmp_path)
     assert end.outcome is Outcome.AGENT_CRASHED, end.reason
     assert words in end.reason

@@ -10,7 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from bench.agents.confinement._landlock_launch import LEAST_FILE_BYTES, used_bytes
+from bench.agents.confinement._landlock_launch import (
+    LEAST_FILE_BYTES,
+    MAX_FOLDER_DEPTH,
+    TooDeep,
+    used_bytes,
+)
 
 MEBIBYTE = 1 << 20
 PLENTY = 1 << 40
@@ -68,15 +73,32 @@ def test_a_deleted_file_counts_while_a_child_holds_it(tmp_path: Path, holder: su
     assert used_here(tmp_path) == 0
 
 
-def test_a_folder_that_cannot_be_read_is_told(tmp_path: Path) -> None:
-    """A path that is too long for the system hides a folder as well as a mode does, also from root."""
-    name = "d" * 255
+@pytest.mark.parametrize("name", ["d", "d" * 255])
+def test_folders_in_one_another_are_bounded(tmp_path: Path, name: str) -> None:
+    """By their number, with paths that the system takes and with longer ones; up to it they count as any other."""
     held = os.open(tmp_path, os.O_RDONLY)
-    for _ in range(20):
+    depths = []
+    for depth in range(1, MAX_FOLDER_DEPTH + 2):
         os.mkdir(name, dir_fd=held)
         deeper = os.open(name, os.O_RDONLY, dir_fd=held)
         os.close(held)
         held = deeper
+        if depth in (MAX_FOLDER_DEPTH - 1, MAX_FOLDER_DEPTH):
+            depths.append(used_here(tmp_path))
     os.close(held)
-    with pytest.raises(OSError, match="name too long"):
+    assert depths == [(MAX_FOLDER_DEPTH - 1) * LEAST_FILE_BYTES, MAX_FOLDER_DEPTH * LEAST_FILE_BYTES]
+    with pytest.raises(TooDeep):
         used_here(tmp_path)
+
+
+def test_a_link_that_appears_in_the_place_of_a_folder_is_not_followed(tmp_path: Path) -> None:
+    """Neither one out of the folder nor one into it."""
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    (outside / "large").write_bytes(bytes(MEBIBYTE))
+    watched = tmp_path / "watched"
+    watched.mkdir()
+    (watched / "link").symlink_to(outside)
+    assert used_here(watched) == LEAST_FILE_BYTES
+    with pytest.raises(OSError, match="Not a directory"):
+        used_here(watched / "link")

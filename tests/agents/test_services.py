@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import socket
-import subprocess
-import sys
 from contextlib import ExitStack, suppress
 from functools import cache
 from pathlib import Path
@@ -13,15 +10,18 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
+import service_flights
 from host_image import PYTHON, image_or_skip
 from host_servers import LOCALHOST, answer_page, echo, server
+from own_network import call_in_own_network
+from rungs import BARE, EVERY
 from service_flights import OTHER_HOST
 
 from bench.agents.confinement import Box, Wall, leaves_open, rungs, this_host
 
 HERE = Path(__file__).parent
 ALWAYS = {"web", "raw"}
-OWN_FILES = {"bwrap", "container"}
+OWN_FILES = {"bwrap", "landlock", "container"}
 
 
 def host_name() -> tuple[str, str] | None:
@@ -33,38 +33,23 @@ def host_name() -> tuple[str, str] | None:
 
 
 @cache
-def flights(own_network: bool) -> dict[str, Any]:
-    """What `service_flights.py` prints, for all rungs at once: its start costs more than a session."""
+def flights(own_network: bool) -> dict[str, dict[str, Any]]:
+    """Of all rungs at once: the start of a process costs more than a session."""
     named = host_name()
     if named is None:
         pytest.skip("this host has no name that resolves")
     name, address = named
     with ExitStack() as stack:
-        folder = stack.enter_context(TemporaryDirectory())
+        folder = Path(stack.enter_context(TemporaryDirectory()))
         # Root gives the agent a user of its own only where that one can reach its folder.
-        Path(folder).chmod(0o755)
+        folder.chmod(0o755)
         port = stack.enter_context(server(answer_page, address))
         # Two services on one port, and a third server that nobody lets in.
         servers = [stack.enter_context(server(echo, OTHER_HOST, port)), stack.enter_context(server(echo))]
-        done = subprocess.run(
-            [
-                sys.executable,
-                str(HERE / "service_flights.py"),
-                str(int(own_network)),
-                folder,
-                _image(),
-                PYTHON,
-                name,
-                *map(str, servers),
-            ],
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=300,
-        )
-    assert done.returncode == 0, done.stderr
-    report: dict[str, Any] = json.loads(done.stdout)
-    return report
+        arguments = (folder, _image(), [PYTHON, name, *map(str, servers)])
+        if own_network:
+            return call_in_own_network(folder, service_flights.flights, *arguments)
+        return service_flights.flights(*arguments)
 
 
 def _image() -> str:
@@ -75,17 +60,14 @@ def _image() -> str:
 
 
 def flight(rung: str, own_network: bool) -> dict[str, Any]:
-    report = flights(own_network)
-    if own_network and report["fault"] is not None:
-        pytest.skip(f"this host gives no network namespace: {report['fault']}")
-    if reason := report[rung].get("reason"):
-        pytest.skip(f"{rung} cannot start here: {reason}")
-    flown: dict[str, Any] = report[rung]
+    flown = flights(own_network)[rung]
+    if reason := flown.get("reason"):
+        pytest.skip(reason)
     return flown
 
 
 @pytest.mark.parametrize("own_network", [True, False])
-@pytest.mark.parametrize("rung", ["none", "landlock", "bwrap", "container"])
+@pytest.mark.parametrize("rung", [*EVERY, "container"])
 def test_an_agent_reaches_its_services_and_nothing_else(rung: str, own_network: bool) -> None:
     """By their variables on every rung; by their usual addresses where the session has a network of its own, and by a
     name of the host where the agent has files of its own too. The server that is not let in is reached exactly where
@@ -93,21 +75,24 @@ def test_an_agent_reaches_its_services_and_nothing_else(rung: str, own_network: 
     """
     flown = flight(rung, own_network)
     reached = {name for name, answer in flown["reached"].items() if answer is not None}
-    open_tcp = Wall.TCP in leaves_open(rung, this_host(own_network=own_network))
+    isolation = "landlock" if rung == BARE else rung
+    open_tcp = Wall.TCP in leaves_open(isolation, this_host(own_network=own_network))
     expected = set(ALWAYS)
     if own_network:
         expected |= {"raw by address"} | ({"web by name"} if rung in OWN_FILES else set())
-        assert not open_tcp or rung == "none"
+        assert not open_tcp
     elif open_tcp:
         # The host's network itself, where the table says so. Engines copy the names of the host into a container.
-        expected |= {"raw by address", "hidden"} | (set() if rung == "bwrap" else {"web by name"})
+        expected |= {"raw by address", "hidden"} | (
+            set() if rung in ("bwrap", "landlock") else {"web by name"}
+        )
     assert reached == expected
     assert {flown["reached"][name] for name in ALWAYS} == {"map", "ping"}
     assert flown["outcome"] == "completed"
 
 
 @pytest.mark.parametrize("own_network", [True, False])
-@pytest.mark.parametrize("rung", ["none", "landlock", "bwrap", "container"])
+@pytest.mark.parametrize("rung", [*EVERY, "container"])
 def test_what_went_over_each_service_is_counted(rung: str, own_network: bool) -> None:
     """Once for each way in which the agent came; a connection that it left open counts."""
     flown = flight(rung, own_network)

@@ -6,17 +6,18 @@ import json
 import os
 import signal
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from pydantic import ValidationError
+from rungs import BARE, rung_or_skip
 
 from agent_adapters.manifests import null_random
-from bench import fly_realization
 from bench.agents import LocalProcess, open_agent
-from bench.agents.confinement import rungs
 from bench.campaign import load_measurable_decomposition
+from bench.campaign.execution._flight import fly_here
 from bench.contracts import AgentEndpoints, AgentManifest, AgentPlan, Outcome
 from bench.realization import place
 from bench.recording import read_metadata, read_records
@@ -49,10 +50,10 @@ print(json.dumps({"state": state, "draws": draws}))
 """
 
 
-@pytest.fixture(autouse=True)
-def _landlock() -> None:
-    if reason := rungs()["landlock"].trial():
-        pytest.skip(f"landlock cannot start here: {reason}")
+@pytest.fixture(autouse=True, params=["landlock", BARE])
+def _landlock(request: pytest.FixtureRequest) -> Iterator[None]:
+    with rung_or_skip(request.param):
+        yield
 
 
 def plan(folder: Path, script: str, reset: str = "fork", **fields: Any) -> AgentPlan:
@@ -79,7 +80,7 @@ def run(started: AgentPlan) -> tuple[int, str, bool]:
     """Exit code, output, and whether it was forked."""
     with open_agent(started) as agent:
         code, is_forked = awaited_code(agent), agent.is_forked
-    return code, (started.scratch / "agent.log").read_text(), is_forked
+    return code, agent.output().decode(), is_forked
 
 
 def test_a_forked_agent_finds_what_a_fresh_one_finds_each_time(tmp_path: Path) -> None:
@@ -142,7 +143,7 @@ def test_a_session_of_a_fork_is_the_session_and_says_so(tmp_path: Path) -> None:
         manifest.write_text(shipped.replace("reset: process", f"reset: {reset}\nisolation: landlock"))
         agent = placed.agent.model_copy(update={"manifest": str(manifest)})
         flown = placed.model_copy(update={"agent": agent})
-        result = fly_realization(flown, decomposition, tmp_path / reset, reset)
+        result = fly_here(flown, decomposition, tmp_path / reset, reset)
         assert result.outcome is Outcome.TIME_LIMIT, result.reason
         recording = tmp_path / reset / "recording.mcap"
         expected = {"reset": "fork"} if reset == "fork" else {}

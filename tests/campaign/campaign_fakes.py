@@ -71,6 +71,11 @@ def fake_flight(simspec: SimSpec, decomposition: Script, folder: Path, realizati
             )
         case "exit":
             os._exit(3)
+        case "babble":
+            print("printed \x1b[2J\u202e –", flush=True)
+            # As a library in C does, which knows nothing of Python's streams.
+            os.write(2, b"written \x1b[2J\xff")
+            os._exit(3)
         case "segv":
             os.kill(os.getpid(), signal.SIGSEGV)
         case "hang":

@@ -14,7 +14,6 @@ from bench.campaign import (
     OpenExecutor,
     check_store,
     digest_of,
-    fly_realization,
     load_measurable_decomposition,
     open_dask,
     read_result,
@@ -28,6 +27,7 @@ from bench.campaign import (
 )
 from bench.campaign.execution._cluster_task import ClusterTask
 from bench.campaign.execution._dask_task import _stored
+from bench.campaign.execution._flight import fly_here
 from bench.campaign.execution._task import FORFEIT_JOB
 from bench.campaign.storage._dropped import (
     DroppedRecording,
@@ -137,7 +137,7 @@ def test_a_run_is_measured_from_where_its_recording_lies(tmp_path: Path, memory:
     places = []
     for number in (1, 2):
         run = tmp_path / str(number) / "run"
-        result = fly_realization(
+        result = fly_here(
             spec.model_copy(update={"seeds": spec.seeds.model_copy(update={"root": number})}),
             DECOMPOSITION,
             run,

@@ -16,7 +16,8 @@ from host_servers import LOCALHOST, echo, server
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from bench.campaign import fly_realization, load_measurable_decomposition, rescore, write_result
+from bench.campaign import load_measurable_decomposition, rescore, write_result
+from bench.campaign.execution._flight import fly_here
 from bench.contracts import Outcome, SessionResult, services_of
 from bench.errors import SetupError
 from bench.realization import place
@@ -39,7 +40,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, Ses
     runs = {}
     for agent in ("reference-naive", "reference-bystander-aware"):
         folder = tmp_path_factory.mktemp(agent)
-        runs[agent] = folder, fly_realization(scene(agent), DECOMPOSITION, folder, agent)
+        runs[agent] = folder, fly_here(scene(agent), DECOMPOSITION, folder, agent)
     return runs
 
 
@@ -90,9 +91,9 @@ def test_the_same_flight_in_another_process_is_the_same_file(
 ) -> None:
     """Same SimSpec and seed in lockstep: the recording is the same, bit for bit, in a process of its own."""
     code = (
-        "import sys; from pathlib import Path; from bench.campaign import fly_realization, load_measurable_decomposition; from bench.simspec import load_simspec;"
+        "import sys; from pathlib import Path; from bench.campaign.execution._flight import fly_here; from bench.campaign import load_measurable_decomposition; from bench.simspec import load_simspec;"
         "folder = Path(sys.argv[2]);"
-        "print(fly_realization(load_simspec(sys.argv[1]), load_measurable_decomposition('search-and-report'), folder, 'again').recording_sha256)"
+        "print(fly_here(load_simspec(sys.argv[1]), load_measurable_decomposition('search-and-report'), folder, 'again').recording_sha256)"
     )
     folder, first = flown["reference-naive"]
     process = subprocess.run(
@@ -157,7 +158,7 @@ def fly_until(spec: SimSpec, end_s: float, folder: Path) -> None:
     """
     loss = Failure(at_s=end_s, kind="motor_off", instance=1)
     vehicle = spec.vehicle.model_copy(update={"failures": (loss,)})
-    result = fly_realization(spec.model_copy(update={"vehicle": vehicle}), DECOMPOSITION, folder, "part")
+    result = fly_here(spec.model_copy(update={"vehicle": vehicle}), DECOMPOSITION, folder, "part")
     assert result.outcome is Outcome.VEHICLE_CRASHED, result.reason
 
 
@@ -199,11 +200,11 @@ def test_what_cannot_be_placed_or_found_is_a_result(tmp_path: Path) -> None:
         g.model_copy(update={"count": 5000, "density_per_km2": None}) if g.id == "neighbours" else g
         for g in spec.actors
     )
-    result = fly_realization(spec.model_copy(update={"actors": crowd}), DECOMPOSITION, tmp_path / "a", "a")
+    result = fly_here(spec.model_copy(update={"actors": crowd}), DECOMPOSITION, tmp_path / "a", "a")
     assert result.outcome is Outcome.PLACEMENT_INFEASIBLE
     assert "neighbours" in result.reason
     unknown = spec.model_copy(update={"agent": AgentSpec(manifest="nobody")})
-    result = fly_realization(unknown, DECOMPOSITION, tmp_path / "b", "b")
+    result = fly_here(unknown, DECOMPOSITION, tmp_path / "b", "b")
     assert result.outcome is Outcome.SETUP_INVALID
     assert "reference-naive" in result.reason
 
@@ -224,7 +225,7 @@ def test_an_agent_that_crashes_is_scored_on_what_was(tmp_path: Path) -> None:
         )
         agent = AgentSpec(manifest=str(manifest), services=services)
         spec = scene().model_copy(update={"agent": agent})
-        result = fly_realization(spec, DECOMPOSITION, tmp_path / "run", "crash")
+        result = fly_here(spec, DECOMPOSITION, tmp_path / "run", "crash")
     assert result.outcome is Outcome.AGENT_CRASHED
     assert [(use.name, use.connections) for use in services_of(result.details)] == [("llm", 0), ("map", 0)]
     assert "services" not in read_metadata(tmp_path / "run" / "recording.mcap")["rebar.session"]
@@ -243,7 +244,7 @@ def test_a_recording_that_was_changed_is_not_scored_under_its_old_result(tmp_pat
         "name: crash\npace: [lockstep]\ncommand: ['{python}', -m, bench.testing.agent, --behaviour, crash]\n"
     )
     run = tmp_path / "run"
-    write_result(run, fly_realization(scene(str(manifest)), DECOMPOSITION, run, "crash"))
+    write_result(run, fly_here(scene(str(manifest)), DECOMPOSITION, run, "crash"))
     assert rescore(run, DECOMPOSITION).outcome is Outcome.AGENT_CRASHED
     recording = run / "recording.mcap"
     recording.write_bytes(recording.read_bytes()[:-100])

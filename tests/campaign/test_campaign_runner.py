@@ -160,6 +160,20 @@ def test_bad_sessions_cost_themselves_only(tmp_path: Path) -> None:
     )
 
 
+def test_the_last_words_of_a_worker_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the result and the journal, and what Python wrote in the log too, also where its encoding lacks a sign."""
+    monkeypatch.setenv("PYTHONIOENCODING", "ascii")
+    fly(tmp_path, script=Script({"p001-r1-fake": "babble"}), workers=2)
+
+    printed, written = "printed \\x1b[2J\\u202e -", "written \\x1b[2J\ufffd"
+    result = read_result(tmp_path / "runs" / "p001-r1-fake", "p001-r1-fake")
+    assert result is not None
+    for reason in (result.reason, entries(tmp_path)["p001-r1-fake"].reason):
+        assert reason.endswith(f"ended with code 3; its last output: {printed}\n{written}")
+    logs = [path.read_bytes() for path in (tmp_path / "logs").iterdir()]
+    assert [log for log in logs if printed.encode() in log]
+
+
 def test_a_retry_may_succeed(tmp_path: Path) -> None:
     """A lost worker that does not come back leaves a completed run and a second attempt in the journal. In
     between, real workers wait for a pause of the real clock with nothing else to do.

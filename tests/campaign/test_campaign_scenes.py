@@ -19,11 +19,11 @@ from campaign_fakes import Script, small_campaign
 
 from bench.campaign import (
     CampaignFolder,
-    fly_realization,
     load_measurable_decomposition,
     open_journal,
     write_scenes,
 )
+from bench.campaign.execution._flight import fly_here
 from bench.campaign.execution._parallel import open_helpers
 from bench.campaign.execution._task import WorkersUnusable
 from bench.campaign.planning._plan import plan_campaign
@@ -78,9 +78,7 @@ def test_places_that_come_along_are_judged_before_they_are_flown(tmp_path: Path)
         update={"realized": placed.realized.model_copy(update={"actors": (first, onto)})}
     )
 
-    result = fly_realization(
-        broken, load_measurable_decomposition("search-and-report"), tmp_path / "run", "x"
-    )
+    result = fly_here(broken, load_measurable_decomposition("search-and-report"), tmp_path / "run", "x")
 
     assert result.outcome is Outcome.SETUP_INVALID
     assert "people-1 and people-2: are 0.000 m apart" in result.reason

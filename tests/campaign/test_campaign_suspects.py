@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from campaign_fakes import CONFINED, FORFEIT, Script, fly
+from campaign_fakes import CONFINED, FORFEIT, Script, fly, small_campaign
 from in_process_executor import open_in_process
 
 from bench.agents.confinement import rungs
@@ -20,8 +20,8 @@ from bench.campaign import (
     rescore,
     verify_folder,
 )
-from bench.campaign.execution._flight import fly_confined, fly_realization, forfeit_realization
-from bench.campaign.execution._suspects import SuspectWatch, is_chargeable, is_suspect
+from bench.campaign.execution._flight import fly_confined, fly_here, forfeit_realization
+from bench.campaign.execution._suspects import SuspectWatch, is_suspect
 from bench.contracts import SUSPECT, Outcome, SessionResult, open_walls_of, suspicions_of
 from bench.realization import place
 from bench.reporting import load_report_data, render_report
@@ -84,20 +84,6 @@ def test_the_rerun_of_a_suspect_is_confined_where_the_host_can(tmp_path: Path) -
         assert result.details.get("isolation") == ("bwrap" if suspect else None)
 
 
-def test_a_confined_rerun_that_is_lost_is_not_the_agent_s() -> None:
-    """Two are lost twice; the host confines the second attempts, and a worker that is gone cannot say so."""
-    watch = SuspectWatch(lambda: 0, confined_job=lambda: CONFINED)
-    for name in ("a", "b", "a", "b"):
-        assert watch.confined_job(name) == (
-            CONFINED if watch.marked(LOST.model_copy(update={"realization": name})).details else None
-        )
-        watch.record(LOST.model_copy(update={"realization": name}))
-    for name in ("a", "b"):
-        end = LOST.model_copy(update={"realization": name})
-        assert not watch.forfeits(end, bench_works=True)
-        assert len(suspicions_of(watch.marked(end).details)) == 1
-
-
 def test_a_confined_rerun_is_the_session_of_the_campaign(tmp_path: Path) -> None:
     """For real: the agent asks for no rung and gets one; SimSpec and recording are those of the unconfined session."""
     if all(rungs()[name].trial() is not None for name in ("bwrap", "landlock")):
@@ -107,7 +93,7 @@ def test_a_confined_rerun_is_the_session_of_the_campaign(tmp_path: Path) -> None
     agent = spec.agent.model_copy(update={"isolation": "none"})
     spec = place(spec.model_copy(update={"mission": mission, "agent": agent}))
     nodes = load_measurable_decomposition("search-and-report")
-    free = fly_realization(spec, nodes, tmp_path / "free", "run")
+    free = fly_here(spec, nodes, tmp_path / "free", "run")
     confined = fly_confined(spec, nodes, tmp_path / "confined", "run")
     assert free.details["isolation"] == "none"
     assert confined.details["isolation"] in ("bwrap", "landlock")
@@ -128,13 +114,21 @@ def test_once_is_marked_and_charged_to_nobody(tmp_path: Path) -> None:
     assert [len(suspicions_of(results[name].details)) for name in (FIRST, SECOND, THIRD)] == [1, 1, 0]
 
 
-def test_a_bug_of_the_bench_is_not_laid_on_the_agent(tmp_path: Path) -> None:
-    """A ValueError each time is ours, however often: missing, and suspect."""
-    summary, results = flown(tmp_path, {FIRST: "raise", SECOND: "rob"})
-    assert summary.completeness.missing == {Outcome.BENCH_ERROR: 1}
-    assert results[FIRST].outcome is Outcome.BENCH_ERROR
-    assert len(suspicions_of(results[FIRST].details)) == 2
-    assert results[SECOND].outcome is Outcome.AGENT_BROKE_BENCH
+@pytest.mark.parametrize("act", ["raise", "rob"])
+def test_a_fault_that_two_agents_meet_in_a_scene_is_laid_on_neither(tmp_path: Path, act: str) -> None:
+    """Whatever fails; what one of two agents alone meets, in another scene, is laid on that one."""
+    acts = {"p001-r1-first": act, "p001-r1-second": act, "p001-r2-second": act}
+    agents = tuple(AgentSpec(manifest=name) for name in ("first", "second"))
+    campaign = small_campaign(points=1, replicates=2).model_copy(update={"agents": agents})
+    summary = fly(tmp_path, campaign, Script(acts), open_executor=open_in_process(), forfeit_job=FORFEIT)
+    results = [read_result(CampaignFolder(tmp_path).run(name), name) for name in acts]
+    assert summary.outcomes[Outcome.AGENT_BROKE_BENCH] == 1
+    assert [len(suspicions_of(result.details)) for result in results if result] == [2, 2, 2]
+    assert [result.outcome is Outcome.AGENT_BROKE_BENCH for result in results if result] == [
+        False,
+        False,
+        True,
+    ]
 
 
 def test_a_host_without_memory_is_not_laid_on_the_agent(tmp_path: Path) -> None:
@@ -158,42 +152,41 @@ def test_a_worker_that_is_killed_each_time(tmp_path: Path) -> None:
     assert "was killed by SIGKILL" in end
 
 
-def ended(realization: str, outcome: Outcome, reason: str = "", **details: str) -> SessionResult:
+def ended(realization: str, outcome: Outcome, reason: str = "", **details: object) -> SessionResult:
     return SessionResult(realization=realization, outcome=outcome, reason=reason, details=details)
 
 
 LOST = ended("a", Outcome.WORKER_LOST, "the worker w1 was killed by SIGKILL")
 
 
+STARTED = {"isolation": "bwrap", "leaves_open": []}
+
+
 @pytest.mark.parametrize(
-    ("result", "suspect", "chargeable"),
+    ("result", "suspect"),
     [
-        (LOST, True, True),
-        (ended("a", Outcome.BENCH_ERROR, "ConnectionResetError: [Errno 104]"), True, True),
-        (ended("a", Outcome.BENCH_ERROR, "KeyError: 'x'"), True, False),
-        (ended("a", Outcome.BENCH_ERROR, "the vehicle model failed: no number"), True, False),
-        (ended("a", Outcome.BENCH_ERROR, "OSError: disk", isolation="bwrap"), False, False),
-        (ended("a", Outcome.BENCH_ERROR, "OSError: disk", isolation="none"), True, True),
-        (ended("a", Outcome.WALL_BUDGET, "killed"), False, False),
-        (ended("a", Outcome.AGENT_CRASHED, "OSError: of the agent"), False, False),
+        (LOST, True),
+        (ended("a", Outcome.BENCH_ERROR, "ConnectionResetError: [Errno 104]"), True),
+        (ended("a", Outcome.BENCH_ERROR, "KeyError: 'x'", **STARTED), True),
+        (ended("a", Outcome.BENCH_ERROR, "OSError: disk", isolation="bwrap"), False),
+        (ended("a", Outcome.WALL_BUDGET, "killed", **STARTED), False),
+        (ended("a", Outcome.AGENT_CRASHED, "OSError: of the agent", **STARTED), False),
     ],
 )
-def test_what_is_suspect_and_what_is_evidence(result: SessionResult, suspect: bool, chargeable: bool) -> None:
-    assert (is_suspect(result), is_chargeable(result)) == (suspect, chargeable)
+def test_what_is_suspect(result: SessionResult, suspect: bool) -> None:
+    """On every rung, but not before the agent has started."""
+    assert is_suspect(result) == suspect
 
 
-def test_every_attempt_must_be_evidence_and_something_must_work() -> None:
-    """Two realizations side by side: one lost twice, one lost once and once with an error of the bench's own."""
+def test_every_attempt_counts_and_something_must_work() -> None:
+    """Two realizations side by side: one lost twice, the other once."""
     watch = SuspectWatch(lambda: 7)
     other = LOST.model_copy(update={"realization": "b"})
-    own = ended("b", Outcome.BENCH_ERROR, "KeyError: 'x'")
     for result in (LOST, other):
         watch.start(result.realization)
         watch.record(result)
         assert not watch.forfeits(result, bench_works=True), "once is no evidence"
     watch.record(LOST)
-    watch.record(own)
-    watch.record(other)
     assert not watch.forfeits(LOST, bench_works=False)
     assert not watch.forfeits(other, bench_works=True)
     assert watch.forfeits(LOST, bench_works=True)
@@ -203,14 +196,17 @@ def test_every_attempt_must_be_evidence_and_something_must_work() -> None:
     assert not watch.forfeits(LOST, bench_works=True)
 
 
-def test_a_confined_agent_is_not_suspected() -> None:
-    """Two workers are lost twice each; the rung of the first agent's host holds it."""
-    watch = SuspectWatch(lambda: 0, {"a": "bwrap", "b": "none"}.__getitem__)
+def test_a_confined_agent_is_suspected_as_well() -> None:
+    """Two workers are lost twice each, under an agent on a rung and under one without, which is confined for the rerun."""
+    watch = SuspectWatch(lambda: 0, lambda: CONFINED, {"a": False, "b": True}.__getitem__)
+    jobs = []
     for name in ("a", "b", "a", "b"):
+        jobs.append(watch.confined_job(name))
         watch.record(LOST.model_copy(update={"realization": name}))
+    assert jobs == [None, None, None, CONFINED]
     ends = [LOST.model_copy(update={"realization": name}) for name in ("a", "b")]
-    assert [watch.forfeits(end, bench_works=True) for end in ends] == [False, True]
-    assert [SUSPECT in watch.marked(end).details for end in ends] == [False, True]
+    assert [watch.forfeits(end, bench_works=True) for end in ends] == [True, True]
+    assert [len(suspicions_of(watch.marked(end).details)) for end in ends] == [2, 2]
 
 
 def test_a_forfeited_realization_is_recorded_and_measured(tmp_path: Path) -> None:

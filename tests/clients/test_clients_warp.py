@@ -12,6 +12,7 @@ from client_programs import PROGRAMS, SCRIPTS, Program
 
 from bench.agents import open_agent
 from bench.agents.confinement import rungs
+from bench.campaign.execution._flight import AgentStarter
 from bench.contracts import AgentManifest, MavlinkNeed, Outcome, Record
 from bench.simspec import (
     Home,
@@ -70,9 +71,9 @@ def flown(
     if fault := warp_fault():
         pytest.skip(str(fault))
     records: list[Record] = []
-    end = run_session(SessionPlan(spec, manifest, folder, open_agent, folder / "scratch", records.append))
-    log = folder / "scratch" / "agent.log"
-    lines = log.read_text().splitlines() if log.exists() else []
+    starter = AgentStarter(open_agent)
+    end = run_session(SessionPlan(spec, manifest, folder, starter.open, folder / "scratch", records.append))
+    lines = (starter.output or b"").decode().splitlines()
     logbook: dict[str, Any] = json.loads(lines[-1]) if lines and lines[-1].startswith("{") else {}
     return end, records, logbook
 

@@ -47,7 +47,7 @@ EVENTS: list[CampaignEvent] = [
     RealizationStarted("a", "w1", 1),
     RealizationStarted("b", "w2", 1),
     RealizationRetried("a", Outcome.BENCH_ERROR, "a made-up fault", 2.0),
-    RealizationFinished("b", Outcome.AGENT_CRASHED, "it ended", 3.5, 2, 3),
+    RealizationFinished("b", Outcome.AGENT_CRASHED, "it\u202e ended\x9b", 3.5, 2, 3),
     RealizationStarted("a", "w1", 2),
     RealizationFinished("a", Outcome.COMPLETED, "", 4.5, 3, 3),
     MissingRunsRetried(("b",), 2, 3),
@@ -112,7 +112,7 @@ def test_two_campaigns_tell_their_events_in_order(laboratory: Laboratory) -> Non
             first.notify(event)
         for event in EVENTS[1:4]:
             second.notify(event)
-        first.send_scores('{"format": "rebar.score-report/1"}')
+        first.send_scores('{"format": "rebar.score-report/1", "source": "\u202e"}')
         first.end("complete")
         second.end("incomplete")
     until(lambda: "complete" in states(laboratory, "first") and "incomplete" in states(laboratory, "second"))
@@ -121,6 +121,9 @@ def test_two_campaigns_tell_their_events_in_order(laboratory: Laboratory) -> Non
     told = messages(laboratory, "first")
     assert [message.event for message in told] == NAMES
     assert [message.number for message in told] == list(range(1, 1 + len(EVENTS)))
+    # The words of others are the same, and JSON's escapes show what is not seen in them.
+    assert told[5].reason == "it\u202e ended\x9b"
+    assert "".join(message.text for message in laboratory.heard).isprintable()
     assert (told[4].outcome, told[4].reason, told[4].pause_s) == (Outcome.BENCH_ERROR, "a made-up fault", 2.0)
     assert (told[5].outcome, told[5].wall_s, told[5].done, told[5].total) == (
         Outcome.AGENT_CRASHED,
@@ -138,7 +141,7 @@ def test_two_campaigns_tell_their_events_in_order(laboratory: Laboratory) -> Non
     status = CampaignStatus.model_validate(laboratory.payloads("bay-2/first/status")[0])
     assert (status.done, status.total, status.running) == (2, 3, ())
     assert status.outcomes == {"completed": 1}
-    assert {"format": "rebar.score-report/1"} in laboratory.payloads("bay-2/first/scores")
+    assert {"format": "rebar.score-report/1", "source": "\u202e"} in laboratory.payloads("bay-2/first/scores")
 
 
 def test_runs_that_are_flown_again_count_once(laboratory: Laboratory) -> None:

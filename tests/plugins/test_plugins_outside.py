@@ -52,23 +52,22 @@ observables:
 """
 
 
+def install_outside(package: Path, site: Path) -> Path:
+    """Install a package by pip into a folder of its own, and return that folder."""
+    install = "install --quiet --disable-pip-version-check --no-build-isolation --no-deps --no-index --target"
+    subprocess.run(
+        [sys.executable, "-m", "pip", *install.split(), str(site), str(package)],
+        check=True,
+        capture_output=True,
+    )
+    return site
+
+
 def test_an_outside_package_joins_every_family(tmp_path: Path) -> None:
     """Installed by pip into a folder of its own, its plug-ins are found and used: all but the surrogate in a
     session, that beside it.
     """
-    site = tmp_path / "site"
-    install = [
-        sys.executable,
-        "-m",
-        "pip",
-        "install",
-        "--quiet",
-        "--disable-pip-version-check",
-        "--no-build-isolation",
-        "--no-deps",
-        "--no-index",
-    ]
-    subprocess.run([*install, "--target", str(site), str(OUTSIDE)], check=True, capture_output=True)
+    site = install_outside(OUTSIDE, tmp_path / "site")
     decomposition = tmp_path / "decomposition.yaml"
     decomposition.write_text(DECOMPOSITION)
     script = tmp_path / "fly.py"

@@ -17,6 +17,7 @@ from bench.contracts import (
     AgentPlan,
     AgentUsage,
     ConsentRequest,
+    OpenAgent,
     Outcome,
     Record,
     SimTime,
@@ -79,7 +80,11 @@ def session_simspec(**changes: object) -> SimSpec:
 
 
 def run(
-    folder: Path, manifest: AgentManifest, spec: SimSpec | None = None, clock: HostClock = HOST_CLOCK
+    folder: Path,
+    manifest: AgentManifest,
+    spec: SimSpec | None = None,
+    clock: HostClock = HOST_CLOCK,
+    open_agent: OpenAgent = open_agent,
 ) -> tuple[SessionEnd, list[Record]]:
     records: list[Record] = []
     plan = SessionPlan(

@@ -19,6 +19,7 @@ from test_session import session_simspec
 from bench.agents import load_manifest, open_agent
 from bench.arrays import Floats
 from bench.camera import GroundType, open_camera, open_opencv_renderer
+from bench.campaign.execution._flight import AgentStarter
 from bench.contracts import (
     SESSION_EVENTS,
     TF,
@@ -138,18 +139,19 @@ def fly(folder: Path, spec: SimSpec, *, watched: bool) -> FlownSession:
     manifest, home = load_manifest(str(WATCHER)) if watched else (agent_manifest("idle"), folder)
     renderer = CountedRenderer()
     open_renderer: OpenRenderer = renderer.open
+    starter = AgentStarter(open_agent)
     end = run_session(
         SessionPlan(
             spec,
             manifest,
             home,
-            open_agent,
+            starter.open,
             folder / "scratch",
             records.append,
             open_renderer=open_renderer,
         )
     )
-    lines = [json.loads(line) for line in (folder / "scratch" / "agent.log").read_text().splitlines()]
+    lines = [json.loads(line) for line in (starter.output or b"").splitlines()]
     return FlownSession(end, records, lines, renderer)
 
 

@@ -7,10 +7,12 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from rungs import CONFINING, rung_or_skip
 from test_session import run, session_simspec
 from warp_host import library_or_skip
 
-from bench.agents.confinement import rungs
+from bench.agents import open_agent
+from bench.campaign.execution._flight import AgentStarter
 from bench.contracts import AgentManifest, Outcome
 from bench.simspec import AgentSpec, Budgets, Environment, Isolation, Mission, OutsideService, Pace, SimSpec
 from bench.simulation import SessionEnd
@@ -41,25 +43,24 @@ def warped(limit_s: float, **changes: object) -> SimSpec:
 
 def flown(folder: Path, manifest: AgentManifest, spec: SimSpec) -> tuple[SessionEnd, list[str]]:
     library_or_skip()
-    end, _ = run(folder, manifest, spec)
-    log = folder / "scratch" / "agent.log"
-    return end, log.read_text().splitlines() if log.exists() else []
+    starter = AgentStarter(open_agent)
+    end, _ = run(folder, manifest, spec, open_agent=starter.open)
+    return end, (starter.output or b"").decode().splitlines()
 
 
-# LD_PRELOAD is split at spaces and colons. Under `bwrap` the agent sees another folder than the host's.
+# LD_PRELOAD is split at spaces and colons. Most rungs show the agent another folder than the host's.
 @pytest.mark.parametrize(
-    ("isolation", "folder"),
-    [("none", "plain"), ("none", "a space"), ("landlock", "a space:a colon"), ("bwrap", "a space")],
+    ("rung", "folder"),
+    [("none", "plain"), ("none", "a space"), *((rung, "a space:a colon") for rung in CONFINING)],
 )
 def test_the_clock_of_an_agent_is_the_session_clock_on_every_rung(
-    isolation: Isolation, folder: str, tmp_path: Path
+    rung: str, folder: str, tmp_path: Path
 ) -> None:
     """Its sleeps, threads and children last as long as they should to the microsecond, whatever the host does."""
-    if reason := rungs()[isolation].trial():
-        pytest.skip(f"{isolation} cannot start here: {reason}")
     home = tmp_path / folder
     home.mkdir()
-    end, lines = flown(home, manifest_of("{python}", "-c", SLEEPER, isolation=isolation), warped(3.0))
+    with rung_or_skip(rung) as isolation:
+        end, lines = flown(home, manifest_of("{python}", "-c", SLEEPER, isolation=isolation), warped(3.0))
     started, *spans = lines
     assert started == Environment().start_utc.isoformat()
     assert spans[:4] == ["0.123000", "0.246000", "0.369000", "0.619000"]

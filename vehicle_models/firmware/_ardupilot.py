@@ -70,7 +70,7 @@ class ArduPilotKind:
                 autopilot.parameters,
             )
             lines = [f"{name} {text}\n" for name, text in parameters.items()]
-            (plan.folder / _DEFAULTS_FILE).write_text("".join(lines))
+            (plan.folder / _DEFAULTS_FILE).write_text("".join(lines), encoding="utf-8")
             latitude_e7, longitude_e7 = body.home_e7
             home = f"{latitude_e7 / 1e7:.7f},{longitude_e7 / 1e7:.7f},{body.ground_m:g},{body.heading_deg:g}"
             program_path = self.program(Path(autopilot.firmware).resolve())

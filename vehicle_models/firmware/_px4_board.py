@@ -106,7 +106,7 @@ class Px4BoardKind:
             def keep() -> None:
                 memory.save(former)
                 values = {name: held.value for name, held in former.items()}
-                (plan.folder / PARAMETERS_FILE).write_text(json.dumps(values, indent=1))
+                (plan.folder / PARAMETERS_FILE).write_text(json.dumps(values, indent=1), encoding="utf-8")
 
             keep()
 
@@ -119,7 +119,7 @@ class Px4BoardKind:
                     text += f"; NOT PUT BACK: {', '.join(left)}: set them as in {memory.path} before you fly for real"
                 else:
                     memory.clear()
-                (plan.folder / CONSOLE_FILE).write_text(f"{text}\n")
+                (plan.folder / CONSOLE_FILE).write_text(f"{text}\n", encoding="utf-8")
                 if left and kind is None:
                     values = {name: former[name].value for name in left}
                     raise FirmwareFault(f"the board on {device.path}: {text} ({values})")

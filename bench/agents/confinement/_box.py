@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,12 +14,48 @@ AGENT_UID = 60001
 
 
 @dataclass(frozen=True, slots=True)
+class Place:
+    """Where an agent finds things: its HOME and working folder, and the folder of the files that the bench gives it."""
+
+    home: str
+    files: str
+
+
+# On rungs with a root of their own both are one folder in memory, which nothing else can open.
+BOX_PLACE = Place("/scratch", "/scratch")
+
+
+def host_place(scratch: Path) -> Place:
+    """In a root that the agent shares with the bench: nothing but its HOME is the agent's to write, and the bench opens
+    nothing in there once the agent has started.
+    """
+    return Place(str(scratch / "home"), str(scratch))
+
+
+def box_files(paths: Iterable[Path]) -> dict[str, str]:
+    """The place of files of the host in a root of its own."""
+    return {str(path): f"{BOX_PLACE.files}/{path.name}" for path in paths}
+
+
+def name_files(hosts: Mapping[str, str]) -> dict[str, str]:
+    """The files in /etc of a root of its own by which names are looked up; `hosts` are addresses by host name."""
+    # The first line that has a name decides.
+    lines = "".join(f"{address} {name}\n" for name, address in hosts.items())
+    return {
+        "passwd": f"agent:x:{AGENT_UID}:{AGENT_UID}::{BOX_PLACE.home}:/bin/sh\n",
+        "group": f"agent:x:{AGENT_UID}:\n",
+        "hosts": f"{lines}127.0.0.1 localhost agent\n::1 localhost\n",
+        "nsswitch.conf": "passwd: files\ngroup: files\nhosts: files\n",
+    }
+
+
+@dataclass(frozen=True, slots=True)
 class Box:
     """What one agent may see and use. `command` holds absolute paths that are readable in the box.
 
-    `scratch` is the host's folder of the session: a rung with a file system of its own gives the agent
-    another one. `warm` is what of `environment` an interpreter starts with that is forked for each session; None: the
-    agent is a fresh process. `files` are files of the host that the agent finds by name in its scratch folder, `shared` those that it may also
+    `scratch` is the host's folder of the session, in which no agent may write but on a rung with the host's root, there
+    in its HOME. `warm` is what of `environment` an interpreter starts with that is forked for each session; None: the
+    agent is a fresh process. `files` are files of the host that the agent finds by name in the folder of `Place.files`, `shared` those that it may also
     write, so that both sides have the same file. `hosts` are addresses by
     host name, for rungs with a file system of their own.
     """

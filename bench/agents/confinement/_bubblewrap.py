@@ -21,15 +21,21 @@ from pathlib import Path
 from bench.contracts import AgentUsage, ProcessRoot
 
 from .._process_usage import ProcessTreeUsage
-from ._box import AGENT_UID, Box
+from ._box import AGENT_UID, BOX_PLACE, Box, Place, box_files, name_files
 from ._cgroup import ControlGroup
 from ._limits import counts_by_namespace, process_limits, threads_of
-from ._readable_paths import SYSTEM_FILES, SYSTEM_FOLDERS, gpu_devices, open_to_others, with_targets
-from ._rung import killed_name
+from ._readable_paths import (
+    PROCESSORS,
+    SYSTEM_FILES,
+    SYSTEM_FOLDERS,
+    gpu_devices,
+    open_to_others,
+    with_targets,
+)
+from ._rung import first_child, killed_name
 from ._system_calls import filter_program
 
 PROGRAM = "bwrap"
-HOME = "/scratch"
 # From <linux/prctl.h>; Python's standard library has no name for it.
 _PR_SET_CHILD_SUBREAPER = 36
 # A trial start takes 5 ms of CPU; generous for a busy host.
@@ -38,12 +44,6 @@ _TRIAL_BUDGET_S = 20.0
 _LIMITS_BUDGET_S = 10.0
 # Shells and bubblewrap report the signal that ended a program as this much more than its number.
 _SIGNAL_BASE = 128
-_NAME_FILES = {
-    "passwd": f"agent:x:{AGENT_UID}:{AGENT_UID}::{HOME}:/bin/sh\n",
-    "group": f"agent:x:{AGENT_UID}:\n",
-    "hosts": "127.0.0.1 localhost agent\n::1 localhost\n",
-    "nsswitch.conf": "passwd: files\ngroup: files\nhosts: files\n",
-}
 _REMEDIES = (
     (
         ("setting up uid map: Permission denied", "RTM_NEWADDR"),
@@ -76,8 +76,8 @@ class Bubblewrap:
     def trial(self) -> str | None:
         return self._reason
 
-    def home(self, scratch: Path) -> str:
-        return HOME
+    def place(self, scratch: Path) -> Place:
+        return BOX_PLACE
 
     def start(self, box: Box, output: int) -> BubblewrapProcess:
         assert self._program is not None, "the trial was not asked"
@@ -195,7 +195,7 @@ class BubblewrapProcess:
 
     def ask_to_end(self) -> None:
         if self._agent_pid is None:
-            self._agent_pid = _first_child(self._inner_pid)
+            self._agent_pid = first_child(self._inner_pid)
         # Only while the box stands: the number may be another's later.
         if self._agent_pid is not None and self.poll() is None:
             with suppress(ProcessLookupError, PermissionError):
@@ -389,18 +389,15 @@ class _Options:
             self._add("--dev-bind", device, device)
         # Without a size each of these could hold half of the host's memory.
         self._add("--remount-ro", "/dev", "--perms", "1777", "--size", size, "--tmpfs", "/tmp")
-        self._add("--size", size, "--tmpfs", HOME, "--chdir", HOME)
+        self._add("--size", size, "--tmpfs", BOX_PLACE.home, "--chdir", BOX_PLACE.home)
         # After /tmp, because they may lie in there.
-        for path in with_targets([*SYSTEM_FILES, *box.read]):
+        for path in with_targets([*SYSTEM_FILES, *box.read, PROCESSORS]):
             self._add("--ro-bind", path, path)
-        for path in box.files:
-            self._add("--ro-bind", path, f"{HOME}/{path.name}")
-        for path in box.shared:
-            self._add("--bind", path, f"{HOME}/{path.name}")
-        hosts = "".join(f"{address} {name}\n" for name, address in box.hosts.items())
-        # The first line that has a name decides.
-        files = {**_NAME_FILES, "hosts": hosts + _NAME_FILES["hosts"]}
-        for name, text in files.items():
+        for source, inside in box_files(box.files).items():
+            self._add("--ro-bind", source, inside)
+        for source, inside in box_files(box.shared).items():
+            self._add("--bind", source, inside)
+        for name, text in name_files(box.hosts).items():
             self._add("--perms", "0644", "--ro-bind-data", self._file(text.encode()), f"/etc/{name}")
 
     def _add(self, *words: str | int | Path) -> None:
@@ -422,12 +419,6 @@ def _wait4(pid: int, options: int) -> tuple[int, int, float]:
     except ChildProcessError:
         return pid, int(signal.SIGKILL), 0.0
     return waited, status, usage.ru_utime + usage.ru_stime
-
-
-def _first_child(pid: int) -> int | None:
-    with suppress(OSError, ValueError, IndexError):
-        return int(Path(f"/proc/{pid}/task/{pid}/children").read_text().split()[0])
-    return None
 
 
 def _with_remedy(text: str) -> str:

@@ -42,7 +42,7 @@ class ControlGroup:
         """Put a process in, with what it will start."""
         for folder in self._folders:
             with suppress(OSError):
-                (folder / "cgroup.procs").write_text(str(pid))
+                (folder / "cgroup.procs").write_text(str(pid), encoding="utf-8")
 
     def memory_kills(self) -> int:
         """How many processes in here the kernel killed for want of memory."""
@@ -50,7 +50,7 @@ class ControlGroup:
         for folder in self._folders:
             for file in ("memory.events", "memory.oom_control"):
                 with suppress(OSError):
-                    for line in (folder / file).read_text().splitlines():
+                    for line in (folder / file).read_text("utf-8").splitlines():
                         key, _, value = line.partition(" ")
                         kills += int(value) if key == "oom_kill" else 0
         return kills
@@ -59,7 +59,7 @@ class ControlGroup:
         """Remove the groups; whatever is still in one is killed where the kernel offers that."""
         for folder in self._folders:
             with suppress(OSError):
-                (folder / "cgroup.kill").write_text("1")
+                (folder / "cgroup.kill").write_text("1", encoding="utf-8")
             deadline = time.monotonic() + _REMOVAL_BUDGET_S
             while not _removed(folder) and time.monotonic() < deadline:
                 time.sleep(0.005)
@@ -74,7 +74,7 @@ class ControlGroup:
         for file, value in values.items():
             # A controller may lack a file (swap accounting is often compiled out); the others still hold.
             with suppress(OSError):
-                (folder / file).write_text(str(value))
+                (folder / file).write_text(str(value), encoding="utf-8")
 
 
 def can_limit(controller: str, root: Path = Path("/sys/fs/cgroup")) -> bool:
@@ -88,14 +88,14 @@ def _parents(root: Path) -> dict[str, Path]:
     """This process's own group by controller, where that is a folder; '' is version 2 with controllers."""
     parents: dict[str, Path] = {}
     with suppress(OSError):
-        for line in Path("/proc/self/cgroup").read_text().splitlines():
+        for line in Path("/proc/self/cgroup").read_text("utf-8").splitlines():
             _, controllers, path = line.split(":", 2)
             if controllers:
                 for controller in controllers.split(","):
                     parents[controller] = root / controllers / path.lstrip("/")
             else:
                 unified = root / path.lstrip("/")
-                delegated = (unified / "cgroup.subtree_control").read_text().split()
+                delegated = (unified / "cgroup.subtree_control").read_text("utf-8").split()
                 if {"memory", "pids"} <= set(delegated):
                     parents[""] = unified
     return {controller: parent for controller, parent in parents.items() if parent.is_dir()}

@@ -19,7 +19,7 @@ from bench.contracts import AgentLimits, AgentUsage, ProcessRoot
 from bench.network_namespace import namespace_fault
 
 from .._process_usage import ProcessTreeUsage
-from ._box import AGENT_UID, Box
+from ._box import AGENT_UID, BOX_PLACE, Box, Place, box_files
 from ._limits import process_limits
 from ._readable_paths import gpu_devices, with_targets
 from ._rung import killed_name
@@ -27,7 +27,6 @@ from ._system_calls import engine_profile
 
 # In this order: podman's containers can share the network namespace of the bench, docker's daemon has its own.
 ENGINES = ("podman", "docker")
-HOME = "/scratch"
 # The codes by which both engines say that the command did not start; an agent may end with the last two as well.
 _ENGINE_FAILED, _NOT_EXECUTABLE, _NOT_FOUND = 125, 126, 127
 # For a command of the engine other than the run itself; chosen, not measured.
@@ -58,8 +57,8 @@ class Container:
     def trial(self) -> str | None:
         return self._reason
 
-    def home(self, scratch: Path) -> str:
-        return HOME
+    def place(self, scratch: Path) -> Place:
+        return BOX_PLACE
 
     def start(self, box: Box, output: int) -> ContainerProcess:
         assert self._program is not None, "the trial was not asked"
@@ -102,7 +101,7 @@ class ContainerProcess:
         _remove_stale(program)
         client, options = _environment_options(box)
         # Read by the engine's client at the start; engines take no profile by a pipe. Removed by `end`.
-        self._profile = tempfile.NamedTemporaryFile("w", prefix=_PREFIX, suffix=".json")  # noqa: SIM115
+        self._profile = tempfile.NamedTemporaryFile("w", encoding="utf-8", prefix=_PREFIX, suffix=".json")  # noqa: SIM115
         json.dump(engine_profile(), self._profile)
         self._profile.flush()
         options += ["--security-opt", f"seccomp={self._profile.name}"]
@@ -225,8 +224,8 @@ def _options(box: Box, program: str) -> list[str]:
         # Swap included: as much again would be allowed otherwise.
         *("--memory", memory, "--memory-swap", memory, "--shm-size", size),
         *_ulimits(limits),
-        *("--tmpfs", f"/tmp:{tmpfs}", "--tmpfs", f"{HOME}:exec,{tmpfs}"),
-        *("--workdir", HOME, "--log-driver", "none"),
+        *("--tmpfs", f"/tmp:{tmpfs}", "--tmpfs", f"{BOX_PLACE.home}:exec,{tmpfs}"),
+        *("--workdir", BOX_PLACE.home, "--log-driver", "none"),
         # The agent was asked to end before its container is removed: no second wait of ten seconds.
         *("--stop-timeout", "0"),
     ]
@@ -235,10 +234,10 @@ def _options(box: Box, program: str) -> list[str]:
         options.append("--read-only-tmpfs=false")
     for path in with_targets(box.read):
         options += ["--volume", f"{path}:{path}:ro"]
-    for path in box.files:
-        options += ["--volume", f"{path}:{HOME}/{path.name}:ro"]
-    for path in box.shared:
-        options += ["--volume", f"{path}:{HOME}/{path.name}:rw"]
+    for source, inside in box_files(box.files).items():
+        options += ["--volume", f"{source}:{inside}:ro"]
+    for source, inside in box_files(box.shared).items():
+        options += ["--volume", f"{source}:{inside}:rw"]
     for name, address in box.hosts.items():
         options += ["--add-host", f"{name}:{address}"]
     for device in gpu_devices() if box.gpu else ():
@@ -255,7 +254,7 @@ def _ulimits(limits: AgentLimits) -> list[str]:
     wanted = process_limits(limits)
     # Counted over all containers of a user, so this is no limit for one agent: `--pids-limit` is. The highest
     # process id is what podman gives itself, and no host runs more processes than that.
-    wanted[resource.RLIMIT_NPROC] = int(_PID_MAX.read_text())
+    wanted[resource.RLIMIT_NPROC] = int(_PID_MAX.read_text("utf-8"))
     options = []
     for number, value in wanted.items():
         highest = resource.getrlimit(number)[1]
@@ -287,6 +286,8 @@ def _run(program: str, *words: str) -> subprocess.CompletedProcess[str]:
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
+        encoding="utf-8",
+        errors="replace",
         check=False,
         timeout=_COMMAND_BUDGET_S,
     )

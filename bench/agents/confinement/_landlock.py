@@ -1,4 +1,4 @@
-"""The rung for hosts without namespaces: rules on files, connections and signals, by Landlock."""
+"""The rung that needs no package: rules on files, connections and signals by Landlock, and namespaces where this user gets them."""
 
 from __future__ import annotations
 
@@ -12,19 +12,29 @@ import sys
 import tempfile
 import time
 from contextlib import suppress
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from bench.contracts import AgentUsage, ProcessRoot
 from bench.network_namespace import namespace_fault
 
 from .._process_usage import ProcessTreeUsage
 from . import _landlock_launch
-from ._box import AGENT_UID, Box
+from ._box import AGENT_UID, BOX_PLACE, Box, Place, box_files, host_place, name_files
 from ._cgroup import ControlGroup
-from ._limits import process_limits, threads_of
-from ._readable_paths import SYSTEM_FILES, SYSTEM_FOLDERS, gpu_devices, open_to_others
+from ._landlock_launch import MAX_FOLDER_DEPTH
+from ._limits import counts_by_namespace, process_limits, threads_of
+from ._readable_paths import (
+    PROCESSORS,
+    SYSTEM_FILES,
+    SYSTEM_FOLDERS,
+    gpu_devices,
+    reachable_by_others,
+    readable_by_others,
+    with_targets,
+)
+from ._rung import first_child
 from ._system_calls import filter_program
 from ._warm_interpreter import WarmInterpreters
 
@@ -35,6 +45,11 @@ _END_BUDGET_S = 5.0
 _NAME_FILES = tuple(
     Path("/etc", name) for name in ("passwd", "group", "hosts", "nsswitch.conf", "hosts.allow", "hosts.deny")
 )
+# What libraries ask about the machine: nothing of it is about a process.
+HARMLESS_FILES = tuple(
+    Path("/proc", name)
+    for name in ("cpuinfo", "filesystems", "loadavg", "meminfo", "stat", "uptime", "version")
+)
 
 
 def landlock_version() -> int:
@@ -44,10 +59,11 @@ def landlock_version() -> int:
 
 
 class Landlock:
-    """Rules on files, TCP connections, abstract sockets and signals, a system call filter, limits, and a watch on the
-    size of the agent's folder.
+    """Rules on files, TCP connections, abstract sockets and signals, a system call filter and limits.
 
-    Needs no package and no right. Root becomes another user where that one can reach what the agent reads.
+    Needs no package. Where this user may make namespaces, the agent has a root folder, processes, shared memory and a
+    host name of its own, as on the rung `bwrap`; elsewhere the rules alone hold it, and a watch its folder on the disk.
+    Root becomes another user where that one can reach what the agent reads.
     """
 
     name = "landlock"
@@ -55,14 +71,20 @@ class Landlock:
     def trial(self) -> str | None:
         return self._reason
 
-    def home(self, scratch: Path) -> str:
-        return str(scratch)
+    def place(self, scratch: Path) -> Place:
+        return host_place(scratch) if namespaces_fault() else BOX_PLACE
 
     def start(self, box: Box, output: int) -> LandlockedProcess:
-        paths = [*box.read, *box.files, box.scratch.parent]
-        own_user = os.getuid() == 0 and all(map(open_to_others, paths))
+        namespaces = namespaces_fault() is None
+        # The bench mounts what it reads into a root of its own, from wherever that lies.
+        readable = all(map(readable_by_others, [*box.read, *box.files]))
+        reachable = namespaces or all(map(reachable_by_others, [*box.read, box.scratch]))
         return LandlockedProcess(
-            box, output, user=AGENT_UID if own_user else None, warm=self._warm_interpreters
+            box,
+            output,
+            namespaces=namespaces,
+            user=AGENT_UID if os.getuid() == 0 and readable and reachable else None,
+            warm=self._warm_interpreters,
         )
 
     @cached_property
@@ -75,29 +97,52 @@ class Landlock:
             return "Landlock is for Linux; run the bench in a virtual machine or a container"
         if not landlock_version():
             return "this kernel has no Landlock (Linux 5.13 and later, with landlock in its lsm= list)"
-        true = shutil.which("true") or "/bin/true"
-        with tempfile.TemporaryDirectory() as scratch, tempfile.TemporaryFile() as output:
-            try:
-                box = Box((true,), {"HOME": scratch}, Path(scratch))
-                process = LandlockedProcess(box, output.fileno())
-                code = process.wait(_TRIAL_BUDGET_S)
-                process.end()
-            except (OSError, NotImplementedError) as error:
-                return str(error)
-            output.seek(0)
-            text = output.read().decode(errors="replace").strip()
-        return None if code == 0 else text or f"a trial start of {true} ended with {code}"
+        return None if namespaces_fault() is None else _trial_failure(namespaces=False)
+
+
+@cache
+def namespaces_fault() -> str | None:
+    """Why agents get no namespaces from this process; None where they do. Starts a program, once a process."""
+    if not sys.platform.startswith("linux") or not landlock_version():
+        return "namespaces come with Landlock here"
+    return _trial_failure(namespaces=True)
+
+
+def _trial_failure(*, namespaces: bool) -> str | None:
+    true = shutil.which("true") or "/bin/true"
+    with tempfile.TemporaryDirectory() as scratch, tempfile.TemporaryFile() as output:
+        try:
+            box = Box((true,), {"HOME": scratch}, Path(scratch))
+            process = LandlockedProcess(box, output.fileno(), namespaces=namespaces)
+            code = process.wait(_TRIAL_BUDGET_S)
+            process.end()
+        except (OSError, NotImplementedError) as error:
+            return str(error)
+        output.seek(0)
+        text = output.read().decode(errors="replace").strip()
+    return None if code == 0 else text or f"a trial start of {true} ended with {code}"
 
 
 class LandlockedProcess:
     """An agent under its rules, and the launcher above it."""
 
     def __init__(
-        self, box: Box, output: int, *, user: int | None = None, warm: WarmInterpreters | None = None
+        self,
+        box: Box,
+        output: int,
+        *,
+        namespaces: bool,
+        user: int | None = None,
+        warm: WarmInterpreters | None = None,
     ) -> None:
-        settings = _settings(box, user)
-        if user is not None:
-            os.chown(box.scratch, user, user)
+        settings = _settings(box, user, namespaces=namespaces)
+        if not namespaces:
+            home = Path(host_place(box.scratch).home)
+            home.mkdir(exist_ok=True)
+            if user is not None:
+                # It must reach its HOME and the files beside it, whose names it is told.
+                box.scratch.chmod(0o711)
+                os.chown(home, user, user)
         self.own_user = user is not None
         self._limits = box.limits
         self._usage = AgentUsage()
@@ -132,8 +177,10 @@ class LandlockedProcess:
         return self._launcher.pid
 
     def root(self) -> ProcessRoot:
-        # The launcher above the agent takes in its orphans.
-        return ProcessRoot(self.pid, is_box=True)
+        # The keeper above the agent takes in its orphans.
+        while (keeper := self._stated("pid")) is None and self.poll() is None:
+            time.sleep(0.001)
+        return ProcessRoot(self.pid if keeper is None else int(keeper), is_box=True)
 
     def poll(self) -> int | None:
         self._launcher.reap(waits=False)
@@ -160,20 +207,24 @@ class LandlockedProcess:
         return AgentUsage(max(self._usage.cpu_s, self._launcher.cpu_s), self._usage.starved_s)
 
     def exceeded_limit(self) -> str:
-        if self._stated("exceeded") is not None:
-            return f"{self._limits.scratch_mb} MB in its folder"
+        match self._stated("exceeded"):
+            case "scratch":
+                return f"{self._limits.scratch_mb} MB in its folder"
+            case "folders":
+                return f"{MAX_FOLDER_DEPTH} folders in one another"
         return f"{self._limits.memory_mb} MB of memory" if self._group.memory_kills() else ""
 
     def killed_from_outside(self) -> str:
-        # The launcher shares the agent's namespace of processes.
+        # Without namespaces the agent could itself kill what is around it.
         return ""
 
     def ask_to_end(self) -> None:
-        agent = self._stated("pid")
-        # Only while the launcher holds its number: nobody else reaps the agent.
+        keeper = self._stated("pid")
+        agent = None if keeper is None else first_child(int(keeper))
+        # Only while the keeper holds its number: nobody else reaps the agent.
         if agent is not None and self.poll() is None:
             with suppress(ProcessLookupError, PermissionError):
-                os.kill(int(agent), signal.SIGTERM)
+                os.kill(agent, signal.SIGTERM)
 
     def end(self) -> None:
         if not self._ended:
@@ -260,26 +311,55 @@ class StartedLauncher:
             self._started.send_signal(number)
 
 
-def _settings(box: Box, user: int | None) -> bytes:
-    read = [*SYSTEM_FOLDERS, *SYSTEM_FILES, *_NAME_FILES, *box.read]
-    scratch = str(box.scratch)
-    present = threads_of(os.getuid() if user is None else user)
+def _settings(box: Box, user: int | None, *, namespaces: bool) -> bytes:
+    # An ordinary user's agent gets a user namespace of its own, in which nobody else is counted.
+    alone = namespaces and os.getuid() != 0 and counts_by_namespace()
+    present = 0 if alone else threads_of(os.getuid() if user is None else user)
+    view = _root_settings(box) if namespaces else _host_settings(box)
     return json.dumps(
         {
             "command": box.command,
-            # The host's /tmp is not among what it may write.
-            "environment": {"TMPDIR": scratch, **box.environment},
-            "scratch": scratch,
-            "read": [str(path) for path in read],
-            # Python lists a folder before it imports a package from it. A rule goes for all below, so names of
-            # files there show, and nothing of what is in them.
-            "listed": sorted({str(path.parent) for path in box.read if (path / "__init__.py").is_file()}),
-            "devices": [str(path) for path in gpu_devices()] if box.gpu else [],
+            "namespaces": namespaces,
             # A network of the session's own has nothing else to connect to, and agents may run servers in it.
             "tcp_ports": None if namespace_fault() is None else sorted(box.tcp_ports),
             "scratch_bytes": box.limits.scratch_mb << 20,
             "limits": list(process_limits(box.limits, present).items()),
             "user": user,
-            "filter": filter_program(shares_ipc=True).hex(),
+            "filter": filter_program(shares_ipc=not namespaces).hex(),
+            "devices": [str(path) for path in gpu_devices()] if box.gpu else [],
+            **view,
         }
     ).encode()
+
+
+def _root_settings(box: Box) -> dict[str, Any]:
+    """What the agent finds in a root of its own, all of which it may read."""
+    mounted = with_targets([*SYSTEM_FILES, *box.read, PROCESSORS])
+    return {
+        "environment": dict(box.environment),
+        "home": BOX_PLACE.home,
+        "read": ["/"],
+        "listed": [],
+        "writable": [BOX_PLACE.home, "/tmp", "/dev/shm", "/dev/pts", *box_files(box.shared).values()],
+        "system": [str(folder) for folder in SYSTEM_FOLDERS],
+        "mounted": [str(path) for path in mounted],
+        "etc": name_files(box.hosts),
+        "files": box_files(box.files),
+        "shared": box_files(box.shared),
+    }
+
+
+def _host_settings(box: Box) -> dict[str, Any]:
+    """What the agent may read and write in the root of the host."""
+    home = host_place(box.scratch).home
+    read = [*SYSTEM_FOLDERS, *SYSTEM_FILES, *_NAME_FILES, *HARMLESS_FILES, PROCESSORS, *box.read, *box.files]
+    return {
+        # The host's /tmp is not among what it may write.
+        "environment": {"TMPDIR": home, **box.environment},
+        "home": home,
+        "read": [str(path) for path in read],
+        # Python lists a folder before it imports a package from it. A rule goes for all below, so names of
+        # files there show, and nothing of what is in them.
+        "listed": sorted({str(path.parent) for path in box.read if (path / "__init__.py").is_file()}),
+        "writable": [home, *(str(path) for path in box.shared)],
+    }

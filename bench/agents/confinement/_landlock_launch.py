@@ -1,15 +1,16 @@
-"""The process between the bench and a landlocked agent; a script of the standard library alone.
+"""The two processes between the bench and a landlocked agent; a script of the standard library alone.
 
 Run as `python -I -S _landlock_launch.py SETTINGS_FD STATUS_FD PARENT`, with the JSON that `_landlock` writes in
-SETTINGS_FD. It stays outside the agent's Landlock domain as the parent of all that the agent starts, like
-process 1 of a namespace: orphans come to it, and at the end it kills until nothing is left. It also watches
-the size of the agent's folder, and ends the agent past its quota. It writes lines to STATUS_FD: `pid N`, then
-`failed REASON`, `exceeded scratch` or nothing, then `ended STATUS` (a wait status).
+SETTINGS_FD. The launcher stays outside: at the end it kills until nothing is left, and it watches the size of the agent's
+folder where that is on a disk of the host. Its child, the keeper, is the parent of the agent: where the host gives them, in
+namespaces and a root of their own (`_private_root`), as process 1. Orphans come to the keeper. They write lines to STATUS_FD:
+`pid N` (of the keeper, for the host), then `failed REASON`, `exceeded LIMIT` or nothing, then `ended STATUS` (a wait status).
 """
 
 from __future__ import annotations
 
 import ctypes
+import importlib.util
 import json
 import os
 import resource
@@ -18,19 +19,14 @@ import stat
 import struct
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import suppress
-from types import FrameType
-from typing import Any
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing, suppress
+from types import FrameType, ModuleType
+from typing import Any, NoReturn
 
 # From <linux/prctl.h>, <linux/landlock.h> and <linux/capability.h>.
-PR_SET_PDEATHSIG, PR_SET_SECCOMP, PR_CAPBSET_DROP, PR_SET_CHILD_SUBREAPER, PR_SET_NO_NEW_PRIVS = (
-    1,
-    22,
-    24,
-    36,
-    38,
-)
+PR_SET_PDEATHSIG, PR_SET_SECCOMP, PR_CAPBSET_DROP = 1, 22, 24
+PR_SET_CHILD_SUBREAPER, PR_SET_NO_NEW_PRIVS = 36, 38
 SECCOMP_MODE_FILTER = 2
 # The numbers are the same on all processors.
 LANDLOCK_CREATE_RULESET, LANDLOCK_ADD_RULE, LANDLOCK_RESTRICT_SELF = 444, 445, 446
@@ -51,8 +47,13 @@ DEVICES = ("/dev/null", "/dev/zero", "/dev/full", "/dev/random", "/dev/urandom")
 WATCH_S, WATCH_SHARE = 0.1, 0.1
 # What the smallest file takes: many empty ones fill a disk too.
 LEAST_FILE_BYTES = 4096
+# Of folders in folders: each takes a descriptor of the watch. More than any tree of packages has; chosen.
+MAX_FOLDER_DEPTH = 128
 # A folder that cannot be read now may be about to vanish; one that still cannot is hidden.
 UNREADABLE_LOOKS = 3
+
+# The code by which shells report a command that cannot be started.
+NOT_STARTED = 127
 
 libc = ctypes.CDLL(None, use_errno=True)
 
@@ -90,29 +91,95 @@ def launch(
     if os.getppid() != parent:
         sys.exit(1)
     libc.prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
-    agent = os.fork()
-    if agent == 0:
-        become_agent(settings, status_fd, start)
+    root = private_root() if settings["namespaces"] else None
+    if root is not None:
+        try:
+            root.enter_namespaces()
+        except OSError as error:
+            fail(settings, status_fd, error)
+    keeper = os.fork()
+    if keeper == 0:
+        keep_agent(settings, status_fd, start, root)
         return settings
 
     def stop(_number: int, _frame: FrameType | None) -> None:
         end_all(os.getpid())
 
     signal.signal(signal.SIGTERM, stop)
-    # The output's end shows to the bench only when nobody holds it any more.
+    release_output()
+    os.write(status_fd, f"pid {keeper}\n".encode())
+    # In a root of its own the folders of the agent are in memory, with a quota of the kernel's.
+    if root is None:
+        watch_folder(settings["home"], settings["scratch_bytes"], status_fd)
+    while True:
+        try:
+            pid, _ = os.wait()
+        except ChildProcessError:
+            return None
+        if pid == keeper:
+            end_all(os.getpid())
+
+
+def keep_agent(
+    settings: dict[str, Any],
+    status_fd: int,
+    start: Callable[[dict[str, Any]], None],
+    root: ModuleType | None,
+) -> None:
+    """Start the agent and be the parent of its orphans until it has ended, and this process with it.
+
+    Where `start` returns, this returns in the agent's process.
+    """
+    libc.prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
+    # Process 1 of a namespace has no handlers that it does not set, and none of Python's is wanted here.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        if root is None:
+            libc.prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+        else:
+            root.enter_root(settings)
+    except OSError as error:
+        fail(settings, status_fd, error)
+    agent = os.fork()
+    if agent == 0:
+        become_agent(settings, status_fd, start)
+        return
+    # It has nothing left to do that needs a right. Of what is outside of its Landlock domain, as this process is, the agent
+    # can read no memory.
+    drop_rights(settings["user"])
+    release_output()
+    while True:
+        pid, status = os.wait()
+        if pid == agent:
+            os.write(status_fd, f"ended {status}\n".encode())
+            os._exit(0)
+
+
+def private_root() -> ModuleType:
+    """The module beside this script; the search path of an isolated interpreter does not have its folder."""
+    path = os.path.join(os.path.dirname(__file__), "_private_root.py")
+    spec = importlib.util.spec_from_file_location("_private_root", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def release_output() -> None:
+    """Let go of the agent's output: its end shows to the bench only when nobody holds it any more."""
     null = os.open(os.devnull, os.O_RDWR)
     for descriptor in (1, 2):
         os.dup2(null, descriptor)
-    os.write(status_fd, f"pid {agent}\n".encode())
-    watch_folder(settings["scratch"], settings["scratch_bytes"], status_fd)
-    while True:
-        try:
-            pid, status = os.wait()
-        except ChildProcessError:
-            return None
-        if pid == agent:
-            os.write(status_fd, f"ended {status}\n".encode())
-            end_all(os.getpid())
+    os.close(null)
+
+
+def fail(settings: dict[str, Any], status_fd: int, error: OSError) -> NoReturn:
+    """Say why the agent cannot be started, and end."""
+    reason = f"{settings['command'][0]}: {error.strerror or error}"
+    os.write(2, f"{reason}\n".encode())
+    os.write(status_fd, f"failed {reason}\n".encode())
+    os._exit(NOT_STARTED)
 
 
 def become_agent(settings: dict[str, Any], status_fd: int, start: Callable[[dict[str, Any]], None]) -> None:
@@ -120,6 +187,8 @@ def become_agent(settings: dict[str, Any], status_fd: int, start: Callable[[dict
     try:
         os.setsid()
         libc.prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
+        # What is ignored stays ignored in the program.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
         ruleset = make_ruleset(settings)
         for kind, value in settings["limits"]:
             hard = resource.getrlimit(kind)[1]
@@ -128,7 +197,7 @@ def become_agent(settings: dict[str, Any], status_fd: int, start: Callable[[dict
         drop_rights(settings["user"])
         check("landlock_restrict_self", libc.syscall(LANDLOCK_RESTRICT_SELF, ruleset, 0))
         os.close(ruleset)
-        os.chdir(settings["scratch"])
+        os.chdir(settings["home"])
         program = bytes.fromhex(settings["filter"])
         buffer = ctypes.create_string_buffer(program, len(program))
         sock_filter = Filter(len(program) // 8, ctypes.addressof(buffer))
@@ -136,10 +205,7 @@ def become_agent(settings: dict[str, Any], status_fd: int, start: Callable[[dict
         check("seccomp", done)
         start(settings)
     except OSError as error:
-        reason = f"{settings['command'][0]}: {error.strerror or error}"
-        os.write(2, f"{reason}\n".encode())
-        os.write(status_fd, f"failed {reason}\n".encode())
-        os._exit(127)
+        fail(settings, status_fd, error)
 
 
 def make_ruleset(settings: dict[str, Any]) -> int:
@@ -155,7 +221,7 @@ def make_ruleset(settings: dict[str, Any]) -> int:
     size = 8 if version < TCP_FROM else 16 if version < SCOPES_FROM else 24
     ruleset = check("landlock", libc.syscall(LANDLOCK_CREATE_RULESET, attributes[:size], size, 0))
     readable = EXECUTE | READ_FILE | READ_DIR
-    writable = [settings["scratch"], *DEVICES, *settings["devices"]]
+    writable = [*settings["writable"], *DEVICES, *settings["devices"]]
     rules = [(path, readable) for path in settings["read"]]
     rules += [(path, READ_DIR) for path in settings["listed"]]
     rules += [(path, rights) for path in writable]
@@ -196,20 +262,25 @@ def check(what: str, result: int) -> int:
 
 
 def watch_folder(folder: str, quota_bytes: int, status_fd: int) -> None:
-    """Look at the agent's folder again and again, and end everything below this process once it is over its quota."""
+    """Look at the agent's folder again and again, and end everything below this process once it is over a limit."""
     unreadable = 0
 
     def look(_number: int, _frame: FrameType | None) -> None:
         nonlocal unreadable
         began_s = time.monotonic()
+        limit = b""
         try:
-            over = used_bytes(folder, os.getpid(), quota_bytes) > quota_bytes
+            if used_bytes(folder, os.getpid(), quota_bytes) > quota_bytes:
+                limit = b"scratch"
             unreadable = 0
+        except TooDeep:
+            limit = b"folders"
         except OSError:
             unreadable += 1
-            over = unreadable >= UNREADABLE_LOOKS
-        if over:
-            os.write(status_fd, b"exceeded scratch\n")
+            if unreadable >= UNREADABLE_LOOKS:
+                limit = b"scratch"
+        if limit:
+            os.write(status_fd, b"exceeded %s\n" % limit)
             end_all(os.getpid())
             return
         pause_s = max(WATCH_S, (time.monotonic() - began_s) / WATCH_SHARE)
@@ -220,32 +291,66 @@ def watch_folder(folder: str, quota_bytes: int, status_fd: int) -> None:
     signal.setitimer(signal.ITIMER_REAL, WATCH_S)
 
 
+class TooDeep(Exception):
+    """There are more than MAX_FOLDER_DEPTH folders in one another."""
+
+
 def used_bytes(folder: str, root: int, enough: int) -> int:
     """What a folder takes of its disk, with deleted files that processes below `root` hold open.
 
-    Stops counting past `enough`. Raises OSError for a folder in it that cannot be read.
+    Stops counting past `enough`. Raises as `statuses_in` does.
     """
     seen: set[int] = set()
-    total, waiting = 0, [folder]
-    while waiting and total <= enough:
-        try:
-            entries = os.scandir(waiting.pop())
-        except (FileNotFoundError, NotADirectoryError):
-            continue
-        with entries:
-            for entry in entries:
-                with suppress(FileNotFoundError):
-                    status = entry.stat(follow_symlinks=False)
-                    if stat.S_ISDIR(status.st_mode):
-                        waiting.append(entry.path)
-                    total += file_bytes(status, seen)
-                if total > enough:
-                    return total
+    total = 0
+    with closing(statuses_in(folder)) as statuses:
+        for status in statuses:
+            total += file_bytes(status, seen)
+            if total > enough:
+                return total
     device = os.stat(folder).st_dev
     for status in open_files(root):
         if status.st_nlink == 0 and status.st_dev == device and stat.S_ISREG(status.st_mode):
             total += file_bytes(status, seen)
     return total
+
+
+def statuses_in(folder: str) -> Generator[os.stat_result]:
+    """Everything in a folder and the folders in it. Follows no link, wherever one appears meanwhile.
+
+    Raises OSError for a folder that cannot be read, and TooDeep.
+    """
+    # Descriptors from the top down, and for each the names of the folders in it that are still to be entered.
+    held: list[int] = []
+    names = [[folder]]
+    try:
+        while names:
+            if not names[-1]:
+                names.pop()
+                if held:
+                    os.close(held.pop())
+                continue
+            if len(held) > MAX_FOLDER_DEPTH:
+                raise TooDeep
+            parent = held[-1] if held else None
+            try:
+                held.append(
+                    os.open(names[-1].pop(), os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=parent)
+                )
+            except (FileNotFoundError, NotADirectoryError):
+                if parent is None:
+                    raise
+                continue
+            names.append([])
+            with os.scandir(held[-1]) as entries:
+                for entry in entries:
+                    with suppress(FileNotFoundError):
+                        status = entry.stat(follow_symlinks=False)
+                        if stat.S_ISDIR(status.st_mode):
+                            names[-1].append(entry.name)
+                        yield status
+    finally:
+        for descriptor in held:
+            os.close(descriptor)
 
 
 def file_bytes(status: os.stat_result, seen: set[int]) -> int:
@@ -275,7 +380,7 @@ def children_of(pid: int) -> list[int]:
     children: list[int] = []
     with suppress(OSError):
         for task in os.listdir(f"/proc/{pid}/task"):
-            with suppress(OSError), open(f"/proc/{pid}/task/{task}/children") as file:
+            with suppress(OSError), open(f"/proc/{pid}/task/{task}/children", encoding="ascii") as file:
                 children += map(int, file.read().split())
     return children
 
@@ -295,7 +400,7 @@ def descendants(root: int) -> list[int]:
     for entry in os.scandir("/proc"):
         with suppress(OSError, ValueError):
             pid = int(entry.name)
-            with open(f"/proc/{pid}/stat") as file:
+            with open(f"/proc/{pid}/stat", encoding="utf-8", errors="replace") as file:
                 fields = file.read().rpartition(")")[2].split()
             if fields[0] not in "ZX":
                 children.setdefault(int(fields[1]), []).append(pid)

@@ -29,13 +29,21 @@ def process_limits(limits: AgentLimits, present: int = 0) -> dict[int, int]:
 
 
 def threads_of(user: int) -> int:
-    """Processes and threads of a user on this host: the kernel counts all of them towards RLIMIT_NPROC."""
+    """Processes and threads of a user that the kernel counts towards RLIMIT_NPROC in this process's user namespace."""
+    namespace = _user_namespace("self") if counts_by_namespace() else ""
     count = 0
     for entry in os.scandir("/proc"):
         with suppress(OSError):
-            if entry.name.isdigit() and entry.stat().st_uid == user:
+            if not entry.name.isdigit() or entry.stat().st_uid != user:
+                continue
+            # Those of another namespace may not be looked at.
+            if not namespace or _user_namespace(entry.name) == namespace:
                 count += len(os.listdir(Path(entry.path, "task")))
     return count
+
+
+def _user_namespace(pid: str) -> str:
+    return os.readlink(f"/proc/{pid}/ns/user")
 
 
 def counts_by_namespace() -> bool:

@@ -6,15 +6,22 @@ import ast
 import os
 import re
 import shutil
+import stat
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 
-# What a dynamically linked program needs, and what looks up names. Node does not start without openssl.cnf.
-SYSTEM_FILES = tuple(
-    Path("/etc", name)
-    for name in ("ld.so.cache", "ssl/certs", "ssl/openssl.cnf", "localtime", "alternatives", "fonts")
+# What a dynamically linked program needs, and what looks up names. Node does not start without openssl.cnf, Java without
+# its settings, which distributions keep here.
+SYSTEM_FILES = (
+    *(
+        Path("/etc", name)
+        for name in ("ld.so.cache", "ssl/certs", "ssl/openssl.cnf", "localtime", "alternatives", "fonts")
+    ),
+    *sorted(Path("/etc").glob("java*")),
 )
+# How many processors there are: Node, Java and thread pools start no thread where they count none.
+PROCESSORS = Path("/sys/devices/system/cpu")
 SYSTEM_FOLDERS = tuple(Path("/", name) for name in ("usr", "bin", "sbin", "lib", "lib32", "lib64"))
 # A folder with one of these holds sessions of the bench.
 _MARKS_OF_SESSIONS = ("journal.sqlite", "recording.mcap", "simspec.json", "simspecs")
@@ -77,14 +84,25 @@ def gpu_devices() -> list[Path]:
     return sorted(devices)
 
 
+def readable_by_others(path: Path) -> bool:
+    """Whether a user who owns nothing can read the path, once reached."""
+    with suppress(OSError):
+        mode = path.stat().st_mode
+        needed = 0o5 if stat.S_ISDIR(mode) else 0o4
+        return mode & needed == needed
+    return False
+
+
+def reachable_by_others(path: Path) -> bool:
+    """Whether a user who owns nothing can reach the path."""
+    with suppress(OSError):
+        return all(parent.stat().st_mode & 0o1 for parent in path.resolve().parents)
+    return False
+
+
 def open_to_others(path: Path) -> bool:
     """Whether a user who owns nothing can read the path, and reach it."""
-    real = path.resolve()
-    with suppress(OSError):
-        needed = 0o5 if real.is_dir() else 0o4
-        reachable = all(parent.stat().st_mode & 0o1 for parent in real.parents)
-        return reachable and real.stat().st_mode & needed == needed
-    return False
+    return reachable_by_others(path) and readable_by_others(path)
 
 
 def _spared(path: Path, secrets: set[Path]) -> Iterator[Path]:
@@ -140,7 +158,9 @@ def _python_paths(interpreter: Path) -> list[Path]:
     if settings.is_file():
         # The environment's parts and not its folder, which may be a whole checkout ("python -m venv .").
         paths += [settings, *(environment / part for part in ("bin", "include", "lib", "lib64", "share"))]
-        values = dict(line.split(" = ", 1) for line in settings.read_text().splitlines() if " = " in line)
+        values = dict(
+            line.split(" = ", 1) for line in settings.read_text("utf-8").splitlines() if " = " in line
+        )
         home = Path(values.get("home", "/usr/bin"))
         if values.get("include-system-site-packages") == "true" or not home.is_relative_to("/usr"):
             paths += _installation(home / interpreter.name)
@@ -175,7 +195,7 @@ def _site_folders(path: Path) -> list[Path]:
 
 def _added_paths(pth: Path) -> list[str]:
     with suppress(OSError, UnicodeDecodeError):
-        lines = [line.strip() for line in pth.read_text().splitlines()]
+        lines = [line.strip() for line in pth.read_text("utf-8").splitlines()]
         return [line for line in lines if line and not line.startswith(("#", "import ", "import\t"))]
     return []
 
@@ -194,7 +214,7 @@ def _import_paths(folder: Path) -> list[Path]:
 def _mapped_paths(finder: Path) -> list[Path]:
     """Packages of an editable installation by setuptools, which keeps them in a dictionary of a module."""
     with suppress(OSError, SyntaxError, ValueError):
-        for statement in ast.parse(finder.read_text()).body:
+        for statement in ast.parse(finder.read_text("utf-8")).body:
             if isinstance(statement, ast.AnnAssign) and statement.value is not None:
                 target: ast.expr = statement.target
             elif isinstance(statement, ast.Assign):

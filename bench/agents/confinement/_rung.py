@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import signal
+from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
 from bench.contracts import AgentUsage, ProcessRoot
 
-from ._box import Box
+from ._box import Box, Place
 
 
 class ConfinedProcess(Protocol):
@@ -56,6 +57,13 @@ def killed_name(process: str, code: int | None) -> str:
     return f"{process} ({signal.Signals(-code).name})" if code is not None and code < 0 else ""
 
 
+def first_child(pid: int) -> int | None:
+    """The agent below the process that keeps its box; None where it has not started, or has ended."""
+    with suppress(OSError, ValueError, IndexError):
+        return int(Path(f"/proc/{pid}/task/{pid}/children").read_text("utf-8").split()[0])
+    return None
+
+
 class Rung(Protocol):
     """One way to confine an agent. Stateless but for what its trial has shown."""
 
@@ -66,8 +74,8 @@ class Rung(Protocol):
     def trial(self) -> str | None:
         """Start a program in a box: None if that works here, else the reason and what to do about it."""
 
-    def home(self, scratch: Path) -> str:
-        """HOME and the working folder of an agent whose folder on the host is `scratch`."""
+    def place(self, scratch: Path) -> Place:
+        """Where an agent finds things whose folder on the host is `scratch`."""
 
     def start(self, box: Box, output: int) -> ConfinedProcess:
         """Start the agent; stdout and stderr go to the descriptor `output`.

@@ -14,7 +14,7 @@ from bench.contracts import AgentUsage, ProcessRoot
 
 from .._process_usage import ProcessTreeUsage
 from . import _launch
-from ._box import Box
+from ._box import Box, Place, host_place
 
 _READ_BYTES = 65536
 
@@ -27,8 +27,8 @@ class Unconfined:
     def trial(self) -> str | None:
         return None
 
-    def home(self, scratch: Path) -> str:
-        return str(scratch)
+    def place(self, scratch: Path) -> Place:
+        return host_place(scratch)
 
     def start(self, box: Box, output: int) -> UnconfinedProcess:
         return UnconfinedProcess(box, output)
@@ -44,12 +44,16 @@ class UnconfinedProcess:
         self._failure, launcher_end = os.pipe()
         self._failure_text = b""
         file_bytes = box.limits.file_mb << 20
+        # A manifest may set HOME to anything.
+        self._home = box.environment["HOME"]
+        home = host_place(box.scratch).home
+        Path(home).mkdir(exist_ok=True)
         try:
             # Through a launcher and not a preexec_fn, because this process has threads; see _launch.
             launch = [_launch.__file__, str(os.getpid()), str(file_bytes), str(launcher_end)]
             self._started = subprocess.Popen(
                 [sys.executable, "-I", "-S", *launch, *box.command],
-                cwd=box.scratch,
+                cwd=home,
                 env=dict(box.environment),
                 stdin=subprocess.DEVNULL,
                 stdout=output,
@@ -62,7 +66,6 @@ class UnconfinedProcess:
             raise
         finally:
             os.close(launcher_end)
-        self._home = box.environment["HOME"]
         self._tree = ProcessTreeUsage(self._started.pid, self._home)
         self._usage = AgentUsage()
         # Set once the process has ended.

@@ -9,8 +9,8 @@ from enum import StrEnum
 
 from bench.network_namespace import namespace_fault
 
+from . import _landlock
 from ._cgroup import can_limit
-from ._landlock import landlock_version
 
 
 class Wall(StrEnum):
@@ -48,17 +48,20 @@ class Host:
     own_network: bool
     own_user: bool
     """Root gives the agent another user; not where that one cannot reach the agent's files."""
+    own_root: bool
+    """The rung `landlock` gives the agent namespaces, and a root folder in them."""
 
 
 def this_host(*, own_network: bool | None = None, own_user: bool = False) -> Host:
     """The facts of this process's host; `own_network` None asks whether this process has one."""
     return Host(
         root=os.getuid() == 0,
-        landlock=landlock_version(),
+        landlock=_landlock.landlock_version(),
         memory_groups=can_limit("memory"),
         process_groups=can_limit("pids"),
         own_network=namespace_fault() is None if own_network is None else own_network,
         own_user=own_user,
+        own_root=_landlock.namespaces_fault() is None,
     )
 
 
@@ -93,7 +96,9 @@ HOLDINGS: Mapping[str, Mapping[Wall, Holding]] = {
     },
     "landlock": {
         **dict.fromkeys(Wall, _YES),
-        Wall.SIGNALS: Holding("from Linux 6.12", lambda host: host.landlock >= 6),
+        Wall.SIGNALS: Holding(
+            "in namespaces, else from Linux 6.12", lambda host: host.own_root or host.landlock >= 6
+        ),
         Wall.TCP: Holding(
             "in a network of its own, else by port from Linux 6.7",
             lambda host: host.landlock >= 4 or host.own_network,
@@ -103,9 +108,9 @@ HOLDINGS: Mapping[str, Mapping[Wall, Holding]] = {
             "from Linux 6.12, or in a network of its own",
             lambda host: host.landlock >= 6 or host.own_network,
         ),
-        Wall.HOST_NAME: _NO,
+        Wall.HOST_NAME: Holding("in namespaces", lambda host: host.own_root),
         Wall.USER: _OWN_USER,
-        Wall.DISK: Holding("by a watch that ends it", lambda host: True),
+        Wall.DISK: Holding("yes; without namespaces by a watch that ends it", lambda host: True),
         Wall.PROCESS_COUNT: _PROCESS_COUNT,
         Wall.MEMORY_OF_ALL: _MEMORY_OF_ALL,
     },
@@ -119,6 +124,10 @@ HOLDINGS: Mapping[str, Mapping[Wall, Holding]] = {
     },
     "none": {
         **dict.fromkeys(Wall, _NO),
+        Wall.TCP: _NETWORK,
+        Wall.UDP: _NETWORK,
+        Wall.ABSTRACT_SOCKETS: _NETWORK,
+        Wall.SETTINGS: Holding("unless the bench is root", lambda host: not host.root),
         Wall.DESCRIPTORS: _YES,
         Wall.DAEMONS: Holding("unless they change their HOME", lambda host: False),
     },

@@ -17,6 +17,7 @@ import anyio
 
 from bench.contracts import OnProgress, Outcome, SessionResult, ignore_progress
 from bench.errors import Fault, SetupError
+from bench.visible_text import visible
 
 from .._versions import versions
 from ..storage._dropped import DroppedRecording, note_pending
@@ -133,7 +134,7 @@ class DaskExecutor:
         _, message = event
         start = self._starts.get(message.get(STARTED, ""))
         if start is not None:
-            start.worker = message[NAME]
+            start.worker = visible(message[NAME])
             start.reported.set()
 
     def _note_stored(self, task: Task, result: SessionResult, stored: StoredRecording) -> None:
@@ -179,7 +180,7 @@ class DaskExecutor:
     def _document(self, task: Task) -> bytes:
         document = ClusterTask(
             realization=task.realization,
-            simspec=task.simspec.read_text(),
+            simspec=task.simspec.read_text(encoding="utf-8"),
             decomposition=self._plan.decomposition.document,
             job=task.job or self._plan.job,
             wall_s=task.wall_s,

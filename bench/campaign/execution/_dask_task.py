@@ -87,7 +87,7 @@ class CancelledTask(Exception):
 
 async def _fly(task: ClusterTask, folder: Path, is_wanted: Callable[[], bool]) -> SessionResult:
     simspec, run = folder / "simspec.json", folder / "run"
-    simspec.write_text(task.simspec)
+    simspec.write_text(task.simspec, encoding="utf-8")
     run.mkdir()
     plan = WorkerPlan(task.job, decomposition_of(task.decomposition), task.own_network)
     # A process of its own: a session that flies in the worker's own starves the worker's event loop until the

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Generator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -40,6 +40,7 @@ from bench.errors import PlacementInfeasible, SetupError
 from bench.network_namespace import namespace_fault
 from bench.realization import check_placement, place
 from bench.recording import TapeBuilder, open_recording
+from bench.removal import remove_tree
 from bench.simspec import AgentSpec, Isolation, SimSpec
 from bench.simulation import SessionEnd, SessionPlan, open_forfeit, run_session
 from decompositions import Decomposition
@@ -57,19 +58,16 @@ AGENT_PROCESS = "agent_process"
 AUTOPILOT_LOGS = "autopilot"
 
 
-def fly_realization(
+def fly_here(
     simspec: SimSpec,
     decomposition: Decomposition,
     folder: Path,
     realization: str,
     on_progress: OnProgress = ignore_progress,
 ) -> SessionResult:
-    """Fly one realization into `folder`, created if it does not exist, and return its result without writing
-    it.
+    """Fly one realization in this process, and in its network.
 
-    Leaves `recording.mcap`, `simspec.json` (realized) and `agent.log` in the folder. A session that fails is
-    a result, never an exception. Positions that come with the SimSpec are checked before the flight:
-    SETUP_INVALID if they break what the SimSpec asks for.
+    `fly_realization` says what is left in `folder`, and what a failure is.
     """
     return _fly(simspec, decomposition, folder, realization, open_agent, on_progress)
 
@@ -81,7 +79,7 @@ def fly_confined(
     realization: str,
     on_progress: OnProgress = ignore_progress,
 ) -> SessionResult:
-    """As `fly_realization`, with the agent on the strongest rung that starts here, whatever its manifest asks for.
+    """As `fly_here`, with the agent on the strongest rung that starts here, whatever its manifest asks for.
 
     SimSpec and recording stay those of the campaign; the rung stands in the details of the result.
     """
@@ -118,12 +116,12 @@ def _fly(
         host = _host(manifest, placed.agent.model_copy(update=demanded))
     except (PlacementInfeasible, SetupError) as error:
         return SessionFailure.of(error).result(realization)
-    (folder / SIMSPEC).write_text(dump_json(placed))
+    (folder / SIMSPEC).write_text(dump_json(placed), encoding="utf-8")
     # The tape is built from the records while they are written: measures need not read the file back.
     tape = TapeBuilder(placed)
-    starter = _AgentStarter(open_agent)
+    starter = AgentStarter(open_agent)
     with (
-        tempfile.TemporaryDirectory(prefix="rebar-agent-") as scratch,
+        _open_scratch() as scratch,
         open_recording(
             folder / RECORDING, simspec=placed, versions=versions(), metadata=_metadata(manifest)
         ) as recording,
@@ -138,21 +136,19 @@ def _fly(
             manifest,
             manifest_folder,
             starter.open,
-            Path(scratch),
+            scratch,
             tap,
             hidden=(folder.resolve(),),
             artefacts=folder / AUTOPILOT_LOGS,
             on_progress=on_progress,
         )
         end = _without_host_faults(run_session(plan), plan)
-        log = Path(scratch, AGENT_LOG)
-        if log.is_file():
-            (folder / AGENT_LOG).write_bytes(log.read_bytes())
+    if starter.output is not None:
+        (folder / AGENT_LOG).write_bytes(starter.output)
     flown = tape.tape()
     observations = measure_all(measures_of(decomposition), flown, placed) if end.outcome.counts else ()
-    result = result_of(realization, end, recording.sha256, observations)
     details = {
-        **result.details,
+        **traceback_details(end.traceback),
         **_metadata(manifest),
         **truth_details(placed, flown),
         **host,
@@ -163,27 +159,35 @@ def _fly(
         **({TIMING: end.timing.model_dump()} if end.timing else {}),
         **({WARP: end.warp} if end.warp else {}),
     }
-    return result.model_copy(update={"details": details})
+    return result_of(realization, end, recording.sha256, observations, details)
 
 
 @dataclass(slots=True)
-class _AgentStarter:
-    """Starts the agent, and keeps which walls its box leaves open and whether it was forked: known only once it has
-    started.
+class AgentStarter:
+    """Starts the agent, and keeps which walls its box leaves open, whether it was forked, and what it wrote: known only
+    once it has started, or has ended.
     """
 
     open_agent: OpenAgent
     details: dict[str, list[str]] = field(default_factory=dict)
+    output: bytes | None = None
 
     @contextmanager
     def open(self, plan: AgentPlan) -> Generator[AgentProcess]:
         """An `OpenAgent`."""
-        with self.open_agent(plan) as agent:
+        with ExitStack() as stack:
+            agent = stack.enter_context(self.open_agent(plan))
             if isinstance(agent, LocalProcess):
                 self.details[LEAVES_OPEN] = [wall_name(wall) for wall in agent.open_walls]
                 if plan.manifest.reset == "fork":
                     self.details[AGENT_PROCESS] = ["forked" if agent.is_forked else "fresh"]
-            yield agent
+            try:
+                yield agent
+            finally:
+                # After its end: what it wrote last is in there too.
+                stack.close()
+                if isinstance(agent, LocalProcess):
+                    self.output = agent.output()
 
 
 # Host files are looked at only for agents that ended so early, in simulated seconds: later an agent knows its
@@ -232,8 +236,22 @@ def _checked(simspec: SimSpec) -> SimSpec:
     return simspec
 
 
+@contextmanager
+def _open_scratch() -> Generator[Path]:
+    """A new folder for an agent, which is removed afterwards whatever is left in it."""
+    folder = Path(tempfile.mkdtemp(prefix="rebar-agent-"))
+    try:
+        yield folder
+    finally:
+        remove_tree(folder)
+
+
 def result_of(
-    realization: str, end: SessionEnd, sha256: str | None, observations: tuple[Observation, ...]
+    realization: str,
+    end: SessionEnd,
+    sha256: str | None,
+    observations: tuple[Observation, ...],
+    details: dict[str, Any],
 ) -> SessionResult:
     """The result document of a session that ended."""
     return SessionResult(
@@ -247,5 +265,5 @@ def result_of(
         recording_sha256=sha256,
         counters=end.counters,
         observations=observations,
-        details=traceback_details(end.traceback),
+        details=details,
     )

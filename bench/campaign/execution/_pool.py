@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -22,6 +21,7 @@ from typing import Any
 import anyio
 
 from bench.contracts import OnProgress, Outcome, SessionResult, ignore_progress
+from bench.removal import remove_tree
 
 from ._executor import OnStart
 from ._processes import await_exit, kill_tree, processes_marked
@@ -86,13 +86,13 @@ async def open_local_pool(
     for pid in processes_marked(FOLDER_VARIABLE, str(folder.resolve())):
         kill_tree(pid)
     scratch = folder / SCRATCH
-    shutil.rmtree(scratch, ignore_errors=True)
+    remove_tree(scratch)
     pool = LocalPool(plan, workers, folder, grace_s, clock)
     try:
         yield pool
     finally:
         pool.close()
-        shutil.rmtree(scratch, ignore_errors=True)
+        remove_tree(scratch)
 
 
 @dataclass(slots=True)

@@ -52,7 +52,7 @@ def _children(pid: int) -> list[int]:
     with suppress(OSError):
         for task in Path(f"/proc/{pid}/task").iterdir():
             with suppress(OSError):
-                children += map(int, (task / "children").read_text().split())
+                children += map(int, (task / "children").read_text(encoding="ascii").split())
     return children
 
 

@@ -1,13 +1,12 @@
-"""Sessions that ended as an unconfined agent could have made them end: marked, flown again, and charged to the agent when
-it happens again. docs/campaigns.md states the rule and what it cannot tell.
+"""Sessions that ended as an agent could have made them end: marked, flown again, and charged to the agent when it happens
+again to it and to no neighbour. docs/campaigns.md states the rule and what it cannot tell.
 """
 
 from __future__ import annotations
 
-import builtins
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 
-from bench.contracts import SUSPECT, Outcome, SessionResult
+from bench.contracts import FIRMWARE_FAILED, LEAVES_OPEN, SUSPECT, Outcome, SessionResult
 from bench.errors import SetupError
 from bench.realization import RealizationPlan
 
@@ -25,23 +24,24 @@ class SuspectWatch:
     """Follows the attempts at every realization in one run of a campaign.
 
     `memory_kills` counts the processes that the kernel killed for want of memory: such an end is the host's.
-    `isolation` is the rung that confines the agent of a realization here: a worker that is gone cannot say it.
     `confined_job` is the job that flies an agent confined although it asks for no rung; None where the host cannot.
+    `is_unconfined` tells whether the agent of a realization asks for no rung here. `scenes` has the scene of each
+    realization: realizations of one scene are neighbours.
     """
 
     def __init__(
         self,
         memory_kills: Callable[[], int],
-        isolation: Callable[[str], str] = lambda realization: UNCONFINED,
         confined_job: Callable[[], str | None] = lambda: None,
+        is_unconfined: Callable[[str], bool] = lambda realization: True,
+        scenes: Mapping[str, str] | None = None,
     ) -> None:
         self._memory_kills = memory_kills
-        self._isolation = isolation
         self._confined_job = confined_job
-        self._confined: set[str] = set()
+        self._is_unconfined = is_unconfined
+        self._scenes = scenes or {}
         self._kills_at_start: dict[str, int] = {}
-        self._suspicions: dict[str, list[str]] = {}
-        self._chargeable: dict[str, int] = {}
+        self._ends: dict[str, list[SessionResult]] = {}
         self._forfeited: set[str] = set()
 
     def start(self, realization: str) -> None:
@@ -52,40 +52,33 @@ class SuspectWatch:
         """An attempt has ended."""
         realization = result.realization
         killed = self._memory_kills() > self._kills_at_start.get(realization, 0)
-        if killed or realization in self._forfeited or not is_suspect(result):
-            return
-        if ISOLATION not in result.details and self._isolation(realization) != UNCONFINED:
-            return
-        # The agent of that attempt was confined, so it was not the agent.
-        if realization in self._confined:
-            return
-        ends = self._suspicions.setdefault(realization, [])
-        ends.append(f"{result.outcome}: {result.reason}"[:_REASON_CHARACTERS])
-        self._chargeable[realization] = self._chargeable.get(realization, 0) + is_chargeable(result)
+        if not killed and realization not in self._forfeited and is_suspect(result):
+            self._ends.setdefault(realization, []).append(result)
 
     def forfeits(self, result: SessionResult, bench_works: bool) -> bool:
-        """Whether the agent is charged with an end that would be final: each time the bench was lost, while it flew
-        other sessions. From then on the realization is forfeited.
+        """Whether the agent is charged with an end that would be final: each time the bench failed under it, while it
+        flew other sessions, and did not fail so under another agent in the same scene. From then on the realization is
+        forfeited. A real autopilot that fails is judged by `FirmwareWatch`.
         """
         realization = result.realization
         charged = (
             bench_works
             and realization not in self._forfeited
-            and is_chargeable(result)
-            and realization in self._suspicions
-            and self._chargeable.get(realization, 0) >= ATTEMPTS_TO_CHARGE
-            and self._chargeable[realization] == len(self._suspicions[realization])
+            and is_suspect(result)
+            and len(self._ends.get(realization, ())) >= ATTEMPTS_TO_CHARGE
+            and not self._kinds(realization) & (self._kinds_of_neighbours(realization) | {FIRMWARE_FAILED})
         )
         if charged:
             self._forfeited.add(realization)
         return charged
 
     def confined_job(self, realization: str) -> str | None:
-        """The job of the next attempt where the agent is to be confined: after a suspect one, if this host can."""
-        if realization not in self._suspicions or (job := self._confined_job()) is None:
+        """The job of the next attempt where the agent is to be confined: after a suspect one of an agent that asks for no
+        rung, if this host can.
+        """
+        if realization not in self._ends or not self._is_unconfined(realization):
             return None
-        self._confined.add(realization)
-        return job
+        return self._confined_job()
 
     def is_forfeited(self, realization: str) -> bool:
         """Whether the next attempt is one without the agent."""
@@ -93,26 +86,36 @@ class SuspectWatch:
 
     def marked(self, result: SessionResult) -> SessionResult:
         """The result with what its attempts are suspected of; also one that went well in the end."""
-        ends = self._suspicions.get(result.realization)
-        return result.model_copy(update={"details": {**result.details, SUSPECT: ends}}) if ends else result
+        if not (ends := self._ends.get(result.realization)):
+            return result
+        texts = [f"{end.outcome}: {end.reason}"[:_REASON_CHARACTERS] for end in ends]
+        return result.model_copy(update={"details": {**result.details, SUSPECT: texts}})
+
+    def _kinds(self, realization: str) -> set[str]:
+        return {_kind(end) for end in self._ends.get(realization, ())}
+
+    def _kinds_of_neighbours(self, realization: str) -> set[str]:
+        scene = self._scenes.get(realization)
+        others = [
+            name for name in self._ends if name != realization and self._scenes.get(name, name) == scene
+        ]
+        return {kind for name in others for kind in self._kinds(name)}
 
 
 def is_suspect(result: SessionResult) -> bool:
-    """Whether the session ended as somebody who may kill or rob the bench's process can make it end."""
-    unconfined = result.details.get(ISOLATION, UNCONFINED) == UNCONFINED
-    return unconfined and result.outcome in (Outcome.WORKER_LOST, Outcome.BENCH_ERROR)
+    """Whether the bench failed while the agent was there, so that the agent may have had a part in it."""
+    if result.outcome is Outcome.WORKER_LOST:
+        return True
+    # What is known of the walls of an agent is known once it has started. Without any details the worker could not say.
+    never_started = ISOLATION in result.details and LEAVES_OPEN not in result.details
+    return result.outcome is Outcome.BENCH_ERROR and not never_started
 
 
-def is_chargeable(result: SessionResult) -> bool:
-    """Whether such an end is evidence enough: a lost worker, or a fault of the operating system.
-
-    Any other exception is a fault in the bench's own code, which an agent cannot plant and a scene can meet each time.
-    """
-    if not is_suspect(result):
-        return False
-    kind = getattr(builtins, result.reason.partition(":")[0], None)
-    from_outside = isinstance(kind, type) and issubclass(kind, OSError)
-    return result.outcome is Outcome.WORKER_LOST or from_outside
+def _kind(result: SessionResult) -> str:
+    """What two faults have in common that have one cause: the kind of exception, or the first words of the bench."""
+    if result.outcome is Outcome.WORKER_LOST:
+        return str(result.outcome)
+    return result.reason.partition(":")[0]
 
 
 def watch_for_agents(
@@ -122,7 +125,15 @@ def watch_for_agents(
     # Here, because importing the simulation takes half a second.
     from bench.simulation import count_memory_kills
 
-    return SuspectWatch(memory_kills or count_memory_kills, _isolation_of(plans), _confined_job)
+    plans = list(plans)
+    return SuspectWatch(
+        memory_kills or count_memory_kills, _confined_job, _is_unconfined(plans), scenes_of(plans)
+    )
+
+
+def scenes_of(plans: Iterable[RealizationPlan]) -> dict[str, str]:
+    """The scene of each realization."""
+    return {plan.id: f"{plan.design_point} {plan.replicate}" for plan in plans}
 
 
 def no_memory_kills() -> int:
@@ -138,18 +149,17 @@ def _confined_job() -> str | None:
     return CONFINED_JOB if any(rungs()[name].trial() is None for name in names) else None
 
 
-def _isolation_of(plans: Iterable[RealizationPlan]) -> Callable[[str], str]:
-    """The rung that confines the agent of a realization here; empty where none can be told."""
+def _is_unconfined(plans: Iterable[RealizationPlan]) -> Callable[[str], bool]:
+    """Whether the agent of a realization gets no rung here; no where none can be told."""
     agents = {plan.id: plan.agent_spec for plan in plans}
 
-    def isolation(realization: str) -> str:
+    def is_unconfined(realization: str) -> bool:
         from bench.agents import load_manifest, rung_of
 
         try:
             manifest, _ = load_manifest(agents[realization].manifest)
-            return rung_of(manifest, agents[realization]).name
-        # Without its manifest nothing is known of the agent, so nothing is laid on it.
+            return rung_of(manifest, agents[realization]).name == UNCONFINED
         except SetupError:
-            return ""
+            return False
 
-    return isolation
+    return is_unconfined

@@ -14,7 +14,7 @@ from bench.contracts import OnProgress, ProgressUpdate, SessionResult
 from bench.errors import RebarError
 from bench.simspec import SimSpec
 
-FLIGHT_JOB = "bench.campaign.execution._flight:fly_realization"
+FLIGHT_JOB = "bench.campaign.execution._flight:fly_here"
 """The job of a campaign at full fidelity."""
 
 FORFEIT_JOB = "bench.campaign.execution._flight:forfeit_realization"

@@ -15,6 +15,7 @@ from typing import Any
 from bench.contracts import OnProgress, Outcome, ProgressUpdate, SessionFailure, SessionResult
 from bench.documents import load_json_document
 from bench.simspec import SimSpec
+from bench.visible_text import visible_output
 
 from ..storage._files import digest_of
 from ..storage._folder import RECORDING
@@ -43,7 +44,12 @@ def main(link_fd: int, lifeline_fd: int, name: str) -> None:
         os.set_inheritable(fd, False)
     faulthandler.enable()
     threading.Thread(target=_die_with_runner, args=(lifeline_fd,), daemon=True).start()
-    link: Connection[Any, Any] = Connection(link_fd)
+    # What it prints is read in its log, and told as its last words.
+    with visible_output():
+        _serve(Connection(link_fd), name)
+
+
+def _serve(link: Connection[Any, Any], name: str) -> None:
     plan: WorkerPlan = link.recv()
     try:
         job = load_job(plan.job)

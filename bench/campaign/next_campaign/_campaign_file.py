@@ -6,7 +6,8 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import yaml
+from bench.documents import dump_value
+from bench.visible_text import visible
 
 from .._document import Campaign
 from ._factor_rules import FactorProposal
@@ -64,10 +65,10 @@ def _set_fields(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _yaml(value: object, indent: int = 0) -> str:
-    text = str(yaml.safe_dump(value, sort_keys=False, allow_unicode=True, width=WIDTH - indent))
-    return textwrap.indent(text, " " * indent)
+    return textwrap.indent(dump_value(value, WIDTH - indent), " " * indent)
 
 
 def _comment(text: str, indent: int = 0) -> str:
     margin = " " * indent + "# "
-    return textwrap.fill(text, width=WIDTH, initial_indent=margin, subsequent_indent=margin) + "\n"
+    # A separator of lines that is not seen would end the comment.
+    return textwrap.fill(visible(text), width=WIDTH, initial_indent=margin, subsequent_indent=margin) + "\n"

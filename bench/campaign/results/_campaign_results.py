@@ -23,7 +23,8 @@ from ..storage._results import read_result
 class CampaignResults:
     """The realizations of a journal, where design points stopped early, and how the realizations ended.
 
-    `outcomes`, `completeness` and `saw_truth` (the realizations whose agents reported a honeypot) are about the results
+    `outcomes`, `completeness`, `failed_measures` (runs by what the failure of a measure says) and `saw_truth` (the
+    realizations whose agents reported a honeypot) are about the results
     that `ends` has read. Results themselves are not kept: of a large campaign they would not fit into memory.
     """
 
@@ -34,6 +35,7 @@ class CampaignResults:
     drawn_out: frozenset[str]
     writer: str | None
     saw_truth: list[str] = field(default_factory=list)
+    failed_measures: Counter[str] = field(default_factory=Counter)
     _ends: list[Outcome | None] = field(default_factory=list)
 
     @classmethod
@@ -57,12 +59,16 @@ class CampaignResults:
 
     def ends(self) -> Iterator[tuple[JournalEntry, SessionResult | None]]:
         """Every realization with its result, None without one."""
-        self._ends, self.saw_truth = [], []
+        self._ends, self.saw_truth, self.failed_measures = [], [], Counter()
         for entry in self.entries:
             result = self._result(entry)
             self._ends.append(result.outcome if result else None)
             if result and truth_sightings_of(result.details):
                 self.saw_truth.append(entry.id)
+            if result:
+                self.failed_measures.update(
+                    {observation.failure for observation in result.observations} - {""}
+                )
             yield entry, result
 
     @property
@@ -79,7 +85,8 @@ class CampaignResults:
     def completeness(self) -> Completeness:
         """Which runs are missing."""
         ends = zip(self.entries, self._ends, strict=True)
-        return replace(completeness_of(ends, self.accepted, self.drawn_out), writer=self.writer)
+        completeness = completeness_of(ends, self.accepted, self.drawn_out)
+        return replace(completeness, writer=self.writer, failed_measures=dict(self.failed_measures))
 
     def _result(self, entry: JournalEntry) -> SessionResult | None:
         """The result that the journal noted. None if the file was changed since."""

@@ -5,7 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from bench.contracts import ChecksOptions, Measure, MeasureRequest, Observation, Option, Tape, load_plugin
+from bench.contracts import (
+    ChecksOptions,
+    Measure,
+    MeasureRequest,
+    Observation,
+    Option,
+    Tape,
+    failure_text,
+    load_plugin,
+    package_of,
+)
 from bench.simspec import FACTORS, SimSpec
 from decompositions import Decomposition, DecompositionVocabulary, load_decomposition
 
@@ -26,11 +36,22 @@ def check_options(measure: str, options: Mapping[str, Option]) -> None:
 def measure_all(
     requests: Mapping[str, MeasureRequest], tape: Tape, simspec: SimSpec
 ) -> tuple[Observation, ...]:
-    """One observation for each observable, in the order of `requests`. Raises as `check_options` does."""
+    """One observation for each observable, in the order of `requests`. A measure that raises costs its observable alone.
+
+    Raises SetupError if there is no such measure.
+    """
     observations = []
     for observable, (name, options) in requests.items():
         measure: Measure = load_plugin("rebar.measures", name)
-        observations.append(measure(observable, tape, simspec, options))
+        try:
+            observation = measure(observable, tape, simspec, options)
+            if not isinstance(observation, Observation):
+                raise TypeError(f"the measure returned {type(observation).__name__}, not an Observation")
+        # Code of others, which no flight should be lost for.
+        except Exception as error:
+            failure = f"{name} of {package_of('rebar.measures', name)}: {failure_text(error)}"
+            observation = Observation(observable=observable, considered=False, failure=failure)
+        observations.append(observation)
     return tuple(observations)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-import shutil
 import tempfile
 from collections import defaultdict
 from collections.abc import Mapping
@@ -23,6 +22,7 @@ from bench.contracts import (
 )
 from bench.documents import load_json_document
 from bench.recording import read_metadata, read_records, read_tape, recording_difference, truth_distance
+from bench.removal import remove_tree
 from bench.simspec import RealAutopilot, SimSpec
 from bench.streams import String, decode
 from decompositions import Decomposition
@@ -171,7 +171,7 @@ class _Reflight:
                 reflown = await executor.fly(self._task(name), on_start=lambda worker: None)
                 runs.append(self._compare(result, reflown))
                 # Recordings of a large sample would fill a small temporary disk.
-                shutil.rmtree(self._home / name)
+                remove_tree(self._home / name)
 
         with first_error_alone():
             async with (

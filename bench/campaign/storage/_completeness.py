@@ -6,7 +6,7 @@ import json
 import shlex
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from bench.contracts import Outcome
@@ -43,7 +43,8 @@ _REASON_CHARACTERS = 160
 class Completeness:
     """How many of a campaign's `total` runs are `missing`, by outcome; `example` is one of them with its
     reason. `accepted` are the realizations without a run that a person took as they are. `drawn_out` of the missing ones
-    are not flown again by themselves, because their real autopilot failed in flight. `writer` is the id of another process
+    are not flown again by themselves, because their real autopilot failed in flight. `failed_measures` counts the runs in which
+    a measure failed, by what its failure says. `writer` is the id of another process
     that was writing in the folder at that moment.
     """
 
@@ -53,11 +54,12 @@ class Completeness:
     accepted: tuple[str, ...] = ()
     drawn_out: int = 0
     writer: str | None = None
+    failed_measures: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def complete(self) -> bool:
-        """Whether every run counts, was not needed, or is accepted as missing."""
-        return not self.missing
+        """Whether every run counts, was not needed, or is accepted as missing, and every measure worked."""
+        return not self.missing and not self.failed_measures
 
     def lines(self, folder: Path) -> list[str]:
         """What a command prints before anything else: the finding, then the remedy. Empty if complete."""
@@ -68,10 +70,19 @@ class Completeness:
         )
         if self.complete:
             return [f"RUNNING: {busy}."] if busy else []
+        failures = [
+            f"MEASURE FAILED in {count} of {self.total} runs, where its observables are not considered: {failure}"
+            for failure, count in sorted(self.failed_measures.items())
+        ]
+        if failures:
+            command = shlex.join(["rebar", "score", str(folder)])
+            failures.append(f"Fix the measure, then run `{command}`: nothing has to be flown again.")
+        if not self.missing:
+            return failures
         kinds = ", ".join(f"{count} {outcome}" for outcome, count in sorted(self.missing.items()))
         head = f"INCOMPLETE: {sum(self.missing.values())} of {self.total} runs are missing: {kinds}"
         if busy:
-            return [f"{head}; {busy}.", "Wait until it ends."]
+            return [f"{head}; {busy}.", "Wait until it ends.", *failures]
         command = shlex.join(["rebar", "run", str(folder / "campaign.yaml"), "--out", str(folder)])
         infeasible = self.missing.get(Outcome.PLACEMENT_INFEASIBLE, 0)
         fliable = sum(self.missing.values()) - infeasible > self.drawn_out
@@ -86,7 +97,7 @@ class Completeness:
             remedies.append(f"To go without them for good, add {' '.join(acceptable)} to that command.")
             if not fliable:
                 remedies[-1] = f"To go without them for good, run `{command} {' '.join(acceptable)}`."
-        return [head + (f" ({self.example})" if self.example else ""), " ".join(remedies)]
+        return [head + (f" ({self.example})" if self.example else ""), " ".join(remedies), *failures]
 
 
 def completeness_of(

@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import shutil
 import time
 import zlib
 from collections.abc import Iterator, Sequence
@@ -32,6 +31,7 @@ from pathlib import Path
 from typing import IO
 
 from bench.errors import Fault, SetupError
+from bench.removal import remove_tree
 
 RECORDING = "recording.mcap"
 RESULT = "result.json"
@@ -107,8 +107,8 @@ class CampaignFolder:
     def fresh_run(self, realization: str) -> Path:
         """An empty run folder. Whatever an earlier attempt left there is deleted."""
         run = self.run(realization)
-        if run.exists():
-            shutil.rmtree(run)
+        # An unconfined agent may have left anything in there.
+        remove_tree(run)
         run.mkdir(parents=True)
         return run
 
@@ -153,7 +153,7 @@ def open_lock(folder: Path, *, reentrant: bool = False) -> Iterator[bool]:
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / LOCK).exists() and not (folder / LOCK).is_file():
         raise SetupError(Fault(str(folder / LOCK), "is no file", "remove it"))
-    with (folder / LOCK).open("a+") as file:
+    with (folder / LOCK).open("a+", encoding="utf-8") as file:
         if not _take_lock(file):
             file.seek(0)
             holder = file.read().strip() or "unknown"
@@ -190,7 +190,7 @@ def writing_process(folder: Path) -> str | None:
     if not (folder / LOCK).is_file():
         return None
     try:
-        with (folder / LOCK).open() as file:
+        with (folder / LOCK).open(encoding="utf-8") as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
             except BlockingIOError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from bench.documents import dump_value, read_document
+from bench.visible_text import visible
 from decompositions import DecompositionDocument, KeyFactor, decomposition_of
 
 from ._calibration import Calibration, ColumnDisorder, TableCalibration
@@ -37,7 +38,7 @@ def table_proposal(calibration: Calibration) -> str:
     body: dict[str, Any] = {"from": _source(calibration)}
     body |= {"tables": shared} if shared else {}
     body |= {"observables": single} if single else {}
-    return "".join(f"# {line}".rstrip() + "\n" for line in header) + dump_value(body)
+    return "".join(f"# {visible(line)}".rstrip() + "\n" for line in header) + dump_value(body)
 
 
 def _edited(table: TableCalibration) -> KeyFactor:

@@ -102,6 +102,7 @@ def _open(isolation: str, network: str | None) -> tuple[str, ...]:
         process_groups=True,
         own_network=network == OWN_NETWORK,
         own_user=True,
+        own_root=True,
     )
     return tuple(leaves_open(isolation, best))
 

@@ -84,7 +84,8 @@ def _build(compiler: str, library: Path) -> None:
             [compiler, *FLAGS, "-o", str(made), str(SOURCE)],
             stdin=subprocess.DEVNULL,
             capture_output=True,
-            text=True,
+            encoding="utf-8",
+            errors="replace",
             check=False,
             timeout=_BUILD_BUDGET_S,
         )

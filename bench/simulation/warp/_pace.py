@@ -82,6 +82,8 @@ class Warp:
         self.counts = WarpCounts()
         self.agent_has_spoken = False
         """Whether the agent has said anything yet."""
+        self.agent_is_informed = False
+        """Whether the agent has been told anything of its situation yet."""
         self.start_budget_s = FREE_CPU_S
         self._pages = pages
         self._clock = clock
@@ -143,7 +145,8 @@ class Warp:
         self._pages.release()
 
     def close(self) -> None:
-        """Let go of the agent's processes."""
+        """Let go of the agent's processes and of its page."""
+        self._pages.close()
         if self._threads is not None:
             self._threads.close()
             _set_timer_slack(0)
@@ -185,7 +188,7 @@ class Warp:
         for process in unentered:
             if reason := self._programs.refusal(process, now_s):
                 # Later it would be a way to drop a run that goes badly: such runs are not scored.
-                outcome = Outcome.AGENT_PROTOCOL if self.agent_has_spoken else Outcome.SETUP_INVALID
+                outcome = Outcome.AGENT_PROTOCOL if self.agent_is_informed else Outcome.SETUP_INVALID
                 raise StopSession(outcome, f"{reason} (docs/time.md); fly it with --pace realtime")
         if not unentered:
             self._scans, self._looked_s = self._threads.scans, now_s

@@ -7,14 +7,19 @@ import mmap
 import os
 import platform
 import struct
+import sys
 import time
 from collections.abc import Callable, Collection
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+
+from bench.contracts import Outcome
+
+from .._stop_session import StopSession
 
 MAGIC, VERSION = 0x5041575241424552, 1
 MAX_PROCESSES, MAX_SLOTS = 256, 4096
@@ -39,15 +44,13 @@ _WAITERS = np.dtype(
         ("slots", _SLOT, (MAX_SLOTS,)),
     ]
 )
-# Places of whole numbers: of 64 bits in the clock's file and among the slots, of 32 bits at the head of the other file.
+# Places of 64-bit numbers in the clock's file, and of bytes in the other one.
 _NOW, _RELEASED = 2, 4
-_SLOTS_USED, _OVERFLOWED = 4, 5
-_FIRST_SLOT = (24 + MAX_PROCESSES * _PROCESS.itemsize) // 8
-_SLOT_NUMBERS = _SLOT.itemsize // 8
-# Counted in 32 bits: ids of processes, each followed by its futex; and of a slot's process, behind its deadline.
-_FIRST_PID, _PROCESS_HEADS = 24 // 4, _PROCESS.itemsize // 4
-_LAST_PID = _FIRST_PID + MAX_PROCESSES * _PROCESS_HEADS
-_FIRST_OWNER, _SLOT_HEADS = _FIRST_SLOT * 2 + 2, _SLOT.itemsize // 4
+_SLOTS_USED, _OVERFLOWED = 16, 20
+_FIRST_PROCESS = 24
+_FIRST_SLOT = _FIRST_PROCESS + MAX_PROCESSES * _PROCESS.itemsize
+_HEAD = struct.pack("=QQ", MAGIC, VERSION)
+_FREE_SLOT, _NOBODY = bytes(_SLOT.itemsize), bytes(4)
 _WORD = 0xFFFFFFFF
 _FUTEX = {"x86_64": 202, "aarch64": 98}
 _FUTEX_WAKE = 1
@@ -66,19 +69,19 @@ class Waiter:
 
 
 class WarpPages:
-    """The agent's clock, which this side alone sets, and what the agent waits for."""
+    """The agent's clock, which this side alone sets, and what the agent waits for.
 
-    def __init__(self, clock: mmap.mmap, waiters: mmap.mmap) -> None:
+    The agent can write the other page, and shorten its file: this side reads it as a file, because in memory it would be
+    ended by SIGBUS. All that reads raises StopSession where the page is shorter than it was made, or its head another.
+    """
+
+    def __init__(self, clock: mmap.mmap, waiters_fd: int) -> None:
         # Whole numbers at their own alignment are moved by one instruction each: no half of one is ever seen.
         self._clock = memoryview(clock).cast("q")
-        self._numbers = memoryview(waiters).cast("q")
-        self._heads = memoryview(waiters).cast("I")
-        page = np.frombuffer(waiters, dtype=_WAITERS, count=1)[0]
-        self._slots = page["slots"]
-        self._processes = page["processes"]
-        self._pids: NDArray[np.int32] = self._processes["pid"]
-        self._owners: NDArray[np.int32] = self._slots["pid"]
-        self._first_futex = self._processes.ctypes.data + _WAKE_OFFSET
+        self._waiters_fd = waiters_fd
+        # For its address alone, by which sleepers are woken: never read or written.
+        self._mapped = mmap.mmap(waiters_fd, _WAITERS.itemsize)
+        self._address = np.frombuffer(self._mapped, np.uint8).ctypes.data
         self._futex = _FUTEX[platform.machine()]
 
     @property
@@ -94,7 +97,8 @@ class WarpPages:
     def release(self) -> None:
         """Let time pass by itself from now on, as fast as the host's: the session is over."""
         self._clock[_RELEASED] = time.monotonic_ns()
-        self._wake(set(self._pids[self._pids > 0].tolist()))
+        with suppress(StopSession):
+            self._wake(self.entered())
 
     def earliest_ns(self) -> int | None:
         """The first moment for which a thread or a timer of the agent waits; None while nothing waits for one."""
@@ -109,71 +113,97 @@ class WarpPages:
         """Wake each process in which something is due."""
         # Of a dozen slots: calls of numpy on all of them cost four times as much.
         now_ns, deadlines_ns = self._clock[_NOW], self._deadlines_ns()
-        due = [slot for slot, deadline_ns in enumerate(deadlines_ns) if 0 < deadline_ns <= now_ns]
-        if due:
-            self._wake({self._heads[_FIRST_OWNER + slot * _SLOT_HEADS] for slot in due})
+        if any(0 < deadline_ns <= now_ns for deadline_ns in deadlines_ns):
+            self._wake({waiter.pid for waiter in self.waiters() if waiter.deadline_ns <= now_ns})
 
     def waiters(self) -> list[Waiter]:
         """Everything that waits, by its place in the page."""
-        slots = self._slots[: self._heads[_SLOTS_USED]]
         return [
-            Waiter(int(slot["pid"]), int(slot["tid"]), int(slot["deadline_ns"]))
-            for slot in slots
-            if slot["deadline_ns"] > 0
+            Waiter(pid, tid, deadline_ns)
+            for deadline_ns, pid, tid, *_ in np.frombuffer(self._slots(), _SLOT).tolist()
+            if deadline_ns > 0
         ]
 
     def entered(self) -> set[int]:
         """The processes in which the library has started, as the agent numbers them."""
-        return set(self._pids[self._pids > 0].tolist())
+        return {pid for pid, _ in self._processes() if pid > 0}
 
     def forget(self, ended: Collection[int]) -> None:
         """Free what ended processes have left: a wait of theirs would stop time for good."""
-        for pid in ended:
-            slots = self._owners == pid
-            self._slots["deadline_ns"][slots] = 0
-            self._slots["state"][slots] = 0
-            self._owners[slots] = 0
-            self._pids[self._pids == pid] = 0
+        for index, pid in enumerate(np.frombuffer(self._slots(), _SLOT)["pid"].tolist()):
+            if pid in ended:
+                os.pwrite(self._waiters_fd, _FREE_SLOT, _FIRST_SLOT + index * _SLOT.itemsize)
+        for index, (pid, _) in enumerate(self._processes()):
+            if pid in ended:
+                os.pwrite(self._waiters_fd, _NOBODY, _FIRST_PROCESS + index * _PROCESS.itemsize)
 
     @property
     def overflowed(self) -> bool:
         """Whether the agent had more processes or waits at once than the page holds, so that time must not go on."""
-        return bool(self._heads[_OVERFLOWED])
+        return self._read(_OVERFLOWED, 4) != bytes(4)
+
+    def close(self) -> None:
+        """Let go of the agent's page."""
+        os.close(self._waiters_fd)
 
     def _deadlines_ns(self) -> list[int]:
         """Of each slot that was ever used; 0 in those that are free."""
-        end = _FIRST_SLOT + self._heads[_SLOTS_USED] * _SLOT_NUMBERS
-        return self._numbers[_FIRST_SLOT:end:_SLOT_NUMBERS].tolist()
+        return memoryview(self._slots()).cast("q")[:: _SLOT.itemsize // 8].tolist()
+
+    def _slots(self) -> bytes:
+        """The slots that were ever used."""
+        head = self._read(0, _FIRST_PROCESS)
+        used = int.from_bytes(head[_SLOTS_USED:_OVERFLOWED], sys.byteorder)
+        if not head.startswith(_HEAD) or used > MAX_SLOTS:
+            raise _spoiled()
+        return self._read(_FIRST_SLOT, used * _SLOT.itemsize)
+
+    def _processes(self) -> list[tuple[int, int]]:
+        """The id of the process in each entry, 0 for none, and how often it was woken."""
+        page = self._read(_FIRST_PROCESS, MAX_PROCESSES * _PROCESS.itemsize)
+        processes: list[tuple[int, int]] = np.frombuffer(page, _PROCESS).tolist()
+        return processes
+
+    def _read(self, offset: int, size: int) -> bytes:
+        data = os.pread(self._waiters_fd, size, offset)
+        if len(data) < size:
+            raise _spoiled()
+        return data
 
     def _wake(self, pids: Collection[int]) -> None:
-        for index, pid in enumerate(self._heads[_FIRST_PID:_LAST_PID:_PROCESS_HEADS].tolist()):
+        for index, (pid, wake) in enumerate(self._processes()):
             if pid and pid in pids:
-                futex = _FIRST_PID + index * _PROCESS_HEADS + 1
-                self._heads[futex] = (self._heads[futex] + 1) & _WORD
-                address = self._first_futex + index * _PROCESS.itemsize
-                _system_call()(self._futex, address, _FUTEX_WAKE, 2**31 - 1, None, None, 0)
+                futex = _FIRST_PROCESS + index * _PROCESS.itemsize + _WAKE_OFFSET
+                os.pwrite(self._waiters_fd, ((wake + 1) & _WORD).to_bytes(4, sys.byteorder), futex)
+                # Where the page is gone the kernel refuses the address, and nobody is woken.
+                _system_call()(self._futex, self._address + futex, _FUTEX_WAKE, 2**31 - 1, None, None, 0)
+
+
+def _spoiled() -> StopSession:
+    reason = "the agent has overwritten the file REBAR_WARP_WAITERS, which only the library in it may write (docs/time.md)"
+    return StopSession(Outcome.AGENT_PROTOCOL, reason)
 
 
 def make_pages(clock: Path, waiters: Path, utc_ns: int) -> WarpPages:
     """Make the two files. The agent's wall clock starts at `utc_ns` since 1970."""
-    head = struct.pack("=QQ", MAGIC, VERSION)
-    clock_page = _mapped(clock, _CLOCK.itemsize, 0o444)
-    clock_page[:40] = head + struct.pack("=qqq", START_NS, utc_ns - START_NS, 0)
-    # The agent may be another user to the kernel.
-    waiters_page = _mapped(waiters, _WAITERS.itemsize, 0o666)
-    waiters_page[:16] = head
-    return WarpPages(clock_page, waiters_page)
-
-
-def _mapped(path: Path, size: int, mode: int) -> mmap.mmap:
-    """A new file of zeros in memory, which is given back when nobody holds it any more."""
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+    clock_fd = _new_file(clock, _CLOCK.itemsize, 0o444)
     try:
-        os.fchmod(descriptor, mode)
-        os.ftruncate(descriptor, size)
-        return mmap.mmap(descriptor, size)
+        clock_page = mmap.mmap(clock_fd, _CLOCK.itemsize)
     finally:
-        os.close(descriptor)
+        os.close(clock_fd)
+    clock_page[:40] = _HEAD + struct.pack("=qqq", START_NS, utc_ns - START_NS, 0)
+    # The agent may be another user to the kernel.
+    waiters_fd = _new_file(waiters, _WAITERS.itemsize, 0o666)
+    os.pwrite(waiters_fd, _HEAD, 0)
+    return WarpPages(clock_page, waiters_fd)
+
+
+def _new_file(path: Path, size: int, mode: int) -> int:
+    """A descriptor of a new file of zeros."""
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+    os.fchmod(descriptor, mode)
+    os.ftruncate(descriptor, size)
+    return descriptor
 
 
 @cache

@@ -116,10 +116,10 @@ def _opened(
     about = folder / "about.json"
     if (
         not about.exists()
-        or {k: v for k, v in json.loads(about.read_text()).items() if k != "digest"} != wanted
+        or {k: v for k, v in json.loads(about.read_text(encoding="utf-8")).items() if k != "digest"} != wanted
     ):
         _write(folder, total, pictures())
-        about.write_text(json.dumps(wanted | {"digest": _digest(folder)}))
+        about.write_text(json.dumps(wanted | {"digest": _digest(folder)}), encoding="utf-8")
     arrays = np.load(folder / "boxes.npz")
     return SampleStore(
         np.load(folder / "pictures.npy", mmap_mode="r"),
@@ -127,7 +127,7 @@ def _opened(
         arrays["labels"],
         arrays["counts"],
         arrays["starts"],
-        json.loads(about.read_text())["digest"],
+        json.loads(about.read_text(encoding="utf-8"))["digest"],
     )
 
 

@@ -1,0 +1,127 @@
+"""Commands in surroundings that are not UTF-8: everything is printed, nothing ends in a traceback, files are UTF-8."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from bench.cli import main
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "search.yaml"
+WORDS = "Größe – 日本"
+CAMPAIGN = {
+    "format": "rebar.campaign/1",
+    "name": "encodings",
+    "description": WORDS,
+    "base_file": str(EXAMPLE),
+    "fidelity": "overhead",
+    "agents": [{"manifest": "reference-naive"}, {"manifest": "reference-bystander-aware"}],
+    "design": {
+        "seed": 3,
+        "factors": [
+            {"name": "concealment", "levels": [0.5, 1.0], "sets": ["actors[radar].concealment"]},
+            {"name": "fog", "levels": [0, 1, 2], "sets": ["environment.fog_level"]},
+        ],
+    },
+}
+C_LOCALE = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+"""The locale of a bare machine, which Python would otherwise take for UTF-8."""
+
+
+def rebar(line: list[str], **surroundings: str) -> subprocess.CompletedProcess[bytes]:
+    environment = {
+        name: value for name, value in os.environ.items() if name != "PYTHONIOENCODING"
+    } | surroundings
+    return subprocess.run(
+        [sys.executable, "-m", "bench.cli", *line], capture_output=True, check=False, env=environment
+    )
+
+
+def printed(line: list[str], encoding: str, monkeypatch: pytest.MonkeyPatch) -> str:
+    """What a command prints where the streams have an encoding."""
+    written = io.BytesIO()
+    for name in ("stdout", "stderr"):
+        monkeypatch.setattr(sys, name, io.TextIOWrapper(written, encoding=encoding, write_through=True))
+    monkeypatch.setattr(sys, "argv", ["rebar", *line])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 0, written.getvalue()
+    return written.getvalue().decode(encoding)
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign of surrogates, flown in the C locale in a folder whose name has no place in it."""
+    folder = tmp_path_factory.mktemp("encodings") / "Größe"
+    folder.mkdir()
+    (folder / "käse.yaml").write_text(yaml.safe_dump(CAMPAIGN, allow_unicode=True), encoding="utf-8")
+    ended = rebar(["run", str(folder / "käse.yaml"), "--out", str(folder / "out")], **C_LOCALE)
+    assert (ended.returncode, ended.stderr.count(b"\n")) == (0, 13), ended.stderr.decode()
+    assert b"reference-naive - OVERHEAD FIDELITY" in ended.stdout
+    assert b"Gr\\u00f6\\u00dfe" in ended.stdout
+    ended.stdout.decode("ascii")
+    return folder
+
+
+def test_files_are_utf8_whatever_the_locale_is(flown: Path) -> None:
+    campaign = yaml.safe_load((flown / "out" / "campaign.yaml").read_text(encoding="utf-8"))
+    assert campaign["description"] == WORDS
+    assert "–" in (flown / "out" / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        ["run", "{0}/käse.yaml", "--out", "{0}/out"],
+        ["run", "{0}/käse.yaml", "--dry-run"],
+        ["score", "{0}/out", "--per-run"],
+        ["score", "{0}/out", "--explain", "KA-18"],
+        ["compare", "{0}/out"],
+        ["calibrate", "{0}/out"],
+        ["next", "{0}/out"],
+        ["status", "{0}/out"],
+        ["verify", "{0}/out"],
+        ["report", "{0}/out"],
+        ["graph", "search-and-report", "--out", "{0}/graph"],
+        ["decomposition", "check", "search-and-report-full"],
+        ["difficulty", str(EXAMPLE)],
+        ["tension", "KA-18", "3"],
+        ["prose", f"A radar vehicle in {WORDS}, 5–10 civilians within 50 m of it", "--explain"],
+        ["examples"],
+        ["run", "--help"],
+    ],
+    ids=" ".join,
+)
+def test_every_table_is_printed(
+    flown: Path, line: list[str], encoding: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert printed([word.format(flown) for word in line], encoding, monkeypatch)
+
+
+@pytest.mark.parametrize("line", [["score", "{0}/out"], ["compare", "{0}/out"], ["status", "{0}/out"]])
+def test_json_says_the_same_in_every_encoding(
+    flown: Path, line: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = [*(word.format(flown) for word in line), "--json"]
+    plain, narrow = (json.loads(printed(words, encoding, monkeypatch)) for encoding in ("utf-8", "ascii"))
+    assert plain == narrow
+    assert str(flown) in json.dumps(narrow, ensure_ascii=False)
+
+
+@pytest.mark.parametrize("surroundings", [{}, C_LOCALE])
+def test_a_name_that_is_not_utf8_is_refused_before_anything_flies(
+    flown: Path, surroundings: dict[str, str]
+) -> None:
+    out = os.fsdecode(os.fsencode(flown) + b"/n\xe9")
+    ended = rebar(["run", str(flown / "käse.yaml"), "--out", out], **surroundings)
+    assert (ended.returncode, ended.stdout) == (2, b"")
+    assert ended.stderr.decode().endswith("/n\\udce9: is not UTF-8 (rename it)\n")
+    assert not Path(out).exists()
